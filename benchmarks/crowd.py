@@ -1,9 +1,9 @@
 """Many workers in one process: each has a connection of its own, and speaks as real ones do.
 
 What they bring is one real episode's result, over and over, with index and seed of what was asked
-for, and with a robustness made of the seed: an episode takes them no work, and as long as they are
-told to sleep over it.
-`python benchmarks/crowd.py HUB WORKERS EPISODE_S`, until it is ended.
+for, and with a robustness made of the seed, or of the noise where a probability of failure is
+given: an episode takes them no work, and as long as they are told to sleep over it.
+`python benchmarks/crowd.py HUB WORKERS EPISODE_S [PROBABILITY]`, until it is ended.
 """
 
 import contextlib
@@ -13,7 +13,8 @@ import sys
 import time
 from collections import deque
 from collections.abc import Callable
-from math import inf
+from math import inf, sqrt
+from statistics import NormalDist
 from typing import Any, NoReturn
 
 import numpy as np
@@ -23,7 +24,14 @@ from msgspec.structs import replace
 
 from eigenfail import plugins
 from eigenfail.processes import die_with_parent
-from eigenfail.values import STATE, CampaignSpec, EpisodeResult, EpisodeTask
+from eigenfail.values import (
+    STATE,
+    CampaignSpec,
+    EpisodeResult,
+    EpisodeTask,
+    Outcome,
+    TrajectorySource,
+)
 from eigenfail.versions import versions
 from eigenfail.wire.messages import (
     PROTOCOL,
@@ -49,6 +57,7 @@ SCENE_EVERY = 50
 SEED = 5
 
 Held = tuple[int, EpisodeTask]
+Run = Callable[[EpisodeTask], EpisodeResult]
 
 
 def examples() -> tuple[EpisodeResult, EpisodeResult]:
@@ -92,12 +101,11 @@ class Worker:
                     message = read_hub_message(whole)
                 self._handlers.get(type(message), nothing)(message)
 
-    def act(self, now_s: float, plain: EpisodeResult, with_scene: EpisodeResult) -> None:
+    def act(self, now_s: float, run: Run) -> None:
         """Do what is due: end episodes, begin others, be heard; `due_s` is when there is more."""
         while self._held and now_s >= self._ends_s:
             campaign, task = self._held.popleft()
-            shown = plain if task.index % SCENE_EVERY else with_scene
-            for frame in split(Results(campaign, (brought(shown, task),))):
+            for frame in split(Results(campaign, (run(task),))):
                 self.socket.send(frame)
             self._begin(self._ends_s)
         if now_s >= self._next_beat_s:
@@ -137,20 +145,40 @@ class Worker:
         self._begin(time.monotonic())
 
 
-def brought(shown: EpisodeResult, task: EpisodeTask) -> EpisodeResult:
-    """What comes of an episode."""
-    measures = replace(shown.measures, robustness_m=0.5 + task.seed % 1_000 / 100.0)
-    kind, seed = task.source_kind, task.seed
-    return replace(shown, index=task.index, seed=seed, source=kind, measures=measures)
+def by_seed() -> Run:
+    """Runs episodes whose robustness is made of their seed."""
+    plain, with_scene = examples()
+
+    def run(task: EpisodeTask) -> EpisodeResult:
+        shown = plain if task.index % SCENE_EVERY else with_scene
+        measures = replace(shown.measures, robustness_m=0.5 + task.seed % 1_000 / 100.0)
+        kind, seed = task.source_kind, task.seed
+        return replace(shown, index=task.index, seed=seed, source=kind, measures=measures)
+
+    return run
+
+
+def beyond_plane(probability: float) -> Run:
+    """Runs episodes that fail where their noise lies beyond a plane, as far as it has this P."""
+    reach, of_seed = -NormalDist().inv_cdf(probability), by_seed()
+
+    def run(task: EpisodeTask) -> EpisodeResult:
+        assert isinstance(task.source, TrajectorySource)
+        z, result = task.source.z, of_seed(task)
+        left = reach - float(z.sum()) / sqrt(z.size)
+        measures = replace(result.measures, robustness_m=max(left, 0.0))
+        outcome = Outcome.SAFE if left > 0.0 else Outcome.COLLISION
+        return replace(result, outcome=outcome, measures=measures)
+
+    return run
 
 
 def nothing(_message: Message) -> None:
     """Setups and policies are of no use here, and what was acknowledged is forgotten already."""
 
 
-def serve(workers: list[Worker]) -> NoReturn:
+def serve(workers: list[Worker], run: Run) -> NoReturn:
     """Turn after turn."""
-    shown = examples()
     poller = zmq.Poller()
     by_socket = {worker.socket: worker for worker in workers}
     for socket in by_socket:
@@ -161,7 +189,7 @@ def serve(workers: list[Worker]) -> NoReturn:
         now_s = time.monotonic()
         for worker in workers:
             if worker.due_s <= now_s:
-                worker.act(now_s, *shown)
+                worker.act(now_s, run)
         time.sleep(LOOK_EVERY_S)
 
 
@@ -169,8 +197,9 @@ def main() -> None:
     """Come to the hub, and stay."""
     die_with_parent()
     address, workers, episode_s = sys.argv[1], int(sys.argv[2]), float(sys.argv[3])
+    run = beyond_plane(float(sys.argv[4])) if len(sys.argv) > 4 else by_seed()
     zmq.Context.instance().set(zmq.MAX_SOCKETS, workers + 8)
-    serve([Worker(number, address, episode_s) for number in range(workers)])
+    serve([Worker(number, address, episode_s) for number in range(workers)], run)
 
 
 if __name__ == "__main__":

@@ -108,9 +108,12 @@ class Spent:
 
 
 @contextmanager
-def crowd(hub: str, workers: int, episode_s: float = 0.0) -> Iterator[psutil.Process]:
-    """So many workers, in a process of their own."""
+def crowd(
+    hub: str, workers: int, episode_s: float = 0.0, probability: float | None = None
+) -> Iterator[psutil.Process]:
+    """So many workers, in a process of their own; see `crowd.py`."""
     words = [sys.executable, str(CROWD), hub, str(workers), str(episode_s)]
+    words += [] if probability is None else [str(probability)]
     process = subprocess.Popen(words)
     try:
         yield psutil.Process(process.pid)

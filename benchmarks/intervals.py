@@ -56,6 +56,7 @@ class Plan(msgspec.Struct, frozen=True):
     settings: dict[str, Any]
     problems: tuple[Problem, ...]
     least_told: float = LEAST_TOLD
+    parallel: int | None = None
 
 
 class Verdict(msgspec.Struct, frozen=True):
@@ -114,7 +115,9 @@ class Engine:
 def estimate(plan: Plan, problem: Problem, seed: int) -> Estimate:
     """Return the estimate of a whole campaign."""
     nothing = np.zeros((0, problem.steps, 2), np.float32)
-    context = LearnerContext(learner_seed(seed), plan.episodes, problem.steps, nothing)
+    context = LearnerContext(
+        learner_seed(seed), plan.episodes, problem.steps, nothing, parallel=plan.parallel
+    )
     given = read_settings(plan.method.Settings, plan.settings, "settings")
     learner: Learner = plan.method(context, given)
     rounds = Rounds(learner, seed, plan.episodes)

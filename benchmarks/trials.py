@@ -13,6 +13,7 @@ import parallel
 import processors
 import reproduction
 import splitting
+import subset_parallel
 import transfer
 import varied
 from chains import chains
@@ -75,6 +76,8 @@ TRIALS = (
     Trial(("cut_in.ast.",), ast),
     Trial(("cut_in.ast_", "cut_in.heuristic."), likely_ast),
     Trial(("ast_parallel_",), parallel.find_figures),
+    Trial(("subset_busy_",), subset_parallel.find_busy),
+    Trial(("subset_parallel_",), subset_parallel.find_estimates),
     Trial(("ast.transfer",), transfer.over_a_distribution),
     Trial(("ast.one_scenario.",), transfer.from_one_scenario),
     Trial(("cut_in.difs", "cut_in.cem_held_back."), difs),

@@ -1,6 +1,7 @@
-"""What a method can do, read once from the class that its entry point names."""
+"""What a method can do, read from the class that its entry point names."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from math import ceil
 from typing import Any
 
 import msgspec
@@ -9,8 +10,14 @@ from eigenfail import plugins
 from eigenfail.contracts import MethodTraits, Paced
 from eigenfail.errors import EigenfailError
 from eigenfail.settings import read_settings
-from eigenfail.values import CampaignSpec, RoundSizes
-from eigenfail.values.learning import count_rounds_ahead
+from eigenfail.values import Campaign, CampaignSpec, RoundSizes
+from eigenfail.values.learning import (
+    IN_FLIGHT,
+    MOST_OPEN_ROUNDS,
+    OPEN_GROUPS,
+    choose_group_size,
+    count_rounds_ahead,
+)
 
 ROUND_SIZE = "round_size"
 """A setting that methods without `round_sizes` are taken to keep to."""
@@ -98,15 +105,80 @@ def count_open_episodes(spec: CampaignSpec) -> int | None:
         return None
     try:
         description = describe_method(spec.method)
-        sizes = description.find_round_sizes(
-            description.read_settings(spec.settings, "settings"), spec.episodes
-        )
+        sizes = _find_sizes(description, spec)
     except EigenfailError:
         return None
     if sizes is None or description.traits.has_members:
         return None
-    opened = sizes.later * (1 + description.count_rounds_ahead(spec.parallel, sizes.later))
-    return min(opened, spec.episodes)
+    return min(_count_open(description, sizes, spec.parallel), spec.episodes)
+
+
+def _count_open(description: MethodDescription, sizes: RoundSizes, parallel: int | None) -> int:
+    if sizes.width is None:
+        return sizes.later * (1 + description.count_rounds_ahead(parallel, sizes.later))
+    if parallel is None:
+        return sizes.width
+    return min(OPEN_GROUPS * choose_group_size(parallel), sizes.width)
+
+
+def _find_sizes(description: MethodDescription, spec: CampaignSpec) -> RoundSizes | None:
+    settings = description.read_settings(spec.settings, "settings")
+    return description.find_round_sizes(settings, spec.episodes)
+
+
+class NarrowCampaign(msgspec.Struct, frozen=True):
+    """A running campaign that has too few episodes open for the workers, with all others.
+
+    Attributes:
+        campaign: its id.
+        found: how many episodes it runs at a time, and how many workers there are.
+        remedy: what to set.
+    """
+
+    campaign: int
+    found: str
+    remedy: str
+
+
+def find_narrow_campaigns(running: Sequence[Campaign], workers: int) -> tuple[NarrowCampaign, ...]:
+    """Return the running campaigns, if all of their open episodes together are too few.
+
+    Workers are idle then, however many there are. None are returned where the number of open
+    episodes is not known of one of them, as of an ensemble.
+
+    Args:
+        running: all campaigns that run.
+        workers: number of connected workers.
+    """
+    known = [(each, count_open_episodes(each.spec)) for each in running]
+    opened = [count for _, count in known if count is not None]
+    if not known or len(opened) < len(known) or sum(opened) >= workers:
+        return ()
+    share = ceil(workers / len(known))
+    return tuple(
+        NarrowCampaign(
+            each.id,
+            f"runs at most {count} episodes at a time, and {workers} workers are connected",
+            _advise_parallel(each.spec, share),
+        )
+        for each, count in known
+    )
+
+
+def _advise_parallel(spec: CampaignSpec, workers: int) -> str:
+    """Return how a campaign could use a number of workers."""
+    description = describe_method(spec.method)
+    sizes = _find_sizes(description, spec)
+    width = sizes.width if sizes else None
+    if not description.traits.tolerates_delay or (width is not None and width < workers):
+        return "run several seeds side by side: eigenfail run --seeds N"
+    if spec.episodes <= IN_FLIGHT * workers:
+        return "it has too few episodes for all of them"
+    advice = f"to use all of them, launch it with parallel = {workers}"
+    smallest = ceil(IN_FLIGHT * workers / MOST_OPEN_ROUNDS)
+    if sizes and sizes.later < smallest:
+        return f"{advice} and {sizes.setting} {smallest} or more"
+    return advice
 
 
 def traits_of(name: str) -> MethodTraits:

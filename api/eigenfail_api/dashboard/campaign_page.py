@@ -10,7 +10,7 @@ from fastapi import APIRouter, Header, Query
 from fastapi.responses import HTMLResponse
 from starlette.background import BackgroundTask
 
-from eigenfail.methods import traits_of
+from eigenfail.methods import NarrowCampaign, traits_of
 from eigenfail.presentation.figures import (
     UNKNOWN,
     count_noun,
@@ -70,6 +70,7 @@ from eigenfail_services.campaigns.summary import (
     count_present,
     find_course,
     find_staffing,
+    list_narrow,
     list_unrunnable,
     summarise,
 )
@@ -144,6 +145,7 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
         latest: the id of the newest event, of any campaign.
         here: the workers that are connected now.
         stranded: what was said of it, if no connected worker can run it.
+        narrow: itself, if it runs and leaves workers idle since it is too narrow; else nothing.
         reference: what the likelihood of the failures is held against; None where it is not known.
         at_ms: when this was read.
     """
@@ -158,6 +160,7 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
     latest: int
     here: Sequence[Presence]
     stranded: tuple[Event, ...]
+    narrow: tuple[NarrowCampaign, ...]
     reference: PriorReference | None
     at_ms: int
 
@@ -170,6 +173,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
         replays: where the replays of its episodes are listed.
         wants_workers: whether episodes wait and no worker is connected.
         stranded: what was said of it, if no connected worker can run it.
+        narrow: why workers are idle and what to set, if it leaves them idle; else nothing.
         wishes: what a user may ask of it now: pause, resume, cancel.
         mixed: that services of other versions took it over, in sentences; empty if none did.
         conflicts: episodes by class; empty before the first one, and where nothing drives.
@@ -184,6 +188,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     replays: str
     wants_workers: bool
     stranded: tuple[Event, ...]
+    narrow: tuple[NarrowCampaign, ...]
     mixed: tuple[str, ...]
     wishes: tuple[str, ...]
     tiles: tuple[tuple[str, Tile], ...]
@@ -211,6 +216,7 @@ def make_campaign_view(found: Findings) -> CampaignView:
         replays=make_replays_address(campaign.id),
         wants_workers=campaign.state in WORKING and not found.here,
         stranded=found.stranded,
+        narrow=found.narrow,
         mixed=describe_mixed(campaign),
         wishes=list_actions(campaign.state),
         tiles=make_tiles(
@@ -359,6 +365,7 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
     begun = () if again else prefetch_figures(store, seen)
     listed = read_failures(store, campaign, None)
     first = [row.index for row in listed.items[:MOST_FAILURES]]
+    here = count_present(store)
     found = Findings(
         campaign=seen,
         summary=read_summary(store, seen),
@@ -368,8 +375,9 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
         analyses=store.analyses.page(ANALYSES_ON_A_PAGE, None, campaign).items,
         events=tuple(store.events.latest(EVENTS_SHOWN, campaign)),
         latest=latest,
-        here=count_present(store),
+        here=here,
         stranded=tuple(each for each in list_unrunnable(store) if each.campaign == campaign),
+        narrow=tuple(each for each in list_narrow(store, len(here)) if each.campaign == campaign),
         reference=find_reference(store, campaign, first),
         at_ms=now_ms(),
     )

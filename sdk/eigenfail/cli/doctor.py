@@ -3,7 +3,6 @@
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from importlib.metadata import PackageNotFoundError, version
-from math import ceil
 from pathlib import Path
 from typing import Annotated
 
@@ -23,10 +22,9 @@ from eigenfail.client import Client
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceUnreachable, StoreUnavailable
 from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL, DataFolder
 from eigenfail.hosting.service import load_database_tool
-from eigenfail.methods import count_open_episodes, describe_method
+from eigenfail.methods import find_narrow_campaigns
 from eigenfail.presentation.terminal import start_grid
-from eigenfail.values import CampaignSpec, CampaignState
-from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS
+from eigenfail.values import CampaignState
 from eigenfail.values.operations import Presence, Verification
 
 PACKAGES = ("numpy", "msgspec", "pyzmq", "ray", "torch", "fastapi", "sqlalchemy", "highway-env")
@@ -128,39 +126,14 @@ def list_unrunnable_campaigns(client: Client) -> Iterator[Finding]:
 
 
 def list_narrow_campaigns(client: Client) -> Iterator[Finding]:
-    """Return the running campaigns, if all of their open episodes together are too few.
-
-    Workers are idle then, however many there are. Nothing is said where that is not known of one
-    of them, as of an ensemble.
-    """
+    """Campaigns that leave workers idle, since they run too few episodes at a time."""
     try:
         workers = len(client.present_workers())
         running = list(client.campaigns.list(CampaignState.RUNNING))
     except EigenfailError:
         return
-    known = [(each, count_open_episodes(each.spec)) for each in running]
-    opened = [count for _, count in known if count is not None]
-    if not known or len(opened) < len(known) or sum(opened) >= workers:
-        return
-    each = ceil(workers / len(known))
-    for campaign, count in known:
-        yield Finding(
-            f"campaign {campaign.id}",
-            f"runs at most {count} episodes at a time, and {workers} workers are connected",
-            remedy=_advise_parallel(campaign.spec, each),
-        )
-
-
-def _advise_parallel(spec: CampaignSpec, workers: int) -> str:
-    """Return how a campaign could use a number of workers."""
-    if not describe_method(spec.method).traits.tolerates_delay:
-        return "run several seeds side by side: eigenfail run --seeds N"
-    if spec.episodes <= IN_FLIGHT * workers:
-        return "it has too few episodes for all of them"
-    smallest = ceil(IN_FLIGHT * workers / MOST_OPEN_ROUNDS)
-    return (
-        f"to use all of them, launch it with parallel = {workers} and round_size {smallest} or more"
-    )
+    for each in find_narrow_campaigns(running, workers):
+        yield Finding(f"campaign {each.campaign}", each.found, remedy=each.remedy)
 
 
 def _describe_versions(workers: Sequence[Presence]) -> str:

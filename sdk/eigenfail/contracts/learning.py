@@ -16,7 +16,8 @@ class Learner(Protocol):
     Attributes:
         lookahead: number of rounds that may be open besides the oldest one; with 0, each round is
             proposed after all earlier ones were observed; with 1, a policy is trained on rounds up
-            to k-1 while round k runs.
+            to k-1 while round k runs. It may change with each proposal and observation: 0 while the
+            next round waits for the results of open ones.
     """
 
     lookahead: int
@@ -120,7 +121,8 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
         pairable: whether episodes of equal seed and settings have the same noise, independent of
             earlier results.
         tolerates_delay: whether it keeps as many rounds open as `parallel` of its context takes:
-            proposals then do not wait for the results of the last rounds.
+            proposals then do not wait for the results of the last rounds, or those of chains for
+            their own chains alone.
         has_members: whether its settings name the `method` and `settings` of several learners.
         needs_course: whether it continues episodes from one of their steps, which functions do not
             have, and for which the scenario must be the same in each episode.

@@ -152,9 +152,10 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         price_usd_per_hour: price of one instance.
         instances: how many instances the campaign occupies while it runs.
         parallel: number of workers to keep busy: as many episodes are open as they need, so that a
-            method that learns does not wait for its last rounds. Never fewer than without it: it is
-            no limit. It is part of what the campaign is, so that the episodes are the same for any
-            number of workers. None: what the method keeps open by itself.
+            method that learns does not wait for its last rounds. Never fewer than without it, so
+            that it is no limit, but where chains move in groups instead of all at once. It is part
+            of what the campaign is, so that the episodes are the same for any number of workers.
+            None: what the method keeps open by itself.
         scene_every: besides all collisions, keep the scene of every n-th episode.
         priority: how large its share of the workers is beside other campaigns, and how soon it has
             its turn; it may be changed later, and changes no episode.

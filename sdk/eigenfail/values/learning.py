@@ -113,6 +113,25 @@ def count_rounds_ahead(parallel: int | None, round_size: int, least: int) -> int
     return max(least, wanted)
 
 
+CHAINS_IN_FLIGHT = 3.0
+"""The same of methods that move chains: results that come late cost them nothing. Simulated with
+`subset`, 20,000 episodes, P = 1e-4 and 100 workers, 0.98 of these were busy with 1.5 and with 3
+where every episode takes 1 s; where they vary by 20 % (log-normal), 0.88 with 1.5, 0.96 with 3."""
+
+OPEN_GROUPS = 12
+"""Groups of chains, each a round, that are open at a time. With half as many, in groups twice as
+large, more chains wait for the last one of their group; each round costs the service milliseconds,
+which is why there are not more."""
+
+FEWEST_TOGETHER = 5
+"""Chains of a group, for however few workers."""
+
+
+def choose_group_size(parallel: int) -> int:
+    """Return how many chains move together at most, for so many episodes at a time."""
+    return max(ceil(CHAINS_IN_FLIGHT * parallel / OPEN_GROUPS), FEWEST_TOGETHER)
+
+
 class LearnerContext(msgspec.Struct, frozen=True, eq=False):
     """What a learner is born with.
 
@@ -158,11 +177,14 @@ class RoundSizes(msgspec.Struct, frozen=True):
         first: episodes of the first one.
         later: episodes of the largest one after that.
         setting: name of the setting that makes them smaller.
+        width: episodes that can be open at a time for most of a campaign, however many rounds are:
+            for chains, which wait for their own moves, their number; None where nothing limits it.
     """
 
     first: int
     later: int
     setting: str = "round_size"
+    width: int | None = None
 
 
 class Round(msgspec.Struct, frozen=True, eq=False):

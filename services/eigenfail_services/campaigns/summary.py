@@ -7,11 +7,13 @@ import msgspec
 import structlog
 
 from eigenfail.errors import InputError, NotFound
+from eigenfail.methods import NarrowCampaign, find_narrow_campaigns
 from eigenfail.presentation.rates import explain_design
 from eigenfail.values import (
     FINAL_STATES,
     Campaign,
     CampaignSpec,
+    CampaignState,
     Conflicts,
     Cost,
     Course,
@@ -252,6 +254,18 @@ def count_present(store: Store) -> tuple[Presence, ...]:
 def list_unrunnable(store: Store) -> tuple[Event, ...]:
     """Return the newest event of each running campaign that no connected worker can run."""
     return tuple(event for event in store.events.newest(OUTLOOK) if event.kind == WORKERS_LACKING)
+
+
+MOST_RUNNING = 1_000
+"""With more campaigns that run than are read, nothing is said of their width."""
+
+
+def list_narrow(store: Store, workers: int) -> tuple[NarrowCampaign, ...]:
+    """Return the running campaigns, if some of the workers are idle since these are too narrow."""
+    running = store.campaigns.page(MOST_RUNNING, state=CampaignState.RUNNING)
+    if running.next is not None:
+        return ()
+    return find_narrow_campaigns(running.items, workers)
 
 
 def find_staffing(store: Store) -> Staffing:

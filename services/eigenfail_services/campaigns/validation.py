@@ -91,7 +91,11 @@ def _check_parallel(campaign: ResolvedCampaign, parallel: int) -> None:
             "Leave it out; to keep more workers busy, run several seeds side by side.",
         )
     pace = find_pace(campaign)
-    if pace is not None and pace.ahead >= MOST_OPEN_ROUNDS:
+    if pace is None:
+        return
+    if pace.width is not None:
+        _check_chains(campaign, pace.width, parallel)
+    if pace.ahead >= MOST_OPEN_ROUNDS:
         opened = ceil(IN_FLIGHT * parallel)
         raise InvalidValue(
             "parallel",
@@ -99,6 +103,26 @@ def _check_parallel(campaign: ResolvedCampaign, parallel: int) -> None:
             f"{MOST_OPEN_ROUNDS} rounds of {pace.later} hold no more than "
             f"{MOST_OPEN_ROUNDS * pace.later}.",
             f"Set {pace.setting} to {ceil(opened / MOST_OPEN_ROUNDS)} or more.",
+        )
+
+
+def _check_chains(campaign: ResolvedCampaign, chains: int, parallel: int) -> None:
+    """Raises InvalidValue where chains are too few, or would be kept waiting by a stop rule."""
+    name = campaign.searching.name
+    if parallel > chains:
+        raise InvalidValue(
+            "parallel",
+            f"{name} has no more than {chains} chains here, each of which moves an episode at a "
+            f"time: {parallel} workers would wait for them.",
+            f"Set it to {chains} or less; to keep more workers busy, run several seeds side by "
+            "side.",
+        )
+    if campaign.spec.stop.judges_results:
+        raise InvalidValue(
+            "parallel",
+            f"with a stop rule on results two groups of the chains of {name} would be open at a "
+            "time, and without parallel all of them are.",
+            "Leave out one of the two.",
         )
 
 
@@ -285,12 +309,14 @@ class RoundPace(msgspec.Struct, frozen=True):
         later: episodes of the largest round after that.
         ahead: rounds that are open besides the oldest one.
         setting: what makes rounds smaller.
+        width: episodes that can be open at a time for most of a campaign; None: any number.
     """
 
     first: int
     later: int
     ahead: int
     setting: str
+    width: int | None = None
 
 
 def describe_stop_rules(campaign: ResolvedCampaign) -> Iterator[str]:
@@ -344,4 +370,6 @@ def find_pace(campaign: ResolvedCampaign) -> RoundPace | None:
         return None
     wanted = searching.description.count_rounds_ahead(campaign.spec.parallel, sizes.later)
     ahead = limit_lookahead(wanted, campaign.spec.stop)
-    return RoundPace(sizes.first, sizes.later, ahead, f"{searching.field}.{sizes.setting}")
+    setting = f"{searching.field}.{sizes.setting}"
+    width = None if sizes.width is None else members * sizes.width
+    return RoundPace(sizes.first, sizes.later, ahead, setting, width)

@@ -17,8 +17,10 @@ from eigenfail.values import (
     LearnerContext,
     Outcome,
     Proposal,
+    RoundSizes,
     TrajectorySource,
 )
+from eigenfail.values.learning import OPEN_GROUPS
 from eigenfail_services.methods import archive
 from eigenfail_services.statistics.chain_projections import find_directions
 from eigenfail_services.statistics.failure_chains import ChainSampler, MoveKind, MoveMix
@@ -113,6 +115,8 @@ class ChainFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     Attributes:
         started: number of starts that failed in the first round; 0 before it.
         moved: number of moves of each chain that were proposed and observed.
+        ahead: number of groups of chains that have moved once more.
+        opened: number of groups whose move is proposed and not yet observed.
         tried: number of moves after burn-in that were completed, of all chains.
         accepted: number of them that failed.
         redraw: size of the moves that redraw values.
@@ -129,10 +133,14 @@ class ChainFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     pcn: float
     burn_in: int
     projections: tuple[str, ...]
+    ahead: Annotated[int, Meta(ge=0)] = 0
+    opened: Annotated[int, Meta(ge=0)] = 0
 
 
 class FailureChains:
     """Moves chains from failure to failure, a move of each chain in a round.
+
+    With `parallel` groups of chains take turns, a round each, and do not wait for each other.
 
     The first round runs the starts. A chain whose start does not fail begins where another one's
     did. An errored episode is a move that is not accepted.
@@ -145,12 +153,14 @@ class FailureChains:
         InvalidValue: there is no failure.
 
     Attributes:
-        lookahead: 0, as each move depends on the one before.
+        lookahead: 0, as each move depends on the one before; once chains have started in groups,
+            what `parallel` takes, and at most a round of each group.
     """
 
     Settings = ChainSettings
 
     traits = MethodTraits(
+        tolerates_delay=True,
         learns=False,
         finds_new=False,
         injects=Injection.FAILURES,
@@ -173,15 +183,20 @@ class FailureChains:
             weights=settings.weights, acceptance=settings.acceptance, adapted=self._burn_in
         )
         z = choose_starts(context.trajectories, settings.chains, context.seed)
-        self._sampler = ChainSampler(z, count_steps(z), mix, context.seed)
+        self._sampler = ChainSampler(z, count_steps(z), mix, context.seed, context.parallel)
+        self._ahead = min(OPEN_GROUPS, len(self._sampler.groups)) - 1
         self._severity = np.full(settings.chains, nan)
         self._started = self._tried = self._accepted = 0
         self._trace: list[NDArray[np.float32]] = []
 
+    @staticmethod
+    def round_sizes(settings: ChainSettings, _episodes: int) -> RoundSizes:
+        """Return the size of the rounds, in which every chain moves once."""
+        return RoundSizes(settings.chains, settings.chains, "chains", width=settings.chains)
+
     def propose(self, n: int) -> Proposal:
-        """Return the starts, then a move of each chain."""
-        count = min(n, len(self._severity))
-        z = self._sampler.propose(count) if self._started else self._sampler.z[:count].copy()
+        """Return the starts, then a move of each chain of a group."""
+        z = self._sampler.propose(n) if self._started else self._sampler.z[:n].copy()
         return Proposal(tuple(map(TrajectorySource, z)))
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
@@ -193,16 +208,20 @@ class FailureChains:
         ends = np.array([result.steps for result in results])
         failed = np.array([result.is_failure for result in results])
         ran = np.array([result.outcome is not Outcome.ERRORED for result in results])
-        z = self._stack(results)
-        self._severity[: len(results)][failed] = _read_severities(results)[failed]
+        z, severities = self._stack(results), _read_severities(results)
         if not self._started:
+            self._severity[: len(results)] = severities
             self._start(z, ends, failed, ran)
             return
-        self._sampler.accept(z, ends, failed, ran)
-        if self._sampler.moved > self._burn_in:
+        sampler = self._sampler
+        rows, move = sampler.find_tried(len(results)), sampler.moved
+        self._severity[rows[failed]] = severities[failed]
+        sampler.accept(z, ends, failed, ran)
+        if move >= self._burn_in:
             self._tried += int(ran.sum())
             self._accepted += int(failed.sum())
-            self._record(len(results))
+            if sampler.moved > move and len(rows) == len(sampler.groups[-1]):
+                self._record()
 
     def _stack(self, results: Sequence[EpisodeResult]) -> Floats:
         z = np.zeros((len(results), *self._sampler.z.shape[1:]), np.float32)
@@ -228,11 +247,12 @@ class FailureChains:
         self._sampler.z, self._sampler.ends = z[taken], ends[taken]
         self._severity = self._severity[taken]
         self._started = len(places)
+        self.lookahead = self._ahead
 
-    def _record(self, moved: int) -> None:
-        """Keep the projections of every chain, if all have moved and it is the turn of a draw."""
+    def _record(self) -> None:
+        """Keep the projections of every chain after a move of all, if it is the turn of a draw."""
         sampler = self._sampler
-        if moved == len(self._severity) and not (sampler.moved - self._burn_in) % self._stride:
+        if not (sampler.moved - self._burn_in) % self._stride:
             self._trace.append(self._directions.measure(sampler.z, sampler.ends, self._severity))
 
     def state(self) -> bytes:
@@ -248,6 +268,8 @@ class FailureChains:
             pcn=sampler.sizes[MoveKind.PCN],
             burn_in=self._burn_in,
             projections=names,
+            ahead=sampler.tried % len(sampler.groups),
+            opened=sampler.opened,
         )
         trace = np.array(self._trace, np.float32).reshape(-1, len(self._severity), len(names))
         arrays: dict[str, archive.Array] = {
@@ -271,10 +293,15 @@ class FailureChains:
             ends = archive.take(arrays, "ends", sampler.ends.shape)
             severity = archive.take(arrays, "severity", self._severity.shape)
             trace = arrays["trace"].reshape(-1, len(severity), len(names))
-        sampler.z, sampler.ends, sampler.moved = z, ends, facts.moved
+            if facts.ahead >= len(sampler.groups) or facts.opened > len(sampler.groups):
+                raise ValueError(f"they are of more than {len(sampler.groups)} groups of chains")
+        sampler.z, sampler.ends = z, ends
+        sampler.tried = facts.moved * len(sampler.groups) + facts.ahead
+        sampler.opened = facts.opened
         sampler.sizes = {MoveKind.REDRAW: facts.redraw, MoveKind.PCN: facts.pcn}
         self._severity, self._trace = severity, list(trace)
         self._started, self._tried, self._accepted = facts.started, facts.tried, facts.accepted
+        self.lookahead = self._ahead if self._started else 0
 
 
 def choose_starts(failures: Floats, chains: int, seed: int) -> Floats:

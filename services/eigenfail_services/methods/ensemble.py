@@ -145,7 +145,7 @@ class Ensemble:
         self._waiting: deque[int] = deque()
         self._turn = 0
         self._number = 0
-        self.lookahead = min(one.lookahead for one in self._members)
+        self._look_ahead()
         self._exploiters = [one for one in self._members if isinstance(one, Exploiter)]
         if len(self._exploiters) == count:
             self.exploit = self._exploit_next
@@ -156,12 +156,14 @@ class Ensemble:
             one = self._next_turn()
             proposal = self._propose_from(one, min(n, self._left[one]))
             if proposal.sources:
+                self._look_ahead()
                 return proposal
         return Proposal(())
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Let the member that proposed the round learn from it."""
         self._members[self._waiting.popleft()].observe(results)
+        self._look_ahead()
 
     def estimate(self) -> Estimate | None:
         """Return the pooled estimate of the members; None unless each has one."""
@@ -205,6 +207,12 @@ class Ensemble:
         self._turn, self._number = facts.turn, facts.number
         self._waiting = deque(facts.waiting)
         self._left, self._policies = list(facts.left), policies
+        self._look_ahead()
+
+    def _look_ahead(self) -> None:
+        """Open as many rounds as each of the members that go on allows."""
+        going = [one for one, left in zip(self._members, self._left, strict=True) if left]
+        self.lookahead = min(one.lookahead for one in going or self._members)
 
     def _propose_from(self, one: int, most: int) -> Proposal:
         """Return the proposal of a member, which is skipped from then on if it is empty."""

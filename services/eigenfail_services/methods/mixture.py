@@ -8,7 +8,7 @@ import msgspec
 from eigenfail.contracts import MethodTraits
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Estimate, LearnerContext
-from eigenfail_services.methods.wave_learner import WaveLearner
+from eigenfail_services.methods.batch_learner import BatchLearner
 from eigenfail_services.statistics.intervals import log_normal
 from eigenfail_services.statistics.mixture_sampling import (
     FEWEST_FAILURES,
@@ -74,7 +74,7 @@ def check_values(horizon: int) -> None:
         )
 
 
-class MixtureMethod(WaveLearner[MixtureSampling]):
+class MixtureMethod(BatchLearner[MixtureSampling]):
     """Finds failure regions with wider noise, fits a mixture to them, and draws from it.
 
     Raises:

@@ -20,7 +20,7 @@ from eigenfail.values import (
     TrajectorySource,
 )
 from eigenfail_services.methods import archive
-from eigenfail_services.methods.wave_learner import MAX_VALUES_PER_ROUND
+from eigenfail_services.methods.batch_learner import MAX_VALUES_PER_ROUND
 from eigenfail_services.statistics.intervals import log_normal
 from eigenfail_services.statistics.multilevel_splitting import (
     SplittingCounts,

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from eigenfail.contracts import MethodTraits, ModeProbability
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Estimate, LearnerContext
-from eigenfail_services.methods.wave_learner import SimulationDriver, WaveLearner
+from eigenfail.values import Estimate, LearnerContext, RoundSizes
+from eigenfail_services.methods.batch_learner import BatchLearner, SimulationDriver
 from eigenfail_services.statistics.conditional_sampler import Chains
 from eigenfail_services.statistics.pooled_estimate import (
     estimate_unfinished,
@@ -53,11 +53,12 @@ class SubsetMethodSettings(SubsetSettings, frozen=True, forbid_unknown_fields=Tr
             )
 
 
-class SubsetMethod(WaveLearner[SubsetSimulation]):
+class SubsetMethod(BatchLearner[SubsetSimulation]):
     """Descends the levels of robustness to failures: one run chooses them, the others repeat them.
 
     A wave of episodes is requested at a time: draws from p(x) on the first level, then a move
-    of every chain of all runs.
+    of every chain of all runs. With `parallel` a group of chains moves at a time, and waits for
+    no other group.
 
     Raises:
         InvalidValue: the budget allows too few samples.
@@ -65,7 +66,11 @@ class SubsetMethod(WaveLearner[SubsetSimulation]):
 
     Settings = SubsetMethodSettings
     traits = MethodTraits(
-        learns=False, mode_probability=ModeProbability.LEVELS, chart_mark=4, references={}
+        tolerates_delay=True,
+        learns=False,
+        mode_probability=ModeProbability.LEVELS,
+        chart_mark=4,
+        references={},
     )
     # States of earlier releases, whose draws were independent, ask for other episodes.
     kind = "subset of evenly spread draws"
@@ -74,6 +79,12 @@ class SubsetMethod(WaveLearner[SubsetSimulation]):
         settings.check_budget(context.episodes)
         self._settings = settings
         super().__init__(context, settings.round_size)
+
+    @staticmethod
+    def round_sizes(settings: SubsetMethodSettings, episodes: int) -> RoundSizes:
+        """Return the largest size of the rounds, and the number of chains of the first run."""
+        size = settings.round_size
+        return RoundSizes(size, size, width=settings.count_chains(episodes))
 
     def _make_simulation(self) -> SubsetSimulation:
         return start_simulation(self._context, self._settings)
@@ -92,7 +103,9 @@ class SubsetMethod(WaveLearner[SubsetSimulation]):
 
 def start_simulation(context: LearnerContext, settings: SubsetSettings) -> SubsetSimulation:
     """Return the simulation of a campaign, before its first wave."""
-    return SubsetSimulation(context.horizon, context.episodes, settings, (context.seed,))
+    return SubsetSimulation(
+        context.horizon, context.episodes, settings, (context.seed,), context.parallel
+    )
 
 
 MIN_EFFECTIVE_FIRST_DRAWS = 5.0
@@ -129,7 +142,7 @@ def estimate_modes(
         None unless all runs reached failures, and where the simulation asks for fewer episodes than
         the campaign ran: an earlier release ran it, whose noise was different.
     """
-    index_of, replayed = replay_waves(simulation, robustness)
+    index_of, replayed = replay_simulation(simulation, robustness)
     reached = [
         ReachedRun(run.result, run.chains) for run in simulation.runs if run.result and run.chains
     ]
@@ -143,7 +156,7 @@ def estimate_modes(
     return tuple(_estimate_mode(each, simulation.trajectories_run) for each in by_mode)
 
 
-def replay_waves(
+def replay_simulation(
     simulation: SubsetSimulation, robustness: Sequence[float]
 ) -> tuple[dict[bytes, int], int]:
     """Run a simulation again.
@@ -152,12 +165,13 @@ def replay_waves(
         The index of each failure by its noise, and the number of episodes that were asked for.
     """
     driver, index_of, count = SimulationDriver(simulation), dict[bytes, int](), 0
-    while not driver.is_done and count + len(driver.wave) <= len(robustness):
-        values = robustness[count : count + len(driver.wave)]
+    while not driver.is_done and count < len(robustness):
+        z = driver.take(len(robustness) - count)
+        values = robustness[count : count + len(z)]
         failed = np.flatnonzero(np.array(values) <= 0.0).tolist()
         # The float64 values that the simulation made, as they are in its chains; the noise of
         # stored episodes was rounded to float32 and could not be found there.
-        index_of |= {driver.wave[row].tobytes(): count + row for row in failed}
+        index_of |= {z[row].tobytes(): count + row for row in failed}
         count += len(values)
         driver.add_robustness(values)
     return index_of, count

@@ -1,8 +1,8 @@
 """Samples of noise on the levels of a subset simulation: Markov chains that stay on a level.
 
 A trajectory is the noise z of one episode, shape (steps, 2). It is requested when a generator
-yields it, and it was run when its robustness is sent back; NaN is sent where its episode errored,
-and it was not run then.
+yields it in a batch, and it was run when its robustness is sent back; NaN is sent where its episode
+errored, and it was not run then.
 """
 
 from collections.abc import Generator
@@ -14,7 +14,13 @@ from numpy.typing import NDArray
 from scipy.special import ndtri
 from scipy.stats.qmc import LatinHypercube, Sobol
 
-Array = NDArray[np.float64]
+from eigenfail_services.statistics.batches import (
+    Array,
+    Batches,
+    Requests,
+    divide_chains,
+    run_side_by_side,
+)
 
 FIRST_STEP = 0.6
 SMALLEST_STEP = 0.001
@@ -42,12 +48,36 @@ class Chains(NamedTuple):
     acceptance: float = 1.0
 
 
-Sampling = Generator[Array, Array, Chains]
-"""Yields trajectories z, shape (n, steps, 2); is sent robustness, shape (n,); returns a level.
+Sampling = Generator[Batches, Array, Chains]
+"""Requests batches, and returns the samples of a level.
 
 Where episodes errored (NaN) the samples are of the noise that can be run: draws are made anew, and
 a chain whose move was not run stays where it is.
 """
+
+
+class ChainGroup:
+    """Chains that move together: those of a level, or some of them.
+
+    Attributes:
+        z: samples after each move, the starts first, each of shape (chains, steps, 2).
+        values: their robustness, each of shape (chains,). [m]
+        accepted: share of each move that was accepted.
+
+    Args:
+        z: the starts.
+        values: their robustness.
+    """
+
+    def __init__(self, z: Array, values: Array) -> None:
+        self.z = [z]
+        self.values = [values]
+        self.accepted: list[float] = []
+
+    def move(self, proposed: Array, robustness: Array, accept: NDArray[np.bool_]) -> None:
+        """Move the chains of which the proposal is accepted; the others stay."""
+        self.z.append(np.where(accept[:, None, None], proposed, self.z[-1]))
+        self.values.append(np.where(accept, robustness, self.values[-1]))
 
 
 class ConditionalSampler:
@@ -65,18 +95,25 @@ class ConditionalSampler:
     wherever it stays on the level. The step s follows the acceptance (Papaioannou et al. 2015,
     Probabilistic Engineering Mechanics 41, 89–103), but that of one move in five is large.
 
+    Chains move in groups. A group moves on when its own last move was run, whatever the others do;
+    they share the step, and the generator, which they use in the order of their moves.
+
     Args:
         rng: generator of every draw.
         acceptance: share of the small moves to be accepted, by the choice of the step.
+        parallel: trajectories that are to run at a time; None for a single group of chains.
 
     Attributes:
-        trajectories_requested: trajectories that were yielded.
+        trajectories_requested: trajectories whose robustness came, NaN included.
         trajectories_run: those of them whose robustness is known.
     """
 
-    def __init__(self, rng: np.random.Generator, acceptance: float) -> None:
+    def __init__(
+        self, rng: np.random.Generator, acceptance: float, parallel: int | None = None
+    ) -> None:
         self._rng = rng
         self._acceptance = acceptance
+        self._parallel = parallel
         self._step = FIRST_STEP
         self.trajectories_requested = 0
         self.trajectories_run = 0
@@ -86,7 +123,7 @@ class ConditionalSampler:
         z, values = np.empty((0, steps, 2)), np.empty(0)
         while missing := samples - len(z):
             drawn = draw_sobol_normal(self._rng, missing, 2 * steps).reshape(missing, steps, 2)
-            robustness = yield drawn
+            robustness = yield (drawn,)
             self._record(robustness)
             ran = ~np.isnan(robustness)
             z, values = np.concatenate([z, drawn[ran]]), np.concatenate([values, robustness[ran]])
@@ -103,23 +140,37 @@ class ConditionalSampler:
             starts: positions of the first samples among those of the level before; at least one.
             moves: number of moves of each chain; with none, the starts are the samples.
         """
-        z = [above.z.reshape(above.values.size, *above.z.shape[2:])[starts]]
-        values = [above.values.ravel()[starts]]
-        accepted = []
+        z = above.z.reshape(above.values.size, *above.z.shape[2:])[starts]
+        values = above.values.ravel()[starts]
+        divided = divide_chains(len(starts), self._parallel)
+        groups = [ChainGroup(z[rows], values[rows]) for rows in divided]
+        weight = 1.0 / len(groups)
+        yield from run_side_by_side(
+            [self._move_group(group, threshold, moves, weight) for group in groups]
+        )
+        accepted = [share for group in groups for share in group.accepted]
+        return Chains(
+            np.concatenate([np.stack(group.z) for group in groups], axis=1),
+            np.concatenate([np.stack(group.values) for group in groups], axis=1),
+            above.first_draw_of_chain[starts % len(above.first_draw_of_chain)],
+            float(np.mean(accepted)) if accepted else 1.0,
+        )
+
+    def _move_group(
+        self, group: ChainGroup, threshold: float, moves: int, weight: float
+    ) -> Requests:
+        """Move the chains of a group; `weight` is its share of all chains, and so of the step."""
         for move in range(1, moves + 1):
-            large = self._rng.random(len(starts)) < LARGE_SHARE
-            proposed = self._propose(z[-1], large)
-            robustness = yield proposed
+            z = group.z[-1]
+            large = self._rng.random(len(z)) < LARGE_SHARE
+            proposed = self._propose(z, large)
+            robustness = yield (proposed,)
             self._record(robustness)
             # False where robustness is NaN, so that the chain stays.
-            accept = robustness <= threshold
-            z.append(np.where(accept[:, None, None], proposed, z[-1]))
-            values.append(np.where(accept, robustness, values[-1]))
-            accepted.append(self._measure_acceptance(robustness, threshold))
-            self._adapt(self._measure_acceptance(robustness[~large], threshold), move)
-        first_draws = above.first_draw_of_chain[starts % len(above.first_draw_of_chain)]
-        acceptance = float(np.mean(accepted)) if accepted else 1.0
-        return Chains(np.stack(z), np.stack(values), first_draws, acceptance)
+            group.move(proposed, robustness, robustness <= threshold)
+            group.accepted.append(self._measure_acceptance(robustness, threshold))
+            small = self._measure_acceptance(robustness[~large], threshold)
+            self._adapt(small, move, weight)
 
     def _propose(self, z: Array, large: NDArray[np.bool_]) -> Array:
         step = np.where(large, max(self._step, FIRST_STEP), self._step)[:, None, None]
@@ -137,9 +188,9 @@ class ConditionalSampler:
         known = robustness[~np.isnan(robustness)]
         return float((known <= threshold).mean()) if known.size else self._acceptance
 
-    def _adapt(self, accepted: float, move: int) -> None:
+    def _adapt(self, accepted: float, move: int, weight: float) -> None:
         """Take larger steps while too many moves are accepted, smaller ones while too few."""
-        change = exp((accepted - self._acceptance) / sqrt(move))
+        change = exp(weight * (accepted - self._acceptance) / sqrt(move))
         self._step = min(max(self._step * change, SMALLEST_STEP), 1.0)
 
 

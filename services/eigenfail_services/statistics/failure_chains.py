@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.values import Floats
+from eigenfail_services.statistics.batches import Array, divide_chains
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Steps = NDArray[np.int64]
 
@@ -181,32 +181,55 @@ class MoveMix(msgspec.Struct, frozen=True, kw_only=True):
 class ChainSampler:
     """Moves chains of failures side by side; what it draws depends on its seed and its state only.
 
+    Groups of chains take turns, a move each, and a group moves on without the results of the
+    others. The sizes are those of all groups; they stay as they are from the first move on that
+    does not change them, so that no sample after burn-in is of moves whose size follows the chains.
+
     Args:
         z: noise of a failure of each chain, shape (chains, steps, 2); values after its end do not
             count.
         ends: number of steps to the failure of each chain, shape (chains,).
         mix: how the chains move.
         seed: seed of every draw.
+        parallel: episodes that are to run at a time; None for a single group of chains.
 
     Attributes:
         z: noise of the present failures. [sigma]
         ends: their numbers of steps.
         sizes: present size of each kind of move that has one.
-        moved: number of moves of each chain that were tried.
+        groups: numbers of the chains in each group.
+        tried: number of moves of groups that were tried.
+        opened: number of moves of groups that were proposed and not yet tried.
     """
 
-    def __init__(self, z: Floats, ends: Steps, mix: MoveMix, seed: int) -> None:
+    def __init__(
+        self, z: Floats, ends: Steps, mix: MoveMix, seed: int, parallel: int | None = None
+    ) -> None:
         self.z, self.ends = z, ends
         self.sizes = dict(FIRST_SIZES)
-        self.moved = 0
+        self.groups = divide_chains(len(z), parallel)
+        self.tried = self.opened = 0
         self._mix = mix
         self._seed = seed
 
+    @property
+    def moved(self) -> int:
+        """Number of moves of each chain that were tried."""
+        return self.tried // len(self.groups)
+
     def propose(self, chains: int) -> Floats:
-        """Return the noise to which the first chains would move, shape (chains, steps, 2)."""
-        rng = np.random.default_rng([self._seed, self.moved])
-        kinds = self._draw_kinds()
-        return np.stack([self._move(i, kinds[i], rng) for i in range(chains)]).astype(np.float32)
+        """Return the noise to which the first chains of the next group would move.
+
+        Args:
+            chains: number of them at most; the shape is (up to chains, steps, 2).
+        """
+        move, group = divmod(self.tried + self.opened, len(self.groups))
+        self.opened += 1
+        # Streams of other groups than the first follow that of the kinds.
+        rng = np.random.default_rng([self._seed, move, *([1 + group] if group else [])])
+        kinds = self._draw_kinds(move)
+        rows = self.groups[group][:chains].tolist()
+        return np.stack([self._move(i, kinds[i], rng) for i in rows]).astype(np.float32)
 
     def _move(self, chain: int, kind: MoveKind, rng: np.random.Generator) -> Array:
         z = self.z[chain].astype(np.float64)
@@ -214,35 +237,43 @@ class ChainSampler:
         tail[:] = rng.standard_normal(tail.shape)
         return MOVES[kind](z, self.sizes.get(kind, 0.0), rng)
 
-    def _draw_kinds(self) -> list[MoveKind]:
+    def _draw_kinds(self, move: int) -> list[MoveKind]:
         # A generator of its own: the kinds are needed again when the results have come.
-        rng = np.random.default_rng([self._seed, self.moved, 1])
+        rng = np.random.default_rng([self._seed, move, 1])
         kinds = list(MoveKind)
         weights = np.array([self._mix.weights[kind] for kind in kinds])
         drawn = rng.choice(len(kinds), len(self.z), p=weights / weights.sum())
         return [kinds[place] for place in drawn.tolist()]
 
+    def find_tried(self, chains: int) -> NDArray[np.intp]:
+        """Return the numbers of the first chains of the group whose results come next."""
+        return self.groups[self.tried % len(self.groups)][:chains]
+
     def accept(self, z: Floats, ends: Steps, failed: Mask, ran: Mask) -> None:
         """Move the chains whose proposals failed; the others stay where they are.
 
         Args:
-            z: noise that was proposed to the first chains, shape (n, steps, 2).
+            z: noise that was proposed to the first chains of a group, shape (n, steps, 2).
             ends: numbers of steps after which these episodes ended, shape (n,).
             failed: which of them failed.
             ran: which of them were completed; the others say nothing about the sizes.
         """
-        n = len(z)
-        self.z[:n][failed] = z[failed]
-        self.ends[:n][failed] = ends[failed]
-        if self.moved < self._mix.adapted:
-            self._adapt(failed, ran)
-        self.moved += 1
+        rows = self.find_tried(len(z))
+        self.z[rows[failed]] = z[failed]
+        self.ends[rows[failed]] = ends[failed]
+        if self.tried <= (self._mix.adapted - 1) * len(self.groups):
+            self._adapt(rows, failed, ran)
+        self.tried += 1
+        # A state of earlier releases does not count the move that was open.
+        self.opened = max(self.opened - 1, 0)
 
-    def _adapt(self, failed: Mask, ran: Mask) -> None:
+    def _adapt(self, rows: NDArray[np.intp], failed: Mask, ran: Mask) -> None:
         """Change the size of each kind of move towards the acceptance (Robbins and Monro 1951)."""
-        kinds = np.array(self._draw_kinds()[: len(failed)])
+        kinds = np.array(self._draw_kinds(self.moved))[rows]
+        gain = 1.0 / len(self.groups)
         for kind, size in self.sizes.items():
             tried = failed[ran & (kinds == kind)]
             if tried.size:
-                change = (float(tried.mean()) - self._mix.acceptance) / sqrt(1.0 + self.moved)
+                missed = float(tried.mean()) - self._mix.acceptance
+                change = gain * missed / sqrt(1.0 + self.moved)
                 self.sizes[kind] = min(max(size * exp(change), SMALLEST_SIZE), 1.0)

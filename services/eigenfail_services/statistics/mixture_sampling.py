@@ -22,6 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenfail_services.statistics.batches import Array, Batches, Requests
 from eigenfail_services.statistics.gaussian_mixture import (
     MixtureProposal,
     NormalComponent,
@@ -34,7 +35,6 @@ from eigenfail_services.statistics.subset_estimate import (
     count_effective,
 )
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 SCALES = (1.0, 1.4, 2.0, 2.8, 4.0)
@@ -136,9 +136,6 @@ class MixtureResult(NamedTuple):
         return sqrt(max(total / float(self.weights.sum()) ** 2 - 1.0 / self.draws, 0.0))
 
 
-Sampling = Generator[Array, Array, None]
-"""Yields noise, shape (n, steps, 2), and is sent its robustness, shape (n,), NaN where errored."""
-
 HELD_OUT = 3
 """Every third chain is kept from the fit, to check the mixture with."""
 
@@ -176,7 +173,7 @@ class MixtureSampling:
         self.are_failures_rare = True
         self.result: MixtureResult | None = None
 
-    def run(self) -> Sampling:
+    def run(self) -> Requests:
         """Find the regions, fit the mixture, and draw from it. To be called once."""
         wide, scale = yield from self._draw_wide_noise()
         failures = np.concatenate([draws.z[draws.failed] for draws in wide])
@@ -201,19 +198,19 @@ class MixtureSampling:
 
     def _draw(
         self, proposal: MixtureProposal, count: int
-    ) -> Generator[Array, Array, ProposalDraws]:
+    ) -> Generator[Batches, Array, ProposalDraws]:
         z = proposal.draw(count, self._rng)
         robustness = yield from self._request(z)
         ran = ~np.isnan(robustness)
         return ProposalDraws(z[ran], robustness[ran] <= 0.0, proposal)
 
-    def _request(self, z: Array) -> Generator[Array, Array, Array]:
-        robustness = yield z.reshape(len(z), *self._shape)
+    def _request(self, z: Array) -> Generator[Batches, Array, Array]:
+        robustness = yield (z.reshape(len(z), *self._shape),)
         self._requested += len(z)
         self.episodes_run += int(np.count_nonzero(~np.isnan(robustness)))
         return robustness
 
-    def _draw_wide_noise(self) -> Generator[Array, Array, tuple[list[ProposalDraws], float]]:
+    def _draw_wide_noise(self) -> Generator[Batches, Array, tuple[list[ProposalDraws], float]]:
         """Draw noise at every scale, and more at the one that suits; return all, and that scale."""
         count = max(int(SCALE_SHARE * self._budget), FEWEST_DRAWS)
         proposals = [make_scaled_proposal(self._size, scale) for scale in SCALES]
@@ -228,7 +225,7 @@ class MixtureSampling:
         more = yield from self._draw(proposals[chosen], int(WIDE_SHARE * self._budget))
         return [*wide, more], SCALES[chosen]
 
-    def _move_chains(self, failures: Array) -> Generator[Array, Array, Array]:
+    def _move_chains(self, failures: Array) -> Generator[Batches, Array, Array]:
         """Lead failures of wider noise to where p(z | failure) is large; return the chains' ends.
 
         Moves leave p(z) invariant and are accepted where the episode still fails. They alternate

@@ -5,10 +5,10 @@ low enough that a fixed share of the samples on the level before reaches it.
 Source: Probabilistic Engineering Mechanics 16 (4), 263–277.
 
 A trajectory is the noise z of one episode, shape (steps, 2). It is requested when a simulation
-yields it, and it was run when its robustness is sent back; NaN is sent where its episode errored,
-and it was not run then. A sample is a trajectory that counts on a level: a Markov chain whose move
-was not accepted has the same trajectory as two samples, so that a level may have more samples than
-trajectories were requested for it.
+yields it in a batch, and it was run when its robustness is sent back; NaN is sent where its episode
+errored, and it was not run then. A sample is a trajectory that counts on a level: a Markov chain
+whose move was not accepted has the same trajectory as two samples, so that a level may have more
+samples than trajectories were requested for it.
 
 The first run chooses the levels from its own samples. The other runs go over these levels with all
 of the budget that is left. Their levels are fixed before they begin, so that the product of their
@@ -18,7 +18,7 @@ shares is unbiased whatever the first run found, and the lineages of their sampl
 error.
 """
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Generator, Sequence
 from math import ceil, inf, sqrt
 from typing import Annotated, NamedTuple
 
@@ -26,9 +26,16 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from eigenfail.errors import InvalidValue
-from eigenfail_services.statistics.conditional_sampler import (
+from eigenfail_services.statistics.batches import (
     Array,
+    Batches,
+    Requests,
+    Robustness,
+    answer_requests,
+    run_in_waves,
+    run_side_by_side,
+)
+from eigenfail_services.statistics.conditional_sampler import (
     Chains,
     ConditionalSampler,
     find_starts,
@@ -93,6 +100,10 @@ class SubsetSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         most = budget - self.count_reserved(PLANNED_LEVELS)
         return max(self.choose_draws(min(part, most), PLANNED_LEVELS), FEWEST_SAMPLES)
 
+    def count_chains(self, budget: int) -> int:
+        """Return the chains on each level of the first run, for a budget of all runs."""
+        return ceil(self.level_share * self.choose_first_draws(budget))
+
     def choose_draws(self, trajectories: float, levels: int) -> int:
         """Return the first draws of a run, for its trajectories and number of levels."""
         affordable = int(trajectories / self._count_trajectories_per_draw(levels))
@@ -101,10 +112,6 @@ class SubsetSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     def _count_trajectories_per_draw(self, levels: int) -> float:
         """Return the trajectories of a run for each of its first draws; starts are not rerun."""
         return 1.0 + (levels - 1) * (1.0 - self.level_share)
-
-
-Running = Generator[Array, Array, SubsetEstimate]
-"""Yields trajectories and is sent their robustness, as `Sampling`; returns an estimate."""
 
 
 class FirstRun:
@@ -141,7 +148,7 @@ class FirstRun:
         self.chains: Chains | None = None
         self.result: SubsetEstimate | None = None
 
-    def run(self) -> Generator[Array, Array, SubsetEnd]:
+    def run(self) -> Generator[Batches, Array, SubsetEnd]:
         """Descend the levels. To be called once."""
         settings, sampler = self._settings, self._sampler
         chains = yield from sampler.draw_independent(self.draws, self._steps)
@@ -206,7 +213,7 @@ class LevelRun:
         self.chains: Chains | None = None
         self.result: SubsetEstimate | None = None
 
-    def run(self) -> Running:
+    def run(self) -> Requests:
         """Go through the levels. To be called once."""
         sampler = self._sampler
         chains = yield from sampler.draw_independent(self.draws, self._steps)
@@ -217,7 +224,7 @@ class LevelRun:
                 self.result = estimate_without_failures(
                     self.levels, SubsetEnd.MISSED, self.draws, sampler.trajectories_run
                 )
-                return self.result
+                return
             if number < len(self._thresholds):
                 is_last = number + 1 == len(self._thresholds)
                 left = self.max_trajectories - sampler.trajectories_requested
@@ -228,7 +235,6 @@ class LevelRun:
         self.result = estimate_from_failures(
             self.levels, chains, self.draws, sampler.trajectories_run
         )
-        return self.result
 
 
 WIDE_SHARE = 0.05
@@ -275,12 +281,12 @@ class WideNoise:
         self.trajectories_run = 0
         self.estimate: WideEstimate | None = None
 
-    def run(self) -> Generator[Array, Array, None]:
+    def run(self) -> Requests:
         """Draw all trajectories at once. To be called once."""
         size = self._shape[1] * self._shape[2]
         scale = sqrt(1.0 + WIDE_REACH**2 / size)
         z = scale * self._rng.standard_normal(self._shape)
-        robustness = yield z
+        robustness = yield (z,)
         ran = ~np.isnan(robustness)
         self.trajectories_run = int(np.count_nonzero(ran))
         failures = z[robustness <= 0.0].reshape(-1, size)
@@ -296,11 +302,16 @@ class SubsetSimulation:
 
     The same seed and robustness give the same estimate.
 
+    With `parallel`, no chain waits for those of another group or run, except at the end of a level,
+    whose samples are the starts of the next one.
+
     Args:
         steps: number of steps of the noise.
         budget: trajectories to be requested at most.
         settings: settings of the simulation.
         seed: seed of every draw.
+        parallel: trajectories that are to run at a time; None for waves, in which every chain of
+            all runs moves once.
 
     Attributes:
         first: run that chooses the levels.
@@ -310,12 +321,19 @@ class SubsetSimulation:
     """
 
     def __init__(
-        self, steps: int, budget: int, settings: SubsetSettings, seed: Sequence[int]
+        self,
+        steps: int,
+        budget: int,
+        settings: SubsetSettings,
+        seed: Sequence[int],
+        parallel: int | None = None,
     ) -> None:
         self._steps = steps
         self._budget = budget
         self._settings = settings
         self._seed = tuple(seed)
+        self._parallel = parallel
+        self._run_together = run_side_by_side if parallel else run_in_waves
         self._samplers: list[ConditionalSampler] = []
         self.first = FirstRun(steps, budget, settings, self._make_sampler())
         self.runs: list[FirstRun | LevelRun] = []
@@ -328,8 +346,8 @@ class SubsetSimulation:
         wide = self.wide.trajectories_run if self.wide else 0
         return wide + sum(each.trajectories_run for each in self._samplers)
 
-    def run(self) -> Generator[Array, Array, None]:
-        """Yields trajectories and is sent their robustness, as `Sampling`.
+    def run(self) -> Requests:
+        """Request the trajectories of all runs.
 
         To be called once; `runs` then have the results. There are none where the first run reached
         no failure.
@@ -355,38 +373,19 @@ class SubsetSimulation:
             for _ in range(1, settings.runs)
         ]
         self.runs = [self.first, *others]
-        running: list[Generator[Array, Array, object]] = [each.run() for each in others]
+        running = [each.run() for each in others]
         planned = spent + sum(each.max_trajectories for each in others)
         if draws := min(most_wide, ceil(WIDE_SHARE * planned)):
             rng = np.random.default_rng([*self._seed, settings.runs])
             self.wide = WideNoise(draws, self._steps, rng)
             running.append(self.wide.run())
-        yield from _run_side_by_side(running)
+        yield from self._run_together(running)
 
     def _make_sampler(self) -> ConditionalSampler:
         rng = np.random.default_rng([*self._seed, len(self._samplers)])
-        self._samplers.append(ConditionalSampler(rng, self._settings.acceptance))
-        return self._samplers[-1]
-
-
-def _run_side_by_side(
-    runs: Sequence[Generator[Array, Array, object]],
-) -> Generator[Array, Array, None]:
-    """Yield the noise of all runs together, until the last of them has ended."""
-    waiting = {place: next(run) for place, run in enumerate(runs)}
-    while waiting:
-        ends = np.cumsum([len(z) for z in waiting.values()])[:-1]
-        found = yield np.concatenate(list(waiting.values()))
-        values = dict(zip(waiting, np.split(found, ends), strict=True))
-        for place, robustness in values.items():
-            try:
-                waiting[place] = runs[place].send(robustness)
-            except StopIteration:
-                del waiting[place]
-
-
-Robustness = Callable[[Array], Array]
-"""Robustness of a batch of noise z, shape (n, steps, 2): n finite numbers."""
+        sampler = ConditionalSampler(rng, self._settings.acceptance, self._parallel)
+        self._samplers.append(sampler)
+        return sampler
 
 
 def simulate_subsets(
@@ -400,29 +399,8 @@ def simulate_subsets(
         InvalidValue: robustness is not finite, or not one value for each trajectory.
     """
     simulation = SubsetSimulation(steps, budget, settings, (seed,))
-    running = simulation.run()
-    z = next(running)
-    while True:
-        try:
-            z = running.send(evaluate_robustness(robustness, z))
-        except StopIteration:
-            return simulation
-
-
-def evaluate_robustness(robustness: Robustness, z: Array) -> Array:
-    """Return the robustness of each z.
-
-    Raises:
-        InvalidValue: it is not finite, or not one value for each.
-    """
-    values = np.asarray(robustness(z), np.float64)
-    if values.shape != z.shape[:1] or not np.isfinite(values).all():
-        raise InvalidValue(
-            "robustness",
-            f"{len(z)} trajectories gave values of shape {values.shape}, or not finite ones.",
-            "Return one finite number for each trajectory.",
-        )
-    return values
+    answer_requests(simulation.run(), robustness)
+    return simulation
 
 
 def _find_next_threshold(values: Array, before: float, share: float) -> float | None:

@@ -91,6 +91,34 @@ def test_where_nobody_works_the_last_word_on_workers_that_are_to_come_is_told(
     assert http.get("/api/v1/workers/staffing").json()["workers"] == 1
 
 
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"method": "ast"}, (20, "to use all of them, launch it with parallel = 21.")),
+        (
+            {"method": "cem", "settings": {"batch": 12}},
+            (12, "run several seeds side by side: eigenfail run --seeds N."),
+        ),
+        ({"method": "monte_carlo"}, None),
+        ({"method": "ast", "parallel": 21}, None),
+    ],
+)
+def test_the_page_of_a_campaign_says_when_it_leaves_workers_idle(store, make, look, changes, words):
+    number = make(name="narrow", simulator="highway", scenario="cut_in", episodes=500, **changes)
+    address = f"/campaigns/{number}"
+    store.roster.arrived([Arrival(worker=f"w{n}", host="here", pid=n + 1) for n in range(21)])
+    assert "Workers are idle" not in look(address)
+    store.campaigns.move(number, "running")
+    told = look(address)
+    assert ("Workers are idle" in told) == (words is not None)
+    if words is not None:
+        count, advice = words
+        said = f"runs at most {count} episodes at a time, and 21 workers are connected; {advice}"
+        assert f"Workers are idle: this campaign {said}" in told
+        store.campaigns.move(make(name="another", episodes=100), "running")
+        assert "Workers are idle" not in look(address)
+
+
 @pytest.fixture
 def replay(http, campaign, deliver, result):
     """A replay of an episode of a campaign, and that campaign."""

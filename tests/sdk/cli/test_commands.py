@@ -445,9 +445,30 @@ def test_a_folder_that_is_named_keeps_the_campaign_away_from_other_services(
         (
             {"method": "ast"},
             21,
-            [("runs at most 20 episodes at a time, and 21 workers are connected", "or more")],
+            [("runs at most 20 episodes at a time, and 21 workers are connected", "= 21")],
+        ),
+        (
+            {"method": "ast", "episodes": 2000},
+            500,
+            [("runs at most 20 episodes at a time, and 500 workers are connected", "12 or more")],
         ),
         ({"method": "ast", "parallel": 30}, 50, []),
+        ({"method": "subset", "episodes": 20_000}, 219, []),
+        (
+            {"method": "subset", "episodes": 20_000},
+            220,
+            [("runs at most 219 episodes at a time, and 220 workers are connected", "--seeds N")],
+        ),
+        (
+            {"method": "subset", "episodes": 20_000, "parallel": 40},
+            121,
+            [("runs at most 120 episodes at a time, and 121 workers are connected", "= 121")],
+        ),
+        (
+            {"method": "chains", "settings": {"campaign": 1, "chains": 30}},
+            31,
+            [("runs at most 30 episodes at a time, and 31 workers are connected", "--seeds N")],
+        ),
         (
             {"method": "cem", "settings": {"batch": 10}},
             11,

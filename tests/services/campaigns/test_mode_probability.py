@@ -30,8 +30,8 @@ from eigenfail_services.campaigns.mode_probability import (
     estimate_share,
 )
 from eigenfail_services.campaigns.rounds import FORMAT, Checkpoint, write_checkpoint
+from eigenfail_services.methods.batch_learner import SimulationDriver
 from eigenfail_services.methods.subset import estimate_modes
-from eigenfail_services.methods.wave_learner import SimulationDriver
 from eigenfail_services.statistics.intervals import log_normal, rate
 from eigenfail_services.statistics.subset_simulation import (
     SubsetSettings,
@@ -56,7 +56,7 @@ def simulated(budget: int, seed: int) -> tuple[list[float], dict[int, int]]:
     """Robustness of all episodes of a simulation, and the mode of each failure."""
     driver, values, sides = SimulationDriver(simulation(budget, seed)), [], []
     while not driver.is_done:
-        x = driver.wave[:, 0, 0]
+        x = driver.take(budget)[:, 0, 0]
         found = robustness(x).tolist()
         values += found
         sides += (x < 0.0).tolist()

@@ -1,6 +1,10 @@
 """Episodes in parallel: how many are open, for which methods, and that they stay the same."""
 
+from collections import deque
+from collections.abc import Callable
+from heapq import heappop, heappush
 from math import ceil
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
@@ -12,16 +16,36 @@ from eigenfail.errors import InvalidValue
 from eigenfail.methods import describe_method
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, ToyEngine
-from eigenfail.values import STATE, CampaignSpec, Layer, LearnerContext, Policy, StopRules
-from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS, count_rounds_ahead
-from eigenfail_services.campaigns.rounds import Rounds, run_in_process
+from eigenfail.values import (
+    STATE,
+    CampaignSpec,
+    EpisodeResult,
+    EpisodeTask,
+    Layer,
+    LearnerContext,
+    Policy,
+    StopRules,
+)
+from eigenfail.values.learning import (
+    IN_FLIGHT,
+    MOST_OPEN_ROUNDS,
+    OPEN_GROUPS,
+    choose_group_size,
+    count_rounds_ahead,
+)
+from eigenfail_services.campaigns.rounds import Rounds, read_checkpoint, run_in_process
 from eigenfail_services.campaigns.validation import check_spec, find_pace
+from eigenfail_services.methods import archive
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
+from eigenfail_services.methods.chains import ChainSettings, FailureChains, read_state
 from eigenfail_services.methods.ensemble import Ensemble
 from eigenfail_services.methods.monte_carlo import MonteCarlo
+from eigenfail_services.methods.subset import SubsetMethod
+from eigenfail_services.statistics.batches import divide_chains
 from eigenfail_workers.noise.policy import store_policy
 
 STEPS = 5
+CORRIDOR = Corridor(steps=STEPS, wall=0.6)
 SPEC = CampaignSpec(
     name="wide", method="monte_carlo", episodes=1000, planner="idm", simulator="point_mass"
 )
@@ -31,16 +55,54 @@ def make_spec(**changes) -> CampaignSpec:
     return msgspec.structs.replace(SPEC, **changes)
 
 
+FAILING = np.random.default_rng(1).normal((3.0, 0.0), 0.3, (12, STEPS, 2)).astype(np.float32)
+
+
 def make_rounds(kind, parallel, budget=200, rules=None, **settings) -> Rounds:
-    nothing = np.zeros((0, STEPS, 2), np.float32)
-    context = LearnerContext(3, budget, STEPS, nothing, parallel=parallel)
+    context = LearnerContext(3, budget, STEPS, FAILING, parallel=parallel)
     learner = kind(context, read_settings(kind.Settings, settings, "settings"))
     return Rounds(learner, 3, budget, rules or StopRules())
 
 
-def run(rounds: Rounds) -> list[tuple[int, bool, bytes]]:
-    results = run_in_process(rounds, ToyEngine(Corridor(steps=STEPS)))
-    return [(one.index, one.is_failure, one.noise.z.tobytes()) for one in results]
+Episode = tuple[int, bool, bytes]
+
+
+def describe(result) -> Episode:
+    return result.index, result.is_failure, result.noise.z.tobytes()
+
+
+def run(rounds: Rounds) -> list[Episode]:
+    return [describe(one) for one in run_in_process(rounds, ToyEngine(CORRIDOR))]
+
+
+class Play(NamedTuple):
+    """A campaign that was run: its episodes in index order, and the workers' idle time."""
+
+    episodes: list[Episode]
+    busy: float
+
+
+def play(rounds: Rounds, workers: int, seconds: Callable[[], float] = lambda: 1.0) -> Play:
+    """Run a campaign on workers that each take so long for an episode."""
+    engine, waiting, seen = ToyEngine(CORRIDOR), deque[EpisodeTask](), -1
+    running: list[tuple[float, int, EpisodeTask]] = []
+    found: dict[int, EpisodeResult] = {}
+    now = worked = 0.0
+    while opened := rounds.open():
+        for each in opened:
+            if each.number > seen:
+                waiting.extend(each.tasks)
+                seen = each.number
+        while any(task.index not in found for task in opened[0].tasks):
+            while waiting and len(running) < workers:
+                took = seconds()
+                task = waiting.popleft()
+                worked += took
+                heappush(running, (now + took, task.index, task))
+            now, index, task = heappop(running)
+            (found[index],) = engine.run([task])
+        rounds.complete([found[task.index] for task in opened[0].tasks])
+    return Play([describe(found[index]) for index in sorted(found)], worked / (workers * now))
 
 
 @given(st.integers(1, 100_000), st.integers(1, 10_000), st.integers(0, 4))
@@ -78,19 +140,162 @@ def test_policies_learn_from_older_rounds_and_keep_the_workers_busy(method, sett
     assert run(make_rounds(method, 16, **settings)) != run(make_rounds(method, None, **settings))
 
 
+@given(st.integers(1, 10_000), st.none() | st.integers(1, 10_000))
+def test_groups_hold_every_chain_once_and_are_even(chains, parallel) -> None:
+    groups = divide_chains(chains, parallel)
+    assert np.concatenate(groups).tolist() == list(range(chains))
+    sizes = [len(group) for group in groups]
+    assert max(sizes) - min(sizes) <= 1
+    if parallel is None:
+        assert len(groups) == 1
+    else:
+        assert max(sizes) <= choose_group_size(parallel)
+        assert min(sizes) >= 1
+        assert len(groups) >= min(chains, 2)
+
+
+LEVELS = {"budget": 3000, "runs": 3}
+
+
+MOVED = {"campaign": 1, "chains": 30}
+MOVING = [(SubsetMethod, 20, LEVELS), (FailureChains, 20, {"budget": 600, **MOVED})]
+moving = pytest.mark.parametrize(("method", "parallel", "given"), MOVING)
+
+
+@moving
+@pytest.mark.parametrize("workers", [1, 7, 40])
+def test_chains_have_the_same_episodes_for_any_workers(method, parallel, given, workers) -> None:
+    random = np.random.default_rng(workers)
+    drawn = play(make_rounds(method, parallel, **given), workers, random.exponential)
+    assert drawn.episodes == run(make_rounds(method, parallel, **given))
+
+
+@moving
+def test_chains_do_not_wait_for_each_other(method, parallel, given) -> None:
+    narrow = play(make_rounds(method, None, **given), 20)
+    wide = play(make_rounds(method, parallel, **given), 20)
+    assert wide.episodes != narrow.episodes
+    assert narrow.busy < 0.85
+    assert wide.busy > 0.93
+
+
+@moving
+@pytest.mark.parametrize("before", [0, 1, 2, 40, 60, 65, 100])
+def test_chains_go_on_from_a_checkpoint_with_rounds_open(method, parallel, given, before) -> None:
+    whole = run(make_rounds(method, parallel, **given))
+    first, seen = make_rounds(method, parallel, **given), []
+    engine = ToyEngine(CORRIDOR)
+    for _ in range(before):
+        if opened := first.open():
+            results = list(engine.run(opened[0].tasks))
+            seen += map(describe, results)
+            first.complete(results)
+    opened = first.open()
+    other = make_rounds(method, parallel, **given)
+    other.restore(first.checkpoint())
+    assert [one.number for one in other.open()] == [one.number for one in opened]
+    assert other.checkpoint() == first.checkpoint()
+    assert seen + run(other) == whole
+
+
+def test_as_many_episodes_are_open_as_parallel_takes_until_a_level_ends() -> None:
+    rounds, opened = make_rounds(SubsetMethod, 10, budget=3000), []
+    engine = ToyEngine(CORRIDOR)
+    while now := rounds.open():
+        opened.append(sum(len(one.tasks) for one in now))
+        rounds.complete(list(engine.run(now[0].tasks)))
+    assert max(opened) == OPEN_GROUPS * choose_group_size(10)
+    assert np.mean(np.array(opened) >= 10) > 0.9
+
+
+def test_without_a_number_subset_has_the_episodes_of_earlier_releases() -> None:
+    rounds, sizes = make_rounds(SubsetMethod, None, **LEVELS, round_size=57), []
+    engine = ToyEngine(CORRIDOR)
+    while opened := rounds.open():
+        sizes.append(len(opened[0].tasks))
+        rounds.complete(list(engine.run(opened[0].tasks)))
+    estimate = rounds.estimate()
+    first_levels = [57, 57, 57, 47, *[22] * 9, *[23] * 9]
+    assert sizes == [
+        *(*first_levels, *[57] * 16, 25),
+        *(57, 11) * 10,
+        *(57, 32),
+        *(57, 46) * 5,
+        *(47, 47),
+    ]
+    assert estimate.probability == pytest.approx(0.001131645222840204, rel=1e-9)
+    assert estimate.cv == pytest.approx(0.2695826469767655, rel=1e-9)
+
+
+def test_chains_of_earlier_releases_go_on_with_the_move_that_was_open() -> None:
+    """Their states do not count it."""
+    whole = run(make_rounds(FailureChains, None, **MOVED))
+    first, engine = make_rounds(FailureChains, None, **MOVED), ToyEngine(CORRIDOR)
+    for _ in range(3):
+        first.complete(list(engine.run(first.open()[0].tasks)))
+    first.open()
+    checkpoint = msgspec.msgpack.decode(first.checkpoint())
+    facts, arrays = archive.read("chains", checkpoint["learner"], dict)
+    assert facts.pop("opened") == 1
+    assert facts.pop("ahead") == 0
+    checkpoint["learner"] = archive.write("chains", facts, arrays)
+    other = make_rounds(FailureChains, None, **MOVED)
+    other.restore(msgspec.msgpack.encode(checkpoint))
+    assert run(other) == whole[90:]
+
+
+def test_samples_begin_at_the_same_episode_in_groups() -> None:
+    rounds = make_rounds(FailureChains, 20, 600, **MOVED)
+    settings = ChainSettings(**MOVED)
+    done, engine = 0, ToyEngine(CORRIDOR)
+    while opened := rounds.open():
+        done += len(opened[0].tasks)
+        rounds.complete(list(engine.run(opened[0].tasks)))
+        facts, _ = read_state(read_checkpoint(rounds.checkpoint()).learner)
+        assert facts.tried == max(done - settings.first_sample(600), 0)
+    _, trace = read_state(read_checkpoint(rounds.checkpoint()).learner)
+    assert trace.shape[:2] == ((600 - settings.first_sample(600)) // 30, 30)
+
+
+@pytest.mark.parametrize(
+    ("method", "given", "width"),
+    [("chains", {"campaign": 1, "chains": 30}, 30), ("subset", {}, 219), ("ensemble", {}, 220)],
+)
+def test_more_workers_than_there_are_chains_are_refused(method, given, width) -> None:
+    if method == "ensemble":
+        given = {"method": "subset", "members": 4}
+    spec = make_spec(method=method, settings=given, episodes=20_000, parallel=width)
+    assert find_pace(check_spec(spec)).width == width
+    with pytest.raises(InvalidValue, match=rf"no more than {width} chains .* Set it to {width} or"):
+        check_spec(msgspec.structs.replace(spec, parallel=width + 1))
+
+
+def test_a_stop_rule_that_would_hold_up_chains_is_refused() -> None:
+    spec = make_spec(method="subset", episodes=20_000, parallel=100, stop=StopRules(failures=9))
+    with pytest.raises(InvalidValue, match=r"two groups of the chains .* one of the two"):
+        check_spec(spec)
+    check_spec(msgspec.structs.replace(spec, stop=StopRules(wall_s=9.0)))
+
+
+def test_members_of_an_ensemble_wait_for_their_own_levels_only() -> None:
+    given = {"method": "subset", "members": 2, "settings": {"runs": 1}}
+    drawn = play(make_rounds(Ensemble, 10, 3000, **given), 7, np.random.default_rng(1).exponential)
+    assert drawn.episodes == run(make_rounds(Ensemble, 10, 3000, **given))
+    assert drawn.episodes != run(make_rounds(Ensemble, None, 3000, **given))
+    assert len(drawn.episodes) > 1200
+
+
 def test_a_rule_on_results_keeps_two_rounds_open() -> None:
     rounds = make_rounds(MonteCarlo, 100, rules=StopRules(failures=5), round_size=10)
     assert len(rounds.open()) == 2
 
 
-@pytest.mark.parametrize(
-    "method", ["cem", "cma", "difs", "subset", "mixture", "chains", "splitting"]
-)
+@pytest.mark.parametrize("method", ["cem", "cma", "difs", "mixture", "splitting"])
 def test_methods_that_decide_themselves_refuse_it(method) -> None:
     assert not describe_method(method).traits.tolerates_delay
-    settings = {"campaign": 1} if method == "chains" else {}
-    given = make_spec(method=method, settings=settings, parallel=100, scenario="cut_in",
-                      simulator="highway", episodes=20_000)  # fmt: skip
+    given = make_spec(
+        method=method, parallel=100, scenario="cut_in", simulator="highway", episodes=20_000
+    )
     with pytest.raises(InvalidValue, match=r"parallel: .* decides itself .* several seeds"):
         check_spec(given)
 

@@ -1,6 +1,7 @@
 """The shipped suite of learners, over all methods."""
 
 from types import MappingProxyType
+from typing import ClassVar
 
 import numpy as np
 
@@ -43,6 +44,19 @@ class TestSubsetSimulation(LearnerSuite):
     budget = 60
 
 
+class TestSubsetSimulationInParallel(LearnerSuite):
+    method = SubsetMethod
+    settings = MappingProxyType({"samples": 20, "level_share": 0.5})
+    budget = 160
+    rounds = 8
+
+    def learner(self, seed=0):
+        nothing = np.zeros((0, CORRIDOR.steps, 2), np.float32)
+        context = LearnerContext(seed, self.budget, CORRIDOR.steps, nothing, parallel=8)
+        settings = read_settings(SubsetMethod.Settings, self.settings, "settings")
+        return SubsetMethod(context, settings)
+
+
 class TestMultilevelSplitting(LearnerSuite):
     method = MultilevelSplitting
     settings = MappingProxyType({"runs": 5, "particles": 20, "round_size": 33})
@@ -66,11 +80,21 @@ class TestChains(LearnerSuite):
     settings = MappingProxyType({"campaign": 1, "chains": 4})
     budget = 60
 
+    parallel: ClassVar[int | None] = None
+
     def learner(self, seed=0):
         noise = np.random.default_rng(seed).normal(1.5, 1.0, (9, CORRIDOR.steps, 2))
-        context = LearnerContext(seed, self.budget, CORRIDOR.steps, noise.astype(np.float32))
+        noise = noise.astype(np.float32)
+        context = LearnerContext(seed, self.budget, CORRIDOR.steps, noise, parallel=self.parallel)
         settings = read_settings(FailureChains.Settings, self.settings, "settings")
         return FailureChains(context, settings)
+
+
+class TestChainsInParallel(TestChains):
+    settings = MappingProxyType({"campaign": 1, "chains": 12})
+    budget = 130
+    rounds = 6
+    parallel = 12
 
 
 class TestMinimal(LearnerSuite):

@@ -117,10 +117,10 @@ def test_before_the_end_there_is_no_number():
     assert learner.lookahead == 0
 
 
-def test_a_state_that_does_not_fit_the_wave_is_refused():
+def test_a_state_of_more_than_was_requested_is_refused():
     facts = MixtureMethod._Facts(10_000)
     state = archive.write("mixture", facts, {"robustness_m": np.zeros(0)})
-    with pytest.raises(ProtocolError, match="10000 trajectories of a wave of 20 were proposed"):
+    with pytest.raises(ProtocolError, match="10000 trajectories of 20 were proposed"):
         make_learner().restore(state)
 
 

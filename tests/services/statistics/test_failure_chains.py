@@ -1,5 +1,6 @@
 """Chains of failures, against p(z | failure) of half spaces."""
 
+from collections import deque
 from math import exp, pi, sqrt
 from statistics import NormalDist
 
@@ -32,16 +33,19 @@ def along(z):
     return np.sum(z * DIRECTION, axis=(1, 2))
 
 
-def sample(mix, chains=60, moves=500, burn_in=100):
+def sample(mix, chains=60, moves=500, burn_in=100, parallel=None):
     """States of chains in the half space z·w >= BETA, shape (draws, chains, steps, 2)."""
     starts = np.tile((3.0 * DIRECTION).astype(np.float32), (chains, 1, 1))
     ends = np.full(chains, STEPS)
-    sampler = ChainSampler(starts, ends.copy(), mix, seed=7)
-    states = []
-    for _ in range(moves):
-        z = sampler.propose(chains)
-        sampler.accept(z, ends, along(z) >= BETA, np.ones(chains, bool))
-        states.append(sampler.z.copy())
+    sampler = ChainSampler(starts, ends.copy(), mix, 7, parallel)
+    states, waiting = [], deque[np.ndarray]()
+    while sampler.moved < moves:
+        while len(waiting) < len(sampler.groups):
+            waiting.append(sampler.propose(chains))
+        before, z = sampler.moved, waiting.popleft()
+        sampler.accept(z, ends[: len(z)], along(z) >= BETA, np.ones(len(z), bool))
+        if sampler.moved > before:
+            states.append(sampler.z.copy())
     return np.stack(states[burn_in:]), sampler
 
 
@@ -58,7 +62,16 @@ def sample(mix, chains=60, moves=500, burn_in=100):
     ],
 )
 def test_samples_of_a_half_space_are_a_truncated_normal(kinds):
-    states, _ = sample(mix_of(*kinds, adapted=100))
+    check_truncated_normal(sample(mix_of(*kinds, adapted=100))[0])
+
+
+def test_chains_that_move_in_groups_have_the_same_distribution():
+    states, sampler = sample(mix_of(*MoveKind, adapted=100), parallel=40)
+    assert [len(group) for group in sampler.groups] == [10] * 6
+    check_truncated_normal(states)
+
+
+def check_truncated_normal(states):
     z = states.reshape(-1, STEPS, 2).astype(np.float64)
     normal = along(z)
     assert normal.min() >= BETA - 1e-5
@@ -182,6 +195,20 @@ def test_sizes_follow_the_acceptance_and_then_stay():
     z = sampler.propose(60)
     sampler.accept(z, np.full(60, STEPS), np.zeros(60, bool), np.ones(60, bool))
     assert sampler.sizes == frozen
+
+
+def test_sizes_of_groups_stay_from_the_first_move_on_that_is_a_sample():
+    starts, moves = np.tile((3.0 * DIRECTION).astype(np.float32), (12, 1, 1)), 4
+    sampler = ChainSampler(starts, np.full(12, STEPS), mix_of(MoveKind.PCN, adapted=moves), 7, 12)
+    count = len(sampler.groups)
+    assert count == 3
+    sizes = []
+    for _ in range(count * (moves + 2)):
+        z = sampler.propose(12)
+        sizes.append(sampler.sizes[MoveKind.PCN])
+        sampler.accept(z, np.full(len(z), STEPS), np.ones(len(z), bool), np.ones(len(z), bool))
+    assert len(set(sizes[: count * (moves - 1) + 1])) == count * (moves - 1) + 1
+    assert len(set(sizes[count * (moves - 1) + 1 :])) == 1
 
 
 def test_a_chain_whose_move_does_not_fail_or_is_not_run_stays():

@@ -1,11 +1,13 @@
 """Mixture sampling on failures of known probability."""
 
+from collections import deque
 from math import sqrt
 from statistics import NormalDist
 
 import numpy as np
 import pytest
 
+from eigenfail_services.statistics.batches import Requester
 from eigenfail_services.statistics.gaussian_mixture import (
     MixtureProposal,
     NormalComponent,
@@ -34,14 +36,12 @@ def project(z):
 def sample(robustness, seed, budget=2000, steps=STEPS):
     """Return a finished simulation, and the noise that it requested."""
     simulation, requested = MixtureSampling(steps, budget, 8, (seed,)), []
-    running = simulation.run()
-    z = next(running)
-    while True:
-        requested.append(z)
-        try:
-            z = running.send(robustness(z))
-        except StopIteration:
-            return simulation, np.concatenate(requested)
+    requester = Requester(simulation.run())
+    waiting = deque(requester.start())
+    while waiting:
+        requested.append(waiting.popleft())
+        waiting.extend(requester.answer(robustness(requested[-1])))
+    return simulation, np.concatenate(requested)
 
 
 def one_side(z):

@@ -1,5 +1,6 @@
 """Subset simulation against probabilities in closed form."""
 
+from collections import deque
 from math import exp, log, prod, sqrt
 from statistics import NormalDist
 
@@ -10,6 +11,7 @@ from scipy.special import ndtri
 from scipy.stats import kstest
 
 from eigenfail.errors import InvalidValue
+from eigenfail_services.statistics.batches import answer_requests
 from eigenfail_services.statistics.conditional_sampler import (
     ConditionalSampler,
     draw_latin_normal,
@@ -25,6 +27,7 @@ from eigenfail_services.statistics.subset_estimate import (
 from eigenfail_services.statistics.subset_simulation import (
     FEWEST_SAMPLES,
     SubsetSettings,
+    SubsetSimulation,
     WideNoise,
     _find_next_threshold,
     simulate_subsets,
@@ -54,10 +57,10 @@ def rounded(robustness, grain):
 
 def played(dialogue, robustness):
     """What a dialogue over noise and robustness comes to."""
-    z = next(dialogue)
+    waiting = deque(next(dialogue))
     while True:
         try:
-            z = dialogue.send(robustness(z))
+            waiting.extend(dialogue.send(robustness(waiting.popleft())))
         except StopIteration as end:
             return end.value
 
@@ -65,6 +68,14 @@ def played(dialogue, robustness):
 def simulated(robustness, budget, seed, steps=STEPS, settings=SETTINGS):
     """The result of the run over fixed levels."""
     _, run = simulate_subsets(robustness, steps, budget, settings, seed).runs
+    return run.result
+
+
+def simulated_in_groups(robustness, budget, seed, parallel):
+    """The same of chains in groups, for so many trajectories at a time."""
+    simulation = SubsetSimulation(STEPS, budget, SETTINGS, (seed,), parallel)
+    answer_requests(simulation.run(), robustness)
+    _, run = simulation.runs
     return run.result
 
 
@@ -237,8 +248,9 @@ def test_an_estimate_is_as_sure_as_the_failures_have_first_draws():
     assert estimate_cv(4.0, 10**9, 3) == pytest.approx(0.5)
 
 
-def test_the_estimate_is_unbiased_and_its_variation_is_the_one_that_is_said():
-    found = [simulated(half_space(1e-4), BUDGET, seed) for seed in range(200)]
+@pytest.mark.parametrize("parallel", [None, 1, 40])
+def test_the_estimate_is_unbiased_and_its_variation_is_the_one_that_is_said(parallel):
+    found = [simulated_in_groups(half_space(1e-4), BUDGET, n, parallel) for n in range(200)]
     ratios = np.array([one.probability for one in found]) / 1e-4
     assert ratios.mean() == pytest.approx(1.0, abs=4.0 * ratios.std() / sqrt(200))
     said = sqrt(np.mean([(one.cv * ratio) ** 2 for one, ratio in zip(found, ratios, strict=True)]))
@@ -261,6 +273,17 @@ def test_samples_of_a_level_are_distributed_as_the_noise_below_it():
     assert across.std() == pytest.approx(1.0, abs=0.06)
 
 
+def test_groups_begin_as_one_and_share_their_step():
+    """The first draws are the same; so is the step, but for the order of the moves."""
+    whole, parts = (SubsetSimulation(STEPS, BUDGET, SETTINGS, (3,), n) for n in (None, 20))
+    for simulation in (whole, parts):
+        answer_requests(simulation.run(), half_space(1e-4))
+    assert whole.first.levels[0] == parts.first.levels[0]
+    shares = [[level.acceptance for level in one.first.levels[1:]] for one in (whole, parts)]
+    assert shares[0] != shares[1]
+    assert shares[0] == pytest.approx(shares[1], abs=0.1)
+
+
 @pytest.mark.parametrize(
     "broken", [lambda z: np.full(len(z), np.nan), lambda z: np.zeros(len(z) + 1), lambda z: 1.0]
 )
@@ -273,10 +296,7 @@ def test_wide_noise_estimates_a_rare_probability_without_bias():
     p, found = 1e-5, []
     for seed in range(200):
         wide = WideNoise(400, 2, np.random.default_rng(seed))
-        running = wide.run()
-        z = next(running)
-        with pytest.raises(StopIteration):
-            running.send(half_space(p)(z))
+        answer_requests(wide.run(), half_space(p))
         found.append(wide.estimate)
     mean = np.mean([one.probability for one in found])
     assert mean == pytest.approx(p, rel=0.1)

@@ -1,0 +1,188 @@
+"""Learners whose estimator requests noise in batches.
+
+Such an estimator is a generator, see `statistics.batches`. A learner hands its batches out in
+rounds, in the order in which they were requested. Its state is the robustness of every episode and
+nothing else: the noise follows from that and the seed.
+"""
+
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Sequence
+from typing import Annotated, ClassVar, Generic, Protocol, TypeVar
+
+import msgspec
+import numpy as np
+
+from eigenfail.values import EpisodeResult, LearnerContext, Proposal, TrajectorySource
+from eigenfail.values.learning import (
+    MOST_OPEN_ROUNDS,
+    OPEN_GROUPS,
+    choose_group_size,
+    count_rounds_ahead,
+)
+from eigenfail_services.methods import archive, robustness_m
+from eigenfail_services.statistics.batches import Array, Requester, Requests
+
+
+class BatchSimulation(Protocol):
+    """An estimator that requests noise in batches."""
+
+    def run(self) -> Requests:
+        """Request noise. To be called once."""
+
+
+S = TypeVar("S", bound=BatchSimulation)
+
+
+class SimulationDriver(Generic[S]):
+    """Drives a simulation: hands out its trajectories in pieces, collects their robustness.
+
+    Attributes:
+        simulation: simulation that requests the trajectories.
+        robustness: robustness of all trajectories so far, in order, NaN of errored episodes. [m]
+        taken: number of trajectories that were taken of the batches that are not complete.
+    """
+
+    def __init__(self, simulation: S) -> None:
+        self.simulation = simulation
+        self._requester = Requester(simulation.run())
+        self._batches = deque(self._requester.start())
+        self._received: list[float] = []
+        self.robustness: list[float] = []
+        self.taken = 0
+
+    @property
+    def is_done(self) -> bool:
+        """Whether the simulation has ended."""
+        return not self._batches
+
+    @property
+    def requested(self) -> int:
+        """Number of trajectories of the batches that are not complete."""
+        return sum(map(len, self._batches))
+
+    def take(self, n: int) -> Array:
+        """Return at most n trajectories, shape (up to n, steps, 2): the next ones of one batch.
+
+        Raises:
+            ValueError: all that were requested were taken, and the simulation waits for them.
+        """
+        before = self.taken
+        for batch in self._batches:
+            if before < len(batch):
+                chosen = batch[before : before + n]
+                self.taken += len(chosen)
+                return chosen
+            before -= len(batch)
+        raise ValueError("there is no trajectory to be taken")
+
+    def add_robustness(self, robustness: Sequence[float]) -> None:
+        """Add the robustness of the next trajectories, which may complete several batches.
+
+        Raises:
+            ValueError: the simulation has ended.
+        """
+        for value in robustness:
+            if self.is_done:
+                raise ValueError("there are more episodes than the simulation requested")
+            self.robustness.append(value)
+            self._received.append(value)
+            if len(self._received) == len(self._batches[0]):
+                self._complete_batch()
+
+    def _complete_batch(self) -> None:
+        self.taken -= len(self._batches.popleft())
+        self._batches.extend(self._requester.answer(np.array(self._received)))
+        self._received = []
+
+
+MAX_VALUES_PER_ROUND = 5_000_000
+"""Most values of noise in a round, which is sent as one message."""
+
+
+class BatchLearner(ABC, Generic[S]):
+    """A learner that hands out the batches of a simulation, at most a round at a time.
+
+    Attributes:
+        kind: name of the method in its states.
+        lookahead: 0 while the simulation waits for all that it has requested, else what `parallel`
+            takes; 0 without `parallel`.
+
+    Args:
+        context: context of the campaign.
+        round_size: episodes in a round at most; a round that is too large for one message is
+            smaller.
+    """
+
+    kind: ClassVar[str]
+    lookahead = 0
+
+    class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+        """State besides robustness: number of episodes that were proposed of open batches."""
+
+        proposed: Annotated[int, msgspec.Meta(ge=0)]
+
+    def __init__(self, context: LearnerContext, round_size: int) -> None:
+        self._context = context
+        self._round_size = min(round_size, 1 + MAX_VALUES_PER_ROUND // (2 * context.horizon))
+        self._ahead = 0
+        if context.parallel:
+            self._round_size = min(self._round_size, choose_group_size(context.parallel))
+            # More where `round_size` makes rounds smaller than groups.
+            wanted = count_rounds_ahead(context.parallel, self._round_size, OPEN_GROUPS - 1)
+            self._ahead = min(wanted, MOST_OPEN_ROUNDS - 1)
+        self._drive(SimulationDriver(self._make_simulation()))
+
+    @abstractmethod
+    def _make_simulation(self) -> S:
+        """Return the simulation of the campaign, before its first batch."""
+
+    @property
+    def _is_spent(self) -> bool:
+        """Whether all episodes of the budget have a result."""
+        return len(self._driver.robustness) >= self._context.episodes
+
+    def propose(self, n: int) -> Proposal:
+        """Return the next trajectories of a batch, at most a round; nothing after the end."""
+        if self._driver.is_done:
+            return Proposal(())
+        chosen = self._driver.take(min(n, self._round_size)).astype(np.float32)
+        self._look_ahead()
+        return Proposal(tuple(map(TrajectorySource, chosen)))
+
+    def observe(self, results: Sequence[EpisodeResult]) -> None:
+        """Add the robustness of episodes; a complete batch leads to the next one."""
+        self._driver.add_robustness([robustness_m(result) for result in results])
+        self._look_ahead()
+
+    def state(self) -> bytes:
+        """Return the robustness of all episodes so far."""
+        values: archive.Array = np.array(self._driver.robustness, np.float64)
+        facts = self._Facts(self._driver.taken)
+        return archive.write(self.kind, facts, {"robustness_m": values})
+
+    def restore(self, state: bytes) -> None:
+        """Restore a state by running the simulation again with the known robustness.
+
+        Raises:
+            ProtocolError: the bytes are not a state of this method.
+        """
+        facts, arrays = archive.read(self.kind, state, self._Facts)
+        driver = SimulationDriver(self._make_simulation())
+        with archive.wrap_errors(self.kind):
+            driver.add_robustness(arrays["robustness_m"].astype(np.float64).tolist())
+            if facts.proposed > driver.requested:
+                raise ValueError(
+                    f"{facts.proposed} trajectories of {driver.requested} were proposed"
+                )
+        driver.taken = facts.proposed
+        self._drive(driver)
+
+    def _drive(self, driver: SimulationDriver[S]) -> None:
+        self._driver = driver
+        self._look_ahead()
+
+    def _look_ahead(self) -> None:
+        """Open no further round while the simulation waits for those that are open."""
+        waits = self._driver.taken == self._driver.requested
+        self.lookahead = 0 if waits else self._ahead

@@ -1,0 +1,117 @@
+"""Batches of noise that estimators request: one after the other, in waves, or side by side.
+
+An estimator is a generator. It yields the batches that it requests by now, none if it waits for
+earlier ones, and is sent the robustness of the oldest batch that was not answered yet. So the order
+of the batches and of the answers follows from the robustness alone: who runs the trajectories, and
+in what order they end, changes nothing.
+"""
+
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
+from math import ceil
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenfail.errors import InvalidValue
+from eigenfail.values.learning import choose_group_size
+
+Array = NDArray[np.float64]
+
+Batches = tuple[Array, ...]
+"""Each has trajectories z, shape (n, steps, 2), n >= 1."""
+
+Requests = Generator[Batches, Array, None]
+"""Yields batches; is sent the robustness of one of them, shape (n,), NaN where errored."""
+
+
+class Requester:
+    """Drives a generator of requests, which then need not be caught at its end.
+
+    Args:
+        requests: not yet begun.
+    """
+
+    def __init__(self, requests: Requests) -> None:
+        self._requests = requests
+
+    def start(self) -> Batches:
+        """Return the first batches; none if there is nothing to request."""
+        return self._resume(lambda: next(self._requests))
+
+    def answer(self, robustness: Array) -> Batches:
+        """Pass on the robustness of the oldest batch; return what is requested then."""
+        return self._resume(lambda: self._requests.send(robustness))
+
+    @staticmethod
+    def _resume(step: Callable[[], Batches]) -> Batches:
+        try:
+            return step()
+        except StopIteration:
+            return ()
+
+
+def run_side_by_side(parts: Sequence[Requests]) -> Requests:
+    """Request the batches of all parts, each of which goes on once its own batch was run."""
+    requesters = [Requester(part) for part in parts]
+    new = [(one, batch) for one in requesters for batch in one.start()]
+    waiting = deque(new)
+    while waiting:
+        robustness = yield tuple(batch for _, batch in new)
+        oldest, _ = waiting.popleft()
+        new = [(oldest, batch) for batch in oldest.answer(robustness)]
+        waiting.extend(new)
+
+
+def run_in_waves(parts: Sequence[Requests]) -> Requests:
+    """Request the batches of all parts as one, after which all of them go on."""
+    requesters = [Requester(part) for part in parts]
+    wave = [(one, batch) for one in requesters for batch in one.start()]
+    while wave:
+        robustness = yield (np.concatenate([batch for _, batch in wave]),)
+        ends = np.cumsum([len(batch) for _, batch in wave])[:-1]
+        answers = zip(wave, np.split(robustness, ends), strict=True)
+        wave = [(one, batch) for (one, _), part in answers for batch in one.answer(part)]
+
+
+def divide_chains(chains: int, parallel: int | None) -> list[NDArray[np.intp]]:
+    """Return the numbers of the chains in each group: groups of even size, two at least.
+
+    Args:
+        chains: number of chains.
+        parallel: trajectories that are to run at a time; None for a single group.
+    """
+    wanted = max(ceil(chains / choose_group_size(parallel)), 2) if parallel else 1
+    return np.array_split(np.arange(chains), min(wanted, chains))
+
+
+Robustness = Callable[[Array], Array]
+"""Robustness of a batch of noise z, shape (n, steps, 2): n finite numbers."""
+
+
+def answer_requests(requests: Requests, robustness: Robustness) -> None:
+    """Answer all requests with the values of a function.
+
+    Raises:
+        InvalidValue: robustness is not finite, or not one value for each trajectory.
+    """
+    requester = Requester(requests)
+    waiting = deque(requester.start())
+    while waiting:
+        waiting.extend(requester.answer(evaluate_robustness(robustness, waiting.popleft())))
+
+
+def evaluate_robustness(robustness: Robustness, z: Array) -> Array:
+    """Return the robustness of each z.
+
+    Raises:
+        InvalidValue: it is not finite, or not one value for each.
+    """
+    values = np.asarray(robustness(z), np.float64)
+    if values.shape != z.shape[:1] or not np.isfinite(values).all():
+        raise InvalidValue(
+            "robustness",
+            f"{len(z)} trajectories gave values of shape {values.shape}, or not finite ones.",
+            "Return one finite number for each trajectory.",
+        )
+    return values
