@@ -12,7 +12,8 @@ from recovery import recovery_figures
 from sac import sac_figures
 from scale import scale_figures
 from service import service_figures
-from start_up import cli_help, run_cold, service_ready, worker_ready
+from start_up import cli_help, run_cold, worker_ready
+from start_up import service_figures as waiting_figures
 from waiting import learner_share
 
 from eigenfail.hosting.service import Launcher
@@ -25,7 +26,8 @@ def main() -> None:
         "cli_help_s": cli_help(),
         "worker_ready_s": worker_ready(),
         "run_cold_s": run_cold(),
-        **{f"ready_{one}_s": service_ready(one) for one in (Launcher.RAY, Launcher.LOCAL)},
+        **waiting_figures(Launcher.RAY),
+        **waiting_figures(Launcher.LOCAL),
         **analysis_figures(),
         **page_figures(),
         **planner_figures(),

@@ -2,14 +2,16 @@
 
 import subprocess
 import time
+from contextlib import suppress
 from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 
+import psutil
 import zmq
 from figures import ROOT, Figure
 
-from eigenfail.hosting.service import Launcher, Plan, local_service
+from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
 from eigenfail.wire.messages import Goodbye, Hello, encode, read_worker_message
 from eigenfail_services.campaigns.ray_process import RayCluster, RayWorkers
 
@@ -48,15 +50,37 @@ def run_cold() -> Figure:
     return seconds(times, "<= 4")
 
 
-def service_ready(launcher: Launcher) -> Figure:
-    """From the start of a service with two workers until it answers and says that it serves."""
-    times = []
+def service_figures(launcher: Launcher) -> dict[str, Figure]:
+    """From the start of a service with two workers until it serves, and its memory then."""
+    times, sizes = [], []
     for _ in range(RUNS):
         with TemporaryDirectory() as folder:
             before = time.perf_counter()
-            with local_service(Plan(Path(folder, "data"), port=0, workers=2, launcher=launcher)):
+            plan = Plan(Path(folder, "data"), port=0, workers=2, launcher=launcher)
+            with local_service(plan) as service:
                 times.append(time.perf_counter() - before)
-    return seconds(times, "<= 5")
+                sizes.append(measure_memory(service))
+    return {
+        f"ready_{launcher}_s": seconds(times, "<= 5"),
+        f"ready_{launcher}_mb": Figure(
+            value=median(sizes),
+            unit="MiB",
+            n=len(sizes),
+            spread=(min(sizes), max(sizes)),
+            target="<= 500",
+            command=COMMAND,
+        ),
+    }
+
+
+def measure_memory(service: LocalService) -> float:
+    """Return the memory of all processes of a service, shared parts counted once. [MiB]"""
+    size = 0
+    for part in (psutil.Process(part.process.pid) for part in service.parts):
+        for each in (part, *part.children(recursive=True)):
+            with suppress(psutil.NoSuchProcess):
+                size += each.memory_full_info().pss
+    return size / 2**20
 
 
 def worker_ready() -> Figure:
