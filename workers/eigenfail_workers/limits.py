@@ -5,8 +5,7 @@ import math
 import os
 import resource
 import sys
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 import msgspec
@@ -194,15 +193,25 @@ def is_out_of_files() -> bool:
 INPUT = "input"
 
 
-@contextmanager
-def wrap_errors(kind: type[EpisodeError], what: str, remedy: str) -> Iterator[None]:
-    """Turn exceptions of the block into errors of a kind, unless they have one already."""
-    try:
-        yield
-    except (EpisodeError, InputError):
-        raise
-    except Exception as error:
-        raise kind(f"{what} raised {describe_error(error)}.", remedy) from error
+class wrap_errors:  # noqa: N801 - it is used like a function, as other context managers are
+    """Turn exceptions of the block into errors of a kind, unless they have one already.
+
+    A class, as a generator would take longer than a step of physics.
+    """
+
+    def __init__(self, kind: type[EpisodeError], what: str, remedy: str) -> None:
+        self._kind = kind
+        self._what = what
+        self._remedy = remedy
+
+    def __enter__(self) -> None:
+        """Begin the block."""
+
+    def __exit__(self, _kind: object, error: BaseException | None, _traceback: object) -> None:
+        """Raise an error of the kind from an exception of the block."""
+        if isinstance(error, Exception) and not isinstance(error, EpisodeError | InputError):
+            problem = f"{self._what} raised {describe_error(error)}."
+            raise self._kind(problem, self._remedy) from error
 
 
 def make_fault(error: EpisodeError | InputError) -> EpisodeFault:
