@@ -9,11 +9,11 @@ from scipy import sparse
 
 from eigenfail.errors import SolverError
 from eigenfail_workers.planners.rulebook.quadratic_program import (
-    QpStatus,
     QuadraticProgram,
-    SolverSettings,
     make_solver_options,
 )
+from eigenfail_workers.planners.rulebook.settings import SolverSettings
+from eigenfail_workers.planners.rulebook.values import QpStatus
 
 TIGHT = SolverSettings(tolerance=1e-8, max_iterations=20_000)
 

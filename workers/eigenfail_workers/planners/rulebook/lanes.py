@@ -1,49 +1,37 @@
 """The lateral task: stay in the lane, or leave a lane that ends through a gap of the next one."""
 
 from collections.abc import Sequence
-from enum import StrEnum
-from typing import Annotated, Protocol
-
-import msgspec
-from msgspec import Meta
+from typing import Protocol
 
 from eigenfail.values import Mission, VehicleState
 from eigenfail_workers.planners import LaneKeeping, look_ahead_m, pursue
-from eigenfail_workers.planners.rulebook.candidates import (
-    CandidateSettings,
-    PlanStart,
-    Profile,
-    TruckLimits,
-    hold,
-    roll_out,
-    roll_out_all,
-    stop,
-)
+from eigenfail_workers.planners.rulebook.candidates import hold, roll_out, roll_out_all, stop
 from eigenfail_workers.planners.rulebook.changes import (
     ChangePlanner,
-    ChangeSettings,
-    LateralPath,
     change_way_m,
     make_straight_path,
 )
-from eigenfail_workers.planners.rulebook.rules import RuleChoice, progress
+from eigenfail_workers.planners.rulebook.rules import progress
+from eigenfail_workers.planners.rulebook.settings import (
+    CandidateSettings,
+    MergeSettings,
+    TruckLimits,
+)
 from eigenfail_workers.planners.rulebook.tracker import Track
 from eigenfail_workers.planners.rulebook.traffic import (
     GapFinder,
-    GapSettings,
-    Neighbour,
-    Traffic,
     find_nearer,
     required_deceleration,
 )
-
-
-class LanePhase(StrEnum):
-    """Phase of the lateral task."""
-
-    IN_LANE = "in_lane"
-    APPROACHING = "approaching"
-    CHANGING = "changing"
+from eigenfail_workers.planners.rulebook.values import (
+    LanePhase,
+    LateralPath,
+    Neighbour,
+    PlanStart,
+    Profile,
+    RuleChoice,
+    Traffic,
+)
 
 
 class LanePlanner(Protocol):
@@ -114,19 +102,6 @@ class InLane:
     def lateral_m(self, ego: VehicleState, _x_m: float, /) -> float:
         """Return the centre of the lane. [m]"""
         return self._lane_keeping.centre_m(ego)
-
-
-class MergeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How the truck leaves a lane that ends.
-
-    Attributes:
-        commit: number of steps in a row in which a gap must fit before the change begins, and in
-            which another candidate must win by progress alone before the truck prefers it.
-    """
-
-    gaps: GapSettings = GapSettings()
-    changes: ChangeSettings = ChangeSettings()
-    commit: Annotated[int, Meta(ge=1, le=100)] = 5
 
 
 class EndingLane:

@@ -6,35 +6,19 @@ on earlier vectors: rho and the scaling stay as set up, and only the number of i
 is bounded.
 """
 
-from enum import StrEnum
-from typing import Annotated, Any
+from typing import Any
 
 import msgspec
 import numpy as np
 import osqp
-from msgspec import Meta
 from numpy.typing import NDArray
 from scipy import sparse
 
 from eigenfail.errors import SolverError
+from eigenfail_workers.planners.rulebook.settings import SolverSettings
+from eigenfail_workers.planners.rulebook.values import QpStatus
 
 Vectors = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-
-
-class SolverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Settings of OSQP; see its documentation.
-
-    Attributes:
-        max_iterations: the only bound, as wall time would make answers irreproducible.
-        check_every: iterations between two tests for convergence.
-        tolerance: absolute and relative.
-        rho: step size of the method, fixed.
-    """
-
-    max_iterations: Annotated[int, Meta(ge=1, le=100_000)] = 1000
-    check_every: Annotated[int, Meta(ge=1, le=1000)] = 5
-    tolerance: Annotated[float, Meta(gt=0.0, le=0.1)] = 1e-4
-    rho: Annotated[float, Meta(gt=0.0, le=1e6)] = 0.1
 
 
 def make_solver_options(settings: SolverSettings) -> dict[str, float]:
@@ -81,16 +65,6 @@ Vector = NDArray[np.float64]
 
 
 Matrix = NDArray[np.float64]
-
-
-class QpStatus(StrEnum):
-    """Status of a solution. Only `solved` comes with an answer."""
-
-    SOLVED = "solved"
-    ITERATION_LIMIT = "iteration_limit"
-    INFEASIBLE = "infeasible"
-    NOT_FINITE = "not_finite"
-    OTHER = "other"
 
 
 STATUS: dict[int, QpStatus] = {

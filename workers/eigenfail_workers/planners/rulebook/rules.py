@@ -5,46 +5,19 @@ rule gives each candidate a cost; those within its tolerance of the best go on t
 """
 
 from collections.abc import Callable, Sequence
-from typing import Annotated
 
 import msgspec
-from msgspec import Meta
 
-from eigenfail_workers.planners.rulebook.candidates import KNOT_S, KNOTS, Profile
-from eigenfail_workers.planners.rulebook.traffic import (
-    Neighbour,
-    Traffic,
-    needed_deceleration,
-)
+from eigenfail_workers.planners.rulebook.candidates import KNOT_S, KNOTS
+from eigenfail_workers.planners.rulebook.settings import RuleSettings
+from eigenfail_workers.planners.rulebook.traffic import needed_deceleration
+from eigenfail_workers.planners.rulebook.values import Neighbour, Profile, RuleChoice, Traffic
 
 UNOPPOSED = "unopposed"
 """Deciding rule where no rule distinguished the candidates."""
 
 DEAD_END_M = 1000.0
 """Distance that counts as lost in a lane that ends: more than any candidate covers."""
-
-
-class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Thresholds of the rules.
-
-    Attributes:
-        lead_margin_m: required gap to a lead.
-        lead_need_mps2: required deceleration behind a lead below which the truck need not react.
-        neighbour_margin_m: required gap to a slower neighbour.
-        neighbour_need_mps2: required deceleration behind a slower neighbour from which the truck
-            drops back before the neighbour merges: the defensive rule.
-        turning_room_m: distance to the end of the lane that a truck needs to leave it.
-        lane_end_need_mps2: required deceleration before the end of the lane at which it brakes.
-        comfort_mps2: acceleration beyond which a candidate is uncomfortable.
-    """
-
-    lead_margin_m: Annotated[float, Meta(ge=0.0, le=30.0)] = 5.0
-    lead_need_mps2: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.2
-    neighbour_margin_m: Annotated[float, Meta(ge=0.0, le=50.0)] = 10.0
-    neighbour_need_mps2: Annotated[float, Meta(ge=0.0, le=5.0)] = 1.0
-    turning_room_m: Annotated[float, Meta(ge=0.0, le=200.0)] = 60.0
-    lane_end_need_mps2: Annotated[float, Meta(ge=0.0, le=5.0)] = 2.2
-    comfort_mps2: Annotated[float, Meta(gt=0.0, le=7.0)] = 2.5
 
 
 class RuleContext(msgspec.Struct, frozen=True):
@@ -62,13 +35,6 @@ class Rule(msgspec.Struct, frozen=True):
     name: str
     cost: Callable[[Profile, RuleContext], float]
     tolerance: float = 0.0
-
-
-class RuleChoice(msgspec.Struct, frozen=True):
-    """The chosen candidate, and the rule that rejected its last rival."""
-
-    profile: Profile
-    rule: str
 
 
 def collision(profile: Profile, context: RuleContext) -> float:
