@@ -13,6 +13,7 @@ import numpy as np
 from figures import ROOT, Figure
 
 from eigenfail.processes import ONE_THREAD
+from eigenfail_workers.planners.rulebook.quadratic_program import QuadraticProgram, Vector
 
 COMMAND = "make bench"
 EPISODES = 60
@@ -21,24 +22,29 @@ PLANNER = "eigenfail_workers.planners.rulebook"
 
 
 class Watched:
-    """Stands in for a method: calls it, and keeps its arguments and what it took."""
+    """Stands in for a method: calls it, and keeps its results and what it took.
+
+    Attributes:
+        vectors: of each call on a quadratic program, that program and copies of its vectors.
+    """
 
     def __init__(self, function: Callable[..., object]) -> None:
         self.function = function
         self.times_s: list[float] = []
-        self.arguments: list[tuple[object, ...]] = []
+        self.vectors: list[tuple[QuadraticProgram, list[Vector]]] = []
         self.results: list[object] = []
 
     def __get__(self, instance: object, owner: type) -> Callable[..., object]:
         return partial(self, instance)
 
     def __call__(self, *arguments: object) -> object:
+        if isinstance(arguments[0], QuadraticProgram):
+            program = arguments[0]
+            vectors = [v.copy() for v in (program.linear, program.lower, program.upper)]
+            self.vectors.append((program, vectors))
         before = time.perf_counter()
         result = self.function(*arguments)
         self.times_s.append(time.perf_counter() - before)
-        self.arguments.append(
-            tuple(a.copy() if isinstance(a, np.ndarray) else a for a in arguments)
-        )
         self.results.append(result)
         return result
 
@@ -50,7 +56,6 @@ def watch() -> tuple[Watched, Watched]:
     from eigenfail.values import CampaignSpec
     from eigenfail_workers.engine import Engine
     from eigenfail_workers.planners.rulebook.planner import Rulebook
-    from eigenfail_workers.planners.rulebook.quadratic_program import QuadraticProgram
 
     act, solve = Watched(Rulebook.act), Watched(QuadraticProgram.solve)
     Rulebook.act = act  # type: ignore[assignment,method-assign]
@@ -63,12 +68,13 @@ def watch() -> tuple[Watched, Watched]:
 def fresh_over_warm(solve: Watched) -> float:
     """Solving each program after setting it up afresh ÷ after updating the one before."""
     fresh_s, warm_s = 0.0, 0.0
-    for program, *vectors in solve.arguments[:2000]:
+    for program, vectors in solve.vectors[:2000]:
+        program.linear[:], program.lower[:], program.upper[:] = vectors
         before = time.perf_counter()
-        solve.function(program, *vectors)
+        solve.function(program)
         between = time.perf_counter()
-        program.set_up()  # type: ignore[attr-defined]
-        solve.function(program, *vectors)
+        program.set_up()
+        solve.function(program)
         warm_s += between - before
         fresh_s += time.perf_counter() - between
     return fresh_s / warm_s

@@ -5,7 +5,7 @@ from msgspec import structs
 
 from eigenfail.values import VehicleState
 from eigenfail_workers.planners.rulebook.lanes import ABORT, COMMITMENT, make_lane_planner
-from eigenfail_workers.planners.rulebook.rules import RuleContext, choose
+from eigenfail_workers.planners.rulebook.rules import choose
 from eigenfail_workers.planners.rulebook.settings import (
     CandidateSettings,
     MergeSettings,
@@ -17,6 +17,7 @@ from eigenfail_workers.planners.rulebook.values import (
     LanePhase,
     PlanStart,
     RuleChoice,
+    RuleContext,
     Task,
     Traffic,
 )

@@ -56,7 +56,7 @@ def plan(target, lead=None, acceleration=0.0, **settings):
     """All variables of the program, solved exactly: accelerations and slack."""
     refiner = Refiner(RefineSettings(solver=EXACT, **settings), LIMITS)
     refine(target, lead, acceleration, refiner)
-    return refiner._program.solve(*refiner._vectors).x
+    return refiner._program.solve().x
 
 
 @pytest.mark.parametrize("knots", [10, 20, 25, 40])

@@ -8,7 +8,6 @@ from eigenfail_workers.planners.rulebook.rules import (
     HIERARCHY,
     UNOPPOSED,
     Rule,
-    RuleContext,
     choose,
     clearance,
     collision,
@@ -27,6 +26,7 @@ from eigenfail_workers.planners.rulebook.values import (
     Neighbour,
     PlanStart,
     Profile,
+    RuleContext,
     Task,
     Traffic,
 )

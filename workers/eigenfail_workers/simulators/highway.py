@@ -6,7 +6,7 @@ numbers: tests hold this module to the last bit against highway-env's own classe
 """
 
 from math import cos, sin
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from eigenfail.values import Control, VehicleState
 from eigenfail_workers.closed_loop import DrivenSimulation
 from eigenfail_workers.simulators.scripted_world import ScriptedWorld
 
-MAX_SPEED_MPS = 40.0
+MAX_SPEED_MPS: Final = 40.0
 """highway-env's `Vehicle.MAX_SPEED`: a faster vehicle is slowed down to it."""
 
 

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 from eigenfail.contracts import Situation
 from eigenfail.values import Control, VehicleState
-from eigenfail_workers.closed_loop import GroundTruth
 from eigenfail_workers.measures.geometry import distance_lower_bound, separation
+from eigenfail_workers.values import GroundTruth
 
 Physics = Callable[[VehicleState, Control, float], VehicleState]
 """Moves the ego: its state after a step, of its state, the acting control, and the step [s]."""

@@ -1,6 +1,7 @@
 """Candidates of the truck's behaviour over a long horizon, rolled out as longitudinal profiles."""
 
 from collections.abc import Callable
+from typing import Final
 
 from eigenfail_workers.planners.rulebook.settings import CandidateSettings, TruckLimits
 from eigenfail_workers.planners.rulebook.traffic import needed_deceleration
@@ -12,8 +13,8 @@ def limit_change(wanted: float, now: float, largest_change: float) -> float:
     return min(max(wanted, now - largest_change), now + largest_change)
 
 
-KNOTS = 10
-KNOT_S = 0.5
+KNOTS: Final = 10
+KNOT_S: Final = 0.5
 """The horizon: ten knots, five seconds."""
 
 

@@ -9,7 +9,7 @@ that the rear one may be forced to.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from eigenfail.values.disturbance import Pair
 from eigenfail_workers.planners.rulebook.candidates import KNOT_S, KNOTS, limit_change
@@ -40,7 +40,7 @@ def change_way_m(speed_mps: float, settings: LateralSettings) -> float:
     return max(speed_mps * settings.change_s, settings.shortest_m)
 
 
-LOOK_KNOTS = 32
+LOOK_KNOTS: Final = 32
 """Horizon over which a gap may begin to fit: sixteen seconds."""
 
 

@@ -1,10 +1,10 @@
 """The lateral task: stay in the lane, or leave a lane that ends through a gap of the next one."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Protocol
+from typing import ClassVar
 
 from eigenfail.values import Mission, VehicleState
-from eigenfail_workers.planners import LaneKeeping, look_ahead_m, pursue
 from eigenfail_workers.planners.rulebook.candidates import hold, roll_out, roll_out_all, stop
 from eigenfail_workers.planners.rulebook.changes import (
     ChangePlanner,
@@ -32,23 +32,27 @@ from eigenfail_workers.planners.rulebook.values import (
     RuleChoice,
     Traffic,
 )
+from eigenfail_workers.planners.steering import LaneKeeping, look_ahead_m, pursue
 
 
-class LanePlanner(Protocol):
+class LanePlanner(ABC):
     """One phase of the lateral task: in each step observe, propose, decide, steer.
 
     Attributes:
         phase: its name.
     """
 
-    phase: LanePhase
+    phase: ClassVar[LanePhase]
 
+    @abstractmethod
     def observe(self, tracks: Sequence[Track], ego: VehicleState, traffic: Traffic, /) -> Traffic:
         """Return the traffic with what this phase adds to it."""
 
+    @abstractmethod
     def propose(self, start: PlanStart, traffic: Traffic, /) -> list[Profile]:
         """Return the candidates."""
 
+    @abstractmethod
     def decide(
         self,
         choice: RuleChoice,
@@ -58,17 +62,19 @@ class LanePlanner(Protocol):
     ) -> tuple[RuleChoice, "LanePlanner"]:
         """Return the choice, which the phase may change, and the next phase."""
 
+    @abstractmethod
     def steer(self, ego: VehicleState, /) -> float:
         """Return the steering angle. [rad]"""
 
+    @abstractmethod
     def lateral_m(self, ego: VehicleState, x_m: float, /) -> float:
         """Return the planned lateral position at a position along the road. [m]"""
 
 
-class InLane:
-    """Stays in the lane at its begin. Implements `LanePlanner`."""
+class InLane(LanePlanner):
+    """Stays in the lane at its begin."""
 
-    phase = LanePhase.IN_LANE
+    phase: ClassVar[LanePhase] = LanePhase.IN_LANE
 
     def __init__(
         self, mission: Mission, candidates: CandidateSettings, limits: TruckLimits
@@ -155,7 +161,7 @@ COMMITMENT = "commitment"
 """Deciding rule where the truck keeps its previous candidate."""
 
 
-class PathFollower:
+class PathFollower(LanePlanner):
     """Steers along a path across the road."""
 
     def __init__(self, path: LateralPath) -> None:
@@ -171,14 +177,14 @@ class PathFollower:
 
 
 class ApproachingGap(PathFollower):
-    """Approaches a gap, in the lane that ends. Implements `LanePlanner`.
+    """Approaches a gap, in the lane that ends.
 
     Args:
         ramp: the lane that ends.
         path: path to the centre of that lane, to which a change may have been aborted.
     """
 
-    phase = LanePhase.APPROACHING
+    phase: ClassVar[LanePhase] = LanePhase.APPROACHING
 
     def __init__(self, ramp: EndingLane, path: LateralPath) -> None:
         super().__init__(path)
@@ -230,9 +236,9 @@ class ApproachingGap(PathFollower):
 
 
 class ChangingLane(PathFollower):
-    """Changes into the next lane, or turns back. Implements `LanePlanner`."""
+    """Changes into the next lane, or turns back."""
 
-    phase = LanePhase.CHANGING
+    phase: ClassVar[LanePhase] = LanePhase.CHANGING
 
     def __init__(self, ramp: EndingLane, name: str, ego: VehicleState) -> None:
         super().__init__(ramp.make_path(ego, ramp.mission.lane_width_m))

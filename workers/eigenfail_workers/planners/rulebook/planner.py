@@ -1,11 +1,13 @@
 """The planner `rulebook`: track, recognise intent, propose, choose, refine, override, steer."""
 
+from typing import ClassVar
+
 from eigenfail.values import Account, Control, Mission, Path, Perception, VehicleState
 from eigenfail_workers.planners.rulebook.candidates import limit_change
 from eigenfail_workers.planners.rulebook.driving_modes import ModeMachine
 from eigenfail_workers.planners.rulebook.lanes import LanePlanner, make_lane_planner
 from eigenfail_workers.planners.rulebook.refine import Refiner
-from eigenfail_workers.planners.rulebook.rules import RuleContext, choose
+from eigenfail_workers.planners.rulebook.rules import choose
 from eigenfail_workers.planners.rulebook.settings import OverrideSettings, RulebookSettings
 from eigenfail_workers.planners.rulebook.tracker import BrakeLightTracker, update_intent
 from eigenfail_workers.planners.rulebook.traffic import find_traffic, required_deceleration
@@ -16,6 +18,7 @@ from eigenfail_workers.planners.rulebook.values import (
     PlanStart,
     Profile,
     RuleChoice,
+    RuleContext,
     Traffic,
 )
 
@@ -51,7 +54,7 @@ class Rulebook:
         last_decision: decision of the last step; None before the first.
     """
 
-    Settings = RulebookSettings
+    Settings: ClassVar = RulebookSettings
 
     def __init__(self, settings: RulebookSettings) -> None:
         self._settings = settings

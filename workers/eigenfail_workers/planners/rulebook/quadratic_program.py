@@ -1,14 +1,13 @@
 """A quadratic program on OSQP that is solved repeatedly with new vectors.
 
 min ½ xᵀPx + qᵀx subject to l ≤ Ax ≤ u, with P and A fixed. OSQP checks neither sizes nor types and
-can say "solved" over a NaN, so both sides are checked here. No answer depends on the clock, nor
-on earlier vectors: rho and the scaling stay as set up, and only the number of iterations
-is bounded.
+can say "solved" over a NaN: so the vectors are the program's own, which fit, and both sides are
+checked for NaN here. No answer depends on the clock, nor on earlier vectors: rho and the scaling
+stay as set up, and only the number of iterations is bounded.
 """
 
 from typing import Any
 
-import msgspec
 import numpy as np
 import osqp
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from scipy import sparse
 
 from eigenfail.errors import SolverError
 from eigenfail_workers.planners.rulebook.settings import SolverSettings
-from eigenfail_workers.planners.rulebook.values import QpStatus
+from eigenfail_workers.planners.rulebook.values import QpStatus, Solution
 
 Vectors = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
 
@@ -79,21 +78,18 @@ STATUS: dict[int, QpStatus] = {
 """Status by the codes of OSQP."""
 
 
-class Solution(msgspec.Struct, frozen=True, eq=False):
-    """An answer of shape (variables,), or None and the status that explains it.
-
-    Attributes:
-        run_s: time that OSQP reports.
-    """
-
-    status: QpStatus
-    x: Vector | None = None
-    iterations: int = 0
-    run_s: float = 0.0
+OPEN = float(osqp.constant("OSQP_INFTY"))
+"""The limit of an open side. With an infinite one in its place OSQP does not converge."""
 
 
 class QuadraticProgram:
-    """One problem structure, warm-started from call to call until `reset`."""
+    """One problem structure, warm-started from call to call until `reset`.
+
+    Attributes:
+        linear: q of shape (n,), to be filled in place before `solve`; zero at first.
+        lower: l of shape (m,), likewise; open at first.
+        upper: u of shape (m,), likewise; open at first.
+    """
 
     def __init__(self, cost: Matrix, constraints: Matrix, settings: SolverSettings) -> None:
         """cost: P of shape (n, n), symmetric; constraints: A of shape (m, n).
@@ -104,55 +100,34 @@ class QuadraticProgram:
         rows, columns = constraints.shape
         if cost.shape != (columns, columns):
             raise SolverError(f"P is {cost.shape} and A {constraints.shape}.", "Make them fit.")
-        self._cost = sparse.csc_matrix(np.triu(_checked(cost, cost.shape)))
-        self._constraints = sparse.csc_matrix(_checked(constraints, constraints.shape))
+        self._cost = sparse.csc_matrix(np.triu(cost))
+        self._constraints = sparse.csc_matrix(constraints)
         self._settings = settings
-        self._shapes = (columns,), (rows,), (rows,)
-        self._highest = np.full(rows, osqp.constant("OSQP_INFTY"))
-        self._lowest = -self._highest
-        self._limits = np.empty(rows), np.empty(rows)
+        self.linear: Vector = np.zeros(columns)
+        self.lower: Vector = np.full(rows, -OPEN)
+        self.upper: Vector = np.full(rows, OPEN)
         self._start = np.zeros(columns), np.zeros(rows)
         self.set_up()
 
     def set_up(self) -> None:
         """Let OSQP scale and factor the matrices again; `reset` does the same in less time."""
-        vectors = np.zeros(self._shapes[0]), self._lowest, self._highest
+        rows, columns = self._constraints.shape
+        vectors = np.zeros(columns), np.full(rows, -OPEN), np.full(rows, OPEN)
         self._solver = make_solver(self._cost, self._constraints, vectors, self._settings)
 
     def reset(self) -> None:
         """Forget the last answer, so that later answers do not depend on earlier calls."""
         self._solver.warm_start(*self._start)
 
-    def solve(self, linear: Vector, lower: Vector, upper: Vector) -> Solution:
-        """Solve for the vectors q of shape (n,) and l, u of shape (m,).
-
-        Raises:
-            SolverError: an array has another shape, is not float64 or not contiguous.
-        """
-        self._check(linear, lower, upper)
-        low, high = self._limits
-        # OSQP's infinity is 1e30: with IEEE's in its place it does not converge.
-        np.maximum(lower, self._lowest, out=low)
-        np.minimum(upper, self._highest, out=high)
+    def solve(self) -> Solution:
+        """Solve for the present vectors."""
+        linear, lower, upper, solver = self.linear, self.lower, self.upper, self._solver
         # No comparison holds with a NaN, so one that holds everywhere settles both.
-        if not (_all(low <= high) and _all(np.isfinite(linear))):
-            return Solution(_objection(linear, low, high))
-        if self._solver.update_data_vec(linear, low, high) or self._solver.solve():
+        if not (_all(lower <= upper) and _all(np.isfinite(linear))):
+            return Solution(_objection(linear, lower, upper))
+        if solver.update_data_vec(linear, lower, upper) or solver.solve():
             return self._fail(QpStatus.OTHER)
         return self._answer()
-
-    def _check(self, linear: Vector, lower: Vector, upper: Vector) -> None:
-        """Check all arrays at once in the good case; one by one only to name the wrong one."""
-        if (
-            (linear.shape, lower.shape, upper.shape) == self._shapes
-            and linear.dtype == lower.dtype == upper.dtype == np.float64
-            and linear.flags.c_contiguous
-            and lower.flags.c_contiguous
-            and upper.flags.c_contiguous
-        ):
-            return
-        for array, shape in zip((linear, lower, upper), self._shapes, strict=True):
-            _checked(array, shape)
 
     def _answer(self) -> Solution:
         info = self._solver.info
@@ -172,19 +147,10 @@ class QuadraticProgram:
 
 def _all(truths: NDArray[np.bool_]) -> bool:
     """Return `truths.all()` in a quarter of its time."""
-    return int(np.count_nonzero(truths)) == truths.size
+    return bool(np.count_nonzero(truths) == truths.size)
 
 
 def _objection(linear: Vector, lower: Vector, upper: Vector) -> QpStatus:
     """Return the status of vectors that are not passed to the solver."""
     known = np.isfinite(linear).all() and not np.isnan(lower).any() and not np.isnan(upper).any()
     return QpStatus.INFEASIBLE if known else QpStatus.NOT_FINITE
-
-
-def _checked(array: Matrix, shape: tuple[int, ...]) -> Matrix:
-    if array.shape != shape or array.dtype != np.float64 or not array.flags.c_contiguous:
-        raise SolverError(
-            f"The solver takes contiguous float64 {shape}, not {array.dtype} {array.shape}.",
-            "Convert it with np.ascontiguousarray(array, np.float64).",
-        )
-    return array

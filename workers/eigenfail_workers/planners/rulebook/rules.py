@@ -5,31 +5,25 @@ rule gives each candidate a cost; those within its tolerance of the best go on t
 """
 
 from collections.abc import Callable, Sequence
-
-import msgspec
+from typing import Final, NamedTuple
 
 from eigenfail_workers.planners.rulebook.candidates import KNOT_S, KNOTS
-from eigenfail_workers.planners.rulebook.settings import RuleSettings
 from eigenfail_workers.planners.rulebook.traffic import needed_deceleration
-from eigenfail_workers.planners.rulebook.values import Neighbour, Profile, RuleChoice, Traffic
+from eigenfail_workers.planners.rulebook.values import (
+    Neighbour,
+    Profile,
+    RuleChoice,
+    RuleContext,
+)
 
 UNOPPOSED = "unopposed"
 """Deciding rule where no rule distinguished the candidates."""
 
-DEAD_END_M = 1000.0
+DEAD_END_M: Final = 1000.0
 """Distance that counts as lost in a lane that ends: more than any candidate covers."""
 
 
-class RuleContext(msgspec.Struct, frozen=True):
-    """What the rules take into account."""
-
-    traffic: Traffic
-    speed_mps: float
-    speed_limit_mps: float
-    settings: RuleSettings
-
-
-class Rule(msgspec.Struct, frozen=True):
+class Rule(NamedTuple):
     """One rule: a cost, and the difference in cost that it ignores."""
 
     name: str
@@ -160,7 +154,7 @@ def choose(
             break
         costs = [rule.cost(profile, context) for profile in left]
         bar = min(costs) + rule.tolerance
-        kept = [profile for profile, cost in zip(left, costs, strict=True) if cost <= bar]
+        kept = [left[place] for place, cost in enumerate(costs) if cost <= bar]
         decided = rule.name if len(kept) < len(left) else decided
         left = kept
     return RuleChoice(left[0], decided)

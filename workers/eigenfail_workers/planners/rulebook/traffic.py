@@ -1,16 +1,17 @@
 """Traffic relative to the truck: its lead, its neighbour, and the gaps of the next lane."""
 
 from collections.abc import Collection, Iterable, Sequence
+from typing import Final
 
 from eigenfail.values import VehicleState
 from eigenfail_workers.planners.rulebook.settings import GapSettings
 from eigenfail_workers.planners.rulebook.tracker import Track
 from eigenfail_workers.planners.rulebook.values import Gap, Neighbour, Traffic
 
-TOUCHING_MPS2 = 100.0
+TOUCHING_MPS2: Final = 100.0
 """Required deceleration where no room is left. [m/s²]"""
 
-LEAD_BRAKING_MPS2 = 4.0
+LEAD_BRAKING_MPS2: Final = 4.0
 """Assumed deceleration of a vehicle with brake lights on. [m/s²]"""
 
 

@@ -5,9 +5,12 @@ from enum import StrEnum
 from math import inf
 
 import msgspec
+import numpy as np
+from numpy.typing import NDArray
 
 from eigenfail.values import Account
 from eigenfail_workers.motion import minimum_jerk
+from eigenfail_workers.planners.rulebook.settings import RuleSettings
 
 
 class Neighbour(msgspec.Struct, frozen=True, gc=False):
@@ -123,6 +126,15 @@ class RuleChoice(msgspec.Struct, frozen=True):
     rule: str
 
 
+class RuleContext(msgspec.Struct, frozen=True):
+    """What the rules take into account."""
+
+    traffic: Traffic
+    speed_mps: float
+    speed_limit_mps: float
+    settings: RuleSettings
+
+
 class LateralPath(msgspec.Struct, frozen=True, gc=False):
     """A path across the road; the lateral position is constant before and after it.
 
@@ -166,6 +178,19 @@ class QpStatus(StrEnum):
     INFEASIBLE = "infeasible"
     NOT_FINITE = "not_finite"
     OTHER = "other"
+
+
+class Solution(msgspec.Struct, frozen=True, eq=False):
+    """An answer of shape (variables,), or None and the status that explains it.
+
+    Attributes:
+        run_s: time that OSQP reports.
+    """
+
+    status: QpStatus
+    x: NDArray[np.float64] | None = None
+    iterations: int = 0
+    run_s: float = 0.0
 
 
 class Override(StrEnum):
