@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from math import inf, isfinite
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -263,10 +263,13 @@ class Recorder:
 
 def _check(observation: Observation) -> None:
     for vehicle in (observation.ego, *observation.others):
-        if not isfinite(vehicle.x_m + vehicle.y_m + vehicle.heading_rad + vehicle.speed_mps):
+        numbers: Any = vehicle  # of whatever type they are
+        total = numbers.x_m + numbers.y_m + numbers.heading_rad + numbers.speed_mps
+        # numpy's float32 would be summed in single precision by the interpreter alone.
+        if not (isinstance(total, float | int) and isfinite(total)):
             raise SimulatorError(
                 f"After step {observation.step} the simulator shows {vehicle}.",
-                "Every position, heading and speed must be a finite number.",
+                "Every position, heading and speed must be a finite float.",
             )
 
 
