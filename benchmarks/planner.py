@@ -1,4 +1,7 @@
-"""What one decision of the rulebook planner costs, and what its quadratic program costs in it."""
+"""What one decision of the rulebook planner costs, and what its quadratic program costs in it.
+
+Interpreted: compiled methods cannot be watched.
+"""
 
 import json
 import os
@@ -13,6 +16,7 @@ import numpy as np
 from figures import ROOT, Figure
 
 from eigenfail.processes import ONE_THREAD
+from eigenfail_workers.compilation import INTERPRETED_VARIABLE
 from eigenfail_workers.planners.rulebook.quadratic_program import QuadraticProgram, Vector
 
 COMMAND = "make bench"
@@ -104,7 +108,7 @@ RUNS = 3
 def planner_figures() -> dict[str, Figure]:
     """The middle of three runs."""
     command = [sys.executable, str(ROOT / "benchmarks" / "planner.py")]
-    environment = os.environ | ONE_THREAD
+    environment = os.environ | ONE_THREAD | {INTERPRETED_VARIABLE: "1"}
     runs = [
         json.loads(subprocess.run(command, env=environment, capture_output=True, check=True).stdout)
         for _ in range(RUNS)
