@@ -31,11 +31,12 @@ help: ## this list
 		|| { echo "Before that, from the index that pip is configured with:"; cat .venv/torch.log; false; } >&2
 	$(INSTALL) --requirement constraints.txt
 	$(BIN)/python -m pip install --quiet --no-deps --no-index --no-build-isolation --editable .
+	@$(BIN)/python -m eigenfail_workers.compiler || echo "The episode loop stays interpreted. Results are the same."
 	@touch $@
 
 setup: .venv/installed ## the virtual environment, with everything in it
 
-compiled: setup ## the episode loop compiled, if there is a C compiler; half a minute after a change of it
+compiled: setup ## the episode loop compiled again after a change, if there is a C compiler
 	@$(BIN)/python -m eigenfail_workers.compiler
 
 chromium: ## Debian's browser, for the browser tests

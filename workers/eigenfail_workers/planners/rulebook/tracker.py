@@ -11,6 +11,7 @@ they contain no deceleration.
 
 from enum import StrEnum
 from math import isfinite
+from typing import Final
 
 from eigenfail.values import Perception, VehicleState
 from eigenfail_workers.planners.rulebook.settings import (
@@ -76,6 +77,10 @@ class TrackState(StrEnum):
     DELETED = "deleted"
 
 
+TRUSTED: Final = (TrackState.CONFIRMED, TrackState.COASTING)
+"""States of tracks that the planner may act on."""
+
+
 class Track:
     """The planner's estimate of one vehicle.
 
@@ -102,7 +107,7 @@ class Track:
     @property
     def is_trusted(self) -> bool:
         """Whether the planner may act on it."""
-        return self.state is TrackState.CONFIRMED or self.state is TrackState.COASTING
+        return self.state in TRUSTED
 
 
 class Tracker:
