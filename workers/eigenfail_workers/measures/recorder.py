@@ -266,7 +266,7 @@ def _check(observation: Observation) -> None:
         numbers: Any = vehicle  # of whatever type they are
         total = numbers.x_m + numbers.y_m + numbers.heading_rad + numbers.speed_mps
         # numpy's float32 would be summed in single precision by the interpreter alone.
-        if not (isinstance(total, float | int) and isfinite(total)):
+        if not (isinstance(total, (float, int)) and isfinite(total)):
             raise SimulatorError(
                 f"After step {observation.step} the simulator shows {vehicle}.",
                 "Every position, heading and speed must be a finite float.",

@@ -116,6 +116,7 @@ class QuadraticProgram:
         rows, columns = self._constraints.shape
         vectors = np.zeros(columns), np.full(rows, -OPEN), np.full(rows, OPEN)
         self._solver = make_solver(self._cost, self._constraints, vectors, self._settings)
+        self._report = self._solver.info  # the same object after each run
 
     def reset(self) -> None:
         """Forget the last answer, so that later answers do not depend on earlier calls."""
@@ -137,19 +138,21 @@ class QuadraticProgram:
         return isfinite(vector.dot(self._shares))
 
     def _answer(self) -> Solution:
-        info = self._solver.info
-        status = STATUS.get(info.status_val, QpStatus.OTHER)
-        x: Vector = self._solver.solution.x
-        if status is QpStatus.SOLVED and not self._is_finite(x):
-            status = QpStatus.NOT_FINITE
+        status = STATUS.get(self._report.status_val, QpStatus.OTHER)
         if status is not QpStatus.SOLVED:
-            return self._fail(status, info.iter, info.run_time)
-        return Solution(status, x, info.iter, info.run_time)
+            return self._fail(status)
+        x: Vector = self._solver.solution.x
+        return Solution(status, x) if self._is_finite(x) else self._fail(QpStatus.NOT_FINITE)
 
-    def _fail(self, status: QpStatus, iterations: int = 0, run_s: float = 0.0) -> Solution:
+    def _fail(self, status: QpStatus) -> Solution:
         """A failed run leaves an iterate from which a warm start may never recover."""
         self.reset()
-        return Solution(status, None, iterations, run_s)
+        return Solution(status)
+
+    @property
+    def run_s(self) -> float:
+        """Time that OSQP reports for its last run."""
+        return float(self._report.run_time)
 
 
 def _objection(linear: Vector, lower: Vector, upper: Vector) -> QpStatus:

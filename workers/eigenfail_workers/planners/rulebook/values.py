@@ -181,16 +181,10 @@ class QpStatus(StrEnum):
 
 
 class Solution(msgspec.Struct, frozen=True, eq=False):
-    """An answer of shape (variables,), or None and the status that explains it.
-
-    Attributes:
-        run_s: time that OSQP reports.
-    """
+    """An answer of shape (variables,), or None and the status that explains it."""
 
     status: QpStatus
     x: NDArray[np.float64] | None = None
-    iterations: int = 0
-    run_s: float = 0.0
 
 
 class Override(StrEnum):
