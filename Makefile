@@ -16,7 +16,7 @@ PROCESSES ?= 3
 REQUESTS ?= 25000
 
 .DEFAULT_GOAL := help
-.PHONY: help image-steps setup chromium headers tools demo test quick coverage lint format bench volume claims intervals pictures site openapi faults screens vendor soak explore hostile overload lock clean
+.PHONY: help image-steps setup compiled chromium headers tools demo test quick coverage lint format bench volume claims intervals pictures site openapi faults screens vendor soak explore hostile overload lock clean
 
 help: ## this list
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -31,9 +31,13 @@ help: ## this list
 		|| { echo "Before that, from the index that pip is configured with:"; cat .venv/torch.log; false; } >&2
 	$(INSTALL) --requirement constraints.txt
 	$(BIN)/python -m pip install --quiet --no-deps --no-index --no-build-isolation --editable .
+	@$(BIN)/python -m eigenfail_workers.compiler || echo "The episode loop stays interpreted. Results are the same."
 	@touch $@
 
 setup: .venv/installed ## the virtual environment, with everything in it
+
+compiled: setup ## the episode loop compiled again after a change, if there is a C compiler
+	@$(BIN)/python -m eigenfail_workers.compiler
 
 chromium: ## Debian's browser, for the browser tests
 	@command -v chromium >/dev/null || $(call apt,chromium) \
@@ -49,14 +53,14 @@ tools: ## Debian's strace, iproute2 and curl, for the tests of faults and of tex
 		|| $(call apt,strace iproute2 curl) \
 		|| echo "No strace, ip or curl: the tests that need them are skipped, and told at the end."
 
-demo: setup ## a short campaign of each method, analysed, replayed, priced
+demo: setup compiled ## a short campaign of each method, analysed, replayed, priced
 	$(BIN)/python examples/demo.py
 
-test: setup chromium headers tools lint ## every check and every test
+test: setup compiled chromium headers tools lint ## every check and every test
 	$(BIN)/python -m pytest -q tests/test_full_loop.py
 	$(BIN)/python -m pytest tests $(SPREAD)
 
-quick: setup ## the tests that start no services and no browser; a third of the time
+quick: setup compiled ## the tests that start no services and no browser; a third of the time
 	$(BIN)/python -m pytest tests -m "not service and not browser" $(SPREAD)
 
 coverage: setup chromium headers tools ## which lines the tests reach; takes half as long again
@@ -77,7 +81,7 @@ format: setup ## put the sources into the house's style
 	$(BIN)/ruff check --fix $(SOURCES)
 	$(BIN)/ruff format $(SOURCES)
 
-bench: setup ## measure, and write benchmarks/latest.json
+bench: setup compiled ## measure, and write benchmarks/latest.json
 	$(BIN)/python benchmarks/run.py
 
 volume: setup ## a million episodes in SQLite and PostgreSQL; half an hour, 15 GB of disk
@@ -129,5 +133,5 @@ lock: setup ## the lock files anew, with hashes; UPGRADE="numpy ray" takes newer
 	$(BIN)/python deploy/lock.py $(UPGRADE)
 
 clean: ## remove everything that was made
-	rm -rf .venv .out .coverage* htmlcov dist build eigenfail-data \
+	rm -rf .venv .out workers/eigenfail_workers/__compiled__ .coverage* htmlcov dist build eigenfail-data \
 		.mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

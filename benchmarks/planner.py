@@ -1,4 +1,7 @@
-"""What one decision of the rulebook planner costs, and what its quadratic program costs in it."""
+"""What one decision of the rulebook planner costs, and what its quadratic program costs in it.
+
+Interpreted: compiled methods cannot be watched.
+"""
 
 import json
 import os
@@ -13,6 +16,8 @@ import numpy as np
 from figures import ROOT, Figure
 
 from eigenfail.processes import NUMERIC_ENVIRONMENT
+from eigenfail_workers.compilation import INTERPRETED_VARIABLE
+from eigenfail_workers.planners.rulebook.quadratic_program import QuadraticProgram, Vector
 
 COMMAND = "make bench"
 EPISODES = 60
@@ -21,25 +26,32 @@ PLANNER = "eigenfail_workers.planners.rulebook"
 
 
 class Watched:
-    """Stands in for a method: calls it, and keeps its arguments and what it took."""
+    """Stands in for a method: calls it, and keeps how long it took.
+
+    Attributes:
+        runs_s: of each call on a quadratic program, the time that OSQP reports.
+        vectors: of each call on a quadratic program, that program and copies of its vectors.
+    """
 
     def __init__(self, function: Callable[..., object]) -> None:
         self.function = function
         self.times_s: list[float] = []
-        self.arguments: list[tuple[object, ...]] = []
-        self.results: list[object] = []
+        self.vectors: list[tuple[QuadraticProgram, list[Vector]]] = []
+        self.runs_s: list[float] = []
 
     def __get__(self, instance: object, owner: type) -> Callable[..., object]:
         return partial(self, instance)
 
     def __call__(self, *arguments: object) -> object:
+        if isinstance(arguments[0], QuadraticProgram):
+            program = arguments[0]
+            vectors = [v.copy() for v in (program.linear, program.lower, program.upper)]
+            self.vectors.append((program, vectors))
         before = time.perf_counter()
         result = self.function(*arguments)
         self.times_s.append(time.perf_counter() - before)
-        self.arguments.append(
-            tuple(a.copy() if isinstance(a, np.ndarray) else a for a in arguments)
-        )
-        self.results.append(result)
+        if isinstance(arguments[0], QuadraticProgram):
+            self.runs_s.append(arguments[0].run_s)
         return result
 
 
@@ -50,7 +62,6 @@ def watch() -> tuple[Watched, Watched]:
     from eigenfail.values import CampaignSpec
     from eigenfail_workers.engine import Engine
     from eigenfail_workers.planners.rulebook.planner import Rulebook
-    from eigenfail_workers.planners.rulebook.quadratic_program import QuadraticProgram
 
     act, solve = Watched(Rulebook.act), Watched(QuadraticProgram.solve)
     Rulebook.act = act  # type: ignore[assignment,method-assign]
@@ -63,12 +74,13 @@ def watch() -> tuple[Watched, Watched]:
 def fresh_over_warm(solve: Watched) -> float:
     """Solving each program after setting it up afresh ÷ after updating the one before."""
     fresh_s, warm_s = 0.0, 0.0
-    for program, *vectors in solve.arguments[:2000]:
+    for program, vectors in solve.vectors[:2000]:
+        program.linear[:], program.lower[:], program.upper[:] = vectors
         before = time.perf_counter()
-        solve.function(program, *vectors)
+        solve.function(program)
         between = time.perf_counter()
-        program.set_up()  # type: ignore[attr-defined]
-        solve.function(program, *vectors)
+        program.set_up()
+        solve.function(program)
         warm_s += between - before
         fresh_s += time.perf_counter() - between
     return fresh_s / warm_s
@@ -77,11 +89,10 @@ def fresh_over_warm(solve: Watched) -> float:
 def measure() -> dict[str, float]:
     """Everything, in a process of its own."""
     act, solve = watch()
-    osqp_s = [result.run_s for result in solve.results]  # type: ignore[attr-defined]
     return {
         "plan_p50_ms": 1000 * float(np.quantile(act.times_s, 0.5)),
         "plan_p99_ms": 1000 * float(np.quantile(act.times_s, 0.99)),
-        "qp_wall_over_osqp": float(np.median(np.divide(solve.times_s, osqp_s))),
+        "qp_wall_over_osqp": float(np.median(np.divide(solve.times_s, solve.runs_s))),
         "qp_setup_over_warm": fresh_over_warm(solve),
     }
 
@@ -98,7 +109,7 @@ RUNS = 3
 def planner_figures() -> dict[str, Figure]:
     """The middle of three runs."""
     command = [sys.executable, str(ROOT / "benchmarks" / "planner.py")]
-    environment = os.environ | NUMERIC_ENVIRONMENT
+    environment = os.environ | NUMERIC_ENVIRONMENT | {INTERPRETED_VARIABLE: "1"}
     runs = [
         json.loads(subprocess.run(command, env=environment, capture_output=True, check=True).stdout)
         for _ in range(RUNS)

@@ -50,6 +50,7 @@ def main(upgraded: Sequence[str]) -> int:
     cuda = {name for name in everything if CUDA.fullmatch(name)} | {"torch"}
     for path, names in (
         (LOCKS / "build.txt", list_names((), everything)),
+        (LOCKS / "compiler.txt", list_names(("compiler",), everything)),
         (LOCKS / "worker.txt", list_names(("worker",), everything)),
         (LOCKS / "server.txt", list_names(("server", "worker", "postgres"), everything) - cuda),
         (LOCKS / "torch_cuda.txt", cuda),

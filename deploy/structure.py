@@ -84,7 +84,7 @@ NAMES_FOR_FRAMEWORKS = [
     "__getattr__",  # Python, of modules
     *("_missing_", "_repr_html_", "handleError"),  # enum, IPython, logging
     *("collect",),  # prometheus_client
-    *("on_state_update", "observation_space", "action_space"),  # OSQP's and gymnasium's
+    *("observation_space", "action_space"),  # gymnasium's
     *("impl", "cache_ok", "inherit_cache", "load_dialect_impl", "process_bind_param"),  # SQLAlchemy
     *("isolation_level", "background", "disconnected", "send_400_response"),  # sqlite3, uvicorn
     *(

@@ -24,6 +24,9 @@ settings.load_profile("here")
 # Plug-ins of strangers and what tests share, for the processes that tests start as well.
 FOLDERS = [str(Path(__file__).parent / name) for name in ("plugins", "support")]
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), *FOLDERS]))
+# Tests put doubles in place of functions, which compiled code calls directly. That compiled code
+# gives the same results is a test of its own: workers/test_compilation.py.
+os.environ.setdefault("EIGENFAIL_INTERPRETED", "1")
 os.environ["EIGENFAIL_FUNCTIONS"] = "any_function,eigenfail_sleeping"
 
 

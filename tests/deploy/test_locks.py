@@ -39,7 +39,7 @@ def locks(lock):
 
 def test_there_are_the_files_that_recipe_and_makefile_name():
     names = {path.name for path in FILES}
-    build_and_targets = {"build.txt", "server.txt", "worker.txt"}
+    build_and_targets = {"build.txt", "compiler.txt", "server.txt", "worker.txt"}
     assert names == build_and_targets | {"constraints.txt", "torch_cpu.txt", "torch_cuda.txt"}
 
 
@@ -58,7 +58,7 @@ def test_every_package_has_one_version_and_at_least_one_hash(lock, path):
 
 def test_a_package_has_the_same_version_and_hashes_in_every_file(locks):
     development = locks["constraints"]
-    for name in ("build", "server", "worker", "torch_cpu"):
+    for name in ("build", "compiler", "server", "worker", "torch_cpu"):
         assert locks[name].items() <= development.items(), name
     cuda = locks["torch_cuda"]
     assert set(cuda) & set(development) == {"torch"}
@@ -108,10 +108,11 @@ def find_requirements(name):
     ("files", "extras"),
     [
         (["constraints"], "dev,deploy-checks"),
+        (["compiler"], "compiler"),
         (["worker"], "worker"),
         (["server", "torch_cpu"], "server,worker,postgres"),
     ],
-    ids=["development", "worker", "server"],
+    ids=["development", "compiler", "worker", "server"],
 )
 def test_all_that_an_installation_needs_is_locked(locks, files, extras):
     locked = {name for file in files for name in locks[file]}

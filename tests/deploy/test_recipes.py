@@ -98,6 +98,7 @@ def test_the_image_installs_nothing_whose_hash_is_not_locked():
         ["locks/build.txt"],
         ["locks/worker.txt"],
         ["locks/torch_${TORCH}.txt", "locks/server.txt"],
+        ["locks/compiler.txt"],
     ]
     (build,) = re.findall(r"\bpip wheel .*", recipe)
     assert {"--no-deps", "--no-index", "--no-build-isolation"} <= set(build.split())

@@ -3,11 +3,10 @@
 import re
 
 from eigenfail_workers.planners.rulebook.candidates import CANDIDATES
-from eigenfail_workers.planners.rulebook.driving_modes import DrivingMode
 from eigenfail_workers.planners.rulebook.lanes import ABORT, COMMITMENT
-from eigenfail_workers.planners.rulebook.planner import Override
 from eigenfail_workers.planners.rulebook.rules import HIERARCHY, UNOPPOSED
 from eigenfail_workers.planners.rulebook.traffic import CHANGE_LANE, MERGE_EARLY, MERGE_LATE
+from eigenfail_workers.planners.rulebook.values import DrivingMode, Override
 
 
 def test_it_names_every_mode_candidate_rule_and_override(planner_page):

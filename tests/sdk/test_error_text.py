@@ -17,7 +17,7 @@ from eigenfail.errors import (
 from eigenfail.values import EpisodeFault, EpisodeTask, PriorSource, unrunnable
 from eigenfail.wire.http import make_error, make_problem
 from eigenfail.wire.messages import Results, encode, read_worker_message
-from eigenfail_workers.limits import make_fault, wrap_errors
+from eigenfail_workers.faults import make_fault, wrap_errors
 
 ANY_TEXT = st.text(st.characters(), max_size=50) | st.text(
     st.sampled_from("\x00\x1b\ud800\udc80\udfff\n\t\r\x7f\x9b\u2028é🚚"), max_size=20

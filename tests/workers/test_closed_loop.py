@@ -9,7 +9,8 @@ import pytest
 
 from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
 from eigenfail.values import Control, Mission, Perception, VehicleState
-from eigenfail_workers.closed_loop import DrivenSimulation, GroundTruth, validate_control
+from eigenfail_workers.closed_loop import DrivenSimulation, validate_control
+from eigenfail_workers.values import GroundTruth
 
 
 def car(x: float, y: float = 0.0) -> VehicleState:

@@ -3,23 +3,14 @@
 from math import isfinite
 from typing import Any, Protocol
 
-import msgspec
-
 from eigenfail.contracts import Planner, Scenario, Situation
 from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
 from eigenfail.values import Control, Mission, Observation, Perception, VehicleState
 from eigenfail.values.disturbance import Pair
-from eigenfail_workers.limits import wrap_errors
+from eigenfail_workers.faults import wrap_errors
 from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.motion import clip_control, is_off_road
-
-
-class GroundTruth(msgspec.Struct, frozen=True, gc=False):
-    """True states of all vehicles, and whether the ego touches another one."""
-
-    ego: VehicleState
-    others: tuple[VehicleState, ...]
-    collided: bool
+from eigenfail_workers.values import GroundTruth
 
 
 class TrafficWorld(Protocol):
@@ -45,6 +36,7 @@ class DrivenSimulation:
         self._scenario = scenario
         self._parameters = parameters
         self._planner = planner
+        self._planner_errors = wrap_errors(PlannerError, "The planner", "Look into the planner.")
         situation = scenario(parameters, 0)
         self.dt_s = situation.mission.dt_s
         self.steps = situation.steps
@@ -114,7 +106,7 @@ class DrivenSimulation:
         return Perception(now.step * self.dt_s, now.ego, others), position
 
     def _plan(self, perception: Perception) -> Control:
-        with wrap_errors(PlannerError, "The planner", "Look into the planner."):
+        with self._planner_errors:
             return validate_control(self._planner.act(perception))
 
     def close(self) -> None:

@@ -22,7 +22,7 @@ from eigenfail.settings import read_settings
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
 from eigenfail.values.variation import read_variation
 from eigenfail_workers.episode import make_errored_result, make_result, run_episode
-from eigenfail_workers.limits import make_fault, make_state_change_error, wrap_errors
+from eigenfail_workers.faults import make_fault, make_state_change_error, wrap_errors
 from eigenfail_workers.measures.recorder import Recorder
 from eigenfail_workers.noise import sources
 from eigenfail_workers.noise.policy import store_policy

@@ -18,7 +18,7 @@ from eigenfail.values import (
 from eigenfail.values.disturbance import Pair
 from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.measures.recorder import Recorder
-from eigenfail_workers.noise import compute_deviations
+from eigenfail_workers.noise.deviations import compute_deviations
 from eigenfail_workers.noise.sources import NoiseSource
 
 

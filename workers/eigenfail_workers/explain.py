@@ -24,7 +24,7 @@ from eigenfail.values import (
 from eigenfail.worlds import world_of
 from eigenfail_workers.closed_loop import validate_control
 from eigenfail_workers.engine import Engine
-from eigenfail_workers.limits import wrap_errors
+from eigenfail_workers.faults import wrap_errors
 from eigenfail_workers.measures.geometry import find_nearest, velocity
 
 MAX_POINTS = 20

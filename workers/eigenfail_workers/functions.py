@@ -41,8 +41,9 @@ from eigenfail.values import (
     VehicleState,
     unrunnable,
 )
-from eigenfail_workers.limits import make_fault, make_state_change_error, wrap_errors
-from eigenfail_workers.noise import sources, to_float32
+from eigenfail_workers.faults import make_fault, make_state_change_error, wrap_errors
+from eigenfail_workers.noise import sources
+from eigenfail_workers.noise.deviations import to_float32
 from eigenfail_workers.noise.policy import store_policy
 
 NULL_VEHICLE = VehicleState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)

@@ -1,14 +1,15 @@
 """The motion of vehicles: limits of the truck, the road's borders, and the path of least jerk."""
 
 from math import pi
+from typing import Final
 
 from eigenfail.values import Control, Mission, VehicleState
 from eigenfail.values.records import PEAK_BRAKING_MPS2
 
-MASS_KG = 30_000.0  # a partly loaded articulated truck of the 40 t class
-POWER_W = 400_000.0  # about 540 hp, the upper end of long-haul engines
-MAX_DRIVE_MPS2 = 1.5  # in the lowest gears, where traction and not power is the limit
-MAX_STEERING_RAD = pi / 4  # of the front wheels
+MASS_KG: Final = 30_000.0  # a partly loaded articulated truck of the 40 t class
+POWER_W: Final = 400_000.0  # about 540 hp, the upper end of long-haul engines
+MAX_DRIVE_MPS2: Final = 1.5  # in the lowest gears, where traction and not power is the limit
+MAX_STEERING_RAD: Final = pi / 4  # of the front wheels
 
 
 def clip_control(control: Control, speed_mps: float) -> Control:

@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Iterator, Mapping, Sequence
+from importlib.machinery import EXTENSION_SUFFIXES
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Annotated
@@ -30,6 +31,7 @@ from eigenfail.values.operations import Presence, Verification
 PACKAGES = ("numpy", "msgspec", "pyzmq", "ray", "torch", "fastapi", "sqlalchemy", "highway-env")
 GROUPS = (plugins.SCENARIOS, plugins.PLANNERS, plugins.SIMULATORS, plugins.METHODS)
 WORKING = (CampaignState.QUEUED, CampaignState.RUNNING)
+COMPILE = "python -m eigenfail_workers.compiler"
 NO_WORKER = (
     "do the services run (python -m eigenfail_services), and what does their log say? "
     "To start a worker: eigenfail worker --connect ADDRESS"
@@ -71,6 +73,19 @@ def _list_broken_plugins(group: str) -> Iterator[Finding]:
             plugins.load(group, name)
         except InvalidValue as error:
             yield Finding(f"{group}: {name}", error.problem, wrong=True)
+
+
+def describe_episode_loop() -> Iterator[Finding]:
+    """How the built-in simulators run here; nothing where they are not installed."""
+    try:
+        simulator = plugins.load(plugins.SIMULATORS, "point_mass")
+    except EigenfailError:
+        return
+    file = str(sys.modules[simulator.__module__].__file__)
+    if file.endswith(tuple(EXTENSION_SUFFIXES)):
+        yield Finding("episode loop", "compiled")
+    else:
+        yield Finding("episode loop", "interpreted", remedy=f"twice as fast: {COMPILE}")
 
 
 def check_data_folder(data: Path) -> Finding:
@@ -245,6 +260,7 @@ def doctor(
     findings = [
         *list_versions(),
         *list_plugins(),
+        *describe_episode_loop(),
         check_data_folder(data),
         *check_service(context, url),
         *check_database(database, replay, repair),

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from eigenfail.values import Control, Importance, Observation, VehicleState
-from eigenfail_workers.measures.conflict import TrafficConflict
-from eigenfail_workers.measures.importance import Approach, Encounter, compute_importance
+from eigenfail_workers.measures.importance import Approach, compute_importance
 from eigenfail_workers.measures.recorder import Recorder
+from eigenfail_workers.values import Encounter, TrafficConflict
 
 AT_50_M = Encounter(50.0, TrafficConflict(ttc_s=5.0, drac_mps2=1.0))  # closing at 10 m/s
 AT_30_M = Encounter(30.0, TrafficConflict(ttc_s=6.0, drac_mps2=5.0**2 / 60.0))

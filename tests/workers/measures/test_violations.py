@@ -5,8 +5,8 @@ from typing import NamedTuple
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eigenfail_workers.measures.conflict import TrafficConflict
 from eigenfail_workers.measures.recorder import NO_VIOLATIONS, FirstViolations, ViolationTracker
+from eigenfail_workers.values import TrafficConflict
 
 many = settings(deadline=None, derandomize=True, max_examples=200)
 

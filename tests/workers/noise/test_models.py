@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from eigenfail.values import DisturbanceModel, VehicleState
-from eigenfail_workers.noise import compute_deviations, to_float32
+from eigenfail_workers.noise.deviations import compute_deviations, to_float32
 
 
 def at(x: float, y: float) -> VehicleState:

@@ -4,13 +4,10 @@ import pytest
 from msgspec import structs
 
 from eigenfail.values import Perception
-from eigenfail_workers.planners.rulebook.tracker import (
-    BrakeLightSettings,
-    BrakeLightTracker,
-    Tracker,
-    TrackerSettings,
-)
-from eigenfail_workers.planners.rulebook.traffic import Neighbour, needed_deceleration
+from eigenfail_workers.planners.rulebook.settings import BrakeLightSettings, TrackerSettings
+from eigenfail_workers.planners.rulebook.tracker import BrakeLightTracker, Tracker
+from eigenfail_workers.planners.rulebook.traffic import needed_deceleration
+from eigenfail_workers.planners.rulebook.values import Neighbour
 
 
 def braking_car(car, deceleration_mps2, steps):

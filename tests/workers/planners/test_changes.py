@@ -4,15 +4,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eigenfail_workers.planners.rulebook.candidates import (
-    KNOTS,
+from eigenfail_workers.planners.rulebook.candidates import KNOTS
+from eigenfail_workers.planners.rulebook.changes import ChangePlanner
+from eigenfail_workers.planners.rulebook.settings import (
     CandidateSettings,
-    PlanStart,
+    ChangeSettings,
+    RequiredGap,
     TruckLimits,
 )
-from eigenfail_workers.planners.rulebook.changes import ChangePlanner, ChangeSettings, RequiredGap
-from eigenfail_workers.planners.rulebook.driving_modes import Task
-from eigenfail_workers.planners.rulebook.traffic import Gap, Neighbour
+from eigenfail_workers.planners.rulebook.values import Gap, Neighbour, PlanStart, Task
 
 SETTINGS = ChangeSettings()
 PLANNER = ChangePlanner(SETTINGS, CandidateSettings(), TruckLimits())

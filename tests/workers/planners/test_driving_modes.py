@@ -5,7 +5,9 @@ from math import sqrt
 import pytest
 from msgspec import structs
 
-from eigenfail_workers.planners.rulebook.driving_modes import DrivingMode, ModeMachine, ModeSettings
+from eigenfail_workers.planners.rulebook.driving_modes import ModeMachine
+from eigenfail_workers.planners.rulebook.settings import ModeSettings
+from eigenfail_workers.planners.rulebook.values import DrivingMode
 
 
 def test_a_trip_goes_through_all_modes_in_order(mission, truck):

@@ -5,8 +5,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.values import VehicleState
+from eigenfail_workers.planners.rulebook.settings import GapSettings
 from eigenfail_workers.planners.rulebook.tracker import AxisFilter, Track, TrackState
-from eigenfail_workers.planners.rulebook.traffic import GapFinder, GapSettings
+from eigenfail_workers.planners.rulebook.traffic import GapFinder
 
 TRUCK = VehicleState(100.0, 0.0, 0.0, 20.0, 16.0, 2.5)
 FINDER = GapFinder(GapSettings(), centre_m=3.5, lane_width_m=3.5, dt_s=0.1)

@@ -2,12 +2,8 @@
 
 import pytest
 
-from eigenfail_workers.planners.rulebook.tracker import (
-    AxisFilter,
-    IntentSettings,
-    Track,
-    update_intent,
-)
+from eigenfail_workers.planners.rulebook.settings import IntentSettings
+from eigenfail_workers.planners.rulebook.tracker import AxisFilter, Track, update_intent
 
 SETTINGS = IntentSettings()
 

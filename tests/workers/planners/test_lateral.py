@@ -8,13 +8,10 @@ from hypothesis import strategies as st
 from msgspec import structs
 
 from eigenfail_workers.motion import minimum_jerk
-from eigenfail_workers.planners import look_ahead_m, pursue
-from eigenfail_workers.planners.rulebook.changes import (
-    LateralPath,
-    LateralSettings,
-    change_way_m,
-    make_straight_path,
-)
+from eigenfail_workers.planners.rulebook.changes import change_way_m, make_straight_path
+from eigenfail_workers.planners.rulebook.settings import LateralSettings
+from eigenfail_workers.planners.rulebook.values import LateralPath
+from eigenfail_workers.planners.steering import look_ahead_m, pursue
 
 SHARES = st.floats(0.0, 1.0)
 

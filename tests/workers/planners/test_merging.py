@@ -4,18 +4,23 @@ import pytest
 from msgspec import structs
 
 from eigenfail.values import VehicleState
-from eigenfail_workers.planners.rulebook.candidates import CandidateSettings, PlanStart, TruckLimits
-from eigenfail_workers.planners.rulebook.driving_modes import Task
-from eigenfail_workers.planners.rulebook.lanes import (
-    ABORT,
-    COMMITMENT,
-    LanePhase,
+from eigenfail_workers.planners.rulebook.lanes import ABORT, COMMITMENT, make_lane_planner
+from eigenfail_workers.planners.rulebook.rules import choose
+from eigenfail_workers.planners.rulebook.settings import (
+    CandidateSettings,
     MergeSettings,
-    make_lane_planner,
+    RuleSettings,
+    TruckLimits,
 )
-from eigenfail_workers.planners.rulebook.rules import RuleChoice, RuleContext, RuleSettings, choose
 from eigenfail_workers.planners.rulebook.tracker import AxisFilter, Track, TrackState
-from eigenfail_workers.planners.rulebook.traffic import Traffic
+from eigenfail_workers.planners.rulebook.values import (
+    LanePhase,
+    PlanStart,
+    RuleChoice,
+    RuleContext,
+    Task,
+    Traffic,
+)
 
 SETTINGS = MergeSettings()
 TASK = Task(22.0, 0.5)

@@ -1,11 +1,8 @@
 """The emergency brake: when it comes, and when it goes."""
 
-from eigenfail_workers.planners.rulebook.planner import (
-    EmergencyBrake,
-    OverrideSettings,
-    fall_back,
-)
-from eigenfail_workers.planners.rulebook.traffic import Neighbour
+from eigenfail_workers.planners.rulebook.planner import EmergencyBrake, fall_back
+from eigenfail_workers.planners.rulebook.settings import OverrideSettings
+from eigenfail_workers.planners.rulebook.values import Neighbour
 
 
 def lead(gap_m, speed_mps=12.0):

@@ -3,16 +3,10 @@
 import numpy as np
 import pytest
 
-from eigenfail_workers.planners.rulebook.candidates import KNOTS, PlanStart, TruckLimits, roll_out
-from eigenfail_workers.planners.rulebook.driving_modes import Task
-from eigenfail_workers.planners.rulebook.quadratic_program import QpStatus, SolverSettings
-from eigenfail_workers.planners.rulebook.refine import (
-    Refiner,
-    RefineSettings,
-    candidate_shares,
-    first_shares,
-)
-from eigenfail_workers.planners.rulebook.traffic import Neighbour
+from eigenfail_workers.planners.rulebook.candidates import KNOTS, roll_out
+from eigenfail_workers.planners.rulebook.refine import Refiner, candidate_shares, first_shares
+from eigenfail_workers.planners.rulebook.settings import RefineSettings, SolverSettings, TruckLimits
+from eigenfail_workers.planners.rulebook.values import Neighbour, PlanStart, QpStatus, Task
 
 LIMITS = TruckLimits()
 TASK = Task(24.0, 0.5)
@@ -62,7 +56,7 @@ def plan(target, lead=None, acceleration=0.0, **settings):
     """All variables of the program, solved exactly: accelerations and slack."""
     refiner = Refiner(RefineSettings(solver=EXACT, **settings), LIMITS)
     refine(target, lead, acceleration, refiner)
-    return refiner._program.solve(*refiner._vectors).x
+    return refiner._program.solve().x
 
 
 @pytest.mark.parametrize("knots", [10, 20, 25, 40])

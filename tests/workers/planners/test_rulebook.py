@@ -5,9 +5,9 @@ import pytest
 from msgspec import structs
 
 from eigenfail.values import Perception
-from eigenfail_workers.planners.rulebook.planner import Override, Rulebook
-from eigenfail_workers.planners.rulebook.quadratic_program import QpStatus, SolverSettings
-from eigenfail_workers.planners.rulebook.refine import RefineSettings
+from eigenfail_workers.planners.rulebook.planner import Rulebook
+from eigenfail_workers.planners.rulebook.settings import RefineSettings, SolverSettings
+from eigenfail_workers.planners.rulebook.values import Override, QpStatus
 from eigenfail_workers.scenarios.cut_in import CutIn
 
 STEPS = 100

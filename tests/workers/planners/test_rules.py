@@ -3,23 +3,11 @@
 import pytest
 from msgspec import structs
 
-from eigenfail_workers.planners.rulebook.candidates import (
-    KNOTS,
-    CandidateSettings,
-    LaneChange,
-    PlanStart,
-    Profile,
-    TruckLimits,
-    roll_out,
-    roll_out_all,
-)
-from eigenfail_workers.planners.rulebook.driving_modes import Task
+from eigenfail_workers.planners.rulebook.candidates import KNOTS, roll_out, roll_out_all
 from eigenfail_workers.planners.rulebook.rules import (
     HIERARCHY,
     UNOPPOSED,
     Rule,
-    RuleContext,
-    RuleSettings,
     choose,
     clearance,
     collision,
@@ -27,10 +15,20 @@ from eigenfail_workers.planners.rulebook.rules import (
     progress,
     right_of_way,
 )
-from eigenfail_workers.planners.rulebook.traffic import (
+from eigenfail_workers.planners.rulebook.settings import (
+    CandidateSettings,
+    RuleSettings,
+    TruckLimits,
+)
+from eigenfail_workers.planners.rulebook.traffic import required_deceleration
+from eigenfail_workers.planners.rulebook.values import (
+    LaneChange,
     Neighbour,
+    PlanStart,
+    Profile,
+    RuleContext,
+    Task,
     Traffic,
-    required_deceleration,
 )
 
 LIMITS = TruckLimits()

@@ -5,7 +5,7 @@ from math import atan, cos, sin, tan
 import pytest
 from msgspec import structs
 
-from eigenfail_workers.planners import MAX_STEERING_RAD, LaneKeeping
+from eigenfail_workers.planners.steering import MAX_STEERING_RAD, LaneKeeping
 
 
 @pytest.mark.parametrize("offset_m", [-1.0, 0.5, 1.5])

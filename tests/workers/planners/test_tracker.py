@@ -5,12 +5,8 @@ import pytest
 from msgspec import structs
 
 from eigenfail.values import Perception
-from eigenfail_workers.planners.rulebook.tracker import (
-    AxisFilter,
-    Tracker,
-    TrackerSettings,
-    TrackState,
-)
+from eigenfail_workers.planners.rulebook.settings import TrackerSettings
+from eigenfail_workers.planners.rulebook.tracker import AxisFilter, Tracker, TrackState
 
 SETTINGS = TrackerSettings()
 OFF = 1000.0

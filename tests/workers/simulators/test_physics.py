@@ -1,17 +1,18 @@
 """What the two simulators do with a truck: closed forms, and each other."""
 
-import subprocess
-import sys
 from collections.abc import Sequence
 from itertools import pairwise
 from math import atan, pi, sin, tan
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from eigenfail import plugins
-from eigenfail.values import Control, Mission, Observation, Perception
+from eigenfail.values import Control, Mission, Observation, Perception, VehicleState
+from eigenfail_workers.measures.geometry import separation
+from eigenfail_workers.simulators import highway
 
 BUILT_IN = ("highway", "point_mass")
 
@@ -117,21 +118,50 @@ def test_a_crash_from_the_side_is_seen(name: str, small_cut_in: Any) -> None:
     assert 2.0 < last.others[0].y_m - last.ego.y_m < 2.8
 
 
-def test_scenarios_do_not_need_highway_env() -> None:
-    code = (
-        "import sys, eigenfail_workers.engine, eigenfail_workers.scenarios,"
-        " eigenfail_workers.simulators.point_mass;"
-        " sys.exit('highway_env' in sys.modules)"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+@pytest.fixture(scope="module")
+def vehicle_class() -> Any:
+    """highway-env's vehicle, without its search for lanes, which needs a road."""
+    from highway_env.vehicle.kinematics import Vehicle
+
+    class Truck(Vehicle):  # type: ignore[misc]
+        LENGTH, WIDTH = 16.0, 2.5
+
+        def on_state_update(self) -> None:
+            """Stay without a lane."""
+
+    return Truck
 
 
-def test_the_simulator_loads_no_environments_and_leaves_highway_env_whole() -> None:
-    code = (
-        "import sys, eigenfail_workers.simulators.highway;"
-        " assert not {'highway_env', 'gymnasium', 'pandas', 'matplotlib'} & sys.modules.keys();"
-        " import gymnasium, highway_env, highway_env.road.road as road;"
-        " assert highway_env.road.road.Road is road.Road;"
-        " assert gymnasium.spec('highway-v0').id"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+def random_states(count: int, spread_m: float, seed: int) -> list[VehicleState]:
+    """Trucks anywhere within a square, in any direction, at up to 60 m/s."""
+    low, high = (-spread_m, -spread_m, -pi, 0.0), (spread_m, spread_m, pi, 60.0)
+    rows = np.random.default_rng(seed).uniform(low, high, (count, 4))
+    return [VehicleState(*row, 16.0, 2.5) for row in rows.tolist()]
+
+
+def make_vehicle(vehicle_class: Any, state: VehicleState) -> Any:
+    return vehicle_class(None, (state.x_m, state.y_m), state.heading_rad, state.speed_mps)
+
+
+def test_highway_drives_as_highway_env_does_to_the_last_bit(vehicle_class: Any) -> None:
+    controls = np.random.default_rng(1).uniform((-7.0, -pi / 4), (1.5, pi / 4), (5000, 2))
+    for state, control in zip(random_states(5000, 1e3, 2), controls.tolist(), strict=True):
+        there = make_vehicle(vehicle_class, state)
+        there.act({"acceleration": control[0], "steering": control[1]})
+        there.step(0.1)
+        speed_mps = max(there.speed, 0.0)
+        expected = VehicleState(*there.position, there.heading, speed_mps, 16.0, 2.5)
+        assert highway.drive(state, Control(*control), 0.1) == expected
+
+
+def test_a_collision_is_one_of_highway_env(vehicle_class: Any) -> None:
+    def touch(one: VehicleState, other: VehicleState) -> bool:
+        vehicles = [make_vehicle(vehicle_class, state) for state in (one, other)]
+        vehicles[0].handle_collisions(vehicles[1], dt=0)
+        return bool(vehicles[0].crashed)
+
+    states = random_states(4000, 12.0, 3)
+    pairs = list(zip(states[::2], states[1::2], strict=True))
+    found = [separation(*pair).distance_m == 0.0 for pair in pairs]
+    assert found == [touch(*pair) for pair in pairs]
+    assert 200 < sum(found) < 1800

@@ -25,12 +25,7 @@ from eigenfail.testing.simulation import (
 )
 from eigenfail.values import Observation
 from eigenfail_workers.bridge.connection import BridgeTimeouts, Connection
-from eigenfail_workers.bridge.episode import (
-    disturb_position,
-    find_scenario,
-    read_start,
-    read_step,
-)
+from eigenfail_workers.bridge.episode import disturb_position, find_scenario, read_start, read_step
 from eigenfail_workers.bridge.messages import (
     BridgePlanner,
     BridgeScenario,

@@ -21,7 +21,7 @@ from eigenfail_workers.bridge.messages import (
     StepRequest,
     match_answer,
 )
-from eigenfail_workers.limits import make_fault
+from eigenfail_workers.faults import make_fault
 from eigenfail_workers.noise.policy import store_policy
 
 MAX_LOSSES = 3

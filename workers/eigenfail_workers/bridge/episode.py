@@ -28,7 +28,7 @@ from eigenfail_workers.bridge.messages import (
     make_error,
 )
 from eigenfail_workers.episode import EpisodeDriver, make_errored_result, make_result
-from eigenfail_workers.limits import make_fault, wrap_errors
+from eigenfail_workers.faults import make_fault, wrap_errors
 from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.measures.recorder import Recorder
 from eigenfail_workers.noise import sources

@@ -5,25 +5,14 @@ one lane to the plane: the gap is the distance between the footprints, and the c
 relative velocity along the line of nearest points.
 """
 
-from typing import NamedTuple
+from typing import Final
 
 from eigenfail.values import VehicleState
-from eigenfail_workers.measures.geometry import Separation, half_width_across_road, velocity
+from eigenfail_workers.measures.geometry import half_width_across_road, velocity
+from eigenfail_workers.values import Separation, TrafficConflict
 
-LOOK_AHEAD_S = 1.0
+LOOK_AHEAD_S: Final = 1.0
 """A vehicle enters the path if its footprint will overlap the ego's laterally within this time."""
-
-
-class TrafficConflict(NamedTuple):
-    """Two vehicles on the way to a collision.
-
-    Attributes:
-        ttc_s: time to collision: gap ÷ closing speed.
-        drac_mps2: deceleration required to avoid the crash: closing speed² ÷ (2 · gap).
-    """
-
-    ttc_s: float
-    drac_mps2: float
 
 
 def find_conflict(

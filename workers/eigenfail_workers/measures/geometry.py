@@ -1,24 +1,10 @@
 """Footprints: oriented rectangles in the road's plane, and how far they are apart."""
 
-from collections.abc import Iterator, Sequence
-from math import copysign, cos, hypot, inf, sin
-from typing import NamedTuple
+from collections.abc import Sequence
+from math import cos, hypot, inf, sin
 
 from eigenfail.values import VehicleState
-
-
-class Separation(NamedTuple):
-    """Distance and direction between two footprints.
-
-    Attributes:
-        distance_m: smallest distance between them; 0 if they touch or overlap.
-        direction: unit vector along the line of nearest points, from the first footprint to the
-            second; (0, 0) if they touch or overlap.
-    """
-
-    distance_m: float
-    direction: tuple[float, float]
-
+from eigenfail_workers.values import Point, Separation
 
 CONTACT = Separation(0.0, (0.0, 0.0))
 
@@ -54,7 +40,7 @@ def separation(a: VehicleState, b: VehicleState) -> Separation:
     return Separation(gap, (x / gap, y / gap))
 
 
-def _nearest_corner(a: VehicleState, b: VehicleState) -> tuple[bool, float, tuple[float, float]]:
+def _nearest_corner(a: VehicleState, b: VehicleState) -> tuple[bool, float, Point]:
     """Find the corner of `b` that is nearest to `a`, in the frame of `a`.
 
     Returns:
@@ -63,38 +49,42 @@ def _nearest_corner(a: VehicleState, b: VehicleState) -> tuple[bool, float, tupl
     """
     cos_a, sin_a = cos(a.heading_rad), sin(a.heading_rad)
     half_length, half_width = 0.5 * a.length_m, 0.5 * a.width_m
-    corners = tuple(_corners_in_frame(a, b, cos_a, sin_a))
-    xs, ys = [x for x, _ in corners], [y for _, y in corners]
-    apart = (
-        min(xs) > half_length
-        or max(xs) < -half_length
-        or min(ys) > half_width
-        or max(ys) < -half_width
-    )
+    ahead = behind = left = right = True
     best, best_x, best_y = inf, 0.0, 0.0
-    for x, y in corners:
-        out_x = copysign(max(abs(x) - half_length, 0.0), x)
-        out_y = copysign(max(abs(y) - half_width, 0.0), y)
+    for x, y in _corners_in_frame(a, b, cos_a, sin_a):
+        ahead, behind = ahead and x > half_length, behind and x < -half_length
+        left, right = left and y > half_width, right and y < -half_width
+        out_x, out_y = _excess(x, half_length), _excess(y, half_width)
         distance = hypot(out_x, out_y)
         if distance < best:
             best, best_x, best_y = distance, out_x, out_y
-    return apart, best, (cos_a * best_x - sin_a * best_y, sin_a * best_x + cos_a * best_y)
+    vector = cos_a * best_x - sin_a * best_y, sin_a * best_x + cos_a * best_y
+    return ahead or behind or left or right, best, vector
+
+
+def _excess(position: float, half: float) -> float:
+    """Part of a position that is outside the range from -half to half."""
+    if position > half:
+        return position - half
+    return position + half if position < -half else 0.0
 
 
 def _corners_in_frame(
     a: VehicleState, b: VehicleState, cos_a: float, sin_a: float
-) -> Iterator[tuple[float, float]]:
-    """Yield the corners of `b` in the frame of `a`: origin at its centre, x axis along it."""
+) -> tuple[Point, Point, Point, Point]:
+    """Return the corners of `b` in the frame of `a`: origin at its centre, x axis along it."""
     dx, dy = b.x_m - a.x_m, b.y_m - a.y_m
     centre_x, centre_y = cos_a * dx + sin_a * dy, cos_a * dy - sin_a * dx
     turn = b.heading_rad - a.heading_rad
     cos_turn, sin_turn = cos(turn), sin(turn)
     along_x, along_y = 0.5 * b.length_m * cos_turn, 0.5 * b.length_m * sin_turn
     across_x, across_y = -0.5 * b.width_m * sin_turn, 0.5 * b.width_m * cos_turn
-    yield centre_x + along_x + across_x, centre_y + along_y + across_y
-    yield centre_x + along_x - across_x, centre_y + along_y - across_y
-    yield centre_x - along_x + across_x, centre_y - along_y + across_y
-    yield centre_x - along_x - across_x, centre_y - along_y - across_y
+    return (
+        (centre_x + along_x + across_x, centre_y + along_y + across_y),
+        (centre_x + along_x - across_x, centre_y + along_y - across_y),
+        (centre_x - along_x + across_x, centre_y - along_y + across_y),
+        (centre_x - along_x - across_x, centre_y - along_y - across_y),
+    )
 
 
 def half_width_across_road(vehicle: VehicleState) -> float:

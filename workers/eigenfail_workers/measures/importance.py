@@ -8,22 +8,10 @@ wide, and closes too fast. The distance does not: it falls in safe episodes as w
 
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from eigenfail.values import Importance
-from eigenfail_workers.measures.conflict import TrafficConflict
-
-
-class Encounter(NamedTuple):
-    """The ego and one other vehicle after a step.
-
-    Attributes:
-        distance_m: distance of their footprints.
-        conflict: conflict between them; None if they do not close in on each other.
-    """
-
-    distance_m: float
-    conflict: TrafficConflict | None
+from eigenfail_workers.values import Encounter, TrafficConflict
 
 
 class Approach(NamedTuple):
@@ -42,8 +30,8 @@ class Approach(NamedTuple):
         return [one.conflict for one in self.encounters if one.conflict is not None]
 
 
-AHEAD_S = 1.0
-SMALLEST_GAP_M = 0.05
+AHEAD_S: Final = 1.0
+SMALLEST_GAP_M: Final = 0.05
 
 
 def predict_required_braking(approach: Approach) -> float:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from math import inf, isfinite
-from typing import NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
@@ -20,15 +20,12 @@ from eigenfail.values import (
 )
 from eigenfail.values.disturbance import Pair
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
-from eigenfail_workers.measures.conflict import TrafficConflict, find_conflict
+from eigenfail_workers.measures.conflict import find_conflict
 from eigenfail_workers.measures.geometry import distance_lower_bound, separation, velocity
-from eigenfail_workers.measures.importance import (
-    Approach,
-    Encounter,
-    compute_importance,
-)
+from eigenfail_workers.measures.importance import Approach, compute_importance
+from eigenfail_workers.values import Encounter, TrafficConflict
 
-HARD_BRAKING_MPS2 = 3.0
+HARD_BRAKING_MPS2: Final = 3.0
 """Braking beyond this is hard: about the 10 ft/s² that ITE's formula for yellow lights takes for a
 comfortable deceleration, and above the 2.5 m/s² from which `rulebook` calls braking uncomfortable.
 """
@@ -266,10 +263,13 @@ class Recorder:
 
 def _check(observation: Observation) -> None:
     for vehicle in (observation.ego, *observation.others):
-        if not isfinite(sum(_pose(vehicle))):
+        numbers: Any = vehicle  # of whatever type they are
+        total = numbers.x_m + numbers.y_m + numbers.heading_rad + numbers.speed_mps
+        # numpy's float32 would be summed in single precision by the interpreter alone.
+        if not (isinstance(total, (float, int)) and isfinite(total)):
             raise SimulatorError(
                 f"After step {observation.step} the simulator shows {vehicle}.",
-                "Every position, heading and speed must be a finite number.",
+                "Every position, heading and speed must be a finite float.",
             )
 
 

@@ -12,7 +12,7 @@ import msgspec
 from msgspec import Meta
 
 from eigenfail.values import Control, Mission, Perception, VehicleState
-from eigenfail_workers.planners import LaneKeeping, pursue
+from eigenfail_workers.planners.steering import LaneKeeping, pursue
 
 CarFollowingModel = Callable[[float, float, float], float]
 """Acceleration [m/s²] at a speed [m/s] and a gap [m] behind a lead with its own speed [m/s]."""

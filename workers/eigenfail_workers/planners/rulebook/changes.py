@@ -9,64 +9,25 @@ that the rear one may be forced to.
 """
 
 from collections.abc import Sequence
-from typing import Annotated, NamedTuple
-
-import msgspec
-from msgspec import Meta
+from typing import Final, NamedTuple
 
 from eigenfail.values.disturbance import Pair
-from eigenfail_workers.motion import minimum_jerk
-from eigenfail_workers.planners.rulebook.candidates import (
-    KNOT_S,
-    KNOTS,
+from eigenfail_workers.planners.rulebook.candidates import KNOT_S, KNOTS, limit_change
+from eigenfail_workers.planners.rulebook.settings import (
     CandidateSettings,
+    ChangeSettings,
+    LateralSettings,
+    TruckLimits,
+)
+from eigenfail_workers.planners.rulebook.values import (
+    Gap,
     LaneChange,
+    LateralPath,
+    Neighbour,
     PlanStart,
     Profile,
-    TruckLimits,
-    limit_change,
+    Task,
 )
-from eigenfail_workers.planners.rulebook.driving_modes import Task
-from eigenfail_workers.planners.rulebook.traffic import Gap, Neighbour
-
-
-class LateralSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How the truck changes lanes.
-
-    Attributes:
-        change_s: duration of a change at its initial speed.
-        shortest_m: least length of a change, however slow the truck is.
-    """
-
-    change_s: Annotated[float, Meta(gt=0.0, le=20.0)] = 5.0
-    shortest_m: Annotated[float, Meta(ge=35.0, le=200.0)] = 50.0
-
-
-class LateralPath(msgspec.Struct, frozen=True, gc=False):
-    """A path across the road; the lateral position is constant before and after it.
-
-    It is a function of distance, not of time: a truck that brakes on it must not slide sideways.
-
-    Attributes:
-        from_m: lateral position before the path.
-        to_m: lateral position after it.
-        begins_x_m: position along the road at which it begins.
-        length_m: along the road.
-    """
-
-    from_m: float
-    to_m: float
-    begins_x_m: float
-    length_m: float
-
-    def at(self, x_m: float) -> float:
-        """Return the lateral position at a position along the road. [m]"""
-        share = min(max((x_m - self.begins_x_m) / self.length_m, 0.0), 1.0)
-        return self.from_m + (self.to_m - self.from_m) * minimum_jerk(share)[0]
-
-    def left_m(self, x_m: float) -> float:
-        """Return the distance to the end of the path, negative beyond it. [m]"""
-        return self.begins_x_m + self.length_m - x_m
 
 
 def make_straight_path(y_m: float) -> LateralPath:
@@ -79,25 +40,8 @@ def change_way_m(speed_mps: float, settings: LateralSettings) -> float:
     return max(speed_mps * settings.change_s, settings.shortest_m)
 
 
-LOOK_KNOTS = 32
+LOOK_KNOTS: Final = 32
 """Horizon over which a gap may begin to fit: sixteen seconds."""
-
-Metres = Annotated[float, Meta(ge=0.0, le=100.0)]
-Seconds = Annotated[float, Meta(ge=0.0, le=5.0)]
-Braking = Annotated[float, Meta(gt=0.0, le=7.0)]
-
-
-class RequiredGap(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Required gap between two vehicles, one behind the other."""
-
-    margin_m: Metres
-    headway_s: Seconds
-    braking_mps2: Braking
-
-    def gap_m(self, rear_mps: float, front_mps: float) -> float:
-        """Required gap at two speeds. [m]"""
-        closing = max(rear_mps - front_mps, 0.0)
-        return self.margin_m + self.headway_s * rear_mps + closing**2 / (2.0 * self.braking_mps2)
 
 
 class ApproachPoint(NamedTuple):
@@ -107,29 +51,6 @@ class ApproachPoint(NamedTuple):
     speed_mps: float
     acceleration_mps2: float
     wanted_mps2: float
-
-
-class ChangeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """When a gap fits, and how the truck approaches it.
-
-    Attributes:
-        ahead: required gap to the vehicle ahead.
-        behind: required gap to the vehicle behind, with little braking: it need not make room.
-        begun_share: share of the required gaps that must remain after the change has begun.
-        spare_m: distance that the approach adds to the required gap.
-        gap_gain_per_s2: gain at which a missing distance is made up.
-        speed_gain_per_s: gain at which the speed of the vehicle ahead is approached.
-        braking_mps2: largest deceleration of the approach.
-    """
-
-    ahead: RequiredGap = RequiredGap(margin_m=5.0, headway_s=0.6, braking_mps2=1.5)
-    behind: RequiredGap = RequiredGap(margin_m=4.0, headway_s=0.4, braking_mps2=0.5)
-    begun_share: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.5
-    spare_m: Metres = 3.0
-    gap_gain_per_s2: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.09
-    speed_gain_per_s: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.6
-    braking_mps2: Braking = 2.0
-    lateral: LateralSettings = LateralSettings()
 
 
 class ChangePlanner:

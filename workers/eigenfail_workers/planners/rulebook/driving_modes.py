@@ -1,52 +1,11 @@
 """Driving modes: departure, highway and arrival, each with a target speed and acceleration."""
 
 from collections.abc import Callable
-from enum import StrEnum
 from math import sqrt
-from typing import Annotated
-
-import msgspec
-from msgspec import Meta
 
 from eigenfail.values import Mission, VehicleState
-
-Speed = Annotated[float, Meta(gt=0.0, le=40.0)]
-Acceleration = Annotated[float, Meta(gt=0.0, le=5.0)]
-
-
-class ModeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Speeds and accelerations of the modes.
-
-    Attributes:
-        departed_mps: speed at which the departure ends.
-        departure_acceleration_mps2: acceleration of a loaded truck from rest.
-        highway_acceleration_mps2: acceleration that its power leaves at high speed.
-        arrival_deceleration_mps2: deceleration to rest at the goal.
-        arrival_margin_m: distance by which braking begins earlier.
-        arrival_lead_s: lag of the speed behind its target, which the arrival compensates.
-    """
-
-    departed_mps: Speed = 15.0
-    departure_acceleration_mps2: Acceleration = 0.8
-    highway_acceleration_mps2: Acceleration = 0.5
-    arrival_deceleration_mps2: Acceleration = 1.0
-    arrival_margin_m: Annotated[float, Meta(ge=0.0, le=500.0)] = 30.0
-    arrival_lead_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 2.5
-
-
-class DrivingMode(StrEnum):
-    """Mode of driving."""
-
-    DEPARTURE = "departure"
-    HIGHWAY = "highway"
-    ARRIVAL = "arrival"
-
-
-class Task(msgspec.Struct, frozen=True, gc=False):
-    """Target speed of a mode, and the largest acceleration towards it."""
-
-    target_mps: float
-    max_acceleration_mps2: float
+from eigenfail_workers.planners.rulebook.settings import ModeSettings
+from eigenfail_workers.planners.rulebook.values import DrivingMode, Task
 
 
 class ModeMachine:

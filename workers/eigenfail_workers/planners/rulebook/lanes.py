@@ -1,66 +1,58 @@
 """The lateral task: stay in the lane, or leave a lane that ends through a gap of the next one."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from enum import StrEnum
-from typing import Annotated, Protocol
-
-import msgspec
-from msgspec import Meta
+from typing import ClassVar
 
 from eigenfail.values import Mission, VehicleState
-from eigenfail_workers.planners import LaneKeeping, look_ahead_m, pursue
-from eigenfail_workers.planners.rulebook.candidates import (
-    CandidateSettings,
-    PlanStart,
-    Profile,
-    TruckLimits,
-    hold,
-    roll_out,
-    roll_out_all,
-    stop,
-)
+from eigenfail_workers.planners.rulebook.candidates import hold, roll_out, roll_out_all, stop
 from eigenfail_workers.planners.rulebook.changes import (
     ChangePlanner,
-    ChangeSettings,
-    LateralPath,
     change_way_m,
     make_straight_path,
 )
-from eigenfail_workers.planners.rulebook.rules import RuleChoice, progress
+from eigenfail_workers.planners.rulebook.rules import progress
+from eigenfail_workers.planners.rulebook.settings import (
+    CandidateSettings,
+    MergeSettings,
+    TruckLimits,
+)
 from eigenfail_workers.planners.rulebook.tracker import Track
 from eigenfail_workers.planners.rulebook.traffic import (
     GapFinder,
-    GapSettings,
-    Neighbour,
-    Traffic,
     find_nearer,
     required_deceleration,
 )
+from eigenfail_workers.planners.rulebook.values import (
+    LanePhase,
+    LateralPath,
+    Neighbour,
+    PlanStart,
+    Profile,
+    RuleChoice,
+    Traffic,
+)
+from eigenfail_workers.planners.steering import LaneKeeping, look_ahead_m, pursue
 
 
-class LanePhase(StrEnum):
-    """Phase of the lateral task."""
-
-    IN_LANE = "in_lane"
-    APPROACHING = "approaching"
-    CHANGING = "changing"
-
-
-class LanePlanner(Protocol):
+class LanePlanner(ABC):
     """One phase of the lateral task: in each step observe, propose, decide, steer.
 
     Attributes:
         phase: its name.
     """
 
-    phase: LanePhase
+    phase: ClassVar[LanePhase]
 
+    @abstractmethod
     def observe(self, tracks: Sequence[Track], ego: VehicleState, traffic: Traffic, /) -> Traffic:
         """Return the traffic with what this phase adds to it."""
 
+    @abstractmethod
     def propose(self, start: PlanStart, traffic: Traffic, /) -> list[Profile]:
         """Return the candidates."""
 
+    @abstractmethod
     def decide(
         self,
         choice: RuleChoice,
@@ -70,17 +62,19 @@ class LanePlanner(Protocol):
     ) -> tuple[RuleChoice, "LanePlanner"]:
         """Return the choice, which the phase may change, and the next phase."""
 
+    @abstractmethod
     def steer(self, ego: VehicleState, /) -> float:
         """Return the steering angle. [rad]"""
 
+    @abstractmethod
     def lateral_m(self, ego: VehicleState, x_m: float, /) -> float:
         """Return the planned lateral position at a position along the road. [m]"""
 
 
-class InLane:
-    """Stays in the lane at its begin. Implements `LanePlanner`."""
+class InLane(LanePlanner):
+    """Stays in the lane at its begin."""
 
-    phase = LanePhase.IN_LANE
+    phase: ClassVar[LanePhase] = LanePhase.IN_LANE
 
     def __init__(
         self, mission: Mission, candidates: CandidateSettings, limits: TruckLimits
@@ -114,19 +108,6 @@ class InLane:
     def lateral_m(self, ego: VehicleState, _x_m: float, /) -> float:
         """Return the centre of the lane. [m]"""
         return self._lane_keeping.centre_m(ego)
-
-
-class MergeSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How the truck leaves a lane that ends.
-
-    Attributes:
-        commit: number of steps in a row in which a gap must fit before the change begins, and in
-            which another candidate must win by progress alone before the truck prefers it.
-    """
-
-    gaps: GapSettings = GapSettings()
-    changes: ChangeSettings = ChangeSettings()
-    commit: Annotated[int, Meta(ge=1, le=100)] = 5
 
 
 class EndingLane:
@@ -180,7 +161,7 @@ COMMITMENT = "commitment"
 """Deciding rule where the truck keeps its previous candidate."""
 
 
-class PathFollower:
+class PathFollower(LanePlanner):
     """Steers along a path across the road."""
 
     def __init__(self, path: LateralPath) -> None:
@@ -196,14 +177,14 @@ class PathFollower:
 
 
 class ApproachingGap(PathFollower):
-    """Approaches a gap, in the lane that ends. Implements `LanePlanner`.
+    """Approaches a gap, in the lane that ends.
 
     Args:
         ramp: the lane that ends.
         path: path to the centre of that lane, to which a change may have been aborted.
     """
 
-    phase = LanePhase.APPROACHING
+    phase: ClassVar[LanePhase] = LanePhase.APPROACHING
 
     def __init__(self, ramp: EndingLane, path: LateralPath) -> None:
         super().__init__(path)
@@ -255,9 +236,9 @@ class ApproachingGap(PathFollower):
 
 
 class ChangingLane(PathFollower):
-    """Changes into the next lane, or turns back. Implements `LanePlanner`."""
+    """Changes into the next lane, or turns back."""
 
-    phase = LanePhase.CHANGING
+    phase: ClassVar[LanePhase] = LanePhase.CHANGING
 
     def __init__(self, ramp: EndingLane, name: str, ego: VehicleState) -> None:
         super().__init__(ramp.make_path(ego, ramp.mission.lane_width_m))

@@ -1,67 +1,26 @@
 """The planner `rulebook`: track, recognise intent, propose, choose, refine, override, steer."""
 
-from enum import StrEnum
-from typing import Annotated
-
-import msgspec
-from msgspec import Meta
+from typing import ClassVar
 
 from eigenfail.values import Account, Control, Mission, Path, Perception, VehicleState
-from eigenfail_workers.planners.rulebook.candidates import (
-    CandidateSettings,
+from eigenfail_workers.planners.rulebook.candidates import limit_change
+from eigenfail_workers.planners.rulebook.driving_modes import ModeMachine
+from eigenfail_workers.planners.rulebook.lanes import LanePlanner, make_lane_planner
+from eigenfail_workers.planners.rulebook.refine import Refiner
+from eigenfail_workers.planners.rulebook.rules import choose
+from eigenfail_workers.planners.rulebook.settings import OverrideSettings, RulebookSettings
+from eigenfail_workers.planners.rulebook.tracker import BrakeLightTracker, update_intent
+from eigenfail_workers.planners.rulebook.traffic import find_traffic, required_deceleration
+from eigenfail_workers.planners.rulebook.values import (
+    Decision,
+    Neighbour,
+    Override,
     PlanStart,
     Profile,
-    TruckLimits,
-    limit_change,
-)
-from eigenfail_workers.planners.rulebook.driving_modes import DrivingMode, ModeMachine, ModeSettings
-from eigenfail_workers.planners.rulebook.lanes import (
-    LanePhase,
-    LanePlanner,
-    MergeSettings,
-    make_lane_planner,
-)
-from eigenfail_workers.planners.rulebook.quadratic_program import QpStatus
-from eigenfail_workers.planners.rulebook.refine import Refiner, RefineSettings
-from eigenfail_workers.planners.rulebook.rules import RuleChoice, RuleContext, RuleSettings, choose
-from eigenfail_workers.planners.rulebook.tracker import (
-    BrakeLightSettings,
-    BrakeLightTracker,
-    IntentSettings,
-    TrackerSettings,
-    update_intent,
-)
-from eigenfail_workers.planners.rulebook.traffic import (
-    Gap,
-    Neighbour,
+    RuleChoice,
+    RuleContext,
     Traffic,
-    find_traffic,
-    required_deceleration,
 )
-
-
-class OverrideSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Thresholds of the emergency brake, which overrides rules and quadratic program.
-
-    Attributes:
-        margin_m: gap that the emergency brake keeps.
-        brake_at_mps2: required deceleration that triggers it.
-        release_at_mps2: required deceleration at which it is released.
-        brake_at_s: time to collision that triggers it at any deceleration.
-    """
-
-    margin_m: Annotated[float, Meta(ge=0.0, le=20.0)] = 3.0
-    brake_at_mps2: Annotated[float, Meta(gt=0.0, le=10.0)] = 3.5
-    release_at_mps2: Annotated[float, Meta(gt=0.0, le=10.0)] = 2.0
-    brake_at_s: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.8
-
-
-class Override(StrEnum):
-    """Override of the plan."""
-
-    NONE = "none"
-    EMERGENCY_BRAKE = "emergency_brake"
-    QP_FALLBACK = "qp_fallback"
 
 
 class EmergencyBrake:
@@ -88,90 +47,6 @@ def fall_back(planned_mps2: float) -> float:
     return min(planned_mps2, 0.0)
 
 
-class Decision(msgspec.Struct, frozen=True):
-    """The decision of one step, with its reasons.
-
-    Attributes:
-        candidate: name of the chosen one.
-        rule: rule that rejected its last rival.
-        planned_mps2: acceleration of the candidate.
-        acceleration_mps2: commanded acceleration.
-        speed_mps: speed of the truck.
-        phase: phase of the lateral task from now on.
-        tracks: state of every track.
-        lost_tracks: number of trusted tracks deleted since the start of the episode.
-    """
-
-    time_s: float
-    mode: DrivingMode
-    candidate: str
-    rule: str
-    override: Override
-    qp_status: QpStatus
-    planned_mps2: float
-    acceleration_mps2: float
-    speed_mps: float
-    phase: LanePhase
-    traffic: Traffic
-    tracks: tuple[str, ...]
-    lost_tracks: int
-
-    def account(self) -> Account:
-        """Return the decision as plain names and values; see `ExplainingPlanner`."""
-        return {
-            "mode": str(self.mode),
-            "candidate": self.candidate,
-            "rule": self.rule,
-            "override": str(self.override),
-            "qp_status": str(self.qp_status),
-            "planned_mps2": self.planned_mps2,
-            **self._describe_lead(),
-            **self._describe_lane_end(),
-            "tracks": " ".join(self.tracks),
-            "lost_tracks": self.lost_tracks,
-        }
-
-    def _describe_lead(self) -> Account:
-        """Return the lead, or else the slower neighbour that may become it."""
-        for name, other in (("lead", self.traffic.lead), ("neighbour", self.traffic.neighbour)):
-            if other is not None:
-                closing_mps = self.speed_mps - other.speed_mps
-                return {"heeds": name, "gap_m": other.gap_m, "closing_mps": closing_mps}
-        return {"heeds": "nobody"}
-
-    def _describe_lane_end(self) -> Account:
-        """Return the distance to the end of the lane, and the gap that the truck approaches."""
-        traffic = self.traffic
-        if traffic.lane_end is None:
-            return {}
-        account: Account = {"phase": str(self.phase), "lane_end_m": traffic.lane_end.gap_m}
-        gap = traffic.gaps.get(self.candidate, Gap())
-        for name, other in (("ahead_m", gap.ahead), ("behind_m", gap.behind)):
-            if other is not None:
-                account[name] = other.gap_m
-        return account
-
-
-class RulebookSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Settings of all parts.
-
-    Attributes:
-        beside_m: lateral distance beyond which a vehicle is no neighbour.
-    """
-
-    tracker: TrackerSettings = TrackerSettings()
-    brake_lights: BrakeLightSettings = BrakeLightSettings()
-    intent: IntentSettings = IntentSettings()
-    modes: ModeSettings = ModeSettings()
-    candidates: CandidateSettings = CandidateSettings()
-    rules: RuleSettings = RuleSettings()
-    merging: MergeSettings = MergeSettings()
-    refine: RefineSettings = RefineSettings()
-    overrides: OverrideSettings = OverrideSettings()
-    truck: TruckLimits = TruckLimits()
-    beside_m: Annotated[float, Meta(gt=0.0, le=20.0)] = 6.0
-
-
 class Rulebook:
     """A cautious truck driver.
 
@@ -179,7 +54,7 @@ class Rulebook:
         last_decision: decision of the last step; None before the first.
     """
 
-    Settings = RulebookSettings
+    Settings: ClassVar = RulebookSettings
 
     def __init__(self, settings: RulebookSettings) -> None:
         self._settings = settings

@@ -1,40 +1,24 @@
 """A quadratic program on OSQP that is solved repeatedly with new vectors.
 
 min ½ xᵀPx + qᵀx subject to l ≤ Ax ≤ u, with P and A fixed. OSQP checks neither sizes nor types and
-can say "solved" over a NaN, so both sides are checked here. No answer depends on the clock, nor
-on earlier vectors: rho and the scaling stay as set up, and only the number of iterations
-is bounded.
+can say "solved" over a NaN: so the vectors are the program's own, which fit, and both sides are
+checked for NaN here. No answer depends on the clock, nor on earlier vectors: rho and the scaling
+stay as set up, and only the number of iterations is bounded.
 """
 
-from enum import StrEnum
-from typing import Annotated, Any
+from math import isfinite
+from typing import Any
 
-import msgspec
 import numpy as np
 import osqp
-from msgspec import Meta
 from numpy.typing import NDArray
 from scipy import sparse
 
 from eigenfail.errors import SolverError
+from eigenfail_workers.planners.rulebook.settings import SolverSettings
+from eigenfail_workers.planners.rulebook.values import QpStatus, Solution
 
 Vectors = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-
-
-class SolverSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Settings of OSQP; see its documentation.
-
-    Attributes:
-        max_iterations: the only bound, as wall time would make answers irreproducible.
-        check_every: iterations between two tests for convergence.
-        tolerance: absolute and relative.
-        rho: step size of the method, fixed.
-    """
-
-    max_iterations: Annotated[int, Meta(ge=1, le=100_000)] = 1000
-    check_every: Annotated[int, Meta(ge=1, le=1000)] = 5
-    tolerance: Annotated[float, Meta(gt=0.0, le=0.1)] = 1e-4
-    rho: Annotated[float, Meta(gt=0.0, le=1e6)] = 0.1
 
 
 def make_solver_options(settings: SolverSettings) -> dict[str, float]:
@@ -83,16 +67,6 @@ Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 
 
-class QpStatus(StrEnum):
-    """Status of a solution. Only `solved` comes with an answer."""
-
-    SOLVED = "solved"
-    ITERATION_LIMIT = "iteration_limit"
-    INFEASIBLE = "infeasible"
-    NOT_FINITE = "not_finite"
-    OTHER = "other"
-
-
 STATUS: dict[int, QpStatus] = {
     osqp.SolverStatus.OSQP_SOLVED: QpStatus.SOLVED,
     osqp.SolverStatus.OSQP_SOLVED_INACCURATE: QpStatus.ITERATION_LIMIT,
@@ -105,21 +79,18 @@ STATUS: dict[int, QpStatus] = {
 """Status by the codes of OSQP."""
 
 
-class Solution(msgspec.Struct, frozen=True, eq=False):
-    """An answer of shape (variables,), or None and the status that explains it.
-
-    Attributes:
-        run_s: time that OSQP reports.
-    """
-
-    status: QpStatus
-    x: Vector | None = None
-    iterations: int = 0
-    run_s: float = 0.0
+OPEN = float(osqp.constant("OSQP_INFTY"))
+"""The limit of an open side. With an infinite one in its place OSQP does not converge."""
 
 
 class QuadraticProgram:
-    """One problem structure, warm-started from call to call until `reset`."""
+    """One problem structure, warm-started from call to call until `reset`.
+
+    Attributes:
+        linear: q of shape (n,), to be filled in place before `solve`; zero at first.
+        lower: l of shape (m,), likewise; open at first.
+        upper: u of shape (m,), likewise; open at first.
+    """
 
     def __init__(self, cost: Matrix, constraints: Matrix, settings: SolverSettings) -> None:
         """cost: P of shape (n, n), symmetric; constraints: A of shape (m, n).
@@ -130,87 +101,61 @@ class QuadraticProgram:
         rows, columns = constraints.shape
         if cost.shape != (columns, columns):
             raise SolverError(f"P is {cost.shape} and A {constraints.shape}.", "Make them fit.")
-        self._cost = sparse.csc_matrix(np.triu(_checked(cost, cost.shape)))
-        self._constraints = sparse.csc_matrix(_checked(constraints, constraints.shape))
+        self._cost = sparse.csc_matrix(np.triu(cost))
+        self._constraints = sparse.csc_matrix(constraints)
         self._settings = settings
-        self._shapes = (columns,), (rows,), (rows,)
-        self._highest = np.full(rows, osqp.constant("OSQP_INFTY"))
-        self._lowest = -self._highest
-        self._limits = np.empty(rows), np.empty(rows)
+        self.linear: Vector = np.zeros(columns)
+        self.lower: Vector = np.full(rows, -OPEN)
+        self.upper: Vector = np.full(rows, OPEN)
         self._start = np.zeros(columns), np.zeros(rows)
+        self._shares = np.full(columns, 1.0 / columns)
         self.set_up()
 
     def set_up(self) -> None:
         """Let OSQP scale and factor the matrices again; `reset` does the same in less time."""
-        vectors = np.zeros(self._shapes[0]), self._lowest, self._highest
+        rows, columns = self._constraints.shape
+        vectors = np.zeros(columns), np.full(rows, -OPEN), np.full(rows, OPEN)
         self._solver = make_solver(self._cost, self._constraints, vectors, self._settings)
+        self._report = self._solver.info  # the same object after each run
 
     def reset(self) -> None:
         """Forget the last answer, so that later answers do not depend on earlier calls."""
         self._solver.warm_start(*self._start)
 
-    def solve(self, linear: Vector, lower: Vector, upper: Vector) -> Solution:
-        """Solve for the vectors q of shape (n,) and l, u of shape (m,).
-
-        Raises:
-            SolverError: an array has another shape, is not float64 or not contiguous.
-        """
-        self._check(linear, lower, upper)
-        low, high = self._limits
-        # OSQP's infinity is 1e30: with IEEE's in its place it does not converge.
-        np.maximum(lower, self._lowest, out=low)
-        np.minimum(upper, self._highest, out=high)
+    def solve(self) -> Solution:
+        """Solve for the present vectors."""
+        linear, lower, upper, solver = self.linear, self.lower, self.upper, self._solver
         # No comparison holds with a NaN, so one that holds everywhere settles both.
-        if not (_all(low <= high) and _all(np.isfinite(linear))):
-            return Solution(_objection(linear, low, high))
-        if self._solver.update_data_vec(linear, low, high) or self._solver.solve():
+        ordered = np.count_nonzero(lower <= upper) == lower.size
+        if not (ordered and self._is_finite(linear)):
+            return Solution(_objection(linear, lower, upper))
+        if solver.update_data_vec(linear, lower, upper) or solver.solve():
             return self._fail(QpStatus.OTHER)
         return self._answer()
 
-    def _check(self, linear: Vector, lower: Vector, upper: Vector) -> None:
-        """Check all arrays at once in the good case; one by one only to name the wrong one."""
-        if (
-            (linear.shape, lower.shape, upper.shape) == self._shapes
-            and linear.dtype == lower.dtype == upper.dtype == np.float64
-            and linear.flags.c_contiguous
-            and lower.flags.c_contiguous
-            and upper.flags.c_contiguous
-        ):
-            return
-        for array, shape in zip((linear, lower, upper), self._shapes, strict=True):
-            _checked(array, shape)
+    def _is_finite(self, vector: Vector) -> bool:
+        """Whether all numbers are: their mean, in a fraction of the time, and without overflow."""
+        return isfinite(vector.dot(self._shares))
 
     def _answer(self) -> Solution:
-        info = self._solver.info
-        status = STATUS.get(info.status_val, QpStatus.OTHER)
-        x: Vector = self._solver.solution.x
-        if status is QpStatus.SOLVED and not _all(np.isfinite(x)):
-            status = QpStatus.NOT_FINITE
+        status = STATUS.get(self._report.status_val, QpStatus.OTHER)
         if status is not QpStatus.SOLVED:
-            return self._fail(status, info.iter, info.run_time)
-        return Solution(status, x, info.iter, info.run_time)
+            return self._fail(status)
+        x: Vector = self._solver.solution.x
+        return Solution(status, x) if self._is_finite(x) else self._fail(QpStatus.NOT_FINITE)
 
-    def _fail(self, status: QpStatus, iterations: int = 0, run_s: float = 0.0) -> Solution:
+    def _fail(self, status: QpStatus) -> Solution:
         """A failed run leaves an iterate from which a warm start may never recover."""
         self.reset()
-        return Solution(status, None, iterations, run_s)
+        return Solution(status)
 
-
-def _all(truths: NDArray[np.bool_]) -> bool:
-    """Return `truths.all()` in a quarter of its time."""
-    return int(np.count_nonzero(truths)) == truths.size
+    @property
+    def run_s(self) -> float:
+        """Time that OSQP reports for its last run."""
+        return float(self._report.run_time)
 
 
 def _objection(linear: Vector, lower: Vector, upper: Vector) -> QpStatus:
     """Return the status of vectors that are not passed to the solver."""
     known = np.isfinite(linear).all() and not np.isnan(lower).any() and not np.isnan(upper).any()
     return QpStatus.INFEASIBLE if known else QpStatus.NOT_FINITE
-
-
-def _checked(array: Matrix, shape: tuple[int, ...]) -> Matrix:
-    if array.shape != shape or array.dtype != np.float64 or not array.flags.c_contiguous:
-        raise SolverError(
-            f"The solver takes contiguous float64 {shape}, not {array.dtype} {array.shape}.",
-            "Convert it with np.ascontiguousarray(array, np.float64).",
-        )
-    return array

@@ -9,57 +9,17 @@ with r the candidate's accelerations, a_{−1} the one in force, and way_k, the 
 knot k, linear in a. The sums stand for integrals over time: more knots are the same program, finer.
 """
 
-from typing import Annotated
+from typing import Final
 
-import msgspec
 import numpy as np
-from msgspec import Meta
 
-from eigenfail_workers.planners.rulebook.candidates import (
-    KNOT_S,
-    KNOTS,
-    PlanStart,
-    Profile,
-    TruckLimits,
-)
-from eigenfail_workers.planners.rulebook.quadratic_program import (
-    Matrix,
-    QpStatus,
-    QuadraticProgram,
-    SolverSettings,
-)
-from eigenfail_workers.planners.rulebook.traffic import Neighbour
+from eigenfail_workers.planners.rulebook.candidates import KNOT_S, KNOTS
+from eigenfail_workers.planners.rulebook.quadratic_program import Matrix, QuadraticProgram
+from eigenfail_workers.planners.rulebook.settings import RefineSettings, TruckLimits
+from eigenfail_workers.planners.rulebook.values import Neighbour, PlanStart, Profile, QpStatus
 
-FREE_M = 1e4
+FREE_M: Final = 1e4
 """Distance ahead without a lead. [m]"""
-
-
-class RefineSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Horizon and weights of the program.
-
-    Attributes:
-        horizon_s: horizon of the program; beyond the candidate's own, its last acceleration goes
-            on.
-        knots: number of knots in the horizon.
-        jerk_weight: weight of the squared jerk against the squared departure from the
-            candidate [s²].
-        slack_weight: cost of a squared metre of missing gap to the lead.
-        slack_price: cost of a metre of missing gap to the lead.
-        margin_m: gap to the lead over the horizon.
-    """
-
-    horizon_s: Annotated[float, Meta(ge=1.0, le=20.0)] = 5.0
-    knots: Annotated[int, Meta(ge=2, le=200)] = 20
-    jerk_weight: Annotated[float, Meta(ge=0.0, le=1e3)] = 0.075
-    slack_weight: Annotated[float, Meta(gt=0.0, le=1e3)] = 0.05
-    slack_price: Annotated[float, Meta(ge=0.0, le=1e3)] = 0.25
-    margin_m: Annotated[float, Meta(ge=0.0, le=30.0)] = 4.0
-    solver: SolverSettings = SolverSettings()
-
-    @property
-    def knot_s(self) -> float:
-        """Duration of a knot. [s]"""
-        return self.horizon_s / self.knots
 
 
 class Refiner:
@@ -79,15 +39,14 @@ class Refiner:
 
     def _allocate(self, limits: TruckLimits) -> None:
         """Fill q, l, u with the values that never change, and make views of those that do."""
-        knots, linear = self._settings.knots, np.zeros(self._settings.knots + 1)
-        lower, upper = np.full(3 * knots + 1, -np.inf), np.full(3 * knots + 1, np.inf)
+        knots, program = self._settings.knots, self._program
+        linear, lower, upper = program.linear, program.lower, program.upper
         linear[knots] = self._settings.slack_price
         # The acceleration after an emergency may lie outside the comfortable limits.
         lower[:knots] = -limits.peak_braking_mps2
         lower[knots : 2 * knots] = -self._change
         upper[knots : 2 * knots] = self._change
         lower[3 * knots] = 0.0
-        self._vectors = linear, lower, upper
         self._pull, self._highest = linear[:knots], upper[:knots]
         self._least_change = lower[knots : knots + 1]
         self._most_change = upper[knots : knots + 1]
@@ -103,7 +62,7 @@ class Refiner:
         """Return the mean acceleration over the first knot [m/s²]; None unless solved."""
         self._fill(profile, start)
         self._fill_room(start, lead)
-        solution = self._program.solve(*self._vectors)
+        solution = self._program.solve()
         x = solution.x
         return solution.status, None if x is None else float(self._first.dot(x))
 

@@ -5,70 +5,30 @@ rule gives each candidate a cost; those within its tolerance of the best go on t
 """
 
 from collections.abc import Callable, Sequence
-from typing import Annotated
+from typing import Final, NamedTuple
 
-import msgspec
-from msgspec import Meta
-
-from eigenfail_workers.planners.rulebook.candidates import KNOT_S, KNOTS, Profile
-from eigenfail_workers.planners.rulebook.traffic import (
+from eigenfail_workers.planners.rulebook.candidates import KNOT_S, KNOTS
+from eigenfail_workers.planners.rulebook.traffic import needed_deceleration
+from eigenfail_workers.planners.rulebook.values import (
     Neighbour,
-    Traffic,
-    needed_deceleration,
+    Profile,
+    RuleChoice,
+    RuleContext,
 )
 
 UNOPPOSED = "unopposed"
 """Deciding rule where no rule distinguished the candidates."""
 
-DEAD_END_M = 1000.0
+DEAD_END_M: Final = 1000.0
 """Distance that counts as lost in a lane that ends: more than any candidate covers."""
 
 
-class RuleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Thresholds of the rules.
-
-    Attributes:
-        lead_margin_m: required gap to a lead.
-        lead_need_mps2: required deceleration behind a lead below which the truck need not react.
-        neighbour_margin_m: required gap to a slower neighbour.
-        neighbour_need_mps2: required deceleration behind a slower neighbour from which the truck
-            drops back before the neighbour merges: the defensive rule.
-        turning_room_m: distance to the end of the lane that a truck needs to leave it.
-        lane_end_need_mps2: required deceleration before the end of the lane at which it brakes.
-        comfort_mps2: acceleration beyond which a candidate is uncomfortable.
-    """
-
-    lead_margin_m: Annotated[float, Meta(ge=0.0, le=30.0)] = 5.0
-    lead_need_mps2: Annotated[float, Meta(ge=0.0, le=5.0)] = 0.2
-    neighbour_margin_m: Annotated[float, Meta(ge=0.0, le=50.0)] = 10.0
-    neighbour_need_mps2: Annotated[float, Meta(ge=0.0, le=5.0)] = 1.0
-    turning_room_m: Annotated[float, Meta(ge=0.0, le=200.0)] = 60.0
-    lane_end_need_mps2: Annotated[float, Meta(ge=0.0, le=5.0)] = 2.2
-    comfort_mps2: Annotated[float, Meta(gt=0.0, le=7.0)] = 2.5
-
-
-class RuleContext(msgspec.Struct, frozen=True):
-    """What the rules take into account."""
-
-    traffic: Traffic
-    speed_mps: float
-    speed_limit_mps: float
-    settings: RuleSettings
-
-
-class Rule(msgspec.Struct, frozen=True):
+class Rule(NamedTuple):
     """One rule: a cost, and the difference in cost that it ignores."""
 
     name: str
     cost: Callable[[Profile, RuleContext], float]
     tolerance: float = 0.0
-
-
-class RuleChoice(msgspec.Struct, frozen=True):
-    """The chosen candidate, and the rule that rejected its last rival."""
-
-    profile: Profile
-    rule: str
 
 
 def collision(profile: Profile, context: RuleContext) -> float:
@@ -194,7 +154,7 @@ def choose(
             break
         costs = [rule.cost(profile, context) for profile in left]
         bar = min(costs) + rule.tolerance
-        kept = [profile for profile, cost in zip(left, costs, strict=True) if cost <= bar]
+        kept = [left[place] for place, cost in enumerate(costs) if cost <= bar]
         decided = rule.name if len(kept) < len(left) else decided
         left = kept
     return RuleChoice(left[0], decided)

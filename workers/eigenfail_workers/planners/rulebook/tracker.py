@@ -11,12 +11,14 @@ they contain no deceleration.
 
 from enum import StrEnum
 from math import isfinite
-from typing import Annotated
-
-import msgspec
-from msgspec import Meta
+from typing import Final
 
 from eigenfail.values import Perception, VehicleState
+from eigenfail_workers.planners.rulebook.settings import (
+    BrakeLightSettings,
+    IntentSettings,
+    TrackerSettings,
+)
 
 
 class AxisFilter:
@@ -66,45 +68,6 @@ class AxisFilter:
         self.p01 *= 1.0 - gain
 
 
-Positive = Annotated[float, Meta(gt=0.0, le=100.0)]
-Count = Annotated[int, Meta(ge=1, le=100)]
-
-
-class TrackerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How perceived positions become tracks.
-
-    Attributes:
-        range_slope: the sensor's specification sigma_x = range_slope · |dx| + range_base_m.
-        range_base_m: constant term of sigma_x.
-        lateral_slope: the sensor's specification sigma_y = lateral_slope · |dy| + lateral_base_m.
-        lateral_base_m: constant term of sigma_y.
-        range_acceleration_mps2: standard deviation of a vehicle's acceleration along the road.
-        lateral_acceleration_mps2: standard deviation of its acceleration across the road.
-        gate: largest accepted sum of both squared innovations over their variances; chi-square
-            with two degrees of freedom, 9.21 for 99 %.
-        misses_to_delete: rejected measurements in a row that end a confirmed track.
-        hits_to_confirm: accepted measurements that confirm a tentative track.
-        tentative_misses: rejected measurements that end a tentative track.
-        first_speed_sd_mps: standard deviation of the speed of a new track, around the truck's own.
-        again_speed_sd_mps: the same for a vehicle that reappears after its track was deleted.
-        lateral_speed_sd_mps: standard deviation of the lateral speed of a new track, around 0.
-    """
-
-    range_slope: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.02
-    range_base_m: Positive = 1.0
-    lateral_slope: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.00625
-    lateral_base_m: Positive = 0.2
-    range_acceleration_mps2: Positive = 0.3
-    lateral_acceleration_mps2: Positive = 0.15
-    gate: Positive = 9.21
-    misses_to_delete: Count = 8
-    hits_to_confirm: Count = 5
-    tentative_misses: Count = 2
-    first_speed_sd_mps: Positive = 8.0
-    again_speed_sd_mps: Positive = 1.75
-    lateral_speed_sd_mps: Positive = 1.0
-
-
 class TrackState(StrEnum):
     """State of a track in its life cycle."""
 
@@ -112,6 +75,10 @@ class TrackState(StrEnum):
     CONFIRMED = "confirmed"
     COASTING = "coasting"
     DELETED = "deleted"
+
+
+TRUSTED: Final = (TrackState.CONFIRMED, TrackState.COASTING)
+"""States of tracks that the planner may act on."""
 
 
 class Track:
@@ -140,7 +107,7 @@ class Track:
     @property
     def is_trusted(self) -> bool:
         """Whether the planner may act on it."""
-        return self.state is TrackState.CONFIRMED or self.state is TrackState.COASTING
+        return self.state in TRUSTED
 
 
 class Tracker:
@@ -237,18 +204,6 @@ TRANSITIONS = {
 }
 
 
-class BrakeLightSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """When brake lights are on, and how they affect a track.
-
-    Attributes:
-        lit_from_mps2: deceleration from which a vehicle's brake lights are on.
-        acceleration_mps2: standard deviation of its acceleration while they are on.
-    """
-
-    lit_from_mps2: Annotated[float, Meta(gt=0.0, le=10.0)] = 1.0
-    acceleration_mps2: Annotated[float, Meta(ge=0.0, le=10.0)] = 5.0
-
-
 class BrakeLightTracker(Tracker):
     """A tracker that takes brake lights into account.
 
@@ -277,27 +232,6 @@ class BrakeLightTracker(Tracker):
         before_mps = self._speeds_mps.get(slot, speed_mps)
         self._speeds_mps[slot] = speed_mps
         return before_mps - speed_mps >= self._lights.lit_from_mps2 * self._dt_s
-
-
-Metres = Annotated[float, Meta(gt=0.0, le=10.0)]
-
-
-class IntentSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """How the intent to enter the truck's lane is recognised.
-
-    Attributes:
-        preview_s: how far ahead the lateral position is predicted.
-        enter_m: a vehicle nearer than this to the truck's line gains evidence.
-        leave_m: a vehicle farther than this loses evidence.
-        commit: evidence at which a vehicle becomes the lead; it remains so until none is left.
-        youngest_s: least age of a track of which the intent is recognised.
-    """
-
-    preview_s: Annotated[float, Meta(ge=0.0, le=5.0)] = 1.0
-    enter_m: Metres = 2.4
-    leave_m: Metres = 2.8
-    commit: Annotated[int, Meta(ge=1, le=100)] = 5
-    youngest_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 1.5
 
 
 def update_intent(track: Track, ego: VehicleState, dt_s: float, settings: IntentSettings) -> None:

@@ -1,63 +1,18 @@
 """Traffic relative to the truck: its lead, its neighbour, and the gaps of the next lane."""
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import Annotated
-
-import msgspec
-from msgspec import Meta
+from collections.abc import Collection, Iterable, Sequence
+from typing import Final
 
 from eigenfail.values import VehicleState
+from eigenfail_workers.planners.rulebook.settings import GapSettings
 from eigenfail_workers.planners.rulebook.tracker import Track
+from eigenfail_workers.planners.rulebook.values import Gap, Neighbour, Traffic
 
-TOUCHING_MPS2 = 100.0
+TOUCHING_MPS2: Final = 100.0
 """Required deceleration where no room is left. [m/s²]"""
 
-LEAD_BRAKING_MPS2 = 4.0
+LEAD_BRAKING_MPS2: Final = 4.0
 """Assumed deceleration of a vehicle with brake lights on. [m/s²]"""
-
-
-class Neighbour(msgspec.Struct, frozen=True, gc=False):
-    """A trusted vehicle ahead, relative to the truck.
-
-    Attributes:
-        gap_m: gap from the truck's front bumper to the rear bumper of the vehicle.
-        aside_m: distance between the two centre lines.
-        speed_mps: along the road.
-        is_braking: whether its brake lights are on.
-    """
-
-    gap_m: float
-    aside_m: float
-    speed_mps: float
-    is_braking: bool = False
-
-
-class Gap(msgspec.Struct, frozen=True, gc=False):
-    """Gap between two vehicles of the next lane; None where no vehicle bounds it.
-
-    Attributes:
-        ahead: relative to the truck's front bumper; negative for a vehicle beside the truck.
-        behind: relative to the truck's rear bumper.
-    """
-
-    ahead: Neighbour | None = None
-    behind: Neighbour | None = None
-
-
-class Traffic(msgspec.Struct, frozen=True):
-    """What the truck must take into account.
-
-    Attributes:
-        lead: the nearest vehicle in the truck's lane, or with the intent to enter it.
-        neighbour: the nearest other vehicle ahead beside the truck's lane.
-        lane_end: the end of the truck's lane, as a standing vehicle.
-        gaps: gaps of the next lane, by the name of the candidate that uses them.
-    """
-
-    lead: Neighbour | None = None
-    neighbour: Neighbour | None = None
-    lane_end: Neighbour | None = None
-    gaps: Mapping[str, Gap] = {}
 
 
 def find_traffic(
@@ -145,18 +100,6 @@ MERGE_LATE = "merge_late"
 Tracks = Sequence[Track]
 Bounds = tuple[Tracks, Tracks]
 """Tracks ahead and tracks behind, nearest first."""
-
-
-class GapSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Which gaps are considered.
-
-    Attributes:
-        youngest_s: least age of the tracks that bound a gap.
-        clear_behind_m: a vehicle farther behind than this does not bound a gap.
-    """
-
-    youngest_s: Annotated[float, Meta(ge=0.0, le=10.0)] = 1.5
-    clear_behind_m: Annotated[float, Meta(ge=0.0, le=500.0)] = 80.0
 
 
 class GapFinder:

@@ -1,0 +1,53 @@
+"""What the parts of an episode hand to each other."""
+
+import msgspec
+
+from eigenfail.values import VehicleState
+
+Point = tuple[float, float]
+"""A position or a vector in the road's plane. [m]"""
+
+
+class GroundTruth(msgspec.Struct, frozen=True, gc=False):
+    """True states of all vehicles, and whether the ego touches another one."""
+
+    ego: VehicleState
+    others: tuple[VehicleState, ...]
+    collided: bool
+
+
+class Separation(msgspec.Struct, frozen=True, gc=False):
+    """Distance and direction between two footprints.
+
+    Attributes:
+        distance_m: smallest distance between them; 0 if they touch or overlap.
+        direction: unit vector along the line of nearest points, from the first footprint to the
+            second; (0, 0) if they touch or overlap.
+    """
+
+    distance_m: float
+    direction: Point
+
+
+class TrafficConflict(msgspec.Struct, frozen=True, gc=False):
+    """Two vehicles on the way to a collision.
+
+    Attributes:
+        ttc_s: time to collision: gap ÷ closing speed.
+        drac_mps2: deceleration required to avoid the crash: closing speed² ÷ (2 · gap).
+    """
+
+    ttc_s: float
+    drac_mps2: float
+
+
+class Encounter(msgspec.Struct, frozen=True, gc=False):
+    """The ego and one other vehicle after a step.
+
+    Attributes:
+        distance_m: distance of their footprints.
+        conflict: conflict between them; None if they do not close in on each other.
+    """
+
+    distance_m: float
+    conflict: TrafficConflict | None
