@@ -69,7 +69,8 @@ class Found(NamedTuple):
 def search(spec: CampaignSpec, earlier: Found | None = None, noise: Sequence[Floats] = ()) -> Found:
     """Run a campaign; one of `evaluate` uses what an earlier one has learnt, some inject noise."""
     given = context(spec, horizon(spec.scenario), earlier, noise)
-    return run(spec, given, engine(msgspec.json.encode(spec.setup())))
+    # An engine of its own: policies of earlier campaigns would be in the way of its first ones.
+    return run(spec, given, Engine(spec.setup()))
 
 
 def search_function(spec: CampaignSpec, problem: Problem) -> Found:
