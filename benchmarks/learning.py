@@ -164,7 +164,7 @@ def merge(method: str, crew: Crew, seed: int, **settings: Any) -> Figures:
             unit="episodes",
             n=sum(len(one.crashed) for one in runs),
             spread=(min(found), max(found)),
-            note=each(found),
+            note=each(found, "sum"),
             command=COMMAND,
         ),
     )

@@ -32,10 +32,10 @@ def of_seeds(values: Sequence[float | None], unit: str, n: int, more: str = "") 
     )
 
 
-def each(values: Sequence[float | None]) -> str:
-    """The value of each seed, in their order."""
+def each(values: Sequence[float | None], figure: str = "median") -> str:
+    """The value of each seed, in their order, of which another one is the median or the sum."""
     told = ", ".join("–" if value is None else f"{value:.4g}" for value in values)
-    return f"median of {len(values)} seeds: {told}"
+    return f"{figure} of {len(values)} seeds: {told}"
 
 
 def failure_rate(run: Found) -> float:
