@@ -186,7 +186,9 @@ def _format_statements(found: PaperReproduction) -> Iterator[str]:
         "runs. Means and rates are compared by the 95 % intervals of independent draws; shares of\n"
         "variance and influence have none. The episodes of the sweep are not independent: there\n"
         "the interval is a rule that passes over small differences, and no test. Verdicts on the\n"
-        "sweep compare one run with one other, and another seed may reverse them.\n"
+        "sweep compare one run with one other, and another seed may reverse them. Likelihood and\n"
+        "severity are those of the failures that one searcher chose: how they correlate does not\n"
+        "say how rare severe collisions are under p(x).\n"
     )
     yield "| the paper | here | numbers | why |\n|---|---|---|---|"
     for one in found.statements:

@@ -1,8 +1,8 @@
 """Tracks of perceived vehicles: constant-velocity Kalman filters with a gate.
 
-The gate and the life cycle of a track are this planner's one weakness. Measurements outside the
-gate are rejected; a track with enough rejections in a row is deleted; and a vehicle that reappears
-after that is assumed to drive as fast as the truck. White noise does not cause this.
+The gate and the life cycle of a track are this planner's one known weakness. Measurements outside
+the gate are rejected; a track with enough rejections in a row is deleted; and a vehicle that
+reappears after that is assumed to drive as fast as the truck. White noise seldom causes this.
 
 Brake lights widen the uncertainty of a track: a vehicle that brakes may come to a stop, and its
 filter, which assumes nearly constant speed, would soon reject its positions. Lights are on or off:
