@@ -54,7 +54,6 @@ TARGETS = {
     "cut_in.ast.minus5.failure_rate": Target(low=0.95, paper=1.0),
     "cut_in.ast_over_heuristic": Target(low=1.2),
     "ast_parallel_100_failures": Target(low=0.88),
-    "ast.transfer_worst": Target(low=0.9),
     "cut_in.difs.eval300.failure_rate": Target(low=0.10, paper=0.031),
     "cut_in.difs.eval300.mean_severity": Target(paper=115.0),
     "cut_in.difs.logp_ratio": Target(low=0.95, high=1.20),
