@@ -242,7 +242,7 @@ def check(*words):
 
 
 def test_the_check_counts_numbers_and_intervals_that_hold():
-    done = check("--episodes", "500", "--seeds", "2", "two_regions")
+    done = check("--episodes", "1000", "--seeds", "2", "two_regions")
     assert done.returncode == 0, done.stderr
     row = r"two_regions +1\.100e-03   2 of 2 print a number, mean \d\.\d\d of P, [012] intervals"
     assert re.match(row, done.stdout)
