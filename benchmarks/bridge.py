@@ -8,8 +8,7 @@ from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
 from bare import tasks
-from figures import ROOT, Figure, show
-from service import ratio
+from figures import ROOT, Figure, show, summarize_runs
 
 from eigenfail.contracts import EpisodeEngine
 from eigenfail.values import DisturbanceModel, EpisodeSetup
@@ -33,7 +32,7 @@ def bridge_figures() -> dict[str, Figure]:
         pairs = [
             rate(behind, EPISODES, seed) / rate(built_in, EPISODES, seed) for seed in range(PAIRS)
         ]
-    return {"bridge_over_builtin": ratio(pairs, ">= 0.85")}
+    return {"bridge_over_builtin": summarize_runs(pairs, "ratio", ">= 0.85")}
 
 
 def setup(simulator: str, parameters: dict[str, int]) -> EpisodeSetup:

@@ -1,9 +1,11 @@
-"""Figures: what users would write without eigenfail, beside it, in turn.
+"""Figures: programs that users would write without eigenfail, compared with eigenfail.
 
-For failures: soft actor-critic of stable-baselines3 with its own settings, and a gymnasium
-environment round the same episode, with the decisions, bounds and reward of `ast`. For a ledger of
-trials: Optuna with SQLite, beside a campaign of a Python function. `python benchmarks/by_hand.py
-sac SEED PROCESSES` and `... trials` print what one run of theirs took, as JSON.
+A search for failures is compared with soft actor-critic of stable-baselines3, with its own settings
+and a gymnasium environment whose episodes, decisions, bounds and reward are those of `ast`. A
+campaign of a Python function is compared with Optuna, which stores its trials in SQLite.
+
+`python benchmarks/by_hand.py sac SEED PROCESSES` and `python benchmarks/by_hand.py trials` run one
+of the two other programs, and print what it took as JSON.
 """
 
 import json
@@ -17,12 +19,11 @@ from contextlib import contextmanager, suppress
 from importlib.util import find_spec
 from math import log, pi
 from pathlib import Path
-from statistics import median
 from typing import Any
 
 import numpy as np
 import psutil
-from figures import ROOT, Figure
+from figures import ROOT, Figure, summarize_runs
 
 from eigenfail import plugins
 from eigenfail.client import Client
@@ -38,7 +39,6 @@ from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.measures.recorder import Recorder
 from eigenfail_workers.noise.policy import state_vector
 
-COMMAND = "make bench"
 FAILURES, WORKERS = 50, 2
 SEEDS = (1, 2, 3)
 MOST_EPISODES = 5_000
@@ -184,9 +184,9 @@ def store_by_optuna() -> dict[str, float]:
 
 
 def run_theirs(*words: object) -> dict[str, float]:
-    """Run one of the functions above in a process of its own, on one thread.
+    """Run one of the two other programs, and return what it took.
 
-    With networks of this size more threads take longer.
+    It has one thread: with networks of this size more threads take longer.
     """
     done = subprocess.run(
         [sys.executable, __file__, *map(str, words)],
@@ -200,7 +200,7 @@ def run_theirs(*words: object) -> dict[str, float]:
 
 @contextmanager
 def open_service(workers: int) -> Iterator[tuple[LocalService, Client]]:
-    """A service in a fresh folder, whose workers have loaded the simulator."""
+    """A service in a fresh folder. Its workers load the simulator with their first campaign."""
     with tempfile.TemporaryDirectory() as folder:
         plan = Plan(Path(folder), port=0, workers=workers, launcher=Launcher.LOCAL)
         with local_service(plan) as service, Client(service.address.url) as client:
@@ -217,7 +217,9 @@ def search_by_ast(client: Client, seed: int) -> float:
         seed=seed,
         stop=StopRules(failures=FAILURES),
     )
-    client.campaigns.wait(made.id, timeout_s=600)
+    ended = client.campaigns.wait(made.id, timeout_s=600)
+    if ended.counts.failures < FAILURES:
+        raise SystemExit(f"bench: {ended.state}, {ended.counts}: {ended.stopped_because}")
     return time.perf_counter() - began_s
 
 
@@ -234,7 +236,9 @@ def store_by_campaign(service: LocalService, client: Client, seed: int) -> float
         planner="by_hand:robustness",
         scenario_parameters={"steps": STEPS},
     )
-    client.campaigns.wait(made.id, timeout_s=600)
+    ended = client.campaigns.wait(made.id, timeout_s=600)
+    if ended.counts.completed != TRIALS:
+        raise SystemExit(f"bench: {ended.state}, {ended.counts}: {ended.stopped_because}")
     return 1000 * (sum_processor_time(service) - before_s) / TRIALS
 
 
@@ -259,11 +263,11 @@ def failure_figures() -> dict[str, Figure]:
             theirs = [run_theirs("sac", seed, processes) for processes in (1, WORKERS)]
             ratios.append(min(one["wall_s"] for one in theirs) / ours_s)
             said.append(
-                f"{ours_s:.2f} s beside {theirs[0]['wall_s']:.1f} s ({theirs[0]['episodes']:.0f} "
-                f"episodes) in one process, {theirs[1]['wall_s']:.1f} s in {WORKERS}"
+                f"ast {ours_s:.2f} s; stable-baselines3 {theirs[0]['wall_s']:.1f} s in one process"
+                f" ({theirs[0]['episodes']:.0f} episodes), {theirs[1]['wall_s']:.1f} s in {WORKERS}"
             )
     note = f"time to {FAILURES} failures on cut_in, {WORKERS} workers: " + "; ".join(said)
-    return {"ast_over_sb3_wall": make_ratio(ratios, ">= 3", note)}
+    return {"ast_over_sb3_wall": summarize_runs(ratios, "ratio", ">= 3", note)}
 
 
 def ledger_figures() -> dict[str, Figure]:
@@ -279,22 +283,9 @@ def ledger_figures() -> dict[str, Figure]:
             ours_ms = store_by_campaign(service, client, seed)
             theirs_ms = run_theirs("trials")["cpu_ms"]
             ratios.append(theirs_ms / ours_ms)
-            said.append(f"{ours_ms:.3g} ms beside {theirs_ms:.3g} ms")
+            said.append(f"campaign {ours_ms:.3g} ms, Optuna {theirs_ms:.3g} ms")
     note = f"random trials of {2 * STEPS} parameters in SQLite, one worker: " + "; ".join(said)
-    return {"stored_over_optuna": make_ratio(ratios, ">= 20", note)}
-
-
-def make_ratio(values: list[float], target: str, note: str) -> Figure:
-    """The middle of some ratios."""
-    return Figure(
-        value=median(values),
-        unit="ratio",
-        n=len(values),
-        spread=(min(values), max(values)),
-        target=target,
-        command=COMMAND,
-        note=note,
-    )
+    return {"stored_over_optuna": summarize_runs(ratios, "ratio", ">= 20", note)}
 
 
 if __name__ == "__main__":

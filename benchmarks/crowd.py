@@ -2,7 +2,7 @@
 
 What they bring is one real episode's result, over and over, with index and seed of what was asked
 for, and with a robustness made of the seed, or of the noise where a probability of failure is
-given: an episode takes them no work, and as long as they are told to sleep over it.
+given. An episode is no work for them: they sleep for its duration.
 `python benchmarks/crowd.py HUB WORKERS EPISODE_S [PROBABILITY]`, until it is ended.
 """
 

@@ -1,7 +1,9 @@
 """A measured figure, and the files in which figures are kept."""
 
 import subprocess
+from collections.abc import Sequence
 from pathlib import Path
+from statistics import median
 
 import msgspec
 
@@ -27,6 +29,32 @@ class Figure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     target: str = ""
     paper: float | None = None
     note: str = ""
+
+
+BENCH = "make bench"
+
+
+def summarize_runs(
+    values: Sequence[float], unit: str, target: str = "", note: str = "", n: int | None = None
+) -> Figure:
+    """Return the median of some runs of the benchmarks, with their smallest and largest.
+
+    Args:
+        values: one of each run, or of each pair of runs.
+        unit: unit of the values.
+        target: what the median is held against, in words.
+        note: what a reader must know beside it.
+        n: what it rests on, where that is not the number of runs.
+    """
+    return Figure(
+        value=median(values),
+        unit=unit,
+        n=len(values) if n is None else n,
+        spread=(min(values), max(values)),
+        target=target,
+        command=BENCH,
+        note=note,
+    )
 
 
 def commit() -> str:

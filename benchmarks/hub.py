@@ -111,7 +111,7 @@ class Spent:
 def crowd(
     hub: str, workers: int, episode_s: float = 0.0, probability: float | None = None
 ) -> Iterator[psutil.Process]:
-    """So many workers, in a process of their own; see `crowd.py`."""
+    """Run a number of made-up workers in one process; see `crowd.py`."""
     words = [sys.executable, str(CROWD), hub, str(workers), str(episode_s)]
     words += [] if probability is None else [str(probability)]
     process = subprocess.Popen(words)

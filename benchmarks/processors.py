@@ -1,9 +1,9 @@
 """Figure: methods whose episodes and modes are the same, bit for bit, on processors of other types.
 
-A type of processor is emulated by what libraries are told of it when they are loaded: the kernels
-of OpenBLAS, the features that numpy may use, what torch and the C library find. On each of them a
-process runs a small campaign of each method, and an analysis, as the services start it: with
-`NUMERIC_ENVIRONMENT` over the environment that it was given.
+A type of processor is emulated by environment variables that libraries read when they are loaded:
+they name the kernels of OpenBLAS and the features that numpy, torch and the C library may use. On
+each of them a process runs a small campaign of each method, and an analysis, as the services start
+it: with `NUMERIC_ENVIRONMENT` over the environment that it was given.
 
 `python benchmarks/processors.py` prints the digests of this process, as JSON.
 """
@@ -64,7 +64,7 @@ GIVEN = {"chains": 20, "minimal": 1, "nearest": 2, "replay": 20}
 
 
 def find_figures(crew: Crew, _seed: int) -> Iterator[tuple[str, Figure]]:
-    """Count the campaigns and analyses that are the same on every type, beside unpinned ones."""
+    """Count the digests that are the same on every type, with the environment and without it."""
     pinned = crew.each(run_on, TYPES.values(), [NUMERIC_ENVIRONMENT] * len(TYPES))
     bare = crew.each(run_on, TYPES.values(), [{}] * len(TYPES))
     agreeing, left = count_agreeing(pinned), count_agreeing(bare)
@@ -88,7 +88,7 @@ def run_on(
 
     Args:
         emulated: environment that makes the type.
-        own: environment that the process gets from whoever starts it, over the other.
+        own: environment that the services add for their processes; it overrides `emulated`.
         methods: methods of the campaigns; none given: all.
     """
     kept = {name: value for name, value in os.environ.items() if name not in NUMERIC_ENVIRONMENT}

@@ -73,7 +73,7 @@ class Play:
         self._after(seconds * self._slow, done, what)
 
     def _kept(self, _number: int) -> None:
-        """What was proposed is handed out; every proposal has a checkpoint of its own."""
+        """Hand out the rounds that were proposed; each proposal has its own checkpoint."""
         self._is_hub_busy = False
         self._proposals -= 1
         while len(self._missing) <= self._method.lookahead:

@@ -9,9 +9,8 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from statistics import median
 
-from figures import ROOT, Figure
+from figures import ROOT, Figure, summarize_runs
 
 from eigenfail.client import Client
 from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
@@ -20,7 +19,6 @@ from eigenfail_workers.compilation import INTERPRETED_VARIABLE
 
 EPISODES = 500
 PAIRS = 3
-COMMAND = "make bench"
 
 
 def bare(seed: int, interpreted: bool = False) -> dict[str, float]:
@@ -86,35 +84,11 @@ def service_figures() -> dict[str, Figure]:
     over_bare = [one / alone for one, alone in zip(ones, bares, strict=True)]
     over_one = [two / one for two, one in zip(twos, ones, strict=True)]
     return {
-        "service_over_bare": ratio(over_bare, ">= 0.90"),
-        "two_workers_over_one": ratio(over_one, ">= 1.8"),
-        "episode_cpu_ms": processor_time(cpus, "<= 4"),
-        "episode_cpu_interpreted_ms": processor_time(interpreted, "<= 12"),
-        "service_episodes_per_s": Figure(
-            value=median(ones), unit="1/s", n=PAIRS, spread=(min(ones), max(ones)), command=COMMAND
+        "service_over_bare": summarize_runs(over_bare, "ratio", ">= 0.90"),
+        "two_workers_over_one": summarize_runs(over_one, "ratio", ">= 1.8"),
+        "episode_cpu_ms": summarize_runs(cpus, "ms", "<= 4", n=EPISODES * PAIRS),
+        "episode_cpu_interpreted_ms": summarize_runs(
+            interpreted, "ms", "<= 12", n=EPISODES * PAIRS
         ),
+        "service_episodes_per_s": summarize_runs(ones, "1/s"),
     }
-
-
-def processor_time(values_ms: list[float], target: str) -> Figure:
-    """The middle of some runs of the bare loop."""
-    return Figure(
-        value=median(values_ms),
-        unit="ms",
-        n=EPISODES * PAIRS,
-        spread=(min(values_ms), max(values_ms)),
-        target=target,
-        command=COMMAND,
-    )
-
-
-def ratio(values: list[float], target: str) -> Figure:
-    """The middle of some ratios, each from one pair of runs."""
-    return Figure(
-        value=median(values),
-        unit="ratio",
-        n=len(values),
-        spread=(min(values), max(values)),
-        target=target,
-        command=COMMAND,
-    )

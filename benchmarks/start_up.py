@@ -4,18 +4,16 @@ import subprocess
 import time
 from contextlib import suppress
 from pathlib import Path
-from statistics import median
 from tempfile import TemporaryDirectory
 
 import psutil
 import zmq
-from figures import ROOT, Figure
+from figures import ROOT, Figure, summarize_runs
 
 from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
 from eigenfail.wire.messages import Goodbye, Hello, encode, read_worker_message
 from eigenfail_services.campaigns.ray_process import RayCluster, RayWorkers
 
-COMMAND = "make bench"
 RUNS = 5
 
 TEN_EPISODES = """
@@ -33,7 +31,7 @@ def cli_help() -> Figure:
         before = time.perf_counter()
         subprocess.run([ROOT / ".venv/bin/eigenfail", "--help"], capture_output=True, check=True)
         times.append(time.perf_counter() - before)
-    return seconds(times, "<= 0.5")
+    return summarize_runs(times, "s", "<= 0.5")
 
 
 def run_cold() -> Figure:
@@ -47,7 +45,7 @@ def run_cold() -> Figure:
             before = time.perf_counter()
             subprocess.run(command, capture_output=True, check=True)
             times.append(time.perf_counter() - before)
-    return seconds(times, "<= 4")
+    return summarize_runs(times, "s", "<= 4")
 
 
 def service_figures(launcher: Launcher) -> dict[str, Figure]:
@@ -61,15 +59,8 @@ def service_figures(launcher: Launcher) -> dict[str, Figure]:
                 times.append(time.perf_counter() - before)
                 sizes.append(measure_memory(service))
     return {
-        f"ready_{launcher}_s": seconds(times, "<= 5"),
-        f"ready_{launcher}_mb": Figure(
-            value=median(sizes),
-            unit="MiB",
-            n=len(sizes),
-            spread=(min(sizes), max(sizes)),
-            target="<= 500",
-            command=COMMAND,
-        ),
+        f"ready_{launcher}_s": summarize_runs(times, "s", "<= 5"),
+        f"ready_{launcher}_mb": summarize_runs(sizes, "MiB", "<= 500"),
     }
 
 
@@ -96,7 +87,7 @@ def worker_ready() -> Figure:
         workers.dismiss()
     cluster.close()
     router.close(linger=0)
-    return seconds(times, "<= 5")
+    return summarize_runs(times, "s", "<= 5")
 
 
 def time_of_hello(router: "zmq.Socket[bytes]") -> float:
@@ -107,15 +98,3 @@ def time_of_hello(router: "zmq.Socket[bytes]") -> float:
             said = time.perf_counter()
             router.send_multipart([worker, encode(Goodbye())])
             return said
-
-
-def seconds(times: list[float], target: str) -> Figure:
-    """The middle of some times."""
-    return Figure(
-        value=median(times),
-        unit="s",
-        n=len(times),
-        spread=(min(times), max(times)),
-        target=target,
-        command=COMMAND,
-    )

@@ -61,9 +61,12 @@ def find_processor(facts: Path = Path("/proc/cpuinfo")) -> str:
     It is `COMMON_PROCESSOR`, or the name of the model if the processor is not one of these.
     """
     with suppress(OSError):
-        told = dict(re.findall(r"^([^:\n]+?)\s*:\s*(.*)$", facts.read_text(), re.MULTILINE))
-        is_common = {"avx2", "fma"} <= set(told.get("flags", "").split())
-        return COMMON_PROCESSOR if is_common else told.get("model name", "")
+        told = facts.read_text()
+        flags = re.search(r"^flags\s*:(.*)$", told, re.MULTILINE)
+        if flags and {"avx2", "fma"} <= set(flags[1].split()):
+            return COMMON_PROCESSOR
+        model = re.search(r"^model name\s*:\s*(.+)$", told, re.MULTILINE)
+        return model[1] if model else ""
     return ""
 
 

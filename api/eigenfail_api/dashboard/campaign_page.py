@@ -69,8 +69,8 @@ from eigenfail_services.campaigns.costs import (
 from eigenfail_services.campaigns.summary import (
     count_present,
     find_course,
+    find_narrow,
     find_staffing,
-    list_narrow,
     list_unrunnable,
     summarise,
 )
@@ -377,7 +377,7 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
         latest=latest,
         here=here,
         stranded=tuple(each for each in list_unrunnable(store) if each.campaign == campaign),
-        narrow=tuple(each for each in list_narrow(store, len(here)) if each.campaign == campaign),
+        narrow=find_narrow(store, seen, len(here)),
         reference=find_reference(store, campaign, first),
         at_ms=now_ms(),
     )

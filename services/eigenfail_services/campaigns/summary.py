@@ -260,12 +260,15 @@ MOST_RUNNING = 1_000
 """With more campaigns that run than are read, nothing is said of their width."""
 
 
-def list_narrow(store: Store, workers: int) -> tuple[NarrowCampaign, ...]:
-    """Return the running campaigns, if some of the workers are idle since these are too narrow."""
+def find_narrow(store: Store, campaign: Campaign, workers: int) -> tuple[NarrowCampaign, ...]:
+    """Return the campaign, if it runs and some workers are idle since it is too narrow."""
+    if campaign.state is not CampaignState.RUNNING:
+        return ()
     running = store.campaigns.page(MOST_RUNNING, state=CampaignState.RUNNING)
     if running.next is not None:
         return ()
-    return find_narrow_campaigns(running.items, workers)
+    narrow = find_narrow_campaigns(running.items, workers)
+    return tuple(each for each in narrow if each.campaign == campaign.id)
 
 
 def find_staffing(store: Store) -> Staffing:

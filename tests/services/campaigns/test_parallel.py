@@ -280,7 +280,7 @@ def test_members_of_an_ensemble_wait_for_their_own_levels_only() -> None:
     drawn = play(make_rounds(Ensemble, 10, 3000, **given), 7, np.random.default_rng(1).exponential)
     assert drawn.episodes == run(make_rounds(Ensemble, 10, 3000, **given))
     assert drawn.episodes != run(make_rounds(Ensemble, None, 3000, **given))
-    assert len(drawn.episodes) > 1000
+    assert len(drawn.episodes) == 1157
 
 
 def test_a_rule_on_results_keeps_two_rounds_open() -> None:
