@@ -36,13 +36,22 @@ class EnsembleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         int, msgspec.Meta(ge=2, le=16, description="learners that share the episodes evenly")
     ] = 4
     settings: Annotated[dict[str, Any], msgspec.Meta(description="of the members' method")] = {}
+    judged: Annotated[
+        int,
+        msgspec.Meta(
+            ge=0,
+            le=1_000_000,
+            description="last episodes, in which members are judged, so that `evaluate` uses the "
+            "best one; 0: it uses all in turn",
+        ),
+    ] = 0
 
     def __post_init__(self) -> None:
         """Check the settings of the members.
 
         Raises:
             UnknownName: no such method, or it has no such setting.
-            InvalidValue: a setting outside its bounds.
+            InvalidValue: a setting outside its bounds, or members that cannot be judged.
         """
         if self.method not in plugins.names(plugins.METHODS):
             raise UnknownName("settings.method", self.method, plugins.names(plugins.METHODS))
@@ -50,11 +59,34 @@ class EnsembleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
             problem = "an ensemble has no ensembles as members."
             raise InvalidValue("settings.method", problem, "Give it more members.")
         self.read_member_settings()
+        if self.judged:
+            self._check_judged()
+
+    def _check_judged(self) -> None:
+        if not hasattr(plugins.load(plugins.METHODS, self.method), "exploit"):
+            raise InvalidValue(
+                "settings.judged",
+                f"{self.method} learns nothing that could be judged.",
+                "Leave it at 0, or take a method that learns, such as ast, cem or difs.",
+            )
+        if self.judged < self.members:
+            raise InvalidValue(
+                "settings.judged",
+                f"{self.judged} episodes do not judge each of {self.members} members.",
+                "Ask for some dozen episodes for each member, or for 0.",
+            )
 
     def check_budget(self, episodes: int) -> None:
         """Raise InvalidValue if a member's share is too small for its method."""
-        smallest = divide_episodes(episodes, self.members)[-1]
-        check_budget(self.read_member_settings(), smallest)
+        check_budget(self.read_member_settings(), self.divide_training(episodes)[-1])
+
+    def divide_training(self, episodes: int) -> list[int]:
+        """Return the number of episodes from which each member learns.
+
+        Raises:
+            InvalidValue: a member would have none.
+        """
+        return divide_episodes(max(episodes - self.judged, 0), self.members)
 
     def read_member_settings(self) -> Any:
         """Return the settings of the members' method."""
@@ -100,11 +132,47 @@ _encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _policies = msgspec.msgpack.Decoder(tuple[Policy | None, ...], dec_hook=decode_array)
 
 
+class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """What a member did in the episodes in which it was judged.
+
+    Attributes:
+        episodes: number of these episodes.
+        failures: number of those that failed.
+        log_p: sum of log p(x) over the steps of the failures.
+        steps: number of these steps.
+    """
+
+    episodes: int = 0
+    failures: int = 0
+    log_p: float = 0.0
+    steps: int = 0
+
+    def with_results(self, results: Sequence[EpisodeResult]) -> "Record":
+        """Return the record with further episodes."""
+        failed = [result for result in results if result.is_failure]
+        return Record(
+            self.episodes + len(results),
+            self.failures + len(failed),
+            self.log_p + sum(result.noise.log_probability for result in failed),
+            self.steps + sum(result.steps for result in failed),
+        )
+
+    def rank(self) -> tuple[float, float]:
+        """Return what a better member has more of: share of failures, then log p of a step."""
+        if not self.failures:
+            return 0.0, 0.0
+        return self.failures / self.episodes, self.log_p / self.steps
+
+
 class Ensemble:
     """Members take turns with rounds; each round is observed by the member that proposed it.
 
     Each member has an even share of the campaign's episodes as its budget; a member that proposes
     nothing is skipped from then on. Members share trajectories, predecessors and experience.
+
+    The last `judged` episodes are those of members that have learnt and learn no more. The member
+    with the most failures in them is the one that is used from then on; the likelier failures
+    decide between members with equally many.
 
     Policies are numbered by round, so that a version is unique among members, and workers keep the
     newest ones, which have the highest numbers.
@@ -112,7 +180,8 @@ class Ensemble:
     Attributes:
         lookahead: least one of the members, for all of them together: so no member has more open
             rounds than it allows, even if others are skipped.
-        exploit: rounds from one member after the other; only if all members can exploit.
+        exploit: rounds from the member that was judged best, or from one member after the other;
+            only if all members can exploit.
 
     Raises:
         InvalidValue: fewer episodes than members.
@@ -128,6 +197,9 @@ class Ensemble:
             waiting: members with open rounds, in the order of the rounds.
             left: number of episodes that each member may still propose.
             policies: newest policy of each member.
+            unjudged: number of episodes in which each member is still to be judged.
+            judging: number of open rounds of such episodes; they are the last of those waiting.
+            records: what each member did in such episodes.
         """
 
         turn: Annotated[int, msgspec.Meta(ge=0)]
@@ -136,10 +208,16 @@ class Ensemble:
         left: tuple[int, ...]
         policies: bytes
         learners: tuple[bytes, ...]
+        unjudged: tuple[int, ...]
+        judging: Annotated[int, msgspec.Meta(ge=0)]
+        records: tuple[Record, ...]
 
     def __init__(self, context: LearnerContext, settings: EnsembleSettings) -> None:
         count = settings.members
-        self._left = divide_episodes(context.episodes, count)
+        self._left = settings.divide_training(context.episodes)
+        self._unjudged = divide_episodes(settings.judged, count) if settings.judged else [0] * count
+        self._judging = 0
+        self._records = [Record()] * count
         self._members = [make_member(context, settings, i, self._left[i]) for i in range(count)]
         self._policies: tuple[Policy | None, ...] = (None,) * count
         self._waiting: deque[int] = deque()
@@ -148,21 +226,27 @@ class Ensemble:
         self._look_ahead()
         self._exploiters = [one for one in self._members if isinstance(one, Exploiter)]
         if len(self._exploiters) == count:
-            self.exploit = self._exploit_next
+            self.exploit = self._exploit
 
     def propose(self, n: int) -> Proposal:
-        """Return a round of the next member that has one."""
-        for _ in self._members:
-            one = self._next_turn()
-            proposal = self._propose_from(one, min(n, self._left[one]))
-            if proposal.sources:
-                self._look_ahead()
-                return proposal
+        """Return a round of the next member that has one; in the end, rounds that judge them."""
+        for propose in (self._propose_from, self._judge):
+            for _ in self._members:
+                proposal = propose(self._next_turn(), n)
+                if proposal.sources:
+                    self._look_ahead()
+                    return proposal
         return Proposal(())
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
-        """Let the member that proposed the round learn from it."""
-        self._members[self._waiting.popleft()].observe(results)
+        """Let the member that proposed the round learn from it, or be judged by it."""
+        is_judged = len(self._waiting) == self._judging
+        one = self._waiting.popleft()
+        if is_judged:
+            self._judging -= 1
+            self._records[one] = self._records[one].with_results(results)
+        else:
+            self._members[one].observe(results)
         self._look_ahead()
 
     def estimate(self) -> Estimate | None:
@@ -187,6 +271,9 @@ class Ensemble:
             left=tuple(self._left),
             policies=_encoder.encode(self._policies),
             learners=tuple(one.state() for one in self._members),
+            unjudged=tuple(self._unjudged),
+            judging=self._judging,
+            records=tuple(self._records),
         )
         return archive.write("ensemble", facts, {})
 
@@ -200,22 +287,42 @@ class Ensemble:
         count = len(self._members)
         with archive.wrap_errors("ensemble"):
             policies = _policies.decode(facts.policies)
-            if {len(policies), len(facts.left), len(facts.learners)} != {count}:
+            parts = (policies, facts.left, facts.learners, facts.unjudged, facts.records)
+            if {len(part) for part in parts} != {count}:
                 raise ValueError(f"they are of {len(facts.learners)} members, not {count}")
         for one, learner in zip(self._members, facts.learners, strict=True):
             one.restore(learner)
         self._turn, self._number = facts.turn, facts.number
         self._waiting = deque(facts.waiting)
         self._left, self._policies = list(facts.left), policies
+        self._unjudged, self._judging = list(facts.unjudged), facts.judging
+        self._records = list(facts.records)
         self._look_ahead()
 
     def _look_ahead(self) -> None:
-        """Open as many rounds as each of the members that go on allows."""
-        going = [one for one, left in zip(self._members, self._left, strict=True) if left]
-        self.lookahead = min(one.lookahead for one in going or self._members)
+        """Open as many rounds as each of the members that go on allows.
 
-    def _propose_from(self, one: int, most: int) -> Proposal:
+        Members are judged when they have observed all of their rounds, and then side by side.
+        """
+        going = [one for one, left in zip(self._members, self._left, strict=True) if left]
+        if going or not any(self._unjudged):
+            self.lookahead = min(one.lookahead for one in going or self._members)
+        else:
+            self.lookahead = len(self._members) if len(self._waiting) == self._judging else 0
+
+    def _judge(self, one: int, n: int) -> Proposal:
+        """Return episodes of a member that learns no more; none if it has been judged."""
+        count = min(n, self._unjudged[one])
+        if not count:
+            return Proposal(())
+        self._unjudged[one] -= count
+        self._judging += 1
+        self._waiting.append(one)
+        return self._number_policy(one, self._exploiters[one].exploit(count))
+
+    def _propose_from(self, one: int, n: int) -> Proposal:
         """Return the proposal of a member, which is skipped from then on if it is empty."""
+        most = min(n, self._left[one])
         proposal = self._members[one].propose(most) if most else Proposal(())
         if not proposal.sources:
             self._left[one] = 0
@@ -224,9 +331,12 @@ class Ensemble:
         self._waiting.append(one)
         return self._number_policy(one, proposal)
 
-    def _exploit_next(self, n: int) -> Proposal:
-        """Return n episodes of the next member."""
-        one = self._next_turn()
+    def _exploit(self, n: int) -> Proposal:
+        """Return n episodes of the best member, or of the next one where none was judged."""
+        if any(record.episodes for record in self._records):
+            one = max(range(len(self._records)), key=lambda one: self._records[one].rank())
+        else:
+            one = self._next_turn()
         return self._number_policy(one, self._exploiters[one].exploit(n))
 
     def _next_turn(self) -> int:

@@ -15,6 +15,7 @@ from eigenfail.values import (
     Estimate,
     Layer,
     LearnerContext,
+    Outcome,
     Policy,
     PolicySource,
     Proposal,
@@ -55,6 +56,20 @@ class TestEnsembleThatPassesOverWhoHasEnded(LearnerSuite):
     method = Ensemble
     settings = MappingProxyType({"method": "replay", "members": 2, "settings": {"round_size": 6}})
     budget = 40
+
+
+class TestEnsembleThatJudgesItsMembers(LearnerSuite):
+    method = Ensemble
+    settings = MappingProxyType({"members": 2, "settings": AST, "judged": 14})
+    rounds = 8
+    budget = 40
+
+
+class TestEnsembleOfCemThatJudgesItsMembers(LearnerSuite):
+    method = Ensemble
+    settings = MappingProxyType({"method": "cem", "members": 3, "settings": CEM, "judged": 12})
+    rounds = 5
+    budget = 45
 
 
 def context(episodes=40, seed=7):
@@ -231,6 +246,94 @@ def test_it_exploits_one_member_after_the_other_as_many_episodes_as_asked():
     assert np.abs(wanted[0] - wanted[1]).max() > 0.5
 
 
+class Judged(Scripted):
+    """Exploits noise that tells the member, and remembers what it had seen by then."""
+
+    def __init__(self, context, made, sizes):
+        super().__init__(context, made, sizes)
+        self.known = []
+
+    def exploit(self, n):
+        self.known.append(sum(map(len, self.seen)))
+        mark = np.full((CORRIDOR.steps, 2), 10 + self.made.index(self), np.float32)
+        return Proposal((TrajectorySource(mark),) * n)
+
+
+@pytest.fixture
+def judged(monkeypatch):
+    def make(*scripts, judged, lookahead=0, episodes=1000):
+        method = Scripts(Judged, scripts, lookahead)
+        method.exploit = None
+        monkeypatch.setattr(plugins, "load", lambda group, name: method)
+        settings = {"method": "cem", "members": len(scripts), "judged": judged}
+        return ensemble(episodes, **settings), method.made
+
+    return make
+
+
+def end_with(failures, z):
+    """What a member's episodes come to, by member: how many fail, and how large their noise is."""
+
+    def end(results):
+        one = int(results[0].noise.z[0, 0]) - 10
+        noise = np.full((CORRIDOR.steps, 2), z[one], np.float32)
+        return [
+            msgspec.structs.replace(
+                result,
+                noise=msgspec.structs.replace(result.noise, z=noise),
+                outcome=Outcome.COLLISION if i < failures[one] else Outcome.SAFE,
+            )
+            for i, result in enumerate(results)
+        ]
+
+    return end
+
+
+def judge_members(learner, episodes, end):
+    """Run a campaign whose judged episodes end as told; the sizes of its rounds."""
+    rounds, engine = Rounds(learner, 1, episodes), ToyEngine(CORRIDOR)
+    sizes = []
+    while opened := rounds.open():
+        results = list(engine.run(opened[0].tasks))
+        sizes.append(len(results))
+        is_judged = results[0].noise.z[0, 0] >= 10
+        rounds.complete(end(results) if is_judged else results)
+    return sizes
+
+
+@pytest.mark.parametrize("lookahead", [0, 1, 2])
+def test_members_are_judged_after_all_of_their_rounds_in_equal_shares(judged, lookahead):
+    learner, members = judged((4, 9), (5, 9), judged=7, lookahead=lookahead, episodes=27)
+    end = end_with((1, 2), (2.0, 2.0))
+    assert judge_members(learner, 27, end) == [4, 5, 6, 5, 4, 3]
+    assert [one.known for one in members] == [[10], [10]]
+    assert [sum(map(len, one.seen)) for one in members] == [10, 10]
+
+
+@pytest.mark.parametrize(
+    ("failures", "z", "best"),
+    [
+        ((3, 5, 4), (0.0, 3.0, 0.0), 1),
+        ((3, 5, 5), (0.0, 3.0, 1.0), 2),
+        ((0, 0, 1), (0.0, 0.0, 9.0), 2),
+        ((0, 0, 0), (0.0, 0.0, 0.0), 0),
+    ],
+)
+def test_the_member_with_most_failures_is_used_then_the_one_with_likelier_ones(
+    judged, failures, z, best
+):
+    learner, _ = judged((2,), (2,), (2,), judged=18, episodes=24)
+    judge_members(learner, 24, end_with(failures, z))
+    marks = [learner.exploit(4).sources[0].z[0, 0] for _ in range(3)]
+    assert marks == [10 + best] * 3
+
+
+def test_a_member_that_was_judged_in_one_episode_more_has_no_advantage(judged):
+    learner, _ = judged((2,), (2,), judged=5, episodes=9)
+    judge_members(learner, 9, end_with((2, 2), (0.0, 3.0)))
+    assert learner.exploit(1).sources[0].z[0, 0] == 11
+
+
 def results_of(proposal):
     _, results = next(course(Given(proposal), len(proposal.sources)))
     return results
@@ -273,6 +376,8 @@ def test_estimates_are_pooled_once_every_member_has_one(scripted):
         ({"settings": {"tau": 0.0}}, InvalidValue, "settings.settings.tau"),
         ({"settings": {"tua": 0.1}}, UnknownName, "settings.settings: 'tua'"),
         ({"method": "ensemble"}, InvalidValue, "settings.method: .*no ensembles"),
+        ({"judged": 3}, InvalidValue, "settings.judged: 3 episodes do not judge each of 4"),
+        ({"method": "subset", "judged": 80}, InvalidValue, "settings.judged: subset learns nothing"),
     ],
 )
 def test_settings_that_cannot_be_are_refused_where_they_stand(settings, error, text):
@@ -298,6 +403,15 @@ def test_members_tell_together_how_many_episodes_they_were_trained_with():
 def test_too_few_episodes_are_refused_with_a_remedy():
     with pytest.raises(InvalidValue, match=r"4 members cannot share 3 episodes\. Ask for fewer"):
         divide_episodes(3, 4)
+
+
+def test_judging_takes_no_episode_that_a_member_needs():
+    settings = read_settings(Ensemble.Settings, {"members": 2, "judged": 30}, "settings")
+    assert settings.divide_training(61) == [16, 15]
+    with pytest.raises(InvalidValue, match=r"2 members cannot share 1 episodes"):
+        settings.divide_training(31)
+    with pytest.raises(InvalidValue, match=r"2 members cannot share 0 episodes"):
+        settings.check_budget(20)
 
 
 def test_a_state_of_another_number_of_members_or_of_another_method_is_refused():
