@@ -2,8 +2,8 @@
 
 `python benchmarks/ast_training.py settings FIRST_SEED SEEDS` prints a line for each choice of
 settings; the defaults were chosen with `settings 7021 12`. `python benchmarks/ast_training.py
-example FIRST_SEED STEPS` trains ten policies of `examples/transfer.toml` with this number of
-gradient steps, and prints what each of them does at its worst place.
+members FIRST_SEED SEEDS` trains single members of the ensemble of `examples/transfer.toml`, and
+prints what each of them does at its worst place.
 """
 
 import sys
@@ -14,7 +14,7 @@ import msgspec
 from crew import Crew, crew
 from learning_figures import log_p_per_step
 from searches import evaluations, side_by_side
-from transfer import OFFSET, list_transfers, read_example
+from transfer import list_transfers, read_example
 
 from eigenfail.values import CampaignSpec
 
@@ -65,12 +65,17 @@ def compare_choices(hands: Crew, seeds: range) -> None:
         )
 
 
-def show_worst_places(hands: Crew, first: int, steps: int) -> None:
-    """Print the smallest share of failures of each policy of the example."""
+def show_worst_places(hands: Crew, seeds: range) -> None:
+    """Print the smallest share of failures of members of the example's ensemble."""
     example = read_example()
-    settings = {**example.settings, "gradient_steps": steps}
-    spec = msgspec.structs.replace(example, settings=settings)
-    for found in list_transfers(hands, first - OFFSET, spec):
+    members, judged = example.settings["members"], example.settings["judged"]
+    spec = msgspec.structs.replace(
+        example,
+        method=example.settings["method"],
+        settings=example.settings["settings"],
+        episodes=(example.episodes - judged) // members,
+    )
+    for found in list_transfers(hands, spec, seeds):
         place = found.find_worst()
         print(f"{found.shares[place].value:.3f} at {place}", flush=True)
 
@@ -80,7 +85,7 @@ if __name__ == "__main__":
         match sys.argv[1:]:
             case ["settings", first_seed, number]:
                 compare_choices(everybody, range(int(first_seed), int(first_seed) + int(number)))
-            case ["example", first_seed, steps_of_example]:
-                show_worst_places(everybody, int(first_seed), int(steps_of_example))
+            case ["members", first_seed, number]:
+                show_worst_places(everybody, range(int(first_seed), int(first_seed) + int(number)))
             case _:
                 raise SystemExit(__doc__)
