@@ -1,8 +1,9 @@
 """Figures: whether a policy of AST fails the planner elsewhere, from ten seeds: worst and median.
 
 One policy is the best of those that `examples/transfer.toml` trains over a distribution of the
-scenario, the other is trained at its defaults, with the default settings. Both are then used without learning, over `JUDGED` and at
-`PLACES`, where the initial gap is always the scenario's default.
+scenario, the other is trained at its defaults, with the default settings. Both are then used
+without learning, over `JUDGED` and at `PLACES`, where the initial gap is always the scenario's
+default.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
