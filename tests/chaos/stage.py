@@ -48,10 +48,10 @@ class Stage:
         """Start one, at an address or any, and wait until it answers."""
         return self._keep(Controller(self.url, self._folder / "controller.log", address))
 
-    def services(self, hub: str | None = None) -> Services:
+    def services(self, hub: str | None = None, *options: str) -> Services:
         """Start them, and wait until they serve."""
         log = self._folder / "services.log"
-        return self._keep(Services(self.url, hub or self.hub, log))
+        return self._keep(Services(self.url, hub or self.hub, log, *options))
 
     def worker(self, hub: str | None = None) -> Worker:
         """Start one; it connects by itself, as soon as somebody listens."""

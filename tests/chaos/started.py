@@ -119,9 +119,9 @@ class Started:
 class Services(Started):
     """A services process: hub, supervisor, and the learners below it."""
 
-    def __init__(self, url: str, hub: str, log: Path) -> None:
+    def __init__(self, url: str, hub: str, log: Path, *options: str) -> None:
         words = ["eigenfail_services", "--database", url, "--hub", hub, "--launcher", "none"]
-        super().__init__(words, log)
+        super().__init__([*words, *options], log)
         self.hub = hub
         wait_until(self._is_ready, "the services are ready")
 

@@ -7,16 +7,17 @@ every figure comes from the other half, so that what the tree took from chance i
 
 from collections.abc import Sequence
 from math import ceil
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import hypergeom
-from sklearn.tree import DecisionTreeClassifier
 
 from eigenfail.values import Box, Region
 from eigenfail.values.comparison import Bound
 from eigenfail_services.analysis.sampling_design import SamplingDesign
+
+if TYPE_CHECKING:
+    from sklearn.tree import DecisionTreeClassifier
 
 Table = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -64,7 +65,7 @@ class _GrownTree(NamedTuple):
         failed: shape (rows,).
     """
 
-    tree: DecisionTreeClassifier
+    tree: "DecisionTreeClassifier"
     values: Table
     failed: Flags
 
@@ -220,6 +221,10 @@ def split_in_halves(failed: Flags) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
 
 def _grow_tree(asked: RegionQuestion, rows: NDArray[np.intp]) -> _GrownTree:
     """A tree on some of the episodes; the same for the same episodes."""
+    # scikit-learn takes a second to load, and most regions that a report of the API asks for are of
+    # campaigns whose parameters do not vary.
+    from sklearn.tree import DecisionTreeClassifier
+
     least = max(LEAST_LEAF, ceil(LEAF_SHARE * len(rows)))
     tree = DecisionTreeClassifier(max_depth=DEPTH, min_samples_leaf=least, random_state=SEED)
     values, failed = asked.values[rows], asked.failed[rows]
@@ -230,6 +235,8 @@ def _make_region(
     asked: RegionQuestion, leaves: list[_Leaf], rows: list[NDArray[np.intp]], held: NDArray[np.intp]
 ) -> Region:
     """The region with its figures, unless chance explains it as well."""
+    from scipy.stats import hypergeom  # imported late, as above
+
     inside, failed = np.concatenate(rows), asked.failed
     all_failures = int(failed[held].sum())
     k, n = int(failed[inside].sum()), len(inside)

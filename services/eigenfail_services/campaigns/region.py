@@ -14,6 +14,7 @@ from eigenfail.processes import answer
 from eigenfail.values import Campaign, CampaignSpec, Region
 from eigenfail.values.comparison import MOST_TRIALS
 from eigenfail.worlds import world_of
+from eigenfail_services.analysis.region import RegionQuestion, find_failing_region
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.comparison import warn_of_unfinished
 from eigenfail_services.campaigns.pairing import find_mixed_fields, list_unpairable
@@ -111,11 +112,6 @@ def compute_region(asked: RegionQuery) -> Region:
     Raises:
         UnknownName: their scenario is not installed here.
     """
-    from eigenfail_services.analysis.region import (  # scikit-learn takes a second to load
-        RegionQuestion,
-        find_failing_region,
-    )
-
     tables = (_list_parameters(one.spec, np.frombuffer(one.seeds, "<i8")) for one in asked.tried)
     names, values, left_out = make_columns(list(chain.from_iterable(tables)))
     failed = np.frombuffer(b"".join(one.failed for one in asked.tried), np.bool_)

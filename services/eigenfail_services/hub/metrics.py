@@ -10,7 +10,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import contextmanager
 from enum import StrEnum
 from threading import Lock
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import msgspec
 from prometheus_client import CollectorRegistry, Counter, Histogram
@@ -20,7 +20,9 @@ from prometheus_client.registry import Collector
 from eigenfail.values import Overhead
 from eigenfail.values.records import Verdict
 from eigenfail_services.hub.learner_link import FailureKind
-from eigenfail_services.hub.worker_table import WorkerSession
+
+if TYPE_CHECKING:  # the process of Ray's driver does without the store, which that module imports
+    from eigenfail_services.hub.worker_table import WorkerSession
 
 SHORT_S = (0.001, 0.002, 0.005, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5)
 """Buckets for the hub's own operations. [s]"""
@@ -139,7 +141,7 @@ class Metrics(Collector):
 
 
 def summarize_status(
-    campaigns: Mapping[int, RunningCampaign], sessions: Collection[WorkerSession]
+    campaigns: Mapping[int, RunningCampaign], sessions: "Collection[WorkerSession]"
 ) -> HubStatus:
     """Return the status of a hub with these running campaigns and worker sessions."""
     leased = Tally(campaign for session in sessions for campaign, _ in session.held)
@@ -153,7 +155,7 @@ def summarize_status(
 
 
 def measure_demand(
-    campaigns: Iterable[RunningCampaign], sessions: Sequence[WorkerSession]
+    campaigns: Iterable[RunningCampaign], sessions: "Sequence[WorkerSession]"
 ) -> WorkerDemand:
     """Return the work of these running campaigns, and the workers of these sessions."""
     works = [campaign.work() for campaign in campaigns]

@@ -11,8 +11,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
-from scipy.stats.qmc import LatinHypercube, Sobol
 
 from eigenfail_services.statistics.batches import (
     Array,
@@ -203,6 +201,11 @@ def draw_sobol_normal(rng: np.random.Generator, draws: int, size: int) -> Array:
 
     Source: Owen 1998, ACM Transactions on Modeling and Computer Simulation 8 (1), 71–102.
     """
+    # Imported late, as below: API and services import this module for the settings of `subset`, and
+    # start in half a second less without scipy.
+    from scipy.special import ndtri
+    from scipy.stats.qmc import Sobol
+
     sequence = Sobol(size, bits=SOBOL_BITS, rng=rng)
     points = sequence.random_base2((draws - 1).bit_length())[:draws]
     # Points are corners of cells, 0 among them, whose normal value would be infinite.
@@ -216,6 +219,9 @@ def draw_latin_normal(rng: np.random.Generator, draws: int, size: int) -> Array:
 
     Source: McKay, Beckman and Conover 1979, Technometrics 21 (2), 239–245.
     """
+    from scipy.special import ndtri
+    from scipy.stats.qmc import LatinHypercube
+
     values: Array = ndtri(LatinHypercube(size, rng=rng).random(draws))
     return values
 
