@@ -110,7 +110,7 @@ LOOKS = """element => echarts.getInstanceByDom(element).getOption().series
   .filter(one => one.type === 'scatter')
   .map(one => [one.name, one.itemStyle.color + ' ' + one.symbol])"""
 LOOKS_OF = """async names => {
-  const {looksOf} = await import('/static/js/methods.js');
+  const {looksOf} = await import('/static/js/charts_cost.js');
   return names.map(looksOf).map(({itemStyle, symbol}) => itemStyle.color + ' ' + symbol);
 }"""
 
