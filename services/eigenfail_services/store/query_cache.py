@@ -224,7 +224,7 @@ def _join_fields(names: Sequence[str]) -> ColumnElement[str]:
 
 
 _POOLS = _select_pools()
-"""Composed once: that takes as long as half of its execution over a thousand campaigns."""
+"""Composed once: that takes 3 ms, and its execution over a thousand campaigns 7 ms."""
 
 
 def _sum_pools(connection: Connection) -> tuple[Pool, ...]:
