@@ -75,6 +75,17 @@ def test_a_telephone_scrolls_down_only(visit, path_of, name):
     assert page.evaluate(OVERFLOW) <= 0
 
 
+@pytest.mark.parametrize(("height", "drawn"), [(6_000, 4), (200, 0)])
+def test_charts_in_view_are_drawn_before_the_observer_reports(
+    visit, address, path_of, height, drawn
+):
+    page = visit("/glossary", viewport={"width": 1280, "height": height})
+    page.add_init_script("window.IntersectionObserver = class { observe() {} };")
+    page.goto(address + path_of("done campaign"))
+    expect(page.locator("html.js .plot")).to_have_count(4)
+    expect(page.locator(".plot:has(canvas)")).to_have_count(drawn)
+
+
 def test_the_first_page_of_an_empty_service(bare_address, visit):
     page = visit("/", bare_address)
     expect(page.get_by_text("eigenfail run examples/ast.toml")).to_be_visible()
@@ -110,7 +121,7 @@ LOOKS = """element => echarts.getInstanceByDom(element).getOption().series
   .filter(one => one.type === 'scatter')
   .map(one => [one.name, one.itemStyle.color + ' ' + one.symbol])"""
 LOOKS_OF = """async names => {
-  const {looksOf} = await import('/static/js/methods.js');
+  const {looksOf} = await import('/static/js/charts_cost.js');
   return names.map(looksOf).map(({itemStyle, symbol}) => itemStyle.color + ' ' + symbol);
 }"""
 

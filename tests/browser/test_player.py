@@ -169,7 +169,7 @@ def test_the_last_tick_of_a_strip_tells_no_error_of_rounding(crash):
     assert crash().evaluate(TIME_AXIS, 179 * 0.1) == [[17.9, "17.9"]] * 2
 
 
-FIXED = "async value => (await import('/static/js/figures.js')).fixed(value)"
+FIXED = "async value => (await import('/static/js/parts.js')).fixed(value)"
 
 
 @pytest.mark.parametrize(("value", "told"), [(-40.52, "−40.5"), (-0.04, "0.0"), (1.44, "1.4")])

@@ -6,6 +6,7 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.values import CampaignState, Measures, Outcome
+from eigenfail_api.dashboard.rendering import STATIC
 
 HTML = {"Accept": "text/html"}
 
@@ -301,6 +302,8 @@ def test_a_fault_of_our_own_is_a_page_too(http, look, store, monkeypatch):
 
 def test_unchanged_files_are_asked_after_but_not_sent_again(http):
     first = http.get("/static/js/main.js")
+    assert first.content == (STATIC / "js/main.js").read_bytes()
+    assert "javascript" in first.headers["content-type"]
     assert first.headers["cache-control"] == "no-cache"
     again = http.get("/static/js/main.js", headers={"If-None-Match": first.headers["etag"]})
     assert (again.status_code, again.content) == (304, b"")

@@ -42,6 +42,11 @@ def test_every_series_that_our_charts_draw_was_built_in():
     assert all(f"{kind}chart" in entry for kind in series)
 
 
+def test_browsers_are_told_to_compile_echarts_while_it_arrives():
+    text = (VENDOR / "echarts.min.js").read_text()
+    assert text.startswith("//# allFunctionsCalledOnLoad\n")
+
+
 def test_our_files_name_no_other_host():
     for path in OURS:
         text = path.read_text().replace(XML_NAMESPACE, "")

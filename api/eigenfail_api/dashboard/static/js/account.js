@@ -1,5 +1,5 @@
 // The planner's account of each step: its words at the moment, and the path that it means to drive.
-import { fixed } from "./figures.js";
+import { fixed } from "./parts.js";
 
 const NONE = "–";
 const PLAIN = ["mode", "rule", "candidate", "heeds"];

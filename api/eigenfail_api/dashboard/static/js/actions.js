@@ -1,4 +1,5 @@
-// Forms marked data-api go to the public API as JSON, which no foreign page can send unasked.
+// What buttons do: forms marked data-api go to the public API as JSON, which no foreign page can
+// send unasked, and copies go to the clipboard.
 import { refresh } from "./live.js";
 import { tell } from "./notice.js";
 
@@ -55,4 +56,21 @@ function put(fields, [name, ...below], value) {
 function valueOf({ dataset, value }) {
   if ("number" in dataset) return Number(value);
   return "numbers" in dataset ? value.split(",").map(Number) : value;
+}
+
+// They copy the text beside them; where the clipboard is out of reach, the text is marked.
+export function armCopies() {
+  document.addEventListener("click", ({ target }) => {
+    if (target.matches("[data-copy]")) copy(target.parentElement.querySelector("pre"));
+  });
+}
+
+async function copy(pre) {
+  try {
+    await navigator.clipboard.writeText(pre.textContent);
+    tell("Copied.");
+  } catch {
+    getSelection().selectAllChildren(pre);
+    tell("The text is selected: copy it with Ctrl+C.");
+  }
 }

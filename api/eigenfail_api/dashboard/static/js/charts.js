@@ -5,9 +5,10 @@ const drawn = new WeakMap();
 const resized = new ResizeObserver((entries) => {
   for (const { target } of entries) fit(target, window.echarts.getInstanceByDom(target));
 });
+const MARGIN_PX = 200;
 const seen = new IntersectionObserver((entries) => {
   for (const entry of entries) if (entry.isIntersecting) draw(entry.target.closest("figure"));
-}, { rootMargin: "200px" });
+}, { rootMargin: `${MARGIN_PX}px` });
 
 let kinds = {};
 let arm = () => {};
@@ -22,8 +23,16 @@ export function startCharts(known, armed = arm) {
 
 function drawAll() {
   for (const figure of figures()) seen.observe(plotOf(figure));
-  // The observer tells of what comes into view; what is in view already may have new values.
-  for (const figure of figures()) if (window.echarts.getInstanceByDom(plotOf(figure))) draw(figure);
+  // The observer tells of what comes into view later. What is in view already is drawn now, before
+  // the browser paints a frame without it; what is drawn already may have new values.
+  const due = [...figures()].filter((figure) => isInView(plotOf(figure)) || window.echarts.getInstanceByDom(plotOf(figure)));
+  due.forEach(draw);
+}
+
+// As the observer sees it: what is not displayed has no height.
+function isInView(plot) {
+  const { top, bottom, height } = plot.getBoundingClientRect();
+  return height > 0 && bottom > -MARGIN_PX && top < window.innerHeight + MARGIN_PX;
 }
 
 onThemeChange(() => {

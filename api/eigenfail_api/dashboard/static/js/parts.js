@@ -1,6 +1,13 @@
-// Pieces that all charts share.
-import { signed } from "./figures.js";
+// Pieces that all charts share, and figures as charts and players write them.
 import { colour } from "./theme.js";
+
+export const signed = (text) => text.replace(/^-/, "−");
+
+// A fixed number of decimals; what rounds to zero has no sign.
+export function fixed(value, decimals = 1) {
+  const text = value.toFixed(decimals);
+  return Number(text) === 0 ? (0).toFixed(decimals) : signed(text);
+}
 
 // Thousands of points are drawn as one shape, and still told apart by the pointer.
 export const MANY = { large: true, largeThreshold: 500 };

@@ -1,5 +1,5 @@
 // One moment of a scene on a canvas: x to the right, y up, one scale for both.
-import { fixed } from "./figures.js";
+import { fixed } from "./parts.js";
 import { palette } from "./palette.js";
 
 const MARGIN_M = 8;
