@@ -256,6 +256,10 @@ FIRST_OF_PAIRS = 0.5
 """The same where only pairs in which one side failed matter: of a single one, each side's turn."""
 
 
+FIRST_FAILURE = "there one failure will do, and more of the runs against it may be called new"
+"""The share is of pairs of runs: of the runs against a baseline that is kept it may be larger."""
+
+
 OFTENER = "; failures of a search follow each other, so that it may be more often there"
 
 
@@ -315,14 +319,14 @@ def _describe_false_alarms(by_rate: Sequence[Rerun]) -> str:
     """How often campaigns that are judged by rate are called new though nothing changed."""
     share = 100.0 * (1.0 - prod(1.0 - _bound_false_alarm(rerun) for rerun in by_rate))
     none = sum(not rerun.before.failures for rerun in by_rate)
-    first = f" (the baseline found none in {none}: there one failure will do)" if none else ""
+    first = f" (the baseline found none in {none}: {FIRST_FAILURE})" if none else ""
     failing = [rerun for rerun in by_rate if rerun.before.failures]
     by_modes = " or by one of its modes" if any(each.judges_modes for each in failing) else ""
     oftener = OFTENER if any(each.unpaired_because for each in failing) else ""
     return (
         f"{len(by_rate)} judged by rate: even if failures became no likelier, one of them or more"
         f" is called new, by its rate{by_modes}, in up to about {share:.1f} % of"
-        f" runs{first}{oftener}."
+        f" pairs of runs{first}{oftener}."
     )
 
 

@@ -26,12 +26,21 @@ def judged_by_rate(kind, failures, **fields):
 @pytest.mark.parametrize(
     ("reruns", "told"),
     [
-        ([(SEARCH, 3)], "new, by its rate, in up to about 2.5 % of runs; failures of a search"),
-        ([(SEARCH, 3)] * 3, "in up to about 7.3 % of runs; failures of a search"),
-        ([(CHANCE, 3)], "by its rate or by one of its modes, in up to about 5.0 % of runs."),
-        ([(SEARCH, 0)], "25.0 % of runs (the baseline found none in 1: there one failure"),
-        ([(CHANCE, 0)], "by its rate, in up to about 50.0 % of runs (the baseline"),
-        ([(CHANCE, 3), (SEARCH, 0)], "in up to about 28.8 % of runs (the baseline found none in"),
+        (
+            [(SEARCH, 3)],
+            "new, by its rate, in up to about 2.5 % of pairs of runs; failures of a search",
+        ),
+        ([(SEARCH, 3)] * 3, "in up to about 7.3 % of pairs of runs; failures of a search"),
+        (
+            [(CHANCE, 3)],
+            "by its rate or by one of its modes, in up to about 5.0 % of pairs of runs.",
+        ),
+        ([(SEARCH, 0)], "25.0 % of pairs of runs (the baseline found none in 1: there one failure"),
+        ([(CHANCE, 0)], "by its rate, in up to about 50.0 % of pairs of runs (the baseline"),
+        (
+            [(CHANCE, 3), (SEARCH, 0)],
+            "in up to about 28.8 % of pairs of runs (the baseline found none in",
+        ),
     ],
 )
 def test_it_is_told_how_often_nothing_is_called_new(reruns, told):

@@ -27,10 +27,10 @@ SURE = Interval(0.9, 1.0)
 
 
 def analysis(*explained, late=0.5, silhouette=0.6, modes=3):
-    """What is looked at of an analysis of 30 failures; `late` is the longitudinal influence."""
+    """What is looked at of an analysis of 30 failures; `late` is the influence on its axis."""
     shares = (
-        InfluenceShare(seconds=1.0, time=0.2, longitudinal=late, lateral=None, both=late),
-        InfluenceShare(seconds=2.0, time=0.4, longitudinal=0.9, lateral=None, both=0.9),
+        InfluenceShare(seconds=1.0, time=0.2, longitudinal=late, lateral=late, both=late),
+        InfluenceShare(seconds=2.0, time=0.4, longitudinal=0.9, lateral=0.9, both=0.9),
     )
     nothing = np.zeros((0, 100, 2), np.float32)
     return AnalysisResult(
@@ -114,8 +114,15 @@ def judged(words, *, along=None, across=None, proven=None, measured=None):
         ("more components", {}, True),
         ("more components", {"along": analysis(0.9, 0.05, 0.01)}, False),
         ("just before the collision", {}, True),
-        ("just before the collision", {"along": analysis(0.2, late=0.1)}, False),
+        (
+            "just before the collision",
+            {"along": analysis(0.2, late=0.1), "across": analysis(0.2, late=0.1)},
+            False,
+        ),
+        ("just before the collision", {"along": analysis(0.2, late=0.1)}, None),
+        ("just before the collision", {"across": analysis(0.2, late=0.1)}, None),
         ("just before the collision", {"along": analysis(late=None)}, None),
+        ("just before the collision", {"across": analysis(late=None)}, None),
         ("distinct failure modes", {}, True),
         ("distinct failure modes", {"along": analysis(0.2, silhouette=0.1)}, False),
         ("distinct failure modes", {"along": analysis(0.2, modes=2)}, False),
