@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import difs_network
 import eigenfailures
 import intervals
+import noise_fit
 import openturns_beside
 import parallel
 import processors
@@ -108,6 +109,7 @@ TRIALS = (
     Trial(("analysis.planted.",), planted),
     Trial(("analysis.one_cloud.",), clouds),
     Trial(("two_corners.",), corners),
+    Trial(("fit.",), noise_fit.find_figures),
     Trial(("difs.network.",), difs_network.find),
     *(
         Trial((f"search.{place}.{name}.",), partial(compare, place, name))

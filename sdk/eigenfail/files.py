@@ -65,6 +65,16 @@ def write_private(path: Path, text: str, field: str) -> None:
             file.write(f"{text}\n")
 
 
+def write_new(path: Path, text: str, field: str) -> None:
+    """Make a text file; nothing is ever written over.
+
+    Raises:
+        InvalidValue: it is there already, or cannot be written.
+    """
+    with _written(path, field), path.open("x", encoding="utf-8") as file:
+        file.write(text)
+
+
 def replace_private(path: Path, text: str, field: str) -> None:
     """The same, in the place of what may be there already: all of it or nothing.
 

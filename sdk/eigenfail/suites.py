@@ -18,7 +18,7 @@ import msgspec
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.files import read_toml
 from eigenfail.settings import convert, read_settings
-from eigenfail.values import Campaign, CampaignSpec, CampaignState
+from eigenfail.values import Campaign, CampaignSpec, CampaignState, DisturbanceModel
 from eigenfail.values.campaign import Name
 from eigenfail.wire.http import refuse_unknown_fields
 
@@ -366,6 +366,9 @@ class Suite(msgspec.Struct, frozen=True):
         if "method" in table and not describes_suite(table):
             remedy = f"Run it with `eigenfail run {file}`."
             raise InvalidValue(file.name, "this is a campaign, not a suite.", remedy)
+        base = table.get("base")
+        if isinstance(base, dict):
+            table = {**table, "base": include_disturbance(base, file)}
         written = read_settings(SuiteFile, table, file.name)
         return cls._written(written, written.name or file.stem, file.name)
 
@@ -399,6 +402,37 @@ class Suite(msgspec.Struct, frozen=True):
         _refuse_duplicates(members, where)
         order_members({each.name: each.spec for each in members}, where)
         return cls(name, tuple(members))
+
+
+def read_disturbance(file: Path) -> DisturbanceModel:
+    """Read the disturbance model in a TOML file: of its own, or the one of a campaign.
+
+    Raises:
+        UnknownName: a field that models do not have.
+        InvalidValue: not a readable TOML file, or a value outside its bounds.
+    """
+    table = read_toml(file, "Name a TOML file with the fields of [disturbance].")
+    if "method" in table:
+        table = include_disturbance(table, file).get("disturbance", {})
+    return read_settings(DisturbanceModel, table, file.name)
+
+
+def include_disturbance(fields: Table, file: Path) -> Table:
+    """Return the fields of a campaign, with its disturbance model in the place of a file's name.
+
+    Args:
+        fields: as the file has them; `disturbance` may be the path of another file, from the folder
+            of this one.
+        file: that they are from.
+
+    Raises:
+        UnknownName: a field that models do not have.
+        InvalidValue: that file cannot be read, or holds a value outside its bounds.
+    """
+    named = fields.get("disturbance")
+    if not isinstance(named, str):
+        return fields
+    return {**fields, "disturbance": msgspec.to_builtins(read_disturbance(file.parent / named))}
 
 
 def _make_member(suite: str, name: str, fields: Table, where: str) -> SuiteMember:

@@ -11,7 +11,13 @@ from eigenfail import plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.files import read_toml
 from eigenfail.settings import convert, read_settings
-from eigenfail.suites import describes_suite, format_value, list_leaves, set_path
+from eigenfail.suites import (
+    describes_suite,
+    format_value,
+    include_disturbance,
+    list_leaves,
+    set_path,
+)
 from eigenfail.values import CampaignSpec, DisturbanceModel, StopRules
 from eigenfail.values.variation import read_variation
 from eigenfail.wire.http import CampaignCheck, refuse_unknown_fields
@@ -49,7 +55,7 @@ def read_spec(
     if describes_suite(table):
         remedy = f"Run it with `eigenfail suite run {file}`."
         raise InvalidValue(file.name, "this is a suite, not a campaign.", remedy)
-    fields = {"name": file.stem, **table, **_drop_missing(instead)}
+    fields = {"name": file.stem, **include_disturbance(table, file), **_drop_missing(instead)}
     if _drop_missing(stop):
         fields["stop"] = {**_read_stop_rules(fields.get("stop", {}), file), **_drop_missing(stop)}
     for name, kind in TABLES.items():

@@ -1,0 +1,305 @@
+"""`eigenfail noise`: a disturbance model from a sensor's log, and what a model means."""
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import typer
+from scipy import stats
+
+from eigenfail.cli.options import AsJson
+from eigenfail.cli.render import show
+from eigenfail.files import write_new
+from eigenfail.hosting.service import require_installed
+from eigenfail.presentation.figures import format_interval, format_number, format_share
+from eigenfail.presentation.tables import Block, FactTable, Table, TableColumn
+from eigenfail.presentation.terminal import render
+from eigenfail.suites import read_disturbance
+from eigenfail.values import AXES, DisturbanceModel
+from eigenfail_services.noise_fit.checks import ModelCheck, check_fit
+from eigenfail_services.noise_fit.fitting import Fit, Parameter, choose_fit, fit_shapes
+from eigenfail_services.noise_fit.sensor_log import SensorLog, read_log
+
+DISTANCES_M = {"longitudinal": (0.0, 10.0, 20.0, 50.0, 100.0), "lateral": (0.0, 2.0, 4.0, 8.0)}
+SHARES = {"half below": 0.5, "95 % below": 0.95, "99.9 % below": 0.999}
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    help="Fit the disturbance model p(x) to the log of a sensor, and show what a model means.",
+)
+
+LogFile = Annotated[
+    Path,
+    typer.Argument(
+        metavar="LOG",
+        help="CSV or Parquet with the columns track, time_s, dx_m, dy_m, seen_dx_m, seen_dy_m.",
+    ),
+]
+Step = Annotated[
+    float,
+    typer.Option(
+        "--step", min=1e-3, max=10.0, help="Time between two measurements of a track [s]."
+    ),
+]
+Output = Annotated[
+    Path | None,
+    typer.Option("--output", help="TOML file to which the model is written; it must not exist."),
+]
+ModelFile = Annotated[
+    Path, typer.Argument(metavar="FILE", help="TOML file of a disturbance model, or of a campaign.")
+]
+
+
+class Misses(msgspec.Struct, frozen=True):
+    """Steps at which the sensor did not see the vehicle.
+
+    Attributes:
+        share: of all steps of the tracks.
+        mean_steps: mean length of their runs; None where there are none.
+        ghosts: number of measurements without a vehicle.
+    """
+
+    share: float
+    mean_steps: float | None
+    ghosts: int
+
+
+class ShapeScore(msgspec.Struct, frozen=True):
+    """How well a shape describes tracks that it was not fitted to; see `Fit`."""
+
+    kind: str
+    held_out: float
+    gain: float | None
+    gain_low: float | None
+    gain_high: float | None
+
+
+class FitReport(msgspec.Struct, frozen=True):
+    """What `noise fit` found: the model, what speaks for it, and what it leaves out."""
+
+    model: DisturbanceModel
+    parameters: tuple[Parameter, ...]
+    shapes: tuple[ShapeScore, ...]
+    checks: tuple[ModelCheck, ...]
+    misses: Misses
+    tracks: int
+    measurements: int
+    distances_m: dict[str, tuple[float, float]]
+    step_s: float
+
+
+@app.callback()
+def _require_server() -> None:
+    require_installed()
+
+
+@app.command()
+def fit(log: LogFile, step: Step = 0.1, output: Output = None, as_json: AsJson = False) -> None:
+    """Fit a disturbance model to a sensor's log, with intervals and checks."""
+    errors = read_log(log, step)
+    report = make_report(errors, fit_shapes(errors))
+    if output is not None:
+        write_new(output, format_model(report, log.name), "--output")
+    show(report, as_json, lambda: render(*_list_blocks(report, output)))
+
+
+@app.command(name="show")
+def show_model(file: ModelFile, as_json: AsJson = False) -> None:
+    """Show the errors that a disturbance model draws, at several distances."""
+    model = read_disturbance(file)
+    show(model, as_json, lambda: render(*_describe_model(model)))
+
+
+def make_report(log: SensorLog, fits: Sequence[Fit]) -> FitReport:
+    """Return what was found of a log, given the fits of all shapes."""
+    best = choose_fit(fits)
+    missed, runs = int(log.missed.sum()), int(log.misses.sum())
+    return FitReport(
+        model=best.model,
+        parameters=best.parameters,
+        shapes=tuple(map(_score, fits)),
+        checks=tuple(check_fit(log, best)),
+        misses=Misses(
+            share=missed / (missed + len(log.track)),
+            mean_steps=missed / runs if runs else None,
+            ghosts=log.ghosts,
+        ),
+        tracks=log.tracks,
+        measurements=len(log.track),
+        distances_m={
+            axis: (float(values.min()), float(values.max()))
+            for axis, values in zip(AXES, log.distance_m.T, strict=True)
+        },
+        step_s=log.step_s,
+    )
+
+
+def _score(one: Fit) -> ShapeScore:
+    gain, interval = one.gain or (None, None)
+    low, high = (interval.low, interval.high) if interval else (None, None)
+    return ShapeScore(one.kind, one.held_out, gain, low, high)
+
+
+def format_model(report: FitReport, source: str) -> str:
+    """Return the TOML file of a fitted model, which a campaign names as its `disturbance`."""
+    along, across = (report.distances_m[axis] for axis in AXES)
+    failed = [check for check in report.checks if not check.holds]
+    lines = [
+        (
+            f"# Fitted by `eigenfail noise fit` to {source}: {report.tracks} tracks, "
+            f"{report.measurements} measurements, {report.step_s:g} s apart."
+        ),
+        (
+            f"# Distances in the log: {along[0]:.3g} to {along[1]:.3g} m along the road, "
+            f"{across[0]:.3g} to {across[1]:.3g} m across. Beyond them the model is a guess."
+        ),
+        *(f"# Does not hold: {check.name}, {check.value:.3g}." for check in failed),
+    ]
+    for parameter in report.parameters:
+        head, _, _ = parameter.name.partition(" ")
+        low, high = parameter.interval.low, parameter.interval.high
+        lines.append(f"# {head}: 95 % interval {low:.4g} to {high:.4g}")
+    table = msgspec.toml.encode(_round(report.model)).decode()
+    return "\n".join([*lines, "", table])
+
+
+def _round(model: DisturbanceModel) -> dict[str, object]:
+    """Return the fields of a model with six significant digits."""
+    fields = msgspec.to_builtins(model)
+    shape = {name: _round_number(value) for name, value in fields.pop("shape").items()}
+    return {**{name: _round_number(value) for name, value in fields.items()}, "shape": shape}
+
+
+def _round_number(value: object) -> object:
+    return float(f"{value:.6g}") if isinstance(value, float) else value
+
+
+def _list_blocks(report: FitReport, output: Path | None) -> Iterator[Block]:
+    along, across = (report.distances_m[axis] for axis in AXES)
+    yield FactTable(
+        "Log",
+        (
+            ("tracks", str(report.tracks)),
+            ("measurements", f"{report.measurements:,}, {report.step_s:g} s apart"),
+            ("distances along the road", f"{along[0]:.3g} to {along[1]:.3g} m"),
+            ("distances across it", f"{across[0]:.3g} to {across[1]:.3g} m"),
+            ("missed", _describe_misses(report.misses)),
+            ("ghosts", f"{report.misses.ghosts:,} measurements without a vehicle"),
+            ("model", report.model.shape.in_words()),
+        ),
+    )
+    yield _draw_parameters(report)
+    yield _draw_shapes(report)
+    yield _draw_checks(report)
+    failed = sum(not check.holds for check in report.checks)
+    if failed:
+        yield f"{failed} of {len(report.checks)} checks do not hold: the log is not of this model."
+    if output is not None:
+        yield f'Written to {output}. A campaign uses it with disturbance = "{output}".'
+
+
+def _describe_misses(misses: Misses) -> str:
+    share = f"{format_share(misses.share)} of the steps"
+    if misses.mean_steps is None:
+        return share
+    return f"{share}, {misses.mean_steps:.3g} steps at a time; the model leaves them out"
+
+
+def _draw_parameters(report: FitReport) -> Table:
+    return Table(
+        "Parameters",
+        (
+            TableColumn("Parameter", is_figure=False),
+            TableColumn("Value"),
+            TableColumn("95 % interval"),
+        ),
+        tuple(
+            (one.name, format_number(one.value), format_interval(one.interval))
+            for one in report.parameters
+        ),
+        ("Intervals are of the jackknife over tracks.",),
+    )
+
+
+def _draw_shapes(report: FitReport) -> Table:
+    return Table(
+        "Shapes",
+        (
+            TableColumn("Shape", is_figure=False),
+            TableColumn("Log density"),
+            TableColumn("More than white [95 %]"),
+        ),
+        tuple(
+            (
+                one.kind,
+                format_number(one.held_out, 4),
+                ""
+                if one.gain is None
+                else f"{one.gain:+.3f} [{one.gain_low:+.3f}, {one.gain_high:+.3f}]",
+            )
+            for one in report.shapes
+        ),
+        ("Log densities are means per measurement, on tracks that were not fitted.",),
+    )
+
+
+def _draw_checks(report: FitReport) -> Table:
+    return Table(
+        "Checks",
+        (
+            TableColumn("ModelCheck", is_figure=False),
+            TableColumn("Log"),
+            TableColumn("Interval"),
+            TableColumn("Model"),
+            TableColumn("Verdict", is_figure=False),
+        ),
+        tuple(
+            (
+                check.name,
+                format_number(check.value),
+                format_interval(check.interval),
+                format_number(check.expected),
+                "holds" if check.holds else f"does not hold. {check.remedy}",
+            )
+            for check in report.checks
+        ),
+        (
+            (
+                "z is what the model makes of the errors, standard normal if it is right. All "
+                "checks of such a log hold with 99 % probability."
+            ),
+        ),
+    )
+
+
+def _describe_model(model: DisturbanceModel) -> Iterator[Block]:
+    yield FactTable("Model", tuple(model.in_words().items()))
+    factors = [_find_quantile(model, share) for share in SHARES.values()]
+    for axis, slope, base in (
+        (AXES[0], model.longitudinal_slope, model.longitudinal_base_m),
+        (AXES[1], model.lateral_slope, model.lateral_base_m),
+    ):
+        distances = DISTANCES_M[axis]
+        sigmas = [model.scale * (slope * distance + base) for distance in distances]
+        yield Table(
+            f"{axis} errors".capitalize(),
+            (
+                TableColumn(f"{axis} distance".capitalize(), "m"),
+                TableColumn("Sigma", "m"),
+                *(TableColumn(words.capitalize(), "m") for words in SHARES),
+            ),
+            tuple(
+                (distance, sigma, *(factor * sigma for factor in factors))
+                for distance, sigma in zip(distances, sigmas, strict=True)
+            ),
+            (f"Sizes of {axis} errors: half of them, 95 % and 99.9 % are below. All in metres.",),
+        )
+
+
+def _find_quantile(model: DisturbanceModel, share: float) -> float:
+    """Return the size below which this share of standardised errors lies. [sigma]"""
+    upper = float(stats.norm.ppf(0.5 + 0.5 * share))
+    largest, _ = model.shape.step((upper, upper), None)
+    return largest

@@ -1,0 +1,252 @@
+"""A log of what a sensor saw of other vehicles, beside where they were."""
+
+import csv
+from collections.abc import Iterator, Mapping, Sequence
+from math import isfinite, isnan, nan
+from pathlib import Path
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenfail.errors import InvalidValue
+
+Array = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+COLUMNS = {
+    "track": "name or number of one vehicle from when the sensor first saw it until it lost it",
+    "time_s": "time of the measurement [s]",
+    "dx_m": "where the vehicle was, ahead of the ego's centre [m]",
+    "dy_m": "where the vehicle was, to the left of the ego's centre [m]",
+    "seen_dx_m": "where the sensor saw it, ahead [m]; empty where it was missed",
+    "seen_dy_m": "where the sensor saw it, to the left [m]; empty where it was missed",
+}
+"""Columns that a log must have. Others are ignored."""
+
+POSITIONS = ("dx_m", "dy_m", "seen_dx_m", "seen_dy_m")
+TRUE, SEEN = slice(0, 2), slice(2, 4)
+
+FEWEST_TRACKS = 30
+"""Intervals rest on the differences between tracks; with fewer of them they are too narrow."""
+
+CLOCK_TOLERANCE = 0.1
+"""Largest deviation of a time from a whole number of steps, as a share of a step."""
+
+
+class Row(NamedTuple):
+    """One measurement: positions are NaN where the log has none."""
+
+    track: str
+    time_s: float
+    positions: tuple[float, ...]
+
+
+class SensorLog(msgspec.Struct, frozen=True, eq=False):
+    """Errors of a sensor at the steps at which it saw a vehicle, ordered by track and time.
+
+    Attributes:
+        track: number of the track of each measurement, from 0 on, shape (n,).
+        follows: whether the measurement one step earlier is the one before it, shape (n,).
+        distance_m: |dx| and |dy| of the true position, shape (n, 2). [m]
+        speed_mps: rate at which dx and dy change, shape (n, 2); NaN at the first of a track. [m/s]
+        error_m: seen less true position, shape (n, 2). [m]
+        step_s: time between measurements. [s]
+        missed: number of steps of each track at which the vehicle was not seen, shape (tracks,).
+        misses: number of runs of such steps in each track, shape (tracks,).
+        ghosts: number of measurements without a vehicle.
+    """
+
+    track: Integers
+    follows: NDArray[np.bool_]
+    distance_m: Array
+    speed_mps: Array
+    error_m: Array
+    step_s: float
+    missed: Integers
+    misses: Integers
+    ghosts: int
+
+    @property
+    def tracks(self) -> int:
+        """Number of tracks."""
+        return len(self.missed)
+
+    def sum_by_track(self, values: Array) -> Array:
+        """Return the sums of values of the measurements, shape (n,), over each track."""
+        return np.bincount(self.track, values, self.tracks).astype(np.float64)
+
+
+def read_log(file: Path, step_s: float) -> SensorLog:
+    """Read a log of CSV, or of Parquet where pyarrow is installed.
+
+    Args:
+        file: table with the columns `COLUMNS`.
+        step_s: time between two measurements, which is that between two steps of a scenario. [s]
+
+    Raises:
+        InvalidValue: the file cannot be read, lacks a column, holds a value that is no number, has
+            too few tracks, or times that are not a whole number of steps apart.
+    """
+    read = _read_parquet if file.suffix == ".parquet" else _read_csv
+    return make_log([_parse(values, file.name, line) for line, values in read(file)], step_s)
+
+
+def make_log(rows: Sequence[Row], step_s: float) -> SensorLog:
+    """Return the errors of some measurements.
+
+    Raises:
+        InvalidValue: as `read_log`.
+    """
+    ghosts = sum(isnan(row.positions[0]) for row in rows)
+    by_track: dict[str, list[Row]] = {}
+    for row in rows:
+        if not isnan(row.positions[0]):
+            by_track.setdefault(row.track, []).append(row)
+    parts = [_measure_track(name, track, step_s) for name, track in by_track.items()]
+    parts = [part for part in parts if part.error_m.size]
+    if len(parts) < FEWEST_TRACKS:
+        raise InvalidValue(
+            "track",
+            f"there are {len(parts)} tracks in which a vehicle was seen; {FEWEST_TRACKS} are "
+            "needed, as intervals rest on the differences between tracks.",
+            "Log more vehicles, or give tracks that end when the sensor loses a vehicle.",
+        )
+    return SensorLog(
+        track=np.repeat(np.arange(len(parts)), [len(part.error_m) for part in parts]),
+        follows=np.concatenate([part.follows for part in parts]),
+        distance_m=np.concatenate([part.distance_m for part in parts]),
+        speed_mps=np.concatenate([part.speed_mps for part in parts]),
+        error_m=np.concatenate([part.error_m for part in parts]),
+        step_s=step_s,
+        missed=np.array([part.missed for part in parts]),
+        misses=np.array([part.misses for part in parts]),
+        ghosts=ghosts,
+    )
+
+
+class _Part(NamedTuple):
+    """What a track adds to a log; see `SensorLog`."""
+
+    follows: NDArray[np.bool_]
+    distance_m: Array
+    speed_mps: Array
+    error_m: Array
+    missed: int
+    misses: int
+
+
+def _measure_track(name: str, rows: Sequence[Row], step_s: float) -> _Part:
+    rows = sorted(rows, key=lambda row: row.time_s)
+    steps = _count_steps(name, np.array([row.time_s for row in rows]), step_s)
+    positions = np.array([row.positions for row in rows])
+    true, seen = positions[:, TRUE], positions[:, SEEN]
+    is_seen = ~np.isnan(seen[:, 0])
+    speed = np.full_like(true, nan)
+    speed[1:] = np.diff(true, axis=0) / (np.diff(steps)[:, None] * step_s)
+    is_next = np.zeros(len(rows), bool)
+    is_next[1:] = (np.diff(steps) == 1) & is_seen[:-1]
+    begins = ~is_seen & np.concatenate([[True], is_seen[:-1]])
+    return _Part(
+        follows=is_next[is_seen],
+        distance_m=np.abs(true[is_seen]),
+        speed_mps=speed[is_seen],
+        error_m=(seen - true)[is_seen],
+        missed=int((~is_seen).sum()),
+        misses=int(begins.sum()),
+    )
+
+
+def _count_steps(name: str, time_s: Array, step_s: float) -> Integers:
+    """Return the number of each measurement's step, from that of the first.
+
+    Raises:
+        InvalidValue: two measurements at one step, or one between two steps.
+    """
+    exact = (time_s - time_s[0]) / step_s
+    steps: Integers = np.rint(exact).astype(np.int64)
+    apart = np.abs(exact - steps) > CLOCK_TOLERANCE
+    if apart.any() or (np.diff(steps) < 1).any():
+        wrong = int(np.argmax(apart)) if apart.any() else int(np.argmin(np.diff(steps))) + 1
+        raise InvalidValue(
+            "time_s",
+            f"the measurement of track {name} at {time_s[wrong]:g} s is not a whole number of "
+            f"steps of {step_s:g} s after the ones before it.",
+            "Resample the log to the time step of the scenario, or give its own as --step.",
+        )
+    return steps
+
+
+def _parse(values: Mapping[str, object], name: str, line: int) -> Row:
+    """Return a row of a table.
+
+    Raises:
+        InvalidValue: a value is missing, or no number.
+    """
+    time_s = _parse_number(values["time_s"], f"{name}, row {line}: time_s")
+    positions = [_parse_number(values[one], f"{name}, row {line}: {one}") for one in POSITIONS]
+    for one in (TRUE, SEEN):
+        if isnan(positions[one][0]) != isnan(positions[one][1]):
+            raise InvalidValue(
+                f"{name}, row {line}",
+                f"only one of {' and '.join(POSITIONS[one])} is given.",
+                "Give both, or leave both empty.",
+            )
+    if isnan(time_s):
+        raise InvalidValue(f"{name}, row {line}: time_s", "is empty.", "Give a time in seconds.")
+    return Row(str(values["track"]), time_s, tuple(positions))
+
+
+def _parse_number(value: object, field: str) -> float:
+    """Return a finite number, or NaN for an empty value."""
+    if value is None or value == "" or value != value:  # noqa: PLR0124 - NaN is an empty value
+        return nan
+    try:
+        number = float(str(value))
+    except ValueError:
+        number = nan
+    if not isfinite(number):
+        raise InvalidValue(field, f"'{value}' is not a finite number.", "Correct the value.")
+    return number
+
+
+def _read_csv(file: Path) -> Iterator[tuple[int, Mapping[str, object]]]:
+    try:
+        with file.open(encoding="utf-8-sig", newline="") as text:
+            table = csv.DictReader(text)
+            _check_columns(table.fieldnames or (), file.name)
+            yield from enumerate(table, 2)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise _make_unreadable(file, error) from error
+
+
+def _read_parquet(file: Path) -> Iterator[tuple[int, Mapping[str, object]]]:
+    try:
+        import pyarrow.parquet
+    except ModuleNotFoundError as error:
+        raise InvalidValue(
+            file.name, "Parquet needs pyarrow.", "Install eigenfail[export], or give CSV."
+        ) from error
+    try:
+        table = pyarrow.parquet.read_table(file)
+    except (OSError, pyarrow.ArrowException) as error:
+        raise _make_unreadable(file, error) from error
+    _check_columns(table.column_names, file.name)
+    columns = [table[name].to_pylist() for name in COLUMNS]
+    for row, values in enumerate(zip(*columns, strict=True), 1):
+        yield row, dict(zip(COLUMNS, values, strict=True))
+
+
+def _check_columns(given: Sequence[str], name: str) -> None:
+    """Refuse a table that lacks a column."""
+    if missing := [column for column in COLUMNS if column not in given]:
+        raise InvalidValue(
+            name,
+            f"there is no column {', '.join(missing)}; its columns are {', '.join(given)}.",
+            f"A log has the columns {', '.join(COLUMNS)}.",
+        )
+
+
+def _make_unreadable(file: Path, error: Exception) -> InvalidValue:
+    return InvalidValue(file.name, f"cannot be read: {error}.", "Name a file of CSV or Parquet.")

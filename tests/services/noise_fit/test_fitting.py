@@ -1,0 +1,249 @@
+"""Fits find the models that logs were drawn from, and checks tell logs that are of none."""
+
+from itertools import pairwise
+from math import nan
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from eigenfail.errors import InvalidValue
+from eigenfail.values import (
+    Conversion,
+    Correlated,
+    DisturbanceModel,
+    HeavyTailed,
+    NoiseTrajectory,
+    White,
+)
+from eigenfail_services.noise_fit.checks import check_fit
+from eigenfail_services.noise_fit.fitting import (
+    CANDIDATES,
+    choose_fit,
+    compute_density,
+    find_ratio_interval,
+    fit_shapes,
+)
+from eigenfail_services.noise_fit.sensor_log import FEWEST_TRACKS, Row, make_log, read_log
+
+SHAPES = {"white": White(), "ar1": Correlated(0.8, 0.4), "student_t": HeavyTailed(4.0)}
+
+
+@pytest.fixture(scope="module")
+def benchmark():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(Path(__file__).parents[3] / "benchmarks")
+        import noise_fit
+
+        yield noise_fit
+
+
+def draw(benchmark, kind, bend=None):
+    """A log of a model of this shape, and the model."""
+    model = DisturbanceModel(0.03, 0.8, 0.05, 0.3, shape=SHAPES[kind])
+    return benchmark.draw_log(model, np.random.default_rng(11), bend), model
+
+
+def list_parameters(model):
+    """The parameters of a model in the order of the fits, as these have them."""
+    own = {
+        White: list,
+        Correlated: lambda: [
+            model.shape.longitudinal_correlation,
+            model.shape.lateral_correlation,
+        ],
+        HeavyTailed: lambda: [1.0 / model.shape.degrees_of_freedom],
+    }
+    common = [getattr(model, name) for name in DisturbanceModel.__struct_fields__[:4]]
+    return np.array([*common, *own[type(model.shape)]()])
+
+
+@pytest.fixture(scope="module", params=SHAPES)
+def fitted(request, benchmark):
+    """A log of a model of each shape, the model, and the chosen fit."""
+    log, model = draw(benchmark, request.param)
+    return log, model, choose_fit(fit_shapes(log))
+
+
+def test_the_shape_is_chosen_and_most_intervals_hold_what_was_planted(fitted, benchmark):
+    log, model, best = fitted
+    assert type(best.model.shape) is type(model.shape)
+    covered = benchmark.list_covered(model, best)
+    assert sum(covered) >= len(covered) - 1
+    for one in best.parameters:
+        planted = benchmark.find_parameter(model, one.name)
+        reach = one.interval.high - one.interval.low
+        assert abs(one.value - planted) < reach < 0.6 * planted, one.name
+    assert all(check.holds for check in check_fit(log, best))
+
+
+def test_z_is_standard_normal_under_the_chosen_model(fitted):
+    _, _, best = fitted
+    for axis in best.z.T:
+        assert stats.kstest(axis, "norm").pvalue > 1e-3
+
+
+@pytest.mark.parametrize("candidate", CANDIDATES, ids=lambda one: one.kind)
+@settings(deadline=None, max_examples=25)
+@given(seed=st.integers(0, 2**32))
+def test_density_and_z_are_those_of_the_product(candidate, seed):
+    random = np.random.default_rng(seed)
+    model = DisturbanceModel(0.03, 0.8, 0.05, 0.3, shape=SHAPES[candidate.kind])
+    steps = 30
+    true = random.uniform(-80.0, 80.0, (FEWEST_TRACKS, steps, 2))
+    slopes, bases = np.array([0.03, 0.05]), np.array([0.8, 0.3])
+    sigma = (slopes * np.abs(true) + bases).astype(np.float32)
+    z = random.standard_normal(true.shape).astype(np.float32)
+    noise = [NoiseTrajectory(a, b, model.shape) for a, b in zip(z, sigma, strict=True)]
+    seen = true + np.stack([one.metres for one in noise])
+    log = make_log(
+        [
+            Row(f"{track}", 0.1 * step, (*true[track, step], *seen[track, step]))
+            for track in range(FEWEST_TRACKS)
+            for step in range(steps)
+        ],
+        0.1,
+    )
+    parameters = list_parameters(model)
+    density = log.sum_by_track(compute_density(candidate, log, parameters))
+    assert density == pytest.approx([one.log_probability for one in noise], rel=1e-4, abs=1e-2)
+    u = log.error_m / sigma.reshape(-1, 2)
+    found = candidate.find_z(log, u, parameters[4:])
+    assert found == pytest.approx(z.reshape(-1, 2), abs=2e-3)
+
+
+def test_every_misfit_is_found(benchmark):
+    for name, bend in benchmark.BENDS.items():
+        log, _ = draw(benchmark, "white", bend)
+        failed = [one for one in check_fit(log, choose_fit(fit_shapes(log))) if not one.holds]
+        assert failed, name
+        assert all(one.remedy for one in failed)
+
+
+def test_a_step_that_was_missed_breaks_the_correlation():
+    rows = [
+        Row(f"{track}", 0.1 * step, (10.0, 0.0, *((nan, nan) if step == 2 else (11.0, 0.5))))
+        for track in range(FEWEST_TRACKS)
+        for step in range(5)
+    ]
+    log = make_log(rows, 0.1)
+    assert log.follows[:4].tolist() == [False, True, False, True]
+    assert (log.missed == 1).all()
+    assert (log.misses == 1).all()
+    ar1 = next(one for one in CANDIDATES if one.kind == "ar1")
+    u = np.tile([[1.0, 0.5]], (len(log.track), 1))
+    z = ar1.find_z(log, u, np.array([0.6, 0.0]))[:4]
+    assert z[:, 0] == pytest.approx([1.0, 0.5, 1.0, 0.5])
+    assert z[:, 1] == pytest.approx([0.5] * 4)
+
+
+def test_runs_of_misses_and_ghosts_are_counted():
+    seen = [True, False, False, True, False]
+    rows = [
+        Row(f"{track}", 0.1 * step, (10.0, 0.0, *((10.5, 0.0) if is_seen else (nan, nan))))
+        for track in range(FEWEST_TRACKS)
+        for step, is_seen in enumerate(seen)
+    ]
+    ghosts = [Row("0", 7.0, (nan, nan, 3.0, 0.0))]
+    log = make_log([*rows, *ghosts], 0.1)
+    assert (log.missed[0], log.misses[0], log.ghosts) == (3, 2, 1)
+    assert len(log.track) == 2 * FEWEST_TRACKS
+
+
+@pytest.mark.parametrize(
+    ("times", "text"),
+    [
+        ((0.0, 0.1, 0.25), "track 0 at 0.25 s is not a whole number of steps of 0.1 s"),
+        ((0.0, 0.1, 0.1), "track 0 at 0.1 s"),
+        ((0.0, 0.04, 0.08), "track 0 at 0.04 s"),
+    ],
+)
+def test_times_between_steps_are_refused(times, text):
+    rows = [
+        Row(f"{track}", time_s, (10.0, 0.0, 10.5, 0.0))
+        for track in range(FEWEST_TRACKS)
+        for time_s in times
+    ]
+    with pytest.raises(InvalidValue, match=text):
+        make_log(rows, 0.1)
+
+
+def test_fewer_tracks_than_intervals_rest_on_are_refused():
+    rows = [Row(f"{track}", 0.0, (10.0, 0.0, 10.5, 0.0)) for track in range(FEWEST_TRACKS - 1)]
+    unseen = Row("unseen", 0.0, (10.0, 0.0, nan, nan))
+    with pytest.raises(InvalidValue, match="there are 29 tracks in which a vehicle was seen"):
+        make_log([*rows, unseen], 0.1)
+
+
+def test_the_interval_of_a_mean_over_equal_tracks_is_students(benchmark):
+    values = np.random.default_rng(3).normal(2.0, 1.0, 40)
+    mean, interval = find_ratio_interval(values, np.ones(40))
+    expected = stats.t.interval(0.95, 39, values.mean(), stats.sem(values))
+    assert mean == pytest.approx(values.mean())
+    assert (interval.low, interval.high) == pytest.approx(expected)
+
+
+HEAD = "track,time_s,dx_m,dy_m,seen_dx_m,seen_dy_m"
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("track,time_s,dx_m\n", "there is no column dy_m, seen_dx_m, seen_dy_m"),
+        (f"{HEAD}\n1,0.0,ten,0,10,0\n", r"log.csv, row 2: dx_m: 'ten' is not a finite number"),
+        (f"{HEAD}\n1,0.0,inf,0,10,0\n", "'inf' is not a finite number"),
+        (f"{HEAD}\n1,,10,0,10,0\n", "row 2: time_s: is empty"),
+        (f"{HEAD}\n1,0.0,10,0,10,\n", "row 2: only one of seen_dx_m and seen_dy_m is given"),
+        (f"{HEAD}\n1,0.0,10\n", "row 2: only one of dx_m and dy_m"),
+        ("", "there is no column"),
+    ],
+)
+def test_a_table_that_is_no_log_is_refused_with_the_place(tmp_path, text, problem):
+    file = tmp_path / "log.csv"
+    file.write_text(text)
+    with pytest.raises(InvalidValue, match=problem):
+        read_log(file, 0.1)
+
+
+@pytest.mark.parametrize("name", ["absent.csv", "absent.parquet", "garbage.csv", "garbage.parquet"])
+def test_a_file_that_cannot_be_read_is_refused(tmp_path, name):
+    if name.startswith("garbage"):
+        (tmp_path / name).write_bytes(b"\xff\xfe\x00garbage")
+    with pytest.raises(InvalidValue, match=rf"{name}: cannot be read"):
+        read_log(tmp_path / name, 0.1)
+
+
+def test_csv_and_parquet_hold_the_same(tmp_path):
+    import pandas as pd
+
+    table = pd.DataFrame(
+        {
+            "track": np.repeat(np.arange(FEWEST_TRACKS), 3),
+            "time_s": np.tile([0.0, 0.1, 0.2], FEWEST_TRACKS),
+            "dx_m": 10.0,
+            "dy_m": 0.0,
+            "seen_dx_m": np.tile([10.5, nan, 11.0], FEWEST_TRACKS),
+            "seen_dy_m": np.tile([0.5, nan, 0.0], FEWEST_TRACKS),
+            "sensor": "front",
+        }
+    )
+    table.to_csv(tmp_path / "log.csv", index=False)
+    table.to_parquet(tmp_path / "log.parquet")
+    logs = [read_log(tmp_path / f"log.{kind}", 0.1) for kind in ("csv", "parquet")]
+    for one, other in pairwise(logs):
+        for field in msgspec.structs.fields(one):
+            np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
+
+
+def test_conversion_of_the_planted_model_is_that_of_episodes(benchmark):
+    model = DisturbanceModel(0.0, 2.0, 0.0, 0.5, shape=Correlated(0.9, 0.2))
+    true = np.zeros((5, 2))
+    errors = benchmark.draw_errors(model, true, np.random.default_rng(1))
+    z = np.random.default_rng(1).standard_normal((5, 2))
+    conversion = Conversion(model.shape)
+    expected = [conversion.to_metres(tuple(one), (2.0, 0.5)) for one in z]
+    np.testing.assert_allclose(errors, expected)
