@@ -4,6 +4,7 @@ Results enter the database by a fixed number of statements, however many there a
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
 from typing import Any
 
 from sqlalchemy import (
@@ -11,6 +12,7 @@ from sqlalchemy import (
     Connection,
     RowMapping,
     Select,
+    Table,
     Text,
     bindparam,
     case,
@@ -24,6 +26,7 @@ from sqlalchemy import (
     type_coerce,
     update,
 )
+from sqlalchemy.engine.default import DefaultDialect
 
 from eigenfail.filters import (
     BY_INDEX,
@@ -68,7 +71,7 @@ from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import pack, to_blob, to_floats, to_result, to_row
 from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.events import append_event, describe_alarm
-from eigenfail_services.store.judging import Kept, judge, make_columns
+from eigenfail_services.store.judging import Kept, judge, make_row
 from eigenfail_services.store.lifecycle import make_episode_error, make_pruned_error
 from eigenfail_services.store.query_cache import CachedQueries
 from eigenfail_services.store.references import select_pruned_ms
@@ -208,11 +211,6 @@ _KNOWN = select(episode_index, episodes.c.digest).where(
     episodes.c.campaign == bindparam("campaign"),
     episode_index.in_(bindparam("indices", expanding=True)),
 )
-_INSERT_EPISODES, _INSERT_TRAJECTORIES, _INSERT_SCENES = (
-    insert(episodes),
-    insert(trajectories),
-    insert(scenes),
-)
 
 
 def _store_deliveries(
@@ -247,39 +245,39 @@ def _insert_results(connection: Connection, campaign: int, kept: Sequence[Kept])
     if not kept:
         return
     at_ms = now_ms()
-    rows = [make_columns(campaign, one, at_ms) | _fault(one.result) for one in kept]
-    connection.execute(_INSERT_EPISODES, rows)
-    connection.execute(
-        _INSERT_TRAJECTORIES, [_key(campaign, one) | _blobs(one.result) for one in kept]
-    )
+    _insert_rows(connection, episodes, [make_row(campaign, one, at_ms) for one in kept])
+    _insert_rows(connection, trajectories, [_blobs(campaign, one.result) for one in kept])
     seen = [
-        _key(campaign, one) | {"scene": pack(one.result.scene)}
+        (campaign, one.result.index, pack(one.result.scene))
         for one in kept
         if one.result.scene is not None
     ]
     if seen:
-        connection.execute(_INSERT_SCENES, seen)
+        _insert_rows(connection, scenes, seen)
 
 
-def _key(campaign: int, kept: Kept) -> dict[str, object]:
-    return {"campaign": campaign, "index": kept.result.index}
+def _blobs(campaign: int, result: EpisodeResult) -> tuple[object, ...]:
+    return (
+        campaign,
+        result.index,
+        to_blob(result.noise.z),
+        to_blob(result.noise.sigma),
+        None if result.states is None else to_blob(result.states),
+        None if result.importance is None else to_blob(result.importance),
+    )
 
 
-def _fault(result: EpisodeResult) -> dict[str, object]:
-    fault = result.fault
-    return {
-        "fault_kind": fault.kind if fault else None,
-        "fault_message": fault.message if fault else None,
-    }
+def _insert_rows(connection: Connection, table: Table, rows: list[tuple[Any, ...]]) -> None:
+    """Insert whole rows, each in the order of the table's columns."""
+    # For each row, SQLAlchemy's own way takes as long as SQLite needs to insert it.
+    connection.exec_driver_sql(_compile_insert(table, type(connection.dialect)), rows)
 
 
-def _blobs(result: EpisodeResult) -> dict[str, object]:
-    return {
-        "z": to_blob(result.noise.z),
-        "sigma": to_blob(result.noise.sigma),
-        "states": None if result.states is None else to_blob(result.states),
-        "importance": None if result.importance is None else to_blob(result.importance),
-    }
+@cache
+def _compile_insert(table: Table, dialect: type[DefaultDialect]) -> str:
+    """Return the statement that inserts a row, with a placeholder for each column."""
+    positional = "qmark" if dialect.name == "sqlite" else "format"
+    return str(insert(table).compile(dialect=dialect(paramstyle=positional)))
 
 
 def _add_death(connection: Connection, campaign: int, index: int) -> int:
