@@ -116,6 +116,8 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
         independent: whether its episodes are independent draws of one distribution, p(x) or
             another one, so that means over them have an interval.
         learns: whether its proposals improve with the results of earlier episodes.
+        observes: whether its learner uses the results of episodes. To one that does not, they come
+            without noise, states and importance, which are nearly all of their bytes.
         finds_new: whether its failures are new, rather than repeated from earlier campaigns.
         is_evidence: whether its episodes are evidence, which pruning keeps.
         pairable: whether episodes of equal seed and settings have the same noise, independent of
@@ -135,6 +137,7 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
     draws_from_prior: bool = False
     independent: bool = False
     learns: bool = True
+    observes: bool = True
     finds_new: bool = True
     is_evidence: bool = False
     pairable: bool = False

@@ -155,7 +155,7 @@ class White(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
 
     def log_slopes(self, z: Slopes) -> Slopes:
         """log |du_t / dz_t|, shape (steps, 2)."""
-        return np.zeros_like(z)
+        return np.zeros(z.shape)
 
     def in_words(self) -> str:
         """What people read."""
@@ -350,7 +350,7 @@ class NoiseTrajectory(Brief, Tabular, msgspec.Struct, frozen=True, eq=False, dic
     @cached_property
     def log_probability(self) -> float:
         """log p(a_1 … a_T): the sum over the steps until the episode ended."""
-        return float(np.sum(self.log_probability_per_step))
+        return float(self.log_probability_per_step.sum())
 
     @cached_property
     def log_probability_per_step(self) -> Doubles:

@@ -8,6 +8,7 @@ stored by a migration.
 
 import struct
 from collections.abc import Mapping
+from math import nan
 from types import MappingProxyType
 from typing import Annotated, get_args
 
@@ -228,9 +229,7 @@ class Measures(LaterMeasures, frozen=True):
         numbers = list(msgspec.structs.astuple(self)[:DIGESTED_MEASURES])
         while len(numbers) > FIRST_MEASURES and numbers[-1] is None:
             numbers.pop()
-        return struct.pack(
-            f"<{len(numbers)}d", *(float("nan") if n is None else n for n in numbers)
-        )
+        return struct.pack(f"<{len(numbers)}d", *[nan if n is None else n for n in numbers])
 
 
 def read_declarations(kind: type[msgspec.Struct]) -> Mapping[str, Measure]:

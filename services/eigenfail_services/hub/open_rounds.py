@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 
 import msgspec
+import numpy as np
 
 from eigenfail.values import (
     EpisodeResult,
@@ -18,6 +19,8 @@ from eigenfail_services.store import Store
 from eigenfail_services.store.judging import make_storable
 
 MAX_REFUSALS = 3
+
+_NO_STEPS = np.zeros((0, 2), np.float32)
 
 
 class RoundCollector:
@@ -95,17 +98,27 @@ class OpenRounds:
         shape: shape of its noise.
         store: where results are kept.
         leases: leases of all campaigns.
+        observes: whether the learner uses the results; if not, it gets them without arrays.
 
     Attributes:
         problem: why the rounds cannot become complete; empty while they can.
     """
 
-    def __init__(self, campaign: int, shape: Shape, store: Store, leases: Leases) -> None:
+    def __init__(
+        self,
+        campaign: int,
+        shape: Shape,
+        store: Store,
+        leases: Leases,
+        *,
+        observes: bool = True,
+    ) -> None:
         self.problem = ""
         self._campaign = campaign
         self._shape = shape
         self._store = store
         self._leases = leases
+        self._reduce = _remove_scene if observes else _remove_arrays
         self._collector = RoundCollector()
         self._to_look_up: set[int] = set()
         self._refusals = Counter[int]()
@@ -130,7 +143,7 @@ class OpenRounds:
         known = {result.index for result in finished}
         self._leases.offer(self._campaign, tuple(task for task in tasks if task.index not in known))
         for result in finished:
-            self._collector.add(result)
+            self._collector.add(self._reduce(result))
 
     def take_verdict(self, result: EpisodeResult, verdict: Verdict) -> None:
         """Add, look up or request again a result, by the store's verdict on it."""
@@ -170,8 +183,7 @@ class OpenRounds:
         # The episode may have been proposed after its result came and before that was committed.
         self._leases.complete(self._campaign, result.index, wall_s=0.0)
         # A learner must see the same numbers as one that starts again and reads from the store.
-        kept = make_storable(result, self._shape)
-        self._collector.add(msgspec.structs.replace(kept, scene=None))
+        self._collector.add(self._reduce(make_storable(result, self._shape)))
 
     def _look_up(self, result: EpisodeResult) -> None:
         """Look up the first result of an episode: it may have come to another hub."""
@@ -192,3 +204,12 @@ class OpenRounds:
             "steps or shapes are not those of this campaign. Install the same eigenfail, and the "
             "same plug-ins, on all workers."
         )
+
+
+def _remove_scene(result: EpisodeResult) -> EpisodeResult:
+    return result if result.scene is None else msgspec.structs.replace(result, scene=None)
+
+
+def _remove_arrays(result: EpisodeResult) -> EpisodeResult:
+    noise = msgspec.structs.replace(result.noise, z=_NO_STEPS, sigma=_NO_STEPS)
+    return msgspec.structs.replace(result, noise=noise, states=None, importance=None, scene=None)

@@ -146,12 +146,12 @@ def make_storable(result: EpisodeResult, shape: Shape) -> EpisodeResult:
 def _finite_measures(measures: Measures | None) -> Measures | None:
     if measures is None:
         return None
-    values = msgspec.structs.astuple(measures)
+    values = [*msgspec.structs.astuple(measures)]
     # Distances, times, counts, and magnitudes of speed, deceleration and jerk are never negative.
-    valid = tuple(
+    valid = [
         value if value is not None and 0 <= value <= largest else None
         for value, largest in zip(values, _LARGEST, strict=True)
-    )
+    ]
     if valid == values:
         return measures
     found = dict(zip(MEASURES, valid, strict=True))
