@@ -167,7 +167,7 @@ class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
     ] = None
 
 
-class Measures(LaterMeasures, frozen=True):
+class Measures(LaterMeasures, frozen=True, gc=False):
     """Measures of one episode; formulas and sources are in docs/measures.md.
 
     Times are in seconds from the start. Violations are those of the vehicle that was struck or,

@@ -181,7 +181,8 @@ class OpenRounds:
 
     def _add(self, result: EpisodeResult) -> None:
         # The episode may have been proposed after its result came and before that was committed.
-        self._leases.complete(self._campaign, result.index, wall_s=0.0)
+        if self._leases.needs_result(self._campaign, result.index):
+            self._leases.complete(self._campaign, result.index, wall_s=0.0)
         # A learner must see the same numbers as one that starts again and reads from the store.
         self._collector.add(self._reduce(make_storable(result, self._shape)))
 

@@ -8,6 +8,7 @@ from functools import cache
 from typing import Any
 
 from sqlalchemy import (
+    BigInteger,
     ColumnElement,
     Connection,
     RowMapping,
@@ -209,7 +210,8 @@ def _beyond(place: Any, last: Any, sort: SortOrder) -> Any:
 
 _KNOWN = select(episode_index, episodes.c.digest).where(
     episodes.c.campaign == bindparam("campaign"),
-    episode_index.in_(bindparam("indices", expanding=True)),
+    # Of the plain type: there are none outside the campaign's range, which `Number` would clamp.
+    episode_index.in_(bindparam("indices", type_=BigInteger(), expanding=True)),
 )
 
 
@@ -222,7 +224,10 @@ def _store_deliveries(
         NotFound: no such campaign.
     """
     before = lock_campaign(connection, campaign)
-    known = _read_digests(connection, campaign, {delivery.result.index for delivery in deliveries})
+    indices = {delivery.result.index for delivery in deliveries}
+    known = _read_digests(
+        connection, campaign, {index for index in indices if 0 <= index < before.counts.planned}
+    )
     judgement = judge(before, known, deliveries)
     _insert_results(connection, campaign, judgement.kept)
     if judgement.counts != before.counts:
@@ -384,8 +389,8 @@ class EpisodeStore:
         with self._database.reading() as connection:
             return [
                 to_result(found)
-                for chunk in chunks(set(indices))
-                for found in connection.execute(query.where(episode_index.in_(chunk))).mappings()
+                for is_chosen in _select_indices(set(indices))
+                for found in connection.execute(query.where(is_chosen)).mappings()
                 if _has_result(found)
             ]
 
@@ -467,6 +472,15 @@ def _has_result(found: RowMapping) -> bool:
             found["campaign"], found["index"], found["source"], found["pruned_ms"]
         )
     return found["z"] is not None
+
+
+def _select_indices(indices: set[int]) -> Iterator[_Expression]:
+    """Yield conditions, each for one statement, that select these indices in rising order."""
+    for chunk in chunks(indices):
+        first, last = chunk[0], chunk[-1]
+        # Those of a round follow each other: a range is faster than hundreds of parameters.
+        follow = last - first + 1 == len(chunk)
+        yield episode_index.between(first, last) if follow else episode_index.in_(chunk)
 
 
 def _rows(connection: Connection, campaign: int, indices: Sequence[int]) -> list[EpisodeRow]:

@@ -25,9 +25,7 @@ MAX_STEPS = 2**31 - 1
 MAX_MAGNITUDE = 1e15
 """Of a measure or a log-probability: sums and squares over ten million episodes stay finite."""
 
-_LARGEST = tuple(
-    MAX_STEPS if measure.is_count else MAX_MAGNITUDE for measure in MEASURES.values()
-)
+_LARGEST = tuple(MAX_STEPS if measure.is_count else MAX_MAGNITUDE for measure in MEASURES.values())
 _NOTHING_MEASURED = (None,) * len(MEASURES)
 
 
