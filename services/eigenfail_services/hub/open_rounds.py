@@ -9,6 +9,7 @@ import numpy as np
 from eigenfail.values import (
     EpisodeResult,
     EpisodeTask,
+    NoiseTrajectory,
     Policy,
     Round,
     Shape,
@@ -20,7 +21,7 @@ from eigenfail_services.store.judging import make_storable
 
 MAX_REFUSALS = 3
 
-_NO_STEPS = np.zeros((0, 2), np.float32)
+_NO_NOISE = NoiseTrajectory(np.zeros((0, 2), np.float32), np.zeros((0, 2), np.float32))
 
 
 class RoundCollector:
@@ -212,5 +213,6 @@ def _remove_scene(result: EpisodeResult) -> EpisodeResult:
 
 
 def _remove_arrays(result: EpisodeResult) -> EpisodeResult:
-    noise = msgspec.structs.replace(result.noise, z=_NO_STEPS, sigma=_NO_STEPS)
-    return msgspec.structs.replace(result, noise=noise, states=None, importance=None, scene=None)
+    return msgspec.structs.replace(
+        result, noise=_NO_NOISE, states=None, importance=None, scene=None
+    )

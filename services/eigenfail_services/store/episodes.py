@@ -27,7 +27,8 @@ from sqlalchemy import (
     type_coerce,
     update,
 )
-from sqlalchemy.engine.default import DefaultDialect
+from sqlalchemy.dialects import sqlite
+from sqlalchemy.dialects.postgresql import psycopg
 
 from eigenfail.filters import (
     BY_INDEX,
@@ -214,6 +215,12 @@ _KNOWN = select(episode_index, episodes.c.digest).where(
     episode_index.in_(bindparam("indices", type_=BigInteger(), expanding=True)),
 )
 
+_POSITIONAL = {
+    "sqlite": sqlite.dialect(paramstyle="qmark"),
+    "postgresql": psycopg.dialect(paramstyle="format"),  # type: ignore[no-untyped-call]
+}
+"""Dialects whose placeholders have no names, so that rows are tuples and need no keys."""
+
 
 def _store_deliveries(
     connection: Connection, campaign: int, deliveries: Sequence[Delivery]
@@ -275,14 +282,13 @@ def _blobs(campaign: int, result: EpisodeResult) -> tuple[object, ...]:
 def _insert_rows(connection: Connection, table: Table, rows: list[tuple[Any, ...]]) -> None:
     """Insert whole rows, each in the order of the table's columns."""
     # For each row, SQLAlchemy's own way takes as long as SQLite needs to insert it.
-    connection.exec_driver_sql(_compile_insert(table, type(connection.dialect)), rows)
+    connection.exec_driver_sql(_compile_insert(table, connection.dialect.name), rows)
 
 
 @cache
-def _compile_insert(table: Table, dialect: type[DefaultDialect]) -> str:
+def _compile_insert(table: Table, dialect: str) -> str:
     """Return the statement that inserts a row, with a placeholder for each column."""
-    positional = "qmark" if dialect.name == "sqlite" else "format"
-    return str(insert(table).compile(dialect=dialect(paramstyle=positional)))
+    return str(insert(table).compile(dialect=_POSITIONAL[dialect]))
 
 
 def _add_death(connection: Connection, campaign: int, index: int) -> int:

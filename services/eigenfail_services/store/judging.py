@@ -152,7 +152,7 @@ def _finite_measures(measures: Measures | None) -> Measures | None:
     ]
     if valid == values:
         return measures
-    found = dict(zip(MEASURES, valid, strict=True))
+    found: dict[str, Any] = dict(zip(MEASURES, valid, strict=True))
     return None if found["robustness_m"] is None else Measures(**found)
 
 
