@@ -99,7 +99,7 @@ class OpenRounds:
         shape: shape of its noise.
         store: where results are kept.
         leases: leases of all campaigns.
-        observes: whether the learner uses the results; if not, it gets them without arrays.
+        observes: whether the learner uses the results; if not, it gets their outcomes alone.
 
     Attributes:
         problem: why the rounds cannot become complete; empty while they can.
@@ -119,7 +119,7 @@ class OpenRounds:
         self._shape = shape
         self._store = store
         self._leases = leases
-        self._reduce = _remove_scene if observes else _remove_arrays
+        self._observes = observes
         self._collector = RoundCollector()
         self._to_look_up: set[int] = set()
         self._refusals = Counter[int]()
@@ -184,8 +184,16 @@ class OpenRounds:
         # The episode may have been proposed after its result came and before that was committed.
         if self._leases.needs_result(self._campaign, result.index):
             self._leases.complete(self._campaign, result.index, wall_s=0.0)
-        # A learner must see the same numbers as one that starts again and reads from the store.
-        self._collector.add(self._reduce(make_storable(result, self._shape)))
+        self._collector.add(self._reduce(result))
+
+    def _reduce(self, result: EpisodeResult) -> EpisodeResult:
+        """Return what the learner is to observe of a result."""
+        if not self._observes:
+            identity = result.index, result.seed, result.outcome, result.steps
+            return EpisodeResult(*identity, _NO_NOISE, result.source)
+        # It must see the same numbers as one that starts again and reads from the store.
+        kept = make_storable(result, self._shape)
+        return kept if kept.scene is None else msgspec.structs.replace(kept, scene=None)
 
     def _look_up(self, result: EpisodeResult) -> None:
         """Look up the first result of an episode: it may have come to another hub."""
@@ -206,13 +214,3 @@ class OpenRounds:
             "steps or shapes are not those of this campaign. Install the same eigenfail, and the "
             "same plug-ins, on all workers."
         )
-
-
-def _remove_scene(result: EpisodeResult) -> EpisodeResult:
-    return result if result.scene is None else msgspec.structs.replace(result, scene=None)
-
-
-def _remove_arrays(result: EpisodeResult) -> EpisodeResult:
-    return msgspec.structs.replace(
-        result, noise=_NO_NOISE, states=None, importance=None, scene=None
-    )
