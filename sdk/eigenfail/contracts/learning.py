@@ -116,6 +116,8 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
         independent: whether its episodes are independent draws of one distribution, p(x) or
             another one, so that means over them have an interval.
         learns: whether its proposals improve with the results of earlier episodes.
+        observes: whether its learner uses the results of episodes. One that does not gets
+            index, seed, source, outcome and steps of each, without measures and noise.
         finds_new: whether its failures are new, rather than repeated from earlier campaigns.
         is_evidence: whether its episodes are evidence, which pruning keeps.
         pairable: whether episodes of equal seed and settings have the same noise, independent of
@@ -135,6 +137,7 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
     draws_from_prior: bool = False
     independent: bool = False
     learns: bool = True
+    observes: bool = True
     finds_new: bool = True
     is_evidence: bool = False
     pairable: bool = False

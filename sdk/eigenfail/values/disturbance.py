@@ -155,7 +155,7 @@ class White(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
 
     def log_slopes(self, z: Slopes) -> Slopes:
         """log |du_t / dz_t|, shape (steps, 2)."""
-        return np.zeros_like(z)
+        return np.zeros(z.shape)
 
     def in_words(self) -> str:
         """What people read."""
@@ -350,7 +350,8 @@ class NoiseTrajectory(Brief, Tabular, msgspec.Struct, frozen=True, eq=False, dic
     @cached_property
     def log_probability(self) -> float:
         """log p(a_1 … a_T): the sum over the steps until the episode ended."""
-        return float(np.sum(self.log_probability_per_step))
+        # The steps are not kept: a hub holds thousands of results, and needs the sum alone.
+        return float(self._find_log_densities().sum())
 
     @cached_property
     def log_probability_per_step(self) -> Doubles:
@@ -359,6 +360,9 @@ class NoiseTrajectory(Brief, Tabular, msgspec.Struct, frozen=True, eq=False, dic
         On each axis log N(z_t) - log sigma_t - log |du_t/dz_t|: a change of variables whose
         Jacobian is triangular, since u_t depends on no later z.
         """
+        return self._find_log_densities()
+
+    def _find_log_densities(self) -> Doubles:
         z, sigma = self.z.astype(np.float64), self.sigma.astype(np.float64)
         density: Doubles = -0.5 * z**2 - np.log(sigma) - LOG_SQRT_TWO_PI
         density -= self.shape.log_slopes(z)

@@ -19,7 +19,11 @@ MAX_WALL_S = 7 * 86_400.0
 """The longest that an episode is believed to have taken: a worker may report any number. [s]"""
 
 
-class PriorSource(msgspec.Struct, frozen=True, tag="prior"):
+# Nothing that a task or a result holds refers to another one, so they form no cycles. A hub holds
+# thousands of them, and the garbage collector would take a tenth of its time to visit them all.
+
+
+class PriorSource(msgspec.Struct, frozen=True, gc=False, tag="prior"):
     """Draw every z_t from the disturbance model itself."""
 
 
@@ -35,7 +39,7 @@ class Importance(StrEnum):
     DISTANCE = "distance"
 
 
-class TrajectorySource(msgspec.Struct, frozen=True, eq=False, tag="trajectory"):
+class TrajectorySource(msgspec.Struct, frozen=True, eq=False, gc=False, tag="trajectory"):
     """Inject this z, shape (steps, 2); after its end no noise is injected.
 
     Attributes:
@@ -46,7 +50,7 @@ class TrajectorySource(msgspec.Struct, frozen=True, eq=False, tag="trajectory"):
     importance: Importance | None = None
 
 
-class PolicySource(msgspec.Struct, frozen=True, tag="policy"):
+class PolicySource(msgspec.Struct, frozen=True, gc=False, tag="policy"):
     """Let this version of the adversary's policy choose z_t from what it sees."""
 
     version: int
@@ -55,7 +59,7 @@ class PolicySource(msgspec.Struct, frozen=True, tag="policy"):
 Source = PriorSource | TrajectorySource | PolicySource
 
 
-class EpisodeTask(msgspec.Struct, frozen=True, eq=False):
+class EpisodeTask(msgspec.Struct, frozen=True, eq=False, gc=False):
     """One episode to be run.
 
     Attributes:
@@ -133,7 +137,7 @@ class EpisodeFault(msgspec.Struct, frozen=True):
         msgspec.structs.force_setattr(self, "message", clean_text(self.message))
 
 
-class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False):
+class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False, gc=False):
     """The result of one episode.
 
     Attributes:

@@ -8,6 +8,7 @@ stored by a migration.
 
 import struct
 from collections.abc import Mapping
+from math import nan
 from types import MappingProxyType
 from typing import Annotated, get_args
 
@@ -166,7 +167,7 @@ class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
     ] = None
 
 
-class Measures(LaterMeasures, frozen=True):
+class Measures(LaterMeasures, frozen=True, gc=False):
     """Measures of one episode; formulas and sources are in docs/measures.md.
 
     Times are in seconds from the start. Violations are those of the vehicle that was struck or,
@@ -228,9 +229,7 @@ class Measures(LaterMeasures, frozen=True):
         numbers = list(msgspec.structs.astuple(self)[:DIGESTED_MEASURES])
         while len(numbers) > FIRST_MEASURES and numbers[-1] is None:
             numbers.pop()
-        return struct.pack(
-            f"<{len(numbers)}d", *(float("nan") if n is None else n for n in numbers)
-        )
+        return struct.pack(f"<{len(numbers)}d", *[nan if n is None else n for n in numbers])
 
 
 def read_declarations(kind: type[msgspec.Struct]) -> Mapping[str, Measure]:

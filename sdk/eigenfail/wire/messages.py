@@ -421,13 +421,16 @@ class AssemblerTable:
         Raises:
             ProtocolError: the piece does not fit the size that it names.
         """
-        assembler = self._assemblers.setdefault(connection, Assembler(MAX_BYTES_TO_HUB))
+        assembler = self._assemblers.get(connection)
+        if assembler is None:
+            assembler = self._assemblers[connection] = Assembler(MAX_BYTES_TO_HUB)
         before = assembler.held_bytes
         try:
             return assembler.add(piece)
         finally:
-            self._held_bytes += assembler.held_bytes - before
-            if not assembler.held_bytes:
+            held_bytes = assembler.held_bytes
+            self._held_bytes += held_bytes - before
+            if not held_bytes:
                 del self._assemblers[connection]
             elif self._held_bytes > MAX_UNFINISHED_BYTES:
                 self._drop(max(self._assemblers, key=self._size))

@@ -28,6 +28,7 @@ from eigenfail.errors import (
     InvalidValue,
     NotFound,
 )
+from eigenfail.methods import traits_of
 from eigenfail.values import (
     FINAL_STATES,
     Campaign,
@@ -371,6 +372,7 @@ class Supervisor:
             context=context,
             rules=spec.stop,
             weight=spec.priority.weight,
+            observes=traits_of(spec.method).observes,
             accounting=watch.accounting,
             claim=lambda: watch.job,
         )

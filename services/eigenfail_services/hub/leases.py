@@ -249,6 +249,10 @@ class Leases:
         """Return whether any episode of a campaign is leased or waits."""
         return self.has_leases(campaign) or campaign in self._queue.campaigns()
 
+    def needs_result(self, campaign: int, index: int) -> bool:
+        """Return whether an episode was offered and has no result since then."""
+        return self._queue.needs_result(campaign, index)
+
     def episode_s(self, campaign: int) -> float:
         """Return the estimated duration of an episode of a campaign. [s]"""
         return self._scheduler.episode_s(campaign)

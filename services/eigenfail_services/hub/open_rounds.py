@@ -4,10 +4,12 @@ from collections import Counter
 from collections.abc import Callable, Iterable
 
 import msgspec
+import numpy as np
 
 from eigenfail.values import (
     EpisodeResult,
     EpisodeTask,
+    NoiseTrajectory,
     Policy,
     Round,
     Shape,
@@ -18,6 +20,8 @@ from eigenfail_services.store import Store
 from eigenfail_services.store.judging import make_storable
 
 MAX_REFUSALS = 3
+
+_NO_NOISE = NoiseTrajectory(np.zeros((0, 2), np.float32), np.zeros((0, 2), np.float32))
 
 
 class RoundCollector:
@@ -95,17 +99,27 @@ class OpenRounds:
         shape: shape of its noise.
         store: where results are kept.
         leases: leases of all campaigns.
+        observes: whether the learner uses the results; if not, it gets their outcomes alone.
 
     Attributes:
         problem: why the rounds cannot become complete; empty while they can.
     """
 
-    def __init__(self, campaign: int, shape: Shape, store: Store, leases: Leases) -> None:
+    def __init__(
+        self,
+        campaign: int,
+        shape: Shape,
+        store: Store,
+        leases: Leases,
+        *,
+        observes: bool = True,
+    ) -> None:
         self.problem = ""
         self._campaign = campaign
         self._shape = shape
         self._store = store
         self._leases = leases
+        self._observes = observes
         self._collector = RoundCollector()
         self._to_look_up: set[int] = set()
         self._refusals = Counter[int]()
@@ -130,7 +144,7 @@ class OpenRounds:
         known = {result.index for result in finished}
         self._leases.offer(self._campaign, tuple(task for task in tasks if task.index not in known))
         for result in finished:
-            self._collector.add(result)
+            self._collector.add(self._reduce(result))
 
     def take_verdict(self, result: EpisodeResult, verdict: Verdict) -> None:
         """Add, look up or request again a result, by the store's verdict on it."""
@@ -168,10 +182,18 @@ class OpenRounds:
 
     def _add(self, result: EpisodeResult) -> None:
         # The episode may have been proposed after its result came and before that was committed.
-        self._leases.complete(self._campaign, result.index, wall_s=0.0)
-        # A learner must see the same numbers as one that starts again and reads from the store.
+        if self._leases.needs_result(self._campaign, result.index):
+            self._leases.complete(self._campaign, result.index, wall_s=0.0)
+        self._collector.add(self._reduce(result))
+
+    def _reduce(self, result: EpisodeResult) -> EpisodeResult:
+        """Return what the learner is to observe of a result."""
+        if not self._observes:
+            identity = result.index, result.seed, result.outcome, result.steps
+            return EpisodeResult(*identity, _NO_NOISE, result.source)
+        # It must see the same numbers as one that starts again and reads from the store.
         kept = make_storable(result, self._shape)
-        self._collector.add(msgspec.structs.replace(kept, scene=None))
+        return kept if kept.scene is None else msgspec.structs.replace(kept, scene=None)
 
     def _look_up(self, result: EpisodeResult) -> None:
         """Look up the first result of an episode: it may have come to another hub."""

@@ -1,17 +1,18 @@
 """A campaign that runs on the hub: its learner process, its open rounds and its leases."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import Any, NamedTuple
 
 import msgspec
 import structlog
 
 from eigenfail.errors import ProtocolError
-from eigenfail.values import EpisodeResult, EpisodeSetup, LearnerContext, Policy, StopRules
+from eigenfail.values import EpisodeSetup, LearnerContext, Policy, StopRules
 from eigenfail.values.records import Job, Verdict
 from eigenfail.wire.messages import Diverged, Message, Observed, Proposed, Start, Trouble
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
+from eigenfail_services.hub.commits import JudgedResult
 from eigenfail_services.hub.learner_link import (
     FailureKind,
     LearnerFailure,
@@ -56,6 +57,7 @@ class RunSpec(msgspec.Struct, frozen=True, eq=False):
         seed: seed of the campaign.
         context: context of the learner.
         rules: rules that stop the campaign.
+        observes: whether its learner uses the results of episodes.
         accounting: where its time is accounted for.
         claim: returns the job that gives the right to run it, which may be renewed meanwhile.
         weight: weight of its share of worker time.
@@ -68,6 +70,7 @@ class RunSpec(msgspec.Struct, frozen=True, eq=False):
     seed: int
     context: LearnerContext
     rules: StopRules = StopRules()
+    observes: bool = True
     accounting: TimeAccounting = msgspec.field(default_factory=TimeAccounting)
     claim: Callable[[], Job | None] = no_claim
     weight: float = 1.0
@@ -120,8 +123,13 @@ class CampaignRun:
 
     def _spawn_learner(self) -> None:
         """Spawn a learner process; leased episodes stay with their workers."""
-        shape = self.spec.setup.disturbance.shape
-        self._rounds = OpenRounds(self.spec.campaign, shape, self._store, self._leases)
+        self._rounds = OpenRounds(
+            self.spec.campaign,
+            self.spec.setup.disturbance.shape,
+            self._store,
+            self._leases,
+            observes=self.spec.observes,
+        )
         self._learning_since_s: float | None = time.monotonic()
         self._has_observed = False
         self._unhandled: Message | None = None
@@ -209,11 +217,12 @@ class CampaignRun:
         self._end_learner()
         self._spawn_learner()
 
-    def take_verdict(self, result: EpisodeResult, verdict: Verdict) -> None:
-        """Take in the store's verdict on a result; the learner observes what the store keeps."""
-        if verdict is not Verdict.KEPT:
-            self.spec.accounting.add_discarded(result.believed_wall_s)
-        self._rounds.take_verdict(result, verdict)
+    def take_verdicts(self, judged: Iterable[JudgedResult]) -> None:
+        """Take in the store's verdicts on results; the learner observes what the store keeps."""
+        for each in judged:
+            if each.verdict is not Verdict.KEPT:
+                self.spec.accounting.add_discarded(each.result.believed_wall_s)
+            self._rounds.take_verdict(each.result, each.verdict)
         if self._rounds.problem:
             self.end = RunEnd(self._rounds.problem)
         self._send_complete_round()

@@ -4,6 +4,8 @@ import contextlib
 import time
 from collections.abc import Callable, Collection, Iterator
 from functools import partial
+from itertools import groupby
+from operator import attrgetter
 from queue import Empty, SimpleQueue
 from threading import Event, Thread
 
@@ -236,9 +238,9 @@ class Hub:
     def _commit(self, *, now: bool = False) -> None:
         judged = self._commits.flush(now=now or self._has_last_results())
         self._sessions.acknowledge(judged)
-        for each in judged:
-            if run := self._runs.get(each.campaign):
-                run.take_verdict(each.result, each.verdict)
+        for campaign, of_campaign in groupby(judged, attrgetter("campaign")):
+            if run := self._runs.get(campaign):
+                run.take_verdicts(of_campaign)
 
     def _has_last_results(self) -> bool:
         """Return whether the last results of a round wait, with no others to share their commit."""

@@ -260,8 +260,10 @@ class EpisodeQueue:
 
     def complete(self, campaign: int, index: int) -> None:
         """Remove an episode that has a result."""
-        self._needed.get(campaign, set()).discard(index)
-        if index in self.tasks(campaign):
+        if campaign not in self._queues:
+            return
+        self._needed[campaign].discard(index)
+        if index in self._queues[campaign]:
             self.pop(campaign, index)
 
     def remove_campaign(self, campaign: int) -> None:

@@ -51,6 +51,7 @@ class HeldNoise:
         tolerates_delay=True,
         independent=True,
         learns=False,
+        observes=False,
         pairable=True,
         chart_mark=9,
         references={},

@@ -33,6 +33,7 @@ class MonteCarlo:
         draws_from_prior=True,
         independent=True,
         learns=False,
+        observes=False,
         pairable=True,
         mode_probability=ModeProbability.COUNTS,
         chart_mark=0,

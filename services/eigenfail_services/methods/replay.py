@@ -74,6 +74,7 @@ class Replay:
     traits = MethodTraits(
         tolerates_delay=True,
         learns=False,
+        observes=False,
         finds_new=False,
         is_evidence=True,
         pairable=True,

@@ -4,13 +4,16 @@ Results enter the database by a fixed number of statements, however many there a
 """
 
 from collections.abc import Iterable, Iterator, Sequence
+from functools import cache
 from typing import Any
 
 from sqlalchemy import (
+    BigInteger,
     ColumnElement,
     Connection,
     RowMapping,
     Select,
+    Table,
     Text,
     bindparam,
     case,
@@ -24,6 +27,8 @@ from sqlalchemy import (
     type_coerce,
     update,
 )
+from sqlalchemy.dialects import sqlite
+from sqlalchemy.dialects.postgresql import psycopg
 
 from eigenfail.filters import (
     BY_INDEX,
@@ -68,7 +73,7 @@ from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import pack, to_blob, to_floats, to_result, to_row
 from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.events import append_event, describe_alarm
-from eigenfail_services.store.judging import Kept, judge, make_columns
+from eigenfail_services.store.judging import Kept, judge, make_row
 from eigenfail_services.store.lifecycle import make_episode_error, make_pruned_error
 from eigenfail_services.store.query_cache import CachedQueries
 from eigenfail_services.store.references import select_pruned_ms
@@ -206,13 +211,15 @@ def _beyond(place: Any, last: Any, sort: SortOrder) -> Any:
 
 _KNOWN = select(episode_index, episodes.c.digest).where(
     episodes.c.campaign == bindparam("campaign"),
-    episode_index.in_(bindparam("indices", expanding=True)),
+    # Of the plain type: there are none outside the campaign's range, which `Number` would clamp.
+    episode_index.in_(bindparam("indices", type_=BigInteger(), expanding=True)),
 )
-_INSERT_EPISODES, _INSERT_TRAJECTORIES, _INSERT_SCENES = (
-    insert(episodes),
-    insert(trajectories),
-    insert(scenes),
-)
+
+_POSITIONAL = {
+    "sqlite": sqlite.dialect(paramstyle="qmark"),
+    "postgresql": psycopg.dialect(paramstyle="format"),  # type: ignore[no-untyped-call]
+}
+"""Dialects whose placeholders have no names, so that rows are tuples and need no keys."""
 
 
 def _store_deliveries(
@@ -224,7 +231,10 @@ def _store_deliveries(
         NotFound: no such campaign.
     """
     before = lock_campaign(connection, campaign)
-    known = _read_digests(connection, campaign, {delivery.result.index for delivery in deliveries})
+    indices = {delivery.result.index for delivery in deliveries}
+    known = _read_digests(
+        connection, campaign, {index for index in indices if 0 <= index < before.counts.planned}
+    )
     judgement = judge(before, known, deliveries)
     _insert_results(connection, campaign, judgement.kept)
     if judgement.counts != before.counts:
@@ -247,39 +257,38 @@ def _insert_results(connection: Connection, campaign: int, kept: Sequence[Kept])
     if not kept:
         return
     at_ms = now_ms()
-    rows = [make_columns(campaign, one, at_ms) | _fault(one.result) for one in kept]
-    connection.execute(_INSERT_EPISODES, rows)
-    connection.execute(
-        _INSERT_TRAJECTORIES, [_key(campaign, one) | _blobs(one.result) for one in kept]
-    )
+    _insert_rows(connection, episodes, [make_row(campaign, one, at_ms) for one in kept])
+    _insert_rows(connection, trajectories, [_blobs(campaign, one.result) for one in kept])
     seen = [
-        _key(campaign, one) | {"scene": pack(one.result.scene)}
+        (campaign, one.result.index, pack(one.result.scene))
         for one in kept
         if one.result.scene is not None
     ]
     if seen:
-        connection.execute(_INSERT_SCENES, seen)
+        _insert_rows(connection, scenes, seen)
 
 
-def _key(campaign: int, kept: Kept) -> dict[str, object]:
-    return {"campaign": campaign, "index": kept.result.index}
+def _blobs(campaign: int, result: EpisodeResult) -> tuple[object, ...]:
+    return (
+        campaign,
+        result.index,
+        to_blob(result.noise.z),
+        to_blob(result.noise.sigma),
+        None if result.states is None else to_blob(result.states),
+        None if result.importance is None else to_blob(result.importance),
+    )
 
 
-def _fault(result: EpisodeResult) -> dict[str, object]:
-    fault = result.fault
-    return {
-        "fault_kind": fault.kind if fault else None,
-        "fault_message": fault.message if fault else None,
-    }
+def _insert_rows(connection: Connection, table: Table, rows: list[tuple[Any, ...]]) -> None:
+    """Insert whole rows, each in the order of the table's columns."""
+    # For each row, SQLAlchemy's own way takes as long as SQLite needs to insert it.
+    connection.exec_driver_sql(_compile_insert(table, connection.dialect.name), rows)
 
 
-def _blobs(result: EpisodeResult) -> dict[str, object]:
-    return {
-        "z": to_blob(result.noise.z),
-        "sigma": to_blob(result.noise.sigma),
-        "states": None if result.states is None else to_blob(result.states),
-        "importance": None if result.importance is None else to_blob(result.importance),
-    }
+@cache
+def _compile_insert(table: Table, dialect: str) -> str:
+    """Return the statement that inserts a row, with a placeholder for each column."""
+    return str(insert(table).compile(dialect=_POSITIONAL[dialect]))
 
 
 def _add_death(connection: Connection, campaign: int, index: int) -> int:
@@ -386,8 +395,8 @@ class EpisodeStore:
         with self._database.reading() as connection:
             return [
                 to_result(found)
-                for chunk in chunks(set(indices))
-                for found in connection.execute(query.where(episode_index.in_(chunk))).mappings()
+                for is_chosen in _select_indices(set(indices))
+                for found in connection.execute(query.where(is_chosen)).mappings()
                 if _has_result(found)
             ]
 
@@ -469,6 +478,15 @@ def _has_result(found: RowMapping) -> bool:
             found["campaign"], found["index"], found["source"], found["pruned_ms"]
         )
     return found["z"] is not None
+
+
+def _select_indices(indices: set[int]) -> Iterator[_Expression]:
+    """Yield conditions, each for one statement, that select these indices in rising order."""
+    for chunk in chunks(indices):
+        first, last = chunk[0], chunk[-1]
+        # Those of a round follow each other: a range is faster than hundreds of parameters.
+        follow = last - first + 1 == len(chunk)
+        yield episode_index.between(first, last) if follow else episode_index.in_(chunk)
 
 
 def _rows(connection: Connection, campaign: int, indices: Sequence[int]) -> list[EpisodeRow]:

@@ -19,12 +19,14 @@ from eigenfail.values import (
 )
 from eigenfail.values.episode import MAX_SEED
 from eigenfail.values.records import Delivery, Verdict
+from eigenfail_services.store.schema import clean_prose
 
 MAX_STEPS = 2**31 - 1
 MAX_MAGNITUDE = 1e15
 """Of a measure or a log-probability: sums and squares over ten million episodes stay finite."""
 
-NOTHING_MEASURED: dict[str, Any] = dict.fromkeys(MEASURES)
+_LARGEST = tuple(MAX_STEPS if measure.is_count else MAX_MAGNITUDE for measure in MEASURES.values())
+_NOTHING_MEASURED = (None,) * len(MEASURES)
 
 
 class Kept(msgspec.Struct, frozen=True, eq=False):
@@ -124,29 +126,34 @@ def _update_counts(judgement: Judgement) -> Counts:
 def make_storable(result: EpisodeResult, shape: Shape) -> EpisodeResult:
     """Return a result without invalid numbers; without a robustness it has no measures.
 
-    Noise without a step, as of an episode that never ran, gets the campaign's shape.
+    Noise without a step, as of an episode that never ran, gets the campaign's shape. A result to
+    which nothing of this applies is returned itself.
     """
+    measures, wall_s = _finite_measures(result.measures), result.believed_wall_s
+    is_storable = measures is result.measures and wall_s == result.wall_s
+    if is_storable and result.noise.shape == shape:
+        return result
     return msgspec.structs.replace(
         result,
         noise=msgspec.structs.replace(result.noise, shape=shape),
-        measures=_finite_measures(result.measures),
-        wall_s=result.believed_wall_s,
+        measures=measures,
+        wall_s=wall_s,
     )
 
 
 def _finite_measures(measures: Measures | None) -> Measures | None:
-    if measures is None or _valid_measure(measures.robustness_m) is None:
+    if measures is None:
         return None
-    found: dict[str, Any] = {
-        name: (valid_count if measure.is_count else _valid_measure)(getattr(measures, name))
-        for name, measure in MEASURES.items()
-    }
-    return Measures(**found)
-
-
-def _valid_measure(number: float | None) -> float | None:
-    # Distances, times, and magnitudes of speed, deceleration and jerk are never negative.
-    return keep_finite(number) if number is not None and number >= 0.0 else None
+    values = [*msgspec.structs.astuple(measures)]
+    # Distances, times, counts, and magnitudes of speed, deceleration and jerk are never negative.
+    valid = [
+        value if value is not None and 0 <= value <= largest else None
+        for value, largest in zip(values, _LARGEST, strict=True)
+    ]
+    if valid == values:
+        return measures
+    found: dict[str, Any] = dict(zip(MEASURES, valid, strict=True))
+    return None if found["robustness_m"] is None else Measures(**found)
 
 
 def keep_finite(number: float | None) -> float | None:
@@ -154,26 +161,27 @@ def keep_finite(number: float | None) -> float | None:
     return number if number is not None and abs(number) <= MAX_MAGNITUDE else None
 
 
-def valid_count(number: int | None) -> int | None:
-    """Return the number if it can be a number of steps."""
-    return number if number is not None and 0 <= number <= MAX_STEPS else None
+def make_row(campaign: int, kept: Kept, at_ms: int) -> tuple[Any, ...]:
+    """Return a stored result as a row of `episodes`, in the order of the table's columns.
 
-
-def make_columns(campaign: int, kept: Kept, at_ms: int) -> dict[str, Any]:
-    """Return the columns of a stored result; an invalid log-probability becomes 0."""
-    result, measures = kept.result, kept.result.measures
-    return {
-        "campaign": campaign,
-        "index": result.index,
-        "seed": result.seed,
-        "outcome": result.outcome,
-        "steps": result.steps,
-        "source": result.source,
-        "worker": kept.worker,
-        "log_probability": keep_finite(result.noise.log_probability) or 0.0,
-        "wall_s": result.wall_s,
-        "finished_ms": at_ms,
-        "digest": kept.digest,
-        "has_scene": result.scene is not None,
-        **(NOTHING_MEASURED if measures is None else msgspec.structs.asdict(measures)),
-    }
+    An invalid log-probability becomes 0.
+    """
+    result = kept.result
+    measures, fault = result.measures, result.fault
+    return (
+        campaign,
+        result.index,
+        result.seed,
+        result.outcome.value,
+        result.steps,
+        clean_prose(result.source),
+        clean_prose(kept.worker),
+        keep_finite(result.noise.log_probability) or 0.0,
+        *(_NOTHING_MEASURED if measures is None else msgspec.structs.astuple(measures)),
+        result.wall_s,
+        at_ms,
+        kept.digest,
+        result.scene is not None,
+        fault and clean_prose(fault.kind),
+        fault and clean_prose(fault.message),
+    )

@@ -66,6 +66,15 @@ class Number(TypeDecorator[int]):
         return None if value is None else max(-MAX_NUMBER, min(value, MAX_NUMBER))
 
 
+def clean_prose(text: str) -> str:
+    """Return a text that any database takes, at most `LONGEST_PROSE` characters long.
+
+    Half characters and NUL are replaced, and the end is cut off.
+    """
+    whole = text[:LONGEST_PROSE].encode(errors="replace").decode()
+    return whole.replace("\x00", "�")
+
+
 class Prose(TypeDecorator[str]):
     """Text from anywhere: a planner's error may hold what no database takes, at any length."""
 
@@ -74,10 +83,7 @@ class Prose(TypeDecorator[str]):
 
     def process_bind_param(self, value: str | None, _dialect: Dialect) -> str | None:
         """Half characters and NUL are replaced, and the end is cut off."""
-        if value is None:
-            return None
-        whole = value[:LONGEST_PROSE].encode(errors="replace").decode()
-        return whole.replace("\x00", "�")
+        return None if value is None else clean_prose(value)
 
 
 campaigns = Table(

@@ -17,6 +17,7 @@ from eigenfail.wire.messages import PROTOCOL, Hello, Observed, Start, Stop
 from eigenfail_services.campaigns.learner_context import learner_context
 from eigenfail_services.campaigns.rounds import Rounds
 from eigenfail_services.hub import runs
+from eigenfail_services.hub.commits import JudgedResult
 from eigenfail_services.hub.learner_process import create_rounds, make_proposal
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.runs import CampaignRun, RunSpec
@@ -98,7 +99,7 @@ class Stage:
             (verdict,) = self.store.episodes.commit(self.campaign, [Delivery(result, "w")])
             assert verdict is Verdict.KEPT
             self.leases.complete(self.campaign, result.index, 0.1)
-            self.run.take_verdict(result, verdict)
+            self.run.take_verdicts([JudgedResult(b"w", self.campaign, result, verdict)])
 
     def turn_until(self, episodes: int) -> None:
         """Until so many episodes are kept, or the campaign is over."""

@@ -57,6 +57,13 @@ def test_an_impossible_measure_is_not_stored(store, campaign, lie):
     assert store.episodes.totals(campaign).severity is None
 
 
+@pytest.mark.fault("worker that reports impossible numbers")
+@pytest.mark.parametrize("index", [-1, 20, 2**63, 2**64 - 1, -(2**63)])
+def test_a_result_of_an_episode_that_cannot_be_is_refused_alone(store, campaign, index):
+    told = [Delivery(replace(result(0), index=each), "w") for each in (0, index)]
+    assert store.episodes.commit(campaign, told) == [Verdict.KEPT, Verdict.UNWANTED]
+
+
 def test_what_was_thrown_away_is_billed_by_what_is_believed():
     meter = TimeAccounting()
     meter.add_discarded(replace(result(0), wall_s=1e308).believed_wall_s)

@@ -1,14 +1,17 @@
 """Which episodes of open rounds are asked for, and which of their results count."""
 
 import msgspec
+import numpy as np
 import pytest
 
 from eigenfail.errors import StoreUnavailable
 from eigenfail.values import (
+    STATE,
     CampaignSpec,
     EpisodeFault,
     EpisodeResult,
     EpisodeTask,
+    NoiseTrajectory,
     PriorSource,
     Round,
     unrunnable,
@@ -26,13 +29,13 @@ ROUNDS = Round(0, TASKS[:2]), Round(1, TASKS[2:])
 class Opened:
     """The open rounds of one campaign, beside a store and a worker."""
 
-    def __init__(self) -> None:
+    def __init__(self, *, observes: bool = True) -> None:
         spec = CampaignSpec(name="t", method="monte_carlo", episodes=4)
         self.store, self.leases = open_store("memory://"), Leases()
         self.campaign = self.store.campaigns.create(spec).id
         self.leases.open_session(b"w", Hello(PROTOCOL, "w", 256), 0.0)
         shape = spec.setup().disturbance.shape
-        self.rounds = OpenRounds(self.campaign, shape, self.store, self.leases)
+        self.rounds = OpenRounds(self.campaign, shape, self.store, self.leases, observes=observes)
 
     def leased(self) -> list[int]:
         return sorted(task.index for each in self.leases.assign() for task in each.tasks)
@@ -72,6 +75,26 @@ def test_rounds_are_whole_in_their_order(opened: Opened) -> None:
     found = [opened.rounds.pop_complete(), opened.rounds.pop_complete()]
     assert [[each.index for each in whole or ()] for whole in found] == [[0, 1], [2, 3]]
     assert opened.rounds.pop_complete() is None
+
+
+@pytest.mark.parametrize(("observes", "rows"), [(True, 3), (False, 0)])
+def test_a_learner_that_uses_no_results_gets_them_without_arrays(observes: bool, rows: int) -> None:
+    opened, steps = Opened(observes=observes), np.ones((3, 2), np.float32)
+    arrays = {
+        "noise": NoiseTrajectory(steps, steps),
+        "states": np.ones((3, len(STATE)), np.float32),
+        "importance": np.ones(3, np.float32),
+    }
+    stored, delivered = (msgspec.structs.replace(result(n), steps=3, **arrays) for n in (0, 1))
+    opened.commit(stored)
+    opened.rounds.open(ROUNDS[:1])
+    opened.deliver(delivered)
+    observed = opened.rounds.pop_complete() or ()
+    assert [(each.index, each.steps) for each in observed] == [(0, 3), (1, 3)]
+    for each in observed:
+        found = each.noise.z, each.noise.sigma, each.states, each.importance
+        assert [0 if array is None else len(array) for array in found] == [rows] * 4
+    assert len(opened.store.episodes.get(opened.campaign, 1).noise.z) == 3
 
 
 def test_rounds_open_once_although_the_store_was_away(

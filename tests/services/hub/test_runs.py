@@ -26,6 +26,7 @@ from eigenfail.values.records import Delivery, Verdict
 from eigenfail.wire.messages import PROTOCOL, Hello, Observed, Proposed, Start, Trouble, encode
 from eigenfail_services.bounds import NO_BOUNDS
 from eigenfail_services.hub import learner_link, open_rounds, runs
+from eigenfail_services.hub.commits import JudgedResult
 from eigenfail_services.hub.learner_link import LearnerLink, lock, unlock
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.metrics import CampaignPhase
@@ -97,7 +98,7 @@ class Stage:
         verdicts = self.store.episodes.commit(self.campaign, [Delivery(r, "w") for r in results])
         for result, verdict in zip(results, verdicts, strict=True):
             self.leases.complete(self.campaign, result.index, 0.1)
-            self.run.take_verdict(result, verdict)
+            self.run.take_verdicts([JudgedResult(b"w", self.campaign, result, verdict)])
         return verdicts
 
     def shown(self) -> tuple[EpisodeResult, ...]:
