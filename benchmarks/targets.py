@@ -78,6 +78,7 @@ TARGETS = {
             *("lead_brake.rulebook", "lead_brake.idm"),
         )
     },
+    "ast.transfer_worst": Target(low=0.9),
     "chains.share_failing": Target(low=0.4),
     "chains.log_p_gap": Target(low=-0.1, high=0.1),
     "chains.group_coverage": Target(low=0.9),
