@@ -90,6 +90,7 @@ TARGETS = {
     "subset_parallel_covered": Target(low=0.93),
     "subset_parallel_error": Target(high=1.1),
     "subset_over_openturns_worst": Target(high=1.1),
+    "fit.covered": Target(low=0.93),
     "faults.kinds": Target(low=40.0),
     "faults.storm.kinds": Target(low=13.0),
     "faults.injected": Target(low=120.0),

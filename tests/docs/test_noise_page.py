@@ -38,11 +38,12 @@ def test_it_names_every_kind(noise_page):
 
 
 def test_its_models_can_be_asked_for(noise_page):
-    blocks = noise_page.blocks("toml")
-    models = [
-        msgspec.convert(tomllib.loads(block), dict[str, DisturbanceModel])["disturbance"]
-        for block in blocks
-    ]
+    tables = [tomllib.loads(block)["disturbance"] for block in noise_page.blocks("toml")]
+    models = [msgspec.convert(one, DisturbanceModel) for one in tables if isinstance(one, dict)]
     assert {type(model.shape) for model in models} == set(KINDS.values())
     assert any(model.scale > 1.0 for model in models)
     assert CampaignSpec(name="n", method="m", episodes=1).disturbance in models
+    files = [one for one in tables if isinstance(one, str)]
+    assert files
+    for file in files:
+        assert f"eigenfail noise fit tracks.csv --output {file}\n" in noise_page.text

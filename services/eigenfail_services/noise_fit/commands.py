@@ -249,7 +249,7 @@ def _draw_checks(report: FitReport) -> Table:
     return Table(
         "Checks",
         (
-            TableColumn("ModelCheck", is_figure=False),
+            TableColumn("Check", is_figure=False),
             TableColumn("Log"),
             TableColumn("Interval"),
             TableColumn("Model"),
