@@ -29,7 +29,7 @@ STARTS = 3
 
 AGAIN = 5
 COMMAND = "make bench"
-TARGET = "<= 1.0"
+TARGET = "<= 0.35"
 PATIENCE_MS = 60_000
 
 WATCH = """
