@@ -7,7 +7,7 @@ planted shape is chosen, `false_alarms` how often a check fails although the mod
 benchmarks/noise_fit.py` prints them.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from math import nan
 
 import numpy as np
@@ -18,7 +18,13 @@ from samples import COMMAND, count_share, share
 
 from eigenfail.values import Conversion, Correlated, DisturbanceModel, HeavyTailed, White
 from eigenfail_services.noise_fit.checks import check_fit
-from eigenfail_services.noise_fit.fitting import Fit, choose_fit, fit_shapes
+from eigenfail_services.noise_fit.fitting import (
+    Fit,
+    Parameter,
+    choose_fit,
+    find_parameters,
+    fit_shapes,
+)
 from eigenfail_services.noise_fit.sensor_log import Row, SensorLog, make_log
 
 LOGS, TRACKS = 100, 60
@@ -115,14 +121,14 @@ def judge_log(seed: int) -> tuple[list[bool], bool, bool]:
     log = draw_log(model, random)
     best = choose_fit(fit_shapes(log))
     is_right = type(best.model.shape) is type(model.shape)
-    return list_covered(model, best) if is_right else [], is_right, has_alarm(log, best)
+    covered = list_covered(model, find_parameters(best, log)) if is_right else []
+    return covered, is_right, has_alarm(log, best)
 
 
-def list_covered(model: DisturbanceModel, fit: Fit) -> list[bool]:
+def list_covered(model: DisturbanceModel, found: Sequence[Parameter]) -> list[bool]:
     """Return for each parameter whether its interval holds the planted value."""
     return [
-        one.interval.low <= find_parameter(model, one.name) <= one.interval.high
-        for one in fit.parameters
+        one.interval.low <= find_parameter(model, one.name) <= one.interval.high for one in found
     ]
 
 

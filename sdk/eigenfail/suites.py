@@ -24,6 +24,7 @@ from eigenfail.wire.http import refuse_unknown_fields
 
 KeyPath = tuple[str, ...]
 Changes = Mapping[KeyPath, Any]
+LIKE_MODEL = "Name a TOML file with the fields of [disturbance]."
 Table = dict[str, Any]
 
 BASE = "base"
@@ -411,10 +412,12 @@ def read_disturbance(file: Path) -> DisturbanceModel:
         UnknownName: a field that models do not have.
         InvalidValue: not a readable TOML file, or a value outside its bounds.
     """
-    table = read_toml(file, "Name a TOML file with the fields of [disturbance].")
-    if "method" in table:
-        table = include_disturbance(table, file).get("disturbance", {})
-    return read_settings(DisturbanceModel, table, file.name)
+    table = read_toml(file, LIKE_MODEL)
+    if "method" not in table:
+        return _make_model(table, file.name)
+    return _make_model(
+        include_disturbance(table, file).get("disturbance", {}), f"{file.name}: disturbance"
+    )
 
 
 def include_disturbance(fields: Table, file: Path) -> Table:
@@ -427,12 +430,25 @@ def include_disturbance(fields: Table, file: Path) -> Table:
 
     Raises:
         UnknownName: a field that models do not have.
-        InvalidValue: that file cannot be read, or holds a value outside its bounds.
+        InvalidValue: that file cannot be read, is a campaign, or holds a value outside its bounds.
     """
     named = fields.get("disturbance")
     if not isinstance(named, str):
         return fields
-    return {**fields, "disturbance": msgspec.to_builtins(read_disturbance(file.parent / named))}
+    other = file.parent / named
+    table = read_toml(other, LIKE_MODEL)
+    if "method" in table:
+        raise InvalidValue(
+            f"{file.name}: disturbance", f"'{named}' describes a campaign.", LIKE_MODEL
+        )
+    return {**fields, "disturbance": msgspec.to_builtins(_make_model(table, other.name))}
+
+
+def _make_model(table: Any, where: str) -> DisturbanceModel:
+    if not isinstance(table, dict):
+        raise InvalidValue(where, "is not a table.", "Write it as [disturbance].")
+    refuse_unknown_fields(table, DisturbanceModel, where)
+    return convert(table, DisturbanceModel, where)
 
 
 def _make_member(suite: str, name: str, fields: Table, where: str) -> SuiteMember:

@@ -86,7 +86,13 @@ class EnsembleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
         Raises:
             InvalidValue: a member would have none.
         """
-        return divide_episodes(max(episodes - self.judged, 0), self.members)
+        if self.judged >= episodes:
+            raise InvalidValue(
+                "settings.judged",
+                f"judging takes {self.judged} of {episodes} episodes, and leaves none to learn.",
+                "Ask for more episodes, or judge in fewer.",
+            )
+        return divide_episodes(episodes - self.judged, self.members)
 
     def read_member_settings(self) -> Any:
         """Return the settings of the members' method."""
@@ -172,7 +178,8 @@ class Ensemble:
 
     The last `judged` episodes are those of members that have learnt and learn no more. The member
     with the most failures in them is the one that is used from then on; the likelier failures
-    decide between members with equally many.
+    decide between members with equally many. A campaign that was stopped before all of them were
+    judged uses them in turn.
 
     Policies are numbered by round, so that a version is unique among members, and workers keep the
     newest ones, which have the highest numbers.
@@ -197,7 +204,8 @@ class Ensemble:
             waiting: members with open rounds, in the order of the rounds.
             left: number of episodes that each member may still propose.
             policies: newest policy of each member.
-            unjudged: number of episodes in which each member is still to be judged.
+            unjudged: number of episodes in which each member is still to be judged; empty in states
+                from before members could be judged.
             judging: number of open rounds of such episodes; they are the last of those waiting.
             records: what each member did in such episodes.
         """
@@ -208,9 +216,9 @@ class Ensemble:
         left: tuple[int, ...]
         policies: bytes
         learners: tuple[bytes, ...]
-        unjudged: tuple[int, ...]
-        judging: Annotated[int, msgspec.Meta(ge=0)]
-        records: tuple[Record, ...]
+        unjudged: tuple[int, ...] = ()
+        judging: Annotated[int, msgspec.Meta(ge=0)] = 0
+        records: tuple[Record, ...] = ()
 
     def __init__(self, context: LearnerContext, settings: EnsembleSettings) -> None:
         count = settings.members
@@ -287,7 +295,9 @@ class Ensemble:
         count = len(self._members)
         with archive.wrap_errors("ensemble"):
             policies = _policies.decode(facts.policies)
-            parts = (policies, facts.left, facts.learners, facts.unjudged, facts.records)
+            unjudged = facts.unjudged or (0,) * count
+            records = facts.records or (Record(),) * count
+            parts = (policies, facts.left, facts.learners, unjudged, records)
             if {len(part) for part in parts} != {count}:
                 raise ValueError(f"they are of {len(facts.learners)} members, not {count}")
         for one, learner in zip(self._members, facts.learners, strict=True):
@@ -295,8 +305,8 @@ class Ensemble:
         self._turn, self._number = facts.turn, facts.number
         self._waiting = deque(facts.waiting)
         self._left, self._policies = list(facts.left), policies
-        self._unjudged, self._judging = list(facts.unjudged), facts.judging
-        self._records = list(facts.records)
+        self._unjudged, self._judging = list(unjudged), facts.judging
+        self._records = list(records)
         self._look_ahead()
 
     def _look_ahead(self) -> None:
@@ -332,8 +342,8 @@ class Ensemble:
         return self._number_policy(one, proposal)
 
     def _exploit(self, n: int) -> Proposal:
-        """Return n episodes of the best member, or of the next one where none was judged."""
-        if any(record.episodes for record in self._records):
+        """Return n episodes of the best member, or of the next one where not all were judged."""
+        if all(record.episodes for record in self._records) and not any(self._unjudged):
             one = max(range(len(self._records)), key=lambda one: self._records[one].rank())
         else:
             one = self._next_turn()

@@ -2,10 +2,11 @@
 
 from collections.abc import Iterator
 from math import nan
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from scipy import special
+from scipy import special, stats
 
 from eigenfail.values import AXES, Interval
 from eigenfail_services.noise_fit.fitting import Fit, find_ratio_interval
@@ -13,6 +14,9 @@ from eigenfail_services.noise_fit.sensor_log import Array, SensorLog
 
 FAMILY_ERROR = 0.01
 """Probability that at least one check fails on a log that the model describes."""
+
+FEWEST_TRACKS = 10
+"""Tracks that must contribute to a check."""
 
 FAR_SIGMA = 3.0
 LAGS = (1, 10)
@@ -28,89 +32,110 @@ class ModelCheck(msgspec.Struct, frozen=True):
         value: value in the log.
         interval: its interval; all of them hold together with probability 1 − `FAMILY_ERROR`.
         expected: value under the model.
-        remedy: what to do where it does not hold.
+        holds: whether the interval holds the expected value.
+        remedy: what to do; empty where the check holds.
     """
 
     name: str
     value: float
     interval: Interval
     expected: float
+    holds: bool
     remedy: str
 
-    @property
-    def holds(self) -> bool:
-        """Whether the interval holds the expected value."""
-        return self.interval.low <= self.expected <= self.interval.high
+
+class _Property(NamedTuple):
+    """What is asked of the z of a log.
+
+    Attributes:
+        name: name of the check.
+        values: a value of each measurement, whose mean is asked for, shape (n,).
+        expected: their mean under the model.
+        remedy: what to do if it is another one.
+        is_share: whether the values are 0 and 1.
+    """
+
+    name: str
+    values: Array
+    expected: float
+    remedy: str
+    is_share: bool = False
 
 
 def check_fit(log: SensorLog, fit: Fit) -> list[ModelCheck]:
-    """Return the checks of a fit: bias, spread at both ends, correlation, tails, time offset."""
-    asked = list(_list_values(log, fit.z))
+    """Return the checks of a fit: bias, spread at both ends, correlation, tails, time offset.
+
+    Checks to which fewer than `FEWEST_TRACKS` tracks contribute are left out.
+    """
+    asked = list(_list_properties(log, fit.find_z(log)))
     confidence = 1.0 - FAMILY_ERROR / len(asked)
     checks = []
-    for name, values, is_counted, expected, remedy in asked:
-        counted = is_counted & np.isfinite(values)
-        sums = log.sum_by_track(np.where(counted, values, 0.0))
+    for one in asked:
+        counted = np.isfinite(one.values)
+        sums = log.sum_by_track(np.where(counted, one.values, 0.0))
         counts = log.sum_by_track(counted.astype(float))
-        if counts.sum() > counts.max(initial=0.0) > 0.0:
+        if np.count_nonzero(counts) >= FEWEST_TRACKS:
             value, interval = find_ratio_interval(sums, counts, confidence)
-            checks.append(ModelCheck(name, value, interval, expected, remedy))
+            if one.is_share:
+                interval = _widen_share(interval, int(sums.sum()), int(counts.sum()), confidence)
+            holds = interval.low <= one.expected <= interval.high
+            advice = "" if holds else one.remedy
+            checks.append(ModelCheck(one.name, value, interval, one.expected, holds, advice))
     return checks
 
 
-Asked = tuple[str, Array, Array, float, str]
-"""Name, values of the measurements, those that count, expected mean, remedy."""
+def _widen_share(interval: Interval, k: int, n: int, confidence: float) -> Interval:
+    """Return an interval with the exact one of k of n independent cases (Clopper and Pearson 1934).
+
+    The jackknife alone has no width where no case occurred.
+    """
+    error = 0.5 * (1.0 - confidence)
+    low = float(stats.beta.ppf(error, k, n - k + 1)) if k else 0.0
+    high = float(stats.beta.ppf(1.0 - error, k + 1, n - k)) if k < n else 1.0
+    return Interval(min(interval.low, low), max(interval.high, high))
 
 
-def _list_values(log: SensorLog, z: Array) -> Iterator[Asked]:
-    everywhere = np.ones(len(z), bool)
+def _list_properties(log: SensorLog, z: Array) -> Iterator[_Property]:
     for axis, name in enumerate(AXES):
         own, distance = z[:, axis], log.distance_m[:, axis]
-        yield (
+        yield _Property(
             f"{name}: mean of z",
             own,
-            everywhere,
             0.0,
             "The model has no bias: calibrate the sensor's mounting, or subtract the mean error.",
         )
         low, high = np.quantile(distance, [1.0 / PARTS, 1.0 - 1.0 / PARTS])
         for part, is_counted in (("nearest", distance <= low), ("farthest", distance >= high)):
-            yield (
+            yield _Property(
                 f"{name}: mean square of z, {part} third",
-                np.square(own),
-                is_counted,
+                np.where(is_counted, np.square(own), nan),
                 1.0,
                 "Sigma does not grow linearly with the distance: fit shorter ranges apart.",
             )
         for lag in LAGS:
-            yield (
+            yield _Property(
                 f"{name}: correlation of z, {lag * log.step_s:g} s apart",
                 own * _shift(own, log, lag),
-                everywhere,
                 0.0,
                 "Errors last in another way than the model's: ar1 knows a single decay.",
             )
-        yield (
+        yield _Property(
             f"{name}: share of |z| > {FAR_SIGMA:g}",
             (np.abs(own) > FAR_SIGMA).astype(float),
-            everywhere,
             2.0 * float(special.ndtr(-FAR_SIGMA)),
-            (
-                "Extreme errors are more or less frequent than the model's. No shape has both "
-                "heavy tails and correlation."
-            ),
+            "Extreme errors are more or less frequent than the model's. No shape has both heavy "
+            "tails and correlation.",
+            is_share=True,
         )
-    yield (
-        "product of longitudinal and lateral z",
+    yield _Property(
+        "correlation of z between the axes",
         z[:, 0] * z[:, 1],
-        everywhere,
         0.0,
         "The errors of the axes depend on each other, which the model leaves out.",
     )
-    yield (
-        "longitudinal error by closing speed, product with z",
+    yield _Property(
+        "correlation of longitudinal z with the rate of dx",
         z[:, 0] * _standardise(log.speed_mps[:, 0]),
-        everywhere,
         0.0,
         "Errors follow the speed, as they do where clocks differ: correct the time stamps.",
     )

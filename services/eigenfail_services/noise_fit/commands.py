@@ -10,19 +10,35 @@ from scipy import stats
 
 from eigenfail.cli.options import AsJson
 from eigenfail.cli.render import show
+from eigenfail.errors import InvalidValue
 from eigenfail.files import write_new
 from eigenfail.hosting.service import require_installed
-from eigenfail.presentation.figures import format_interval, format_number, format_share
+from eigenfail.presentation.figures import (
+    format_interval,
+    format_number,
+    format_share,
+    format_signed,
+    format_signed_interval,
+)
 from eigenfail.presentation.tables import Block, FactTable, Table, TableColumn
 from eigenfail.presentation.terminal import render
 from eigenfail.suites import read_disturbance
-from eigenfail.values import AXES, DisturbanceModel
+from eigenfail.values import AXES, DisturbanceModel, Interval
 from eigenfail_services.noise_fit.checks import ModelCheck, check_fit
-from eigenfail_services.noise_fit.fitting import Fit, Parameter, choose_fit, fit_shapes
+from eigenfail_services.noise_fit.fitting import (
+    Fit,
+    Parameter,
+    choose_fit,
+    find_parameters,
+    fit_shapes,
+)
 from eigenfail_services.noise_fit.sensor_log import SensorLog, read_log
 
 DISTANCES_M = {"longitudinal": (0.0, 10.0, 20.0, 50.0, 100.0), "lateral": (0.0, 2.0, 4.0, 8.0)}
-SHARES = {"half below": 0.5, "95 % below": 0.95, "99.9 % below": 0.999}
+SHARES = {"50 %": 0.5, "95 %": 0.95, "99.9 %": 0.999}
+
+USUAL_STEP_S = 0.1
+"""Time step of the built-in scenarios. [s]"""
 
 app = typer.Typer(
     add_completion=False,
@@ -34,18 +50,24 @@ LogFile = Annotated[
     Path,
     typer.Argument(
         metavar="LOG",
-        help="CSV or Parquet with the columns track, time_s, dx_m, dy_m, seen_dx_m, seen_dy_m.",
+        help="CSV or Parquet: track, time_s [s], true position dx_m, dy_m and reported position "
+        "seen_dx_m, seen_dy_m of a vehicle from the ego [m]; 30 tracks or more.",
     ),
 ]
 Step = Annotated[
     float,
     typer.Option(
-        "--step", min=1e-3, max=10.0, help="Time between two measurements of a track [s]."
+        "--step",
+        min=1e-3,
+        max=10.0,
+        help="Period of the log [s]; the model is for scenarios with this time step.",
     ),
 ]
 Output = Annotated[
     Path | None,
-    typer.Option("--output", help="TOML file to which the model is written; it must not exist."),
+    typer.Option(
+        "--output", help="TOML file for the model, which must not exist yet (default: print only)."
+    ),
 ]
 ModelFile = Annotated[
     Path, typer.Argument(metavar="FILE", help="TOML file of a disturbance model, or of a campaign.")
@@ -72,8 +94,7 @@ class ShapeScore(msgspec.Struct, frozen=True):
     kind: str
     held_out: float
     gain: float | None
-    gain_low: float | None
-    gain_high: float | None
+    interval: Interval | None
 
 
 class FitReport(msgspec.Struct, frozen=True):
@@ -96,8 +117,13 @@ def _require_server() -> None:
 
 
 @app.command()
-def fit(log: LogFile, step: Step = 0.1, output: Output = None, as_json: AsJson = False) -> None:
+def fit(
+    log: LogFile, step: Step = USUAL_STEP_S, output: Output = None, as_json: AsJson = False
+) -> None:
     """Fit a disturbance model to a sensor's log, with intervals and checks."""
+    if output is not None and output.exists():
+        remedy = "Choose another file, or remove this one."
+        raise InvalidValue("--output", f"'{output}' exists already.", remedy)
     errors = read_log(log, step)
     report = make_report(errors, fit_shapes(errors))
     if output is not None:
@@ -115,15 +141,14 @@ def show_model(file: ModelFile, as_json: AsJson = False) -> None:
 def make_report(log: SensorLog, fits: Sequence[Fit]) -> FitReport:
     """Return what was found of a log, given the fits of all shapes."""
     best = choose_fit(fits)
-    missed, runs = int(log.missed.sum()), int(log.misses.sum())
     return FitReport(
         model=best.model,
-        parameters=best.parameters,
+        parameters=find_parameters(best, log),
         shapes=tuple(map(_score, fits)),
         checks=tuple(check_fit(log, best)),
         misses=Misses(
-            share=missed / (missed + len(log.track)),
-            mean_steps=missed / runs if runs else None,
+            share=log.missed / (log.missed + len(log.track)),
+            mean_steps=log.missed / log.misses if log.misses else None,
             ghosts=log.ghosts,
         ),
         tracks=log.tracks,
@@ -138,8 +163,7 @@ def make_report(log: SensorLog, fits: Sequence[Fit]) -> FitReport:
 
 def _score(one: Fit) -> ShapeScore:
     gain, interval = one.gain or (None, None)
-    low, high = (interval.low, interval.high) if interval else (None, None)
-    return ShapeScore(one.kind, one.held_out, gain, low, high)
+    return ShapeScore(one.candidate.kind, one.held_out, gain, interval)
 
 
 def format_model(report: FitReport, source: str) -> str:
@@ -148,19 +172,19 @@ def format_model(report: FitReport, source: str) -> str:
     failed = [check for check in report.checks if not check.holds]
     lines = [
         (
-            f"# Fitted by `eigenfail noise fit` to {source}: {report.tracks} tracks, "
+            f"# Fitted by `eigenfail noise fit` to {source!a}: {report.tracks} tracks, "
             f"{report.measurements} measurements, {report.step_s:g} s apart."
         ),
         (
             f"# Distances in the log: {along[0]:.3g} to {along[1]:.3g} m along the road, "
-            f"{across[0]:.3g} to {across[1]:.3g} m across. Beyond them the model is a guess."
+            f"{across[0]:.3g} to {across[1]:.3g} m across. Beyond them the model extrapolates."
         ),
         *(f"# Does not hold: {check.name}, {check.value:.3g}." for check in failed),
+        *([f"# {_describe_step(report.step_s)}"] if report.step_s != USUAL_STEP_S else []),
     ]
     for parameter in report.parameters:
-        head, _, _ = parameter.name.partition(" ")
         low, high = parameter.interval.low, parameter.interval.high
-        lines.append(f"# {head}: 95 % interval {low:.4g} to {high:.4g}")
+        lines.append(f"# {parameter.name}: 95 % interval {low:.4g} to {high:.4g}")
     table = msgspec.toml.encode(_round(report.model)).decode()
     return "\n".join([*lines, "", table])
 
@@ -187,7 +211,7 @@ def _list_blocks(report: FitReport, output: Path | None) -> Iterator[Block]:
             ("distances across it", f"{across[0]:.3g} to {across[1]:.3g} m"),
             ("missed", _describe_misses(report.misses)),
             ("ghosts", f"{report.misses.ghosts:,} measurements without a vehicle"),
-            ("model", report.model.shape.in_words()),
+            ("shape chosen", str(report.model.shape.__struct_config__.tag)),
         ),
     )
     yield _draw_parameters(report)
@@ -196,15 +220,27 @@ def _list_blocks(report: FitReport, output: Path | None) -> Iterator[Block]:
     failed = sum(not check.holds for check in report.checks)
     if failed:
         yield f"{failed} of {len(report.checks)} checks do not hold: the log is not of this model."
+    if report.step_s != USUAL_STEP_S:
+        yield _describe_step(report.step_s)
     if output is not None:
-        yield f'Written to {output}. A campaign uses it with disturbance = "{output}".'
+        yield (
+            f"Written to {output}. A campaign in the same folder uses it with disturbance = "
+            f'"{output.name}".'
+        )
+
+
+def _describe_step(step_s: float) -> str:
+    return (
+        f"The model is of steps of {step_s:g} s: use it in scenarios with this time step alone. "
+        f"Those that come with eigenfail have {USUAL_STEP_S:g} s."
+    )
 
 
 def _describe_misses(misses: Misses) -> str:
     share = f"{format_share(misses.share)} of the steps"
     if misses.mean_steps is None:
         return share
-    return f"{share}, {misses.mean_steps:.3g} steps at a time; the model leaves them out"
+    return f"{share}, in runs of {misses.mean_steps:.2g} steps on average; not part of the model"
 
 
 def _draw_parameters(report: FitReport) -> Table:
@@ -235,9 +271,7 @@ def _draw_shapes(report: FitReport) -> Table:
             (
                 one.kind,
                 format_number(one.held_out, 4),
-                ""
-                if one.gain is None
-                else f"{one.gain:+.3f} [{one.gain_low:+.3f}, {one.gain_high:+.3f}]",
+                _format_gain(one),
             )
             for one in report.shapes
         ),
@@ -245,14 +279,20 @@ def _draw_shapes(report: FitReport) -> Table:
     )
 
 
+def _format_gain(one: ShapeScore) -> str:
+    if one.gain is None or one.interval is None:
+        return ""
+    return f"{format_signed(one.gain)} {format_signed_interval(one.interval)}"
+
+
 def _draw_checks(report: FitReport) -> Table:
     return Table(
         "Checks",
         (
             TableColumn("Check", is_figure=False),
-            TableColumn("Log"),
+            TableColumn("Observed"),
             TableColumn("Interval"),
-            TableColumn("Model"),
+            TableColumn("Expected"),
             TableColumn("Verdict", is_figure=False),
         ),
         tuple(
@@ -267,8 +307,8 @@ def _draw_checks(report: FitReport) -> Table:
         ),
         (
             (
-                "z is what the model makes of the errors, standard normal if it is right. All "
-                "checks of such a log hold with 99 % probability."
+                "z is what the model makes of the errors, standard normal if the model is correct. "
+                "Then all checks hold with a probability of 99 %; that they hold is no proof."
             ),
         ),
     )
@@ -286,15 +326,15 @@ def _describe_model(model: DisturbanceModel) -> Iterator[Block]:
         yield Table(
             f"{axis} errors".capitalize(),
             (
-                TableColumn(f"{axis} distance".capitalize(), "m"),
-                TableColumn("Sigma", "m"),
-                *(TableColumn(words.capitalize(), "m") for words in SHARES),
+                TableColumn(f"{axis} distance [m]".capitalize()),
+                TableColumn("Sigma"),
+                *(TableColumn(words) for words in SHARES),
             ),
             tuple(
                 (distance, sigma, *(factor * sigma for factor in factors))
                 for distance, sigma in zip(distances, sigmas, strict=True)
             ),
-            (f"Sizes of {axis} errors: half of them, 95 % and 99.9 % are below. All in metres.",),
+            (f"Size of {axis} errors [m]: sigma, and what 50 %, 95 % and 99.9 % do not exceed.",),
         )
 
 

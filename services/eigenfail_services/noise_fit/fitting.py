@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 from scipy import optimize, special, stats
 
+from eigenfail.errors import InvalidValue
 from eigenfail.values import Correlated, DisturbanceModel, HeavyTailed, Interval, White
 from eigenfail.values.disturbance import Shape
 from eigenfail_services.noise_fit.sensor_log import Array, SensorLog
@@ -26,6 +27,13 @@ LEAST_BASE_M, MOST_BASE_M = 1e-4, 100.0
 
 DIFFERENCE = 1e-4
 """Step of a numerical derivative, as a share of the parameter or of 1e-2, whichever is larger."""
+
+WORST_CONDITION = 1e6
+"""Largest condition of the scaled curvature of the likelihood. Beyond it rounding errors of the
+numerical derivatives decide, as where distances hardly differ and only sigma as a whole is told."""
+
+MOST_SPREADS = 50.0
+"""Most widths of its interval, as logarithms, by which a base may be wrong."""
 
 SLOPES_AND_BASES = (
     "longitudinal_slope",
@@ -59,7 +67,7 @@ class Candidate(NamedTuple):
 
 
 def find_white_z(_log: SensorLog, u: Array, _own: Array) -> Array:
-    """Z = u."""
+    """Return u, which is z."""
     return u
 
 
@@ -162,27 +170,39 @@ class Fit(msgspec.Struct, frozen=True, eq=False):
     """The best parameters of one shape.
 
     Attributes:
-        kind: name of the shape.
-        model: disturbance model with these parameters.
-        parameters: parameters with their intervals.
+        candidate: the shape.
+        best: parameters of largest likelihood: slopes and bases, then the shape's own.
         held_out: log density of a measurement on tracks that were not fitted, mean over the log.
         gain: the same less that of white noise, with its interval; None for white noise.
-        z: what the model makes of the errors, shape (n, 2): standard normal if it is right.
     """
 
-    kind: str
-    model: DisturbanceModel
-    parameters: tuple[Parameter, ...]
+    candidate: Candidate
+    best: Array
     held_out: float
     gain: tuple[float, Interval] | None
-    z: Array
+
+    @property
+    def model(self) -> DisturbanceModel:
+        """The disturbance model with these parameters."""
+        return self.candidate.make_model(self.best)
+
+    def find_z(self, log: SensorLog) -> Array:
+        """Return what the model makes of the errors, shape (n, 2): standard normal if it holds."""
+        u = log.error_m / _compute_sigma(log, self.best)
+        return self.candidate.find_z(log, u, self.best[4:])
 
 
 def fit_shapes(log: SensorLog) -> list[Fit]:
     """Return the fits of all shapes; white noise is the first."""
     scores = [_find_held_out(candidate, log) for candidate in CANDIDATES]
+    counts = log.sum_by_track(np.ones(len(log.track)))
     return [
-        _fit_shape(candidate, log, score, None if score is scores[0] else score - scores[0])
+        Fit(
+            candidate=candidate,
+            best=maximize_likelihood(candidate, log),
+            held_out=float(score.sum() / counts.sum()),
+            gain=None if score is scores[0] else find_ratio_interval(score - scores[0], counts),
+        )
         for candidate, score in zip(CANDIDATES, scores, strict=True)
     ]
 
@@ -194,19 +214,6 @@ def choose_fit(fits: Sequence[Fit]) -> Fit:
     """
     better = [fit for fit in fits if fit.gain is not None and fit.gain[1].low > 0.0]
     return max(better, key=lambda fit: fit.held_out, default=fits[0])
-
-
-def _fit_shape(candidate: Candidate, log: SensorLog, score: Array, gain: Array | None) -> Fit:
-    best = maximize_likelihood(candidate, log)
-    counts = log.sum_by_track(np.ones(len(log.track)))
-    return Fit(
-        kind=candidate.kind,
-        model=candidate.make_model(best),
-        parameters=_find_intervals(candidate, log, best),
-        held_out=float(score.sum() / counts.sum()),
-        gain=None if gain is None else find_ratio_interval(gain, counts),
-        z=candidate.find_z(log, log.error_m / _compute_sigma(log, best), best[4:]),
-    )
 
 
 def compute_density(candidate: Candidate, log: SensorLog, parameters: Array) -> Array:
@@ -261,22 +268,41 @@ def _find_held_out(candidate: Candidate, log: SensorLog) -> Array:
     return score
 
 
-def _find_intervals(candidate: Candidate, log: SensorLog, best: Array) -> tuple[Parameter, ...]:
+def find_parameters(fit: Fit, log: SensorLog) -> tuple[Parameter, ...]:
     """Return the parameters with the intervals of the jackknife over tracks.
 
     Each fit without one track is approximated by a step of Newton's method from that with all.
+
+    Raises:
+        InvalidValue: the log does not determine all parameters.
     """
-    scores, curvatures = _differentiate(candidate, log, best)
-    rest = curvatures.sum(axis=0) - curvatures
-    moves = np.linalg.solve(rest, scores[..., None])[..., 0]
+    names = (*SLOPES_AND_BASES, *fit.candidate.names)
+    limits = (*BOUNDS, *fit.candidate.bounds)
+    scores, curvatures = _differentiate(fit.candidate, log, fit.best, np.array(limits))
+    total = curvatures.sum(axis=0)
+    _refuse_undetermined(total)
+    moves = np.linalg.solve(total - curvatures, scores[..., None])[..., 0]
     deviation = np.sqrt((log.tracks - 1) / log.tracks * np.square(moves).sum(axis=0))
     reach = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, log.tracks - 1)) * deviation
-    names = (*SLOPES_AND_BASES, *candidate.names)
-    limits = (*BOUNDS, *candidate.bounds)
     return tuple(
         _make_parameter(name, float(value), float(room), bounds)
-        for name, value, room, bounds in zip(names, best, reach, limits, strict=True)
+        for name, value, room, bounds in zip(names, fit.best, reach, limits, strict=True)
     )
+
+
+def _refuse_undetermined(curvature: Array) -> None:
+    """Refuse a likelihood that is flat in some direction.
+
+    Raises:
+        InvalidValue: it is.
+    """
+    scale = np.sqrt(np.abs(np.diag(curvature)))
+    if not scale.all() or np.linalg.cond(curvature / np.outer(scale, scale)) > WORST_CONDITION:
+        raise InvalidValue(
+            "log",
+            "its distances do not tell how errors grow with them.",
+            "Log vehicles at different distances along the road, and in other lanes.",
+        )
 
 
 def _make_parameter(
@@ -285,20 +311,30 @@ def _make_parameter(
     low, high = value - reach, value + reach
     if name.endswith("_base_m"):
         # Of a scale the logarithm is nearer to normal than the scale itself.
-        low, high = value * exp(-reach / value), value * exp(reach / value)
+        ratio = min(reach / value, MOST_SPREADS)
+        low, high = value * exp(-ratio), value * exp(ratio)
     low, high = max(low, bounds[0]), min(high, bounds[1])
     if name.startswith("1 / "):
         return Parameter(name.removeprefix("1 / "), 1.0 / value, Interval(1.0 / high, 1.0 / low))
     return Parameter(name, value, Interval(low, high))
 
 
-def _differentiate(candidate: Candidate, log: SensorLog, best: Array) -> tuple[Array, Array]:
+def _differentiate(
+    candidate: Candidate, log: SensorLog, at: Array, limits: Array
+) -> tuple[Array, Array]:
     """Return slopes and curvatures of each track's log likelihood, by central differences.
+
+    Args:
+        candidate: shape of the noise.
+        log: log of the errors.
+        at: parameters; where they lie on a bound, the derivatives are those just inside.
+        limits: bounds of the parameters, shape (parameters, 2).
 
     Returns:
         Shapes (tracks, parameters) and (tracks, parameters, parameters).
     """
-    step = DIFFERENCE * np.maximum(np.abs(best), 1e-2)
+    step = DIFFERENCE * np.maximum(np.abs(at), 1e-2)
+    best = np.clip(at, limits[:, 0] + step, limits[:, 1] - step)
     unit = np.diag(step)
 
     def sum_density(parameters: Array) -> Array:
@@ -331,9 +367,10 @@ def find_ratio_interval(
 
     Args:
         sums: sum of the values of each track, shape (tracks,).
-        counts: number of values of each track, shape (tracks,).
+        counts: number of values of each track, shape (tracks,); those without any do not count.
         confidence: probability with which the interval holds the mean.
     """
+    sums, counts = sums[counts > 0.0], counts[counts > 0.0]
     tracks = len(sums)
     mean = float(sums.sum() / counts.sum())
     left = (sums.sum() - sums) / (counts.sum() - counts)

@@ -61,15 +61,34 @@ def test_the_terminal_says_what_was_fitted_how_well_and_where_it_was_written(
     done = eigenfail("noise", "fit", log, "--output", file)
     for words in (
         "longitudinal_slope",
-        "white: normal, independent at every step",
+        "shape chosen",
         "1,199, 0.1 s apart",
-        "1 steps at a time; the model leaves them out",
-        f'Written to {file}. A campaign uses it with disturbance = "{file}".',
+        "in runs of 1 steps on average; not part of the model",
+        f"Written to {file}. A campaign in the same folder uses it with disturbance = ",
     ):
         assert words in done.stdout
     again = eigenfail("noise", "fit", log, "--output", file)
     assert again.exit_code == 2
-    assert "cannot be written: File exists" in again.stderr
+    assert f"'{file}' exists already. Choose another file" in again.stderr
+
+
+def test_a_model_of_another_step_says_so(eigenfail, log, tmp_path):
+    slower = tmp_path / "slower.csv"
+    with log.open() as text:
+        rows = list(csv.DictReader(text))
+    with slower.open("w", newline="") as text:
+        table = csv.DictWriter(text, HEAD)
+        table.writeheader()
+        table.writerows({**row, "time_s": 2.0 * float(row["time_s"])} for row in rows)
+    file = tmp_path / "sensor.toml"
+    done = eigenfail("noise", "fit", slower, "--step", "0.2", "--output", file)
+    assert done.exit_code == 0, done.stderr
+    words = "The model is of steps of 0.2 s: use it in scenarios with this time step alone."
+    assert words in done.stdout
+    assert f"# {words}" in file.read_text()
+    refused = eigenfail("noise", "fit", slower)
+    assert refused.exit_code == 2
+    assert "If the sensor is slower, give its period as --step." in refused.stderr
 
 
 def test_a_model_is_shown_in_metres_at_several_distances(eigenfail, tmp_path):
@@ -122,3 +141,20 @@ def test_a_model_that_is_none_is_refused_by_its_file(tmp_path, text, problem):
     with pytest.raises(InputError, match=problem) as caught:
         read_spec(campaign)
     assert "sensor.toml" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("disturbance = 5", "is not a table"),
+        ('disturbance = "campaign.toml"', "'campaign.toml' describes a campaign"),
+        ("[disturbance]\nshape = {kind = 'ar1', phi = 0.5}", "phi"),
+    ],
+)
+def test_a_campaign_whose_model_is_none_is_refused(eigenfail, tmp_path, text, problem):
+    file = tmp_path / "campaign.toml"
+    file.write_text(f'method = "monte_carlo"\nepisodes = 5\n{text}\n')
+    done = eigenfail("noise", "show", file)
+    assert done.exit_code == 2
+    assert problem in done.stderr
+    assert "campaign.toml" in done.stderr
