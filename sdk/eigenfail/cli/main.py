@@ -29,7 +29,7 @@ COMMANDS = {
     "suite": "Run many campaigns as one: a sweep, a grid, or a list of them.",
     "episode": "Show, export, replay and explain episodes.",
     "analyze": "Group the failures of a campaign into failure modes.",
-    "noise": "Fit the disturbance model to a sensor's log, and show what a model means.",
+    "noise": "Fit the disturbance model p(x) to the log of a sensor, and show what a model means.",
     "margin": "Find the noise scale at which a planner starts to fail, by bisection.",
     "compare": "Compare two campaigns, or several seeds of each.",
     "gate": "Check a new version of a planner against the failures of an earlier one.",
