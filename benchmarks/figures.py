@@ -15,7 +15,7 @@ class Figure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     Attributes:
         n: how many runs, episodes or pairs it rests on; `spread` is their smallest and largest.
-        target: what it is held against, in words.
+        target: the bound of the value, in words.
         paper: the paper's number, where there is one.
     """
 
@@ -42,8 +42,8 @@ def summarize_runs(
     Args:
         values: one of each run, or of each pair of runs.
         unit: unit of the values.
-        target: what the median is held against, in words.
-        note: what a reader must know beside it.
+        target: the bound of the median, in words.
+        note: conditions under which the values were measured.
         n: what it rests on, where that is not the number of runs.
     """
     return Figure(

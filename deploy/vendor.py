@@ -22,8 +22,8 @@ INSTALL = ("npm", "install", "--no-save", "--prefix")
 BUILD = (
     *("npx", "esbuild", ENTRY, "--bundle", "--minify", "--format=iife", "--global-name=echarts"),
     *('--define:process.env.NODE_ENV="production"', "--outfile=echarts.min.js"),
-    # Browsers that know this mark compile all functions while the file arrives, beside the page.
-    # Without it each function is compiled when it is first called, while the page waits.
+    # Browsers that support this comment compile all functions in another thread while the file
+    # arrives. Without it each function is compiled when it is first called, while the page waits.
     "--banner:js=//# allFunctionsCalledOnLoad",
 )
 COPIED = {

@@ -138,7 +138,7 @@ _encoder = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _policies = msgspec.msgpack.Decoder(tuple[Policy | None, ...], dec_hook=decode_array)
 
 
-class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+class JudgingRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """What a member did in the episodes in which it was judged.
 
     Attributes:
@@ -153,10 +153,10 @@ class Record(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     log_p: float = 0.0
     steps: int = 0
 
-    def with_results(self, results: Sequence[EpisodeResult]) -> "Record":
+    def with_results(self, results: Sequence[EpisodeResult]) -> "JudgingRecord":
         """Return the record with further episodes."""
         failed = [result for result in results if result.is_failure]
-        return Record(
+        return JudgingRecord(
             self.episodes + len(results),
             self.failures + len(failed),
             self.log_p + sum(result.noise.log_probability for result in failed),
@@ -218,14 +218,14 @@ class Ensemble:
         learners: tuple[bytes, ...]
         unjudged: tuple[int, ...] = ()
         judging: Annotated[int, msgspec.Meta(ge=0)] = 0
-        records: tuple[Record, ...] = ()
+        records: tuple[JudgingRecord, ...] = ()
 
     def __init__(self, context: LearnerContext, settings: EnsembleSettings) -> None:
         count = settings.members
         self._left = settings.divide_training(context.episodes)
         self._unjudged = divide_episodes(settings.judged, count) if settings.judged else [0] * count
         self._judging = 0
-        self._records = [Record()] * count
+        self._records = [JudgingRecord()] * count
         self._members = [make_member(context, settings, i, self._left[i]) for i in range(count)]
         self._policies: tuple[Policy | None, ...] = (None,) * count
         self._waiting: deque[int] = deque()
@@ -296,7 +296,7 @@ class Ensemble:
         with archive.wrap_errors("ensemble"):
             policies = _policies.decode(facts.policies)
             unjudged = facts.unjudged or (0,) * count
-            records = facts.records or (Record(),) * count
+            records = facts.records or (JudgingRecord(),) * count
             parts = (policies, facts.left, facts.learners, unjudged, records)
             if {len(part) for part in parts} != {count}:
                 raise ValueError(f"they are of {len(facts.learners)} members, not {count}")

@@ -1,1 +1,1 @@
-"""Fits of the disturbance model p(x) to logs of a sensor beside the truth."""
+"""Fits of the disturbance model p(x) to logs of a sensor and the true positions."""

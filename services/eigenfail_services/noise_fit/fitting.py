@@ -208,7 +208,7 @@ def fit_shapes(log: SensorLog) -> list[Fit]:
 
 
 def choose_fit(fits: Sequence[Fit]) -> Fit:
-    """Return the fit that describes tracks best that it was not fitted to.
+    """Return the fit with the largest density on tracks that were held out.
 
     White noise, the simplest, unless the interval of another one's gain over it is above 0.
     """
@@ -230,15 +230,17 @@ def _compute_sigma(log: SensorLog, parameters: Array) -> Array:
     return sigma
 
 
-def maximize_likelihood(candidate: Candidate, log: SensorLog, *, but: Array | None = None) -> Array:
+def maximize_likelihood(
+    candidate: Candidate, log: SensorLog, *, held_out: Array | None = None
+) -> Array:
     """Return the parameters of largest likelihood: slopes and bases, then the shape's own.
 
     Args:
         candidate: shape of the noise.
         log: log of the errors.
-        but: measurements that do not count, shape (n,).
+        held_out: measurements that do not count, shape (n,).
     """
-    counted = np.ones(len(log.track)) if but is None else np.where(but, 0.0, 1.0)
+    counted = np.ones(len(log.track)) if held_out is None else np.where(held_out, 0.0, 1.0)
     spread = np.sqrt(np.mean(np.square(log.error_m), axis=0))
     near = [value for sigma in spread for value in (0.0, float(np.clip(sigma, 1e-3, MOST_BASE_M)))]
     total = counted.sum()
@@ -263,7 +265,7 @@ def _find_held_out(candidate: Candidate, log: SensorLog) -> Array:
     fold = np.arange(log.tracks) % FOLDS
     for held in range(FOLDS):
         is_held = fold == held
-        best = maximize_likelihood(candidate, log, but=is_held[log.track])
+        best = maximize_likelihood(candidate, log, held_out=is_held[log.track])
         score[is_held] = log.sum_by_track(compute_density(candidate, log, best))[is_held]
     return score
 

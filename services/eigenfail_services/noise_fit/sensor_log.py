@@ -1,4 +1,4 @@
-"""A log of what a sensor saw of other vehicles, beside where they were."""
+"""A log of the positions that a sensor reported of other vehicles, and of their true ones."""
 
 import csv
 from collections.abc import Iterator, Mapping, Sequence

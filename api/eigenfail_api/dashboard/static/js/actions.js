@@ -58,7 +58,7 @@ function valueOf({ dataset, value }) {
   return "numbers" in dataset ? value.split(",").map(Number) : value;
 }
 
-// They copy the text beside them; where the clipboard is out of reach, the text is marked.
+// A button with data-copy copies the text of its neighbour; without a clipboard it selects the text.
 export function armCopies() {
   document.addEventListener("click", ({ target }) => {
     if (target.matches("[data-copy]")) copy(target.parentElement.querySelector("pre"));

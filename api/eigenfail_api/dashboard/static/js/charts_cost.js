@@ -78,7 +78,7 @@ function linesOf(one) {
 // Methods that have a look of their own, in order; each declares its place in its class.
 const KNOWN = (document.documentElement.dataset.methods ?? "").split(" ");
 
-// So many pairs of a colour and a shape differ; plugins share those that are left.
+// Number of different pairs of a colour and a shape. Methods of plugins share the remaining pairs.
 const PAIRS = 24;
 
 // A method looks the same in every chart of every page.
