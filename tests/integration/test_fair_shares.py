@@ -51,6 +51,15 @@ def shares(client, campaigns, worked_for_s=WORKED_S) -> list[float]:
     return [seconds / sum(spent) for seconds in spent]
 
 
+def settle(client, campaigns) -> None:
+    """Wait until all learners have started and what was leased before is done."""
+    until_s = time.monotonic() + PATIENCE_S
+    while not all(worked_s(client, each) for each in campaigns):
+        assert time.monotonic() < until_s, "a campaign has no result"
+        time.sleep(0.2)
+    shares(client, campaigns, HELD_S)
+
+
 def digest(client, campaign) -> str:
     ended = client.campaigns.wait(campaign, timeout_s=PATIENCE_S)
     assert ended.state is CampaignState.DONE, ended.stopped_because
@@ -67,11 +76,12 @@ def alone(client, start_worker) -> str:
 
 def test_three_campaigns_share_by_weight_and_a_fourth_is_soon_done(client, alone) -> None:
     running = {name: create(client, name, *asked) for name, asked in NEIGHBOURS.items()}
+    settle(client, running.values())
     before = shares(client, running.values())
     weights = [priority.weight for _, priority in NEIGHBOURS.values()]
     assert before == pytest.approx([weight / sum(weights) for weight in weights], abs=0.12)
     client.campaigns.prioritise(running["quick"], Priority.HIGH)
-    shares(client, running.values(), HELD_S)  # what was leased before
+    settle(client, running.values())
     assert shares(client, running.values())[-1] == pytest.approx(9 / 15, abs=0.15)
 
     beside = create(client, "ten", "brief", Priority.HIGH, 10)
