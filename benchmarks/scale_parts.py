@@ -4,7 +4,7 @@ from math import inf
 
 import msgspec
 
-GROUP_S, GROUP = 0.05, 256
+GROUP_S, GROUP = 0.05, 1_000
 """A group is committed when its first result has waited so long, or there are so many."""
 
 TURN = 1_000

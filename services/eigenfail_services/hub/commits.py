@@ -20,7 +20,7 @@ from eigenfail_services.store.episodes import EpisodeStore
 
 MAX_WAIT_S = 0.05
 
-MAX_RESULTS = 256
+MAX_RESULTS = 1_000
 
 RETRY_S = 1.0
 
@@ -49,7 +49,7 @@ class _PendingResult(msgspec.Struct, frozen=True, eq=False):
 
 
 class CommitQueue:
-    """Collects results for up to 50 ms or 256 of them, then writes them together.
+    """Collects results for up to 50 ms or 1,000 of them, then writes them together.
 
     Args:
         episodes: the store that they are written to.

@@ -40,9 +40,17 @@ PROBE_WAIT_S = 1.0
 RETRY_S = 0.02
 MAX_IDLE_WAL_BYTES = 64 * 1024 * 1024
 
+CHECKPOINT_PAGES = 8_000
+"""Pages of the log after which they are copied to the database, that is 32 MB.
+
+A commit of many results writes pages of eight indexes again and again; of those that the log holds
+several times, only the last is copied.
+"""
+
 PRAGMAS = (
     "journal_mode = WAL",
     "synchronous = FULL",
+    f"wal_autocheckpoint = {CHECKPOINT_PAGES}",
     f"journal_size_limit = {MAX_IDLE_WAL_BYTES}",
 )
 KEYS = "foreign_keys = ON"
