@@ -2,18 +2,18 @@
 
 What they bring is one real episode's result, over and over, with index and seed of what was asked
 for, and with a robustness made of the seed, or of the noise where a probability of failure is
-given. An episode is no work for them: they sleep for its duration.
-`python benchmarks/crowd.py HUB WORKERS EPISODE_S [PROBABILITY]`, until it is ended.
+given. An episode is no work for them: they sleep for its duration, and report it.
+`python benchmarks/crowd.py HUB WORKERS EPISODE_S [--probability P] [--tail S]`, until it is ended.
 """
 
+import argparse
 import contextlib
 import os
 import random
-import sys
 import time
 from collections import deque
 from collections.abc import Callable
-from math import inf, sqrt
+from math import exp, inf, sqrt
 from statistics import NormalDist
 from typing import Any, NoReturn
 
@@ -58,6 +58,8 @@ SEED = 5
 
 Held = tuple[int, EpisodeTask]
 Run = Callable[[EpisodeTask], EpisodeResult]
+Duration = Callable[[EpisodeTask], float]
+"""How long an episode takes. [s]"""
 
 
 def examples() -> tuple[EpisodeResult, EpisodeResult]:
@@ -72,12 +74,12 @@ def examples() -> tuple[EpisodeResult, EpisodeResult]:
 class Worker:
     """One of them: one connection, one episode at a time."""
 
-    def __init__(self, number: int, address: str, episode_s: float) -> None:
+    def __init__(self, number: int, address: str, duration_s: Duration) -> None:
         self.socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self.socket.setsockopt(zmq.LINGER, 0)
         self.socket.connect(address)
         self.due_s = 0.0
-        self._episode_s = episode_s
+        self._duration_s = duration_s
         life = f"{os.getpid()}-{number}"
         self._hello = Hello(PROTOCOL, f"crowd-{number}", CREDIT, life=life, versions=versions())
         self._held: deque[Held] = deque()
@@ -105,7 +107,9 @@ class Worker:
         """Do what is due: end episodes, begin others, be heard; `due_s` is when there is more."""
         while self._held and now_s >= self._ends_s:
             campaign, task = self._held.popleft()
-            for frame in split(Results(campaign, (run(task),))):
+            result = run(task)
+            result = replace(result, wall_s=max(result.wall_s, self._duration_s(task)))
+            for frame in split(Results(campaign, (result,))):
                 self.socket.send(frame)
             self._begin(self._ends_s)
         if now_s >= self._next_beat_s:
@@ -113,7 +117,7 @@ class Worker:
         self.due_s = min(self._ends_s, self._next_beat_s)
 
     def _begin(self, at_s: float) -> None:
-        self._ends_s = at_s + self._episode_s if self._held else inf
+        self._ends_s = at_s + self._duration_s(self._held[0][1]) if self._held else inf
 
     def _beat(self, now_s: float) -> None:
         if not self._heartbeat_s:
@@ -173,6 +177,21 @@ def beyond_plane(probability: float) -> Run:
     return run
 
 
+def constant(episode_s: float) -> Duration:
+    """All episodes take as long."""
+    return lambda _task: episode_s
+
+
+def log_normal(mean_s: float, tail: float) -> Duration:
+    """The durations of episodes are log-normal, and made of their seeds.
+
+    Args:
+        mean_s: their mean. [s]
+        tail: standard deviation of their logarithm.
+    """
+    return lambda task: mean_s * exp(tail * random.Random(task.seed).gauss() - tail**2 / 2)
+
+
 def nothing(_message: Message) -> None:
     """Setups and policies are of no use here, and what was acknowledged is forgotten already."""
 
@@ -196,10 +215,17 @@ def serve(workers: list[Worker], run: Run) -> NoReturn:
 def main() -> None:
     """Come to the hub, and stay."""
     die_with_parent()
-    address, workers, episode_s = sys.argv[1], int(sys.argv[2]), float(sys.argv[3])
-    run = beyond_plane(float(sys.argv[4])) if len(sys.argv) > 4 else by_seed()
-    zmq.Context.instance().set(zmq.MAX_SOCKETS, workers + 8)
-    serve([Worker(number, address, episode_s) for number in range(workers)], run)
+    parser = argparse.ArgumentParser()
+    parser.add_argument("hub")
+    parser.add_argument("workers", type=int)
+    parser.add_argument("episode_s", type=float)
+    parser.add_argument("--probability", type=float, help="of a failure, by the noise")
+    parser.add_argument("--tail", type=float, help="standard deviation of log durations")
+    told = parser.parse_args()
+    run = by_seed() if told.probability is None else beyond_plane(told.probability)
+    duration = log_normal(told.episode_s, told.tail) if told.tail else constant(told.episode_s)
+    zmq.Context.instance().set(zmq.MAX_SOCKETS, told.workers + 8)
+    serve([Worker(number, told.hub, duration) for number in range(told.workers)], run)
 
 
 if __name__ == "__main__":

@@ -109,11 +109,11 @@ class Spent:
 
 @contextmanager
 def crowd(
-    hub: str, workers: int, episode_s: float = 0.0, probability: float | None = None
+    hub: str, workers: int, episode_s: float = 0.0, **options: float
 ) -> Iterator[psutil.Process]:
-    """Run a number of made-up workers in one process; see `crowd.py`."""
+    """Run a number of made-up workers in one process, with options of `crowd.py`."""
     words = [sys.executable, str(CROWD), hub, str(workers), str(episode_s)]
-    words += [] if probability is None else [str(probability)]
+    words += [f"--{name}={value}" for name, value in options.items()]
     process = subprocess.Popen(words)
     try:
         yield psutil.Process(process.pid)

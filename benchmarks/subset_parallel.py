@@ -43,7 +43,7 @@ def measure_busy(seed: int, parallel: int | None) -> Figure:
     """Return the share of the workers' time that is spent on episodes."""
     with playing() as stage:
         services = stage.services()
-        with crowd(services.hub, WORKERS, EPISODE_S, PROBABILITY):
+        with crowd(services.hub, WORKERS, EPISODE_S, probability=PROBABILITY):
             wait_until(lambda: present(stage) == WORKERS, "all workers are there")
             campaign = stage.create(
                 method="subset",

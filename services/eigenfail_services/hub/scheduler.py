@@ -8,7 +8,12 @@ from math import ceil, inf
 import msgspec
 
 from eigenfail.values import EpisodeTask
-from eigenfail_services.hub.worker_table import EndedLease, EpisodeQueue, WorkerSession
+from eigenfail_services.hub.worker_table import (
+    LONG_EPISODE_S,
+    EndedLease,
+    EpisodeQueue,
+    WorkerSession,
+)
 
 NORMAL = 1.0
 """Weight of a campaign that was given none."""
@@ -255,7 +260,8 @@ class Scheduler:
         campaign = pool.shares.next_campaign(campaigns)
         if campaign is None:
             return None
-        room = ceil(session.room_s / len(campaigns) / self.estimate_work_s(campaign, session))
+        work_s = self.estimate_work_s(campaign, session)
+        room = 1 if work_s >= LONG_EPISODE_S else ceil(session.room_s / len(campaigns) / work_s)
         able = len(self._pools[True].workers if campaign in self._on_bridge else sessions)
         # The last episodes of a campaign are spread over the workers, so that they end together.
         spread = ceil(len(queue.tasks(campaign)) / (2 * able))

@@ -19,6 +19,13 @@ from eigenfail_services.store.roster import Roster
 WORK_AHEAD_S = 2.0
 """Seconds of work that a worker should hold, so that it never waits for the hub."""
 
+LONG_EPISODE_S = 0.5
+"""Duration from which an episode is leased only to a worker that can start it at once. [s]
+
+The answer of the hub takes a small part of that time. An episode that was leased ahead would wait
+for the end of the one before it, however long that takes, while other workers may be idle.
+"""
+
 
 MAX_UNNAMED_HEARTBEATS = 10
 """A worker that omits an episode from this many heartbeats in a row does not hold it."""
@@ -135,11 +142,12 @@ class WorkerSession:
         """Return whether the worker holds too little work and has credit for more.
 
         Episodes that run in parallel may all end at the same moment, so a worker should always
-        hold more episodes than it runs.
+        hold more episodes than it runs, unless it runs long ones, one at a time.
         """
         held = len(self.held)
-        too_little = held <= self.parallel or self.load_s <= WORK_AHEAD_S / 2
-        return too_little and held <= self.credit // 2 and self.credit > 0
+        runs_long = self.parallel == 1 and held > 0 and self.load_s >= LONG_EPISODE_S * held
+        is_low = held <= self.parallel or self.load_s <= WORK_AHEAD_S / 2
+        return is_low and not runs_long and held <= self.credit // 2 and self.credit > 0
 
     def find_unnamed(self, expected: Collection[Key], named: Collection[Key]) -> set[Key]:
         """Return the expected episodes that too many heartbeats in a row have not named.

@@ -233,12 +233,25 @@ def test_a_short_round_is_spread_over_all_workers() -> None:
 
 
 @pytest.mark.fault("worker ten times slower than the others")
-def test_slow_episodes_are_leased_in_small_batches() -> None:
+@pytest.mark.parametrize(("takes_s", "held"), [(0.01, 200), (0.2, 10), (0.4, 5), (0.5, 1), (9, 1)])
+def test_the_longer_episodes_take_the_fewer_are_leased_at_once(takes_s: float, held: int) -> None:
     leases = seated(b"a")
+    leases.offer(1, tasks(*range(1000)))
+    leases.complete(1, 0, wall_s=takes_s)
+    leases.assign()
+    assert len(leases.sessions[b"a"].held) == held
+
+
+def test_an_episode_does_not_wait_behind_a_long_one_while_another_worker_is_idle() -> None:
+    leases = seated(b"a", b"b")
     leases.offer(1, tasks(*range(1000)))
     leases.complete(1, 0, wall_s=1.0)
     leases.assign()
-    assert len(leases.sessions[b"a"].held) == 2
+    assert [len(leases.sessions[worker].held) for worker in (b"a", b"b")] == [1, 1]
+    (running,) = leases.sessions[b"b"].held
+    leases.record_result(*running, 1.0)
+    leases.assign()
+    assert [len(leases.sessions[worker].held) for worker in (b"a", b"b")] == [1, 1]
 
 
 def test_episodes_of_a_lost_worker_come_first_and_in_order() -> None:
@@ -419,7 +432,7 @@ def test_campaigns_share_the_workers() -> None:
 def test_a_time_that_is_none_changes_no_pace(wall_s: float) -> None:
     leases = seated(b"a")
     leases.offer(1, tasks(*range(1000)))
-    leases.complete(1, 0, wall_s=1.0)
+    leases.complete(1, 0, wall_s=0.4)
     leases.complete(1, 1, wall_s)
     leases.assign()
-    assert len(leases.sessions[b"a"].held) == 2
+    assert len(leases.sessions[b"a"].held) == 5
