@@ -174,9 +174,10 @@ def _leave_target_and_buffer_open() -> PaperStatement:
         "A small tau and a large buffer make failures likelier.",
         None,
         "not run",
-        "Neither setting has an effect here: an episode has at most 10 decisions, and the rewards "
-        "of 10 decisions are summed (`n_step`), so that the target critics are never used; 300 "
-        "episodes have 3,000 decisions, so that a buffer of 10,000 never drops one.",
+        "Neither setting has an effect here: an episode has at most 10 decisions (100 steps, "
+        "`hold` 10), and the rewards of 10 decisions are summed (`n_step`), so that the target "
+        "critics are never used; 300 episodes have 3,000 decisions, so that a buffer of 10,000 "
+        "never drops one.",
     )
 
 
