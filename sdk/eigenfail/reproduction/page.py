@@ -116,15 +116,18 @@ episodes have eight times as many steps, so that no number is expected to be the
 {statements} comparisons with statements of the paper (at the end) {holding} hold here. The paper is
 Warner et al., *Importance Sampling and PCA for Finding Failures in Commercial Autonomous Vehicles*.
 
-`ast_paper` and `difs_paper` have the paper's settings, `ast` and `difs` our defaults. Brackets hold
-95 % intervals of independent draws, rounded outwards: two-sided ones, but exact one-sided bounds
-where none or all failed (≤ is the upper one); the paper gives none. `monte_carlo` draws from p(x),
-an evaluation from one trained searcher: its interval is a statement about that searcher alone. In
-the sweep and in training an episode depends on those before it: such rates have no
-interval, and the difference between two rows may be that of two seeds. Every campaign has the seed
-{seed}; evaluations have a seed that is 1000 higher. n counts episodes, of components failures;
-log p and severity are means over the failures among them, and a cost is the price of all ÷
-failures.
+`ast` and `difs` have our defaults. `ast_paper` has the paper's alpha, c_dist, tau, learning rate,
+batch and buffer, with four gradient steps for each decision in place of one, `difs_paper` has the
+paper's schedule; all else are our defaults. `plus5` and `minus5` begin the cut-in 5 m further and
+nearer. Brackets hold 95 % intervals of independent draws, rounded outwards: two-sided ones, but
+exact one-sided bounds where none or all failed (≤ is the upper one); the paper gives none.
+`monte_carlo` draws from p(x), an evaluation from one trained searcher: its interval is a statement
+about that searcher alone. In the sweep and in training an episode depends on those before it: such
+rates have no interval, and the difference between two rows may be that of two seeds. All campaigns
+have the seed
+{seed}; evaluations have a seed that is 1000 higher. n counts episodes, of components failures; log
+p and severity are means over the failures among them, and a cost is the price of all ÷ failures;
+hours and costs are of one run on the machine that ran it.
 """
 
 

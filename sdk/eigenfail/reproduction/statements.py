@@ -119,9 +119,9 @@ def _judge_monte_carlo(summaries: Summaries) -> PaperStatement:
         "Monte Carlo finds no failure where AST and DiFS both do.",
         holds,
         f"Monte Carlo: {_describe(monte_carlo)}; {figures}",
-        "Judged by the evaluations. Probably because `difs_paper` trains twice, on 500 draws from "
-        "p(x) and on 500 conditioned ones, with hardly a failure among them; `difs` trains every "
-        "few episodes. This was not tested separately.",
+        "Judged by the evaluations. A possible cause, not tested: `difs_paper` trains twice, on "
+        "500 draws from p(x) and on 500 conditioned ones, with few failures or none among them; "
+        "`difs` trains every few episodes.",
     )
 
 
@@ -137,8 +137,8 @@ def _judge_batch_size(summaries: Summaries, safeties: Safeties, compare: Compare
         summaries,
         names,
         parts,
-        "Probably because 300 episodes have only 3,000 decisions here, and gradients over 16 of "
-        "them are noisy; this was not tested separately.",
+        "A possible cause, not tested: 300 episodes have only 3,000 decisions here, and gradients "
+        "over 16 of them are noisy.",
     )
 
 
@@ -150,9 +150,9 @@ def _judge_alpha(summaries: Summaries, safeties: Safeties, compare: Compare) -> 
         summaries,
         names,
         parts,
-        "Probably because the log p of one of the paper's episodes sums to about -5000, beside "
-        "which an alpha of 500 is small; here it sums to about -300, so that an alpha of 500 may "
-        "still dominate. This was not tested separately.",
+        "A possible cause, not tested: the log p of one of the paper's episodes sums to about "
+        "-5000, beside which an alpha of 500 is small; here it sums to about -300, so that an "
+        "alpha of 500 may still dominate.",
     )
 
 
@@ -164,8 +164,8 @@ def _judge_c_dist(summaries: Summaries, safeties: Safeties, compare: Compare) ->
         summaries,
         names,
         parts,
-        "Probably because c_dist scales the returns, and critics with the same learning rate "
-        "learn larger returns more slowly; this was not tested separately.",
+        "A possible cause, not tested: c_dist scales the returns, and critics with the same "
+        "learning rate learn larger returns more slowly.",
     )
 
 
@@ -174,9 +174,10 @@ def _leave_target_and_buffer_open() -> PaperStatement:
         "A small tau and a large buffer make failures likelier.",
         None,
         "not run",
-        "Neither setting has an effect here: an episode has at most 10 decisions, and the rewards "
-        "of 10 decisions are summed (`n_step`), so that the target critics are never used; 300 "
-        "episodes have 3,000 decisions, so that a buffer of 10,000 never drops one.",
+        "Neither setting has an effect here: an episode has at most 10 decisions (100 steps, "
+        "`hold` 10), and the rewards of 10 decisions are summed (`n_step`), so that the target "
+        "critics are never used; 300 episodes have 3,000 decisions, so that a buffer of 10,000 "
+        "never drops one.",
     )
 
 
@@ -230,8 +231,8 @@ def _judge_late_influence(
     why = (
         "On one axis the influence there is above its share of the time, on the other below."
         if holds is None
-        else "Probably because `rulebook` collides after its tracker has lost the other car, and "
-        "the noise that causes this comes earlier; this was not tested separately."
+        else "A possible cause, not tested: `rulebook` collides after its tracker has lost the "
+        "other car, and the noise that causes this comes earlier."
     )
     return PaperStatement(
         claim,
@@ -272,8 +273,8 @@ def _judge_severity(name: str, safety: Safety) -> PaperStatement:
     why = (
         "The interval of the rank correlation includes 0, or there are too few failures."
         if holds is None
-        else "Probably because a policy that needs less noise to blind the tracker does so "
-        "earlier, so that the planner brakes less; this was not tested separately."
+        else "A possible cause, not tested: a policy that needs less noise to blind the tracker "
+        "does so earlier, so that the planner brakes less."
     )
     return PaperStatement(
         "Severe collisions are rarer than minor ones.",

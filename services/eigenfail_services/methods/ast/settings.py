@@ -102,8 +102,8 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     """Settings of `ast`, by the paper's names.
 
     The defaults suit some hundred episodes of ten decisions. They were tuned on `rulebook` and
-    `cut_in`; what they give there on other seeds, and what each setting changes, with figures, is
-    in `docs/methods.md`. Why they are as they are:
+    `cut_in`; what they give there on other seeds is in `docs/methods.md`. The reasons below are of
+    those trials, whose figures were not kept but for `gradient_steps`:
 
     - `n_step`, `gamma`: nearly all that an episode earns comes at its end, and one-step returns
       carry it back too slowly. Ten decisions are the whole episode at `hold` 10: target critics are
@@ -117,8 +117,8 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
       eighth of its alpha weighs the same. The less, the likelier the failures, and the worse they
       transfer to other scenarios.
     - `target_entropy`: at -2 a few in a thousand episodes do not fail.
-    - `gradient_steps`, `warm_up`: over twelve seeds of `cut_in` one step for each decision after 30
-      episodes gave as many failures among 1000 as two steps, likelier ones that transfer better.
+    - `gradient_steps`: over twelve seeds of `cut_in` one step for each decision gave about as many
+      failures among 1000 as two steps, and likelier ones.
     - `converged_share`: ending the training at less leaves a policy that fails less often.
     - `first_amplitude`: none; an amplitude that shrinks fails more often in training, and less in
       other scenarios.
