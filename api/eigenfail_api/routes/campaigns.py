@@ -231,7 +231,7 @@ def clone_campaign(
 
 @router.post("/{campaign}/pause", **document_route(Campaign))
 def pause_campaign(store: Stored, campaign: CampaignId) -> Json:
-    """Pause a campaign when the rounds that run now have ended."""
+    """Pause a campaign; its running episodes are finished and kept."""
     return Json(steer(store, campaign, PAUSE))
 
 
@@ -272,7 +272,7 @@ def get_course(store: Stored, campaign: CampaignId, per: Per = None) -> Json:
 
 @router.get("/{campaign}/minimal", **document_route(MinimalFailure))
 def get_minimal_failure(store: Stored, campaign: CampaignId) -> Json:
-    """Get the smallest noise that still fails, of a campaign that minimises a failure."""
+    """Get the smallest noise found to fail, of a campaign that minimises a failure."""
     return Json(find_minimal_failure(store, store.campaigns.get(campaign)))
 
 

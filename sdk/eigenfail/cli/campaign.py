@@ -139,7 +139,7 @@ def _add_launching(app: typer.Typer) -> None:
 Act = Callable[[Campaigns, int], Campaign]
 
 ACTS: dict[str, tuple[Act, str]] = {
-    "pause": (Campaigns.pause, "Pause a campaign after its running episodes have finished."),
+    "pause": (Campaigns.pause, "Pause a campaign; its running episodes are finished and kept."),
     "resume": (Campaigns.resume, "Resume a paused campaign."),
     "cancel": (Campaigns.cancel, "Cancel a campaign; its finished episodes are kept."),
 }
@@ -277,7 +277,10 @@ def digest(
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Print the digest over all results: the same campaign gives the same digest anywhere."""
+    """Print the digest over all results.
+
+    The same campaign has the same digest with the same release and kind of processor.
+    """
     with connect_to(context, url) as client:
         found = client.campaigns.digest(campaign)
     show({"campaign": campaign, "digest": found}, as_json, lambda: found)

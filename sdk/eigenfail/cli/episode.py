@@ -103,7 +103,7 @@ def shrink(
     replays: Replays = SHRINK_WITHIN,
     as_json: AsJson = False,
 ) -> None:
-    """Find the least noise that a failure needs, by a campaign of replays."""
+    """Reduce the noise of a failure as long as it still fails, by a campaign of replays."""
     campaign, index = parse_episode_id(episode)
     with interruptible(), connect_to(context, url) as client:
         ended = follow(client, client.campaigns.shrink(campaign, index, replays).id)

@@ -78,7 +78,7 @@ REPORTED = (
 """Members that the report covers; the paper's tables cover all."""
 
 HowMuch = Annotated[
-    Scale, typer.Option(help="full: the paper's episodes; small: a fifth, for a first look.")
+    Scale, typer.Option(help="full: the paper's episodes; small: under a third, for a first look.")
 ]
 Seed = Annotated[
     int | None, typer.Option(min=0, help="Seed of all campaigns (default: that of the scale).")

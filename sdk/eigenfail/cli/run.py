@@ -57,7 +57,7 @@ def run(
     Ctrl-C pauses the campaign and prints how to resume it.
 
     With --seeds N it is run with N seeds, as a suite of its name: the same command goes on where it
-    was interrupted, and runs nothing twice. Intervals of means hold across seeds.
+    was interrupted, and runs nothing twice. Intervals of means are over seeds.
     """
     stop = {
         "failures": stop_failures,

@@ -34,7 +34,7 @@ HubPort = Annotated[int, typer.Option(min=0, max=65535, help="Port for workers; 
 Least = Annotated[
     int | None,
     typer.Option(
-        "--min-workers", min=0, help="Number of idle workers to keep running (default 0)."
+        "--min-workers", min=0, help="Minimum number of workers, kept without work too (default 0)."
     ),
 ]
 Most = Annotated[

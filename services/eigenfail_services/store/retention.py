@@ -24,7 +24,7 @@ from eigenfail_services.store.references import find_noise_in_use
 from eigenfail_services.store.schema import episode_index, episodes, prunings, scenes, trajectories
 
 SLICE = 2_000
-"""Episodes that lose their noise in one transaction: others who write wait for less than a second.
+"""Episodes that lose their noise in one transaction, for which others who write have to wait.
 """
 
 NOISE = (trajectories.c.campaign == episodes.c.campaign) & (

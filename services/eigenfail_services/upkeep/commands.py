@@ -175,8 +175,9 @@ def prune(
 ) -> None:
     """Remove noise and scenes of safe episodes in campaigns that have ended.
 
-    Rows and failures stay, so that no figure changes. A running service may use the database
-    meanwhile. Freed space is reused; `eigenfail db vacuum` returns it to the disk.
+    Rows and failures stay, and with them counts, rates, measures and costs. A running service
+    may use the database meanwhile. Freed space is reused; `eigenfail db vacuum` returns it to
+    the disk.
     """
     from eigenfail_services.upkeep import maintenance
 

@@ -1,4 +1,4 @@
-"""Undisturbed, the truck drives to the bit as SUMO drives it by itself."""
+"""Undisturbed, the truck drives as SUMO drives it by itself."""
 
 import json
 import subprocess

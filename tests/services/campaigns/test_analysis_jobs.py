@@ -230,7 +230,7 @@ def test_without_failures_or_with_settings_of_another_clusterer_it_fails_in_word
 @pytest.mark.fault(
     "SIGKILL of an analysis",
     group="processes",
-    outcome="The analysis starts again, five times at most; nothing of it is stored until it "
+    outcome="The analysis starts again; five starts in all, and nothing of it is stored until it "
     "is complete.",
 )
 def test_a_job_that_was_killed_is_started_anew_and_nothing_is_half_written(tmp_path) -> None:

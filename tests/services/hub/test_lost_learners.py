@@ -195,7 +195,7 @@ def house(tmp_path, monkeypatch, now_s) -> Iterator[House]:
     "learner or analysis that exhausts memory",
     group="processes",
     outcome="The kernel refuses it more memory. A learner starts again from its checkpoint, "
-    "three times at most; an analysis fails with the reason.",
+    "twice at most in a row; an analysis fails with the reason.",
 )
 @pytest.mark.fault("worker that reports NaN")
 @pytest.mark.fault(

@@ -246,7 +246,7 @@ def test_the_guard_is_killed_last_of_all_or_takes_the_planner_with_it(busy, even
     "planner that leaves threads or processes spinning",
     group="plug-ins",
     outcome="Its inner process is killed at the [limit](reliability.md#bounds) of processor "
-    "time; an episode that ran then is tried again, three times at most.",
+    "time; an episode that ran then is tried again, and errored after the third time.",
 )
 def test_what_a_planner_leaves_spinning_is_ended_though_its_episodes_were_quick(
     hub, start_worker, tmp_path, eventually

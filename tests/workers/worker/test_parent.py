@@ -97,8 +97,8 @@ def test_what_is_not_acknowledged_is_said_again_to_the_next_hub(hub, parent) -> 
 @pytest.mark.fault(
     "SIGKILL of a worker's inner process",
     group="processes",
-    outcome="The worker starts another inner process. The episode runs again, three times at "
-    "most; no other episode is affected.",
+    outcome="The worker starts another inner process. The episode runs again, and is errored "
+    "after the third time; no other episode is affected.",
 )
 def test_a_killed_child_costs_no_episode(hub, parent) -> None:
     hub.say(setup("idm"), lease(*range(40)))
