@@ -21,13 +21,16 @@ from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.settings import read_settings
-from eigenfail.values import CampaignSpec, DisturbanceModel, White
+from eigenfail.values import AXES, CampaignSpec, DisturbanceModel, White
 
 SIMULATOR = SCENARIO = "function"
 """What a campaign names as its simulator and its scenario, if a function is under test."""
 
 PLACE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 LIMIT_S = 30.0
+
+ChannelName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$", max_length=32)]
+MOST_CHANNELS = 50
 
 ALLOWED_VARIABLE = "EIGENFAIL_FUNCTIONS"
 """Modules and packages whose functions may be named, with commas; not set: none."""
@@ -42,6 +45,14 @@ class FunctionParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True
     limit_s: Annotated[
         float, Meta(gt=0.0, le=50.0, description="time that one call may take [s]")
     ] = LIMIT_S
+    channels: Annotated[
+        tuple[ChannelName, ...],
+        Meta(
+            min_length=1,
+            max_length=MOST_CHANNELS,
+            description="names of the components of the noise at each step",
+        ),
+    ] = AXES
 
 
 class FunctionUnderTest:

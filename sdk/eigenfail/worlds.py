@@ -15,7 +15,7 @@ from eigenfail import bridges, functions, plugins
 from eigenfail.contracts import Scenario
 from eigenfail.errors import InputError, UnknownName
 from eigenfail.settings import defaults_of, read_settings
-from eigenfail.values import CampaignSpec, EpisodeSetup
+from eigenfail.values import AXES, CampaignSpec, EpisodeSetup
 from eigenfail.values.variation import Variation, read_variation
 
 
@@ -74,6 +74,15 @@ class CampaignWorld(ABC):
             UnknownName: no such scenario, or it has no such parameter or distribution.
             InvalidValue: a parameter, or an end of its distribution, outside its bounds.
         """
+
+    def channels(self, _spec: CampaignSpec) -> tuple[str, ...]:
+        """Return the names of the channels of the noise, in the order of the columns of z.
+
+        Raises:
+            UnknownName: no such parameter.
+            InvalidValue: a parameter outside its bounds.
+        """
+        return AXES
 
     def step_s(self, _spec: CampaignSpec) -> float | None:
         """Return the duration of a step; None where steps have none. [s]
@@ -226,8 +235,12 @@ class FunctionWorld(CampaignWorld):
         """Return the number of steps that the campaign sets."""
         return functions.check(spec).steps
 
+    def channels(self, spec: CampaignSpec) -> tuple[str, ...]:
+        """Return the channels that the campaign names."""
+        return functions.check(spec).channels
+
     def fill_scenario(self, spec: CampaignSpec) -> CampaignSpec:
-        """Write out both parameters."""
+        """Write out all parameters."""
         return replace(spec, scenario_parameters=msgspec.to_builtins(functions.check(spec)))
 
     def refuse_unlisted(self, planner: str, remedy: str = "") -> None:

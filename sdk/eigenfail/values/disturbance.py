@@ -313,6 +313,10 @@ class Conversion:
 
 
 AXES = ("longitudinal", "lateral")
+"""The channels of every world with a road: the two components of the noise of a position.
+
+A channel is one way in which perception may be wrong; z has a column for each, in this order.
+"""
 
 
 Doubles = NDArray[np.float64]

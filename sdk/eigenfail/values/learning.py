@@ -25,6 +25,19 @@ it, the same action in the same state sometimes fools the planner and sometimes 
 """
 
 
+SCENE_STATE = 5
+"""Components of `STATE` before those of the noise."""
+
+
+def count_state(channels: int) -> int:
+    """Return the number of components of the adversary's state with that many channels of noise.
+
+    They are those of `STATE`, with a component for the last z of each channel in the place of
+    `noise_x` and `noise_y`.
+    """
+    return SCENE_STATE + channels + 1
+
+
 class Layer(msgspec.Struct, frozen=True, eq=False):
     """An affine map: weight of shape (out, in), bias of shape (out,)."""
 
@@ -139,7 +152,7 @@ class LearnerContext(msgspec.Struct, frozen=True, eq=False):
         seed: seed of its own random draws.
         episodes: the campaign's budget.
         horizon: the number of steps of a full episode.
-        trajectories: noise trajectories z to start from, shape (n, horizon, 2); n may be 0.
+        trajectories: noise trajectories z to start from, shape (n, horizon, channels); n may be 0.
         predecessors: learners of earlier campaigns that the settings name.
         experience: experience of earlier campaigns that the settings name; None if they name none.
         parallel: episodes that the campaign wants to run at a time; None where it does not say.
@@ -152,6 +165,11 @@ class LearnerContext(msgspec.Struct, frozen=True, eq=False):
     predecessors: tuple[Predecessor, ...] = ()
     experience: Experience | None = None
     parallel: int | None = None
+
+    @property
+    def channels(self) -> int:
+        """The number of channels of the noise: components of z at each step."""
+        return self.trajectories.shape[2]
 
     def predecessor(self, campaign: int) -> Predecessor | None:
         """The learner of that campaign, if it is at hand."""
