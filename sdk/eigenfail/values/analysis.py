@@ -8,6 +8,7 @@ import numpy as np
 
 from eigenfail.values.arrays import Floats
 from eigenfail.values.campaign import Estimate, Interval
+from eigenfail.values.disturbance import AXES
 from eigenfail.values.showing import Brief, Shown, Tabular
 
 COLLAPSED_SHARE = 0.9
@@ -29,8 +30,9 @@ class Diversity(msgspec.Struct, frozen=True, kw_only=True):
         largest_share: share of the failures that is in the largest mode.
         effective_modes: exp of the Shannon entropy of the shares (Hill 1973): 1 where all are in
             one mode, `modes` where all modes hold equally many.
-        spread: how much the failures differ: root mean square over steps and axes of the standard
-            deviation of z between failures; 1 for noise of p(x), None of a single failure. [sigma]
+        spread: how much the failures differ: root mean square over steps and channels of the
+            standard deviation of z between failures; 1 for noise of p(x), None of a single failure.
+            [sigma]
         coverage: how many of the modes had been seen after each tenth of the campaign's episodes.
         verdict: summary in one sentence.
         warning: warning that the modes have collapsed, and what to try; empty otherwise.
@@ -87,7 +89,7 @@ class Moment(msgspec.Struct, frozen=True):
     """A step at which noise matters most.
 
     Attributes:
-        axis: "longitudinal" or "lateral".
+        axis: the channel, such as "longitudinal" or "lateral".
         step: row of `influence`, in the alignment of the analysis.
         before_collision_s: time from the step to the collision; with alignment at the start to
             that of the median failure. None where steps have no duration. [s]
@@ -100,7 +102,7 @@ class Moment(msgspec.Struct, frozen=True):
     influence: float
 
 
-class InfluenceShare(msgspec.Struct, frozen=True, kw_only=True):
+class InfluenceShare(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     """How much of the influence lies in the last time before the collision.
 
     Always of failures aligned at the collision, and over the time that half of them last: the
@@ -112,6 +114,8 @@ class InfluenceShare(msgspec.Struct, frozen=True, kw_only=True):
         longitudinal: its share of the longitudinal influence; None where there is none.
         lateral: the same of the lateral influence.
         both: its share of all of it.
+        channels: its share of the influence of each of the analysis's channels, in their order;
+            empty where they are the longitudinal and the lateral one, which have their own fields.
     """
 
     seconds: float
@@ -119,6 +123,12 @@ class InfluenceShare(msgspec.Struct, frozen=True, kw_only=True):
     longitudinal: float | None
     lateral: float | None
     both: float | None
+    channels: tuple[float | None, ...] = ()
+
+    @property
+    def by_channel(self) -> tuple[float | None, ...]:
+        """Its share of the influence of each channel, whichever they are."""
+        return self.channels or (self.longitudinal, self.lateral)
 
 
 class TrainingInterval(msgspec.Struct, frozen=True, eq=False, kw_only=True):
@@ -128,9 +138,10 @@ class TrainingInterval(msgspec.Struct, frozen=True, eq=False, kw_only=True):
         start: where the interval begins, as a share of the episodes.
         end: where it ends.
         failures: how many there are in it.
-        mean: mean of z over these failures, shape (steps, 2); zeros without a failure. [sigma]
+        mean: mean of z over these failures, shape (steps, channels); zeros without a failure.
+            [sigma]
         components: components of these failures alone, each turned towards the component of the
-            same number of all failures, shape (at most 3, steps, 2).
+            same number of all failures, shape (at most 3, steps, channels).
         explained: share of their variance that each explains.
         likeness: |cosine| between each and the one of the same number of all failures.
     """
@@ -142,6 +153,10 @@ class TrainingInterval(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     components: Floats
     explained: Floats
     likeness: Floats
+
+
+LONGEST_CHANNEL = 32
+"""Maximum length of the name of a channel [characters]."""
 
 
 MAX_CLUSTERS = 50
@@ -167,7 +182,7 @@ class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         components: k of the PCA.
         clusters: number of failure modes; None chooses 2 to 8 by silhouette. `hdbscan` finds the
             number itself and takes none.
-        axes: axes of the noise that is analysed: both together, or one apart.
+        axes: channels of the noise that is analysed: `joint`, all together, or the name of one.
         clusterer: clustering algorithm.
         campaigns: further ones, whose failures are analysed with those of the first.
         bootstrap: how often the failures are drawn again to see whether the modes come back; 0
@@ -184,7 +199,7 @@ class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     align: Literal["start", "collision"] = "start"
     components: Annotated[int, msgspec.Meta(ge=1, le=MAX_CLUSTERS)] = 3
     clusters: Annotated[int, msgspec.Meta(ge=1, le=MAX_CLUSTERS)] | None = None
-    axes: Literal["joint", "longitudinal", "lateral"] = "joint"
+    axes: Annotated[str, msgspec.Meta(min_length=1, max_length=LONGEST_CHANNEL)] = "joint"
     clusterer: Literal["kmeans", "hdbscan", "gaussian_mixture"] = "kmeans"
     campaigns: Annotated[tuple[CampaignNumber, ...], msgspec.Meta(max_length=MAX_CAMPAIGNS)] = ()
     bootstrap: Annotated[int, msgspec.Meta(ge=0, le=MAX_RESAMPLES)] = 20
@@ -209,14 +224,14 @@ class FailureMode(Brief, msgspec.Struct, frozen=True, eq=False):
         medoid: index of the real episode nearest to the centre.
         centre: centre of the cluster in PCA space, shape (components,).
         eigenfailure: the centre of its noise, as `AnalysisSettings.centre` says: z, shape (steps,
-            2), aligned at the start and ready to be injected; along an axis that was left out, the
-            median or mean of its failures. [sigma]
+            channels), aligned at the start and ready to be injected; of a channel that was left
+            out, the median or mean of its failures. [sigma]
         medoid_campaign: the campaign of the medoid; None: the one that was analysed.
         probability: probability of a failure of this mode under p(x), where the campaign's method
             estimates it; None otherwise.
         band: band from the 10 % to the 90 % quantile of its failures' z at each step, of those that
-            lasted so long, shape (2, steps, 2), aligned as `eigenfailure`; None in results of older
-            releases. [sigma]
+            lasted so long, shape (2, steps, channels), aligned as `eigenfailure`; None in results
+            of older releases. [sigma]
     """
 
     failures: int
@@ -234,29 +249,30 @@ class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
     Attributes:
         episodes: index of the episode in each row of the data.
         explained: share of the variance that each component explains, shape (components,).
-        components: shape (components, steps, 2); signs fixed so that the largest entry is positive;
-            zero along an axis that was left out.
+        components: shape (components, steps, channels); signs fixed so that the largest entry is
+            positive; zero in a channel that was left out.
         scores: the data in PCA space D* = (D - mu) V_k, shape (failures, components).
         labels: the mode of each failure, by position in `modes`, from 0; pages, tables and data
             frames number modes from 1.
         silhouette: silhouette of the clustering, from -1 to 1; None with a single mode.
         noise_silhouette: the largest that the same clustering reaches on 19 draws of data without
             groups, of the same covariance and the same distances from the centre.
-        influence: how much each step matters, shape (steps, 2): component magnitudes weighted by
-            explained variance.
+        influence: how much each step matters, shape (steps, channels): component magnitudes
+            weighted by explained variance.
         diversity: how the failures spread over modes.
         campaigns: the campaign of each row; empty: the one that was analysed.
         stability: stability of the clusters; None with a single mode, or without bootstrap.
         outliers: share of the failures that the clusterer left out, before they were put with
             their nearest neighbour; 0 but for `hdbscan`.
-        moments: the steps of greatest influence along each axis, the greatest first.
+        moments: the steps of greatest influence of each channel, the greatest first.
         before_collision: how much influence lies in the last seconds before the collision.
         training: ten intervals of the episodes, in order.
         sources: the campaigns, as they stood.
         words: what each mode is, in words; as many as there are modes.
         notes: remarks on the failures that were pooled.
-        digest: SHA-256 over all of it but words and bands: the same whenever the analysis is
-            repeated.
+        digest: SHA-256 over all of it but words, bands and names of channels: the same whenever
+            the analysis is repeated.
+        channels: the names of the components of the noise at each step, in order.
     """
 
     episodes: tuple[int, ...]
@@ -279,6 +295,7 @@ class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
     words: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
     digest: str = ""
+    channels: tuple[str, ...] = AXES
 
     @property
     def cumulative(self) -> Floats:
@@ -342,11 +359,11 @@ class MinimalFailure(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         campaign: the one that shrank it; with `index` the episode whose noise is described.
-        done: whether the search came to its end: no step of one axis can be left out, and the whole
-            cannot be weaker, without losing the failure.
+        done: whether the search came to its end: no step of one channel can be left out, and the
+            whole cannot be weaker, without losing the failure.
         because: why the search is where it is, in words.
         words: what the noise does, in words.
-        needed: pairs of a step and an axis that still hold noise; at first `injected` did.
+        needed: pairs of a step and a channel that still hold noise; at first `injected` did.
         energy: sum of z² over them; `full_energy` at first. [sigma²]
         log_probability: log-probability of the shrunk failure, summed over its steps; of the
             failure at full strength: `full_log_probability`.

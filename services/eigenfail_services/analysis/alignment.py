@@ -2,12 +2,12 @@
 
 import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values import AXES, AnalysisSettings, Floats, InfluenceShare, Moment
 from eigenfail.values.records import Failures
 
@@ -52,11 +52,25 @@ class AtCollision:
 ALIGNMENTS: dict[str, Alignment] = {"start": AtStart(), "collision": AtCollision()}
 
 
-COLUMNS: dict[str, tuple[int, ...]] = {
-    "joint": tuple(range(len(AXES))),
-    **{axis: (column,) for column, axis in enumerate(AXES)},
-}
-"""Which axes of the noise each choice of `axes` analyses."""
+JOINT = "joint"
+"""The choice of `axes` that analyses all channels together."""
+
+
+def choose_columns(axes: str, channels: Sequence[str]) -> tuple[int, ...]:
+    """Return the columns of z that an analysis is of.
+
+    Args:
+        axes: as in the settings: `joint`, or the name of a channel.
+        channels: the names of all columns.
+
+    Raises:
+        UnknownName: no such channel.
+    """
+    if axes == JOINT:
+        return tuple(range(len(channels)))
+    if axes not in channels:
+        raise UnknownName("axes", axes, (JOINT, *channels))
+    return (channels.index(axes),)
 
 
 def median_steps(steps: Sequence[int]) -> int:
@@ -71,9 +85,10 @@ class Aligned(NamedTuple):
         campaigns: id of the campaign of each, shape (failures,).
         episodes: its index there, shape (failures,).
         steps: length of each, shape (failures,).
-        noise: z, shape (failures, horizon, 2). [sigma]
+        noise: z, shape (failures, horizon, channels). [sigma]
         alignment: how they were put there.
-        columns: the axes that are analysed.
+        columns: those of z that are analysed.
+        channels: the names of all columns of z.
     """
 
     campaigns: NDArray[np.int64]
@@ -81,7 +96,8 @@ class Aligned(NamedTuple):
     steps: NDArray[np.int64]
     noise: Floats
     alignment: Alignment
-    columns: tuple[int, ...] = COLUMNS["joint"]
+    columns: tuple[int, ...]
+    channels: tuple[str, ...] = AXES
 
     @property
     def horizon(self) -> int:
@@ -90,8 +106,8 @@ class Aligned(NamedTuple):
 
     @property
     def data(self) -> Floats:
-        """D: one row for each failure, shape (failures, horizon · axes)."""
-        if self.columns == COLUMNS["joint"]:
+        """D: one row for each failure, shape (failures, horizon · columns)."""
+        if len(self.columns) == len(self.channels):
             return self.noise.reshape(len(self.noise), -1)
         return np.ascontiguousarray(self.noise[:, :, self.columns]).reshape(len(self.noise), -1)
 
@@ -110,17 +126,17 @@ class Aligned(NamedTuple):
         return np.lexsort((self.episodes, self.campaigns))
 
     def by_step(self, rows: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Rows like those of D, shape (rows, horizon, 2), zero along an axis that is left out."""
-        placed = np.zeros((len(rows), self.horizon, len(AXES)))
+        """Rows like those of D, shape (rows, horizon, channels); a channel left out is zero."""
+        placed = np.zeros((len(rows), self.horizon, len(self.channels)))
         placed[:, :, self.columns] = rows.reshape(len(rows), self.horizon, len(self.columns))
         return placed
 
     def injectable(
         self, noise: NDArray[np.float64], members: NDArray[np.intp]
     ) -> NDArray[np.float64]:
-        """Noise in the place of `members`, taken back to the start: z, both of (horizon, 2)."""
+        """Noise in the place of `members`, taken back to the start: z, both (horizon, channels)."""
         steps = self.alignment.reference(self.steps[members].tolist(), self.horizon)
-        z = np.zeros((self.horizon, len(AXES)))
+        z = np.zeros((self.horizon, len(self.channels)))
         z[:steps] = noise[self.alignment.place(steps, self.horizon)]
         return z
 
@@ -136,7 +152,10 @@ class Aligned(NamedTuple):
         return self._replace(noise=noise, alignment=there)
 
     def runs(self) -> Iterator[NDArray[np.float64]]:
-        """The noise without what fills it up, in blocks of one length: (rows, its steps, 2)."""
+        """The noise without what fills it up, in blocks of one length.
+
+        Each has the shape (rows, their steps, channels).
+        """
         for steps in np.unique(self.steps).tolist():
             rows = np.flatnonzero(self.steps == steps)
             place = self.alignment.place(steps, self.horizon)
@@ -151,12 +170,13 @@ def check_clusterer(settings: AnalysisSettings) -> None:
         raise InvalidValue("clusters", problem, "Leave it out, or take clusterer kmeans.")
 
 
-def check_noise(z: Floats, index: int, horizon: int) -> None:
-    """Raises InvalidValue for noise that is not finite of shape (at most `horizon`, 2)."""
-    if z.ndim != 2 or z.shape[1] != 2 or len(z) > horizon or not np.isfinite(z).all():
+def check_noise(z: Floats, index: int, horizon: int, channels: int) -> None:
+    """Raises InvalidValue for noise that is not finite of shape (at most `horizon`, `channels`)."""
+    if z.ndim != 2 or z.shape[1] != channels or len(z) > horizon or not np.isfinite(z).all():
+        shape = f"(at most {horizon}, {channels})"
         raise InvalidValue(
             "failures",
-            f"the noise of episode {index} is not finite of shape (at most {horizon}, 2).",
+            f"the noise of episode {index} is not finite of shape {shape}.",
             "Analyse campaigns of one horizon, and check the store that it came from.",
         )
 
@@ -187,7 +207,10 @@ class _PlacedBatch(NamedTuple):
 
 
 def gather_failures(
-    portions: Iterable[FailureBatch], horizon: int, settings: AnalysisSettings
+    portions: Iterable[FailureBatch],
+    horizon: int,
+    settings: AnalysisSettings,
+    channels: tuple[str, ...] = AXES,
 ) -> Aligned:
     """Put failures side by side, in an order that depends on nothing but their noise.
 
@@ -196,12 +219,16 @@ def gather_failures(
     Args:
         portions: portions, none of which shares an episode.
         horizon: steps of a full episode.
-        settings: how to align, and which axes.
+        settings: how to align, and which channels.
+        channels: the names of the columns of z.
 
     Raises:
-        InvalidValue: there is no failure, or one that does not fit the horizon.
+        UnknownName: the settings name no channel of these.
+        InvalidValue: there is no failure, or one that does not fit the horizon and the channels.
     """
-    parts = [_place_batch(portion, horizon, settings.align) for portion in portions]
+    columns = choose_columns(settings.axes, channels)
+    shape = (horizon, len(channels))
+    parts = [_place_batch(portion, shape, settings.align) for portion in portions]
     keys = [key for part in parts for key in part.keys]
     if not keys:
         raise explain_no_failures()
@@ -216,7 +243,8 @@ def gather_failures(
         steps=steps[order],
         noise=noise[order],
         alignment=ALIGNMENTS[settings.align],
-        columns=COLUMNS[settings.axes],
+        columns=columns,
+        channels=channels,
     )
 
 
@@ -272,22 +300,22 @@ class EarlyFailures(NamedTuple):
 NONE_EARLY = EarlyFailures((), {})
 
 
-def _place_batch(portion: FailureBatch, horizon: int, how: str) -> _PlacedBatch:
+def _place_batch(portion: FailureBatch, shape: tuple[int, int], how: str) -> _PlacedBatch:
     """A portion put side by side.
 
     Args:
         portion: portion of one campaign.
-        horizon: steps of a full episode.
+        shape: steps of a full episode, and channels.
         how: a name in `ALIGNMENTS`.
 
     Raises:
-        InvalidValue: the noise of a failure does not fit the horizon.
+        InvalidValue: the noise of a failure does not fit the shape.
     """
     campaign, failures = portion
-    noise = np.zeros((len(failures.noise), horizon, 2), np.float32)
+    noise = np.zeros((len(failures.noise), *shape), np.float32)
     for row, z, index in zip(noise, failures.noise, failures.indices, strict=True):
-        check_noise(z, index, horizon)
-        row[ALIGNMENTS[how].place(len(z), horizon)] = z
+        check_noise(z, index, *shape)
+        row[ALIGNMENTS[how].place(len(z), shape[0])] = z
     keys = [
         (hashlib.blake2b(z.tobytes(), digest_size=16).digest(), campaign, index)
         for z, index in zip(failures.noise, failures.indices, strict=True)
@@ -299,19 +327,19 @@ MAX_MOMENTS = 3
 
 
 MIN_STEPS_APART = 5
-"""Steps that two moments of an axis are apart at least: nearer ones are one moment."""
+"""Steps that two moments of a channel are apart at least: nearer ones are one moment."""
 
 
 LAST_S = (1.0, 2.0)
 
 
 def find_moments(influence: Floats, failures: Aligned, step_s: float | None) -> tuple[Moment, ...]:
-    """The steps of greatest influence along each axis, the greatest first.
+    """The steps of greatest influence of each channel, the greatest first.
 
     Only steps that half of the failures reach count: what few reach says little.
 
     Args:
-        influence: shape (steps, 2), in the alignment of the failures.
+        influence: shape (steps, channels), in the alignment of the failures.
         failures: those that were analysed.
         step_s: duration of a step; None where it has none. [s]
     """
@@ -324,7 +352,7 @@ def find_moments(influence: Floats, failures: Aligned, step_s: float | None) -> 
             before_collision_s=None if step_s is None else round((steps - peak) * step_s, 9),
             influence=float(course[peak]),
         )
-        for axis, course in zip(AXES, influence[place].T, strict=True)
+        for axis, course in zip(failures.channels, influence[place].T, strict=True)
         for peak in find_peaks(course.tolist())
     )
 
@@ -341,14 +369,15 @@ def find_peaks(course: Sequence[float]) -> list[int]:
 
 
 def measure_before_collision(
-    influence: Floats, steps: int, step_s: float | None
+    influence: Floats, steps: int, step_s: float | None, channels: tuple[str, ...] = AXES
 ) -> tuple[InfluenceShare, ...]:
     """How much of the influence lies in the last seconds before the collision.
 
     Args:
-        influence: shape (horizon, 2), its last row that of the step before the collision.
+        influence: shape (horizon, channels), its last row that of the step before the collision.
         steps: how many of the last rows count as the time before the collision.
         step_s: duration of a step; None where it has none: there are no seconds then. [s]
+        channels: the names of the columns.
     """
     if step_s is None:
         return ()
@@ -358,13 +387,24 @@ def measure_before_collision(
         InfluenceShare(
             seconds=seconds,
             time=last / steps,
-            longitudinal=_compute_share(course[:, :1], last),
-            lateral=_compute_share(course[:, 1:], last),
             both=_compute_share(course, last),
+            **_name_shares(
+                tuple(
+                    _compute_share(course[:, way : way + 1], last) for way in range(len(channels))
+                ),
+                channels,
+            ),
         )
         for seconds, last in lasts
         if 0 < last <= steps
     )
+
+
+def _name_shares(shares: tuple[float | None, ...], channels: tuple[str, ...]) -> dict[str, Any]:
+    # The two channels of a road have fields of their own, by which results were always stored.
+    if channels == AXES:
+        return dict(zip(AXES, shares, strict=True))
+    return {**dict.fromkeys(AXES), "channels": shares}
 
 
 def _compute_share(course: NDArray[np.float64], last: int) -> float | None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.decomposition import PCA
 
-from eigenfail.values import AXES, FailureMode, Floats
+from eigenfail.values import FailureMode, Floats
 from eigenfail.values.analysis import Centre
 from eigenfail_services.analysis.alignment import BLOCK, Aligned
 
@@ -186,14 +186,15 @@ def _describe_mode(
 
 
 def _compute_quantiles(failures: Aligned, members: NDArray[np.intp]) -> list[Array]:
-    """Return the quantiles of the noise of these failures at each step, each (horizon, 2).
+    """Return the quantiles of the noise of these failures at each step.
 
-    They are over the failures that lasted so long, taken back to the start; zero where none did.
+    Each has the shape (horizon, channels). They are over the failures that lasted so long, taken
+    back to the start; zero where none did.
     """
     lasted = np.zeros((len(members), failures.horizon), np.bool_)
     for row, steps in zip(lasted, failures.steps[members].tolist(), strict=True):
         row[failures.alignment.place(steps, failures.horizon)] = True
-    found = np.zeros((len(QUANTILES), failures.horizon, len(AXES)))
+    found = np.zeros((len(QUANTILES), failures.horizon, len(failures.channels)))
     for step in np.flatnonzero(lasted.any(axis=0)):
         there = members[lasted[:, step]]
         noise = failures.noise[there, step].astype(np.float64)
@@ -207,9 +208,9 @@ def _select_noise(
     space: ComponentSpace,
     members: NDArray[np.intp],
 ) -> NDArray[np.float64]:
-    """The noise of a centre, shape (horizon, 2); along an axis left out, its failures' mean.
+    """The noise of a centre, shape (horizon, channels); of a channel left out, its failures' mean.
 
-    A planner fails by both axes together: without any noise along one of them it might not.
+    A planner fails by all channels together: without any noise in one of them it might not.
     """
     noise = np.asarray(failures.noise[members].mean(axis=0, dtype=np.float64))
     noise[:, failures.columns] = space.invert(centre).reshape(failures.horizon, -1)
@@ -219,13 +220,13 @@ def _select_noise(
 def measure_influence(
     components: NDArray[np.float64], explained: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """How much each step and axis weighs: sum over k of explained_k · |V_k|.
+    """How much each step and channel weighs: sum over k of explained_k · |V_k|.
 
     Args:
-        components: shape (k, steps, 2).
+        components: shape (k, steps, channels).
         explained: share of the variance of each, shape (k,).
 
     Returns:
-        Shape (steps, 2), in the alignment of the components; zeros without components.
+        Shape (steps, channels), in the alignment of the components; zeros without components.
     """
     return np.tensordot(explained, np.abs(components), axes=1)

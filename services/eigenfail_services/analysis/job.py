@@ -1,7 +1,7 @@
 """The analysis of failures: from their noise to failure modes."""
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import msgspec
 import numpy as np
@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from sklearn import config_context
 from threadpoolctl import threadpool_limits
 
-from eigenfail.values import AnalysisResult, AnalysisSettings, InfluenceShare
+from eigenfail.values import AXES, AnalysisResult, AnalysisSettings, InfluenceShare
 from eigenfail.values.arrays import encode_array
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis.alignment import (
@@ -38,48 +38,28 @@ LEAN = {"assume_finite": True, "skip_parameter_validation": True}
 """The noise was checked when it was gathered; clusterers run by the hundred."""
 
 
-def analyse(failures: Failures, horizon: int, settings: AnalysisSettings) -> AnalysisResult:
-    """Analyse a single campaign, with id 1 and without times; see `analyse_portions`.
-
-    Args:
-        failures: z of each, shape (its steps, 2).
-        horizon: steps of a full episode of the campaign.
-        settings: how to go about it.
-
-    Raises:
-        InvalidValue: there is no failure, or one that does not fit the horizon; or a number of
-            clusters that the clusterer takes none of.
-    """
-    return analyse_portions([FailureBatch(1, failures)], horizon, settings, None, {})
-
-
-def analyse_portions(
-    portions: Iterable[FailureBatch],
+def analyse(
+    failures: Failures,
     horizon: int,
     settings: AnalysisSettings,
-    step_s: float | None,
-    episodes: Mapping[int, int],
+    channels: tuple[str, ...] = AXES,
 ) -> AnalysisResult:
-    """PCA, clustering and the way back to noise; the same, bit for bit, whenever it is repeated.
-
-    Components and influence stand in the alignment asked for: aligned at the collision, their last
-    step is the one before the impact. Rows come in the order of campaigns and episodes.
+    """Analyse a single campaign, with id 1 and without times; see `analyse_gathered`.
 
     Args:
-        portions: the failures, in any order; they are taken one portion at a time.
-        horizon: steps of a full episode of the campaigns.
-        settings: how to go about it; there are never more components or modes than the failures
-            differ in.
-        step_s: duration of a step; None where it has none. [s]
-        episodes: how many of each campaign have ended, by its id.
+        failures: z of each, shape (its steps, channels).
+        horizon: steps of a full episode of the campaign.
+        settings: how to go about it.
+        channels: the names of the columns of z.
 
     Raises:
-        InvalidValue: there is no failure, or one that does not fit the horizon; or a number of
-            clusters that the clusterer takes none of.
+        UnknownName: the settings name no channel of these.
+        InvalidValue: there is no failure, or one that does not fit the horizon and the channels; or
+            a number of clusters that the clusterer takes none of.
     """
     check_clusterer(settings)
-    failures = gather_failures(portions, horizon, settings)
-    return analyse_gathered(failures, settings, step_s, episodes)
+    gathered = gather_failures([FailureBatch(1, failures)], horizon, settings, channels)
+    return analyse_gathered(gathered, settings, None, {})
 
 
 def analyse_gathered(
@@ -89,11 +69,15 @@ def analyse_gathered(
     episodes: Mapping[int, int],
     early: EarlyFailures = NONE_EARLY,
 ) -> AnalysisResult:
-    """`analyse_portions` of failures that were gathered before, with settings that were checked.
+    """PCA, clustering and the way back to noise; the same, bit for bit, whenever it is repeated.
+
+    Components and influence stand in the alignment asked for: aligned at the collision, their last
+    step is the one before the impact. Rows come in the order of campaigns and episodes.
 
     Args:
         gathered: all failures of the campaigns; the intervals of training are of all of them.
-        settings: settings of the analysis.
+        settings: settings of the analysis, which were checked; there are never more components or
+            modes than the failures differ in.
         step_s: duration of a step; None where it has none. [s]
         episodes: how many of each campaign have ended, by its id.
         early: failures that `failures = "latest"` leaves out.
@@ -138,6 +122,7 @@ def _make_result(
         moments=find_moments(weighed, failures, step_s),
         before_collision=_measure_impending(failures, settings, step_s),
         training=summarize_training(gathered, space, episodes),
+        channels=failures.channels,
     )
     return replace(result, diversity=measure_diversity(failures, result, episodes))
 
@@ -150,7 +135,7 @@ def _measure_impending(
     space = fit_components(ending.data, settings.components)
     weighed = measure_influence(ending.by_step(space.components), space.explained)
     steps = median_steps(failures.steps.tolist())
-    return measure_before_collision(weighed.astype(np.float32), steps, step_s)
+    return measure_before_collision(weighed.astype(np.float32), steps, step_s, failures.channels)
 
 
 def hash_result(result: AnalysisResult) -> str:
@@ -158,11 +143,13 @@ def hash_result(result: AnalysisResult) -> str:
 
     Words are left out: the planner's account in them is given only where workers are installed, and
     only by a planner that answers in time. So are bands: they follow from labels and noise, and
-    without them an analysis has the digest that it had before there were any.
+    without them an analysis has the digest that it had before there were any. The names of the
+    channels are those of the campaign.
     """
     numbers = msgspec.to_builtins(
         replace(result, words=(), digest=""), enc_hook=encode_array, builtin_types=(bytes,)
     )
+    del numbers["channels"]
     for mode in numbers["modes"]:
         del mode["band"]
     return hashlib.sha256(msgpack.encode(numbers)).hexdigest()

@@ -52,7 +52,7 @@ def _summarize_interval(
 ) -> TrainingInterval:
     """One of them, with the failures in these rows."""
     own = failures._replace(noise=failures.noise[rows])
-    mean = np.zeros((failures.horizon, 2))
+    mean = np.zeros((failures.horizon, len(failures.channels)))
     for block in iterate_blocks(own.noise):
         mean += block.sum(axis=0) / len(rows)
     wanted = min(SHOWN_COMPONENTS, len(space.components))
@@ -129,11 +129,11 @@ def count_coverage(labels: Labels, tenths: Labels) -> tuple[int, ...]:
 def measure_spread(failures: Aligned) -> float | None:
     """How much the failures differ from each other in each step that at least two of them reach.
 
-    Root mean square over these steps and both axes of the standard deviation (n − 1) of z. [sigma]
-    None where there is no such step.
+    Root mean square over these steps and all channels of the standard deviation (n − 1) of z;
+    None where there is no such step. [sigma]
     """
     reached = np.zeros((failures.horizon, 1))
-    sums, squares = (np.zeros((failures.horizon, 2)) for _ in range(2))
+    sums, squares = (np.zeros((failures.horizon, len(failures.channels))) for _ in range(2))
     for noise in failures.runs():
         reached[: noise.shape[1]] += len(noise)
         sums[: noise.shape[1]] += noise.sum(axis=0)

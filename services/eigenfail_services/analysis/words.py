@@ -16,7 +16,7 @@ from eigenfail.explanations import NOTHING, _read_word
 from eigenfail.values import AXES, ExplainedEpisode, ExplainedStep, Floats
 
 TELLING = 0.5
-"""Share of an axis's strongest noise above which a step is described, if noise is everywhere."""
+"""Share of a channel's strongest noise above which a step is described, if noise is everywhere."""
 
 FAINT = 0.5
 """Noise that is everywhere but nowhere above this says nothing. [sigma]"""
@@ -26,14 +26,14 @@ JOINED = 3
 
 MOST_PUSHES = 3
 MOST_NEEDED = 8
-"""Maximum number of pushes described along an axis; further ones are only mentioned."""
+"""Maximum number of pushes described of a channel; further ones are only mentioned."""
 
-WAYS = (("ahead", "back"), ("to the left", "to the right"))
-"""Of positive and of negative noise along each axis: where the nearest vehicle seems to be."""
+WAYS = {"longitudinal": ("ahead", "back"), "lateral": ("to the left", "to the right")}
+"""Of positive and of negative noise of a position: where the nearest vehicle seems to be."""
 
 
 class Push(NamedTuple):
-    """Noise of one sign along one axis.
+    """Noise of one sign in one channel.
 
     Attributes:
         first: its first step; `last` its last, included.
@@ -77,31 +77,33 @@ class Clock(NamedTuple):
         return f"{since_s:.1f} … {until_s:.1f} s"
 
 
-def describe(z: Floats, clock: Clock) -> str:
-    """What noise that is everywhere does in the main: its strong moments along each axis.
+def describe(z: Floats, clock: Clock, channels: Sequence[str] = AXES) -> str:
+    """What noise that is everywhere does in the main: its strong moments in each channel.
 
     Args:
-        z: shape (steps, 2). [sigma]
+        z: shape (steps, channels). [sigma]
         clock: when the impact is.
+        channels: the names of the columns of z.
     """
     levels = tuple(_choose_level(noise) for noise in z[: clock.impact].T)
-    return _describe_axes(z, clock, levels, MOST_PUSHES)
+    return _describe_channels(z, clock, channels, levels, MOST_PUSHES)
 
 
-def describe_needed(z: Floats, clock: Clock) -> str:
+def describe_needed(z: Floats, clock: Clock, channels: Sequence[str] = AXES) -> str:
     """What noise does of which every step counts, as in a minimal failure: all there is of it.
 
     Args:
-        z: shape (steps, 2), zero where nothing is needed. [sigma]
+        z: shape (steps, channels), zero where nothing is needed. [sigma]
         clock: when the impact is.
+        channels: the names of the columns of z.
     """
     if not z[: clock.impact].any():
         return "It needs no noise at all."
-    return _describe_axes(z, clock, (0.0, 0.0), MOST_NEEDED)
+    return _describe_channels(z, clock, channels, [0.0] * len(channels), MOST_NEEDED)
 
 
 def find_pushes(noise: Floats, level: float) -> list[Push]:
-    """Return the moments along one axis in which noise reaches a level, the strongest first.
+    """Return the moments of one channel in which noise reaches a level, the strongest first.
 
     Args:
         noise: shape (steps,). [sigma]
@@ -132,20 +134,24 @@ def _push(run: Sequence[tuple[int, float]]) -> Push:
 
 
 def _choose_level(noise: Floats) -> float:
-    """Return the level above which noise along an axis is mentioned. [sigma]"""
+    """Return the level above which noise of a channel is mentioned. [sigma]"""
     strongest = float(np.abs(noise).max(initial=0.0))
     return float("inf") if strongest < FAINT else TELLING * strongest
 
 
-def _describe_axes(z: Floats, clock: Clock, levels: Sequence[float], most: int) -> str:
-    """Return a sentence on both axes, the one with the stronger push first."""
-    axes = z[: clock.impact].T
-    found = [find_pushes(noise, level) for noise, level in zip(axes, levels, strict=True)]
-    order = sorted(range(len(axes)), key=lambda axis: -sum(map(_sum_push, found[axis])))
+def _describe_channels(
+    z: Floats, clock: Clock, channels: Sequence[str], levels: Sequence[float], most: int
+) -> str:
+    """Return a sentence on all channels, the one with the strongest pushes first."""
+    noises = z[: clock.impact].T
+    found = [
+        (channel, noise, find_pushes(noise, level))
+        for channel, noise, level in zip(channels, noises, levels, strict=True)
+    ]
+    found.sort(key=lambda each: -sum(map(_sum_push, each[2])))
     text = "; ".join(
-        _describe_axis(axis, axes[axis], found[axis][:most], clock)
-        + _count_weaker(len(found[axis]) - most)
-        for axis in order
+        _describe_channel(channel, noise, pushes[:most], clock) + _count_weaker(len(pushes) - most)
+        for channel, noise, pushes in found
     )
     return f"{text[:1].upper()}{text[1:]}."
 
@@ -160,15 +166,15 @@ def _count_weaker(count: int) -> str:
     return f", and {count} weaker" if count > 0 else ""
 
 
-def _describe_axis(axis: int, noise: Floats, found: Sequence[Push], clock: Clock) -> str:
-    """Return the description of the noise along one axis."""
+def _describe_channel(channel: str, noise: Floats, found: Sequence[Push], clock: Clock) -> str:
+    """Return the description of the noise of one channel."""
     if not noise.any():
-        return f"{AXES[axis]} noise has no effect"
+        return f"{channel} noise has no effect"
     if not found:
-        return f"{AXES[axis]} noise stays within {_format_bound(noise)} sigma"
+        return f"{channel} noise stays within {_format_bound(noise)} sigma"
     in_time = sorted(found, key=lambda push: push.first)
-    text = ", ".join(_describe_push(push, axis, clock) for push in in_time)
-    return f"{AXES[axis]} {text} before {clock.event}"
+    text = ", ".join(_describe_push(push, channel, clock) for push in in_time)
+    return f"{channel} {text} before {clock.event}"
 
 
 def _format_bound(noise: Floats) -> str:
@@ -176,14 +182,14 @@ def _format_bound(noise: Floats) -> str:
     return f"{np.ceil(10.0 * float(np.abs(noise).max())) / 10.0:.1f}"
 
 
-def _describe_push(push: Push, axis: int, clock: Clock) -> str:
+def _describe_push(push: Push, channel: str, clock: Clock) -> str:
     """Return the description of a push; its strongest moment only if it differs from its mean."""
-    way = WAYS[axis][push.mean < 0.0]
+    way = f" ({WAYS[channel][push.mean < 0.0]})" if channel in WAYS else ""
     mean, peak = f"{push.mean:+.1f}", f"{push.peak:+.1f}"
     length = push.last - push.first + 1
     some = "" if push.steps == length else f" in {push.steps} of {length} steps"
     more = "" if peak == mean else f", peak {peak},"
-    return f"{mean} sigma ({way}){more}{some} during {clock.window(push.first, push.last)}"
+    return f"{mean} sigma{way}{more}{some} during {clock.window(push.first, push.last)}"
 
 
 MOST_RULES = 2

@@ -28,7 +28,7 @@ from eigenfail.values import (
 from eigenfail.values.campaign import CampaignSpec
 from eigenfail.values.records import Failures, Job
 from eigenfail.worlds import world_of
-from eigenfail_services.analysis.alignment import check_clusterer
+from eigenfail_services.analysis.alignment import check_clusterer, choose_columns
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
 from eigenfail_services.campaigns.explanations import describe_modes
 from eigenfail_services.campaigns.mode_probability import add_probabilities
@@ -49,11 +49,13 @@ class AnalysisBasis(NamedTuple):
             are read, so that whatever has ended is read whole.
         horizon: steps of their full episodes.
         step_s: duration of a step; None where it has none. [s]
+        channels: the names of the components of their noise.
     """
 
     campaigns: tuple[Campaign, ...]
     horizon: int
     step_s: float | None
+    channels: tuple[str, ...]
 
     @property
     def ended(self) -> dict[int, int]:
@@ -83,6 +85,7 @@ def find_basis(store: Store, campaign: int, settings: AnalysisSettings) -> Analy
 
     Raises:
         NotFound: there is no such campaign.
+        UnknownName: the settings name no channel of its noise.
         InvalidValue: there is no such further campaign, or it does not go together with the first;
             or a setting that the clusterer would not heed.
     """
@@ -92,9 +95,11 @@ def find_basis(store: Store, campaign: int, settings: AnalysisSettings) -> Analy
     campaigns = (first, *(other for other in others if other.id != campaign))
     world = world_of(first.spec.simulator)
     steps, duration = world.horizon(first.spec), world.step_s(first.spec)
+    channels = world.channels(first.spec)
+    choose_columns(settings.axes, channels)
     for other in campaigns[1:]:
         _refuse_unlike(first.spec, other.spec, f"campaign {other.id}")
-    return AnalysisBasis(campaigns, steps, duration)
+    return AnalysisBasis(campaigns, steps, duration, channels)
 
 
 def _find_further(store: Store, campaign: int) -> Campaign:
@@ -115,6 +120,7 @@ def _refuse_unlike(first: CampaignSpec, other: CampaignSpec, name: str) -> None:
     compared = {
         "episodes of another number of steps": (world.horizon(first), beside.horizon(other)),
         "steps of another duration": (world.step_s(first), beside.step_s(other)),
+        "noise of other channels": (world.channels(first), beside.channels(other)),
         "another disturbance model: one z is not the same noise in both": (
             first.disturbance,
             other.disturbance,
@@ -352,6 +358,7 @@ def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
     """Return the failure modes among the failures that are stored by now.
 
     Raises:
+        UnknownName: the settings name no channel of the noise.
         InvalidValue: there is no failure, or one that does not fit; or the campaigns do not go
             together.
     """
@@ -361,7 +368,7 @@ def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
 
     begun = find_basis(store, analysis.campaign, analysis.settings)
     read = (FailureBatch(*each) for each in _list_portions(store, begun.campaigns))
-    failures = gather_failures(read, begun.horizon, analysis.settings)
+    failures = gather_failures(read, begun.horizon, analysis.settings, begun.channels)
     base = begun.recounted(store)
     learning = frozenset(each.id for each in base.campaigns if _gives_proposals_up(each))
     samples = find_first_samples(base.campaigns)

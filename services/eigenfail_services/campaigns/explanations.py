@@ -34,7 +34,7 @@ from eigenfail.values import (
     TrajectorySource,
 )
 from eigenfail.values.campaign import LONGEST_NAME
-from eigenfail.worlds import drawn_for
+from eigenfail.worlds import drawn_for, world_of
 from eigenfail_services.analysis.words import Clock, describe, describe_account
 from eigenfail_services.campaigns.validation import check_spec
 from eigenfail_services.store import Store
@@ -262,10 +262,11 @@ def _describe_mode(
     medoid = store.episodes.get(campaign, mode.medoid)
     clock = Clock(medoid.steps, step_s, "its medoid's impact")
     shown = f"Its medoid is episode {campaign}/{mode.medoid}"
-    setup = store.campaigns.get(campaign).spec.setup()
-    account = _describe_account(setup, medoid, Clock(medoid.steps, step_s), until_s)
+    spec = store.campaigns.get(campaign).spec
+    account = _describe_account(spec.setup(), medoid, Clock(medoid.steps, step_s), until_s)
     text = f"{shown}; {account}" if account else f"{shown}."
-    return f"{describe(mode.eigenfailure, clock)} {text}"
+    channels = world_of(spec.simulator).channels(spec)
+    return f"{describe(mode.eigenfailure, clock, channels)} {text}"
 
 
 def _describe_account(

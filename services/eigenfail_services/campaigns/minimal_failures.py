@@ -11,6 +11,7 @@ from eigenfail.values import (
     MinimalFailure,
     Outcome,
 )
+from eigenfail.worlds import world_of
 from eigenfail_services.analysis.words import Clock, describe_needed
 from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.methods.minimal import MinimalFacts, read_state
@@ -32,12 +33,14 @@ def find_minimal_failure(store: Store, campaign: Campaign) -> MinimalFailure:
         raise _make_conflict(campaign)
     found = store.episodes.get(campaign.id, facts.best)
     full = _find_first_failure(store, campaign, facts.best)
+    clock = Clock(found.steps, _find_step_s(found))
+    channels = world_of(campaign.spec.simulator).channels(campaign.spec)
     return MinimalFailure(
         campaign=campaign.id,
         index=found.index,
         done=facts.phase is SearchPhase.OVER,
         because=_describe_progress(facts, z, campaign),
-        words=describe_needed(found.noise.z, Clock(found.steps, _find_step_s(found))),
+        words=describe_needed(found.noise.z, clock, channels),
         needed=int(np.count_nonzero(found.noise.z)),
         injected=int(np.count_nonzero(full.noise.z)),
         energy=compute_energy(found.noise.z),

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from sklearn.metrics import adjusted_rand_score
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values import AnalysisResult, AnalysisSettings
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis import clusters, job
@@ -58,6 +58,65 @@ def test_planted_modes_come_back_under_the_bootstrap(plant: Callable[..., Any]) 
     assert result.stability is not None
     assert result.stability.median == pytest.approx(1.0, abs=0.05)
     assert result.verdict.startswith("3 distinct modes (silhouette 0.7")
+
+
+CHANNELS = ("gust", "drift", "bias", "glare", "delay")
+
+
+def plant_channels(count: int) -> tuple[Failures, np.ndarray]:
+    """Two modes, of opposite sign in the last channel; the other channels are noise."""
+    generator = np.random.default_rng(count)
+    labels = np.repeat([0, 1], [50, 30])
+    noise = 0.5 * generator.standard_normal((len(labels), 20, count))
+    noise[:, 5:12, -1] += np.where(labels, -2.0, 2.0)[:, None]
+    return Failures(tuple(range(len(labels))), tuple(noise.astype(np.float32))), labels
+
+
+@pytest.mark.usefixtures("few_draws")
+@pytest.mark.parametrize("count", [1, 3, 5])
+@pytest.mark.parametrize("alone", [False, True])
+def test_modes_are_found_in_any_number_of_channels(count: int, alone: bool) -> None:
+    failures, labels = plant_channels(count)
+    channels = CHANNELS[:count]
+    asked = AnalysisSettings(axes=channels[-1] if alone else "joint", bootstrap=2, centre="mean")
+    result = analyse(failures, 20, asked, channels)
+    assert result.channels == channels
+    assert result.labels == tuple(labels.tolist())
+    assert result.components.shape == (3, 20, count)
+    assert result.influence.shape == (20, count)
+    assert {moment.axis for moment in result.moments[-3:]} == {channels[-1]}
+    assert result.training[0].mean.shape == (20, count)
+    noise = np.array(failures.noise, np.float64)
+    for label, mode in enumerate(result.modes):
+        members = noise[labels == label]
+        assert mode.eigenfailure.shape == (20, count)
+        assert mode.eigenfailure[5:12, -1] == pytest.approx((2.0, -2.0)[label], abs=0.5)
+        assert mode.band == pytest.approx(np.quantile(members, (0.1, 0.9), axis=0), abs=1e-5)
+        if alone:  # of a channel left out, the mean of its failures
+            rest = members[:, :, :-1].mean(axis=0)
+            assert mode.eigenfailure[:, :-1] == pytest.approx(rest, abs=1e-5)
+    assert result.components[:, :, :-1].any() == (count > 1 and not alone)
+    assert result.diversity
+    assert result.diversity.spread == pytest.approx(
+        float(np.sqrt(np.mean(noise.var(axis=0, ddof=1))))
+    )
+
+
+def test_names_of_channels_are_no_part_of_the_digest() -> None:
+    failures, _ = plant_channels(2)
+    one = analyse(failures, 20, DEFAULT)
+    other = analyse(failures, 20, DEFAULT, ("gust", "drift"))
+    assert one.channels == ("longitudinal", "lateral")
+    assert hash_result(one) == hash_result(msgspec.structs.replace(one, channels=("a", "b")))
+    assert [each.axis for each in other.moments] != [each.axis for each in one.moments]
+
+
+def test_a_channel_that_the_noise_has_not_is_refused_and_the_nearest_named() -> None:
+    failures, _ = plant_channels(3)
+    with pytest.raises(UnknownName, match=r"axes: 'gusts' is not known\. Did you mean 'gust'\?"):
+        analyse(failures, 20, AnalysisSettings(axes="gusts"), CHANNELS[:3])
+    with pytest.raises(InvalidValue, match=r"not finite of shape \(at most 20, 2\)"):
+        analyse(failures, 20, DEFAULT)
 
 
 @pytest.mark.usefixtures("few_draws")

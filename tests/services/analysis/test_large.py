@@ -11,7 +11,7 @@ from eigenfail.values.records import Failures
 from eigenfail_services.analysis import components
 from eigenfail_services.analysis.alignment import FailureBatch, gather_failures
 from eigenfail_services.analysis.components import ComponentSpace, fit_components
-from eigenfail_services.analysis.job import analyse, analyse_portions, hash_result
+from eigenfail_services.analysis.job import analyse, analyse_gathered, hash_result
 
 HORIZON = 40
 MIB = 2**20
@@ -68,7 +68,9 @@ def portions(count: int, size: int) -> Iterator[FailureBatch]:
 def test_portions_do_not_matter() -> None:
     settings = AnalysisSettings(clusters=2, bootstrap=2)
     digests = {
-        hash_result(analyse_portions(given, HORIZON, settings, 0.1, {7: 300}))
+        hash_result(
+            analyse_gathered(gather_failures(given, HORIZON, settings), settings, 0.1, {7: 300})
+        )
         for given in (
             portions(240, 240),
             portions(240, 7),

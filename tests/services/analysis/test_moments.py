@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -15,7 +16,7 @@ from eigenfail_services.analysis.alignment import (
     gather_failures,
     measure_before_collision,
 )
-from eigenfail_services.analysis.job import analyse_portions
+from eigenfail_services.analysis.job import analyse_gathered
 
 STEP_S = 0.1
 
@@ -38,6 +39,24 @@ def test_the_share_of_the_last_second_by_hand() -> None:
     assert (one.longitudinal, one.lateral) == (0.25, 1.0)
     assert one.both == pytest.approx((10 + 20) / (40 + 20))
     assert (two.seconds, two.time, two.longitudinal) == (2.0, 0.5, 0.5)
+
+
+@pytest.mark.parametrize("count", [1, 3, 5])
+def test_each_channel_has_its_share_by_hand(count: int) -> None:
+    influence = np.zeros((40, count), np.float32)
+    influence[:, 0] = 1.0
+    influence[30:, 1:] = 2.0
+    channels = ("gust", "drift", "bias", "glare", "delay")[:count]
+    one, _ = measure_before_collision(influence, 40, STEP_S, channels)
+    assert (one.longitudinal, one.lateral) == (None, None)
+    assert one.channels == one.by_channel == (0.25, 1.0, 1.0, 1.0, 1.0)[:count]
+    assert one.both == pytest.approx((10 + 20 * (count - 1)) / (40 + 20 * (count - 1)))
+
+
+def test_the_shares_of_a_road_have_their_two_fields_alone() -> None:
+    (one, _) = measure_before_collision(np.ones((40, 2), np.float32), 40, STEP_S)
+    assert one.by_channel == (0.25, 0.25)
+    assert {*msgspec.to_builtins(one)} == {"seconds", "time", "longitudinal", "lateral", "both"}
 
 
 def test_without_times_influence_or_as_long_a_failure_no_share_is_told() -> None:
@@ -72,7 +91,7 @@ def test_what_decides_in_the_last_second_is_found_there(align: Any) -> None:
         noise.append(z)
     given = FailureBatch(1, Failures(tuple(range(120)), tuple(noise)))
     asked = AnalysisSettings(align=align, components=1, bootstrap=0)
-    found = analyse_portions([given], 100, asked, STEP_S, {1: 120})
+    found = analyse_gathered(gather_failures([given], 100, asked), asked, STEP_S, {1: 120})
     assert found.before_collision[0].longitudinal > 0.8
     assert found.before_collision[0].time < 0.15
     if align == "collision":
@@ -86,6 +105,6 @@ def test_noise_without_a_deciding_moment_has_its_share_of_the_time(
     noise = list(np.random.default_rng(2).standard_normal((300, 100, 2)))
     asked = AnalysisSettings(components=50, bootstrap=0, clusters=1)
     portion = FailureBatch(1, failures_of(noise))
-    found = analyse_portions([portion], 100, asked, STEP_S, {})
+    found = analyse_gathered(gather_failures([portion], 100, asked), asked, STEP_S, {})
     for each in found.before_collision:
         assert each.both == pytest.approx(each.time, rel=0.15)

@@ -5,8 +5,8 @@ import pytest
 
 from eigenfail.values import AnalysisResult, AnalysisSettings
 from eigenfail.values.records import Failures
-from eigenfail_services.analysis.alignment import FailureBatch
-from eigenfail_services.analysis.job import analyse_portions
+from eigenfail_services.analysis.alignment import FailureBatch, gather_failures
+from eigenfail_services.analysis.job import analyse_gathered
 
 HORIZON = 12
 
@@ -26,7 +26,9 @@ def drifting(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 def analysed(indices: np.ndarray, noise: np.ndarray, episodes: int) -> AnalysisResult:
     given = FailureBatch(4, Failures(tuple(indices.tolist()), tuple(noise)))
     settings = AnalysisSettings(clusters=1, bootstrap=0)
-    return analyse_portions([given], HORIZON, settings, 0.1, {4: episodes})
+    return analyse_gathered(
+        gather_failures([given], HORIZON, settings), settings, 0.1, {4: episodes}
+    )
 
 
 def test_ten_intervals_share_the_failures() -> None:

@@ -51,6 +51,18 @@ def hand_made():
     return z
 
 
+@pytest.mark.parametrize("count", [1, 3, 5])
+def test_other_channels_have_their_names_and_no_direction(count):
+    z = np.zeros((STEPS, count), np.float32)
+    z[8:29, -1] = -2.0
+    channels = ("gust", "drift", "bias", "glare", "delay")[:count]
+    told = [f"{channels[-1]} -2.0 sigma during 32 … 11 steps before the impact"]
+    told += [f"{name} noise has no effect" for name in channels[:-1]]
+    sentence = f"{'; '.join(told)}."
+    assert describe_needed(z, IN_STEPS, channels) == f"{sentence[0].upper()}{sentence[1:]}"
+    assert describe(z, IN_STEPS, channels) == f"{sentence[0].upper()}{sentence[1:]}"
+
+
 def test_a_hand_made_push_is_told_as_it_is():
     assert describe_needed(hand_made(), Clock(STEPS, 0.1)) == (
         "Longitudinal +2.0 sigma (ahead), peak +2.9, during 3.2 … 1.1 s before the impact; "
