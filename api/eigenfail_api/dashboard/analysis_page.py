@@ -19,7 +19,6 @@ from eigenfail.presentation.figures import (
 )
 from eigenfail.presentation.tables import Table
 from eigenfail.values import (
-    AXES,
     Analysis,
     AnalysisResult,
     AnalysisSettings,
@@ -32,8 +31,14 @@ from eigenfail.values import (
     ProvenMode,
     TrainingInterval,
 )
+from eigenfail.worlds import world_of
 from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_values
-from eigenfail_api.dashboard.episodes_page import AnalysisLine, make_analysis_line
+from eigenfail_api.dashboard.episodes_page import (
+    AnalysisLine,
+    AxesChoices,
+    list_axes_choices,
+    make_analysis_line,
+)
 from eigenfail_api.dashboard.proof import ProofView, describe_reproduction, make_proof_view
 from eigenfail_api.dashboard.rendering import Tile, make_probability_tile, page
 from eigenfail_api.parameters import AnalysisId, Stored
@@ -46,6 +51,7 @@ def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
     """Return the chart of each mode's eigenfailure with its band."""
     modes = [mode.eigenfailure for mode in result.modes]
     bands = [mode.band for mode in result.modes if mode.band is not None]
+    channels = result.channels
     return Chart(
         id="eigenfailure-chart",
         kind="eigenfailures",
@@ -53,13 +59,18 @@ def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
         caption="Centre of the noise of each mode over time [sigma]."
         + (" Bands: from 10 to 90 % of the noise of its failures at each step." if bands else ""),
         data={
-            **{axis: [list_floats(z[:, way]) for z in modes] for way, axis in enumerate(AXES)},
-            "bands": {axis: list_band_limits(bands, way) for way, axis in enumerate(AXES)},
+            "channels": {
+                channel: [list_floats(z[:, way]) for z in modes]
+                for way, channel in enumerate(channels)
+            },
+            "bands": {
+                channel: list_band_limits(bands, way) for way, channel in enumerate(channels)
+            },
         },
         columns=(
             "Step",
-            *(f"Mode {mode + 1} {axis}" for mode in range(len(modes)) for axis in AXES),
-            *name_band_columns(len(bands)),
+            *(f"Mode {mode + 1} {channel}" for mode in range(len(modes)) for channel in channels),
+            *name_band_columns(len(bands), channels),
         ),
         rows=make_step_table(
             np.concatenate([*modes, *(side for band in bands for side in band)], axis=1)
@@ -68,15 +79,15 @@ def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
 
 
 def list_band_limits(bands: Iterable[Floats], way: int) -> list[list[list[float | None]]]:
-    """Return the lower and the upper limit of each mode's band along an axis."""
+    """Return the lower and the upper limit of each mode's band in a channel."""
     return [[list_floats(side[:, way]) for side in band] for band in bands]
 
 
-def name_band_columns(count: int) -> Iterator[str]:
+def name_band_columns(count: int, channels: Sequence[str]) -> Iterator[str]:
     """Names of the columns of bands, in the order of their numbers."""
     for mode in range(count):
         for share in ("10 %", "90 %"):
-            yield from (f"Mode {mode + 1} {axis} {share}" for axis in AXES)
+            yield from (f"Mode {mode + 1} {channel} {share}" for channel in channels)
 
 
 def make_scores_chart(result: AnalysisResult, campaign: int) -> Chart:
@@ -140,10 +151,13 @@ def make_influence_chart(result: AnalysisResult) -> Chart:
         caption="Where the noise of the failures differs, which is no cause: components weighted "
         "by explained variance. Marks: the moments of greatest influence.",
         data={
-            **{axis: list_floats(result.influence[:, way]) for way, axis in enumerate(AXES)},
+            "channels": {
+                channel: list_floats(result.influence[:, way])
+                for way, channel in enumerate(result.channels)
+            },
             "moments": [draw_moment(each) for each in result.moments],
         },
-        columns=("Step", *(axis.capitalize() for axis in AXES)),
+        columns=("Step", *map(str.capitalize, result.channels)),
         rows=make_step_table(result.influence),
     )
 
@@ -264,11 +278,15 @@ Lines = Callable[[TrainingInterval], Iterable[Floats]]
 
 def make_training_charts(result: AnalysisResult) -> tuple[Chart, ...]:
     """Return the charts over the training; none for results of older releases."""
-    intervals = result.training
-    return (make_mean_chart(intervals), make_component_chart(intervals)) if intervals else ()
+    if not result.training:
+        return ()
+    return (
+        make_mean_chart(result.training, result.channels),
+        make_component_chart(result.training, result.channels),
+    )
 
 
-def make_mean_chart(intervals: Sequence[TrainingInterval]) -> Chart:
+def make_mean_chart(intervals: Sequence[TrainingInterval], channels: Sequence[str]) -> Chart:
     """Return the chart of the mean disturbance of the failures."""
     return Chart(
         id="training-mean-chart",
@@ -276,17 +294,21 @@ def make_mean_chart(intervals: Sequence[TrainingInterval]) -> Chart:
         title="Mean disturbance during the search",
         caption="Mean noise of the failures of each tenth of the episodes, over their steps "
         "[sigma]: the first tenth on top.",
-        data=make_ridges(intervals, ("mean",), lambda interval: [interval.mean], "sigma"),
-        columns=("Step", *(f"{axis} {format_span(each)}" for axis in AXES for each in intervals)),
+        data=make_ridges(intervals, channels, ("mean",), lambda interval: [interval.mean])
+        | {"unit": "sigma"},
+        columns=(
+            "Step",
+            *(f"{channel} {format_span(each)}" for channel in channels for each in intervals),
+        ),
         rows=make_step_table(
             np.concatenate(
-                [each.mean[:, way : way + 1] for way in (0, 1) for each in intervals], axis=1
+                [each.mean[:, [way]] for way in range(len(channels)) for each in intervals], axis=1
             )
         ),
     )
 
 
-def make_component_chart(intervals: Sequence[TrainingInterval]) -> Chart:
+def make_component_chart(intervals: Sequence[TrainingInterval], channels: Sequence[str]) -> Chart:
     """Return the chart of the components of each interval."""
     count = max(len(each.components) for each in intervals)
     return Chart(
@@ -298,9 +320,9 @@ def make_component_chart(intervals: Sequence[TrainingInterval]) -> Chart:
         "failures: 1 is the same.",
         data=make_ridges(
             intervals,
+            channels,
             tuple(f"component {place + 1}" for place in range(count)),
             lambda interval: interval.components,
-            unit="",
         ),
         columns=("Episodes", "Failures", "Component", "Explained", "Likeness"),
         rows=tuple(row for each in intervals for row in list_component_rows(each)),
@@ -321,23 +343,26 @@ def list_component_rows(interval: TrainingInterval) -> list[tuple[str, ...]]:
 
 
 def make_ridges(
-    intervals: Sequence[TrainingInterval], names: tuple[str, ...], lines: Lines, unit: str
+    intervals: Sequence[TrainingInterval],
+    channels: Sequence[str],
+    names: tuple[str, ...],
+    lines: Lines,
 ) -> dict[str, object]:
-    """Return the lines [unit] by axis, interval and name; none for an interval without failures."""
+    """Return the lines by channel, interval and name; none for an interval without failures."""
     steps = pick_evenly(len(intervals[0].mean), MOST_STEPS)
     return {
         "names": names,
-        "unit": unit,
+        "unit": "",
         "spans": [format_span(each) for each in intervals],
         "steps": steps,
-        **{
-            axis: [
+        "channels": {
+            channel: [
                 [round_ridge_values(line[steps, way]) for line in lines(each)]
                 if each.failures
                 else []
                 for each in intervals
             ]
-            for way, axis in enumerate(AXES)
+            for way, channel in enumerate(channels)
         },
     }
 
@@ -383,6 +408,7 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
         notes: remarks on the failures that were pooled, or that they collapsed.
         proof: None before there is a result.
         asked: its settings, for another like it.
+        choices: of the channels that the other one may analyse.
     """
 
     line: AnalysisLine
@@ -398,13 +424,15 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     charts: tuple[Chart, ...]
     proof: ProofView | None
     asked: AnalysisSettings
+    choices: AxesChoices
 
 
 def make_analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | None) -> AnalysisView:
     """Return the page of an analysis, with the results of the replays that have ended."""
     result = analysis.result
+    channels = world_of(campaign.spec.simulator).channels(campaign.spec)
     return AnalysisView(
-        line=make_analysis_line(analysis),
+        line=make_analysis_line(analysis, channels),
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
         is_open=analysis.state in {"queued", "running"} or is_replaying(proof),
@@ -417,6 +445,7 @@ def make_analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | No
         charts=make_charts(result, campaign.id) if result and result.modes else (),
         proof=make_proof_view(proof) if proof else None,
         asked=analysis.settings,
+        choices=list_axes_choices(channels),
     )
 
 
@@ -477,7 +506,7 @@ def make_mode_card(
 def describe_mode_card(result: AnalysisResult, place: int) -> str:
     """Return the description of a mode without its number, which the card's heading has."""
     if not result.words:
-        return f"Strongest noise: {describe_peak(result.modes[place])}."
+        return f"Strongest noise: {describe_peak(result.modes[place], result.channels)}."
     return put_minus_signs(result.words[place].removeprefix(f"Mode {place + 1}: "))
 
 
@@ -494,13 +523,17 @@ def make_proof_tiles(proven: ProvenMode) -> tuple[tuple[str, Tile], ...]:
     return (*tiles, ("Nearest failing point", nearest))
 
 
-def describe_peak(mode: FailureMode) -> str:
-    """Return the axis, strength and time of an eigenfailure's strongest noise."""
+WAYS = {"longitudinal": ("ahead", "back"), "lateral": ("towards +y", "towards −y")}
+"""Of positive and of negative noise of a position."""
+
+
+def describe_peak(mode: FailureMode, channels: Sequence[str]) -> str:
+    """Return the channel, strength and time of an eigenfailure's strongest noise."""
     z = mode.eigenfailure
-    step, axis = np.unravel_index(int(np.abs(z).argmax()), z.shape)
-    value = float(z[step, axis])
-    ways = (("ahead", "back"), ("towards +y", "towards −y"))
-    return f"{format_number(abs(value), 2)} sigma {ways[axis][value < 0.0]} at step {step}"
+    step, way = np.unravel_index(int(np.abs(z).argmax()), z.shape)
+    value, channel = float(z[step, way]), channels[int(way)]
+    signs = WAYS.get(channel, (f"of positive {channel}", f"of negative {channel}"))
+    return f"{format_number(abs(value), 2)} sigma {signs[value < 0.0]} at step {step}"
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)

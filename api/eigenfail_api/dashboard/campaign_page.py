@@ -51,7 +51,9 @@ from eigenfail_api.dashboard.charts import (
 from eigenfail_api.dashboard.cost_charts import REPLAY
 from eigenfail_api.dashboard.episodes_page import (
     AnalysisLine,
+    AxesChoices,
     EpisodeList,
+    list_axes_choices,
     make_analysis_line,
     make_episode_list,
     read_failures,
@@ -197,6 +199,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     failures: EpisodeList
     analyses: tuple[AnalysisLine, ...]
     asked: AnalysisSettings
+    choices: AxesChoices
     events: tuple[Event, ...]
     times: tuple[tuple[str, str], ...]
     priorities: tuple[Priority, ...]
@@ -210,6 +213,7 @@ def make_campaign_view(found: Findings) -> CampaignView:
     """Return the page of a campaign."""
     campaign = found.campaign
     now = make_standing(campaign, found.summary)
+    channels = world_of(campaign.spec.simulator).channels(campaign.spec)
     return CampaignView(
         standing=now,
         origin=find_origin(campaign.spec),
@@ -229,8 +233,9 @@ def make_campaign_view(found: Findings) -> CampaignView:
         else (),
         charts=make_charts(found),
         failures=make_episode_list(campaign, found.listed, None),
-        analyses=tuple(map(make_analysis_line, found.analyses)),
+        analyses=tuple(make_analysis_line(each, channels) for each in found.analyses),
         asked=AnalysisSettings(),
+        choices=list_axes_choices(channels),
         events=found.events,
         times=list_times(campaign),
         priorities=list_priorities(campaign),

@@ -275,6 +275,7 @@ def make_episode_view(
     """Return the page of an episode; the mission, where the scenario has one, gives the lanes."""
     fault, scene, measures = result.fault, result.scene, result.measures
     dt_s = scene.dt_s if scene else mission.dt_s if mission else None
+    channels = world_of(campaign.spec.simulator).channels(campaign.spec)
     return EpisodeView(
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
@@ -290,7 +291,7 @@ def make_episode_view(
         else None,
         problem=f"{fault.kind}: {fault.message}" if fault else "",
         digest=result.digest(),
-        noise=make_noise_chart(result.noise, dt_s) if result.steps else None,
+        noise=make_noise_chart(result.noise, dt_s, channels) if result.steps else None,
         scene=make_scene_chart(scene, mission, result.outcome) if scene else None,
         clearance=make_clearance_chart(scene) if scene else None,
         why_no_scene="" if scene else explain_missing_scene(campaign, result),

@@ -1,7 +1,7 @@
 """The page on which episodes are searched and sorted, and the rows of its list."""
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated
 from urllib.parse import urlencode
 
@@ -22,6 +22,7 @@ from eigenfail.filters import (
     parse_sort,
     read_value,
 )
+from eigenfail.presentation.analyses import choose_channel_words
 from eigenfail.presentation.figures import count_noun, format_number, format_utc
 from eigenfail.values import (
     Analysis,
@@ -32,6 +33,7 @@ from eigenfail.values import (
     Outcome,
     Page,
 )
+from eigenfail.values.analysis import JOINT
 from eigenfail.values.records import EpisodeRow
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.dashboard.charts import Chart, make_parallel_chart, spread
@@ -219,23 +221,38 @@ def order(sort: SortOrder) -> str:
     return "descending" if sort.descending else "ascending"
 
 
-def make_analysis_line(analysis: Analysis) -> AnalysisLine:
-    """Return the line of an analysis."""
+class AxesChoices(msgspec.Struct, frozen=True):
+    """The channels that an analysis may be of: the label of the choice, and its options."""
+
+    label: str
+    options: Mapping[str, str]
+
+
+def list_axes_choices(channels: Sequence[str]) -> AxesChoices:
+    """Return the choices for noise of these channels."""
+    words = choose_channel_words(channels)
+    alone = {channel: f"{channel} only" for channel in channels}
+    return AxesChoices(words.several.capitalize(), {JOINT: words.together, **alone})
+
+
+def make_analysis_line(analysis: Analysis, channels: Sequence[str]) -> AnalysisLine:
+    """Return the line of an analysis of noise of these channels."""
     return AnalysisLine(
         id=analysis.id,
         is_done=analysis.state is AnalysisState.DONE,
         badge=ANALYSIS_BADGES[analysis.state],
-        settings=", ".join(describe_settings(analysis.settings)),
+        settings=", ".join(describe_settings(analysis.settings, channels)),
         created=format_utc(analysis.created_ms),
         problem=analysis.problem,
     )
 
 
-def describe_settings(settings: AnalysisSettings) -> Iterator[str]:
+def describe_settings(settings: AnalysisSettings, channels: Sequence[str]) -> Iterator[str]:
     """How failures are analysed, in words."""
-    both = settings.axes == "joint"
+    words = choose_channel_words(channels)
+    together = f"{words.together} {words.several}"
     yield f"aligned at {settings.align}"
-    yield "both axes" if both else f"the {settings.axes} axis alone"
+    yield together if settings.axes == JOINT else f"the {settings.axes} {words.one} alone"
     yield count_noun(settings.components, "component")
     yield CLUSTERERS[settings.clusterer]
     yield "modes: auto" if settings.clusters is None else f"modes: {settings.clusters}"

@@ -13,6 +13,7 @@ from eigenfail.presentation.figures import (
     put_minus_signs,
 )
 from eigenfail.values import (
+    AXES,
     MEASURES,
     Campaign,
     EpisodeResult,
@@ -63,15 +64,20 @@ def make_jump(found: NotableMoment) -> Jump:
 CONVENTIONAL_LANE_M = 3.5
 
 
-def make_noise_chart(noise: NoiseTrajectory, dt_s: float | None) -> Chart:
-    """Return the chart of the noise on the perceived position, step by step."""
+def make_noise_chart(
+    noise: NoiseTrajectory, dt_s: float | None, channels: Sequence[str] = AXES
+) -> Chart:
+    """Return the chart of the noise of these channels, step by step."""
     metres, standardised = noise.metres, noise.standardised
     times = [step * (dt_s or 1.0) for step in range(len(noise.z))]
     axis = "Time [s]" if dt_s else "Step"
+    # Other channels than those of a position have no unit that is known here.
+    is_position = tuple(channels) == AXES
+    injected = "[m]" if is_position else "injected"
     return Chart(
         id="noise-chart",
         kind="noise",
-        title="Noise on the perceived position",
+        title="Noise on the perceived position" if is_position else "Noise",
         caption=(
             "In standard deviations of the disturbance model "
             f"({noise.shape.in_words()}); the band is ±2 sigma."
@@ -80,15 +86,15 @@ def make_noise_chart(noise: NoiseTrajectory, dt_s: float | None) -> Chart:
             "axis": axis,
             "end": len(times) * (dt_s or 1.0),
             "time": round_values(times),
-            "longitudinal": round_values(map(float, standardised[:, 0])),
-            "lateral": round_values(map(float, standardised[:, 1])),
+            "channels": {
+                channel: round_values(map(float, standardised[:, way]))
+                for way, channel in enumerate(channels)
+            },
         },
         columns=(
             axis,
-            "Longitudinal [sigma]",
-            "Lateral [sigma]",
-            "Longitudinal [m]",
-            "Lateral [m]",
+            *(f"{channel.capitalize()} [sigma]" for channel in channels),
+            *(f"{channel.capitalize()} {injected}" for channel in channels),
             "log p",
         ),
         rows=tuple(

@@ -18,7 +18,7 @@ from eigenfail.presentation.analyses import describe_findings, describe_modes, d
 from eigenfail.presentation.terminal import render
 from eigenfail.settings import convert
 from eigenfail.values import Analysis, AnalysisSettings, AnalysisState, Proof
-from eigenfail.values.analysis import Centre
+from eigenfail.values.analysis import JOINT, Centre
 
 app = typer.Typer(add_completion=False)
 
@@ -28,14 +28,6 @@ class Align(StrEnum):
 
     START = "start"
     COLLISION = "collision"
-
-
-class Axes(StrEnum):
-    """Which axes of the noise are analysed."""
-
-    JOINT = "joint"
-    LONGITUDINAL = "longitudinal"
-    LATERAL = "lateral"
 
 
 class ClustererName(StrEnum):
@@ -58,7 +50,13 @@ Components = Annotated[int, typer.Option(help="Number of principal components.")
 Clusters = Annotated[
     int | None, typer.Option(help="Number of failure modes (default: by silhouette).")
 ]
-AxesChoice = Annotated[Axes, typer.Option(help="Axes of the noise: both together, or one alone.")]
+AxesChoice = Annotated[
+    str,
+    typer.Option(
+        metavar="CHANNEL",
+        help="Channel of the noise to analyze alone, such as lateral; joint: all together.",
+    ),
+]
 ClustererChoice = Annotated[
     ClustererName, typer.Option(help="Clustering algorithm that finds the modes.")
 ]
@@ -108,7 +106,7 @@ def analyze(
     align: AlignAt = Align.START,
     components: Components = 3,
     clusters: Clusters = None,
-    axes: AxesChoice = Axes.JOINT,
+    axes: AxesChoice = JOINT,
     clusterer: ClustererChoice = ClustererName.KMEANS,
     also: Also = None,
     bootstrap: Bootstrap = 20,
@@ -128,7 +126,7 @@ def analyze(
         "align": align.value,
         "components": components,
         "clusters": clusters,
-        "axes": axes.value,
+        "axes": axes,
         "clusterer": clusterer.value,
         "campaigns": also or [],
         "bootstrap": bootstrap,

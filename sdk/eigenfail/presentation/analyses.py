@@ -1,6 +1,7 @@
 """Tables of analyses: failure modes, what they are worth, and their proof by replay."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,6 +49,21 @@ LIKELIHOODS = (
 TOO_FEW = "Eigenfailures of so few components may not fail again: use more with --components."
 
 
+class ChannelWords(NamedTuple):
+    """What the channels of the noise are called: one, several, and all of them together."""
+
+    one: str
+    several: str
+    together: str
+
+
+def choose_channel_words(channels: Sequence[str]) -> ChannelWords:
+    """Return the words for these channels; those of the noise of a position are its axes."""
+    if tuple(channels) == AXES:
+        return ChannelWords("axis", "axes", "both")
+    return ChannelWords("channel", "channels", "all")
+
+
 def tabulate_modes(campaign: int, result: AnalysisResult) -> Table:
     """Return the failure modes of a campaign, counted from 1; disturbances in sigma.
 
@@ -57,8 +73,8 @@ def tabulate_modes(campaign: int, result: AnalysisResult) -> Table:
     columns = (
         *count_columns("Mode" if result.distinct else "Group", "Failures"),
         TableColumn("Share", "share"),
-        *(TableColumn(f"Mean {axis}", "sigma") for axis in AXES),
-        *name_columns(*(f"Peak {axis}" for axis in AXES), "Medoid"),
+        *(TableColumn(f"Mean {channel}", "sigma") for channel in result.channels),
+        *name_columns(*(f"Peak {channel}" for channel in result.channels), "Medoid"),
         *([TableColumn("Probability")] if has_probability else []),
     )
     rows = tuple(
@@ -74,13 +90,13 @@ def tabulate_modes(campaign: int, result: AnalysisResult) -> Table:
 
 
 def _list_disturbances(mode: FailureMode) -> Iterator[Cell]:
-    axes = mode.eigenfailure.T
-    yield from (FormattedCell(format_signed(float(noise.mean()))) for noise in axes)
-    yield from map(format_peak, axes)
+    noises = mode.eigenfailure.T
+    yield from (FormattedCell(format_signed(float(noise.mean()))) for noise in noises)
+    yield from map(format_peak, noises)
 
 
 def format_peak(noise: Floats) -> str:
-    """Return the largest disturbance along one axis, and its step."""
+    """Return the largest disturbance of one channel, and its step."""
     step = int(np.argmax(np.abs(noise)))
     return f"{format_signed(float(noise[step]))} at step {step}"
 
@@ -114,12 +130,12 @@ def describe_findings(result: AnalysisResult) -> Iterator[str]:
     yield from describe_diversity(result)
     yield from result.notes
     yield from _describe_stability(result)
-    for axis in AXES:
-        moments = [each for each in result.moments if each.axis == axis]
+    for channel in result.channels:
+        moments = [each for each in result.moments if each.axis == channel]
         if moments:
             times = ", ".join(map(format_moment, moments))
-            yield f"{axis.capitalize()} noise differs most between failures {times}."
-    yield from map(describe_influence, result.before_collision)
+            yield f"{channel.capitalize()} noise differs most between failures {times}."
+    yield from (describe_influence(each, result.channels) for each in result.before_collision)
     for place, mode in enumerate(result.modes, start=1):
         if mode.probability and mode.probability.problem:
             yield f"Mode {place} has no probability: {mode.probability.problem}"
@@ -165,12 +181,12 @@ def format_moment(found: Moment) -> str:
     return f"{format_number(found.before_collision_s)} s before the collision"
 
 
-def describe_influence(found: InfluenceShare) -> str:
+def describe_influence(found: InfluenceShare, channels: Sequence[str]) -> str:
     """Return the share of the influence that lies in the last seconds before the collision."""
     if found.both is None:
         return f"Failures differ in no step of the last {found.seconds:g} s or before."
-    parts = {"longitudinal": found.longitudinal, "lateral": found.lateral}
-    apart = ", ".join(f"{axis} {format_share(share)}" for axis, share in parts.items() if share)
+    parts = zip(channels, found.by_channel, strict=True)
+    apart = ", ".join(f"{channel} {format_share(share)}" for channel, share in parts if share)
     return (
         f"The last {found.seconds:g} s before the collision, {format_share(found.time)} of the "
         f"time, hold {format_share(found.both)} of the influence ({apart})."
@@ -179,10 +195,11 @@ def describe_influence(found: InfluenceShare) -> str:
 
 def tabulate_moments(result: AnalysisResult) -> Table:
     """Return the moments of greatest influence."""
+    words = choose_channel_words(result.channels)
     rows = tuple(
         (each.axis.capitalize(), format_moment(each), each.influence) for each in result.moments
     )
-    columns = (*name_columns("Axis", "When"), TableColumn("Influence"))
+    columns = (*name_columns(words.one.capitalize(), "When"), TableColumn("Influence"))
     note = (
         "Influence: components weighted by explained variance. It says where the noise of the "
         "failures differs, not what causes them."
@@ -192,10 +209,11 @@ def tabulate_moments(result: AnalysisResult) -> Table:
 
 def tabulate_influence(result: AnalysisResult) -> Table:
     """Return the share of the influence that lies in the last seconds before the collision."""
-    titles = ("Of the time", "Longitudinal", "Lateral", "Both")
+    together = choose_channel_words(result.channels).together
+    titles = ("Of the time", *map(str.capitalize, (*result.channels, together)))
     columns = (*name_columns("Time"), *(TableColumn(title, "share") for title in titles))
     rows = tuple(
-        (f"Last {each.seconds:g} s", each.time, each.longitudinal, each.lateral, each.both)
+        (f"Last {each.seconds:g} s", each.time, *each.by_channel, each.both)
         for each in result.before_collision
     )
     note = "The shares would equal that of the time if the failures differed alike at all moments."

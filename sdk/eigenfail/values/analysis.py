@@ -155,6 +155,10 @@ class TrainingInterval(msgspec.Struct, frozen=True, eq=False, kw_only=True):
     likeness: Floats
 
 
+JOINT = "joint"
+"""The choice of `axes` that analyses all channels together."""
+
+
 LONGEST_CHANNEL = 32
 """Maximum length of the name of a channel [characters]."""
 
@@ -199,7 +203,7 @@ class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     align: Literal["start", "collision"] = "start"
     components: Annotated[int, msgspec.Meta(ge=1, le=MAX_CLUSTERS)] = 3
     clusters: Annotated[int, msgspec.Meta(ge=1, le=MAX_CLUSTERS)] | None = None
-    axes: Annotated[str, msgspec.Meta(min_length=1, max_length=LONGEST_CHANNEL)] = "joint"
+    axes: Annotated[str, msgspec.Meta(min_length=1, max_length=LONGEST_CHANNEL)] = JOINT
     clusterer: Literal["kmeans", "hdbscan", "gaussian_mixture"] = "kmeans"
     campaigns: Annotated[tuple[CampaignNumber, ...], msgspec.Meta(max_length=MAX_CAMPAIGNS)] = ()
     bootstrap: Annotated[int, msgspec.Meta(ge=0, le=MAX_RESAMPLES)] = 20

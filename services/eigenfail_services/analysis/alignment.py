@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values import AXES, AnalysisSettings, Floats, InfluenceShare, Moment
+from eigenfail.values.analysis import JOINT
 from eigenfail.values.records import Failures
 
 BLOCK = 4096
@@ -50,10 +51,6 @@ class AtCollision:
 
 
 ALIGNMENTS: dict[str, Alignment] = {"start": AtStart(), "collision": AtCollision()}
-
-
-JOINT = "joint"
-"""The choice of `axes` that analyses all channels together."""
 
 
 def choose_columns(axes: str, channels: Sequence[str]) -> tuple[int, ...]:

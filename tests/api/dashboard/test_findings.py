@@ -8,6 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.values import (
+    AXES,
     AnalysedCampaign,
     AnalysisSettings,
     Estimate,
@@ -131,8 +132,8 @@ def test_failures_of_several_campaigns_lead_to_their_own(found):
 def test_training_is_drawn_by_interval_with_its_table(found):
     intervals = (interval(0, 0), *(interval(place, 3) for place in range(1, 10)))
     mean, components = make_training_charts(replace(found, training=intervals))
-    assert mean.data["lateral"][0] == []
-    assert mean.data["lateral"][3] == [[3.0] * 4]
+    assert mean.data["channels"]["lateral"][0] == []
+    assert mean.data["channels"]["lateral"][3] == [[3.0] * 4]
     assert mean.columns[:2] == ("Step", "longitudinal 0 – 10 %")
     assert len(mean.rows[0]) == len(mean.columns) == 21
     assert mean.rows[2][4] == "3.00"
@@ -144,7 +145,7 @@ def test_training_is_drawn_by_interval_with_its_table(found):
 def test_long_episodes_are_thinned_for_the_screen(found):
     long = tuple(interval(place, 3, steps=5_000) for place in range(10))
     mean, _ = make_training_charts(replace(found, training=long))
-    assert len(mean.data["steps"]) == len(mean.data["lateral"][0][0]) == MOST_STEPS
+    assert len(mean.data["steps"]) == len(mean.data["channels"]["lateral"][0][0]) == MOST_STEPS
     assert len(mean.rows) == 5_000
 
 
@@ -153,14 +154,12 @@ def test_nothing_is_drawn_of_training_that_was_not_looked_at(found):
 
 
 def test_what_was_asked_for_in_words():
-    words = ", ".join(
-        describe_settings(AnalysisSettings(align="collision", axes="lateral", campaigns=(2, 3)))
-    )
-    assert words == (
+    settings = AnalysisSettings(align="collision", axes="lateral", campaigns=(2, 3))
+    assert ", ".join(describe_settings(settings, AXES)) == (
         "aligned at collision, the lateral axis alone, 3 components, K-means, modes: auto, "
         "bootstrap 20, failures: latest, eigenfailures: median, with campaigns 2, 3"
     )
-    assert "no bootstrap" in tuple(describe_settings(AnalysisSettings(bootstrap=0)))
+    assert "no bootstrap" in tuple(describe_settings(AnalysisSettings(bootstrap=0), AXES))
 
 
 def test_the_form_has_every_setting_and_the_analysis_its_own_in_it(http, campaign, store):

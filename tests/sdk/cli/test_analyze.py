@@ -10,7 +10,14 @@ from eigenfail.presentation.analyses import (
     describe_influence,
     format_moment,
 )
-from eigenfail.values import AnalysisResult, InfluenceShare, Interval, Moment, Stability
+from eigenfail.values import (
+    AXES,
+    AnalysisResult,
+    InfluenceShare,
+    Interval,
+    Moment,
+    Stability,
+)
 
 NOTHING = np.zeros((0, 2), np.float32)
 BARE = AnalysisResult(
@@ -48,6 +55,7 @@ def test_wrong_options_are_refused_in_words(check_session, done):
         ("--clusterer", "hdbscan", "--clusters", 3),
         ("--bootstrap", -1),
         ("--clusterer", "ward"),
+        ("--axes", "latral"),
     )
     check_session("cli/errors/analyze", *(("analyze", done, *options) for options in wrong))
 
@@ -84,11 +92,11 @@ def test_findings_in_words():
 
 def test_the_share_of_the_last_seconds_in_words():
     share = InfluenceShare(seconds=2.0, time=0.25, longitudinal=0.5, lateral=None, both=0.5)
-    assert describe_influence(share) == (
+    assert describe_influence(share, AXES) == (
         "The last 2 s before the collision, 25.0 % of the time, hold 50.0 % of the influence "
         "(longitudinal 50.0 %)."
     )
-    assert "differ in no step" in describe_influence(replace(share, both=None))
+    assert "differ in no step" in describe_influence(replace(share, both=None), AXES)
 
 
 def test_a_verdict_says_which_test_failed():

@@ -19,6 +19,7 @@ from eigenfail.presentation.campaigns import (
 )
 from eigenfail.presentation.episodes import list_measures, tabulate_thresholds
 from eigenfail.values import (
+    AXES,
     AnalysisResult,
     CampaignCost,
     Comparison,
@@ -133,7 +134,9 @@ def test_an_analysis_of_an_earlier_release_has_no_remarks_on_what_it_did_not_mea
 
 def test_no_influence_at_all_is_said_and_its_shares_are_dashes():
     nothing = share_of(2.0, 0.2, None, None, None)
-    assert describe_influence(nothing) == ("Failures differ in no step of the last 2 s or before.")
+    assert describe_influence(nothing, AXES) == (
+        "Failures differ in no step of the last 2 s or before."
+    )
     table = tabulate_influence(analysis(before_collision=(nothing,)))
     assert texts(table) == [("Last 2 s", "20.0 %", "–", "–", "–")]
 

@@ -2,18 +2,21 @@
 import { axis, compact, grid, legend, tip, tooltip, yAxis } from "./parts.js";
 import { colour, dash, mark, symbol } from "./theme.js";
 
-const AXES = ["longitudinal", "lateral"];
+const PANEL_PX = 190;
+const SINGLE_PX = 240;
 
-export function eigenfailures(values) {
-  const modes = values.longitudinal.map((_, mode) => `mode ${mode + 1}`);
+export function eigenfailures({ channels, bands: limits }) {
+  const names = Object.keys(channels);
+  const modes = channels[names[0]].map((_, mode) => `mode ${mode + 1}`);
+  const last = names.length - 1;
   return {
-    height: 380,
+    height: last ? PANEL_PX * names.length : SINGLE_PX,
     legend: legend({ data: modes, itemWidth: 30 }),
-    grid: [grid({ bottom: "54%" }), grid({ top: "54%" })],
-    xAxis: AXES.map((_, panel) => axis(panel ? "Step" : "", { gridIndex: panel })),
-    yAxis: AXES.map((name, panel) => yAxis(`${name} [sigma]`, { gridIndex: panel })),
+    grid: names.map((_, panel) => grid(place(panel, names.length))),
+    xAxis: names.map((_, panel) => axis(panel === last ? "Step" : "", { gridIndex: panel })),
+    yAxis: names.map((name, panel) => yAxis(`${name} [sigma]`, { gridIndex: panel })),
     tooltip: tooltip(({ seriesName, data }) => tip(seriesName, [`step ${data[0]}: ${compact(data[1])} sigma`])),
-    series: [...AXES.flatMap((name, panel) => values[name].map((z, mode) => ({
+    series: [...names.flatMap((name, panel) => channels[name].map((z, mode) => ({
       name: modes[mode],
       type: "line",
       xAxisIndex: panel,
@@ -24,7 +27,16 @@ export function eigenfailures(values) {
       showSymbol: false,
       itemStyle: { color: mark(mode) },
       lineStyle: { color: mark(mode), type: dash(mode), width: 2 },
-    }))), ...AXES.flatMap((name, panel) => bands(values.bands?.[name] ?? [], modes, panel))],
+    }))), ...names.flatMap((name, panel) => bands(limits?.[name] ?? [], modes, panel))],
+  };
+}
+
+// Panels stand one below the other; the first leaves room for the legend, the last for its name.
+function place(panel, panels) {
+  const upTo = (count) => `${(100 * count + 8) / panels}%`;
+  return {
+    ...(panel ? { top: upTo(panel) } : {}),
+    ...(panel < panels - 1 ? { bottom: upTo(panels - 1 - panel) } : {}),
   };
 }
 
@@ -91,35 +103,36 @@ export function explained({ share, cumulated }) {
   };
 }
 
-export function influence(values) {
+export function influence({ channels, moments: marked }) {
+  const lines = Object.entries(channels);
   return {
     grid: grid(),
     legend: legend({ itemWidth: 30 }),
     xAxis: axis("Step"),
     yAxis: yAxis("Influence", { min: 0 }),
     tooltip: tooltip(({ seriesName, data }) => tip(seriesName, [`step ${data[0]}: ${compact(data[1])}`, data[2] ?? ""])),
-    series: [...AXES.map((name, position) => ({
+    series: [...lines.map(([name, weights], position) => ({
       name,
       type: "line",
-      data: values[name].map((value, step) => [step, value]),
+      data: weights.map((value, step) => [step, value]),
       symbol: "circle",
       symbolSize: 8,
       showSymbol: false,
       itemStyle: { color: mark(position) },
       lineStyle: { color: mark(position), type: dash(position), width: 2 },
-    })), ...AXES.map((name, position) => moments(name, position, values))],
+    })), ...lines.map(([name, weights], position) => moments(name, position, weights, marked))],
   };
 }
 
-function moments(name, position, values) {
+function moments(name, position, weights, marked) {
   return {
     name,
     type: "scatter",
     symbol: symbol(position + 2),
     symbolSize: 11,
     itemStyle: { color: mark(position) },
-    data: values.moments
+    data: marked
       .filter((moment) => moment.axis === name)
-      .map((moment) => [moment.step, values[name][moment.step], moment.time]),
+      .map((moment) => [moment.step, weights[moment.step], moment.time]),
   };
 }

@@ -2,13 +2,12 @@
 import { axis, compact, grid, legend, tip, tooltip, yAxis } from "./parts.js";
 import { colour, dash, mark } from "./theme.js";
 
-const AXES = ["longitudinal", "lateral"];
 const BAND_SIGMA = 2;
 
 // Multiples of a step of time carry errors of rounding, which a tick would tell.
 const DIGITS = 6;
 
-export function noise({ axis: name, end, time, ...values }) {
+export function noise({ axis: name, end, time, channels }) {
   return {
     height: 220,
     grid: grid(),
@@ -16,7 +15,7 @@ export function noise({ axis: name, end, time, ...values }) {
     xAxis: axis(name, { min: 0, max: Number(end.toPrecision(DIGITS)) }),
     yAxis: yAxis("Noise [sigma]"),
     tooltip: tooltip(({ seriesName, data }) => tip(seriesName, [`${compact(data[0])}: ${compact(data[1])} sigma`])),
-    series: [...AXES.map((way, position) => line(way, position, time, values[way]))],
+    series: Object.entries(channels).map(([way, z], position) => line(way, position, time, z)),
   };
 }
 

@@ -2,17 +2,18 @@
 import { axis, compact, legend, tip, tooltip } from "./parts.js";
 import { colour, dash, mark } from "./theme.js";
 
-const AXES = ["longitudinal", "lateral"];
 const NARROW_PX = 620;
 const PANEL_PX = 380;
+const BESIDE = 2;
 const HEADING_PX = 22;
 const SWING = 0.9;
 
 export function training(values, width) {
   const stacked = width < NARROW_PX;
+  const channels = Object.entries(values.channels);
   const top = topOf(values, stacked);
   return {
-    height: top + (stacked ? 2 * PANEL_PX : PANEL_PX),
+    height: top + PANEL_PX * Math.ceil(channels.length / (stacked ? 1 : BESIDE)),
     legend: legend({
       data: values.names.length > 1 ? values.names : [],
       selected: Object.fromEntries(values.names.map((name, position) => [name, !position])),
@@ -20,13 +21,13 @@ export function training(values, width) {
       inactiveColor: colour("muted"),
       inactiveBorderColor: colour("muted"),
     }),
-    grid: AXES.map((_, panel) => place(panel, stacked, top)),
-    xAxis: AXES.map((_, panel) => axis("Step", { gridIndex: panel, nameGap: 26, max: "dataMax" })),
-    yAxis: AXES.map((name, panel) => rows(name, panel, values)),
+    grid: channels.map((_, panel) => place(panel, stacked, top)),
+    xAxis: channels.map((_, panel) => axis("Step", { gridIndex: panel, nameGap: 26, max: "dataMax" })),
+    yAxis: channels.map(([name, intervals], panel) => rows(name, intervals, panel, values)),
     tooltip: tooltip(({ seriesName, data }) => tip(`Episodes ${data[3]}`, [
       seriesName, `step ${data[0]}: ${compact(data[2])}`,
     ])),
-    series: AXES.flatMap((name, panel) => lines(name, panel, values)),
+    series: channels.flatMap(([, intervals], panel) => lines(intervals, panel, values)),
   };
 }
 
@@ -39,18 +40,18 @@ function topOf({ names }, stacked) {
 function place(panel, stacked, top) {
   const height = PANEL_PX - HEADING_PX - 50;
   if (stacked) return { left: 74, right: 12, top: top + HEADING_PX + panel * PANEL_PX, height };
-  return { left: panel ? "59%" : 74, width: "38%", top: top + HEADING_PX, height };
+  const row = Math.floor(panel / BESIDE);
+  return { left: panel % BESIDE ? "59%" : 74, width: "38%", top: top + HEADING_PX + row * PANEL_PX, height };
 }
 
 // Where it swings by as much as a row is high, a line reaches the next one.
-const heading = (name, { unit, ...values }) => (
-  `${name[0].toUpperCase()}${name.slice(1)}: a row is ${`${compact(scaleOf(values[name]))} ${unit}`.trim()} high`
+const heading = (name, intervals, unit) => (
+  `${name[0].toUpperCase()}${name.slice(1)}: a row is ${`${compact(scaleOf(intervals))} ${unit}`.trim()} high`
 );
 
-function rows(name, panel, values) {
-  const { spans } = values;
+function rows(name, intervals, panel, { spans, unit }) {
   const last = spans.length - 1;
-  return axis(heading(name, values), {
+  return axis(heading(name, intervals, unit), {
     gridIndex: panel,
     nameLocation: "start",
     nameGap: 8,
@@ -64,9 +65,9 @@ function rows(name, panel, values) {
   });
 }
 
-function lines(name, panel, { names, steps, spans, ...values }) {
-  const scale = scaleOf(values[name]);
-  return values[name].flatMap((interval, row) => interval.map((line, position) => ({
+function lines(intervals, panel, { names, steps, spans }) {
+  const scale = scaleOf(intervals);
+  return intervals.flatMap((interval, row) => interval.map((line, position) => ({
     name: names[position],
     type: "line",
     xAxisIndex: panel,
@@ -80,7 +81,7 @@ function lines(name, panel, { names, steps, spans, ...values }) {
   })));
 }
 
-// The largest swing of an axis: what the distance between two rows stands for.
+// The largest swing of a channel: what the distance between two rows stands for.
 function scaleOf(intervals) {
   return Math.max(...intervals.flat(2).map(Math.abs), 1e-9);
 }
