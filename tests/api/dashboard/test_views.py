@@ -5,6 +5,7 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.values import (
+    AXES,
     Campaign,
     CampaignSpec,
     CampaignState,
@@ -168,7 +169,8 @@ def test_the_peak_of_an_eigenfailure_in_words():
     z = np.zeros((50, 2), np.float32)
     z[10, 0], z[38, 1] = 1.0, -2.345
     mode = FailureMode(3, 7, np.zeros(1, np.float32), z)
-    assert describe_peak(mode) == "2.3 sigma towards −y at step 38"
+    assert describe_peak(mode, AXES) == "2.3 sigma towards −y at step 38"
+    assert describe_peak(mode, ("gust", "bias")) == "2.3 sigma of negative bias at step 38"
 
 
 def test_the_nearest_vehicle_may_change():

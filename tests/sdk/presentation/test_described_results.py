@@ -1,6 +1,8 @@
 """Results as a terminal, a page and a report word them, from values that are known."""
 
 import numpy as np
+import pytest
+from msgspec.structs import replace
 
 from eigenfail.explanations import find_moments
 from eigenfail.presentation.analyses import (
@@ -9,6 +11,7 @@ from eigenfail.presentation.analyses import (
     describe_influence,
     format_moment,
     tabulate_influence,
+    tabulate_modes,
     tabulate_moments,
     tabulate_sources,
 )
@@ -134,11 +137,48 @@ def test_an_analysis_of_an_earlier_release_has_no_remarks_on_what_it_did_not_mea
 
 def test_no_influence_at_all_is_said_and_its_shares_are_dashes():
     nothing = share_of(2.0, 0.2, None, None, None)
-    assert describe_influence(nothing, AXES) == (
-        "Failures differ in no step of the last 2 s or before."
-    )
+    words = "Failures differ in no step of the last 2 s or before."
+    assert describe_influence(nothing, AXES) == words
     table = tabulate_influence(analysis(before_collision=(nothing,)))
     assert texts(table) == [("Last 2 s", "20.0 %", "–", "–", "–")]
+
+
+@pytest.mark.parametrize("count", [1, 3, 5])
+def test_tables_and_findings_have_the_names_of_the_channels(count):
+    channels = ("gust", "drift", "bias", "glare", "delay")[:count]
+    z = np.zeros((9, count), np.float32)
+    z[4, -1] = -2.0
+    share = InfluenceShare(
+        seconds=1.0,
+        time=0.1,
+        longitudinal=None,
+        lateral=None,
+        both=0.5,
+        channels=(None,) * (count - 1) + (0.25,),
+    )
+    mode = FailureMode(3, 1, NONE, z)
+    found = replace(
+        analysis(moments=(moment(channels[-1], 4, None),), before_collision=(share,)),
+        channels=channels,
+        modes=(mode,),
+    )
+    labels = [column.heading for column in tabulate_modes(1, found).columns]
+    assert labels[3:-1] == [
+        *(f"Mean {name} [sigma]" for name in channels),
+        *(f"Peak {name}" for name in channels),
+    ]
+    (row,) = texts(tabulate_modes(1, found))
+    assert row[3 + count : -1] == ("0 at step 0",) * (count - 1) + ("−2.00 at step 4",)
+    name = channels[-1].capitalize()
+    assert texts(tabulate_moments(found)) == [(name, "at step 4", "0.250")]
+    assert tabulate_moments(found).columns[0].title == "Channel"
+    titles = [column.title for column in tabulate_influence(found).columns]
+    assert titles == ["Time", "Of the time", *(each.capitalize() for each in channels), "All"]
+    dashes = ("–",) * (count - 1)
+    assert texts(tabulate_influence(found)) == [("Last 1 s", "10.0 %", *dashes, "25.0 %", "50.0 %")]
+    told = list(describe_findings(found))
+    assert f"{name} noise differs most between failures at step 4." in told
+    assert any(sentence.endswith(f"({channels[-1]} 25.0 %).") for sentence in told)
 
 
 def test_moments_and_sources_are_tables():
