@@ -243,7 +243,7 @@ def data(numbers, **fields) -> CampaignSpec:
 
 def experience_of(spec: CampaignSpec, store):
     found = find_references(resolve_campaign(spec), store)
-    return read_experience(found.references.data, found.horizon, store)
+    return read_experience(found, store)
 
 
 def test_experience_is_all_that_was_completed(house: House, monkeypatch) -> None:

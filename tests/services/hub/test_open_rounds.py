@@ -21,6 +21,7 @@ from eigenfail.wire.messages import PROTOCOL, Hello
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.open_rounds import MAX_REFUSALS, OpenRounds
 from eigenfail_services.store import open_store
+from eigenfail_services.store.codec import find_noise_form
 
 TASKS = tuple(EpisodeTask(index, index, PriorSource()) for index in range(4))
 ROUNDS = Round(0, TASKS[:2]), Round(1, TASKS[2:])
@@ -34,8 +35,8 @@ class Opened:
         self.store, self.leases = open_store("memory://"), Leases()
         self.campaign = self.store.campaigns.create(spec).id
         self.leases.open_session(b"w", Hello(PROTOCOL, "w", 256), 0.0)
-        shape = spec.setup().disturbance.shape
-        self.rounds = OpenRounds(self.campaign, shape, self.store, self.leases, observes=observes)
+        form = find_noise_form(spec)
+        self.rounds = OpenRounds(self.campaign, form, self.store, self.leases, observes=observes)
 
     def leased(self) -> list[int]:
         return sorted(task.index for each in self.leases.assign() for task in each.tasks)
