@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.settings import read_settings
-from eigenfail.values import AXES, CampaignSpec, DisturbanceModel, White
+from eigenfail.values import AXES, CampaignSpec, Correlated, DisturbanceModel, White
 
 SIMULATOR = SCENARIO = "function"
 """What a campaign names as its simulator and its scenario, if a function is under test."""
@@ -59,7 +59,8 @@ class FunctionUnderTest:
     """A function that is declared to be a system under test; called, it is the function itself.
 
     Args:
-        function: from noise, shape (*leading, steps, 2) [sigma], to robustness, shape (*leading,).
+        function: from noise, shape (*leading, steps, channels) [sigma], to robustness, shape
+            (*leading,).
         leading: (), or (1,) for a function of a batch.
     """
 
@@ -74,7 +75,7 @@ class FunctionUnderTest:
 
 
 def of_trajectory(function: Callable[[Noise], Any]) -> FunctionUnderTest:
-    """Declare a function of one noise trajectory, shape (steps, 2) [sigma], to be under test.
+    """Declare a function of one noise trajectory, shape (steps, channels) [sigma], as under test.
 
     It answers the robustness, one finite number: a failure where it is 0 or less.
     """
@@ -82,7 +83,7 @@ def of_trajectory(function: Callable[[Noise], Any]) -> FunctionUnderTest:
 
 
 def of_batch(function: Callable[[Noise], Any]) -> FunctionUnderTest:
-    """Declare a function of a batch of them, shape (n, steps, 2) [sigma], to be under test.
+    """Declare a function of a batch of them, shape (n, steps, channels) [sigma], as under test.
 
     It answers their robustness, shape (n,). Episodes are handed to it one at a time, n = 1: the
     last bits of many batched products depend on n, and an episode must not.
@@ -108,7 +109,15 @@ def check(spec: CampaignSpec) -> FunctionParameters:
     if replace(spec.disturbance, scale=1.0, shape=White()) != DisturbanceModel():
         remedy = "Set `scale` and `shape` alone: there is no distance that sigma could grow with."
         raise InvalidValue("disturbance", "slopes and bases do not apply to functions.", remedy)
-    return read_settings(FunctionParameters, spec.scenario_parameters, "scenario_parameters")
+    given = read_settings(FunctionParameters, spec.scenario_parameters, "scenario_parameters")
+    if len(set(given.channels)) < len(given.channels):
+        remedy = "Give each channel a name of its own."
+        raise InvalidValue("scenario_parameters.channels", "two channels have one name.", remedy)
+    if isinstance(spec.disturbance.shape, Correlated) and given.channels != AXES:
+        problem = f"ar1 correlates {AXES[0]} and {AXES[1]} noise only, and channels are named here."
+        remedy = "Take white or student_t, or leave `channels` out."
+        raise InvalidValue("disturbance.shape", problem, remedy)
+    return given
 
 
 def require_module(place: str) -> None:

@@ -6,9 +6,10 @@ import pytest
 
 from eigenfail.cli import connection
 from eigenfail.errors import InvalidValue, ServiceError
-from eigenfail.functions import ALLOWED_VARIABLE, allow, allow_of, refuse_unlisted
+from eigenfail.functions import ALLOWED_VARIABLE, allow, allow_of, check, refuse_unlisted
 from eigenfail.hosting.service import Plan
-from eigenfail.values import CampaignSpec
+from eigenfail.values import AXES, CampaignSpec, Correlated, DisturbanceModel, HeavyTailed
+from eigenfail.worlds import world_of
 
 ON = {"name": "n", "method": "monte_carlo", "episodes": 1, "scenario": "function"}
 
@@ -22,6 +23,42 @@ def nothing_listed(monkeypatch):
 
 def spec(place, simulator="function"):
     return CampaignSpec(**ON, simulator=simulator, planner=place, scenario_parameters={"steps": 2})
+
+
+def with_channels(channels, **fields):
+    return CampaignSpec(
+        **ON | fields,
+        simulator="function",
+        planner="a:f",
+        scenario_parameters={"steps": 2} | ({} if channels is None else {"channels": channels}),
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "names"), [(None, AXES), (["wind"], ("wind",)), (["b", "a", "c"], ("b", "a", "c"))]
+)
+def test_channels_are_those_that_the_campaign_names_in_its_order(given, names):
+    spec = with_channels(given)
+    assert world_of("function").channels(spec) == names
+    assert world_of("highway").channels(spec) == AXES
+
+
+@pytest.mark.parametrize(
+    "given", [[], ["a", "a"], ["A"], ["a b"], ["1"], [1], "a", 2, {"a": 1}, ["a" * 33], ["a"] * 51]
+)
+def test_channels_without_names_of_their_own_are_refused(given):
+    with pytest.raises(InvalidValue) as refused:
+        world_of("function").channels(with_channels(given))
+    assert refused.value.field.startswith("scenario_parameters.channels")
+
+
+@pytest.mark.parametrize("channels", [["wind"], ["b", "a", "c"], ["lateral", "longitudinal"]])
+def test_noise_that_is_correlated_by_axis_needs_the_axes(channels):
+    correlated = DisturbanceModel(shape=Correlated())
+    with pytest.raises(InvalidValue, match="ar1 correlates longitudinal and lateral noise only"):
+        check(with_channels(channels, disturbance=correlated))
+    check(with_channels(None, disturbance=correlated))
+    check(with_channels(channels, disturbance=DisturbanceModel(shape=HeavyTailed())))
 
 
 def is_listed(module):

@@ -60,7 +60,8 @@ class EpisodeDriver:
         sigma = compute_deviations(self._model, observation.ego, actor)
         z = self._noise.draw(observation, actor)
         recorder.add_disturbance(z, sigma)
-        return self._conversion.to_metres(z, sigma)
+        longitudinal_m, lateral_m = self._conversion.to_metres(z, sigma)
+        return longitudinal_m, lateral_m
 
 
 def run_episode(

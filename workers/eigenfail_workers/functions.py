@@ -29,6 +29,7 @@ from eigenfail.functions import (
 from eigenfail.process_state import ProcessState
 from eigenfail.settings import read_settings
 from eigenfail.values import (
+    AXES,
     DisturbanceModel,
     EpisodeResult,
     EpisodeSetup,
@@ -68,6 +69,7 @@ class FunctionEngine:
         steps: length of a noise trajectory.
         model: model of the disturbances; only its scale and its shape count.
         limit_s: wall time that one call may take.
+        channels: number of channels of the noise.
     """
 
     def __init__(
@@ -76,11 +78,12 @@ class FunctionEngine:
         steps: int,
         model: DisturbanceModel = DisturbanceModel(),  # noqa: B008 - it is frozen
         limit_s: float = LIMIT_S,
+        channels: int = len(AXES),
     ) -> None:
         self._function = function
         self._steps = steps
         self._shape = model.shape
-        self._sigma = np.full((steps, 2), to_float32(model.scale), np.float32)
+        self._sigma = np.full((steps, channels), to_float32(model.scale), np.float32)
         self._limit_s = limit_s
         self._policies: dict[int, Policy] = {}
         self._process_state = ProcessState()
@@ -118,7 +121,8 @@ class FunctionEngine:
 
     def _draw_noise(self, task: EpisodeTask) -> EpisodeResult:
         """Return a result with the noise of the episode, before its outcome is known."""
-        context = sources.NoiseContext(task.seed, self._steps, self._policies)
+        channels = self._sigma.shape[1]
+        context = sources.NoiseContext(task.seed, self._steps, self._policies, channels)
         source = sources.begin(task.source, context)
         seen = (Observation(step, NULL_VEHICLE, (NULL_VEHICLE,)) for step in range(self._steps))
         z = np.array([source.draw(observation, NULL_VEHICLE) for observation in seen], np.float32)
@@ -152,11 +156,12 @@ def make_function_engine(setup: EpisodeSetup) -> FunctionEngine:
     """
     given = read_settings(FunctionParameters, setup.scenario_parameters, "scenario_parameters")
     function = find_function(setup.planner)
-    return FunctionEngine(function, given.steps, setup.disturbance, given.limit_s)
+    channels = len(given.channels)
+    return FunctionEngine(function, given.steps, setup.disturbance, given.limit_s, channels)
 
 
 def _compute_robustness(function: FunctionUnderTest, noise: Noise, limit_s: float) -> float:
-    """Return the answer of the function to noise of shape (steps, 2) [sigma].
+    """Return the answer of the function to noise of shape (steps, channels) [sigma].
 
     Raises:
         SimulatorError: the function raised, took too long, or did not return one finite number.

@@ -137,6 +137,9 @@ _log_stretch = lru_cache(maxsize=16)(LogStretch)
 Pair = tuple[float, float]
 """A longitudinal and a lateral value."""
 
+Row = tuple[float, ...]
+"""A value for each channel, at one step."""
+
 Slopes = NDArray[np.float64]
 
 Correlation = Annotated[float, msgspec.Meta(ge=0.0, lt=1.0)]
@@ -145,16 +148,16 @@ Correlation = Annotated[float, msgspec.Meta(ge=0.0, lt=1.0)]
 class White(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="white"):
     """The paper's noise: normal, and independent at every step. u = z."""
 
-    def step(self, z: Pair, _before: Pair | None) -> Pair:
+    def step(self, z: Row, _before: Row | None) -> Row:
         """u_t of z_t."""
         return z
 
-    def step_back(self, u: Pair, _before: Pair | None) -> Pair:
+    def step_back(self, u: Row, _before: Row | None) -> Row:
         """z_t of u_t."""
         return u
 
     def log_slopes(self, z: Slopes) -> Slopes:
-        """log |du_t / dz_t|, shape (steps, 2)."""
+        """log |du_t / dz_t|, shape (steps, channels)."""
         return np.zeros(z.shape)
 
     def in_words(self) -> str:
@@ -165,7 +168,7 @@ class White(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="
 class Correlated(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="ar1"
 ):
-    """An autoregressive process of order one on each axis, stationary from its first step.
+    """An autoregressive process of order one on each of two axes, stationary from its first step.
 
     u_0 = z_0, u_t = phi · u_{t-1} + sqrt(1 - phi²) · z_t (Box and Jenkins, Time Series Analysis,
     section 3.2), so that every u_t is standard normal and those k steps apart correlate by phi^k.
@@ -177,14 +180,14 @@ class Correlated(
     longitudinal_correlation: Correlation = 0.8
     lateral_correlation: Correlation = 0.8
 
-    def step(self, z: Pair, before: Pair | None) -> Pair:
+    def step(self, z: Row, before: Row | None) -> Row:
         """u_t of z_t and u_{t-1}; None stands before the first step."""
         if before is None:
             return z
         (phi_x, phi_y), (new_x, new_y) = self._kept, self._new
         return phi_x * before[0] + new_x * z[0], phi_y * before[1] + new_y * z[1]
 
-    def step_back(self, u: Pair, before: Pair | None) -> Pair:
+    def step_back(self, u: Row, before: Row | None) -> Row:
         """z_t of u_t and u_{t-1}."""
         if before is None:
             return u
@@ -227,20 +230,18 @@ class HeavyTailed(
 
     degrees_of_freedom: Annotated[float, msgspec.Meta(gt=2.0, le=1000.0)] = 5.0
 
-    def step(self, z: Pair, _before: Pair | None) -> Pair:
+    def step(self, z: Row, _before: Row | None) -> Row:
         """u_t of z_t."""
-        nu = self.degrees_of_freedom
-        unit = self._unit
-        return unit * map_normal_to_t(z[0], nu), unit * map_normal_to_t(z[1], nu)
+        nu, unit = self.degrees_of_freedom, self._unit
+        return tuple([unit * map_normal_to_t(each, nu) for each in z])
 
-    def step_back(self, u: Pair, _before: Pair | None) -> Pair:
+    def step_back(self, u: Row, _before: Row | None) -> Row:
         """z_t of u_t."""
-        nu = self.degrees_of_freedom
-        unit = self._unit
-        return map_t_to_normal(u[0] / unit, nu), map_t_to_normal(u[1] / unit, nu)
+        nu, unit = self.degrees_of_freedom, self._unit
+        return tuple([map_t_to_normal(each / unit, nu) for each in u])
 
     def log_slopes(self, z: Slopes) -> Slopes:
-        """log |du_t / dz_t|, shape (steps, 2)."""
+        """log |du_t / dz_t|, shape (steps, channels)."""
         slopes = [log_t_slope(each, self.degrees_of_freedom) for each in z.ravel().tolist()]
         return np.array(slopes).reshape(z.shape) + log(self._unit)
 
@@ -290,23 +291,23 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 class Conversion:
     """Converts the noise of one episode, step by step from its start, in either direction.
 
-    Metres are added to the perceived position of the nearest vehicle; should another vehicle
-    become the nearest, the noise goes on.
+    On a road, metres are added to the perceived position of the nearest vehicle; should another
+    vehicle become the nearest, the noise goes on.
     """
 
     def __init__(self, shape: Shape) -> None:
         self._shape = shape
-        self._before: Pair | None = None
+        self._before: Row | None = None
 
-    def to_metres(self, z: Pair, sigma: Pair) -> Pair:
-        """a_t = sigma_t · u_t, longitudinal and lateral. [m]"""
+    def to_metres(self, z: Row, sigma: Row) -> Row:
+        """a_t = sigma_t · u_t, on a road in metres."""
         u = self._shape.step(z, self._before)
         self._before = u
-        return u[0] * sigma[0], u[1] * sigma[1]
+        return tuple([each * at for each, at in zip(u, sigma, strict=True)])
 
-    def to_z(self, a: Pair, sigma: Pair) -> Pair:
-        """z_t of the metres injected at that sigma."""
-        u = a[0] / sigma[0], a[1] / sigma[1]
+    def to_z(self, a: Row, sigma: Row) -> Row:
+        """z_t of what was injected at that sigma."""
+        u = tuple([each / at for each, at in zip(a, sigma, strict=True)])
         z = self._shape.step_back(u, self._before)
         self._before = u
         return z
@@ -326,8 +327,9 @@ class NoiseTrajectory(Brief, Tabular, msgspec.Struct, frozen=True, eq=False, dic
     """The disturbances of one episode, step by step, up to its end.
 
     Attributes:
-        z: the standard normal draws behind the noise, shape (steps, 2): longitudinal, lateral.
-        sigma: standard deviations at each step, shape (steps, 2). [m]
+        z: the standard normal draws behind the noise, shape (steps, channels); on a road the
+            channels are `AXES`.
+        sigma: standard deviations at each step, shape (steps, channels). [m]
         shape: how the noise came of z.
     """
 
@@ -337,18 +339,18 @@ class NoiseTrajectory(Brief, Tabular, msgspec.Struct, frozen=True, eq=False, dic
 
     @classmethod
     def from_metres(cls, metres: Doubles, sigma: Floats, shape: Shape) -> "NoiseTrajectory":
-        """The noise that injects these disturbances, shape (steps, 2), to float32's precision."""
+        """The noise that injects these, shape (steps, channels), to the precision of float32."""
         z = _convert(Conversion(shape).to_z, metres, sigma)
         return cls(z.astype(np.float32), sigma, shape)
 
     @cached_property
     def metres(self) -> Doubles:
-        """The disturbances a_t added to the perceived position, shape (steps, 2). [m]"""
+        """The disturbances a_t added to what is perceived, shape (steps, channels). [m]"""
         return _convert(Conversion(self.shape).to_metres, self.z, self.sigma)
 
     @cached_property
     def standardised(self) -> Doubles:
-        """u_t = a_t / sigma_t, of mean 0 and variance 1, shape (steps, 2). [sigma]"""
+        """u_t = a_t / sigma_t, of mean 0 and variance 1, shape (steps, channels). [sigma]"""
         return _convert(Conversion(self.shape).to_metres, self.z, np.ones_like(self.z))
 
     @cached_property
@@ -361,7 +363,7 @@ class NoiseTrajectory(Brief, Tabular, msgspec.Struct, frozen=True, eq=False, dic
     def log_probability_per_step(self) -> Doubles:
         """log p(a_t | a_1 … a_{t-1}) of every step, shape (steps,); a in metres.
 
-        On each axis log N(z_t) - log sigma_t - log |du_t/dz_t|: a change of variables whose
+        On each channel log N(z_t) - log sigma_t - log |du_t/dz_t|: a change of variables whose
         Jacobian is triangular, since u_t depends on no later z.
         """
         return self._find_log_densities()
@@ -370,12 +372,13 @@ class NoiseTrajectory(Brief, Tabular, msgspec.Struct, frozen=True, eq=False, dic
         z, sigma = self.z.astype(np.float64), self.sigma.astype(np.float64)
         density: Doubles = -0.5 * z**2 - np.log(sigma) - LOG_SQRT_TWO_PI
         density -= self.shape.log_slopes(z)
-        return density[:, 0] + density[:, 1]
+        total: Doubles = density.sum(axis=1)
+        return total
 
 
 def _convert(
-    step: Callable[[Pair, Pair], Pair], values: NDArray[np.floating], sigma: Floats
+    step: Callable[[Row, Row], Row], values: NDArray[np.floating], sigma: Floats
 ) -> Doubles:
     """Every row of an array with its sigma taken through one step of a conversion."""
     rows = zip(values.tolist(), sigma.tolist(), strict=True)
-    return np.array([step(value, at) for value, at in rows]).reshape(-1, 2)
+    return np.array([step(value, at) for value, at in rows]).reshape(values.shape)

@@ -40,7 +40,7 @@ class Importance(StrEnum):
 
 
 class TrajectorySource(msgspec.Struct, frozen=True, eq=False, gc=False, tag="trajectory"):
-    """Inject this z, shape (steps, 2); after its end no noise is injected.
+    """Inject this z, shape (steps, channels); after its end no noise is injected.
 
     Attributes:
         importance: importance function whose values the result is to have; None for no values.

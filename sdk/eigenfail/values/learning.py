@@ -169,7 +169,7 @@ class LearnerContext(msgspec.Struct, frozen=True, eq=False):
     @property
     def channels(self) -> int:
         """The number of channels of the noise: components of z at each step."""
-        return self.trajectories.shape[2]
+        return int(self.trajectories.shape[2])
 
     def predecessor(self, campaign: int) -> Predecessor | None:
         """The learner of that campaign, if it is at hand."""

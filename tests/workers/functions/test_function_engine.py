@@ -27,7 +27,7 @@ from eigenfail.values import (
     White,
     episode_seed,
 )
-from eigenfail.values.learning import MOST_POLICIES
+from eigenfail.values.learning import MOST_POLICIES, count_state
 from eigenfail_workers.functions import FunctionEngine
 
 STEPS = 12
@@ -67,25 +67,28 @@ def layer(rows, columns, seed):
     return Layer(weight.astype(np.float32), bias.astype(np.float32))
 
 
-def policy(version=1, hold=3):
-    first = layer(16, len(STATE), 1)
-    return Policy(version, (first,), layer(2, 16, 2), layer(2, 16, 3), 2.5, hold)
+def policy(version=1, hold=3, channels=2):
+    first = layer(16, count_state(channels), 1)
+    outputs = layer(channels, 16, 2), layer(channels, 16, 3)
+    return Policy(version, (first,), *outputs, 2.5, hold)
 
 
 SOURCES = {
-    "prior": lambda _: PriorSource(),
-    "policy": lambda _: PolicySource(1),
-    "trajectory": lambda i: TrajectorySource(np.full((STEPS, 2), 0.1 * i, np.float32)),
+    "prior": lambda _i, _channels: PriorSource(),
+    "policy": lambda _i, _channels: PolicySource(1),
+    "trajectory": lambda i, channels: TrajectorySource(
+        np.full((STEPS, channels), 0.1 * i, np.float32)
+    ),
 }
 
 
-def tasks(count, kind="prior"):
-    return [EpisodeTask(i, episode_seed(7, i), SOURCES[kind](i)) for i in range(count)]
+def tasks(count, kind="prior", channels=2):
+    return [EpisodeTask(i, episode_seed(7, i), SOURCES[kind](i, channels)) for i in range(count)]
 
 
-def run(function, todo, **options):
-    engine = FunctionEngine(function, STEPS, **options)
-    engine.add_policy(policy())
+def run(function, todo, channels=2, **options):
+    engine = FunctionEngine(function, STEPS, channels=channels, **options)
+    engine.add_policy(policy(channels=channels))
     return list(engine.run(todo))
 
 
@@ -152,6 +155,32 @@ def test_a_replay_is_the_same_bit_for_bit(shape, kind):
     results = run(half_space, tasks(20, kind), model=model)
     again = [EpisodeTask(r.index, r.seed, TrajectorySource(r.noise.z)) for r in results]
     assert digests(run(half_space, again, model=model)) == digests(results)
+
+
+@pytest.mark.parametrize("channels", [1, 3, 5])
+@pytest.mark.parametrize("shape", [White(), HeavyTailed()])
+@pytest.mark.parametrize("kind", SOURCES)
+def test_a_function_is_given_as_many_channels_as_it_names(kind, shape, channels):
+    seen = []
+    spy = of_trajectory(lambda z: seen.append(z.copy()) or float(2.0 - z.max()))
+    model = DisturbanceModel(scale=0.5, shape=shape)
+    results = run(spy, tasks(20, kind, channels), channels, model=model)
+    assert Outcome.ERRORED not in {result.outcome for result in results}
+    assert {z.shape for z in seen} == {(STEPS, channels)}
+    for result, z in zip(results, seen, strict=True):
+        assert result.noise.metres.tolist() == z.tolist()
+        assert result.states is None or result.states.shape == (STEPS, count_state(channels))
+    again = [EpisodeTask(r.index, r.seed, TrajectorySource(r.noise.z)) for r in results]
+    assert digests(run(spy, again, channels, model=model)) == digests(results)
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+@pytest.mark.parametrize("kind", ["policy", "trajectory"])
+def test_noise_of_another_number_of_channels_fails_its_episode(kind, channels):
+    engine = FunctionEngine(half_space, STEPS, channels=channels)
+    engine.add_policy(policy(channels=2))
+    (result,) = engine.run(tasks(1, kind, channels=2))
+    assert result.outcome is Outcome.ERRORED
 
 
 def test_a_policy_sees_no_scene_but_progress_and_holds_its_choice():

@@ -1,6 +1,6 @@
 """The record of one episode: disturbances, observations and measures."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from math import inf, isfinite
 from typing import Any, Final, NamedTuple
 
@@ -18,7 +18,7 @@ from eigenfail.values import (
     VehicleState,
     White,
 )
-from eigenfail.values.disturbance import Pair
+from eigenfail.values.disturbance import Row
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
 from eigenfail_workers.measures.conflict import find_conflict
 from eigenfail_workers.measures.geometry import distance_lower_bound, separation, velocity
@@ -161,8 +161,8 @@ class Recorder:
         self._shape = shape
         self._importance = importance
         self._importances: list[float] = []
-        self._z: list[Pair] = []
-        self._sigma: list[Pair] = []
+        self._z: list[Row] = []
+        self._sigma: list[Row] = []
         self._course: list[Observation] = []
         self._robustness_m = inf
         self._violations = ViolationTracker()
@@ -180,7 +180,7 @@ class Recorder:
         """Whether the last observation was a collision."""
         return bool(self._course) and self._course[-1].collided
 
-    def add_disturbance(self, z: Pair, sigma: Pair) -> None:
+    def add_disturbance(self, z: Row, sigma: Row) -> None:
         """Add the disturbance of the next step; both pairs hold values of float32."""
         self._z.append(z)
         self._sigma.append(sigma)
@@ -299,6 +299,6 @@ def _pose(vehicle: VehicleState) -> tuple[float, float, float, float]:
     return vehicle.x_m, vehicle.y_m, vehicle.heading_rad, vehicle.speed_mps
 
 
-def _pairs(rows: list[Pair]) -> Floats:
+def _pairs(rows: Sequence[Row]) -> Floats:
     """An array of shape (rows, 2), also for no rows."""
     return np.array(rows, np.float32).reshape(-1, 2)

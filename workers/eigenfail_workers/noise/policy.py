@@ -13,22 +13,24 @@ import msgspec
 import numpy as np
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import STATE, Floats, Layer, Observation, Policy, VehicleState
-from eigenfail.values.disturbance import Pair
-from eigenfail.values.learning import MOST_POLICIES
+from eigenfail.values import AXES, STATE, Floats, Layer, Observation, Policy, VehicleState
+from eigenfail.values.disturbance import Row
+from eigenfail.values.learning import MOST_POLICIES, count_state
 
-ACTIONS = 2
 LOG_STD_MIN, LOG_STD_MAX = np.float32(-20.0), np.float32(2.0)
 
 
-def state_vector(observation: Observation, actor: VehicleState, last: Pair, horizon: int) -> Floats:
-    """Return what the adversary observes, shape (len(STATE),), in order and units of STATE.
+def state_vector(observation: Observation, actor: VehicleState, last: Row, horizon: int) -> Floats:
+    """Return what the adversary observes, in order and units of STATE.
 
     Args:
         observation: the truth at this step.
         actor: the vehicle whose position is disturbed.
         last: z of the step before. [sigma]
         horizon: the number of steps of a full episode.
+
+    Returns:
+        Shape (count_state(channels),), with a component for each value of `last`.
     """
     ego = observation.ego
     return np.array(
@@ -38,8 +40,7 @@ def state_vector(observation: Observation, actor: VehicleState, last: Pair, hori
             ego.speed_mps / 30.0,
             actor.speed_mps / 30.0,
             actor.heading_rad,
-            last[0] / 3.0,
-            last[1] / 3.0,
+            *[each / 3.0 for each in last],
             observation.step / horizon,
         ),
         np.float32,
@@ -47,7 +48,7 @@ def state_vector(observation: Observation, actor: VehicleState, last: Pair, hori
 
 
 def act(policy: Policy, state: Floats, eps: Floats) -> Floats:
-    """Return z = amplitude · tanh(mean + exp(log_std) · eps), in float32, shape (2,). [sigma]"""
+    """z = amplitude · tanh(mean + exp(log_std) · eps) of each channel, as float32. [sigma]"""
     hidden = state
     for layer in policy.hidden:
         hidden = np.maximum(_affine(layer, hidden), np.float32(0.0))
@@ -78,19 +79,19 @@ def _copy_layer(layer: Layer) -> Layer:
     return Layer(*(np.array(part, np.float32, order="C") for part in (layer.weight, layer.bias)))
 
 
-def validate_policy(policy: Policy) -> None:
-    """Check that a policy can act.
+def validate_policy(policy: Policy, channels: int = len(AXES)) -> None:
+    """Check that a policy can act on noise with that many channels.
 
     Raises:
         InvalidValue: its layers do not fit each other, hold NaN or infinity, or the number of
             steps for which it holds an action is not positive.
     """
-    width = len(STATE)
+    width = count_state(channels)
     for layer in policy.hidden:
         _check_layer(layer, (layer.bias.size, width))
         width = layer.bias.size
-    _check_layer(policy.mean, (ACTIONS, width))
-    _check_layer(policy.log_std, (ACTIONS, width))
+    _check_layer(policy.mean, (channels, width))
+    _check_layer(policy.log_std, (channels, width))
     if policy.hold < 1 or not 0.0 < policy.amplitude < np.inf:
         raise InvalidValue("policy", "hold must be at least 1 and the amplitude positive.")
 
@@ -102,29 +103,36 @@ def _check_layer(layer: Layer, shape: tuple[int, int]) -> None:
             "policy",
             f"a layer of weight {layer.weight.shape} and bias {layer.bias.shape} is not of shape "
             f"{shape} with finite numbers.",
-            f"The input is the state ({', '.join(STATE)}), the output z of {ACTIONS} axes.",
+            f"The input is the state ({', '.join(STATE)}), with a last noise of each channel, the "
+            "output z of each channel.",
         )
 
 
-def _pair(z: Floats) -> Pair:
-    longitudinal, lateral = z.tolist()
-    if not isfinite(longitudinal + lateral):
-        raise InvalidValue("policy", f"it asks for z = ({longitudinal}, {lateral}).")
-    return longitudinal, lateral
+def _to_row(z: Floats) -> Row:
+    row: Row = tuple(z.tolist())
+    if not isfinite(sum(row)):
+        raise InvalidValue("policy", f"it asks for z = {row}.")
+    return row
 
 
 class PolicyNoise:
     """Noise that a policy chooses; each choice is held for `policy.hold` steps."""
 
-    def __init__(self, policy: Policy, generator: np.random.Generator, horizon: int) -> None:
-        validate_policy(policy)
+    def __init__(
+        self,
+        policy: Policy,
+        generator: np.random.Generator,
+        horizon: int,
+        channels: int = len(AXES),
+    ) -> None:
+        validate_policy(policy, channels)
         self._policy = policy
         self._generator = generator
         self._horizon = horizon
-        self._held: Pair = (0.0, 0.0)
+        self._held: Row = (0.0,) * channels
         self._states: list[Floats] = []
 
-    def draw(self, observation: Observation, actor: VehicleState, /) -> Pair:
+    def draw(self, observation: Observation, actor: VehicleState, /) -> Row:
         """Return z of this step. [sigma]
 
         Raises:
@@ -132,14 +140,14 @@ class PolicyNoise:
         """
         state = state_vector(observation, actor, self._held, self._horizon)
         if len(self._states) % self._policy.hold == 0:
-            eps = self._generator.standard_normal(ACTIONS, dtype=np.float32)
-            self._held = _pair(act(self._policy, state, eps))
+            eps = self._generator.standard_normal(len(self._held), dtype=np.float32)
+            self._held = _to_row(act(self._policy, state, eps))
         self._states.append(state)
         return self._held
 
     def states(self) -> Floats:
-        """Return the observed state of each step, shape (steps, len(STATE))."""
-        return np.array(self._states, np.float32).reshape(-1, len(STATE))
+        """Return the observed state of each step, shape (steps, count_state(channels))."""
+        return np.array(self._states, np.float32).reshape(-1, count_state(len(self._held)))
 
 
 def store_policy(policies: MutableMapping[int, Policy], policy: Policy) -> None:

@@ -7,6 +7,7 @@ import numpy as np
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import (
+    AXES,
     Floats,
     Observation,
     Policy,
@@ -16,7 +17,7 @@ from eigenfail.values import (
     TrajectorySource,
     VehicleState,
 )
-from eigenfail.values.disturbance import Pair
+from eigenfail.values.disturbance import Row
 from eigenfail_workers.noise.policy import PolicyNoise
 
 NOISE_STREAM = 1
@@ -26,8 +27,8 @@ NOISE_STREAM = 1
 class NoiseSource(Protocol):
     """Noise of one episode, step by step."""
 
-    def draw(self, observation: Observation, actor: VehicleState, /) -> Pair:
-        """Return z of the next step, longitudinal and lateral, as values of float32. [sigma]"""
+    def draw(self, observation: Observation, actor: VehicleState, /) -> Row:
+        """Return z of the next step, one of each channel, as values of float32. [sigma]"""
 
     def states(self) -> Floats | None:
         """Return the states that an adversary has observed; None without an adversary."""
@@ -39,6 +40,7 @@ class NoiseContext(NamedTuple):
     seed: int
     horizon: int
     policies: Mapping[int, Policy]
+    channels: int = len(AXES)
 
 
 class TrajectoryNoise:
@@ -46,11 +48,11 @@ class TrajectoryNoise:
 
     def __init__(self, z: Floats) -> None:
         self._rows = iter(z.tolist())
+        self._zero: Row = (0.0,) * z.shape[1]
 
-    def draw(self, _observation: Observation, _actor: VehicleState, /) -> Pair:
+    def draw(self, _observation: Observation, _actor: VehicleState, /) -> Row:
         """Return the next row."""
-        longitudinal, lateral = next(self._rows, (0.0, 0.0))
-        return longitudinal, lateral
+        return tuple(next(self._rows, self._zero))
 
     def states(self) -> None:
         """Return None: there is no adversary."""
@@ -64,18 +66,19 @@ def generator(seed: int) -> np.random.Generator:
 
 def from_prior(_source: PriorSource, context: NoiseContext) -> NoiseSource:
     """Return noise that is drawn at once from the standard normal distribution."""
-    draws = generator(context.seed).standard_normal((context.horizon, 2), dtype=np.float32)
+    shape = context.horizon, context.channels
+    draws = generator(context.seed).standard_normal(shape, dtype=np.float32)
     return TrajectoryNoise(draws)
 
 
-def from_trajectory(source: TrajectorySource, _context: NoiseContext) -> NoiseSource:
+def from_trajectory(source: TrajectorySource, context: NoiseContext) -> NoiseSource:
     """Return the noise of the trajectory in the source."""
     z = source.z
-    if z.ndim != 2 or z.shape[1] != 2 or not np.isfinite(z).all():
+    if z.ndim != 2 or z.shape[1] != context.channels or not np.isfinite(z).all():
         raise InvalidValue(
             "source.z",
-            f"a trajectory of shape {z.shape} is not (steps, 2) finite numbers.",
-            "Give longitudinal and lateral noise for each step.",
+            f"a trajectory of shape {z.shape} is not (steps, {context.channels}) finite numbers.",
+            "Give the noise of each channel for each step.",
         )
     return TrajectoryNoise(z.astype(np.float32))
 
@@ -90,7 +93,7 @@ def from_policy(source: PolicySource, context: NoiseContext) -> NoiseSource:
             f"policy version {source.version} is not known here; known: {known}.",
             "Send the policy before the episodes that need it.",
         )
-    return PolicyNoise(policy, generator(context.seed), context.horizon)
+    return PolicyNoise(policy, generator(context.seed), context.horizon, context.channels)
 
 
 KINDS: dict[type, Callable[..., NoiseSource]] = {

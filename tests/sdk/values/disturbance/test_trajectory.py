@@ -27,6 +27,9 @@ from eigenfail.wire import messages
 
 SHAPES: tuple[Shape, ...] = (White(), Correlated(0.95, 0.3), HeavyTailed(2.5), HeavyTailed(5.0))
 some_shape = st.sampled_from(SHAPES)
+ONE_BY_ONE = tuple(shape for shape in SHAPES if not isinstance(shape, Correlated))
+"""Shapes that take any number of channels."""
+
 some_z = arrays.arrays(
     np.float32, st.tuples(st.integers(0, 12), st.just(2)), elements=st.floats(-8, 8, width=32)
 )
@@ -77,6 +80,27 @@ def test_a_later_step_changes_nothing_before_it(z: np.ndarray, shape: Shape) -> 
     start = NoiseTrajectory(z[:-1], whole.sigma[:-1], shape)
     assert start.metres.tolist() == whole.metres[:-1].tolist()
     assert start.log_probability_per_step.tolist() == whole.log_probability_per_step[:-1].tolist()
+
+
+@sound
+@given(
+    z=arrays.arrays(
+        np.float32,
+        st.tuples(st.integers(0, 12), st.integers(1, 6)),
+        elements=st.floats(-8, 8, width=32),
+    ),
+    shape=st.sampled_from(ONE_BY_ONE),
+)
+def test_each_channel_is_converted_and_weighed_by_itself(z: np.ndarray, shape: Shape) -> None:
+    whole = NoiseTrajectory(z, sigmas(z), shape)
+    columns = [NoiseTrajectory(z[:, [at]], whole.sigma[:, [at]], shape) for at in range(z.shape[1])]
+    for at, column in enumerate(columns):
+        assert column.metres[:, 0].tolist() == whole.metres[:, at].tolist()
+    assert whole.log_probability == pytest.approx(
+        sum(column.log_probability for column in columns), rel=1e-12, abs=1e-12
+    )
+    back = NoiseTrajectory.from_metres(whole.metres, whole.sigma, shape)
+    np.testing.assert_allclose(back.z, z, rtol=1e-6, atol=1e-6)
 
 
 def test_the_density_of_heavy_tails_is_students_in_metres() -> None:
