@@ -9,6 +9,7 @@ from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import AXES
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.measures import LaterMeasures, Measure, Measures, read_declarations
+from eigenfail.values.showing import Tabular
 
 NEAR_MISS_TTC_S = 1.5
 """A time to collision below this is a violation."""
@@ -199,8 +200,10 @@ class EpisodeRow(_EpisodeIdentity, frozen=True, kw_only=True):
     noise_pruned_ms: int | None = None
 
 
-class EpisodeDetail(EpisodeResult, frozen=True, eq=False, kw_only=True):
+class EpisodeDetail(Tabular, EpisodeResult, frozen=True, eq=False, kw_only=True):
     """A result with its assessment from outcome and measures, as the service returns it.
+
+    Its table is that of its noise, with the names of the channels.
 
     Attributes:
         channels: names of the channels of the noise, in the order of the columns of z.

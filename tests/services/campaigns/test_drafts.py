@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from eigenfail.errors import InvalidValue, NotFound
-from eigenfail.values import Campaign, CampaignSpec, CampaignState
+from eigenfail.values import AXES, Campaign, CampaignSpec, CampaignState
 from eigenfail_services.campaigns.comparison import (
     MOST,
     compare_settings,

@@ -1,8 +1,11 @@
 """Which episodes of open rounds are asked for, and which of their results count."""
 
+from typing import Any
+
 import msgspec
 import numpy as np
 import pytest
+from store_checks.examples import name_channels, result_of
 
 from eigenfail.errors import StoreUnavailable
 from eigenfail.values import (
@@ -30,8 +33,8 @@ ROUNDS = Round(0, TASKS[:2]), Round(1, TASKS[2:])
 class Opened:
     """The open rounds of one campaign, beside a store and a worker."""
 
-    def __init__(self, *, observes: bool = True) -> None:
-        spec = CampaignSpec(name="t", method="monte_carlo", episodes=4)
+    def __init__(self, *, observes: bool = True, **fields: Any) -> None:
+        spec = CampaignSpec(name="t", method="monte_carlo", episodes=4, **fields)
         self.store, self.leases = open_store("memory://"), Leases()
         self.campaign = self.store.campaigns.create(spec).id
         self.leases.open_session(b"w", Hello(PROTOCOL, "w", 256), 0.0)
@@ -96,6 +99,27 @@ def test_a_learner_that_uses_no_results_gets_them_without_arrays(observes: bool,
         found = each.noise.z, each.noise.sigma, each.states, each.importance
         assert [0 if array is None else len(array) for array in found] == [rows] * 4
     assert len(opened.store.episodes.get(opened.campaign, 1).noise.z) == 3
+
+
+@pytest.mark.parametrize("channels", [1, 3, 5])
+@pytest.mark.parametrize("observes", [True, False])
+def test_noise_without_a_step_has_the_channels_of_the_campaign(
+    channels: int, observes: bool
+) -> None:
+    opened = Opened(observes=observes, **name_channels(channels))
+    opened.commit(result(0))
+    opened.rounds.open(ROUNDS[:1])
+    opened.deliver(result(1))
+    for each in opened.rounds.pop_complete() or pytest.fail("The round is not complete."):
+        assert each.noise.z.shape == each.noise.sigma.shape == (0, channels)
+
+
+def test_a_result_with_noise_of_other_channels_is_asked_for_again() -> None:
+    opened = Opened(**name_channels(3))
+    opened.rounds.open(ROUNDS[:1])
+    assert opened.leased() == [0, 1]
+    opened.deliver(result_of(2))
+    assert opened.leased() == [0]
 
 
 def test_rounds_open_once_although_the_store_was_away(
