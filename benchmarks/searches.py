@@ -19,6 +19,7 @@ from eigenfail.contracts import EpisodeEngine, Learner
 from eigenfail.reproduction.programme import FRESH
 from eigenfail.settings import read_settings
 from eigenfail.values import (
+    AXES,
     CampaignSpec,
     EpisodeResult,
     EpisodeSetup,
@@ -135,7 +136,7 @@ def context(
         seed=learner_seed(spec.seed),
         episodes=spec.episodes,
         horizon=steps,
-        trajectories=stack_noise(noise, steps),
+        trajectories=stack_noise(noise, steps, len(AXES)),
         predecessors=() if earlier is None else (predecessor(earlier, steps),),
         parallel=spec.parallel,
     )

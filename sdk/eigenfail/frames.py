@@ -27,6 +27,7 @@ from eigenfail.values import (
     NoiseTrajectory,
     Safety,
 )
+from eigenfail.values.records import EpisodeDetail
 from eigenfail.values.showing import Shown, Tabular
 from eigenfail.values.suite import SuiteTable
 
@@ -86,17 +87,30 @@ def _(value: AnalysisResult) -> Iterator[Record]:
 
 @records.register
 def _(value: NoiseTrajectory) -> Iterator[Record]:
-    for step, (metres, z, sigma) in enumerate(zip(value.metres, value.z, value.sigma, strict=True)):
+    count = value.z.shape[1]
+    numbered = tuple(f"channel_{number}" for number in range(1, count + 1))
+    # Noise by itself knows no names; two channels have those that they always had in tables.
+    return list_noise(value, AXES if count == len(AXES) else numbered)
+
+
+def list_noise(noise: NoiseTrajectory, channels: Sequence[str]) -> Iterator[Record]:
+    """Return a row for each step of noise, with columns for each of its channels by these names."""
+    for step, (metres, z, sigma) in enumerate(zip(noise.metres, noise.z, noise.sigma, strict=True)):
         row: Record = {"step": step}
-        for axis, name in enumerate(AXES):
-            row |= {f"{name}_m": float(metres[axis]), f"{name}_z": float(z[axis])}
-            row |= {f"{name}_sigma_m": float(sigma[axis])}
+        for name, a_t, z_t, sigma_t in zip(channels, metres, z, sigma, strict=True):
+            row |= {f"{name}_m": float(a_t), f"{name}_z": float(z_t)}
+            row |= {f"{name}_sigma_m": float(sigma_t)}
         yield row
 
 
 @records.register
 def _(value: EpisodeResult) -> Iterator[Record]:
     return records(value.noise)
+
+
+@records.register
+def _(value: EpisodeDetail) -> Iterator[Record]:
+    return list_noise(value.noise, value.channels)
 
 
 @records.register

@@ -27,9 +27,10 @@ from eigenfail.filters import (
     parse_sort,
     read_value,
 )
-from eigenfail.values import AXES, CampaignSpec
+from eigenfail.values import CampaignSpec
 from eigenfail.values.records import PORTION, EpisodeRow
 from eigenfail.values.report import ExportRequest
+from eigenfail.worlds import world_of
 from eigenfail_services.store import Store
 
 Cells = list[Value | None]
@@ -126,8 +127,9 @@ def _encode_lines(lines: list[list[str]]) -> bytes:
     return text.getvalue().encode()
 
 
-NOISE = tuple(f"{axis}_z" for axis in AXES)
-"""Columns of the noise: a list of float32 for each episode. [sigma]"""
+def name_noise_columns(spec: CampaignSpec) -> tuple[str, ...]:
+    """Return the columns of a campaign's noise: a list of float32 for each episode. [sigma]"""
+    return tuple(f"{channel}_z" for channel in world_of(spec.simulator).channels(spec))
 
 
 UNIT = re.compile(r"\[([^]]+)\]$")
@@ -149,14 +151,11 @@ class ExportOrigin(msgspec.Struct, frozen=True):
     units: dict[str, str]
 
 
-def _describe_origin(source: ExportSource, *, noise: bool) -> ExportOrigin:
-    """Return the metadata of a file: the origin of its episodes.
-
-    Raises:
-        NotFound: no such campaign.
-    """
-    spec = source.store.campaigns.get(source.campaign).spec
-    units = _find_units(source.wanted.columns) | {name: "sigma" for name in NOISE if noise}
+def _describe_origin(
+    source: ExportSource, spec: CampaignSpec, noise: tuple[str, ...]
+) -> ExportOrigin:
+    """Return the metadata of a file: the origin of its episodes."""
+    units = _find_units(source.wanted.columns) | dict.fromkeys(noise, "sigma")
     return ExportOrigin(source.campaign, _hash_spec(spec), __version__, units)
 
 
@@ -199,35 +198,39 @@ def write_parquet(
         source: the episodes, and which columns of them.
         on_progress: called with the number of rows written so far.
         noise: whether their z comes along.
+
+    Raises:
+        NotFound: no such campaign.
     """
     from pyarrow import table
     from pyarrow.parquet import ParquetWriter
 
-    columns = source.wanted.columns
-    schema = _make_schema(columns, _describe_origin(source, noise=noise), noise=noise)
+    columns, spec = source.wanted.columns, source.store.campaigns.get(source.campaign).spec
+    channels = name_noise_columns(spec) if noise else ()
+    schema = _make_schema(columns, channels, _describe_origin(source, spec, channels))
     done = 0
     with ParquetWriter(
-        path, schema, compression="zstd", **_choose_encodings(columns, noise=noise)
+        path, schema, compression="zstd", **_choose_encodings(columns, channels)
     ) as writer:
         for rows in read_batches(source):
             filled = {name: [read_value(row, name) for row in rows] for name in columns}
-            filled |= _read_noise(source, rows) if noise else {}
+            filled |= _read_noise(source, rows, channels) if channels else {}
             writer.write_table(table(filled, schema=schema))
             done += len(rows)
             on_progress(done)
 
 
-def _choose_encodings(columns: tuple[str, ...], *, noise: bool) -> dict[str, list[str]]:
+def _choose_encodings(columns: tuple[str, ...], noise: tuple[str, ...]) -> dict[str, list[str]]:
     """How columns become bytes: texts that repeat once each, floats split into their bytes."""
     of = {kind: [name for name in columns if COLUMNS[name].kind is kind] for kind in ColumnKind}
-    inside_lists = [f"{axis}.list.element" for axis in NOISE if noise]
+    inside_lists = [f"{name}.list.element" for name in noise]
     return {
         "use_dictionary": of[ColumnKind.TEXT],
         "use_byte_stream_split": of[ColumnKind.NUMBER] + inside_lists,
     }
 
 
-def _make_schema(columns: tuple[str, ...], origin: ExportOrigin, *, noise: bool) -> Any:
+def _make_schema(columns: tuple[str, ...], noise: tuple[str, ...], origin: ExportOrigin) -> Any:
     """The types of the columns; what they say is their metadata, the origin that of the file."""
     import pyarrow as pa
 
@@ -240,17 +243,19 @@ def _make_schema(columns: tuple[str, ...], origin: ExportOrigin, *, noise: bool)
     described = [COLUMNS[name] for name in columns]
     fields = [pa.field(c.name, types[c.kind], metadata={"words": c.words}) for c in described]
     each = pa.list_(pa.field("element", pa.float32()))
-    axes = [pa.field(axis, each, metadata={"words": "z_t [sigma]"}) for axis in NOISE if noise]
+    fields += [pa.field(name, each, metadata={"words": "z_t [sigma]"}) for name in noise]
     said = msgspec.json.encode(origin)
-    return pa.schema(fields + axes, metadata=dict.fromkeys(KEYS, said))
+    return pa.schema(fields, metadata=dict.fromkeys(KEYS, said))
 
 
-def _read_noise(source: ExportSource, rows: tuple[EpisodeRow, ...]) -> dict[str, list[Any]]:
-    """The noise of some rows, one list for each axis; none of those that were pruned."""
+def _read_noise(
+    source: ExportSource, rows: tuple[EpisodeRow, ...], names: tuple[str, ...]
+) -> dict[str, list[Any]]:
+    """The noise of some rows, one list for each channel; none of those that were pruned."""
     there = [row.index for row in rows if row.noise_pruned_ms is None]
     results = source.store.episodes.finished(source.campaign, there)
     noise = {result.index: result.noise.z.T for result in results}
     return {
-        axis: [noise[row.index][number] if row.index in noise else None for row in rows]
-        for number, axis in enumerate(NOISE)
+        name: [noise[row.index][number] if row.index in noise else None for row in rows]
+        for number, name in enumerate(names)
     }

@@ -8,6 +8,8 @@ from contextlib import asynccontextmanager
 
 import numpy as np
 import pytest
+from store_checks.examples import deliver as store_results
+from store_checks.examples import name_channels, result_of, running
 
 from eigenfail import plugins, processes
 from eigenfail.errors import ServiceBusy, ServiceError
@@ -235,6 +237,21 @@ def test_steps_are_a_table_with_the_scene(http, crash):
     assert float(rows[0]["lateral_m"]) == pytest.approx(z[1] * sigma_m[1])
     assert float(rows[4]["ego_x_m"]) == pytest.approx(stored["scene"]["vehicles"][4][0][0])
     assert min(float(row["clearance_m"]) for row in rows) >= 0.0
+
+
+@pytest.mark.parametrize("channels", [1, 3, 5])
+def test_steps_name_the_channels_of_the_noise(http, store, channels):
+    campaign = running(store, **name_channels(channels))
+    store_results(store, campaign, result_of(channels))
+    text = http.get(f"/api/v1/campaigns/{campaign.id}/episodes/0/steps").text
+    rows = [*csv.DictReader(io.StringIO(text))]
+    noise, names = result_of(channels).noise, [f"c{number}" for number in range(channels)]
+    kinds = ("z", "sigma_m", "m")
+    columns = [f"{name}_{kind}" for kind in kinds for name in names]
+    assert list(rows[0]) == ["step", *columns, "log_probability"]
+    for row, z, log_p in zip(rows, noise.z, noise.log_probability_per_step, strict=True):
+        assert [float(row[f"{name}_z"]) for name in names] == z.tolist()
+        assert float(row["log_probability"]) == log_p
 
 
 def test_steps_without_a_scene_are_the_noise_alone(http, campaign, deliver, result):

@@ -11,6 +11,7 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 from starlette.testclient import TestClient
+from store_checks.examples import deliver, name_channels, result_of, running
 
 import eigenfail
 from eigenfail.filters import COLUMNS
@@ -135,6 +136,22 @@ def test_parquet_is_made_and_fetched(http, filled, result):
     assert {column.compression for column in packed.values()} == {"ZSTD"}
     for name in ("severity", "log_probability", "lateral_z.list.element"):
         assert "BYTE_STREAM_SPLIT" in packed[name].encodings
+
+
+@pytest.mark.parametrize("channels", [1, 3, 5])
+def test_parquet_holds_the_noise_of_each_channel(http, store, channels):
+    campaign = running(store, **name_channels(channels))
+    deliver(store, campaign, *(result_of(channels, index) for index in range(2)))
+    body = {"fields": ["index"], "noise": True}
+    address = http.post(f"{URL}/{campaign.id}/exports", json=body).headers["location"]
+    ready(http, address)
+    file = columns_of(http, address)
+    names = [f"c{number}_z" for number in range(channels)]
+    for row in file.read().to_pylist():
+        z = result_of(channels, row.pop("index")).noise.z
+        assert row == {name: z[:, column].tolist() for column, name in enumerate(names)}
+    origin = json.loads(file.schema_arrow.metadata[b"eigenfail"])
+    assert origin["units"] == dict.fromkeys(names, "sigma")
 
 
 def test_a_parquet_file_says_where_it_comes_from(http, store, filled, tmp_path):

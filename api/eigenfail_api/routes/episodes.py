@@ -19,9 +19,10 @@ from eigenfail.filters import (
 )
 from eigenfail.values import Campaign, Explanation, Outcome, Page
 from eigenfail.values.operations import Presence
-from eigenfail.values.records import EpisodeDetail, EpisodeRow, add_assessment
+from eigenfail.values.records import EpisodeDetail, EpisodeRow, describe_result
 from eigenfail.values.report import Export, ExportRequest
 from eigenfail.wire.http import PREFIX, ReplayRequest
+from eigenfail.worlds import world_of
 from eigenfail_api.concurrency import SerialExecutor
 from eigenfail_api.openapi import document_route, problem_response
 from eigenfail_api.parameters import (
@@ -109,6 +110,12 @@ async def parse_query(
     return EpisodeQuery(where, parse_sort(sort), parse_fields(fields))
 
 
+def find_channels(store: Store, campaign: int) -> tuple[str, ...]:
+    """Return the names of the channels of a campaign's noise."""
+    spec = store.campaigns.get(campaign).spec
+    return world_of(spec.simulator).channels(spec)
+
+
 QueriedEpisodes = Annotated[EpisodeQuery, Depends(parse_query)]
 
 
@@ -132,7 +139,8 @@ def list_episodes(
 @router.get(f"{EPISODES}/{{index}}", **document_route(EpisodeDetail))
 def get_episode(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Json:
     """Get an episode with its class, noise and, where it was kept, its scene."""
-    return Json(add_assessment(store.episodes.get(campaign, index)))
+    result = store.episodes.get(campaign, index)
+    return Json(describe_result(result, find_channels(store, campaign)))
 
 
 @router.get(f"{EPISODES}/{{index}}/worker", **document_route(Presence))
@@ -176,7 +184,8 @@ def create_replay(
 )
 def get_steps(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Response:
     """Get the steps of an episode as CSV: noise and, where it was kept, the scene."""
-    text = write_steps(store.episodes.get(campaign, index))
+    result = store.episodes.get(campaign, index)
+    text = write_steps(result, find_channels(store, campaign))
     name = f'attachment; filename="episode-{campaign}-{index}.csv"'
     return Response(text, media_type=STEPS_CSV, headers={"Content-Disposition": name})
 

@@ -142,8 +142,9 @@ class Episodes:
             NotFound: no such campaign, or the episode has no result yet.
         """
         result = self._link.get(f"/campaigns/{campaign}/episodes/{index}", EpisodeDetail)
-        # JSON forgets the shape (steps, 2) where there is no step.
-        z, sigma = result.noise.z.reshape(-1, 2), result.noise.sigma.reshape(-1, 2)
+        # JSON forgets the shape (steps, channels) where there is no step.
+        arrays = (result.noise.z, result.noise.sigma)
+        z, sigma = (each.reshape(-1, len(result.channels)) for each in arrays)
         noise = msgspec.structs.replace(result.noise, z=z, sigma=sigma)
         return msgspec.structs.replace(result, noise=noise)
 

@@ -6,8 +6,10 @@ from typing import Annotated, Generic, TypeVar
 import msgspec
 
 from eigenfail.values.arrays import Floats
+from eigenfail.values.disturbance import AXES
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.measures import LaterMeasures, Measure, Measures, read_declarations
+from eigenfail.values.showing import Tabular
 
 NEAR_MISS_TTC_S = 1.5
 """A time to collision below this is a violation."""
@@ -198,16 +200,24 @@ class EpisodeRow(_EpisodeIdentity, frozen=True, kw_only=True):
     noise_pruned_ms: int | None = None
 
 
-class EpisodeDetail(EpisodeResult, frozen=True, eq=False, kw_only=True):
-    """A result with its assessment from outcome and measures, as the service returns it."""
+class EpisodeDetail(Tabular, EpisodeResult, frozen=True, eq=False, kw_only=True):
+    """A result with its assessment from outcome and measures, as the service returns it.
+
+    Its table is that of its noise, with the names of the channels.
+
+    Attributes:
+        channels: names of the channels of the noise, in the order of the columns of z.
+    """
 
     assessed: Assessment = Assessment()
+    channels: tuple[str, ...] = AXES
 
 
-def add_assessment(result: EpisodeResult) -> EpisodeDetail:
-    """The result with its assessment."""
+def describe_result(result: EpisodeResult, channels: tuple[str, ...]) -> EpisodeDetail:
+    """Return the result with its assessment and the names of the channels of its noise."""
     assessed = assess(result.outcome, result.measures)
-    return EpisodeDetail(**msgspec.structs.asdict(result), assessed=assessed)
+    fields = msgspec.structs.asdict(result)
+    return EpisodeDetail(**fields, assessed=assessed, channels=channels)
 
 
 class ConflictTotals(msgspec.Struct, frozen=True):
@@ -277,7 +287,7 @@ class Failures(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         indices: the episodes, in index order.
-        noise: z of each, shape (steps of the episode, 2). [sigma]
+        noise: z of each, shape (steps of the episode, channels). [sigma]
     """
 
     indices: tuple[int, ...]

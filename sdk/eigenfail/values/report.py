@@ -121,7 +121,8 @@ class ExportRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         filter: conditions on its episodes.
         sort: their order.
         fields: columns; all of them if none is named.
-        noise: whether each episode's z comes along, as `longitudinal_z` and `lateral_z`. [sigma]
+        noise: whether each episode's z comes along, as `<channel>_z`: on a road `longitudinal_z`
+            and `lateral_z`. [sigma]
     """
 
     filter: str = ""

@@ -61,8 +61,8 @@ class Tabular:
     def to_numpy(self) -> NDArray[np.generic]:
         """The table as a structured array with a field for each column; NaN where nothing is known.
 
-        Of an analysis: the scores, shape (failures, components). Of noise: shape (steps, channels)
-        [m].
+        Of an analysis: the scores, shape (failures, components). Of noise: shape (steps,
+        channels) [m].
         """
         table: NDArray[np.generic] = eigenfail.convert(self, "numpy")
         return table

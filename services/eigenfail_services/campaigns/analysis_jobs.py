@@ -120,7 +120,7 @@ def _refuse_unlike(first: CampaignSpec, other: CampaignSpec, name: str) -> None:
     compared = {
         "episodes of another number of steps": (world.horizon(first), beside.horizon(other)),
         "steps of another duration": (world.step_s(first), beside.step_s(other)),
-        "noise of other channels": (world.channels(first), beside.channels(other)),
+        "noise with other channels": (world.channels(first), beside.channels(other)),
         "another disturbance model: one z is not the same noise in both": (
             first.disturbance,
             other.disturbance,

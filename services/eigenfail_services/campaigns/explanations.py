@@ -16,10 +16,9 @@ from eigenfail import plugins
 from eigenfail.contracts import Explainer
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.explanations import encode_question, explain_in_process
-from eigenfail.frames import Record, records
+from eigenfail.frames import Record, list_noise
 from eigenfail.process_state import ProcessState
 from eigenfail.values import (
-    AXES,
     Analysis,
     AnalysisResult,
     Campaign,
@@ -139,37 +138,41 @@ class Explanations:
         return explanation
 
 
-NOISE = (
-    "step",
-    *(f"{axis}_{quantity}" for quantity in ("z", "sigma_m", "m") for axis in AXES),
-    "log_probability",
-)
-"""What `NoiseTrajectory.to_pandas` calls it, too."""
-
-
 CONTROLS = ("acceleration_mps2", "steering_rad", "perceived_x_m", "perceived_y_m", "clearance_m")
 
 
 STATE = ("x_m", "y_m", "heading_rad", "speed_mps")
 
 
-def write_steps(result: EpisodeResult) -> str:
-    """Return one CSV row for each step: its noise and, if the scene was kept, all vehicles."""
+def write_steps(result: EpisodeResult, channels: tuple[str, ...]) -> str:
+    """Return one CSV row for each step: its noise and, if the scene was kept, all vehicles.
+
+    Args:
+        result: the episode.
+        channels: names of the channels of its noise.
+    """
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    scene = result.scene
-    writer.writerow((*NOISE, *(_list_columns(scene) if scene else ())))
+    scene, columns = result.scene, _name_noise_columns(channels)
+    writer.writerow((*columns, *(_list_columns(scene) if scene else ())))
     rows = _list_scene_rows(scene) if scene else iter([()] * result.steps)
-    noise = _list_noise_rows(result)
+    noise = _list_noise_rows(result, channels)
     writer.writerows(
-        (*(row[name] for name in NOISE), *more) for row, more in zip(noise, rows, strict=True)
+        (*(row[name] for name in columns), *more) for row, more in zip(noise, rows, strict=True)
     )
     return text.getvalue()
 
 
-def _list_noise_rows(result: EpisodeResult) -> Iterator[Record]:
+def _name_noise_columns(channels: tuple[str, ...]) -> tuple[str, ...]:
+    # The names are those of `EpisodeDetail.to_pandas`.
+    quantities = ("z", "sigma_m", "m")
+    named = (f"{channel}_{quantity}" for quantity in quantities for channel in channels)
+    return ("step", *named, "log_probability")
+
+
+def _list_noise_rows(result: EpisodeResult, channels: tuple[str, ...]) -> Iterator[Record]:
     likely = result.noise.log_probability_per_step
-    for row, log_p in zip(records(result.noise), likely, strict=True):
+    for row, log_p in zip(list_noise(result.noise, channels), likely, strict=True):
         yield {**row, "log_probability": float(log_p)}
 
 

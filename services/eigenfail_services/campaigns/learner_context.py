@@ -16,6 +16,7 @@ from eigenfail.values import (
     learner_seed,
 )
 from eigenfail_services.campaigns.resolution import (
+    ResolvedCampaign,
     find_references,
     read_trajectories,
     resolve_campaign,
@@ -51,28 +52,31 @@ def learner_context(campaign: Campaign, store: Store) -> LearnerContext:
         seed=learner_seed(campaign.spec.seed),
         episodes=campaign.spec.episodes,
         horizon=resolved.horizon,
-        trajectories=stack_noise(trajectories, resolved.horizon),
+        trajectories=stack_noise(trajectories, resolved.horizon, len(resolved.channels)),
         predecessors=resolved.references.predecessors,
-        experience=read_experience(resolved.references.data, resolved.horizon, store),
+        experience=read_experience(resolved, store),
         parallel=campaign.spec.parallel,
     )
 
 
-def read_experience(campaigns: Sequence[Campaign], horizon: int, store: Store) -> Experience | None:
-    """Return noise and robustness of the completed episodes of campaigns; None of no campaign.
+def read_experience(campaign: ResolvedCampaign, store: Store) -> Experience | None:
+    """Return noise and robustness of the completed episodes that a campaign learns from.
+
+    None where it names no campaigns to learn from.
 
     In order of campaign and index. Where there are more than `MOST_EPISODES`, or than hold
     `MOST_NUMBERS`, it is the least robust, and an even sample of the others by robustness, as many
     of these as of those.
     """
-    if not campaigns:
+    data, horizon, channels = campaign.references.data, campaign.horizon, len(campaign.channels)
+    if not data:
         return None
-    completed = sorted(one for before in campaigns for one in _list_completed(before.id, store))
-    kept = choose_episodes(completed, min(MOST_EPISODES, MOST_NUMBERS // (2 * horizon)))
+    completed = sorted(one for before in data for one in _list_completed(before.id, store))
+    kept = choose_episodes(completed, min(MOST_EPISODES, MOST_NUMBERS // (channels * horizon)))
     kept.sort(key=lambda one: (one.campaign, one.index))
     results = _read_results(kept, store)
     return Experience(
-        z=stack_noise([result.noise.z for result in results], horizon),
+        z=stack_noise([result.noise.z for result in results], horizon, channels),
         steps=np.array([result.steps for result in results], np.float32),
         robustness_m=np.array([one.robustness_m for one in kept], np.float32),
     )
@@ -106,9 +110,12 @@ def _read_results(episodes: Sequence[CompletedEpisode], store: Store) -> list[Ep
     ]
 
 
-def stack_noise(noises: Sequence[Floats], steps: int) -> Floats:
-    """Return trajectories of any length as one array, shape (n, steps, 2), padded with zeros."""
-    stacked = np.zeros((len(noises), steps, 2), np.float32)
+def stack_noise(noises: Sequence[Floats], steps: int, channels: int) -> Floats:
+    """Return trajectories of any length as one array, shape (n, steps, channels).
+
+    They are padded with zeros; without a trajectory n is 0.
+    """
+    stacked = np.zeros((len(noises), steps, channels), np.float32)
     for row, noise in zip(stacked, noises, strict=True):
         row[: len(noise)] = noise[:steps]
     return stacked

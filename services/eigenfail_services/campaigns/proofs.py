@@ -409,7 +409,7 @@ def launch_replays(
     Raises:
         Conflict: the analysis is not done, found no failure mode, or is of several worlds.
         UnknownName: a parameter that the scenario does not have.
-        InvalidValue: a parameter outside its bounds, or a distribution.
+        InvalidValue: a parameter outside its bounds, a distribution, or other channels of noise.
         QuotaExceeded: the key's quota of campaigns is used up; those created before stay.
     """
     result = read_result(analysis)
@@ -422,14 +422,18 @@ def launch_replays(
     _refuse_distributions(variations or ())
     analysed = store.campaigns.get(analysis.campaign).spec
     wanted = list_neighbours(analysed) if variations is None else variations
-    pairs = product(wanted, _list_worlds(store, analysis, result))
-    specs = [check_spec(_make_replay(analysis, analysed, *pair)).spec for pair in pairs]
+    worlds = _list_worlds(store, analysis, result)
+    specs = [
+        _check_replay(_make_replay(analysis, analysed, variation, world), analysed, place)
+        for place, variation in enumerate(wanted)
+        for world in worlds
+    ]
     for spec in specs:
         _launch_replay(store, analysis.id, spec, made_by)
     found = summarise_proof(store, analysis)
     if not (found.done and found.unplaced):
         return found
-    for home in _list_worlds(store, analysis, result):
+    for home in worlds:
         modes = [mode for mode in home.modes if mode in found.unplaced]
         if modes:
             spec = check_spec(_make_search(analysis, analysed, home, modes)).spec
@@ -459,6 +463,21 @@ def _refuse_distributions(variations: Sequence[Parameters]) -> None:
                 problem = "is a distribution: each replay would draw a scenario of its own."
                 remedy = "Give it a value, and a variation for each further value."
                 raise InvalidValue(f"variations[{place}].{name}", problem, remedy)
+
+
+def _check_replay(replay: CampaignSpec, analysed: CampaignSpec, place: int) -> CampaignSpec:
+    """Return the replay in a variation that can be launched.
+
+    Raises:
+        UnknownName: a parameter that the scenario does not have.
+        InvalidValue: a parameter outside its bounds, or one that makes other channels of noise.
+    """
+    checked = check_spec(replay)
+    channels = world_of(analysed.simulator).channels(analysed)
+    if checked.channels != channels:
+        problem = f"has other channels of noise than the analysis: {', '.join(channels)}."
+        raise InvalidValue(f"variations[{place}].channels", problem, "Leave them out.")
+    return checked.spec
 
 
 def _leave_out_equal(world: CampaignSpec, variation: Parameters) -> dict[str, Any]:

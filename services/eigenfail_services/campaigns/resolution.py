@@ -90,6 +90,7 @@ class ResolvedCampaign(msgspec.Struct, frozen=True):
         spec: as the user gave it.
         world: world in which it runs.
         horizon: steps of a full episode.
+        channels: names of the channels of its noise, in the order of the columns of z.
         method: method that the spec names.
         searching: the method that proposes noise: that of an ensemble's members, else `method`.
         references: what it builds on; none before `find_references`.
@@ -98,6 +99,7 @@ class ResolvedCampaign(msgspec.Struct, frozen=True):
     spec: CampaignSpec
     world: CampaignWorld
     horizon: int
+    channels: tuple[str, ...]
     method: ResolvedMethod
     searching: ResolvedMethod
     references: References = References()
@@ -111,8 +113,21 @@ def resolve_campaign(spec: CampaignSpec) -> ResolvedCampaign:
         InvalidValue: a value outside its bounds.
     """
     method = resolve_method(spec.method, spec.settings)
+    return make_resolved_campaign(spec, method, find_searching(method))
+
+
+def make_resolved_campaign(
+    spec: CampaignSpec, method: ResolvedMethod, searching: ResolvedMethod
+) -> ResolvedCampaign:
+    """Return a campaign with its methods and what its world says of its episodes.
+
+    Raises:
+        UnknownName: a plug-in, parameter or distribution that does not exist.
+        InvalidValue: a parameter outside its bounds.
+    """
     world = world_of(spec.simulator)
-    return ResolvedCampaign(spec, world, world.horizon(spec), method, find_searching(method))
+    horizon, channels = world.horizon(spec), world.channels(spec)
+    return ResolvedCampaign(spec, world, horizon, channels, method, searching)
 
 
 def resolve_method(name: str, given: Mapping[str, Any], field: str = "settings") -> ResolvedMethod:
@@ -159,10 +174,35 @@ def find_references(campaign: ResolvedCampaign, store: "Store") -> ResolvedCampa
 
     Raises:
         InvalidValue: one does not exist, has not ended, has learnt nothing, or its episodes are of
-            another length or pruned.
+            another length, have another number of channels of noise, or are pruned.
+        NotFound: the analysis or campaign whose noise is to be injected does not exist.
     """
+    _check_injected(campaign, store)
     found = References(_find_predecessors(campaign, store), _find_data(campaign, store))
     return replace(campaign, references=found)
+
+
+def _check_injected(campaign: ResolvedCampaign, store: "Store") -> None:
+    """Raises InvalidValue where noise that is named cannot be injected here."""
+    searching = campaign.searching
+    for name, number in searching.given_references(Reference.NOISE).items():
+        source = store.analyses.get(number).campaign if name == "analysis" else number
+        before = store.campaigns.get(source)
+        _check_channels(before, f"{searching.field}.{name}", campaign.channels)
+
+
+def _check_channels(before: Campaign, field: str, channels: Sequence[str]) -> None:
+    there = world_of(before.spec.simulator).channels(before.spec)
+    if len(there) != len(channels):
+        problem = (
+            f"the noise of campaign {before.id} has {_list_channels(there)}, here it has "
+            f"{_list_channels(channels)}."
+        )
+        raise InvalidValue(field, problem, "Name one whose noise has as many channels.")
+
+
+def _list_channels(names: Sequence[str]) -> str:
+    return f"{len(names)} channel{'s' * (len(names) != 1)} ({', '.join(names)})"
 
 
 def _find_predecessors(campaign: ResolvedCampaign, store: "Store") -> tuple[Predecessor, ...]:
@@ -171,6 +211,7 @@ def _find_predecessors(campaign: ResolvedCampaign, store: "Store") -> tuple[Pred
     for name, number in named.items():
         field = f"{searching.field}.{name}"
         before = find_ended(number, field, store)
+        _check_channels(before, field, campaign.channels)
         if searching.traits.references[name] is Reference.OWN_LEARNER:
             _check_same_method(before, searching.name, field)
         else:
@@ -272,6 +313,7 @@ def _find_data(campaign: ResolvedCampaign, store: "Store") -> tuple[Campaign, ..
         named = tuple(find_ended(number, field, store) for number in sorted(set(numbers)))
         for before in named:
             _check_data(before, field, campaign.horizon)
+            _check_channels(before, field, campaign.channels)
             _refuse_pruned(before, field, store)
         if (count := sum(before.counts.completed for before in named)) > MOST_READ:
             problem = (

@@ -24,6 +24,7 @@ from eigenfail_services.campaigns.resolution import (
     find_ended,
     find_references,
     find_searching,
+    make_resolved_campaign,
     read_trajectories,
     resolve_method,
 )
@@ -74,7 +75,7 @@ def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
     world.check(spec)
     if searching.traits.needs_course:
         _check_course(spec, world)
-    resolved = ResolvedCampaign(spec, world, world.horizon(spec), method, searching)
+    resolved = make_resolved_campaign(spec, method, searching)
     if spec.parallel is not None:
         _check_parallel(resolved, spec.parallel)
     return resolved

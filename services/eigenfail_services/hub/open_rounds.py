@@ -12,16 +12,14 @@ from eigenfail.values import (
     NoiseTrajectory,
     Policy,
     Round,
-    Shape,
 )
 from eigenfail.values.records import Verdict
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.store import Store
+from eigenfail_services.store.codec import NoiseForm
 from eigenfail_services.store.judging import make_storable
 
 MAX_REFUSALS = 3
-
-_NO_NOISE = NoiseTrajectory(np.zeros((0, 2), np.float32), np.zeros((0, 2), np.float32))
 
 
 class RoundCollector:
@@ -96,7 +94,7 @@ class OpenRounds:
 
     Args:
         campaign: id of the campaign.
-        shape: shape of its noise.
+        form: form of its noise.
         store: where results are kept.
         leases: leases of all campaigns.
         observes: whether the learner uses the results; if not, it gets their outcomes alone.
@@ -108,7 +106,7 @@ class OpenRounds:
     def __init__(
         self,
         campaign: int,
-        shape: Shape,
+        form: NoiseForm,
         store: Store,
         leases: Leases,
         *,
@@ -116,7 +114,7 @@ class OpenRounds:
     ) -> None:
         self.problem = ""
         self._campaign = campaign
-        self._shape = shape
+        self._form = form
         self._store = store
         self._leases = leases
         self._observes = observes
@@ -190,9 +188,10 @@ class OpenRounds:
         """Return what the learner is to observe of a result."""
         if not self._observes:
             identity = result.index, result.seed, result.outcome, result.steps
-            return EpisodeResult(*identity, _NO_NOISE, result.source)
+            nothing = np.zeros((0, self._form.channels), np.float32)
+            return EpisodeResult(*identity, NoiseTrajectory(nothing, nothing), result.source)
         # It must see the same numbers as one that starts again and reads from the store.
-        kept = make_storable(result, self._shape)
+        kept = make_storable(result, self._form)
         return kept if kept.scene is None else msgspec.structs.replace(kept, scene=None)
 
     def _look_up(self, result: EpisodeResult) -> None:

@@ -25,6 +25,7 @@ from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.metrics import CampaignPhase, Metrics, TimeAccounting, Timeout, Work
 from eigenfail_services.hub.open_rounds import OpenRounds
 from eigenfail_services.store import Store
+from eigenfail_services.store.codec import NoiseForm
 
 log = structlog.get_logger()
 
@@ -125,7 +126,7 @@ class CampaignRun:
         """Spawn a learner process; leased episodes stay with their workers."""
         self._rounds = OpenRounds(
             self.spec.campaign,
-            self.spec.setup.disturbance.shape,
+            NoiseForm(self.spec.setup.disturbance.shape, self.spec.context.channels),
             self._store,
             self._leases,
             observes=self.spec.observes,

@@ -2,14 +2,13 @@
 
 import hashlib
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
 from sqlalchemy import RowMapping
 
 from eigenfail.values import (
-    STATE,
     AnalysisResult,
     AnalysisSettings,
     Campaign,
@@ -31,7 +30,9 @@ from eigenfail.values import (
     assess,
 )
 from eigenfail.values.arrays import LITTLE_ENDIAN_FLOAT, decode_array, encode_array
+from eigenfail.values.learning import count_state
 from eigenfail.values.records import EpisodeRow
+from eigenfail.worlds import world_of
 
 _packer = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _specs = msgspec.json.Decoder(CampaignSpec)
@@ -137,30 +138,48 @@ def to_row(found: RowMapping) -> EpisodeRow:
     )
 
 
+class NoiseForm(NamedTuple):
+    """The form that the noise of all episodes of a campaign has.
+
+    Attributes:
+        shape: how the noise comes of z.
+        channels: number of columns of z.
+    """
+
+    shape: Shape
+    channels: int
+
+
+def find_noise_form(spec: CampaignSpec) -> NoiseForm:
+    """Return the form of the noise of a campaign."""
+    return NoiseForm(spec.disturbance.shape, len(world_of(spec.simulator).channels(spec)))
+
+
 @lru_cache(maxsize=64)
-def to_shape(spec: str) -> Shape:
-    """Return the shape of a campaign's noise; cached, as results come in hundreds with one spec."""
-    return _specs.decode(spec).disturbance.shape
+def to_noise_form(spec: str) -> NoiseForm:
+    """Return the form of a campaign's noise; cached, as results come in hundreds with one spec."""
+    return find_noise_form(_specs.decode(spec))
 
 
-def _state_width(found: RowMapping) -> int:
+def _state_width(found: RowMapping, channels: int) -> int:
     rows = found["steps"] * LITTLE_ENDIAN_FLOAT.itemsize
-    return len(found["states"]) // rows if rows else len(STATE)
+    return len(found["states"]) // rows if rows else count_state(channels)
 
 
 def to_result(found: RowMapping, scene: bytes | None = None) -> EpisodeResult:
     """Return a result from an episode's row, its blobs, and its campaign's spec."""
-    states, z, sigma = found["states"], to_floats(found["z"], 2), to_floats(found["sigma"], 2)
-    importance = found["importance"]
+    shape, channels = to_noise_form(found["spec"])
+    z, sigma = to_floats(found["z"], channels), to_floats(found["sigma"], channels)
+    states, importance = found["states"], found["importance"]
     return EpisodeResult(
         index=found["index"],
         seed=found["seed"],
         outcome=Outcome(found["outcome"]),
         steps=found["steps"],
-        noise=NoiseTrajectory(z, sigma, to_shape(found["spec"])),
+        noise=NoiseTrajectory(z, sigma, shape),
         source=found["source"],
         measures=_measures(found),
-        states=None if states is None else to_floats(states, _state_width(found)),
+        states=None if states is None else to_floats(states, _state_width(found, channels)),
         importance=None if importance is None else to_floats(importance, 1)[:, 0],
         scene=None if scene is None else to_scene(scene),
         fault=_fault(found["fault_kind"], found["fault_message"]),

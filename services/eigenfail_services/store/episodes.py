@@ -70,7 +70,14 @@ from eigenfail_services.store.campaigns import (
     update_counts,
 )
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import pack, to_blob, to_floats, to_result, to_row
+from eigenfail_services.store.codec import (
+    pack,
+    to_blob,
+    to_floats,
+    to_noise_form,
+    to_result,
+    to_row,
+)
 from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.events import append_event, describe_alarm
 from eigenfail_services.store.judging import Kept, judge, make_row
@@ -319,6 +326,7 @@ _RESULTS = (
 )
 
 _ROWS = select(*episodes.c, select_pruned_ms().label("noise_pruned_ms"))
+_SPEC = select(campaigns.c.spec).where(campaigns.c.id == bindparam("campaign"))
 
 
 class EpisodeStore:
@@ -418,9 +426,12 @@ class EpisodeStore:
             .execution_options(yield_per=PORTION)
         )
         with self._database.reading() as connection:
+            spec = connection.execute(_SPEC, {"campaign": campaign}).scalar()
             for rows_ in connection.execute(query).partitions():
+                channels = to_noise_form(spec).channels
                 yield Failures(
-                    tuple(index for index, _ in rows_), tuple(to_floats(z, 2) for _, z in rows_)
+                    tuple(index for index, _ in rows_),
+                    tuple(to_floats(z, channels) for _, z in rows_),
                 )
 
     def totals(self, campaign: int) -> Totals:

@@ -8,17 +8,17 @@ import msgspec
 from eigenfail.values import (
     FINAL_STATES,
     MEASURES,
-    STATE,
     Campaign,
     Counts,
     EpisodeResult,
-    Floats,
     Measures,
+    NoiseTrajectory,
     Outcome,
-    Shape,
 )
 from eigenfail.values.episode import MAX_SEED
+from eigenfail.values.learning import count_state
 from eigenfail.values.records import Delivery, Verdict
+from eigenfail_services.store.codec import NoiseForm, find_noise_form
 from eigenfail_services.store.schema import clean_prose
 
 MAX_STEPS = 2**31 - 1
@@ -62,21 +62,24 @@ def judge(
         deliveries: the delivered results.
     """
     digests = dict(known)
+    form = find_noise_form(campaign.spec)
     judgement = Judgement([], [], [], campaign.counts)
     for delivery in deliveries:
-        verdict = _verdict(campaign, digests, delivery.result)
+        verdict = _verdict(campaign, form, digests, delivery.result)
         judgement.verdicts.append(verdict)
         if verdict is Verdict.KEPT:
-            judgement.kept.append(_to_kept(delivery, campaign))
+            judgement.kept.append(_to_kept(delivery, form))
             digests[delivery.result.index] = judgement.kept[-1].digest
         if verdict is Verdict.ALARM:
             judgement.alarms.append(delivery)
     return msgspec.structs.replace(judgement, counts=_update_counts(judgement))
 
 
-def _verdict(campaign: Campaign, digests: Mapping[int, str], result: EpisodeResult) -> Verdict:
+def _verdict(
+    campaign: Campaign, form: NoiseForm, digests: Mapping[int, str], result: EpisodeResult
+) -> Verdict:
     # What does not fit may not even have a digest.
-    if campaign.state in FINAL_STATES or not _fits(result, campaign):
+    if campaign.state in FINAL_STATES or not _fits(result, campaign, form):
         return Verdict.UNWANTED
     if result.index not in digests:
         return Verdict.KEPT
@@ -84,29 +87,32 @@ def _verdict(campaign: Campaign, digests: Mapping[int, str], result: EpisodeResu
     return Verdict.DUPLICATE if same else Verdict.ALARM
 
 
-def _to_kept(delivery: Delivery, campaign: Campaign) -> Kept:
+def _to_kept(delivery: Delivery, form: NoiseForm) -> Kept:
     result = delivery.result
-    kept = make_storable(result, campaign.spec.disturbance.shape)
-    return Kept(kept, delivery.worker, result.digest())
+    return Kept(make_storable(result, form), delivery.worker, result.digest())
 
 
-def _fits(result: EpisodeResult, campaign: Campaign) -> bool:
+def _fits(result: EpisodeResult, campaign: Campaign, form: NoiseForm) -> bool:
     """Return whether a result belongs to the campaign, and can be read back as it was written."""
     noise, states, importance = result.noise, result.states, result.importance
     return (
         0 <= result.index < campaign.counts.planned
         and 0 <= result.seed <= MAX_SEED
         and 0 <= result.steps <= MAX_STEPS
-        and _is_table(noise.z, 2)
         and noise.sigma.shape == noise.z.shape
-        and (not len(noise.z) or noise.shape == campaign.spec.disturbance.shape)
-        and (states is None or (_is_table(states, len(STATE)) and len(states) == result.steps))
+        and (_has_no_step(noise) or _has_form(noise, form))
+        and (states is None or states.shape == (result.steps, count_state(form.channels)))
         and (importance is None or importance.shape == (result.steps,))
     )
 
 
-def _is_table(array: Floats, columns: int) -> bool:
-    return array.ndim == 2 and array.shape[1] == columns
+def _has_no_step(noise: NoiseTrajectory) -> bool:
+    # An episode that never ran may not have come as far as the channels of its campaign.
+    return noise.z.ndim == 2 and not len(noise.z)
+
+
+def _has_form(noise: NoiseTrajectory, form: NoiseForm) -> bool:
+    return noise.z.ndim == 2 and (noise.shape, noise.z.shape[1]) == form
 
 
 def _update_counts(judgement: Judgement) -> Counts:
@@ -123,19 +129,20 @@ def _update_counts(judgement: Judgement) -> Counts:
     )
 
 
-def make_storable(result: EpisodeResult, shape: Shape) -> EpisodeResult:
+def make_storable(result: EpisodeResult, form: NoiseForm) -> EpisodeResult:
     """Return a result without invalid numbers; without a robustness it has no measures.
 
-    Noise without a step, as of an episode that never ran, gets the campaign's shape. A result to
+    Noise without a step, as of an episode that never ran, gets the campaign's form. A result to
     which nothing of this applies is returned itself.
     """
     measures, wall_s = _finite_measures(result.measures), result.believed_wall_s
     is_storable = measures is result.measures and wall_s == result.wall_s
-    if is_storable and result.noise.shape == shape:
+    if is_storable and _has_form(result.noise, form):
         return result
+    z, sigma = (each.reshape(-1, form.channels) for each in (result.noise.z, result.noise.sigma))
     return msgspec.structs.replace(
         result,
-        noise=msgspec.structs.replace(result.noise, shape=shape),
+        noise=msgspec.structs.replace(result.noise, z=z, sigma=sigma, shape=form.shape),
         measures=measures,
         wall_s=wall_s,
     )

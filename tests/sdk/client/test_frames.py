@@ -118,6 +118,16 @@ def test_noise_has_a_row_for_each_step_in_metres_and_in_sigma():
     assert list(frame["longitudinal_sigma_m"]) == [2.0, 2.0]
 
 
+@pytest.mark.parametrize("channels", [1, 3, 5])
+def test_noise_by_itself_numbers_its_channels(channels):
+    z = np.arange(2 * channels, dtype=np.float32).reshape(2, channels)
+    noise = NoiseTrajectory(z, np.full_like(z, 2.0))
+    assert np.array_equal(noise.to_numpy(), 2.0 * z)
+    frame = noise.to_pandas()
+    assert len(frame.columns) == 1 + 3 * channels
+    assert list(frame[f"channel_{channels}_m"]) == [2.0 * (channels - 1), 2.0 * (2 * channels - 1)]
+
+
 def test_values_of_a_service_are_tables(client, fields):
     made = [client.campaigns.create(**fields).id for _ in range(2)]
     assert list(client.campaigns.list().to_pandas()["id"]) == made[::-1]

@@ -5,6 +5,8 @@ from contextlib import closing
 import msgspec
 import numpy as np
 import pytest
+from store_checks.examples import deliver as store_results
+from store_checks.examples import name_channels, result_of, running
 
 from eigenfail.client import Client
 from eigenfail.errors import (
@@ -181,6 +183,23 @@ def test_an_episode_without_a_step_keeps_its_shape(client, campaign, deliver):
     assert told.noise.z.shape == (0, 2)
     assert told.noise.log_probability == 0.0
     assert told.digest() == unrunnable(1).digest()
+
+
+@pytest.mark.parametrize("channels", [1, 3, 5])
+def test_episodes_name_the_channels_of_their_noise(client, store, channels):
+    campaign = running(store, **name_channels(channels))
+    lost = unrunnable(1)
+    store_results(store, campaign, result_of(channels), lost)
+    told = client.episodes.get(campaign.id, 0)
+    assert told.channels == tuple(f"c{number}" for number in range(channels))
+    assert told.noise.z.tobytes() == result_of(channels).noise.z.tobytes()
+    frame = told.to_pandas()
+    assert list(frame) == [
+        "step", *(f"{name}_{kind}" for name in told.channels for kind in ("m", "z", "sigma_m"))
+    ]  # fmt: skip
+    assert list(frame[f"c{channels - 1}_z"]) == told.noise.z[:, -1].tolist()
+    nothing = client.episodes.get(campaign.id, 1)
+    assert nothing.noise.z.shape == nothing.noise.sigma.shape == (0, channels)
 
 
 def test_episodes_are_listed_by_outcome(client, campaign, deliver, monkeypatch):

@@ -10,7 +10,7 @@ import deadlines
 import msgspec
 import psutil
 import pytest
-from store_checks.examples import deliver, running
+from store_checks.examples import deliver, name_channels, running
 
 from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.testing.examples import collision, make_errored_result, result
@@ -204,6 +204,13 @@ def test_noise_that_cannot_stand_side_by_side_is_refused(store: Store, changes, 
     assert words in problem(store, one, settings)
     with pytest.raises(InvalidValue, match="campaigns: campaign 2 has"):
         find_basis(store, one, settings)
+
+
+def test_noise_of_other_channels_cannot_stand_side_by_side(store: Store) -> None:
+    one, same, other = (running(store, **name_channels(count)).id for count in (3, 3, 1))
+    find_basis(store, one, AnalysisSettings(campaigns=(same,)))
+    with pytest.raises(InvalidValue, match="campaign 3 has noise with other channels"):
+        find_basis(store, one, AnalysisSettings(campaigns=(other,)))
 
 
 def test_campaigns_of_different_worlds_are_told(store: Store) -> None:

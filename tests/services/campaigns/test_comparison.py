@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from store_checks.examples import deliver
+from store_checks.examples import deliver, name_channels
 
 from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.testing.examples import make_errored_result, result
@@ -180,6 +180,14 @@ def test_other_shapes_of_noise_are_not_paired(store: Store) -> None:
     shaped = DisturbanceModel(shape=Correlated(0.5, 0.5))
     made = store.campaigns.create(spec(disturbance=shaped))
     assert compare(store, [a], [made.id]).unpaired_because == "their noise differs in shape."
+
+
+def test_noise_of_other_channels_is_not_paired(store: Store) -> None:
+    one, same, other = (
+        store.campaigns.create(spec(**name_channels(count))).id for count in (3, 3, 5)
+    )
+    assert compare(store, [one], [other]).unpaired_because == "their noise differs in its channels."
+    assert "channels" not in compare(store, [one], [same]).unpaired_because
 
 
 def test_noise_is_looked_at_and_not_only_promised(store: Store) -> None:

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 
 from eigenfail.errors import InvalidValue, NotFound
-from eigenfail.values import Campaign, CampaignSpec, CampaignState
+from eigenfail.values import AXES, Campaign, CampaignSpec, CampaignState
 from eigenfail_services.campaigns.comparison import (
     MOST,
     compare_settings,
@@ -85,7 +85,8 @@ def test_a_function_under_test_is_completed_too(monkeypatch: pytest.MonkeyPatch)
         **{**FIELDS, "simulator": "function", "scenario": "function", "planner": "m:f"},
         scenario_parameters={"steps": 5},
     )
-    assert fill_defaults(spec).scenario_parameters == {"steps": 5, "limit_s": 30.0}
+    filled = {"steps": 5, "limit_s": 30.0, "channels": AXES}
+    assert fill_defaults(spec).scenario_parameters == filled
 
 
 def test_changes_go_over_settings_but_not_over_those_of_another_plug_in() -> None:

@@ -5,15 +5,19 @@ from collections.abc import Iterator
 import msgspec
 import numpy as np
 import pytest
+from store_checks.examples import deliver, name_channels, result_of
 
 from eigenfail import plugins
 from eigenfail.errors import InvalidValue
+from eigenfail.testing.examples import analysis_result
 from eigenfail.values import (
+    AnalysisSettings,
     CampaignSpec,
     CampaignState,
     EpisodeFault,
     EpisodeTask,
     Measures,
+    Outcome,
     PriorSource,
     StopRules,
     episode_seed,
@@ -243,7 +247,7 @@ def data(numbers, **fields) -> CampaignSpec:
 
 def experience_of(spec: CampaignSpec, store):
     found = find_references(resolve_campaign(spec), store)
-    return read_experience(found.references.data, found.horizon, store)
+    return read_experience(found, store)
 
 
 def test_experience_is_all_that_was_completed(house: House, monkeypatch) -> None:
@@ -280,6 +284,69 @@ def test_of_too_many_episodes_the_least_robust_and_an_even_sample_are_kept(
     assert len(kept) == 10
     np.testing.assert_allclose(kept[:5], robustness[:5])
     assert kept[-1] == np.float32(robustness[-1])
+
+
+def ended(store, channels: int, **fields) -> int:
+    """A campaign on noise of so many channels that is done, with one failure."""
+    spec = CampaignSpec(name="t", method="monte_carlo", episodes=2, **name_channels(channels))
+    made = store.campaigns.create(msgspec.structs.replace(spec, **fields))
+    store.campaigns.move(made.id, CampaignState.RUNNING)
+    failure = result_of(channels, 1, outcome=Outcome.COLLISION)
+    deliver(store, made, result_of(channels), failure)
+    store.campaigns.move(made.id, CampaignState.DONE)
+    return made.id
+
+
+def analysed(store, campaign: int) -> int:
+    """An analysis of a campaign that is done."""
+    made = store.analyses.create(campaign, AnalysisSettings())
+    store.analyses.finish(made.id, analysis_result())
+    return made.id
+
+
+def on_noise(channels: int, method: str, **settings) -> CampaignSpec:
+    fields = name_channels(channels)
+    return CampaignSpec(name="t", method=method, settings=settings, episodes=9, **fields)
+
+
+@pytest.mark.parametrize("channels", [1, 3, 5])
+def test_learners_are_given_noise_of_all_channels(memory: House, channels: int) -> None:
+    before = ended(memory.store, channels)
+    for spec, count in (
+        (on_noise(channels, "monte_carlo"), 0),
+        (on_noise(channels, "replay", campaign=before), 1),
+        (on_noise(channels, "replay", campaign=before, episodes=[1, 0]), 2),
+    ):
+        context = memory.context(memory.store.campaigns.create(spec).id)
+        assert context.trajectories.shape == (count, 3, channels)
+        assert context.channels == channels
+    experience = experience_of(on_noise(channels, "difs", data_from=[before]), memory.store)
+    assert experience.z.shape == (2, 3, channels)
+    np.testing.assert_array_equal(experience.z[1], result_of(channels, 1).noise.z)
+
+
+REFERENCES = [
+    ("replay", "campaign", lambda _store, before: before),
+    ("chains", "campaign", lambda _store, before: before),
+    ("replay", "analysis", analysed),
+    ("nearest", "analysis", analysed),
+    ("difs", "data_from", lambda _store, before: [before]),
+    ("ast", "warm_start", lambda _store, before: before),
+    ("evaluate", "campaign", lambda _store, before: before),
+]
+
+
+@pytest.mark.parametrize("there", [1, 5])
+@pytest.mark.parametrize(("method", "name", "refer"), REFERENCES)
+def test_what_other_channels_taught_is_refused(
+    memory: House, method: str, name: str, refer, there: int
+) -> None:
+    before = ended(memory.store, there, method="ast")
+    spec = on_noise(3, method, **{name: refer(memory.store, before)})
+    words = rf"campaign {before} has {there} channels? \(c0.*here it has 3 channels \(c0, c1, c2\)"
+    with pytest.raises(InvalidValue, match=words) as refused:
+        find_references(resolve_campaign(spec), memory.store)
+    assert refused.value.field == f"settings.{name}"
 
 
 def test_an_even_sample_is_even() -> None:

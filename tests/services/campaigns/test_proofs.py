@@ -6,10 +6,12 @@ from threading import Event
 
 import numpy as np
 import pytest
+from store_checks.examples import name_channels, running
 
 from eigenfail import plugins
 from eigenfail.errors import Conflict, InvalidValue, LearnerFailed
 from eigenfail.process_state import ProcessState
+from eigenfail.testing.examples import analysis_result
 from eigenfail.values import (
     AnalysisSettings,
     CampaignSpec,
@@ -388,6 +390,21 @@ def test_a_variation_that_draws_is_refused(house, varied, given) -> None:
         with pytest.raises(InvalidValue, match=r"is a distribution.*Give it a value") as refused:
             launch_replays(store, analysis, [{}, {"distance_m": given}])
         assert refused.value.field == "variations[1].distance_m"
+
+
+def test_a_variation_with_other_channels_is_refused(monkeypatch) -> None:
+    monkeypatch.setenv("EIGENFAIL_FUNCTIONS", "m")
+    store = open_store("memory://")
+    analysed = running(store, **name_channels(3))
+    analysis = store.analyses.create(analysed.id, AnalysisSettings()).id
+    store.analyses.finish(analysis, analysis_result())
+    variations = [{"limit_s": 5.0}, {"channels": ["c0"]}]
+    with pytest.raises(InvalidValue, match="other channels of noise than the analysis") as refused:
+        launch_replays(store, store.analyses.get(analysis), variations)
+    assert refused.value.field == "variations[1].channels"
+    assert not store.analyses.replays(analysis)
+    launch_replays(store, store.analyses.get(analysis), variations[:1])
+    assert len(store.analyses.replays(analysis)) == 1
 
 
 @pytest.mark.parametrize(

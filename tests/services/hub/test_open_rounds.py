@@ -1,8 +1,11 @@
 """Which episodes of open rounds are asked for, and which of their results count."""
 
+from typing import Any
+
 import msgspec
 import numpy as np
 import pytest
+from store_checks.examples import name_channels, result_of
 
 from eigenfail.errors import StoreUnavailable
 from eigenfail.values import (
@@ -21,6 +24,7 @@ from eigenfail.wire.messages import PROTOCOL, Hello
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.open_rounds import MAX_REFUSALS, OpenRounds
 from eigenfail_services.store import open_store
+from eigenfail_services.store.codec import find_noise_form
 
 TASKS = tuple(EpisodeTask(index, index, PriorSource()) for index in range(4))
 ROUNDS = Round(0, TASKS[:2]), Round(1, TASKS[2:])
@@ -29,13 +33,13 @@ ROUNDS = Round(0, TASKS[:2]), Round(1, TASKS[2:])
 class Opened:
     """The open rounds of one campaign, beside a store and a worker."""
 
-    def __init__(self, *, observes: bool = True) -> None:
-        spec = CampaignSpec(name="t", method="monte_carlo", episodes=4)
+    def __init__(self, *, observes: bool = True, **fields: Any) -> None:
+        spec = CampaignSpec(name="t", method="monte_carlo", episodes=4, **fields)
         self.store, self.leases = open_store("memory://"), Leases()
         self.campaign = self.store.campaigns.create(spec).id
         self.leases.open_session(b"w", Hello(PROTOCOL, "w", 256), 0.0)
-        shape = spec.setup().disturbance.shape
-        self.rounds = OpenRounds(self.campaign, shape, self.store, self.leases, observes=observes)
+        form = find_noise_form(spec)
+        self.rounds = OpenRounds(self.campaign, form, self.store, self.leases, observes=observes)
 
     def leased(self) -> list[int]:
         return sorted(task.index for each in self.leases.assign() for task in each.tasks)
@@ -95,6 +99,27 @@ def test_a_learner_that_uses_no_results_gets_them_without_arrays(observes: bool,
         found = each.noise.z, each.noise.sigma, each.states, each.importance
         assert [0 if array is None else len(array) for array in found] == [rows] * 4
     assert len(opened.store.episodes.get(opened.campaign, 1).noise.z) == 3
+
+
+@pytest.mark.parametrize("channels", [1, 3, 5])
+@pytest.mark.parametrize("observes", [True, False])
+def test_noise_without_a_step_has_the_channels_of_the_campaign(
+    channels: int, observes: bool
+) -> None:
+    opened = Opened(observes=observes, **name_channels(channels))
+    opened.commit(result(0))
+    opened.rounds.open(ROUNDS[:1])
+    opened.deliver(result(1))
+    for each in opened.rounds.pop_complete() or pytest.fail("The round is not complete."):
+        assert each.noise.z.shape == each.noise.sigma.shape == (0, channels)
+
+
+def test_a_result_with_noise_of_other_channels_is_asked_for_again() -> None:
+    opened = Opened(**name_channels(3))
+    opened.rounds.open(ROUNDS[:1])
+    assert opened.leased() == [0, 1]
+    opened.deliver(result_of(2))
+    assert opened.leased() == [0]
 
 
 def test_rounds_open_once_although_the_store_was_away(

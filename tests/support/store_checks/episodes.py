@@ -24,9 +24,19 @@ from eigenfail.values import (
     Outcome,
     Scene,
 )
+from eigenfail.values.learning import count_state
 from eigenfail.values.records import Delivery, Verdict
 from eigenfail_services.store import Store
-from store_checks.examples import WORKER, alike, deliver, equal, running
+from store_checks.examples import (
+    WORKER,
+    alike,
+    deliver,
+    equal,
+    name_channels,
+    noise_of,
+    result_of,
+    running,
+)
 
 KEPT, DUPLICATE, ALARM, UNWANTED = Verdict
 
@@ -205,6 +215,29 @@ def knows_the_shape_of_the_noise(store: Store) -> None:
     equal(store.episodes.page(campaign.id, 1).items[0].log_probability, log_p, "log p in a list")
 
 
+def knows_the_channels_of_the_noise(store: Store) -> None:
+    """Noise comes back with its channels; what has another number of them is unwanted."""
+    for channels in (1, 3, 5):
+        campaign = running(store, **name_channels(channels))
+        states = floats(1, 3, count_state(channels))
+        seen = result_of(channels, 1, outcome=Outcome.COLLISION, states=states)
+        lost = make_errored_result(2, noise=noise_of(2, steps=0))
+        never_seen = make_errored_result(3, noise=noise_of(channels, steps=0), states=states[:0])
+        given = (result_of(channels), seen, lost, never_seen)
+        misfits = (
+            *(result_of(other, 4) for other in (channels - 1, channels + 1)),
+            result_of(channels, 4, states=floats(0, 3, len(STATE) + (channels < 3))),
+        )
+        equal(deliver(store, campaign, *given, *misfits), [KEPT] * 4 + [UNWANTED] * 3, "Verdicts")
+        for each in (*given[:2], never_seen):
+            same_result(store.episodes.get(campaign.id, each.index), each)
+        found = store.episodes.get(campaign.id, 2)
+        equal(found.noise.sigma.shape, (0, channels), "The shape of noise without a step")
+        equal(found.digest(), lost.digest(), "The digest of an episode that never ran")
+        (failed,) = store.episodes.failures(campaign.id).noise
+        alike(failed, seen.noise.z, "The noise of a failure")
+
+
 def takes_any_text(store: Store) -> None:
     """What a planner or worker says cannot keep a result from being stored."""
     campaign = running(store)
@@ -226,5 +259,6 @@ CHECKS = (
     refuses_what_does_not_fit,
     keeps_no_number_that_is_none,
     knows_the_shape_of_the_noise,
+    knows_the_channels_of_the_noise,
     takes_any_text,
 )

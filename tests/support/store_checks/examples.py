@@ -5,12 +5,13 @@ from typing import Any
 import numpy as np
 
 from eigenfail.testing import expect
-from eigenfail.testing.examples import spec
+from eigenfail.testing.examples import floats, result, spec
 from eigenfail.values import (
     Campaign,
     CampaignState,
     EpisodeResult,
     Floats,
+    NoiseTrajectory,
 )
 from eigenfail.values.records import Delivery, Verdict
 from eigenfail_services.store import Store
@@ -38,6 +39,28 @@ def alike(found: Floats | None, wanted: Floats | None, what: str) -> None:
 def running(store: Store, **changes: Any) -> Campaign:
     """A campaign that has begun."""
     return store.campaigns.move(store.campaigns.create(spec(**changes)).id, CampaignState.RUNNING)
+
+
+def name_channels(count: int) -> dict[str, Any]:
+    """The fields of a campaign on a function of noise with so many channels, of three steps."""
+    channels = [f"c{number}" for number in range(count)]
+    return {
+        "simulator": "function",
+        "scenario": "function",
+        "planner": "m:f",
+        "scenario_parameters": {"steps": 3, "channels": channels},
+    }
+
+
+def noise_of(channels: int, index: int = 0, steps: int = 3) -> NoiseTrajectory:
+    """Noise of so many channels."""
+    z = floats(index, steps, channels)
+    return NoiseTrajectory(z, np.ones_like(z))
+
+
+def result_of(channels: int, index: int = 0, **changes: Any) -> EpisodeResult:
+    """The result of an episode on a function of noise with so many channels."""
+    return result(index, **{"noise": noise_of(channels, index)} | changes)
 
 
 def deliver(store: Store, campaign: Campaign, *results: EpisodeResult) -> list[Verdict]:
