@@ -90,7 +90,7 @@ def test_a_short_campaign_warms_up_for_a_quarter_of_it():
 def test_no_action_has_more_entropy_than_its_channels_allow(channels, most):
     settings = {} if channels == 1 else {"target_entropy": 1.3}
     ast(channels=channels, **settings)
-    with pytest.raises(InvalidValue, match=f"{channels} components in .* at most {most}"):
+    with pytest.raises(InvalidValue, match=f"ln 2 for each channel, {most} in all"):
         AstSettings(target_entropy=channels * 0.7).options(channels, seed=0)
 
 

@@ -286,14 +286,14 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         """Return the options of the trainer, for which `n_step` decisions are one.
 
         Raises:
-            InvalidValue: no action of that many components has the target entropy.
+            InvalidValue: no action of so few components has the target entropy.
         """
         most = channels * log(2.0)
         if self.target_entropy >= most:
             raise InvalidValue(
                 "settings.target_entropy",
-                f"{self.target_entropy:g} nat are too many: an action of {channels} components in "
-                f"[-1, 1] has at most {most:.2f}.",
+                f"{self.target_entropy:g} nat are too many: an action has at most ln 2 for each "
+                f"channel, {most:.2f} in all.",
                 "Ask for less.",
             )
         return SacOptions(
