@@ -26,7 +26,7 @@ def measure() -> list[float]:
 
     settings = DifsSettings(device="cpu")
     full = msgspec.structs.replace(settings, sampler="ddpm")
-    models = [DiffusionModel(given.options(HORIZON, seed=0)) for given in (settings, full)]
+    models = [DiffusionModel(given.options(HORIZON, 2, seed=0)) for given in (settings, full)]
     for model in models:
         duration(model, draw=0)
     return [

@@ -7,6 +7,7 @@ from crew import Crew, horizon, staged
 from figures import Figure
 from samples import COMMAND
 
+from eigenfail.values import AXES
 from eigenfail_services.statistics.conditional_sampler import Array
 from eigenfail_services.statistics.pooled_estimate import pool_simulations
 from eigenfail_services.statistics.subset_simulation import (
@@ -44,7 +45,8 @@ def simulate(scenario: str, crew: Crew, seed: int) -> SubsetSimulation:
     def robustness(z: Array) -> Array:
         return np.array([one.measures.robustness_m for one in crew.inject(setup, z)])
 
-    return simulate_subsets(robustness, horizon(scenario), CALLS, SubsetSettings(), seed)
+    shape = horizon(scenario), len(AXES)
+    return simulate_subsets(robustness, shape, CALLS, SubsetSettings(), seed)
 
 
 def story(simulation: SubsetSimulation) -> str:

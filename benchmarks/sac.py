@@ -45,19 +45,19 @@ def ratio(batch_size: int) -> float:
 
 def trainer(name: str, batch_size: int) -> Any:
     """A trainer with the paper's settings and a memory to draw from."""
-    from eigenfail.values import STATE
+    from eigenfail.values import AXES, STATE
     from eigenfail_services.methods.ast.decisions import Decisions
-    from eigenfail_services.methods.ast.settings import ACTIONS, AstSettings, make_trainer
+    from eigenfail_services.methods.ast.settings import AstSettings, make_trainer
 
     papers = AstSettings(alpha=5000.0, c_dist=1000.0, tau=0.001, learning_rate=3e-4)
-    options = msgspec.structs.replace(papers, batch_size=batch_size).options(seed=1)
+    options = msgspec.structs.replace(papers, batch_size=batch_size).options(len(AXES), seed=1)
     made = make_trainer(name, options)
     random = np.random.default_rng(1)
     states = random.standard_normal((KEPT + 1, len(STATE)), np.float32)
     made.add(
         Decisions(
             states=states[:-1],
-            actions=random.uniform(-1.0, 1.0, (KEPT, ACTIONS)).astype(np.float32),
+            actions=random.uniform(-1.0, 1.0, (KEPT, len(AXES))).astype(np.float32),
             rewards=random.standard_normal(KEPT, np.float32),
             next_states=states[1:],
             ends=(random.uniform(size=KEPT) < 0.1).astype(np.float32),

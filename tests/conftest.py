@@ -27,7 +27,7 @@ os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONP
 # Tests put doubles in place of functions, which compiled code calls directly. That compiled code
 # gives the same results is a test of its own: workers/test_compilation.py.
 os.environ.setdefault("EIGENFAIL_INTERPRETED", "1")
-os.environ["EIGENFAIL_FUNCTIONS"] = "any_function,eigenfail_sleeping"
+os.environ["EIGENFAIL_FUNCTIONS"] = "any_function,eigenfail_planes,eigenfail_sleeping"
 
 
 LONG = ("service", "browser")

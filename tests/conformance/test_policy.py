@@ -24,6 +24,7 @@ OPTIONS = SacOptions(
     amplitude=2.5,
     hold=5,
     seed=SEED,
+    channels=2,
 )
 
 

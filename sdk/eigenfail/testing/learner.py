@@ -17,7 +17,6 @@ from eigenfail.errors import ProtocolError
 from eigenfail.settings import read_settings
 from eigenfail.testing import expect, expect_error
 from eigenfail.values import (
-    STATE,
     EpisodeFault,
     EpisodeResult,
     EpisodeTask,
@@ -37,12 +36,11 @@ from eigenfail.values import (
     unrunnable,
 )
 from eigenfail.values.arrays import encode_array
-
-LAST_NOISE = slice(STATE.index("noise_x"), STATE.index("noise_y") + 1)
+from eigenfail.values.learning import SCENE_STATE, count_state
 
 
 class Corridor(msgspec.Struct, frozen=True):
-    """A vehicle that follows low-pass filtered longitudinal noise, and a wall.
+    """A vehicle that follows the low-pass filtered noise of the first channel, and a wall.
 
     y_t = (1 - gain) · y_{t-1} + gain · z_t fails once it reaches `wall`; robustness is the
     distance to it. White noise is filtered away; noise that lasts is not.
@@ -51,10 +49,15 @@ class Corridor(msgspec.Struct, frozen=True):
     steps: int = 40
     gain: float = 0.1
     wall: float = 1.0
-    sigma: tuple[float, float] = (2.0, 0.4)
+    sigma: tuple[float, ...] = (2.0, 0.4)
+
+    @property
+    def channels(self) -> int:
+        """The number of channels of the noise, each of which has a sigma."""
+        return len(self.sigma)
 
     def course(self, z: NDArray[np.floating]) -> NDArray[np.float64]:
-        """Return y after each step, shape (…, steps), for noise of shape (…, steps, 2)."""
+        """Return y after each step, shape (…, steps), for noise of shape (…, steps, channels)."""
         y = np.zeros(z.shape[:-1])
         last = np.zeros(z.shape[:-2])
         for t in range(z.shape[-2]):
@@ -92,12 +95,13 @@ class ToyEngine:
 
     def _episode(self, task: EpisodeTask) -> EpisodeResult:
         random = np.random.default_rng(task.seed)
-        states = np.zeros((self._corridor.steps, len(STATE)), np.float32)
+        channels = self._corridor.channels
+        states = np.zeros((self._corridor.steps, count_state(channels)), np.float32)
         z = self._noise(task, random, states)
         course = self._corridor.course(z)
         beyond = np.flatnonzero(course >= self._corridor.wall)
         steps = int(beyond[0]) + 1 if len(beyond) else self._corridor.steps
-        sigma = np.broadcast_to(np.asarray(self._corridor.sigma, np.float32), (steps, 2))
+        sigma = np.broadcast_to(np.asarray(self._corridor.sigma, np.float32), (steps, channels))
         return EpisodeResult(
             index=task.index,
             seed=task.seed,
@@ -111,24 +115,28 @@ class ToyEngine:
         )
 
     def _noise(self, task: EpisodeTask, random: np.random.Generator, states: Floats) -> Floats:
-        source = task.source
+        source, shape = task.source, (len(states), self._corridor.channels)
         if isinstance(source, PriorSource):
-            return random.standard_normal((len(states), 2), np.float32)
+            return random.standard_normal(shape, np.float32)
         if isinstance(source, TrajectorySource):
-            z = np.zeros((len(states), 2), np.float32)
+            z = np.zeros(shape, np.float32)
             z[: len(source.z)] = source.z[: len(z)]
             return z
         return self._chosen(self._policies[source.version], random, states)
 
     def _chosen(self, policy: Policy, random: np.random.Generator, states: Floats) -> Floats:
         """Return z of a policy's episode, and write its observed states into `states`."""
-        z = np.zeros((len(states), 2), np.float32)
+        channels = self._corridor.channels
+        z = np.zeros((len(states), channels), np.float32)
         y = 0.0
         for t in range(len(states)):
             states[t, 0], states[t, -1] = y, t / len(states)
-            states[t, LAST_NOISE] = z[t - 1] / 3.0 if t else 0.0
+            states[t, SCENE_STATE : SCENE_STATE + channels] = z[t - 1] / 3.0 if t else 0.0
             held = t % policy.hold
-            z[t] = z[t - held] if held else decide(policy, states[t], random.standard_normal(2))
+            if held:
+                z[t] = z[t - held]
+            else:
+                z[t] = decide(policy, states[t], random.standard_normal(channels))
             y = (1.0 - self._corridor.gain) * y + self._corridor.gain * float(z[t, 0])
         return z
 
@@ -139,12 +147,12 @@ class ToyEngine:
 
 
 def decide(policy: Policy, state: Floats, eps: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return z of one decision, shape (2,), as `Policy` defines it.
+    """Return z of one decision, shape (channels,), as `Policy` defines it.
 
     Args:
         policy: which decides.
-        state: shape (len(STATE),).
-        eps: standard normal numbers, shape (2,).
+        state: shape (count_state(channels),).
+        eps: standard normal numbers, shape (channels,).
     """
     h: NDArray[np.floating] = state
     for layer in policy.hidden:
@@ -161,7 +169,16 @@ def _affine(layer: Layer, h: NDArray[np.floating]) -> NDArray[np.floating]:
 GARBAGE = (b"", b"\xc1", b"no state", msgspec.msgpack.encode({"kind": "another"}))
 
 
-CORRIDOR = Corridor(wall=0.5)
+def make_corridor(channels: int) -> Corridor:
+    """Return a corridor with frequent failures, of that many channels."""
+    return Corridor(wall=0.5, sigma=(2.0, *(0.4,) * (channels - 1)))
+
+
+CORRIDOR = make_corridor(2)
+
+OTHER_CHANNELS = (1, 5)
+"""Numbers of channels besides the two of a road: a single one has no other beside it, and with
+five, no two dimensions of an array are equal by chance."""
 
 
 def encode_proposal(proposal: Proposal) -> bytes:
@@ -170,23 +187,31 @@ def encode_proposal(proposal: Proposal) -> bytes:
 
 
 class LearnerSuite:
-    """Checks that every learner must pass."""
+    """Checks that every learner must pass.
+
+    Override `context` where the method needs other noise, or an earlier campaign.
+    """
 
     method: ClassVar[Method]
     settings: ClassVar[Mapping[str, Any]] = MappingProxyType({})
     budget: ClassVar[int] = 40
     rounds: ClassVar[int] = 3
 
-    def learner(self, seed: int = 0) -> Learner:
-        """Return a new learner for a corridor with frequent failures."""
+    def context(self, seed: int, corridor: Corridor) -> LearnerContext:
+        """Return what a learner is born with, for noise of the steps and channels of a corridor."""
         random = np.random.default_rng(seed)
-        context = LearnerContext(
+        shape = self.budget, corridor.steps, corridor.channels
+        return LearnerContext(
             seed=learner_seed(seed),
             episodes=self.budget,
-            horizon=CORRIDOR.steps,
-            trajectories=random.standard_normal((self.budget, CORRIDOR.steps, 2), np.float32),
+            horizon=corridor.steps,
+            trajectories=random.standard_normal(shape, np.float32),
         )
-        return self.method(context, read_settings(self.method.Settings, self.settings, "settings"))
+
+    def learner(self, seed: int = 0, corridor: Corridor = CORRIDOR) -> Learner:
+        """Return a new learner for a corridor with frequent failures."""
+        settings = read_settings(self.method.Settings, self.settings, "settings")
+        return self.method(self.context(seed, corridor), settings)
 
     def play(self, learner: Learner, first: int, engine: EpisodeEngine | None = None) -> Proposal:
         """Propose, run and observe one round from episode `first` on."""
@@ -225,14 +250,30 @@ class LearnerSuite:
         expect(first > 0, "proposed nothing at all")
 
     def test_trajectories_fit_the_horizon_and_are_finite(self) -> None:
-        """Injected noise is float32 of shape (up to horizon, 2)."""
+        """Injected noise is float32 of shape (up to horizon, channels)."""
         learner, first = self.begun()
         for source in learner.propose(self.budget - first).sources:
             if isinstance(source, TrajectorySource):
-                steps, axes = source.z.shape
-                expect(steps <= CORRIDOR.steps and axes == 2, f"shape {source.z.shape}")
-                expect(source.z.dtype == np.float32, f"dtype {source.z.dtype}")
-                expect(bool(np.isfinite(source.z).all()), "a value is not finite")
+                expect_fit(source.z, CORRIDOR)
+
+    def test_takes_noise_of_any_number_of_channels(self) -> None:
+        """Proposals are for the channels of the context, and so is a state."""
+        for channels in OTHER_CHANNELS:
+            corridor = make_corridor(channels)
+            engine, learner, first = ToyEngine(corridor), self.learner(corridor=corridor), 0
+            for _ in range(self.rounds):
+                proposal = self.play(learner, first, engine)
+                first += len(proposal.sources)
+                for source in proposal.sources:
+                    if isinstance(source, TrajectorySource):
+                        expect_fit(source.z, corridor)
+            state = learner.state()
+            other = self.learner(corridor=corridor)
+            other.restore(state)
+            expect(other.state() == state, f"the state is another one with {channels} channels")
+            expected = encode_proposal(self.play(learner, first, engine))
+            found = encode_proposal(self.play(other, first, engine))
+            expect(found == expected, f"proposals differ with {channels} channels")
 
     def test_same_seed_and_results_give_the_same_proposals(self) -> None:
         """Equal seeds give equal proposals, bit for bit, over several rounds."""
@@ -283,6 +324,15 @@ class LearnerSuite:
             first += len(proposal.sources)
             said.append(encode_proposal(proposal))
         return said
+
+
+def expect_fit(z: Floats, corridor: Corridor) -> None:
+    """Fail unless noise fits the episodes of a corridor."""
+    steps, channels = z.shape
+    fits = steps <= corridor.steps and channels == corridor.channels
+    expect(fits, f"shape {z.shape}")
+    expect(z.dtype == np.float32, f"dtype {z.dtype}")
+    expect(bool(np.isfinite(z).all()), "a value is not finite")
 
 
 def results(proposal: Proposal, first: int, engine: EpisodeEngine) -> Sequence[EpisodeResult]:

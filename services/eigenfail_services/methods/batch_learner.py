@@ -13,6 +13,7 @@ from typing import Annotated, ClassVar, Generic, Protocol, TypeVar
 import msgspec
 import numpy as np
 
+from eigenfail.errors import InvalidValue
 from eigenfail.values import EpisodeResult, LearnerContext, Proposal, TrajectorySource
 from eigenfail.values.learning import (
     MOST_OPEN_ROUNDS,
@@ -62,7 +63,7 @@ class SimulationDriver(Generic[S]):
         return sum(map(len, self._batches))
 
     def take(self, n: int) -> Array:
-        """Return at most n trajectories, shape (up to n, steps, 2): the next ones of one batch.
+        """Return at most n trajectories, (up to n, steps, channels): the next ones of one batch.
 
         Raises:
             ValueError: all that were requested were taken, and the simulation waits for them.
@@ -100,6 +101,23 @@ MAX_VALUES_PER_ROUND = 5_000_000
 """Most values of noise in a round, which is sent as one message."""
 
 
+def limit_round(context: LearnerContext, round_size: int) -> int:
+    """Return the episodes of a round whose noise fits one message, at most `round_size`."""
+    return min(round_size, 1 + MAX_VALUES_PER_ROUND // (context.channels * context.horizon))
+
+
+def check_values(method: str, most: int, context: LearnerContext, remedy: str) -> None:
+    """Raise InvalidValue if the noise of an episode has more than `most` values."""
+    values = context.channels * context.horizon
+    if values > most:
+        raise InvalidValue(
+            "method",
+            f"{method} takes noise of up to {most} values, and {context.horizon} steps have "
+            f"{values}.",
+            remedy,
+        )
+
+
 class BatchLearner(ABC, Generic[S]):
     """A learner that hands out the batches of a simulation, at most a round at a time.
 
@@ -124,7 +142,7 @@ class BatchLearner(ABC, Generic[S]):
 
     def __init__(self, context: LearnerContext, round_size: int) -> None:
         self._context = context
-        self._round_size = min(round_size, 1 + MAX_VALUES_PER_ROUND // (2 * context.horizon))
+        self._round_size = limit_round(context, round_size)
         self._ahead = 0
         if context.parallel:
             self._round_size = min(self._round_size, choose_group_size(context.parallel))

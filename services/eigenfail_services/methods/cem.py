@@ -27,25 +27,26 @@ Array = NDArray[np.float64]
 
 
 class GaussianProposal(msgspec.Struct, frozen=True, eq=False):
-    """q(z): z_t ~ N(mean_t, diag(std_t²)), every step and axis independent of the others.
+    """q(z): z_t ~ N(mean_t, diag(std_t²)), every step and channel independent of the others.
 
     Attributes:
-        mean: shape (horizon, 2): longitudinal, lateral. [sigma]
-        std: shape (horizon, 2), above 0. [sigma]
+        mean: shape (horizon, channels). [sigma]
+        std: shape (horizon, channels), above 0. [sigma]
     """
 
     mean: Floats
     std: Floats
 
     def draw(self, count: int, random: np.random.Generator) -> Floats:
-        """Draw noise trajectories z, shape (count, horizon, 2). [sigma]"""
+        """Draw noise trajectories z, shape (count, horizon, channels). [sigma]"""
         eps = random.standard_normal((count, *self.mean.shape), np.float32)
         return self.mean + self.std * eps
 
 
-def make_prior(horizon: int) -> GaussianProposal:
+def make_prior(horizon: int, channels: int) -> GaussianProposal:
     """Return p(z) as a proposal: mean 0, standard deviation 1."""
-    return GaussianProposal(np.zeros((horizon, 2), np.float32), np.ones((horizon, 2), np.float32))
+    shape = horizon, channels
+    return GaussianProposal(np.zeros(shape, np.float32), np.ones(shape, np.float32))
 
 
 def log_weights(trajectories: Sequence[Floats], proposal: GaussianProposal) -> Array:
@@ -56,24 +57,25 @@ def log_weights(trajectories: Sequence[Floats], proposal: GaussianProposal) -> A
     (Siegmund 1976, Annals of Statistics 4, 673–684).
 
     Args:
-        trajectories: z of each episode, shape (steps, 2), steps no more than the horizon. [sigma]
+        trajectories: z of each episode, shape (steps, channels), steps no more than the horizon.
+            [sigma]
         proposal: proposal from which they were drawn.
     """
     return np.array([_log_weight(z.astype(np.float64), proposal) for z in trajectories])
 
 
 def fit_gaussian(elite: Sequence[Floats], proposal: GaussianProposal) -> tuple[Array, Array]:
-    """Return mean and standard deviation of an elite, each of shape (horizon, 2). [sigma]
+    """Return mean and standard deviation of an elite, each of shape (horizon, channels). [sigma]
 
     Behind its end, an episode counts as a draw from the prior, as noise there would not have
     mattered. The variance of the episodes that still run has Bessel's correction, as small elites
     would narrow it in each round; where only one runs, it is that of the proposal.
 
     Args:
-        elite: z of each episode, shape (steps, 2); at least one.
+        elite: z of each episode, shape (steps, channels); at least one.
         proposal: proposal from which they were drawn.
     """
-    z, running = _pad(elite, len(proposal.mean))
+    z, running = _pad(elite, proposal.mean.shape)
     count = running.sum(axis=0)
     centre = z.sum(axis=0) / np.maximum(count, 1)
     squares = np.where(running, (z - centre) ** 2, 0.0).sum(axis=0)
@@ -85,11 +87,11 @@ def fit_gaussian(elite: Sequence[Floats], proposal: GaussianProposal) -> tuple[A
 
 
 def average_over_steps(values: Array, window: int) -> Array:
-    """Return the moving average over a window of steps; values of shape (horizon, 2)."""
+    """Return the moving average over a window of steps; values of shape (horizon, channels)."""
     first = np.arange(len(values)) - (window - 1) // 2
     last = np.minimum(first + window, len(values))
     first = np.maximum(first, 0)
-    sums = np.concatenate([np.zeros((1, 2)), np.cumsum(values, axis=0)])
+    sums = np.concatenate([np.zeros((1, values.shape[1])), np.cumsum(values, axis=0)])
     mean: Array = (sums[last] - sums[first]) / (last - first)[:, None]
     return mean
 
@@ -99,13 +101,16 @@ def _log_weight(z: Array, proposal: GaussianProposal) -> float:
     return float(np.sum(0.5 * ((z - mean) / std) ** 2 - 0.5 * z**2 + np.log(std)))
 
 
-def _pad(elite: Sequence[Floats], horizon: int) -> tuple[Array, NDArray[np.bool_]]:
-    """Return z with zeros behind each end, (n, horizon, 2), and a mask of the steps that ran."""
-    z = np.zeros((len(elite), horizon, 2))
+def _pad(elite: Sequence[Floats], shape: tuple[int, ...]) -> tuple[Array, NDArray[np.bool_]]:
+    """Return z with zeros behind each end, (n, *shape), and a mask of the steps that ran.
+
+    The shape is (horizon, channels).
+    """
+    z = np.zeros((len(elite), *shape))
     for row, trajectory in zip(z, elite, strict=True):
         row[: len(trajectory)] = trajectory
     ends = np.array([len(trajectory) for trajectory in elite])
-    return z, (np.arange(horizon) < ends[:, None])[..., None]
+    return z, (np.arange(shape[0]) < ends[:, None])[..., None]
 
 
 def select_elite(
@@ -219,7 +224,7 @@ class CrossEntropyMethod:
         self._budget = context.episodes
         self._seen = 0
         self._sums = WeightedFailures()
-        self.proposal = make_prior(context.horizon)
+        self.proposal = make_prior(context.horizon, context.channels)
 
     @staticmethod
     def round_sizes(settings: CemSettings, _episodes: int) -> RoundSizes:

@@ -27,8 +27,9 @@ from eigenfail_services.statistics.failure_chains import ChainSampler, MoveKind,
 
 FEWEST_ROUNDS = 10
 
-MOST_DRAWS = 40_000
-"""Of all chains together, that are kept for the diagnostics; of more, every k-th move is kept."""
+MOST_WATCHED = 80_000
+"""Draws of all chains together, times channels, that are kept for the diagnostics: the projections
+of a draw grow in number with the channels. Of more draws, those of every k-th move are kept."""
 
 Weight = Annotated[float, Meta(ge=0.0, le=1000.0)]
 
@@ -178,7 +179,8 @@ class FailureChains:
             )
         self._directions = find_directions(context.trajectories)
         self._burn_in, moves = settings.count_moves(context.episodes)
-        self._stride = max(ceil((moves - self._burn_in) * settings.chains / MOST_DRAWS), 1)
+        watched = (moves - self._burn_in) * settings.chains * context.channels
+        self._stride = max(ceil(watched / MOST_WATCHED), 1)
         mix = MoveMix(
             weights=settings.weights, acceptance=settings.acceptance, adapted=self._burn_in
         )
@@ -313,7 +315,7 @@ def choose_starts(failures: Floats, chains: int, seed: int) -> Floats:
     several.
 
     Args:
-        failures: z of each, shape (n, steps, 2).
+        failures: z of each, shape (n, steps, channels).
         chains: number of chains.
         seed: seed of the draw.
     """
@@ -331,9 +333,12 @@ def choose_starts(failures: Floats, chains: int, seed: int) -> Floats:
 
 
 def count_steps(z: Floats) -> NDArray[np.int64]:
-    """Return the number of steps up to the last one with noise, shape (n,), of noise (n, steps, 2).
+    """Return the number of steps up to the last one with noise, shape (n,).
 
     Recorded noise ends with its episode, and is padded with zeros.
+
+    Args:
+        z: shape (n, steps, channels).
     """
     steps: NDArray[np.int64] = np.where(z.any(axis=2), np.arange(1, z.shape[1] + 1), 0).max(axis=1)
     return steps

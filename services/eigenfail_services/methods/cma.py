@@ -194,7 +194,7 @@ START, GENERATION = 1, 2
 class CovarianceAdaptation:
     """Ranks episodes by robustness and failures by likelihood; adapts normal distributions to them.
 
-    A candidate has a value of each axis for every `hold` steps. Several runs take turns, a
+    A candidate has a value of each channel for every `hold` steps. Several runs take turns, a
     generation each, so that several regions are found and workers need not wait: no run depends
     on the results of another.
 
@@ -217,10 +217,11 @@ class CovarianceAdaptation:
     lookahead = CmaSettings().runs - 1
 
     def __init__(self, context: LearnerContext, settings: CmaSettings) -> None:
-        dimension = 2 * ceil(context.horizon / settings.hold)
+        dimension = context.channels * ceil(context.horizon / settings.hold)
         check_size(dimension, settings)
         self.lookahead = settings.runs - 1
         self._horizon = context.horizon
+        self._channels = context.channels
         self._settings = settings
         self._facts = self._Facts(0, 0)
         self._runs = [
@@ -240,7 +241,7 @@ class CovarianceAdaptation:
         return Proposal(tuple(TrajectorySource(self._hold(x)) for x in run.take(n)))
 
     def _hold(self, candidate: Array) -> Floats:
-        knots = candidate.reshape(-1, 2).astype(np.float32)
+        knots = candidate.reshape(-1, self._channels).astype(np.float32)
         return np.repeat(knots, self._settings.hold, axis=0)[: self._horizon]
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:

@@ -157,7 +157,7 @@ def restore_learner(context: LearnerContext, campaign: int) -> Learner:
         seed=context.seed,
         episodes=before.episodes,
         horizon=before.horizon,
-        trajectories=np.zeros((0, before.horizon, 2), np.float32),
+        trajectories=np.zeros((0, before.horizon, context.channels), np.float32),
     )
     given = read_settings(method.Settings, before.settings, f"settings of campaign {campaign}")
     learner: Learner = method(own, given)

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from eigenfail.contracts import MethodTraits
-from eigenfail.values import EpisodeResult, LearnerContext, Proposal, TrajectorySource
+from eigenfail.values import EpisodeResult, Floats, LearnerContext, Proposal, TrajectorySource
 from eigenfail.values.learning import count_rounds_ahead
 from eigenfail_services.methods import archive
 
@@ -34,7 +34,7 @@ class HeldNoiseSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
 class HeldNoise:
     """Draws each value of z from N(0, scale²), and holds it for some steps; it learns nothing.
 
-    Each axis of each episode has a phase of its own, so that a change may come at any step.
+    Each channel of each episode has a phase of its own, so that a change may come at any step.
 
     Attributes:
         lookahead: 3, or what `parallel` takes: no worker waits for the end of a round.
@@ -61,6 +61,7 @@ class HeldNoise:
     def __init__(self, context: LearnerContext, settings: HeldNoiseSettings) -> None:
         self._seed = context.seed
         self._horizon = context.horizon
+        self._channels = context.channels
         self._settings = settings
         self._rounds = 0
         self.lookahead = count_rounds_ahead(context.parallel, settings.round_size, self.lookahead)
@@ -72,14 +73,13 @@ class HeldNoise:
         count = min(n, self._settings.round_size)
         return Proposal(tuple(TrajectorySource(self._draw(random)) for _ in range(count)))
 
-    def _draw(
-        self, random: np.random.Generator
-    ) -> np.ndarray[tuple[int, int], np.dtype[np.float32]]:
-        hold = self._settings.hold
-        values = random.normal(0.0, self._settings.scale, (self._horizon // hold + 2, 2))
-        phases = random.integers(0, hold, 2)
+    def _draw(self, random: np.random.Generator) -> Floats:
+        hold, channels = self._settings.hold, self._channels
+        values = random.normal(0.0, self._settings.scale, (self._horizon // hold + 2, channels))
+        phases = random.integers(0, hold, channels)
         steps = np.arange(self._horizon)[:, None] + phases
-        return values[steps // hold, [0, 1]].astype(np.float32)
+        noise: Floats = values[steps // hold, np.arange(channels)].astype(np.float32)
+        return noise
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Do nothing: held noise does not learn."""

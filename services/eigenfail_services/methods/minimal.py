@@ -192,7 +192,7 @@ def _refuse_safe_replay(result: EpisodeResult) -> None:
 
 
 def read_state(state: bytes) -> tuple[MinimalFacts, Floats]:
-    """Return the facts in a state of this method, and its noise of shape (steps, 2).
+    """Return the facts in a state of this method, and its noise of shape (steps, channels).
 
     Raises:
         ProtocolError: the bytes are not a state of this method.

@@ -1,11 +1,11 @@
 """The search for a minimal failure in phases, as pure values without episodes.
 
 Delta debugging (Zeller and Hildebrandt 2002, IEEE Trans. Softw. Eng. 28, 183-200) over blocks of
-steps and axes: keep one block alone, remove one block, halve the blocks. As many replays can run at
-the same time, all candidates of a phase are tried together, and blocks that can be removed one by
-one are then removed in unions. The rest is weakened by bisection, and searched once more.
+steps and channels: keep one block alone, remove one block, halve the blocks. As many replays can
+run at the same time, all candidates of a phase are tried together, and blocks that can be removed
+one by one are then removed in unions. The rest is weakened by bisection, and searched once more.
 
-Noise is z of shape (steps, 2), and a block is a mask of that shape.
+Noise is z of shape (steps, channels), and a block is a mask of that shape.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -26,17 +26,17 @@ UNION_SIZES = 8
 
 
 def make_blocks(z: Floats, width: int) -> list[Mask]:
-    """Return the blocks with noise: `width` steps of one axis, counted back from the last step.
+    """Return the blocks with noise: `width` steps of one channel, counted back from the last step.
 
     Returns:
-        blocks by axis, then from the last to the first.
+        blocks by channel, then from the last to the first.
     """
-    steps, axes = z.shape
+    steps, channels = z.shape
     found = []
-    for axis in range(axes):
+    for channel in range(channels):
         for end in range(steps, 0, -width):
             mask = np.zeros(z.shape, bool)
-            mask[max(end - width, 0) : end, axis] = True
+            mask[max(end - width, 0) : end, channel] = True
             found.append(mask)
     return [mask for mask in found if z[mask].any()]
 
@@ -114,7 +114,7 @@ class Search(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         phase: the kind of reduction that is tried next.
-        z: noise that is known to fail, shape (steps, 2). [sigma]
+        z: noise that is known to fail, shape (steps, channels). [sigma]
         width: number of steps of a block.
         removable: in the phase `TOGETHER`, numbers of the blocks that can be removed one by one.
         low: index in `SCALES` of the largest scale of z known to be safe.
@@ -146,12 +146,12 @@ class FailingNoise(NamedTuple):
 
 
 def start_search(z: Floats) -> Search:
-    """Return the initial search for a failure's noise of shape (steps, 2)."""
+    """Return the initial search for a failure's noise of shape (steps, channels)."""
     return Search(SearchPhase.FULL, z, len(z))
 
 
 def list_candidates(search: Search) -> list[Floats]:
-    """Return the noise to try in this phase, each of shape (steps, 2); none after the end."""
+    """Return the noise to try in this phase, each (steps, channels); none after the end."""
     return CANDIDATES[search.phase](search)
 
 
@@ -174,7 +174,7 @@ def _list_scales(search: Search) -> list[float]:
 
 
 def _cut_after(z: Floats, end: int) -> Floats:
-    """Return noise of shape (steps, 2) with zeros after its end."""
+    """Return noise of shape (steps, channels) with zeros after its end."""
     kept = z.copy()
     kept[end:] = 0.0
     return kept

@@ -8,7 +8,7 @@ import msgspec
 from eigenfail.contracts import MethodTraits
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Estimate, LearnerContext
-from eigenfail_services.methods.batch_learner import BatchLearner
+from eigenfail_services.methods.batch_learner import BatchLearner, check_values
 from eigenfail_services.statistics.intervals import log_normal
 from eigenfail_services.statistics.mixture_sampling import (
     FEWEST_FAILURES,
@@ -63,17 +63,6 @@ class MixtureSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
             )
 
 
-def check_values(horizon: int) -> None:
-    """Raise InvalidValue if the noise of an episode has too many values."""
-    if 2 * horizon > MOST_VALUES:
-        raise InvalidValue(
-            "method",
-            f"mixture takes noise of up to {MOST_VALUES} values, and {horizon} steps have "
-            f"{2 * horizon}.",
-            "Take method subset.",
-        )
-
-
 class MixtureMethod(BatchLearner[MixtureSampling]):
     """Finds failure regions with wider noise, fits a mixture to them, and draws from it.
 
@@ -87,14 +76,17 @@ class MixtureMethod(BatchLearner[MixtureSampling]):
 
     def __init__(self, context: LearnerContext, settings: MixtureSettings) -> None:
         settings.check_budget(context.episodes)
-        check_values(context.horizon)
+        check_values(self.kind, MOST_VALUES, context, f"{TAKE_SUBSET}.")
         self._settings = settings
         super().__init__(context, settings.round_size)
 
     def _make_simulation(self) -> MixtureSampling:
         context = self._context
         return MixtureSampling(
-            context.horizon, context.episodes, self._settings.components, (context.seed,)
+            (context.horizon, context.channels),
+            context.episodes,
+            self._settings.components,
+            (context.seed,),
         )
 
     def estimate(self) -> Estimate | None:
@@ -106,7 +98,7 @@ class MixtureMethod(BatchLearner[MixtureSampling]):
             return _refuse(episodes, problem) if episodes else None
         if result is None:
             return _refuse(episodes, _explain_early_end(simulation, self._context.episodes))
-        return judge_result(result, episodes, 2 * self._context.horizon)
+        return judge_result(result, episodes, self._context.channels * self._context.horizon)
 
 
 def judge_result(result: MixtureResult, episodes: int, values: int) -> Estimate:

@@ -205,7 +205,7 @@ class NearestFailingPoint:
 
 
 def mix_noise(centre: Floats, medoid: Floats, t: float) -> Floats:
-    """Return (1 − t) · centre + t · medoid, shape (steps, 2) [sigma].
+    """Return (1 − t) · centre + t · medoid, shape (steps, channels) [sigma].
 
     A medoid's noise is 0 after its collision, which ended the episode.
     """

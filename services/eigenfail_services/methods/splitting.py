@@ -20,7 +20,7 @@ from eigenfail.values import (
     TrajectorySource,
 )
 from eigenfail_services.methods import archive
-from eigenfail_services.methods.batch_learner import MAX_VALUES_PER_ROUND
+from eigenfail_services.methods.batch_learner import limit_round
 from eigenfail_services.statistics.intervals import log_normal
 from eigenfail_services.statistics.multilevel_splitting import (
     SplittingCounts,
@@ -121,10 +121,9 @@ class MultilevelSplitting:
         settings.check_budget(context.episodes)
         self._settings = settings
         self._horizon = context.horizon
-        self._round_size = min(
-            settings.round_size, 1 + MAX_VALUES_PER_ROUND // (2 * context.horizon)
-        )
-        shape = settings.choose_particles(context.episodes), context.horizon
+        self._round_size = limit_round(context, settings.round_size)
+        particles = settings.choose_particles(context.episodes)
+        shape = particles, context.horizon, context.channels
         self._runs = [
             SplittingRun((context.seed, number), shape, settings.given_up)
             for number in range(settings.runs)
@@ -256,10 +255,10 @@ class MultilevelSplitting:
             ProtocolError: the bytes are not a state of this method.
         """
         facts, arrays = archive.read(self.kind, state, self._Facts)
-        shape = (len(self._runs), *self._runs[0].courses.shape)
+        runs, first = len(self._runs), self._runs[0]
         with archive.wrap_errors(self.kind):
-            z = archive.take(arrays, "z", (*shape, 2))
-            courses = archive.take(arrays, "courses", shape)
+            z = archive.take(arrays, "z", (runs, *first.z.shape))
+            courses = archive.take(arrays, "courses", (runs, *first.courses.shape))
             received = len(facts.failed)
             importances = archive.take(arrays, "importances", (received, self._horizon))
             steps = archive.take(arrays, "steps", (received,)).tolist()

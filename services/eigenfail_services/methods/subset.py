@@ -11,7 +11,11 @@ from numpy.typing import NDArray
 from eigenfail.contracts import MethodTraits, ModeProbability
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Estimate, LearnerContext, RoundSizes
-from eigenfail_services.methods.batch_learner import BatchLearner, SimulationDriver
+from eigenfail_services.methods.batch_learner import (
+    BatchLearner,
+    SimulationDriver,
+    check_values,
+)
 from eigenfail_services.statistics.conditional_sampler import Chains
 from eigenfail_services.statistics.pooled_estimate import (
     estimate_unfinished,
@@ -32,6 +36,9 @@ from eigenfail_services.statistics.subset_simulation import (
     SubsetSettings,
     SubsetSimulation,
 )
+
+MOST_VALUES = 21_201
+"""Values of noise of an episode: the most dimensions of a Sobol sequence in scipy."""
 
 
 class SubsetMethodSettings(SubsetSettings, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -61,7 +68,7 @@ class SubsetMethod(BatchLearner[SubsetSimulation]):
     no other group.
 
     Raises:
-        InvalidValue: the budget allows too few samples.
+        InvalidValue: the budget allows too few samples, or the noise has too many values.
     """
 
     Settings = SubsetMethodSettings
@@ -77,6 +84,7 @@ class SubsetMethod(BatchLearner[SubsetSimulation]):
 
     def __init__(self, context: LearnerContext, settings: SubsetMethodSettings) -> None:
         settings.check_budget(context.episodes)
+        check_values("subset", MOST_VALUES, context, "Take method monte_carlo or cem.")
         self._settings = settings
         super().__init__(context, settings.round_size)
 
@@ -104,7 +112,11 @@ class SubsetMethod(BatchLearner[SubsetSimulation]):
 def start_simulation(context: LearnerContext, settings: SubsetSettings) -> SubsetSimulation:
     """Return the simulation of a campaign, before its first wave."""
     return SubsetSimulation(
-        context.horizon, context.episodes, settings, (context.seed,), context.parallel
+        (context.horizon, context.channels),
+        context.episodes,
+        settings,
+        (context.seed,),
+        context.parallel,
     )
 
 

@@ -18,8 +18,11 @@ from eigenfail.values.learning import choose_group_size
 
 Array = NDArray[np.float64]
 
+NoiseShape = tuple[int, int]
+"""Number of steps of a trajectory, and of channels of its noise."""
+
 Batches = tuple[Array, ...]
-"""Each has trajectories z, shape (n, steps, 2), n >= 1."""
+"""Each has trajectories z, shape (n, steps, channels), n >= 1."""
 
 Requests = Generator[Batches, Array, None]
 """Yields batches; is sent the robustness of one of them, shape (n,), NaN where errored."""
@@ -86,7 +89,7 @@ def divide_chains(chains: int, parallel: int | None) -> list[NDArray[np.intp]]:
 
 
 Robustness = Callable[[Array], Array]
-"""Robustness of a batch of noise z, shape (n, steps, 2): n finite numbers."""
+"""Robustness of a batch of noise z, shape (n, steps, channels): n finite numbers."""
 
 
 def answer_requests(requests: Requests, robustness: Robustness) -> None:

@@ -18,20 +18,36 @@ NEGLIGIBLE = 1e-6
 """Length of a direction, as a share of the longest one, below which there is none."""
 
 
+def name_channels(channels: int) -> tuple[str, ...]:
+    """Return what projections call the channels: the axes of a road, or numbers from 1 on.
+
+    Chains do not know the names that a function gives to its channels.
+    """
+    if channels == len(AXES):
+        return AXES
+    return tuple(f"channel {number}" for number in range(1, channels + 1))
+
+
 class WatchedDirections(NamedTuple):
     """Directions in the noise of known failures.
 
     Attributes:
         names: name of each direction.
-        vectors: of unit length, shape (directions, steps · 2).
+        vectors: of unit length, shape (directions, steps · channels).
+        channels: number of channels of the noise.
     """
 
     names: tuple[str, ...]
     vectors: NDArray[np.float64]
+    channels: int
 
     def list_projections(self) -> tuple[str, ...]:
         """Return the names of all projections, in the order of `measure`."""
-        windows = [f"mean {axis} noise in fifth {i + 1}" for i in range(WINDOWS) for axis in AXES]
+        windows = [
+            f"mean {channel} noise in fifth {i + 1}"
+            for i in range(WINDOWS)
+            for channel in name_channels(self.channels)
+        ]
         return ("mean z²", "steps to the collision", "severity", *windows, *self.names)
 
     def measure(
@@ -42,14 +58,14 @@ class WatchedDirections(NamedTuple):
         Noise after the end of an episode counts as 0, since it says nothing of the failure.
 
         Args:
-            z: shape (failures, steps, 2).
+            z: shape (failures, steps, channels).
             ends: number of steps of each episode.
             severity: of each failure; NaN where it is not known.
         """
-        n, steps, _ = z.shape
+        n, steps, channels = z.shape
         before = np.where(np.arange(steps)[:, None] < ends[:, None, None], z, 0.0)
         before = before.astype(np.float64)
-        square = np.square(before).sum(axis=(1, 2)) / np.maximum(2 * ends, 1)
+        square = np.square(before).sum(axis=(1, 2)) / np.maximum(channels * ends, 1)
         windows = [part.sum(axis=1) for part in np.array_split(before, WINDOWS, axis=1)]
         along = before.reshape(n, -1) @ self.vectors.T
         columns = [square[:, None], ends[:, None], severity[:, None], *windows, along]
@@ -62,7 +78,7 @@ def find_directions(failures: Floats) -> WatchedDirections:
     Chains that started from these failures differ most in them before they mix.
 
     Args:
-        failures: z of each, shape (n, steps, 2).
+        failures: z of each, shape (n, steps, channels).
     """
     even = np.linspace(0, len(failures) - 1, min(len(failures), MOST_FAILURES)).astype(int)
     rows = failures[even].reshape(len(even), -1).astype(np.float64)
@@ -76,4 +92,5 @@ def find_directions(failures: Floats) -> WatchedDirections:
     }
     kept = {name: v for name, v in vectors.items() if np.linalg.norm(v) > NEGLIGIBLE}
     units = [v / np.linalg.norm(v) for v in kept.values()]
-    return WatchedDirections(tuple(kept), np.array(units).reshape(len(units), rows.shape[1]))
+    stacked = np.array(units).reshape(len(units), rows.shape[1])
+    return WatchedDirections(tuple(kept), stacked, failures.shape[2])

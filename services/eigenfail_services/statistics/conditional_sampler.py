@@ -1,12 +1,12 @@
 """Samples of noise on the levels of a subset simulation: Markov chains that stay on a level.
 
-A trajectory is the noise z of one episode, shape (steps, 2). It is requested when a generator
-yields it in a batch, and it was run when its robustness is sent back; NaN is sent where its episode
-errored, and it was not run then.
+A trajectory is the noise z of one episode, shape (steps, channels). It is requested when a
+generator yields it in a batch, and it was run when its robustness is sent back; NaN is sent where
+its episode errored, and it was not run then.
 """
 
 from collections.abc import Generator
-from math import exp, sqrt
+from math import exp, prod, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from eigenfail_services.statistics.batches import (
     Array,
     Batches,
+    NoiseShape,
     Requests,
     divide_chains,
     run_side_by_side,
@@ -33,7 +34,7 @@ class Chains(NamedTuple):
     """Samples of one level: Markov chains side by side, each from a sample of the level before.
 
     Attributes:
-        z: shape (length, chains, steps, 2).
+        z: shape (length, chains, steps, channels).
         values: their robustness, shape (length, chains). [m]
         first_draw_of_chain: index of the independent first draw from which each chain descends,
             shape (chains,).
@@ -58,7 +59,7 @@ class ChainGroup:
     """Chains that move together: those of a level, or some of them.
 
     Attributes:
-        z: samples after each move, the starts first, each of shape (chains, steps, 2).
+        z: samples after each move, the starts first, each of shape (chains, steps, channels).
         values: their robustness, each of shape (chains,). [m]
         accepted: share of each move that was accepted.
 
@@ -116,11 +117,11 @@ class ConditionalSampler:
         self.trajectories_requested = 0
         self.trajectories_run = 0
 
-    def draw_independent(self, samples: int, steps: int) -> Sampling:
+    def draw_independent(self, samples: int, shape: NoiseShape) -> Sampling:
         """Draw samples of p(z), spread evenly: chains of length 1."""
-        z, values = np.empty((0, steps, 2)), np.empty(0)
+        z, values = np.empty((0, *shape)), np.empty(0)
         while missing := samples - len(z):
-            drawn = draw_sobol_normal(self._rng, missing, 2 * steps).reshape(missing, steps, 2)
+            drawn = draw_sobol_normal(self._rng, missing, prod(shape)).reshape(missing, *shape)
             robustness = yield (drawn,)
             self._record(robustness)
             ran = ~np.isnan(robustness)

@@ -44,9 +44,6 @@ SHORTEST_DETAIL, LONGEST_DETAIL = 10, 50
 FEWEST_DETAILED = 3
 """Steps that have more than a mean and a trend."""
 
-AXIS_CHOICES = (slice(0, 2), slice(0, 1), slice(1, 2))
-"""Columns of a window that is redrawn, or of a segment that is shifted."""
-
 SMALLEST_SIZE = 0.005
 
 
@@ -73,10 +70,10 @@ def redraw_components(z: Array, size: float, rng: np.random.Generator) -> Array:
 
 
 def redraw_window(z: Array, _size: float, rng: np.random.Generator) -> Array:
-    """Return noise of which 3 to 15 successive steps of one axis or both were redrawn."""
+    """Return noise of which 3 to 15 successive steps of one channel or all were redrawn."""
     window = _draw_window(len(z), SHORTEST_WINDOW, LONGEST_WINDOW, rng)
     moved = z.copy()
-    inside = moved[window, AXIS_CHOICES[rng.integers(len(AXIS_CHOICES))]]
+    inside = moved[window, _choose_channels(z.shape[1], rng)]
     inside[:] = rng.standard_normal(inside.shape)
     return moved
 
@@ -88,7 +85,7 @@ def step_pcn(z: Array, size: float, rng: np.random.Generator) -> Array:
 
 
 def shift_segment(z: Array, size: float, rng: np.random.Generator) -> Array:
-    """Return noise of which a segment of one axis or both was rotated by up to 10 steps.
+    """Return noise of which a segment of one channel or all was rotated by up to 10 steps.
 
     It moves what happens in the segment to another time, which no small change of its values does.
     The values are those of before in another order, which is as likely, and a rotation back has the
@@ -100,25 +97,26 @@ def shift_segment(z: Array, size: float, rng: np.random.Generator) -> Array:
     # Less than the segment is long: a full turn changes nothing, and would count as a failure.
     shift = int(rng.integers(1, min(LONGEST_SHIFT, last - first) + 1)) * int(rng.choice((-1, 1)))
     moved = z.copy()
-    segment = moved[first : last + 1, AXIS_CHOICES[rng.integers(len(AXIS_CHOICES))]]
+    segment = moved[first : last + 1, _choose_channels(z.shape[1], rng)]
     segment[:] = np.roll(segment, shift, axis=0)
     return moved
 
 
 def redraw_sums(z: Array, _size: float, rng: np.random.Generator) -> Array:
-    """Return noise of which 1 to 5 weighted sums of one axis over 5 to 30 steps were redrawn.
+    """Return noise of which 1 to 5 weighted sums of one channel over 5 to 30 steps were redrawn.
 
     A planner filters what it senses: sums over many steps matter to it, and moves that redraw
     single steps hardly change them. With weights u of length 1, here half a sine wave, the sum
     u·z ~ N(0, 1) is independent of the rest of z: drawing it anew, z' = z + (e − u·z) u, is a Gibbs
     step of p(z), and is reversible. A sequence of such steps is as likely as its reverse, since
-    windows and axes are drawn independently of z and of each other: the whole is reversible too.
-    Moves that are larger in some directions than in others: Cui, Law and Marzouk 2016, Journal of
-    Computational Physics 304, 109–137.
+    windows and channels are drawn independently of z and of each other: the whole is reversible
+    too. Moves that are larger in some directions than in others: Cui, Law and Marzouk 2016, Journal
+    of Computational Physics 304, 109–137.
     """
     moved = z.copy()
     for _ in range(int(rng.integers(1, MOST_SUMS + 1))):
-        column = moved[_draw_window(len(z), SHORTEST_SUM, LONGEST_SUM, rng), rng.integers(2)]
+        window = _draw_window(len(z), SHORTEST_SUM, LONGEST_SUM, rng)
+        column = moved[window, rng.integers(z.shape[1])]
         u = np.sin(np.pi * (np.arange(len(column)) + 0.5) / len(column))
         u /= np.linalg.norm(u)
         column += (rng.standard_normal() - u @ column) * u
@@ -126,7 +124,7 @@ def redraw_sums(z: Array, _size: float, rng: np.random.Generator) -> Array:
 
 
 def redraw_detail(z: Array, size: float, rng: np.random.Generator) -> Array:
-    """Return noise of which 10 to 50 steps were redrawn, except the mean and trend of each axis.
+    """Return noise of which 10 to 50 steps were redrawn but for each channel's mean and trend.
 
     The counterpart of `redraw_sums`: what a filter passes stays, and the rest is redrawn, which is
     independent of it under p(z). Noise of one step or two has no detail: a window is redrawn.
@@ -140,6 +138,12 @@ def redraw_detail(z: Array, size: float, rng: np.random.Generator) -> Array:
     drawn = rng.standard_normal(inside.shape)
     inside[:] = drawn + kept @ (kept.T @ (inside - drawn))
     return moved
+
+
+def _choose_channels(channels: int, rng: np.random.Generator) -> slice:
+    """Return the columns of all channels, or of one of them, each as likely as the others."""
+    chosen = int(rng.integers(1 + channels))
+    return slice(chosen - 1, chosen) if chosen else slice(0, channels)
 
 
 def _draw_window(
@@ -186,8 +190,8 @@ class ChainSampler:
     does not change them, so that no sample after burn-in is of moves whose size follows the chains.
 
     Args:
-        z: noise of a failure of each chain, shape (chains, steps, 2); values after its end do not
-            count.
+        z: noise of a failure of each chain, shape (chains, steps, channels); values after its end
+            do not count.
         ends: number of steps to the failure of each chain, shape (chains,).
         mix: how the chains move.
         seed: seed of every draw.
@@ -221,7 +225,7 @@ class ChainSampler:
         """Return the noise to which the first chains of the next group would move.
 
         Args:
-            chains: number of them at most; the shape is (up to chains, steps, 2).
+            chains: number of them at most; the shape is (up to chains, steps, channels).
         """
         move, group = divmod(self.tried + self.opened, len(self.groups))
         self.opened += 1
@@ -253,7 +257,7 @@ class ChainSampler:
         """Move the chains whose proposals failed; the others stay where they are.
 
         Args:
-            z: noise that was proposed to the first chains of a group, shape (n, steps, 2).
+            z: noise that was proposed to the first chains of a group, shape (n, steps, channels).
             ends: numbers of steps after which these episodes ended, shape (n,).
             failed: which of them failed.
             ran: which of them were completed; the others say nothing about the sizes.

@@ -150,15 +150,15 @@ def expected_log_probability(noise: NoiseTrajectory) -> float:
     that the expectation goes step by step: E[z²] = 1, and the slope by quadrature.
     """
     z = noise.z.astype(np.float64)
-    expected = expected_slopes(noise.shape)[np.minimum(np.arange(len(z)), 1)]
+    expected = expected_slopes(noise.shape, z.shape[1])[np.minimum(np.arange(len(z)), 1)]
     known = 0.5 * z**2 + noise.shape.log_slopes(z)
     return float(noise.log_probability + np.sum(known - 0.5 - expected))
 
 
 @lru_cache(maxsize=256)
-def expected_slopes(shape: Shape) -> NDArray[np.float64]:
-    """E[log |du_t / dz_t|] at the first step and at any later one, shape (2, 2)."""
-    slopes = [shape.log_slopes(np.full((2, 2), node)) for node in NODES]
+def expected_slopes(shape: Shape, channels: int) -> NDArray[np.float64]:
+    """E[log |du_t / dz_t|] at the first step and at any later one, shape (2, channels)."""
+    slopes = [shape.log_slopes(np.full((2, channels), node)) for node in NODES]
     expected: NDArray[np.float64] = np.tensordot(WEIGHTS, slopes, 1) / sqrt(2.0 * pi)
     expected.setflags(write=False)
     return expected

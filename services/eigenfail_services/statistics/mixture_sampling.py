@@ -16,13 +16,13 @@ Statistical Science 28, 424–446 (moves); Vehtari et al. 2024, JMLR 25 (72) (ta
 """
 
 from collections.abc import Generator, Sequence
-from math import log, sqrt
+from math import log, prod, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail_services.statistics.batches import Array, Batches, Requests
+from eigenfail_services.statistics.batches import Array, Batches, NoiseShape, Requests
 from eigenfail_services.statistics.gaussian_mixture import (
     MixtureProposal,
     NormalComponent,
@@ -144,12 +144,12 @@ UNCOVERED_WEIGHT = 30.0
 
 
 class MixtureSampling:
-    """P(failure) for noise z, shape (steps, 2), of independent standard normal values.
+    """P(failure) for noise z, shape (steps, channels), of independent standard normal values.
 
     The same seed and robustness give the same estimate.
 
     Args:
-        steps: number of steps of the noise.
+        shape: steps and channels of the noise.
         budget: episodes to be requested at most.
         components: fitted components of the mixture at most.
         seed: seed of every draw.
@@ -161,9 +161,11 @@ class MixtureSampling:
         result: what the last draws say; None before the end, and where no mixture was fitted.
     """
 
-    def __init__(self, steps: int, budget: int, components: int, seed: Sequence[int]) -> None:
-        self._shape = (steps, 2)
-        self._size = 2 * steps
+    def __init__(
+        self, shape: NoiseShape, budget: int, components: int, seed: Sequence[int]
+    ) -> None:
+        self._shape = shape
+        self._size = prod(shape)
         self._budget = budget
         self._components = components
         self._rng = np.random.default_rng([*seed])

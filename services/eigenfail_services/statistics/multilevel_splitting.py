@@ -47,7 +47,7 @@ class SplittingWave(NamedTuple):
     Attributes:
         level: importance at or below which episodes were given up.
         rows: places of these among the episodes of the run, shape (m,).
-        z: noise of those that replace them, shape (m, steps, 2).
+        z: noise of those that replace them, shape (m, steps, channels).
         courses: courses of the episodes that they continue, up to the step at which these exceeded
             the level, and constant from there on; shape (m, steps).
     """
@@ -65,7 +65,7 @@ class SplittingRun:
     whole state of a run.
 
     Attributes:
-        z: noise of the present episodes, shape (n, steps, 2), float32.
+        z: noise of the present episodes, shape (n, steps, channels), float32.
         courses: largest importance so far after each step, shape (n, steps), float32; infinite from
             the collision on.
         counts: other numbers of the state.
@@ -74,15 +74,15 @@ class SplittingRun:
 
     Args:
         seed: seed of every draw.
-        shape: number of episodes, and of their steps.
+        shape: number of episodes, of their steps, and of the channels of the noise.
         given_up: least share of the episodes that is given up at a level.
     """
 
-    def __init__(self, seed: Sequence[int], shape: tuple[int, int], given_up: float) -> None:
+    def __init__(self, seed: Sequence[int], shape: tuple[int, int, int], given_up: float) -> None:
         self._seed = tuple(seed)
         self._given_up = given_up
-        self.z: Floats = np.zeros((*shape, 2), np.float32)
-        self.courses: Floats = np.full(shape, -np.inf, np.float32)
+        self.z: Floats = np.zeros(shape, np.float32)
+        self.courses: Floats = np.full(shape[:2], -np.inf, np.float32)
         self.counts = SplittingCounts()
         self.probability: float | None = None
         rows = np.arange(shape[0])

@@ -4,11 +4,11 @@ P(r <= 0) = P(r <= b_1) · P(r <= b_2 | r <= b_1) · … with levels b_1 > b_2 >
 low enough that a fixed share of the samples on the level before reaches it.
 Source: Probabilistic Engineering Mechanics 16 (4), 263–277.
 
-A trajectory is the noise z of one episode, shape (steps, 2). It is requested when a simulation
-yields it in a batch, and it was run when its robustness is sent back; NaN is sent where its episode
-errored, and it was not run then. A sample is a trajectory that counts on a level: a Markov chain
-whose move was not accepted has the same trajectory as two samples, so that a level may have more
-samples than trajectories were requested for it.
+A trajectory is the noise z of one episode, shape (steps, channels). It is requested when a
+simulation yields it in a batch, and it was run when its robustness is sent back; NaN is sent where
+its episode errored, and it was not run then. A sample is a trajectory that counts on a level: a
+Markov chain whose move was not accepted has the same trajectory as two samples, so that a level may
+have more samples than trajectories were requested for it.
 
 The first run chooses the levels from its own samples. The other runs go over these levels with all
 of the budget that is left. Their levels are fixed before they begin, so that the product of their
@@ -19,7 +19,7 @@ error.
 """
 
 from collections.abc import Generator, Sequence
-from math import ceil, inf, sqrt
+from math import ceil, inf, prod, sqrt
 from typing import Annotated, NamedTuple
 
 import msgspec
@@ -29,6 +29,7 @@ from msgspec import Meta
 from eigenfail_services.statistics.batches import (
     Array,
     Batches,
+    NoiseShape,
     Requests,
     Robustness,
     answer_requests,
@@ -126,7 +127,7 @@ class FirstRun:
         result: estimate, once failures were reached; None before that.
 
     Args:
-        steps: number of steps of the noise.
+        shape: steps and channels of the noise.
         max_trajectories: trajectories of all runs to be requested at most.
         settings: settings of the simulation.
         sampler: sampler of this run alone.
@@ -134,12 +135,12 @@ class FirstRun:
 
     def __init__(
         self,
-        steps: int,
+        shape: NoiseShape,
         max_trajectories: int,
         settings: SubsetSettings,
         sampler: ConditionalSampler,
     ) -> None:
-        self._steps = steps
+        self._shape = shape
         self._max_trajectories = max_trajectories
         self._settings = settings
         self._sampler = sampler
@@ -151,7 +152,7 @@ class FirstRun:
     def run(self) -> Generator[Batches, Array, SubsetEnd]:
         """Descend the levels. To be called once."""
         settings, sampler = self._settings, self._sampler
-        chains = yield from sampler.draw_independent(self.draws, self._steps)
+        chains = yield from sampler.draw_independent(self.draws, self._shape)
         threshold = _find_next_threshold(chains.values, inf, settings.level_share)
         while threshold is not None and len(self.levels) < settings.most_levels:
             self.levels.append(make_level(chains, threshold))
@@ -189,7 +190,7 @@ class LevelRun:
         result: estimate, after the end.
 
     Args:
-        steps: number of steps of the noise.
+        shape: steps and channels of the noise.
         thresholds: levels, each below the one before; the last is 0. [m]
         max_trajectories: trajectories to be requested at most.
         settings: settings of the simulation.
@@ -198,13 +199,13 @@ class LevelRun:
 
     def __init__(
         self,
-        steps: int,
+        shape: NoiseShape,
         thresholds: Sequence[float],
         max_trajectories: int,
         settings: SubsetSettings,
         sampler: ConditionalSampler,
     ) -> None:
-        self._steps = steps
+        self._shape = shape
         self._thresholds = thresholds
         self._sampler = sampler
         self.draws = settings.choose_draws(max_trajectories, len(thresholds))
@@ -216,7 +217,7 @@ class LevelRun:
     def run(self) -> Requests:
         """Go through the levels. To be called once."""
         sampler = self._sampler
-        chains = yield from sampler.draw_independent(self.draws, self._steps)
+        chains = yield from sampler.draw_independent(self.draws, self._shape)
         for number, threshold in enumerate(self._thresholds, start=1):
             self.levels.append(make_level(chains, threshold))
             starts = find_starts(chains, threshold)
@@ -271,21 +272,22 @@ class WideNoise:
 
     Args:
         draws: number of draws.
-        steps: number of steps of the noise.
+        shape: steps and channels of the noise.
         rng: generator of every draw.
     """
 
-    def __init__(self, draws: int, steps: int, rng: np.random.Generator) -> None:
+    def __init__(self, draws: int, shape: NoiseShape, rng: np.random.Generator) -> None:
         self._rng = rng
-        self._shape = draws, steps, 2
+        self._draws = draws
+        self._shape = shape
         self.trajectories_run = 0
         self.estimate: WideEstimate | None = None
 
     def run(self) -> Requests:
         """Draw all trajectories at once. To be called once."""
-        size = self._shape[1] * self._shape[2]
+        size = prod(self._shape)
         scale = sqrt(1.0 + WIDE_REACH**2 / size)
-        z = scale * self._rng.standard_normal(self._shape)
+        z = scale * self._rng.standard_normal((self._draws, *self._shape))
         robustness = yield (z,)
         ran = ~np.isnan(robustness)
         self.trajectories_run = int(np.count_nonzero(ran))
@@ -298,7 +300,7 @@ class WideNoise:
 
 
 class SubsetSimulation:
-    """P(robustness <= 0) for noise z, shape (steps, 2), of independent standard normal values.
+    """P(robustness <= 0) for noise z, (steps, channels), of independent standard normal values.
 
     The same seed and robustness give the same estimate.
 
@@ -306,7 +308,7 @@ class SubsetSimulation:
     whose samples are the starts of the next one.
 
     Args:
-        steps: number of steps of the noise.
+        shape: steps and channels of the noise.
         budget: trajectories to be requested at most.
         settings: settings of the simulation.
         seed: seed of every draw.
@@ -322,20 +324,20 @@ class SubsetSimulation:
 
     def __init__(
         self,
-        steps: int,
+        shape: NoiseShape,
         budget: int,
         settings: SubsetSettings,
         seed: Sequence[int],
         parallel: int | None = None,
     ) -> None:
-        self._steps = steps
+        self._shape = shape
         self._budget = budget
         self._settings = settings
         self._seed = tuple(seed)
         self._parallel = parallel
         self._run_together = run_side_by_side if parallel else run_in_waves
         self._samplers: list[ConditionalSampler] = []
-        self.first = FirstRun(steps, budget, settings, self._make_sampler())
+        self.first = FirstRun(shape, budget, settings, self._make_sampler())
         self.runs: list[FirstRun | LevelRun] = []
         self.wide: WideNoise | None = None
         self.end: SubsetEnd | None = None
@@ -359,12 +361,12 @@ class SubsetSimulation:
         spent = self._samplers[0].trajectories_requested
         left = self._budget - spent
         most_wide = 0
-        if 2 * self._steps <= MOST_WIDE_VALUES:
+        if prod(self._shape) <= MOST_WIDE_VALUES:
             free = max(left - settings.count_reserved(len(thresholds)), 0)
             most_wide = min(ceil(WIDE_SHARE * self._budget), free)
         others = [
             LevelRun(
-                self._steps,
+                self._shape,
                 thresholds,
                 (left - most_wide) // (settings.runs - 1),
                 settings,
@@ -377,7 +379,7 @@ class SubsetSimulation:
         planned = spent + sum(each.max_trajectories for each in others)
         if draws := min(most_wide, ceil(WIDE_SHARE * planned)):
             rng = np.random.default_rng([*self._seed, settings.runs])
-            self.wide = WideNoise(draws, self._steps, rng)
+            self.wide = WideNoise(draws, self._shape, rng)
             running.append(self.wide.run())
         yield from self._run_together(running)
 
@@ -389,7 +391,7 @@ class SubsetSimulation:
 
 
 def simulate_subsets(
-    robustness: Robustness, steps: int, budget: int, settings: SubsetSettings, seed: int
+    robustness: Robustness, shape: NoiseShape, budget: int, settings: SubsetSettings, seed: int
 ) -> SubsetSimulation:
     """Return a finished `SubsetSimulation` whose robustness is a function.
 
@@ -398,7 +400,7 @@ def simulate_subsets(
     Raises:
         InvalidValue: robustness is not finite, or not one value for each trajectory.
     """
-    simulation = SubsetSimulation(steps, budget, settings, (seed,))
+    simulation = SubsetSimulation(shape, budget, settings, (seed,))
     answer_requests(simulation.run(), robustness)
     return simulation
 

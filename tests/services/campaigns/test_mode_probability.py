@@ -66,7 +66,7 @@ def simulated(budget: int, seed: int) -> tuple[list[float], dict[int, int]]:
 
 
 def simulation(budget: int, seed: int) -> SubsetSimulation:
-    return SubsetSimulation(1, budget, SubsetSettings(), (seed,))
+    return SubsetSimulation((1, 2), budget, SubsetSettings(), (seed,))
 
 
 def test_the_intervals_of_two_modes_hold_their_probabilities() -> None:

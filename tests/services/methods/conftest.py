@@ -32,7 +32,7 @@ def campaign() -> Campaign:
     def run(
         method: Any, corridor: Corridor, episodes: int, seed: int = 0, **settings: Any
     ) -> list[EpisodeResult]:
-        nothing = np.zeros((0, corridor.steps, 2), np.float32)
+        nothing = np.zeros((0, corridor.steps, corridor.channels), np.float32)
         context = LearnerContext(learner_seed(seed), episodes, corridor.steps, nothing)
         learner = method(context, read_settings(method.Settings, settings, "settings"))
         return list(run_in_process(Rounds(learner, seed, episodes), ToyEngine(corridor)))

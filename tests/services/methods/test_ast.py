@@ -4,18 +4,19 @@ import numpy as np
 import pytest
 import torch
 
-from eigenfail.errors import LearnerDiverged, ProtocolError
+from eigenfail.errors import InvalidValue, LearnerDiverged, ProtocolError
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, ToyEngine
 from eigenfail.values import LearnerContext, PolicySource
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
+from eigenfail_services.methods.ast.settings import AstSettings
 
 CORRIDOR = Corridor()
 
 
-def ast(seed=0, episodes=1000, **settings):
-    nothing = np.zeros((0, CORRIDOR.steps, 2), np.float32)
+def ast(seed=0, episodes=1000, channels=2, **settings):
+    nothing = np.zeros((0, CORRIDOR.steps, channels), np.float32)
     given = read_settings(AdaptiveStressTesting.Settings, settings, "settings")
     return AdaptiveStressTesting(LearnerContext(seed, episodes, CORRIDOR.steps, nothing), given)
 
@@ -83,6 +84,14 @@ def test_a_short_campaign_warms_up_for_a_quarter_of_it():
     short = ast(episodes=16, warm_up=60, round_size=4)
     short.observe(list(run_in_process(Rounds(ast(round_size=4), 0, 4), ToyEngine(CORRIDOR))))
     assert short.propose(4).sources[0] == PolicySource(1)
+
+
+@pytest.mark.parametrize(("channels", "most"), [(1, 0.69), (2, 1.39), (5, 3.47)])
+def test_no_action_has_more_entropy_than_its_channels_allow(channels, most):
+    settings = {} if channels == 1 else {"target_entropy": 1.3}
+    ast(channels=channels, **settings)
+    with pytest.raises(InvalidValue, match=f"ln 2 for each channel, {most} in all"):
+        AstSettings(target_entropy=channels * 0.7).options(channels, seed=0)
 
 
 def test_failed_episodes_never_enter_the_buffer():

@@ -44,7 +44,10 @@ SMALL = {**RANDOM, "amplitude": 3.0, "target_entropy": 1.2, "round_size": 20, "g
 
 class TestWithAnEstimate(LearnerSuite):
     method = AdaptiveStressTesting
-    settings = MappingProxyType({**SMALL, "round_size": 5, "buffer_size": 100})
+    # With one channel an action has at most 0.69 nat.
+    settings = MappingProxyType(
+        {**SMALL, "round_size": 5, "buffer_size": 100, "target_entropy": 0.6}
+    )
     budget = 60
     rounds = 8
 
@@ -141,11 +144,12 @@ def test_failures_that_no_action_reaches_are_not_counted():
 def test_how_much_of_the_noise_is_within_reach_stands_in_words():
     assert (
         "within ±2 sigma at every step, as 0.00902 % of all noise does over 100"
-        in describe_reach(2, 100)
+        in describe_reach(2, 100, 2)
     )
     assert "within ±4 sigma at every step, as 98.7 % of all noise does over 100" in describe_reach(
-        4, 100
+        4, 100, 2
     )
+    assert "0.00902 % of all noise does over 40" in describe_reach(2, 40, 5)
 
 
 @pytest.mark.parametrize("hold", [2, 10])

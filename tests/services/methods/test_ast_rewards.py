@@ -7,16 +7,17 @@ import pytest
 
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import read_settings
+from eigenfail.values import LearnerContext
 from eigenfail_services.methods.ast.method import REWARDS, make_reward
 from eigenfail_services.methods.ast.settings import AstSettings
 
-HORIZON = 4
+CONTEXT = LearnerContext(0, 10, 4, np.zeros((0, 4, 2), np.float32))
 Z = [(0, 0), (3, 4), (0, -1), (2, 0)]
 
 
 def reward(name, **settings):
     given = {"reward": name, "alpha": 5000.0, "c_dist": 1000.0, **settings}
-    return make_reward(read_settings(AstSettings, given, "settings"), HORIZON)
+    return make_reward(read_settings(AstSettings, given, "settings"), CONTEXT)
 
 
 @pytest.mark.parametrize("name", REWARDS)

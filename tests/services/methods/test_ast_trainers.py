@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from eigenfail.errors import LearnerDiverged
-from eigenfail.values import STATE
+from eigenfail.values.learning import count_state
 from eigenfail_services.methods.ast.decisions import Decisions
 from eigenfail_services.methods.ast.settings import TRAINERS, SacOptions, make_trainer
 from eigenfail_services.methods.ast.trainer_numpy import FastTrainer
@@ -26,18 +26,19 @@ OPTIONS = SacOptions(
     amplitude=2.0,
     hold=5,
     seed=3,
+    channels=2,
 )
 
 OTHER_SEED = msgspec.structs.replace(OPTIONS, seed=4)
 
 
-def transitions(count, seed=0):
+def transitions(count, seed=0, channels=2):
     random = np.random.default_rng(seed)
     return Decisions(
-        states=random.normal(size=(count, len(STATE))).astype(np.float32),
-        actions=random.uniform(-1, 1, (count, 2)).astype(np.float32),
+        states=random.normal(size=(count, count_state(channels))).astype(np.float32),
+        actions=random.uniform(-1, 1, (count, channels)).astype(np.float32),
         rewards=random.uniform(-9000, 0, count).astype(np.float32),
-        next_states=random.normal(size=(count, len(STATE))).astype(np.float32),
+        next_states=random.normal(size=(count, count_state(channels))).astype(np.float32),
         ends=(random.uniform(size=count) < 0.2).astype(np.float32),
     )
 
@@ -69,15 +70,17 @@ def copy_weights(sac, fast):
                 weight[c], bias[c] = layer.weight.detach(), layer.bias.detach()
 
 
-def test_forty_steps_lead_to_the_same_weights(monkeypatch):
-    sac, fast = SacTrainer(OPTIONS), FastTrainer(OPTIONS)
+@pytest.mark.parametrize("channels", [1, 2, 5])
+def test_forty_steps_lead_to_the_same_weights(monkeypatch, channels):
+    options = msgspec.structs.replace(OPTIONS, channels=channels)
+    sac, fast = SacTrainer(options), FastTrainer(options)
     copy_weights(sac, fast)
-    sac.add(transitions(150))
-    fast.add(transitions(150))
+    sac.add(transitions(150, channels=channels))
+    fast.add(transitions(150, channels=channels))
     random = np.random.default_rng(1)
     rows = random.integers(150, size=(40, BATCH))
-    eps = random.standard_normal((40, 2, BATCH, 2), np.float32)
-    draws = iter(torch.from_numpy(eps.reshape(80, BATCH, 2)))
+    eps = random.standard_normal((40, 2, BATCH, channels), np.float32)
+    draws = iter(torch.from_numpy(eps.reshape(80, BATCH, channels)))
     monkeypatch.setattr(
         torch.distributions.normal, "_standard_normal", lambda *_args, **_kwargs: next(draws)
     )
@@ -85,10 +88,10 @@ def test_forty_steps_lead_to_the_same_weights(monkeypatch):
     sac._model.train(gradient_steps=40, batch_size=BATCH)
     for i in range(40):
         fast.step(fast.memory.take(rows[i]), eps[i, 0], eps[i, 1])
-    mirror = FastTrainer(OPTIONS)
+    mirror = FastTrainer(options)
     copy_weights(sac, mirror)
-    started = FastTrainer(OPTIONS)
-    copy_weights(SacTrainer(OPTIONS), started)
+    started = FastTrainer(options)
+    copy_weights(SacTrainer(options), started)
     for name in ("actor", "critics", "targets"):
         ours, theirs = getattr(fast, name).weights, getattr(mirror, name).weights
         assert np.abs(theirs - getattr(started, name).weights).max() > 1e-3, "nothing was learnt"

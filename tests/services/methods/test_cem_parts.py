@@ -36,9 +36,24 @@ def test_a_weight_is_the_ratio_of_the_densities_up_to_the_episodes_end(steps, se
     np.testing.assert_allclose(log_weights([z], WIDE), [sum(p) - sum(q)], atol=1e-9)
 
 
-def test_weights_of_the_prior_are_exactly_one():
-    z = make_prior(7).draw(5, np.random.default_rng(0))
-    assert not log_weights(list(z), make_prior(7)).any()
+@pytest.mark.parametrize("channels", [1, 2, 5])
+def test_weights_of_the_prior_are_exactly_one(channels):
+    prior = make_prior(7, channels)
+    z = prior.draw(5, np.random.default_rng(0))
+    assert z.shape == (5, 7, channels)
+    assert not log_weights(list(z), prior).any()
+
+
+@pytest.mark.parametrize("channels", [1, 3, 5])
+def test_each_channel_is_fitted_by_itself(channels):
+    z = np.random.default_rng(1).standard_normal((6, 4, channels)).astype(np.float32)
+    elite = [row[: 4 - (n == 2)] for n, row in enumerate(z)]
+    mean, std = fit_gaussian(elite, make_prior(4, channels))
+    for n in range(channels):
+        alone = fit_gaussian([row[:, [n]] for row in elite], make_prior(4, 1))
+        np.testing.assert_array_equal(np.stack([mean[:, [n]], std[:, [n]]]), np.stack(alone))
+        averaged = average_over_steps(mean, 3)[:, [n]]
+        np.testing.assert_array_equal(averaged, average_over_steps(mean[:, [n]], 3))
 
 
 def test_weights_recover_a_probability_from_draws_elsewhere():
@@ -102,7 +117,7 @@ def noise(x):
 
 
 def chosen(results, share=0.25, proposal=None):
-    best = select_elite(results, proposal or make_prior(2), share)
+    best = select_elite(results, proposal or make_prior(2, 2), share)
     return [float(z[0, 0]) for z in best]
 
 

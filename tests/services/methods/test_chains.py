@@ -19,6 +19,7 @@ from eigenfail_services.methods.chains import (
     count_steps,
     read_state,
 )
+from eigenfail_services.statistics.chain_projections import find_directions
 from eigenfail_services.statistics.failure_chains import MoveKind
 from eigenfail_workers.functions import FunctionEngine
 
@@ -225,6 +226,32 @@ def test_settings_that_allow_no_chains_are_refused(settings, episodes, words):
 def test_a_campaign_without_failures_is_refused():
     with pytest.raises(InvalidValue, match="campaign 1 has no failure"):
         make(np.zeros((0, 5, 2)))
+
+
+@pytest.mark.parametrize(
+    ("channels", "names"),
+    [
+        (1, ["channel 1"]),
+        (2, ["longitudinal", "lateral"]),
+        (5, ["channel 1", "channel 2", "channel 3", "channel 4", "channel 5"]),
+    ],
+)
+def test_the_noise_of_each_channel_is_watched(channels, names):
+    z = np.random.default_rng(3).normal(size=(6, 20, channels)).astype(np.float32)
+    directions = find_directions(z)
+    found = dict(
+        zip(
+            directions.list_projections(),
+            directions.measure(z, np.full(6, 20), np.full(6, 0.5)).T,
+            strict=True,
+        )
+    )
+    assert found["mean z²"] == pytest.approx(np.square(z).mean(axis=(1, 2)))
+    for part in range(5):
+        for channel, name in enumerate(names):
+            watched = found[f"mean {name} noise in fifth {part + 1}"]
+            own = z[:, 4 * part : 4 * part + 4, channel]
+            assert watched == pytest.approx(own.sum(axis=1), abs=1e-5)
 
 
 def test_other_directions_of_the_noise_are_watched():

@@ -18,8 +18,8 @@ from eigenfail_services.methods.cma import (
 from eigenfail_workers.functions import FunctionEngine
 
 
-def make_learner(horizon=25, seed=1, episodes=1000, **settings):
-    nothing = np.zeros((0, horizon, 2), np.float32)
+def make_learner(horizon=25, seed=1, episodes=1000, channels=2, **settings):
+    nothing = np.zeros((0, horizon, channels), np.float32)
     given = read_settings(CovarianceAdaptation.Settings, settings, "settings")
     return CovarianceAdaptation(LearnerContext(seed, episodes, horizon, nothing), given)
 
@@ -52,10 +52,13 @@ def push(z):
     return 2.0 - z[:, :, 0].mean(axis=1)
 
 
+@pytest.mark.parametrize("channels", [1, 2, 3, 5])
 @pytest.mark.parametrize(("horizon", "hold"), [(25, 10), (30, 10), (7, 10), (25, 1)])
-def test_a_value_is_held_for_the_steps_of_the_setting_and_the_last_one_to_the_end(horizon, hold):
-    noise = draw(make_learner(horizon, hold=hold), 100)
-    assert noise.shape == (12, horizon, 2)
+def test_a_value_is_held_for_the_steps_of_the_setting_and_the_last_one_to_the_end(
+    horizon, hold, channels
+):
+    noise = draw(make_learner(horizon, hold=hold, channels=channels), 100)
+    assert noise.shape == (12, horizon, channels)
     changed = np.diff(noise, axis=1) != 0.0
     places = np.arange(1, horizon) % hold == 0
     assert changed[:, places].all()
@@ -225,3 +228,5 @@ def test_settings_that_give_too_large_matrices_are_refused():
     with pytest.raises(InvalidValue, match=r"settings\.hold: 1 steps give 1000 values.*5,000,000"):
         make_learner(horizon=500, hold=1)
     make_learner(horizon=500, hold=1, runs=1)
+    with pytest.raises(InvalidValue, match="1 steps give 1000 values"):
+        make_learner(horizon=200, channels=5, hold=1)

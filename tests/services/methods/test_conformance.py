@@ -5,8 +5,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from eigenfail.settings import read_settings
-from eigenfail.testing.learner import CORRIDOR, LearnerSuite
+from eigenfail.testing.learner import LearnerSuite
 from eigenfail.values import LearnerContext
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
 from eigenfail_services.methods.cem import CrossEntropyMethod
@@ -21,6 +20,11 @@ from eigenfail_services.methods.nearest import NearestFailingPoint
 from eigenfail_services.methods.replay import Replay
 from eigenfail_services.methods.splitting import MultilevelSplitting
 from eigenfail_services.methods.subset import SubsetMethod
+
+
+def draw_noise(seed, count, corridor, mean, deviation):
+    shape = count, corridor.steps, corridor.channels
+    return np.random.default_rng(seed).normal(mean, deviation, shape).astype(np.float32)
 
 
 class TestMonteCarlo(LearnerSuite):
@@ -50,11 +54,9 @@ class TestSubsetSimulationInParallel(LearnerSuite):
     budget = 160
     rounds = 8
 
-    def learner(self, seed=0):
-        nothing = np.zeros((0, CORRIDOR.steps, 2), np.float32)
-        context = LearnerContext(seed, self.budget, CORRIDOR.steps, nothing, parallel=8)
-        settings = read_settings(SubsetMethod.Settings, self.settings, "settings")
-        return SubsetMethod(context, settings)
+    def context(self, seed, corridor):
+        nothing = np.zeros((0, corridor.steps, corridor.channels), np.float32)
+        return LearnerContext(seed, self.budget, corridor.steps, nothing, parallel=8)
 
 
 class TestMultilevelSplitting(LearnerSuite):
@@ -82,12 +84,9 @@ class TestChains(LearnerSuite):
 
     parallel: ClassVar[int | None] = None
 
-    def learner(self, seed=0):
-        noise = np.random.default_rng(seed).normal(1.5, 1.0, (9, CORRIDOR.steps, 2))
-        noise = noise.astype(np.float32)
-        context = LearnerContext(seed, self.budget, CORRIDOR.steps, noise, parallel=self.parallel)
-        settings = read_settings(FailureChains.Settings, self.settings, "settings")
-        return FailureChains(context, settings)
+    def context(self, seed, corridor):
+        noise = draw_noise(seed, 9, corridor, 1.5, 1.0)
+        return LearnerContext(seed, self.budget, corridor.steps, noise, parallel=self.parallel)
 
 
 class TestChainsInParallel(TestChains):
@@ -101,22 +100,19 @@ class TestMinimal(LearnerSuite):
     method = Minimal
     settings = MappingProxyType({"round_size": 2})
 
-    def learner(self, seed=0):
-        noise = np.random.default_rng(seed).normal(1.5, 1.0, (1, CORRIDOR.steps, 2))
-        context = LearnerContext(seed, self.budget, CORRIDOR.steps, noise.astype(np.float32))
-        return Minimal(context, read_settings(Minimal.Settings, self.settings, "settings"))
+    def context(self, seed, corridor):
+        noise = draw_noise(seed, 1, corridor, 1.5, 1.0)
+        return LearnerContext(seed, self.budget, corridor.steps, noise)
 
 
 class TestNearestFailingPoint(LearnerSuite):
     method = NearestFailingPoint
     settings = MappingProxyType({"analysis": 1})
 
-    def learner(self, seed=0):
-        noise = np.random.default_rng(seed).normal(0.2, 0.1, (4, CORRIDOR.steps, 2))
+    def context(self, seed, corridor):
+        noise = draw_noise(seed, 4, corridor, 0.2, 0.1)
         noise[2:] += 2.0
-        context = LearnerContext(seed, self.budget, CORRIDOR.steps, noise.astype(np.float32))
-        settings = read_settings(NearestFailingPoint.Settings, self.settings, "settings")
-        return NearestFailingPoint(context, settings)
+        return LearnerContext(seed, self.budget, corridor.steps, noise)
 
 
 class TestAdaptiveStressTesting(LearnerSuite):
@@ -130,11 +126,9 @@ class TestAdaptiveStressTestingInParallel(LearnerSuite):
     method = AdaptiveStressTesting
     settings = MappingProxyType({"round_size": 4, "warm_up": 4, "gradient_steps": 1})
 
-    def learner(self, seed=0):
-        nothing = np.zeros((0, CORRIDOR.steps, 2), np.float32)
-        context = LearnerContext(seed, self.budget, CORRIDOR.steps, nothing, parallel=8)
-        settings = read_settings(AdaptiveStressTesting.Settings, self.settings, "settings")
-        return AdaptiveStressTesting(context, settings)
+    def context(self, seed, corridor):
+        nothing = np.zeros((0, corridor.steps, corridor.channels), np.float32)
+        return LearnerContext(seed, self.budget, corridor.steps, nothing, parallel=8)
 
 
 class TestAdaptiveStressTestingByStableBaselines(LearnerSuite):

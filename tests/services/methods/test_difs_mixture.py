@@ -34,7 +34,7 @@ def fitted(z, shift=0, unseen=None):
 @pytest.mark.parametrize("guidance", [0.0, -0.5])
 def test_a_known_mixture_is_sampled_with_its_shares_means_and_covariance(sampler, steps, guidance):
     settings = DifsSettings(device="cpu", sampler=sampler, sampling_steps=steps)
-    model = DiffusionModel(settings.options(HORIZON, seed=0))
+    model = DiffusionModel(settings.options(HORIZON, channels=2, seed=0))
     model.mixture = Mixture(SHARES, MEANS)
     z = model.sample(np.zeros(20_000, np.float32), guidance, draw=1).reshape(-1, 2 * HORIZON)
     means = (1.0 + guidance) * MEANS

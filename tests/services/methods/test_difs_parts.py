@@ -18,6 +18,7 @@ HORIZON = 6
 def model(**changes):
     given = {
         "horizon": HORIZON,
+        "channels": 2,
         "width": 16,
         "learning_rate": 3e-3,
         "weight_decay": 0.0,
@@ -38,6 +39,19 @@ def test_velocity_and_noised_data_are_a_rotation():
     x, v = diffusion.diffuse(x0, eps, angle), diffusion.compute_velocity(x0, eps, angle)
     torch.testing.assert_close(torch.cos(angle)[:, None] * x - torch.sin(angle)[:, None] * v, x0)
     torch.testing.assert_close(torch.sin(angle)[:, None] * x + torch.cos(angle)[:, None] * v, eps)
+
+
+@pytest.mark.parametrize("channels", [1, 3, 5])
+def test_the_mean_of_every_channel_is_learnt_up_to_the_ends(channels):
+    push = np.arange(1.0, 1.0 + HORIZON * channels, dtype=np.float32).reshape(HORIZON, channels)
+    unseen = np.zeros((10, HORIZON), bool)
+    unseen[:, 4:] = True
+    learner = model(channels=channels)
+    learner.train(examples(np.tile(push, (10, 1, 1)), unseen=unseen), steps=3, draw=1)
+    z = learner.sample(np.zeros(2000, np.float32), guidance=0.0, draw=2)
+    assert z.shape == (2000, HORIZON, channels)
+    np.testing.assert_allclose(z.mean(axis=0)[:4], push[:4], atol=0.2)
+    np.testing.assert_allclose(z.mean(axis=0)[4:], 0.0, atol=0.2)
 
 
 def test_the_untrained_model_samples_the_prior():
@@ -148,11 +162,12 @@ def test_the_mixture_is_fitted_to_the_elite_and_the_network_to_all():
     np.testing.assert_allclose(means, z[:20].mean(axis=0), atol=1e-6)
 
 
+@pytest.mark.parametrize("channels", [1, 2, 5])
 @pytest.mark.parametrize("horizon", [1, 2, 33, 34, 100])
-def test_every_horizon_has_its_network_and_its_far_steps_depend_on_each_other(horizon):
-    network = Denoiser(horizon, width=8)
+def test_every_shape_has_its_network_and_its_far_steps_depend_on_each_other(horizon, channels):
+    network = Denoiser(horizon, channels, width=8)
     torch.nn.init.ones_(network.last.weight)
-    x = torch.zeros(3, 2 * horizon)
+    x = torch.zeros(3, channels * horizon)
     moved = x.clone()
     moved[:, 0] = 5.0
     angle, condition = torch.full((3,), 0.7), torch.zeros(3)
@@ -181,7 +196,7 @@ def test_jitter_averages_the_mean_over_time():
 
 
 def test_the_elite_are_the_least_robust_and_later_the_likelier_failures(episode):
-    trials = TrialMemory(HORIZON, memory=100)
+    trials = TrialMemory(HORIZON, 2, memory=100)
     trials.add([episode(np.ones((6, 2)), r) for r in (3.0, 1.0, 2.0, 4.0)])
     assert alike(trials, 2, 0.5) == [1, 2]
     trials.add([episode(np.full((6, 2), size)) for size in (3.0, 1.0, 2.0, 4.0, 1.5, 2.5)])
@@ -196,7 +211,7 @@ def alike(trials, count, likely_share):
 
 
 def test_every_kind_has_its_elite_until_the_others_have_failed_long_enough(episode):
-    trials = TrialMemory(HORIZON, memory=100)
+    trials = TrialMemory(HORIZON, 2, memory=100)
     robustness = [0.0, 0.0, 0.0, 0.0, 0.0, 5.0, 4.0, 6.0]
     trials.add([episode(np.ones((6, 2)), r) for r in robustness])
     kinds = np.array([0, 0, 0, 0, 0, 1, 1, 1])
@@ -212,14 +227,14 @@ def test_every_kind_has_its_elite_until_the_others_have_failed_long_enough(episo
 
 
 def test_steps_behind_an_episodes_end_are_unseen(episode):
-    trials = TrialMemory(4, memory=100)
+    trials = TrialMemory(4, 2, memory=100)
     trials.add([episode(np.ones((2, 2))), episode(np.ones((4, 2)), 3.0)])
     np.testing.assert_array_equal(trials.find_unseen(), [[0, 0, 1, 1], [0, 0, 0, 0]])
     np.testing.assert_array_equal(trials.z[:, :, 0], [[1, 1, 0, 0], [1, 1, 1, 1]])
 
 
 def test_failed_episodes_are_not_remembered_and_the_safest_make_room(episode):
-    trials = TrialMemory(HORIZON, memory=3)
+    trials = TrialMemory(HORIZON, 2, memory=3)
     robustness = [5.0, 1.0, 4.0, 2.0, 3.0]
     trials.add([episode([(i, 0)], r) for i, r in enumerate(robustness)])
     trials.add([episode([(9, 0)], 0.5, outcome=Outcome.ERRORED), episode([], 0.1, measures=None)])
@@ -229,20 +244,20 @@ def test_failed_episodes_are_not_remembered_and_the_safest_make_room(episode):
 
 
 def test_measures_without_failures_keep_their_robustness(episode):
-    trials = TrialMemory(HORIZON, memory=3)
+    trials = TrialMemory(HORIZON, 2, memory=3)
     trials.add([episode([(0, 0)], measures=Measures(7.5), outcome=Outcome.SAFE)])
     assert trials.robustness.tolist() == [7.5]
 
 
 def test_the_replay_is_the_least_robust_share(episode):
-    trials = TrialMemory(HORIZON, memory=100)
+    trials = TrialMemory(HORIZON, 2, memory=100)
     trials.add([episode(np.ones((6, 2)), r) for r in (3.0, 1.0, 2.0, 4.0, -1.0)])
     assert trials.select_replay(0.25).tolist() == [4, 1]
     assert trials.select_replay(0.0).tolist() == []
 
 
 def test_a_kind_is_as_far_behind_as_its_best(episode):
-    trials = TrialMemory(HORIZON, memory=100)
+    trials = TrialMemory(HORIZON, 2, memory=100)
     trials.add([episode(np.ones((6, 2)), r) for r in (3.0, 1.0, 2.5, 4.0)])
     assert trials.find_offsets(np.array([0, 0, 2, 2])).tolist() == [0.0, 0.0, 1.5, 1.5]
     assert trials.find_offsets(np.zeros(4, np.intp)).tolist() == [0.0] * 4

@@ -9,7 +9,6 @@ import pytest
 from eigenfail.errors import InvalidValue, ProtocolError
 from eigenfail.plugins import METHODS, load
 from eigenfail.settings import read_settings
-from eigenfail.testing.learner import CORRIDOR as SUITES_CORRIDOR
 from eigenfail.testing.learner import Corridor, LearnerSuite, ToyEngine
 from eigenfail.values import LearnerContext, PolicySource, Predecessor, learner_seed
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
@@ -23,7 +22,7 @@ OF_CEM = {"method": "cem", "members": 2, "settings": CEM}
 
 
 def context(episodes, corridor=CORRIDOR, seed=1, **more):
-    nothing = np.zeros((0, corridor.steps, 2), np.float32)
+    nothing = np.zeros((0, corridor.steps, corridor.channels), np.float32)
     return LearnerContext(learner_seed(seed), episodes, corridor.steps, nothing, **more)
 
 
@@ -61,29 +60,28 @@ class EvaluateSuite(LearnerSuite):
     method = Evaluate
     settings = MappingProxyType({"campaign": 3, "round_size": 6})
 
-    def learner(self, seed=0):
-        given = context(self.budget, SUITES_CORRIDOR, seed, predecessors=(self.before(),))
-        return Evaluate(given, read_settings(Evaluate.Settings, self.settings, "settings"))
+    def context(self, seed, corridor):
+        return context(self.budget, corridor, seed, predecessors=(self.before(corridor),))
 
 
 class TestEvaluateOfCem(EvaluateSuite):
-    def before(self):
-        return trained("cem", {"batch": 5}, 20, SUITES_CORRIDOR)[0]
+    def before(self, corridor):
+        return trained("cem", {"batch": 5}, 20, corridor)[0]
 
 
 class TestEvaluateOfAst(EvaluateSuite):
-    def before(self):
-        return trained("ast", AST, 20, SUITES_CORRIDOR)[0]
+    def before(self, corridor):
+        return trained("ast", AST, 20, corridor)[0]
 
 
 class TestEvaluateOfDifs(EvaluateSuite):
-    def before(self):
-        return trained("difs", DIFS, 20, SUITES_CORRIDOR)[0]
+    def before(self, corridor):
+        return trained("difs", DIFS, 20, corridor)[0]
 
 
 class TestEvaluateOfAnEnsemble(EvaluateSuite):
-    def before(self):
-        return trained("ensemble", OF_CEM, 40, SUITES_CORRIDOR)[0]
+    def before(self, corridor):
+        return trained("ensemble", OF_CEM, 40, corridor)[0]
 
 
 def test_fails_as_often_as_training_did_in_the_end_and_learns_no_further():

@@ -187,6 +187,15 @@ def test_exactly_one_failure_is_shrunk():
             Minimal(context, Minimal.Settings())
 
 
+@pytest.mark.parametrize("channels", [1, 3, 5])
+def test_each_channel_has_blocks_of_its_own(channels):
+    found = minimal_search.make_blocks(np.ones((7, channels), np.float32), 4)
+    assert [np.argwhere(mask)[0].tolist() for mask in found] == [
+        [first, channel] for channel in range(channels) for first in (3, 0)
+    ]
+    assert sum(mask.astype(int) for mask in found).tolist() == [[1] * channels] * 7
+
+
 def test_blocks_cover_the_noise_once_from_the_end_on():
     z = np.zeros((7, 2), np.float32)
     z[1:, 0] = 1.0

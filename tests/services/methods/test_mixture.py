@@ -105,9 +105,11 @@ def make_result(index, source, outcome):
     )
 
 
-def test_noise_of_too_many_values_is_refused():
-    with pytest.raises(InvalidValue, match="501 steps have 1002"):
-        MixtureMethod(LearnerContext(7, 600, 501, NOTHING), MixtureSettings())
+@pytest.mark.parametrize(("steps", "channels", "values"), [(501, 2, 1002), (201, 5, 1005)])
+def test_noise_of_too_many_values_is_refused(steps, channels, values):
+    nothing = np.zeros((0, steps, channels), np.float32)
+    with pytest.raises(InvalidValue, match=f"{steps} steps have {values}"):
+        MixtureMethod(LearnerContext(7, 600, steps, nothing), MixtureSettings())
 
 
 def test_before_the_end_there_is_no_number():

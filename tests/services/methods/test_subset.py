@@ -5,6 +5,7 @@ from statistics import NormalDist
 
 import numpy as np
 import pytest
+from scipy.stats.qmc import Sobol
 
 from eigenfail.contracts import Estimator
 from eigenfail.errors import InvalidValue, ProtocolError
@@ -12,7 +13,7 @@ from eigenfail.settings import read_settings
 from eigenfail.values import LearnerContext, learner_seed
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods import archive
-from eigenfail_services.methods.subset import SubsetMethod
+from eigenfail_services.methods.subset import MOST_VALUES, SubsetMethod
 from eigenfail_services.statistics.subset_simulation import (
     PLANNED_LEVELS,
     SubsetSettings,
@@ -98,7 +99,7 @@ def test_one_run_gives_the_numbers_of_the_statistics(searched):
     learner, _ = searched(far, 10_000, runs=1)
     found = learner.estimate()
     seed = learner_seed(SEED)
-    alone = simulate_subsets(injected, STEPS, 10_000, SubsetSettings(runs=1), seed)
+    alone = simulate_subsets(injected, (STEPS, 2), 10_000, SubsetSettings(runs=1), seed)
     (run,) = alone.runs
     assert found.probability == pytest.approx(run.result.probability, rel=1e-12)
     assert found.cv == pytest.approx(run.result.cv, rel=1e-12)
@@ -118,6 +119,13 @@ def test_failures_that_the_levels_pass_by_are_met_by_wider_noise(searched):
     assert [one for one in found if one.problem.startswith("Wider noise meets failures")]
     assert len(held) >= 0.8 * len(numbers) > 0
     assert all("samples on a level are few" in one.note for one in numbers if one not in held)
+
+
+def test_noise_of_more_values_than_sobol_points_have_is_refused():
+    assert Sobol.MAXDIM == MOST_VALUES
+    nothing = np.zeros((0, 7068, 3), np.float32)
+    with pytest.raises(InvalidValue, match="7068 steps have 21204"):
+        SubsetMethod(LearnerContext(0, 1000, 7068, nothing), SubsetMethod.Settings())
 
 
 def test_few_samples_are_called_few(searched):

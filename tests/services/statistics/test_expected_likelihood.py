@@ -17,15 +17,21 @@ STEPS = 30
 AR1 = Correlated(longitudinal_correlation=0.9, lateral_correlation=0.3)
 
 
-def noise_of(shape):
+def noise_of(shape, channels=2):
     rng = np.random.default_rng(3)
-    z = rng.normal(size=(STEPS, 2)).astype(np.float32)
-    return NoiseTrajectory(z, np.full((STEPS, 2), 0.5, np.float32), shape)
+    z = rng.normal(size=(STEPS, channels)).astype(np.float32)
+    return NoiseTrajectory(z, np.full(z.shape, 0.5, np.float32), shape)
 
 
-@pytest.mark.parametrize("shape", [White(), AR1, HeavyTailed(degrees_of_freedom=4.5)])
-def test_it_is_the_mean_over_the_nodes_of_noise_that_is_the_same_at_every_step(shape):
-    noise = noise_of(shape)
+T = HeavyTailed(degrees_of_freedom=4.5)
+
+
+@pytest.mark.parametrize(
+    ("shape", "channels"),
+    [(White(), 2), (AR1, 2), (T, 2), *((each, d) for each in (White(), T) for d in (1, 3, 5))],
+)
+def test_it_is_the_mean_over_the_nodes_of_noise_that_is_the_same_at_every_step(shape, channels):
+    noise = noise_of(shape, channels)
     at_nodes = [
         NoiseTrajectory(np.full_like(noise.z, node), noise.sigma, shape).log_probability
         for node in NODES

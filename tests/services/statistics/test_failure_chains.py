@@ -1,6 +1,6 @@
 """Chains of failures, against p(z | failure) of half spaces."""
 
-from collections import deque
+from collections import Counter, deque
 from math import exp, pi, sqrt
 from statistics import NormalDist
 
@@ -94,6 +94,31 @@ def test_each_move_leaves_the_prior_unchanged(kind, size):
     crossed = before.T @ after / len(z)
     assert crossed == pytest.approx(crossed.T, abs=0.12)
     assert (before != after).any(axis=0).all()
+
+
+@pytest.mark.parametrize("channels", [1, 3, 5])
+@pytest.mark.parametrize("kind", MoveKind)
+def test_each_move_reaches_every_channel_and_leaves_the_prior_unchanged(kind, channels):
+    rng = np.random.default_rng(1)
+    z = rng.standard_normal((3000, 20, channels))
+    moved = np.stack([MOVES[kind](each, 0.5, rng) for each in z])
+    assert moved.mean(axis=0) == pytest.approx(0.0, abs=0.09)
+    assert moved.var(axis=0) == pytest.approx(1.0, abs=0.14)
+    assert (moved != z).any(axis=0).all()
+
+
+@pytest.mark.parametrize("channels", [1, 2, 3, 5])
+@pytest.mark.parametrize("move", [redraw_window, shift_segment])
+def test_one_channel_is_moved_or_all_each_as_often(move, channels):
+    rng = np.random.default_rng(3)
+    before = rng.standard_normal((60, channels))
+    moved = Counter(
+        tuple((move(before, 0.0, rng) != before).any(axis=0).tolist()) for _ in range(3000)
+    )
+    alone = {tuple(row) for row in np.eye(channels, dtype=bool).tolist()}
+    assert set(moved) == alone | {(True,) * channels}
+    if channels > 1:
+        assert min(moved.values()) == pytest.approx(3000 / (1 + channels), rel=0.15)
 
 
 def test_a_window_has_3_to_15_steps_and_reaches_every_step_as_often():

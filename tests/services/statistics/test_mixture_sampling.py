@@ -24,7 +24,7 @@ from eigenfail_services.statistics.mixture_sampling import (
     weigh_by_balance,
 )
 
-STEPS = 3
+SHAPE = 3, 2
 REACH = 3.7
 ONE_SIDE = NormalDist().cdf(-REACH)
 
@@ -33,15 +33,24 @@ def project(z):
     return z.reshape(len(z), -1).sum(axis=1) / sqrt(z[0].size)
 
 
-def sample(robustness, seed, budget=2000, steps=STEPS):
+def sample(robustness, seed, budget=2000, shape=SHAPE):
     """Return a finished simulation, and the noise that it requested."""
-    simulation, requested = MixtureSampling(steps, budget, 8, (seed,)), []
+    simulation, requested = MixtureSampling(shape, budget, 8, (seed,)), []
     requester = Requester(simulation.run())
     waiting = deque(requester.start())
     while waiting:
         requested.append(waiting.popleft())
         waiting.extend(requester.answer(robustness(requested[-1])))
     return simulation, np.concatenate(requested)
+
+
+@pytest.mark.parametrize("shape", [(6, 1), (2, 3)])
+def test_values_of_other_channels_count_like_those_of_other_steps(shape):
+    found, z = sample(one_side, 3, shape=shape)
+    usual, same = sample(one_side, 3)
+    assert z.shape[1:] == shape
+    assert np.array_equal(z.reshape(same.shape), same)
+    assert found.result.probability == usual.result.probability
 
 
 def one_side(z):

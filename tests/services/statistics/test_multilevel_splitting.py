@@ -45,8 +45,8 @@ def finish(run, importance=lambda y: y):
     return run
 
 
-def estimate(seed, n=40, given_up=0.1, importance=lambda y: y):
-    return finish(SplittingRun((seed,), (n, STEPS), given_up), importance).probability
+def estimate(seed, n=40, given_up=0.1, importance=lambda y: y, channels=2):
+    return finish(SplittingRun((seed,), (n, STEPS, channels), given_up), importance).probability
 
 
 def expect_mean(found, truth):
@@ -61,6 +61,11 @@ def test_the_truth_of_the_walk():
     drawn = float((y > WALL).mean())
     assert abs(drawn - P) < 4.0 * sqrt(P / 400_000)
     assert 1e-4 < P < 2e-3
+
+
+@pytest.mark.parametrize("channels", [1, 5])
+def test_it_is_unbiased_with_any_number_of_channels(channels):
+    expect_mean([estimate(seed, given_up=0.4, channels=channels) for seed in range(250)], P)
 
 
 @pytest.mark.parametrize("given_up", [0.02, 0.1, 0.4])
@@ -85,7 +90,7 @@ def test_it_is_unbiased_with_an_importance_that_says_little():
 def test_it_is_far_more_precise_than_as_many_plain_draws():
     found, drawn = [], []
     for seed in range(100):
-        run, count = SplittingRun((seed,), (100, STEPS), 0.1), 0
+        run, count = SplittingRun((seed,), (100, STEPS, 2), 0.1), 0
         while run.wave is not None:
             count += len(run.wave.rows)
             courses, failed = walk(run.wave.z)
@@ -96,7 +101,7 @@ def test_it_is_far_more_precise_than_as_many_plain_draws():
 
 
 def test_continuations_have_the_noise_of_another_one_until_it_exceeded_the_level():
-    run = SplittingRun((5,), (30, STEPS), 0.1)
+    run = SplittingRun((5,), (30, STEPS, 2), 0.1)
     courses, failed = walk(run.wave.z)
     run.add(courses, failed.tolist())
     before, wave = run.z.copy(), run.wave
@@ -110,11 +115,11 @@ def test_continuations_have_the_noise_of_another_one_until_it_exceeded_the_level
 
 
 def test_a_run_goes_on_bit_for_bit_from_its_state():
-    whole, half = SplittingRun((3,), (30, STEPS), 0.1), SplittingRun((3,), (30, STEPS), 0.1)
+    whole, half = SplittingRun((3,), (30, STEPS, 2), 0.1), SplittingRun((3,), (30, STEPS, 2), 0.1)
     for _ in range(4):
         courses, failed = walk(half.wave.z)
         half.add(courses, failed.tolist())
-    other = SplittingRun((3,), (30, STEPS), 0.1)
+    other = SplittingRun((3,), (30, STEPS, 2), 0.1)
     other.restore(half.z.copy(), half.courses.copy(), half.counts)
     assert finish(other).probability == finish(whole).probability
     assert np.array_equal(other.z, whole.z)
@@ -128,7 +133,7 @@ def test_errored_episodes_come_no_closer():
     """With a tenth of the first draws lost, P is that of the rest times nine tenths."""
     found = []
     for seed in range(250):
-        run, first = SplittingRun((seed,), (40, STEPS), 0.1), True
+        run, first = SplittingRun((seed,), (40, STEPS, 2), 0.1), True
         while run.wave is not None:
             courses, failed = walk(run.wave.z)
             if first:
@@ -141,7 +146,7 @@ def test_errored_episodes_come_no_closer():
 
 
 def test_a_simulation_that_does_not_repeat_itself_is_noticed():
-    run, random = SplittingRun((3,), (30, STEPS), 0.1), np.random.default_rng(0)
+    run, random = SplittingRun((3,), (30, STEPS, 2), 0.1), np.random.default_rng(0)
     for _ in range(3):
         courses, failed = walk(random.standard_normal(run.wave.z.shape))
         run.add(courses, failed.tolist())
@@ -149,20 +154,20 @@ def test_a_simulation_that_does_not_repeat_itself_is_noticed():
 
 
 def test_where_all_are_equal_the_run_dies_out():
-    run = SplittingRun((3,), (30, STEPS), 0.1)
+    run = SplittingRun((3,), (30, STEPS, 2), 0.1)
     run.add([np.zeros(STEPS, np.float32)] * 30, [False] * 30)
     assert (run.wave, run.probability) == (None, 0.0)
 
 
 def test_where_nearly_all_fail_the_first_draws_are_the_estimate():
-    run = SplittingRun((3,), (30, STEPS), 0.1)
+    run = SplittingRun((3,), (30, STEPS, 2), 0.1)
     run.add([np.arange(3, dtype=np.float32)] * 30, [False] + [True] * 29)
     assert (run.wave, run.probability) == (None, pytest.approx(29 / 30))
     assert run.counts == SplittingCounts(waves=1)
 
 
 def test_an_ended_run_takes_no_more():
-    run = finish(SplittingRun((3,), (30, STEPS), 0.1))
+    run = finish(SplittingRun((3,), (30, STEPS, 2), 0.1))
     with pytest.raises(ValueError, match="has ended"):
         run.add([], [])
 

@@ -34,6 +34,7 @@ from eigenfail_services.statistics.subset_simulation import (
 )
 
 STEPS = 20
+SHAPE = STEPS, 2
 BUDGET = 5_000
 SETTINGS = SubsetSettings()
 
@@ -65,23 +66,23 @@ def played(dialogue, robustness):
             return end.value
 
 
-def simulated(robustness, budget, seed, steps=STEPS, settings=SETTINGS):
+def simulated(robustness, budget, seed, shape=SHAPE, settings=SETTINGS):
     """The result of the run over fixed levels."""
-    _, run = simulate_subsets(robustness, steps, budget, settings, seed).runs
+    _, run = simulate_subsets(robustness, shape, budget, settings, seed).runs
     return run.result
 
 
 def simulated_in_groups(robustness, budget, seed, parallel):
     """The same of chains in groups, for so many trajectories at a time."""
-    simulation = SubsetSimulation(STEPS, budget, SETTINGS, (seed,), parallel)
+    simulation = SubsetSimulation(SHAPE, budget, SETTINGS, (seed,), parallel)
     answer_requests(simulation.run(), robustness)
     _, run = simulation.runs
     return run.result
 
 
-def held(robustness, p, steps=STEPS, budget=BUDGET, seeds=40):
+def held(robustness, p, shape=SHAPE, budget=BUDGET, seeds=40):
     """In how many of some simulations the interval holds p, and the mean estimate ÷ p."""
-    found = [simulated(robustness, budget, seed, steps) for seed in range(seeds)]
+    found = [simulated(robustness, budget, seed, shape) for seed in range(seeds)]
     assert {one.end for one in found} == {SubsetEnd.REACHED}
     inside = [one.interval.low <= p <= one.interval.high for one in found]
     return sum(inside), float(np.mean([one.probability for one in found])) / p
@@ -94,9 +95,18 @@ def test_a_half_space_lies_in_its_interval(p):
     assert ratio == pytest.approx(1.0, abs=0.25)
 
 
+@pytest.mark.parametrize("shape", [(40, 1), (8, 5)])
+def test_values_of_other_channels_count_like_those_of_other_steps(shape):
+    found = simulate_subsets(half_space(1e-3), shape, BUDGET, SETTINGS, 3)
+    usual = simulate_subsets(half_space(1e-3), SHAPE, BUDGET, SETTINGS, 3)
+    assert found.runs[1].chains.z.shape[2:] == shape
+    assert found.runs[1].result == usual.runs[1].result
+    assert found.wide.estimate == usual.wide.estimate
+
+
 def test_both_modes_are_found_and_counted():
     p = 2.0 * NormalDist().cdf(-3.0) ** 2
-    inside, ratio = held(two_modes, p, steps=1, budget=10_000)
+    inside, ratio = held(two_modes, p, shape=(1, 2), budget=10_000)
     assert inside >= 35
     assert ratio == pytest.approx(1.0, abs=0.25)
 
@@ -111,7 +121,7 @@ def test_an_estimate_is_the_product_of_its_levels_and_says_what_it_cost():
     calls = []
     far = half_space(1e-5)
     simulation = simulate_subsets(
-        lambda z: (calls.append(len(z)), far(z))[1], STEPS, BUDGET, SETTINGS, 3
+        lambda z: (calls.append(len(z)), far(z))[1], SHAPE, BUDGET, SETTINGS, 3
     )
     first, run = simulation.runs
     found = run.result
@@ -135,7 +145,7 @@ def test_an_estimate_is_the_product_of_its_levels_and_says_what_it_cost():
 @pytest.mark.parametrize("p", [0.3, 1e-2, 1e-4, 1e-6])
 @pytest.mark.parametrize("budget", [2_000, 20_000])
 def test_the_whole_budget_is_used_and_no_more(budget, p):
-    simulation = simulate_subsets(half_space(p), STEPS, budget, SubsetSettings(), 1)
+    simulation = simulate_subsets(half_space(p), SHAPE, budget, SubsetSettings(), 1)
     assert 0.9 * budget < simulation.trajectories_run <= budget
 
 
@@ -163,7 +173,7 @@ def test_the_same_seed_gives_the_same_estimate():
 )
 def test_where_failures_are_out_of_reach_it_ends_and_says_so(robustness, end):
     settings = SubsetSettings(most_levels=8)
-    found = simulate_subsets(robustness, STEPS, BUDGET, settings, 1)
+    found = simulate_subsets(robustness, SHAPE, BUDGET, settings, 1)
     assert (found.end, found.runs) == (end, [])
     assert len(found.first.levels) <= 8
     assert all(level.threshold > 0.0 for level in found.first.levels)
@@ -172,11 +182,11 @@ def test_where_failures_are_out_of_reach_it_ends_and_says_so(robustness, end):
 def test_the_first_run_leaves_the_others_enough_episodes():
     """Beyond about ten levels nothing would be left for a second run; fewer samples do it."""
     far = half_space(1e-12)
-    cut = simulate_subsets(far, STEPS, BUDGET, SETTINGS, 1)
+    cut = simulate_subsets(far, SHAPE, BUDGET, SETTINGS, 1)
     assert (cut.end, cut.runs) == (SubsetEnd.CUT, [])
     assert 0.7 * BUDGET < cut.trajectories_run <= BUDGET - FEWEST_SAMPLES * len(cut.first.levels)
     fewer = structs.replace(SETTINGS, samples=cut.first.draws // 2)
-    found = simulate_subsets(far, STEPS, BUDGET, fewer, 1)
+    found = simulate_subsets(far, SHAPE, BUDGET, fewer, 1)
     assert found.end is SubsetEnd.REACHED
     assert found.first.draws == cut.first.draws // 2
     assert FEWEST_SAMPLES <= found.runs[1].draws <= found.first.draws
@@ -184,7 +194,7 @@ def test_the_first_run_leaves_the_others_enough_episodes():
 
 def test_several_runs_share_what_the_first_one_leaves():
     settings = structs.replace(SETTINGS, runs=4)
-    found = simulate_subsets(half_space(1e-4), STEPS, 10_000, settings, 1)
+    found = simulate_subsets(half_space(1e-4), SHAPE, 10_000, settings, 1)
     assert 0.9 * 10_000 < found.trajectories_run <= 10_000
     first, *others = (run.result for run in found.runs)
     assert {one.draws for one in others} == {others[0].draws}
@@ -260,7 +270,7 @@ def test_the_estimate_is_unbiased_and_its_variation_is_the_one_that_is_said(para
 def test_samples_of_a_level_are_distributed_as_the_noise_below_it():
     """Of the half space beyond 2 sigma: mean phi(2)/Q(2) along its normal, nothing across it."""
     sampler = ConditionalSampler(np.random.default_rng(2), acceptance=0.4)
-    first = played(sampler.draw_independent(20_000, 2), half_space(0.5))
+    first = played(sampler.draw_independent(20_000, (2, 2)), half_space(0.5))
     starts = find_starts(first, -2.0)[:400]
     chains = played(sampler.move_chains(first, -2.0, starts, 49), half_space(0.5))
     z = chains.z.reshape(-1, 4)
@@ -275,7 +285,7 @@ def test_samples_of_a_level_are_distributed_as_the_noise_below_it():
 
 def test_groups_begin_as_one_and_share_their_step():
     """The first draws are the same; so is the step, but for the order of the moves."""
-    whole, parts = (SubsetSimulation(STEPS, BUDGET, SETTINGS, (3,), n) for n in (None, 20))
+    whole, parts = (SubsetSimulation(SHAPE, BUDGET, SETTINGS, (3,), n) for n in (None, 20))
     for simulation in (whole, parts):
         answer_requests(simulation.run(), half_space(1e-4))
     assert whole.first.levels[0] == parts.first.levels[0]
@@ -290,13 +300,13 @@ def test_groups_begin_as_one_and_share_their_step():
 )
 def test_what_is_no_robustness_is_refused(broken):
     with pytest.raises(InvalidValue, match="one finite number for each trajectory"):
-        simulate_subsets(broken, STEPS, BUDGET, SETTINGS, 1)
+        simulate_subsets(broken, SHAPE, BUDGET, SETTINGS, 1)
 
 
 def test_wide_noise_estimates_a_rare_probability_without_bias():
     p, found = 1e-5, []
     for seed in range(200):
-        wide = WideNoise(400, 2, np.random.default_rng(seed))
+        wide = WideNoise(400, (2, 2), np.random.default_rng(seed))
         answer_requests(wide.run(), half_space(p))
         found.append(wide.estimate)
     mean = np.mean([one.probability for one in found])
@@ -305,5 +315,5 @@ def test_wide_noise_estimates_a_rare_probability_without_bias():
 
 
 def test_no_wide_noise_is_drawn_of_long_trajectories():
-    assert simulate_subsets(half_space(1e-3), 20, 3_000, SETTINGS, 1).wide
-    assert simulate_subsets(half_space(1e-3), 21, 3_000, SETTINGS, 1).wide is None
+    assert simulate_subsets(half_space(1e-3), (20, 2), 3_000, SETTINGS, 1).wide
+    assert simulate_subsets(half_space(1e-3), (21, 2), 3_000, SETTINGS, 1).wide is None

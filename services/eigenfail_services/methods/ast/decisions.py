@@ -42,8 +42,8 @@ class Decisions(msgspec.Struct, frozen=True, eq=False):
     """Transitions at decision times.
 
     Attributes:
-        states: observed at the decision, shape (n, len(STATE)).
-        actions: z / amplitude, in [-1, 1], shape (n, 2).
+        states: observed at the decision, shape (n, count_state(channels)).
+        actions: z / amplitude, in [-1, 1], shape (n, channels).
         rewards: sum over the steps of `n_step` decisions from this one on, shape (n,).
         next_states: observed `n_step` decisions later, or at the last one, like `states`.
         ends: 1 where the episode ended within these decisions, shape (n,).

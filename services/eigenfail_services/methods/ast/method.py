@@ -33,34 +33,34 @@ from eigenfail_services.methods.ast.settings import AstSettings, Trainer, make_t
 from eigenfail_services.statistics.importance import WeightedFailures
 
 
-def paper(settings: AstSettings, _horizon: int) -> Reward:
+def paper(settings: AstSettings, _context: LearnerContext) -> Reward:
     """Log p at every step."""
     return PaperReward(settings.alpha, settings.c_dist)
 
 
-def mahalanobis(settings: AstSettings, _horizon: int) -> Reward:
+def mahalanobis(settings: AstSettings, _context: LearnerContext) -> Reward:
     """A distance in place of log p."""
     return MahalanobisReward(settings.alpha, settings.c_dist)
 
 
-def dissimilarity(settings: AstSettings, horizon: int) -> Reward:
+def dissimilarity(settings: AstSettings, context: LearnerContext) -> Reward:
     """The paper's, and a bonus for failures unlike those known."""
-    nothing = np.zeros((0, horizon, 2), np.float32)
+    nothing = np.zeros((0, context.horizon, context.channels), np.float32)
     return DissimilarityReward(
         PaperReward(settings.alpha, settings.c_dist), settings.c_dissimilarity, nothing
     )
 
 
-REWARDS: dict[str, Callable[[AstSettings, int], Reward]] = {
+REWARDS: dict[str, Callable[[AstSettings, LearnerContext], Reward]] = {
     "paper": paper,
     "mahalanobis": mahalanobis,
     "dissimilarity": dissimilarity,
 }
 
 
-def make_reward(settings: AstSettings, horizon: int) -> Reward:
-    """The reward that the settings name, for episodes of at most `horizon` steps."""
-    return REWARDS[settings.reward](settings, horizon)
+def make_reward(settings: AstSettings, context: LearnerContext) -> Reward:
+    """Return the reward that the settings name, for the noise of a campaign."""
+    return REWARDS[settings.reward](settings, context)
 
 
 class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -181,8 +181,9 @@ class AdaptiveStressTesting:
 
     def __init__(self, context: LearnerContext, settings: AstSettings) -> None:
         self._settings = settings
-        self._reward = make_reward(settings, context.horizon)
+        self._reward = make_reward(settings, context)
         self._seed = context.seed
+        self._channels = context.channels
         self.lookahead = count_rounds_ahead(context.parallel, settings.round_size, self.lookahead)
         self._trainer = self._make_trainer(Attempt())
         self._average = PolicyAverage(settings.averaged)
@@ -194,7 +195,7 @@ class AdaptiveStressTesting:
             settings.patience, settings.amplitude, settings.largest_amplitude, context.episodes
         )
         self._horizon = context.horizon
-        self._probability = PolicyProbability(settings.hold, context.episodes)
+        self._probability = PolicyProbability(settings.hold, context.episodes, context.channels)
         if settings.warm_start is not None:
             _adopt_networks(self._trainer, context, settings.warm_start)
 
@@ -279,7 +280,8 @@ class AdaptiveStressTesting:
         self._trainer, self._average, self._reward, self._facts = trainer, average, reward, facts
 
     def _make_trainer(self, attempt: Attempt) -> Trainer:
-        options = self._settings.options(attempt.derive_seed(self._seed))
+        seed = attempt.derive_seed(self._seed)
+        options = self._settings.options(self._channels, seed)
         return make_trainer(self._settings.trainer, options)
 
     def _get_amplitude(self, episode: int) -> float:

@@ -53,11 +53,11 @@ def log_weight(result: EpisodeResult, policy: Policy) -> float:
 
 
 def compute_gaussian(policy: Policy, states: Array) -> tuple[Array, Array]:
-    """Return mean and log standard deviation before the squashing, each of shape (steps, 2).
+    """Return mean and log standard deviation before the squashing, each (steps, channels).
 
     Args:
         policy: policy that chose the noise.
-        states: observed by it, shape (steps, len(STATE)).
+        states: observed by it, shape (steps, count_state(channels)).
     """
     hidden = states
     for layer in policy.hidden:
@@ -130,14 +130,16 @@ class PolicyProbability:
     Args:
         hold: number of steps for which an action stays.
         budget: budget of the campaign, in episodes.
+        channels: number of channels of the noise.
 
     Attributes:
         sums: over the weighted episodes.
     """
 
-    def __init__(self, hold: int, budget: int) -> None:
+    def __init__(self, hold: int, budget: int, channels: int) -> None:
         self._has_density = hold == 1
         self._budget = budget
+        self._channels = channels
         self._open: dict[int, Policy] = {}
         self.sums = WeightedFailures()
 
@@ -169,7 +171,7 @@ class PolicyProbability:
             horizon: number of steps of a full episode.
             amplitude: largest |z| of their policies. [sigma]
         """
-        note = f"{describe_reach(amplitude, horizon)} {ONE_POLICY}"
+        note = f"{describe_reach(amplitude, horizon, self._channels)} {ONE_POLICY}"
         return sums.estimate(ADVICE, note) if sums.episodes else None
 
     def estimate(self, observed: int, horizon: int, amplitude: float) -> Estimate | None:
@@ -197,9 +199,9 @@ def read_open_policies(data: bytes) -> dict[int, Policy]:
     return _policies.decode(data) if data else {}
 
 
-def describe_reach(amplitude: float, horizon: int) -> str:
+def describe_reach(amplitude: float, horizon: int, channels: int) -> str:
     """Describe the noise that the policy can choose, and its share in all noise."""
-    share = (2.0 * NormalDist().cdf(amplitude) - 1.0) ** (2 * horizon)
+    share = (2.0 * NormalDist().cdf(amplitude) - 1.0) ** (channels * horizon)
     return (
         f"A lower bound: it counts failures whose noise stays within ±{amplitude:g} sigma at every "
         f"step, as {100.0 * share:.3g} % of all noise does over {horizon} steps."

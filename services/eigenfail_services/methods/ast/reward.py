@@ -101,14 +101,14 @@ class DissimilarityReward(msgspec.Struct, frozen=True, eq=False):
     """Corso et al. 2019 (AST with Reward Augmentation, IEEE ITSC): trajectory dissimilarity.
 
     Against mode collapse, a terminal failure earns c_dissimilarity · d instead of 0. d is the
-    distance from the nearest known failure: the root mean square over steps and axes of the
+    distance from the nearest known failure: the root mean square over steps and channels of the
     difference in z, which is zero behind an episode's end [sigma]. For the first failure, d = 0.
     Corso et al. compare trajectories of states; noise can be compared without a simulator.
 
     Attributes:
         paper: reward of all other steps.
         c_dissimilarity: bonus per sigma.
-        failures: known failures, shape (n, horizon, 2). [sigma]
+        failures: known failures, shape (n, horizon, channels). [sigma]
     """
 
     paper: PaperReward
@@ -151,7 +151,7 @@ class DissimilarityReward(msgspec.Struct, frozen=True, eq=False):
         return msgspec.structs.replace(self, failures=failures)
 
     def _pad(self, result: EpisodeResult) -> Floats:
-        """Return z up to the horizon, shape (horizon, 2)."""
+        """Return z up to the horizon, shape (horizon, channels)."""
         z = np.zeros(self.failures.shape[1:], np.float32)
         z[: result.steps] = result.noise.z
         return z

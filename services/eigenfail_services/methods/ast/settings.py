@@ -1,16 +1,16 @@
 """Settings of `ast`, by the paper's names."""
 
+from math import log
 from typing import Annotated, Literal, Protocol
 
 import msgspec
 
+from eigenfail.errors import InvalidValue
 from eigenfail.plugins import load_class
-from eigenfail.values import STATE, Policy
+from eigenfail.values import Policy
+from eigenfail.values.learning import count_state
 from eigenfail_services.methods.archive import Arrays
 from eigenfail_services.methods.ast.decisions import DecisionProcess, Decisions
-
-ACTIONS = 2
-
 
 REWARD_SCALE = 1e-3
 """Scale of rewards: natural rewards (thousands) make the learning of small new networks stall.
@@ -33,10 +33,12 @@ class SacOptions(msgspec.Struct, frozen=True):
 
     Attributes:
         entropy: initial entropy coefficient, at the natural scale of rewards.
-        target_entropy: entropy to which the coefficient adapts, of an action in [-1, 1]². [nat]
+        target_entropy: entropy to which the coefficient adapts, of an action in
+            [-1, 1]^channels. [nat]
         hold: number of steps for which one action stays; only written into policies.
         amplitude: largest |z| of the policy. [sigma]
         hidden: widths of the hidden layers of actor and critics.
+        channels: number of channels of the noise, each a component of an action.
     """
 
     learning_rate: float
@@ -50,7 +52,12 @@ class SacOptions(msgspec.Struct, frozen=True):
     amplitude: float
     hold: int
     seed: int
-    states: int = len(STATE)
+    channels: int
+
+    @property
+    def states(self) -> int:
+        """Number of components of a state."""
+        return count_state(self.channels)
 
 
 class Trainer(Protocol):
@@ -275,8 +282,20 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         """Return the grouping of steps and decisions."""
         return DecisionProcess(hold=self.hold, n_step=self.n_step, gamma=self.gamma)
 
-    def options(self, seed: int) -> SacOptions:
-        """Return the options of the trainer, for which `n_step` decisions are one."""
+    def options(self, channels: int, seed: int) -> SacOptions:
+        """Return the options of the trainer, for which `n_step` decisions are one.
+
+        Raises:
+            InvalidValue: no action of so few components has the target entropy.
+        """
+        most = channels * log(2.0)
+        if self.target_entropy >= most:
+            raise InvalidValue(
+                "settings.target_entropy",
+                f"{self.target_entropy:g} nat are too many: an action has at most ln 2 for each "
+                f"channel, {most:.2f} in all.",
+                "Ask for less.",
+            )
         return SacOptions(
             learning_rate=self.learning_rate,
             batch_size=self.batch_size,
@@ -289,4 +308,5 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
             amplitude=self.amplitude,
             hold=self.hold,
             seed=seed,
+            channels=channels,
         )

@@ -16,7 +16,7 @@ from eigenfail.errors import LearnerDiverged
 from eigenfail.values import Floats, Layer, Policy
 from eigenfail_services.methods.archive import Array, Arrays, take
 from eigenfail_services.methods.ast.decisions import Decisions
-from eigenfail_services.methods.ast.settings import ACTIONS, REWARD_SCALE, SacOptions
+from eigenfail_services.methods.ast.settings import REWARD_SCALE, SacOptions
 
 # DOC: Small networks in numpy: all weights in one vector, so that a step is a few large operations.
 NetworkLayer = tuple[Floats, Floats]
@@ -218,14 +218,15 @@ class FastTrainer:
     def __init__(self, options: SacOptions) -> None:
         random = np.random.default_rng([options.seed, 0])
         self._options = options
-        self.actor = Network((options.states, *options.hidden, 2 * ACTIONS), (), random)
-        widths = (options.states + ACTIONS, *options.hidden, 1)
+        self._actions = options.channels
+        self.actor = Network((options.states, *options.hidden, 2 * self._actions), (), random)
+        widths = (options.states + self._actions, *options.hidden, 1)
         self.critics = Network(widths, (2,), random)
         self.targets = Network(widths, (2,), random)
         self.targets.weights[:] = self.critics.weights
         # Logarithm of the entropy coefficient, with Adam's two moments and step count.
         self.entropy = np.array([log(options.entropy * REWARD_SCALE), 0.0, 0.0, 0.0])
-        self.memory = TransitionBuffer(options.buffer_size, options.states, ACTIONS)
+        self.memory = TransitionBuffer(options.buffer_size, options.states, self._actions)
 
     def add(self, decisions: Decisions) -> None:
         """Keep transitions; the oldest ones make room."""
@@ -242,7 +243,7 @@ class FastTrainer:
         with np.errstate(over="ignore", invalid="ignore"):
             for _ in range(steps):
                 rows = random.integers(len(self.memory), size=batch)
-                eps = random.standard_normal((2, batch, ACTIONS), np.float32)
+                eps = random.standard_normal((2, batch, self._actions), np.float32)
                 self.step(self.memory.take(rows), eps[0], eps[1])
         parts = (self.actor.weights, self.critics.weights, self.targets.weights, self.entropy)
         if not all(np.isfinite(part).all() for part in parts):
@@ -256,7 +257,7 @@ class FastTrainer:
 
         Args:
             batch: batch of transitions, their rewards scaled.
-            eps: standard normal draws for the actions in the states, shape (batch, 2).
+            eps: standard normal draws for the actions in the states, shape (batch, actions).
             next_eps: the same for the next states.
         """
         coefficient = np.float32(exp(self.entropy[0]))
@@ -274,8 +275,8 @@ class FastTrainer:
         return Policy(
             version=version,
             hidden=tuple(Layer(*layer) for layer in hidden),
-            mean=Layer(weight[:ACTIONS], bias[:ACTIONS]),
-            log_std=Layer(weight[ACTIONS:], bias[ACTIONS:]),
+            mean=Layer(weight[: self._actions], bias[: self._actions]),
+            log_std=Layer(weight[self._actions :], bias[self._actions :]),
             amplitude=self._options.amplitude,
             hold=self._options.hold,
         )
@@ -315,7 +316,7 @@ class FastTrainer:
 
     def _choose(self, states: Floats, eps: Floats) -> DrawnActions:
         course = self.actor.forward(states)
-        mean, log_std = course[-1][:, :ACTIONS], course[-1][:, ACTIONS:]
+        mean, log_std = course[-1][:, : self._actions], course[-1][:, self._actions :]
         clamped = np.clip(log_std, LOG_STD_MIN, LOG_STD_MAX)
         std = np.exp(clamped)
         actions = np.tanh(mean + std * eps)
@@ -361,7 +362,7 @@ class FastTrainer:
         values = course[-1]
         lesser = values == values.min(axis=0)
         slope = self.critics.compute_input_gradient(course, -lesser.astype(np.float32) / count)
-        sums = slope.sum(axis=0)[:, -ACTIONS:] * choice.room
+        sums = slope.sum(axis=0)[:, -self._actions :] * choice.room
         sums += coefficient / count * 2.0 * choice.actions * choice.room / (choice.room + TINY)
         widths = (sums * choice.std * choice.eps - coefficient / count) * choice.inside
         self.actor.descend(

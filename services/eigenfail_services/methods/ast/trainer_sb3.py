@@ -16,7 +16,7 @@ from eigenfail.values import Layer, Policy
 from eigenfail_services.methods import tensors
 from eigenfail_services.methods.archive import Array, Arrays, take
 from eigenfail_services.methods.ast.decisions import Decisions
-from eigenfail_services.methods.ast.settings import ACTIONS, REWARD_SCALE, SacOptions
+from eigenfail_services.methods.ast.settings import REWARD_SCALE, SacOptions
 
 KEPT = ("observations", "next_observations", "actions", "rewards", "dones")
 
@@ -24,9 +24,9 @@ KEPT = ("observations", "next_observations", "actions", "rewards", "dones")
 class SpaceHolder(gymnasium.Env[Array, Array]):
     """An environment that gives SAC its shapes, and is never stepped."""
 
-    def __init__(self, states: int) -> None:
+    def __init__(self, states: int, actions: int) -> None:
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (states,), np.float32)
-        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (ACTIONS,), np.float32)
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (actions,), np.float32)
 
 
 class SeededBuffer(ReplayBuffer):
@@ -160,7 +160,7 @@ class SacTrainer:
 def _sac(options: SacOptions) -> SAC:
     return SAC(
         "MlpPolicy",
-        SpaceHolder(options.states),
+        SpaceHolder(options.states, options.channels),
         learning_rate=options.learning_rate,
         buffer_size=options.buffer_size,
         batch_size=options.batch_size,

@@ -74,8 +74,9 @@ class DiffusionFailureSampling:
         self._settings = settings
         self._seed = context.seed
         self._schedule = SCHEDULES[settings.schedule]
-        self._model = load_class(MODEL)(settings.options(context.horizon, context.seed))
-        self._trials = TrialMemory(context.horizon, settings.memory)
+        options = settings.options(context.horizon, context.channels, context.seed)
+        self._model = load_class(MODEL)(options)
+        self._trials = TrialMemory(context.horizon, context.channels, settings.memory)
         self._facts = self._Facts(settings.guidance)
         if context.experience is not None:
             self._trials.add_experience(context.experience)
@@ -113,7 +114,7 @@ class DiffusionFailureSampling:
         Raises:
             LearnerDiverged: training diverged.
         """
-        fresh = TrialMemory(self._trials.z.shape[1], len(results))
+        fresh = TrialMemory(*self._trials.z.shape[1:], len(results))
         fresh.add(results)
         if not len(fresh):
             return

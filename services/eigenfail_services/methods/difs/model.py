@@ -36,9 +36,10 @@ def compute_velocity(x0: Tensor, eps: Tensor, angle: Tensor) -> Tensor:
 
 
 class Trajectories(NamedTuple):
-    """`Examples` as tensors: z of shape (n, horizon, 2), unseen (n, horizon), condition (n,).
+    """`Examples` as tensors: z of shape (n, horizon, channels), condition of shape (n,).
 
-    `mean` is that of the trajectory's component of the mixture, shape (n, size).
+    `unseen` has the shape (n, horizon). `mean` is that of the trajectory's component of the
+    mixture, shape (n, size).
     """
 
     z: Tensor
@@ -73,7 +74,7 @@ def shift_in_time(z: Tensor, unseen: Tensor, by: Tensor) -> tuple[Tensor, Tensor
     """Shift each trajectory in time; steps that move in from outside are unseen.
 
     Args:
-        z: shape (n, horizon, 2).
+        z: shape (n, horizon, channels).
         unseen: shape (n, horizon).
         by: number of steps, negative for earlier, shape (n, 1).
     """
@@ -197,8 +198,9 @@ class DiffusionModel:
         self._options = options
         self._device = _device(options.device)
         with tensors.isolate_randomness(options.seed, 0):
-            self._denoiser = Denoiser(options.horizon, options.width).to(self._device)
-        self.mixture = make_prior_mixture(options.horizon * 2)
+            denoiser = Denoiser(options.horizon, options.channels, options.width)
+            self._denoiser = denoiser.to(self._device)
+        self.mixture = make_prior_mixture(options.horizon * options.channels)
         self._average = deepcopy(self._denoiser).requires_grad_(requires_grad=False)
         self._optimizer = _optimizer(self._denoiser, options)
 
@@ -233,7 +235,9 @@ class DiffusionModel:
     def sample(
         self, condition: Floats, guidance: float, draw: int, mixture: Mixture | None = None
     ) -> Floats:
-        """Return trajectories for conditions (robustness ÷ scale), shape (n, horizon, 2). [sigma]
+        """Return trajectories for conditions (robustness ÷ scale). [sigma]
+
+        Their shape is (n, horizon, channels).
 
         Classifier-free guidance of weight w gives (1 + w) · v(r) - w · v(no condition); the latter
         is that of the prior, and zero. So w below 0 leads towards the prior.
@@ -257,11 +261,12 @@ class DiffusionModel:
             return guided
 
         options = self._options
-        start = self._randn((len(condition), options.horizon * 2), generator)
+        shape = len(condition), options.horizon, options.channels
+        start = self._randn(shape, generator).flatten(1)
         with torch.no_grad():
             sample = SAMPLERS[options.sampler]
             x = sample(velocity, start, options.sampling_steps, generator)
-        return _check_finite(x.cpu().numpy().reshape(len(condition), options.horizon, 2))
+        return _check_finite(x.cpu().numpy().reshape(shape))
 
     def arrays(self) -> Arrays:
         """Return mixture, weights, their averages and the optimizer's moments."""
@@ -279,7 +284,7 @@ class DiffusionModel:
         Raises:
             ValueError: an array is missing or has another shape.
         """
-        shape = (len(arrays["shares"]), self._options.horizon * 2)
+        shape = (len(arrays["shares"]), self.mixture.means.shape[1])
         self.mixture = Mixture(arrays["shares"], take(arrays, "means", shape))
         tensors.load_module("denoiser", self._denoiser, arrays)
         tensors.load_module("average", self._average, arrays)

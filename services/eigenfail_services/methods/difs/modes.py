@@ -49,10 +49,10 @@ class Mixture(NamedTuple):
         """Return P(component | z in the observed steps), shape (n, components).
 
         Args:
-            z: shape (n, horizon, 2). [sigma]
+            z: shape (n, horizon, channels). [sigma]
             unseen: steps without own noise of the trajectory, shape (n, horizon).
         """
-        seen = np.repeat(~unseen, 2, axis=1).astype(np.float64)
+        seen = np.repeat(~unseen, z.shape[2], axis=1).astype(np.float64)
         across = (z.reshape(seen.shape) * seen) @ self.means.T
         exponents = np.log(self.shares) + across - 0.5 * seen @ (self.means**2).T
         density = np.exp(exponents - exponents.max(axis=1, keepdims=True))
@@ -99,7 +99,7 @@ class Elite(NamedTuple):
 
 
 def prepare_elite(z: Floats, unseen: NDArray[np.bool_], shift: int) -> Elite:
-    """Return an elite from z of shape (n, horizon, 2), with shifts by at most `shift` steps.
+    """Return an elite from z, shape (n, horizon, channels), shifted by at most `shift` steps.
 
     Where no noise was injected, `unseen` of shape (n, horizon), z is the prior's mean: zero.
     """
@@ -108,7 +108,8 @@ def prepare_elite(z: Floats, unseen: NDArray[np.bool_], shift: int) -> Elite:
     steps, rows = z.shape[1], (len(z), -1)
     moved = [padded[:, first : first + steps] for first in range(2 * shift + 1)]
     smoothed: Array = np.mean(moved, axis=0)
-    return Elite(filled.reshape(rows), np.repeat(~unseen, 2, axis=1), smoothed.reshape(rows))
+    seen = np.repeat(~unseen, z.shape[2], axis=1)
+    return Elite(filled.reshape(rows), seen, smoothed.reshape(rows))
 
 
 class MixtureFits(NamedTuple):

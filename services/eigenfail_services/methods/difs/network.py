@@ -6,9 +6,6 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-CHANNELS = 2
-"""Numbers of noise in a step."""
-
 MOST_POSITIONS = 33
 """Number of positions of the convolutions: longer trajectories have several steps in each, so that
 training takes as long for a long episode as for a short one."""
@@ -40,7 +37,7 @@ class ResidualBlock(nn.Module):
     few channels.
 
     Args:
-        width: number of channels.
+        width: width of the hidden values.
         dilation: distance of the neighbours. [positions]
     """
 
@@ -75,20 +72,21 @@ class Denoiser(nn.Module):
 
     Args:
         horizon: number of steps of a trajectory.
-        width: number of channels of the hidden layers.
+        channels: number of channels of the noise.
+        width: width of the hidden layers.
     """
 
     trust: Tensor
 
-    def __init__(self, horizon: int, width: int) -> None:
+    def __init__(self, horizon: int, channels: int, width: int) -> None:
         super().__init__()
         self.register_buffer("trust", torch.zeros(()))
         self._steps = ceil(horizon / MOST_POSITIONS)
         self._positions = ceil(horizon / self._steps)
-        size = self._steps * CHANNELS
-        self.first = nn.Linear(2 * size, width)
+        self._size = self._steps * channels
+        self.first = nn.Linear(2 * self._size, width)
         self.blocks = nn.ModuleList([ResidualBlock(width, dilation) for dilation in DILATIONS])
-        self.last = nn.Linear(width, size)
+        self.last = nn.Linear(width, self._size)
         for parameter in self.last.parameters():
             nn.init.zeros_(parameter)
 
@@ -108,6 +106,6 @@ class Denoiser(nn.Module):
         return correction.flatten(1)[:, : x.shape[1]]
 
     def _divide(self, x: Tensor) -> Tensor:
-        """Return x by position, shape (n, positions, steps · CHANNELS), with zeros at the end."""
-        missing = self._positions * self._steps * CHANNELS - x.shape[1]
+        """Return x by position, shape (n, positions, steps · channels), with zeros at the end."""
+        missing = self._positions * self._size - x.shape[1]
         return functional.pad(x, (0, missing)).view(len(x), self._positions, -1)

@@ -16,6 +16,7 @@ class DiffusionOptions(msgspec.Struct, frozen=True, kw_only=True):
     """Settings of the diffusion model; see `DifsSettings`."""
 
     horizon: int
+    channels: int
     width: int
     learning_rate: float
     weight_decay: float
@@ -32,7 +33,7 @@ class Examples(msgspec.Struct, frozen=True, eq=False):
     """Training data.
 
     Attributes:
-        z: trajectories, shape (n, horizon, 2). [sigma]
+        z: trajectories, shape (n, horizon, channels). [sigma]
         unseen: whether no noise was injected in a step, shape (n, horizon).
         condition: robustness ÷ scale, shape (n,).
         held_out: whether a trajectory only validates the network, shape (n,).
@@ -173,10 +174,11 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         msgspec.Meta(description="earlier campaigns whose episodes are initial training data"),
     ] = ()
 
-    def options(self, horizon: int, seed: int) -> DiffusionOptions:
+    def options(self, horizon: int, channels: int, seed: int) -> DiffusionOptions:
         """Return the options of the model."""
         return DiffusionOptions(
             horizon=horizon,
+            channels=channels,
             width=self.width,
             learning_rate=self.learning_rate,
             weight_decay=self.weight_decay,
@@ -199,12 +201,13 @@ class TrialMemory:
 
     Args:
         horizon: number of steps of a full episode.
+        channels: number of channels of the noise.
         memory: number of trajectories.
     """
 
-    def __init__(self, horizon: int, memory: int) -> None:
+    def __init__(self, horizon: int, channels: int, memory: int) -> None:
         self._memory = memory
-        self.z = np.zeros((0, horizon, 2), np.float32)
+        self.z = np.zeros((0, horizon, channels), np.float32)
         self.steps = np.zeros(0, np.int64)
         self.robustness = np.zeros(0, np.float32)
 
@@ -319,7 +322,7 @@ class TrialMemory:
 
 
 def _padded(z: Floats, horizon: int) -> Floats:
-    padded = np.zeros((horizon, 2), np.float32)
+    padded = np.zeros((horizon, z.shape[1]), np.float32)
     padded[: len(z)] = z
     return padded
 
