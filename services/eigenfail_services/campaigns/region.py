@@ -155,7 +155,12 @@ def _find_scenario(campaigns: Sequence[Campaign]) -> str:
 def _list_parameters(spec: CampaignSpec, seeds: NDArray[np.int64]) -> Iterator[Parameters]:
     world = world_of(spec.simulator)
     if not world.has_road:
-        return (dict(spec.scenario_parameters) for _ in seeds)
+        # Values are counted: the names of channels, a list, must be hashable.
+        given = {
+            name: tuple(value) if isinstance(value, list) else value
+            for name, value in spec.scenario_parameters.items()
+        }
+        return (given for _ in seeds)
     return world.variation(spec).table(seeds.tolist())
 
 

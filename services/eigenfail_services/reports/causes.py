@@ -1,15 +1,22 @@
 """Collisions, and when noise matters: what leads to a failure."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.presentation.figures import format_number, format_share
-from eigenfail.values import AXES, EpisodeResult, Scene
+from eigenfail.values import EpisodeResult, Scene
 from eigenfail.values.report import Cell, ReportPicture, ReportSection
-from eigenfail_services.reports.material import MOST_MODES, Analysed, Material, list_analysed
+from eigenfail_services.reports.material import (
+    MOST_MODES,
+    Analysed,
+    Material,
+    arrange_by_channel,
+    list_analysed,
+    list_channels,
+)
 from eigenfail_services.reports.page import (
     INK,
     MARKS,
@@ -17,6 +24,7 @@ from eigenfail_services.reports.page import (
     Drawing,
     Mark,
     ReportPart,
+    count_panels_beside,
     draw_legend,
     make_table,
     mark,
@@ -219,14 +227,6 @@ def draw_footprint(axes: "Axes", corners: NDArray[np.float64], look: Mark, name:
 INFLUENCE_TABLE = "influence"
 
 
-INFLUENCE_COLUMNS = (
-    ("campaign", "Campaign"),
-    ("step", "Step"),
-    ("time_s", "Time", "s"),
-    *((axis, f"{axis.capitalize()} influence") for axis in AXES),
-)
-
-
 INFLUENCE_WORDS = (
     "The influence of a step is the size of its entries in the components, each weighted with the "
     "variance that it explains. Where it is large, failures differ most in their noise."
@@ -238,7 +238,14 @@ def make_influence(material: Material) -> ReportPart | None:
     found = [each for each in list_analysed(material) if each.result.influence.any()]
     if not found:
         return None
-    rows = [row for each in found for row in list_influence_steps(each)]
+    channels = list_channels(found)
+    columns = (
+        ("campaign", "Campaign"),
+        ("step", "Step"),
+        ("time_s", "Time", "s"),
+        *((channel, f"{channel.capitalize()} influence") for channel in channels),
+    )
+    rows = [row for each in found for row in list_influence_steps(each, channels)]
     section = ReportSection(
         name="influence",
         title="Influence over time",
@@ -246,7 +253,7 @@ def make_influence(material: Material) -> ReportPart | None:
             INFLUENCE_WORDS,
             *(sentence for each in found for sentence in describe_influence(each)),
         ),
-        tables=(make_table(INFLUENCE_TABLE, "Influence of each step", INFLUENCE_COLUMNS, rows),),
+        tables=(make_table(INFLUENCE_TABLE, "Influence of each step", columns, rows),),
         pictures=tuple(map(describe_influence_picture, found)),
     )
     return ReportPart(
@@ -257,7 +264,8 @@ def make_influence(material: Material) -> ReportPart | None:
 
 def describe_influence(found: Analysed) -> Iterator[str]:
     """The moments that matter most, in seconds before the collision."""
-    moments = [*filter(None, (describe_moments(found, axis) for axis in AXES))]
+    channels = found.result.channels
+    moments = [*filter(None, (describe_moments(found, channel) for channel in channels))]
     if moments:
         yield f"Campaign {found.subject.id}, seconds before the collision: {'; '.join(moments)}."
     shares = [
@@ -269,14 +277,14 @@ def describe_influence(found: Analysed) -> Iterator[str]:
         yield f"Campaign {found.subject.id}, before the collision: {'; '.join(shares)}."
 
 
-def describe_moments(found: Analysed, axis: str) -> str:
-    """Return the moments of an axis as text; empty if none is known."""
+def describe_moments(found: Analysed, channel: str) -> str:
+    """Return the moments of a channel as text; empty if none is known."""
     known = [
         format_number(each.before_collision_s)
         for each in found.result.moments
-        if each.axis == axis and each.before_collision_s is not None
+        if each.axis == channel and each.before_collision_s is not None
     ]
-    return f"{axis} noise matters most at {', '.join(known)}" if known else ""
+    return f"{channel} noise matters most at {', '.join(known)}" if known else ""
 
 
 def list_positions(found: Analysed) -> NDArray[np.float64]:
@@ -295,22 +303,24 @@ def title_axis(found: Analysed) -> str:
     return f"{unit}; 0 is the collision" if found.at_collision else unit
 
 
-def list_influence_steps(found: Analysed) -> Iterator[tuple[Cell, ...]]:
+def list_influence_steps(found: Analysed, channels: Sequence[str]) -> Iterator[tuple[Cell, ...]]:
     """A row for each step."""
     for step, (at, weights) in enumerate(
         zip(list_positions(found), found.result.influence.astype(float), strict=True)
     ):
         time_s = float(at) if found.step_s else None
-        yield (found.subject.id, step, time_s, *(float(weight) for weight in weights))
+        cells = [(float(weight),) for weight in weights]
+        placed = arrange_by_channel(cells, found.result.channels, channels)
+        yield (found.subject.id, step, time_s, *placed)
 
 
 def describe_influence_picture(found: Analysed) -> ReportPicture:
     """When noise matters, in words."""
     at, weights = list_positions(found), found.result.influence
     sentences = (
-        f"{axis} influence is largest at "
+        f"{channel} influence is largest at "
         f"{describe_position(found, float(at[int(np.argmax(weights[:, way]))]))}"
-        for way, axis in enumerate(AXES)
+        for way, channel in found.drawn_channels
     )
     return ReportPicture(
         name=f"influence-{found.name}",
@@ -318,6 +328,7 @@ def describe_influence_picture(found: Analysed) -> ReportPicture:
         alternative=f"{'; '.join(sentences)}.".capitalize(),
         table=INFLUENCE_TABLE,
         campaigns=(found.subject.id,),
+        note=found.channels_note,
     )
 
 
@@ -327,19 +338,22 @@ def describe_position(found: Analysed, at: float) -> str:
 
 
 def draw_influence(found: Analysed) -> Drawing:
-    """A line for each axis."""
+    """A line for each channel."""
 
     def draw(figure: "Figure") -> None:
         axes = figure.subplots()
-        for way, axis in enumerate(AXES):
-            look = mark(way)
-            weights = found.result.influence[:, way]
+        for place, (way, channel) in enumerate(found.drawn_channels):
+            look = mark(place)
             axes.plot(
-                list_positions(found), weights, color=look.colour, linestyle=look.line, label=axis
+                list_positions(found),
+                found.result.influence[:, way],
+                color=look.colour,
+                linestyle=look.line,
+                label=channel,
             )
         axes.set_xlabel(title_axis(found))
         axes.set_ylabel("influence")
         axes.set_ylim(bottom=0.0)
-        draw_legend(axes, 2)
+        draw_legend(axes, count_panels_beside(len(found.drawn_channels)))
 
     return Drawing(draw, 2.8)

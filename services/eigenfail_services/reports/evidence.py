@@ -1,15 +1,22 @@
 """Proof by replay, variance explained, and training: how far the modes can be trusted."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from eigenfail.presentation.figures import format_share
-from eigenfail.values import AXES, Proof, ReplayedNoise, Reproduction
+from eigenfail.values import Proof, ReplayedNoise, Reproduction
 from eigenfail.values.report import Cell, ReportPicture, ReportSection
 from eigenfail_services.campaigns.proofs import summarise_proof
-from eigenfail_services.reports.material import Analysed, Material, list_analysed, split_into_groups
+from eigenfail_services.reports.material import (
+    Analysed,
+    Material,
+    arrange_by_channel,
+    list_analysed,
+    list_channels,
+    split_into_groups,
+)
 from eigenfail_services.reports.page import (
     BESIDE,
     INK,
@@ -17,9 +24,12 @@ from eigenfail_services.reports.page import (
     Drawing,
     Grid,
     ReportPart,
+    count_panel_rows,
     draw_legend,
+    draw_panels,
     make_table,
     mark,
+    title_panels,
 )
 
 if TYPE_CHECKING:
@@ -265,17 +275,6 @@ TRAINING_TABLE = "training"
 SPACE_SIGMA = 3.0
 
 
-TRAINING_COLUMNS = (
-    ("campaign", "Campaign"),
-    ("interval", "Interval"),
-    ("start", "From", "share"),
-    ("end", "to", "share"),
-    ("failures", "Failures"),
-    ("step", "Step"),
-    *((axis, f"Mean {axis} noise", "sigma") for axis in AXES),
-)
-
-
 TRAINING_WORDS = (
     "The mean noise of the failures in each tenth of a campaign's episodes, the first tenth at the "
     f"top. Lines stand {SPACE_SIGMA:g} sigma apart, each on its own zero. A method that learns "
@@ -288,15 +287,23 @@ def make_training(material: Material) -> ReportPart | None:
     found = [each for each in list_analysed(material) if each.result.training]
     if not found:
         return None
-    rows = [row for each in found for row in list_training_steps(each)]
+    channels = list_channels(found)
+    columns = (
+        ("campaign", "Campaign"),
+        ("interval", "Interval"),
+        ("start", "From", "share"),
+        ("end", "to", "share"),
+        ("failures", "Failures"),
+        ("step", "Step"),
+        *((channel, f"Mean {channel} noise", "sigma") for channel in channels),
+    )
+    rows = [row for each in found for row in list_training_steps(each, channels)]
     section = ReportSection(
         name="training",
         title="Disturbances over the training",
         words=(TRAINING_WORDS,),
         tables=(
-            make_table(
-                TRAINING_TABLE, "Mean noise of the failures by interval", TRAINING_COLUMNS, rows
-            ),
+            make_table(TRAINING_TABLE, "Mean noise of the failures by interval", columns, rows),
         ),
         pictures=tuple(map(describe_training_picture, found)),
     )
@@ -306,12 +313,13 @@ def make_training(material: Material) -> ReportPart | None:
     )
 
 
-def list_training_steps(found: Analysed) -> Iterator[tuple[Cell, ...]]:
+def list_training_steps(found: Analysed, channels: Sequence[str]) -> Iterator[tuple[Cell, ...]]:
     """A row for each step of each interval that has a failure."""
     for number, each in enumerate(found.result.training, start=1):
         who = (found.subject.id, number, each.start, each.end, each.failures)
         for step, z in enumerate(each.mean.astype(float) if each.failures else ()):
-            yield (*who, step, *(float(value) for value in z))
+            cells = [(float(value),) for value in z]
+            yield (*who, step, *arrange_by_channel(cells, found.result.channels, channels))
 
 
 def describe_training_picture(found: Analysed) -> ReportPicture:
@@ -326,30 +334,31 @@ def describe_training_picture(found: Analysed) -> ReportPicture:
         alternative=f"Failures by interval: {'; '.join(sentences)}.",
         table=TRAINING_TABLE,
         campaigns=(found.subject.id,),
+        note=found.channels_note,
     )
 
 
 def draw_training(found: Analysed) -> Drawing:
-    """A line for each interval, one below the other; a column for each axis."""
+    """A line for each interval, one below the other; a panel for each channel."""
+    channels = found.drawn_channels
 
     def draw(figure: "Figure") -> None:
-        columns = figure.subplots(1, 2, sharex=True, sharey=True)
-        for way, (axes, axis) in enumerate(zip(columns, AXES, strict=True)):
+        (panels,) = draw_panels(figure, 1, len(channels))
+        for axes, (way, channel) in zip(panels, channels, strict=True):
             draw_training_lines(axes, found, way)
-            axes.set_title(f"{axis} noise")
-            axes.set_xlabel("time [s]" if found.step_s else "step")
+            axes.set_title(f"{channel} noise")
+        title_panels([panels], "time [s]" if found.step_s else "step", "episodes of the campaign")
         intervals = found.result.training
-        columns[0].set_yticks(
+        panels[0].set_yticks(
             [-SPACE_SIGMA * row for row in range(len(intervals))],
             [f"{100.0 * each.start:g}–{100.0 * each.end:g} %" for each in intervals],
         )
-        columns[0].set_ylabel("episodes of the campaign")
 
-    return Drawing(draw, 4.6)
+    return Drawing(draw, 4.6 * count_panel_rows(len(channels)))
 
 
 def draw_training_lines(axes: "Axes", found: Analysed, way: int) -> None:
-    """The mean noise along one axis in each interval."""
+    """The mean noise of one channel in each interval."""
     for row, each in enumerate(found.result.training):
         zero = -SPACE_SIGMA * row
         axes.axhline(zero, color=MUTED, linewidth=0.6, linestyle=(0, (1.2, 1.6)))

@@ -1,6 +1,6 @@
 """Failure modes and their eigenfailures."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,9 @@ from eigenfail_services.reports.material import (
     Band,
     Material,
     Subject,
+    arrange_by_channel,
     list_analysed,
+    list_channels,
     make_band,
     pick_evenly,
     sample_note,
@@ -24,10 +26,13 @@ from eigenfail_services.reports.page import (
     MUTED,
     Drawing,
     ReportPart,
+    count_panel_rows,
     draw_legend,
+    draw_panels,
     list_probability,
     make_table,
     mark,
+    title_panels,
 )
 
 if TYPE_CHECKING:
@@ -53,25 +58,6 @@ CENTRES = "Numbers in boxes are the centres of the modes."
 PLATE = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": INK}
 
 
-MODE_COLUMNS = (
-    ("campaign", "Campaign"),
-    ("analysis", "Analysis"),
-    ("mode", "Mode"),
-    ("failures", "Failures"),
-    ("share", "Share", "share"),
-    ("medoid", "Medoid episode"),
-    ("strength", "Root mean square", "sigma"),
-    ("peak_longitudinal", "Longitudinal peak", "sigma"),
-    ("peak_longitudinal_step", "at step"),
-    ("peak_lateral", "Lateral peak", "sigma"),
-    ("peak_lateral_step", "at step"),
-    ("probability", "Probability under p(x)"),
-    ("probability_low", "from"),
-    ("probability_high", "to"),
-    ("probability_at_least", "Probability under p(x) at least"),
-)
-
-
 WORD_COLUMNS = (("campaign", "Campaign"), ("mode", "Mode"), ("words", "What it is"))
 
 
@@ -87,20 +73,52 @@ SCORE_COLUMNS = (
 HOW_TO_READ = (
     "The noise of all failures is brought to a few principal components; clusters there are the "
     "failure modes. The centre of a cluster, taken back to noise, is its eigenfailure; the medoid "
-    "is the real failure nearest to it. Peaks are those of the eigenfailure: positive is ahead "
-    "along the road, and towards +y across it."
+    "is the real failure nearest to it. Peaks are those of the eigenfailure"
 )
+
+
+def explain_modes(channels: Sequence[str]) -> str:
+    """Return how to read the modes, with the sense of the noise where it is that of a position."""
+    if not {*AXES} & {*channels}:
+        return f"{HOW_TO_READ}."
+    return f"{HOW_TO_READ}: positive is ahead along the road, and towards +y across it."
+
+
+def list_mode_columns(channels: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Return the columns of the table of modes."""
+    return (
+        ("campaign", "Campaign"),
+        ("analysis", "Analysis"),
+        ("mode", "Mode"),
+        ("failures", "Failures"),
+        ("share", "Share", "share"),
+        ("medoid", "Medoid episode"),
+        ("strength", "Root mean square", "sigma"),
+        *(
+            column
+            for channel in channels
+            for column in (
+                (f"peak_{channel}", f"{channel.capitalize()} peak", "sigma"),
+                (f"peak_{channel}_step", "at step"),
+            )
+        ),
+        ("probability", "Probability under p(x)"),
+        ("probability_low", "from"),
+        ("probability_high", "to"),
+        ("probability_at_least", "Probability under p(x) at least"),
+    )
 
 
 def make_modes(material: Material) -> ReportPart:
     """The modes of every campaign that was analysed."""
     found = [*list_analysed(material)]
+    channels = list_channels(found)
     tables = (
         make_table(
             MODES,
             "Failure modes",
-            MODE_COLUMNS,
-            [row for each in found for row in list_mode_rows(each)],
+            list_mode_columns(channels),
+            [row for each in found for row in list_mode_rows(each, channels)],
         ),
         make_table(
             SCORES,
@@ -120,7 +138,7 @@ def make_modes(material: Material) -> ReportPart:
         name="modes",
         title="Failure modes",
         words=(
-            *((HOW_TO_READ,) if found else ()),
+            *((explain_modes(channels),) if found else ()),
             *(sentence for each in found for sentence in describe_modes(each)),
             *list_missing(material, found),
         ),
@@ -156,7 +174,7 @@ def describe_modes(found: Analysed) -> Iterator[str]:
     yield from (f"{who}: {note}" for note in result.notes)
 
 
-def list_mode_rows(found: Analysed) -> Iterator[tuple[Cell, ...]]:
+def list_mode_rows(found: Analysed, channels: Sequence[str]) -> Iterator[tuple[Cell, ...]]:
     """Yield a row for each mode, counted from 1."""
     for number, mode in enumerate(found.result.modes, start=1):
         share = mode.failures / len(found.result.episodes)
@@ -168,7 +186,7 @@ def list_mode_rows(found: Analysed) -> Iterator[tuple[Cell, ...]]:
             share,
             mode.medoid,
             measure_strength(mode),
-            *list_peak_cells(mode),
+            *arrange_by_channel(list_peak_cells(mode), found.result.channels, channels),
             *likely,
         )
 
@@ -184,12 +202,11 @@ def measure_strength(mode: FailureMode) -> float:
     return float(np.sqrt(np.mean(np.square(mode.eigenfailure.astype(np.float64)))))
 
 
-def list_peak_cells(mode: FailureMode) -> Iterator[Cell]:
-    """Yield the largest disturbance along each axis, and its step."""
-    for axis in range(len(AXES)):
-        step = int(np.argmax(np.abs(mode.eigenfailure[:, axis])))
-        yield float(mode.eigenfailure[step, axis])
-        yield step
+def list_peak_cells(mode: FailureMode) -> list[tuple[float, int]]:
+    """Return the largest disturbance of each channel, and its step."""
+    z = mode.eigenfailure
+    steps = np.argmax(np.abs(z), axis=0).tolist()
+    return [(float(z[step, way]), step) for way, step in enumerate(steps)]
 
 
 def list_score_rows(found: Analysed) -> Iterator[tuple[Cell, ...]]:
@@ -257,22 +274,24 @@ def draw_modes(found: Analysed) -> Drawing:
 EIGENFAILURES_TABLE = "eigenfailures"
 
 
-EIGENFAILURES_COLUMNS = (
-    ("campaign", "Campaign"),
-    ("mode", "Mode"),
-    ("step", "Step"),
-    ("time_s", "Time", "s"),
-    ("members", "Members at this step"),
-    *(
-        (f"{kind}_{axis}", f"{title}, {axis}", "sigma")
-        for axis in AXES
-        for kind, title in (
-            ("eigenfailure", "Eigenfailure"),
-            ("mean", "Mean of the members"),
-            ("deviation", "Standard deviation"),
-        )
-    ),
-)
+def list_eigenfailure_columns(channels: Sequence[str]) -> tuple[tuple[str, ...], ...]:
+    """Return the columns of the table of eigenfailures."""
+    return (
+        ("campaign", "Campaign"),
+        ("mode", "Mode"),
+        ("step", "Step"),
+        ("time_s", "Time", "s"),
+        ("members", "Members at this step"),
+        *(
+            (f"{kind}_{channel}", f"{title}, {channel}", "sigma")
+            for channel in channels
+            for kind, title in (
+                ("eigenfailure", "Eigenfailure"),
+                ("mean", "Mean of the members"),
+                ("deviation", "Standard deviation"),
+            )
+        ),
+    )
 
 
 EIGENFAILURES_WORDS = (
@@ -292,14 +311,14 @@ def make_eigenfailures(material: Material) -> ReportPart | None:
         return None
     bands = [make_bands(material, each) for each in found]
     each_with = [*zip(found, bands, strict=True)]
-    rows = [row for each, of in each_with for row in list_eigenfailures_steps(each, of)]
+    channels = list_channels(found)
+    columns = list_eigenfailure_columns(channels)
+    rows = [row for each, of in each_with for row in list_eigenfailures_steps(each, of, channels)]
     section = ReportSection(
         name="eigenfailures",
         title="Eigenfailures",
         words=(EIGENFAILURES_WORDS,),
-        tables=(
-            make_table(EIGENFAILURES_TABLE, "Eigenfailures over time", EIGENFAILURES_COLUMNS, rows),
-        ),
+        tables=(make_table(EIGENFAILURES_TABLE, "Eigenfailures over time", columns, rows),),
         pictures=tuple(describe_eigenfailures_picture(each, of) for each, of in each_with),
     )
     drawings = {
@@ -313,14 +332,20 @@ def make_bands(material: Material, found: Analysed) -> Bands:
     return tuple(make_band(material.store, found, mode) for mode in range(len(found.result.modes)))
 
 
-def list_eigenfailures_steps(found: Analysed, bands: Bands) -> Iterator[tuple[Cell, ...]]:
+def list_eigenfailures_steps(
+    found: Analysed, bands: Bands, channels: Sequence[str]
+) -> Iterator[tuple[Cell, ...]]:
     """A row for each step of each mode."""
     for number, (mode, of) in enumerate(zip(found.result.modes, bands, strict=True), start=1):
         for step, z in enumerate(mode.eigenfailure.astype(float)):
             at_s = step * found.step_s if found.step_s else None
-            figures = np.stack([z, of.mean[step], of.deviation[step]], axis=1).ravel()
-            finite = (float(value) if np.isfinite(value) else None for value in figures)
-            yield (found.subject.id, number, step, at_s, int(of.reached[step]), *finite)
+            figures = np.stack([z, of.mean[step], of.deviation[step]], axis=1)
+            cells = [
+                tuple(float(value) if np.isfinite(value) else None for value in row)
+                for row in figures
+            ]
+            placed = arrange_by_channel(cells, found.result.channels, channels)
+            yield (found.subject.id, number, step, at_s, int(of.reached[step]), *placed)
 
 
 def describe_eigenfailures_picture(found: Analysed, bands: Bands) -> ReportPicture:
@@ -330,7 +355,8 @@ def describe_eigenfailures_picture(found: Analysed, bands: Bands) -> ReportPictu
         for number, mode in enumerate(found.result.modes[:MOST_MODES], start=1)
     )
     of = sum(each.of for each in bands)
-    notes = (found.modes_note, sample_note(sum(each.shown for each in bands), of, "members"))
+    sample = sample_note(sum(each.shown for each in bands), of, "members")
+    notes = (found.modes_note, found.channels_note, sample)
     return ReportPicture(
         name=f"eigenfailures-{found.name}",
         title=f"Eigenfailures, campaign {found.subject.label}",
@@ -342,11 +368,13 @@ def describe_eigenfailures_picture(found: Analysed, bands: Bands) -> ReportPictu
 
 
 def describe_peak(found: Analysed, z: Floats) -> str:
-    """Return the largest disturbance along each axis as text."""
-    largest = ((axis, int(np.argmax(np.abs(z[:, way]))), way) for way, axis in enumerate(AXES))
+    """Return the largest disturbance of each channel that is drawn, as text."""
+    largest = (
+        (channel, int(np.argmax(np.abs(z[:, way]))), way) for way, channel in found.drawn_channels
+    )
     return ", ".join(
-        f"{axis} {format_number(float(z[step, way]))} sigma at {describe_moment(found, step)}"
-        for axis, step, way in largest
+        f"{channel} {format_number(float(z[step, way]))} sigma at {describe_moment(found, step)}"
+        for channel, step, way in largest
     )
 
 
@@ -356,24 +384,22 @@ def describe_moment(found: Analysed, step: int) -> str:
 
 
 def draw_eigenfailures(found: Analysed, bands: Bands) -> Drawing:
-    """A row for each mode, a column for each axis."""
-    modes = found.result.modes[:MOST_MODES]
+    """A row for each mode, a panel for each channel."""
+    modes, channels = found.result.modes[:MOST_MODES], found.drawn_channels
 
     def draw(figure: "Figure") -> None:
-        grid = figure.subplots(len(modes), 2, sharex=True, sharey=True, squeeze=False)
-        for number, row in enumerate(grid):
-            for way, axis in enumerate(AXES):
-                draw_mode(row[way], found, bands[number], number, way)
-                row[way].set_title(f"mode {number + 1}, {axis}")
-            row[0].set_ylabel("noise [sigma]")
-        for axes in grid[-1]:
-            axes.set_xlabel("time [s]" if found.step_s else "step")
+        groups = draw_panels(figure, len(modes), len(channels))
+        for number, panels in enumerate(groups):
+            for axes, (way, channel) in zip(panels, channels, strict=True):
+                draw_mode(axes, found, bands[number], number, way)
+                axes.set_title(f"mode {number + 1}, {channel}")
+        title_panels(groups, "time [s]" if found.step_s else "step", "noise [sigma]")
 
-    return Drawing(draw, 0.6 + 1.7 * len(modes))
+    return Drawing(draw, 0.6 + 1.7 * len(modes) * count_panel_rows(len(channels)))
 
 
 def draw_mode(axes: "Axes", found: Analysed, of: Band, mode: int, way: int) -> None:
-    """Draw a mode along one axis."""
+    """Draw one channel of a mode."""
     z = found.result.modes[mode].eigenfailure[:, way]
     at = np.arange(len(z)) * (found.step_s or 1.0)
     low, high = of.mean[:, way] - of.deviation[:, way], of.mean[:, way] + of.deviation[:, way]

@@ -19,7 +19,7 @@ from eigenfail.values import (
     Safety,
     Summary,
 )
-from eigenfail.values.report import MOST_CAMPAIGNS
+from eigenfail.values.report import MOST_CAMPAIGNS, Cell
 from eigenfail.versions import describe_mixed
 from eigenfail.worlds import world_of
 from eigenfail_services.campaigns.costs import find_newest
@@ -137,6 +137,9 @@ MOST_MEMBERS = 300
 MOST_MODES = 4
 """How many modes of a campaign are drawn; the tables have all."""
 
+MOST_CHANNELS = 6
+"""How many channels of the noise are drawn; the tables have all."""
+
 
 class Analysed(NamedTuple):
     """A campaign with what PCA and clustering found in its failures.
@@ -168,6 +171,21 @@ class Analysed(NamedTuple):
         count = len(self.result.modes)
         return "" if count <= MOST_MODES else f"The {MOST_MODES} largest of {count} modes."
 
+    @property
+    def drawn_channels(self) -> list[tuple[int, str]]:
+        """Column and name of the channels that are drawn: those of greatest influence, in order."""
+        sums = self.result.influence.sum(axis=0)
+        largest = np.argsort(-sums, kind="stable")[:MOST_CHANNELS]
+        return [(way, self.result.channels[way]) for way in sorted(largest.tolist())]
+
+    @property
+    def channels_note(self) -> str:
+        """That not all channels are drawn; empty if they are."""
+        count = len(self.result.channels)
+        if count <= MOST_CHANNELS:
+            return ""
+        return f"The {MOST_CHANNELS} channels of greatest influence, of {count}."
+
     def members(self, mode: int) -> list[tuple[int, int]]:
         """Campaign and episode of each failure of a mode."""
         count, own = len(self.result.episodes), self.subject.id
@@ -189,6 +207,27 @@ def list_analysed(material: Material) -> Iterator[Analysed]:
             yield Analysed(subject, analysis, analysis.result, medoids, duration)
 
 
+def list_channels(found: Sequence[Analysed]) -> tuple[str, ...]:
+    """Return the channels of all of them, each once: the columns of a table with their noise."""
+    return tuple(dict.fromkeys(channel for each in found for channel in each.result.channels))
+
+
+def arrange_by_channel(
+    cells: Sequence[Sequence[Cell]], own: Sequence[str], channels: Sequence[str]
+) -> Iterator[Cell]:
+    """Yield the cells of a row in the columns of a table; empty cells of a channel it has not.
+
+    Args:
+        cells: those of each channel of the row, all equally many.
+        own: the channels of the row.
+        channels: those of the table.
+    """
+    by_name = dict(zip(own, cells, strict=True))
+    nothing = (None,) * len(cells[0])
+    for channel in channels:
+        yield from by_name.get(channel, nothing)
+
+
 def find_step_s(spec: CampaignSpec) -> float | None:
     """Return the duration of a step [s]; None for a scenario that is not installed here."""
     try:
@@ -203,7 +242,7 @@ class Band(NamedTuple):
     Attributes:
         shown: number of members it rests on, and of all.
         reached: how many of them reached each step, shape (steps,).
-        mean: mean of z, shape (steps, 2); NaN where no member is. [sigma]
+        mean: mean of z, shape (steps, channels); NaN where no member is. [sigma]
         deviation: standard deviation (n − 1), likewise; NaN where fewer than two are.
     """
 
@@ -223,24 +262,26 @@ def make_band(store: Store, found: Analysed, mode: int) -> Band:
         for campaign in dict.fromkeys(campaign for campaign, _ in chosen)
         for result in store.episodes.finished(campaign, [e for c, e in chosen if c == campaign])
     ]
-    rows = stack_noise(noise, len(found.result.modes[mode].eigenfailure), found.at_collision)
+    rows = stack_noise(noise, found.result.modes[mode].eigenfailure.shape, found.at_collision)
     return Band(len(noise), len(members), *spread(rows))
 
 
-def stack_noise(noise: list[Floats], steps: int, at_collision: bool) -> NDArray[np.float64]:
+def stack_noise(
+    noise: list[Floats], shape: tuple[int, ...], at_collision: bool
+) -> NDArray[np.float64]:
     """Return noise trajectories as rows of one length, with NaN where there is none.
 
     Args:
-        noise: z of each, shape (its steps, 2).
-        steps: number of steps of a row.
+        noise: z of each, shape (its steps, channels).
+        shape: of a row, (steps, channels).
         at_collision: whether their last steps, not the first ones, stand side by side: at the
             median length, as an eigenfailure does.
     """
-    rows = np.full((len(noise), steps, 2), np.nan)
+    rows = np.full((len(noise), *shape), np.nan)
     last = int(np.quantile([len(z) for z in noise], 0.5, method="higher")) if noise else 0
     for row, z in zip(rows, noise, strict=True):
         first = last - len(z) if at_collision else 0
-        kept = z[max(-first, 0) :][:steps]
+        kept = z[max(-first, 0) :][: shape[0]]
         row[max(first, 0) : max(first, 0) + len(kept)] = kept
     return rows
 

@@ -8,6 +8,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache
 from html import escape
+from itertools import chain, count
+from math import ceil
 from threading import Lock
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -193,6 +195,45 @@ def inline_svg(svg: str) -> str:
     return NAMESPACES.sub("", STYLE_ELEMENT.sub("", svg, count=1)).replace("xlink:href", "href")
 
 
+PANELS_BESIDE = 3
+"""Panels of one mode, or of all, that stand beside each other; further ones stand below."""
+
+
+def count_panels_beside(count: int) -> int:
+    """Return how many of the panels stand beside each other."""
+    return min(count, PANELS_BESIDE)
+
+
+def count_panel_rows(count: int) -> int:
+    """Return how many rows the panels take."""
+    return ceil(count / PANELS_BESIDE)
+
+
+def draw_panels(figure: "Figure", groups: int, count: int) -> "list[list[Axes]]":
+    """Return the axes of a number of panels for each group; the groups begin in rows of their own.
+
+    All panels have the same scales. Places that are left over in the last row of a group are empty.
+    """
+    beside, rows = count_panels_beside(count), count_panel_rows(count)
+    grid = figure.subplots(groups * rows, beside, sharex=True, sharey=True, squeeze=False)
+    places = grid.reshape(groups, rows * beside).tolist()
+    for group in places:
+        for axes in group[count:]:
+            axes.set_axis_off()
+    return [group[:count] for group in places]
+
+
+def title_panels(groups: "Sequence[Sequence[Axes]]", below: str, beside: str) -> None:
+    """Write the titles of the axes: below the lowest panels, and left of the first ones."""
+    for group in groups:
+        columns = count_panels_beside(len(group))
+        for axes in group[::columns]:
+            axes.set_ylabel(beside)
+    for axes in groups[-1][-columns:]:
+        axes.set_xlabel(below)
+        axes.tick_params(labelbottom=True)
+
+
 def draw_legend(axes: "Axes", columns: int = 1) -> None:
     """Draw the legend above the drawing, where it hides nothing."""
     axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=columns, borderaxespad=0.2)
@@ -225,6 +266,16 @@ class ReportPart(NamedTuple):
     folded: frozenset[str] = frozenset()
 
 
+def make_unique(names: Sequence[str]) -> list[str]:
+    """Return the names, with a number behind each that stands there before."""
+    made: list[str] = []
+    for name in names:
+        numbered = (f"{name}_{number}" for number in count(2))
+        taken = {*made, *names} if name in made else ()
+        made.append(next(each for each in chain((name,), numbered) if each not in taken))
+    return made
+
+
 def make_table(
     name: str,
     title: str,
@@ -232,8 +283,13 @@ def make_table(
     rows: Sequence[tuple[Cell, ...]],
     note: str = "",
 ) -> ReportTable:
-    """Return a table of columns given as (name, title, unit) or (name, title)."""
-    made = tuple(ReportColumn(*column) for column in columns)
+    """Return a table of columns given as (name, title, unit) or (name, title).
+
+    Columns may have names of channels, which users choose: a name that stands there already gets
+    its number behind it.
+    """
+    names = make_unique([name for name, *_ in columns])
+    made = tuple(ReportColumn(name, *rest) for name, (_, *rest) in zip(names, columns, strict=True))
     return ReportTable(name=name, title=title, columns=made, rows=tuple(rows), note=note)
 
 

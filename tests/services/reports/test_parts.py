@@ -81,10 +81,10 @@ def test_names_inside_pictures_do_not_meet():
 def test_noise_stands_side_by_side_at_the_start_or_at_the_median_collision():
     short, long = np.array([[1.0, 0.0], [2.0, 0.0]]), np.full((4, 2), 9.0)
     noise = [short, short, long]
-    start = stack_noise(noise, 5, at_collision=False)
+    start = stack_noise(noise, (5, 2), at_collision=False)
     assert start[0, :, 0].tolist()[:2] == [1.0, 2.0]
     assert np.isnan(start[0, 2:]).all()
-    end = stack_noise(noise, 5, at_collision=True)
+    end = stack_noise(noise, (5, 2), at_collision=True)
     assert end[0, :2, 0].tolist() == [1.0, 2.0]
     assert end[2, :2, 0].tolist() == [9.0, 9.0]
     assert np.isnan(end[2, 2:]).all()

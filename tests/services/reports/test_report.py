@@ -4,20 +4,33 @@ import csv
 import io
 import re
 import zipfile
+from collections.abc import Callable
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 
 from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.presentation.figures import format_amount, format_utc
+from eigenfail.values import (
+    AnalysisSettings,
+    CampaignSpec,
+    CampaignState,
+    EpisodeResult,
+    Measures,
+    NoiseTrajectory,
+    Outcome,
+)
+from eigenfail.values.records import Delivery
 from eigenfail.values.report import Report, ReportTable
 from eigenfail.wire.http import decode
+from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.seeds import find_spreads
 from eigenfail_services.campaigns.summary import find_safety, summarise
 from eigenfail_services.reports.page import MOST_ROWS, format_plain, to_csv
 from eigenfail_services.reports.report import Made, make
-from eigenfail_services.store import Store
+from eigenfail_services.store import Store, open_store
 
 NOW_MS = 1_760_000_000_000
 
@@ -241,3 +254,76 @@ def test_campaigns_that_differ_by_seed_have_a_section_over_seeds(
 def test_without_campaigns_that_differ_by_seed_there_is_no_such_section(store: Store) -> None:
     names = {section.name for section in make(store, (1, 2), NOW_MS).report.sections}
     assert "over-seeds" not in names
+
+
+CHANNELS = ("gust", "step", "gust_step", "glare", "delay", "bias", "drift")
+
+
+def analyse_function(store: Store, channels: tuple[str, ...]) -> int:
+    """Make a campaign on a function with these channels, 24 failures and their analysis; its id."""
+    spec = CampaignSpec(
+        name="function",
+        method="monte_carlo",
+        episodes=24,
+        simulator="function",
+        scenario="function",
+        planner="my_module:robustness",
+        scenario_parameters={"steps": 9, "channels": list(channels)},
+    )
+    campaign = store.campaigns.create(spec).id
+    store.campaigns.move(campaign, CampaignState.RUNNING)
+    noise = np.random.default_rng(1).normal(size=(24, 9, len(channels))).astype(np.float32)
+    noise[:12, 4, -1] += 9.0
+    results = [
+        EpisodeResult(
+            index=index,
+            seed=index,
+            outcome=Outcome.COLLISION,
+            steps=9,
+            noise=NoiseTrajectory(z, np.ones_like(z)),
+            source="prior",
+            measures=Measures(-1.0),
+        )
+        for index, z in enumerate(noise)
+    ]
+    store.episodes.commit(campaign, [Delivery(each, "by hand") for each in results])
+    asked = AnalysisSettings(clusters=2, bootstrap=0)
+    run_analysis(store, store.analyses.create(campaign, asked).id)
+    return campaign
+
+
+@pytest.mark.parametrize("count", [1, 3, 5, 7])
+def test_noise_has_the_names_of_its_channels(count: int) -> None:
+    store, channels = open_store("memory://"), CHANNELS[:count]
+    made = make(store, (analyse_function(store, channels),), NOW_MS)
+    tables = {table.name: table for table in made.report.tables}
+    names = [column.name for table in tables.values() for column in table.columns]
+    assert not any("longitudinal" in name or "lateral" in name for name in names)
+    assert "longitudinal" not in made.html().decode()
+    for table in tables.values():
+        columns = [column.name for column in table.columns]
+        assert len({*columns}) == len(columns)
+        assert {len(row) for row in table.rows} <= {len(columns)}
+    result = store.analyses.get(1).result
+    assert result is not None
+    influence = [row[-count:] for row in tables["influence"].rows]
+    assert influence == [tuple(row) for row in result.influence.astype(float).tolist()]
+    titles = re.findall(r"mode 1, (\w+)", made.drawn["eigenfailures-campaign-1"])
+    assert titles == [name for name in channels if name in titles]
+    assert len(titles) == min(count, 6)
+    assert channels[-1] in titles  # the channel of greatest influence is always drawn
+    pictures = {each.name: each for part in made.report.sections for each in part.pictures}
+    assert pictures["influence-campaign-1"].note == (
+        "The 6 channels of greatest influence, of 7." if count == 7 else ""
+    )
+
+
+def test_campaigns_of_other_channels_share_a_table(run: Callable[..., int]) -> None:
+    store = open_store("memory://")
+    run(store, name="Road")
+    run_analysis(store, store.analyses.create(1, AnalysisSettings(clusters=2, bootstrap=0)).id)
+    made = make(store, (1, analyse_function(store, CHANNELS[:1])), NOW_MS)
+    (table,) = [each for each in made.report.tables if each.name == "influence"]
+    assert [column.name for column in table.columns][-3:] == ["longitudinal", "lateral", "gust"]
+    for row in table.rows:
+        assert [cell is None for cell in row[-3:]] == ([row[0] == 2] * 2 + [row[0] == 1])
