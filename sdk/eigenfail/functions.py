@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.settings import read_settings
 from eigenfail.values import AXES, CampaignSpec, Correlated, DisturbanceModel, White
+from eigenfail.values.analysis import JOINT
 
 SIMULATOR = SCENARIO = "function"
 """What a campaign names as its simulator and its scenario, if a function is under test."""
@@ -31,6 +32,9 @@ LIMIT_S = 30.0
 
 ChannelName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$", max_length=32)]
 MOST_CHANNELS = 50
+
+MOST_VALUES = 100_000
+"""Steps times channels: a round of such trajectories still fits a message."""
 
 ALLOWED_VARIABLE = "EIGENFAIL_FUNCTIONS"
 """Modules and packages whose functions may be named, with commas; not set: none."""
@@ -110,14 +114,27 @@ def check(spec: CampaignSpec) -> FunctionParameters:
         remedy = "Set `scale` and `shape` alone: there is no distance that sigma could grow with."
         raise InvalidValue("disturbance", "slopes and bases do not apply to functions.", remedy)
     given = read_settings(FunctionParameters, spec.scenario_parameters, "scenario_parameters")
-    if len(set(given.channels)) < len(given.channels):
-        remedy = "Give each channel a name of its own."
-        raise InvalidValue("scenario_parameters.channels", "two channels have one name.", remedy)
+    _check_channels(given)
     if isinstance(spec.disturbance.shape, Correlated) and given.channels != AXES:
         problem = f"ar1 correlates {AXES[0]} and {AXES[1]} noise only, and channels are named here."
         remedy = "Take white or student_t, or leave `channels` out."
         raise InvalidValue("disturbance.shape", problem, remedy)
     return given
+
+
+def _check_channels(given: FunctionParameters) -> None:
+    field = "scenario_parameters.channels"
+    if len(set(given.channels)) < len(given.channels):
+        raise InvalidValue(field, "two channels have one name.", "Give each a name of its own.")
+    for name in given.channels:
+        # An analysis takes "joint" for all channels; tables have a column `<channel>_sigma_m`.
+        if name == JOINT or name.endswith("_sigma"):
+            problem = f"'{name}' has another meaning in analyses or tables."
+            raise InvalidValue(field, problem, "Take another name.")
+    values = given.steps * len(given.channels)
+    if values > MOST_VALUES:
+        problem = f"{given.steps} steps of {len(given.channels)} channels are {values:,} values."
+        raise InvalidValue(field, problem, f"Stay at {MOST_VALUES:,} or less.")
 
 
 def require_module(place: str) -> None:

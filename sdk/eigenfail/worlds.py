@@ -241,7 +241,9 @@ class FunctionWorld(CampaignWorld):
 
     def fill_scenario(self, spec: CampaignSpec) -> CampaignSpec:
         """Write out all parameters."""
-        return replace(spec, scenario_parameters=msgspec.to_builtins(functions.check(spec)))
+        parameters = msgspec.to_builtins(functions.check(spec))
+        parameters["channels"] = list(parameters["channels"])
+        return replace(spec, scenario_parameters=parameters)
 
     def refuse_unlisted(self, planner: str, remedy: str = "") -> None:
         """Refuse a function of a module that is not listed."""

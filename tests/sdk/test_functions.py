@@ -3,6 +3,7 @@
 from contextlib import contextmanager, suppress
 
 import pytest
+from msgspec.structs import replace
 
 from eigenfail.cli import connection
 from eigenfail.errors import InvalidValue, ServiceError
@@ -44,12 +45,35 @@ def test_channels_are_those_that_the_campaign_names_in_its_order(given, names):
 
 
 @pytest.mark.parametrize(
-    "given", [[], ["a", "a"], ["A"], ["a b"], ["1"], [1], "a", 2, {"a": 1}, ["a" * 33], ["a"] * 51]
+    "given",
+    [
+        [],
+        ["a", "a"],
+        ["A"],
+        ["a b"],
+        ["1"],
+        [1],
+        "a",
+        2,
+        {"a": 1},
+        ["a" * 33],
+        ["a"] * 51,
+        ["joint"],
+        ["a_sigma"],
+    ],
 )
 def test_channels_without_names_of_their_own_are_refused(given):
     with pytest.raises(InvalidValue) as refused:
         world_of("function").channels(with_channels(given))
     assert refused.value.field.startswith("scenario_parameters.channels")
+
+
+def test_noise_of_too_many_values_is_refused():
+    many = with_channels([f"c{number}" for number in range(50)])
+    longest = replace(many, scenario_parameters=many.scenario_parameters | {"steps": 2_000})
+    check(longest)
+    with pytest.raises(InvalidValue, match="2001 steps of 50 channels are 100,050 values"):
+        check(replace(longest, scenario_parameters=many.scenario_parameters | {"steps": 2_001}))
 
 
 @pytest.mark.parametrize("channels", [["wind"], ["b", "a", "c"], ["lateral", "longitudinal"]])

@@ -85,7 +85,7 @@ def test_a_function_under_test_is_completed_too(monkeypatch: pytest.MonkeyPatch)
         **{**FIELDS, "simulator": "function", "scenario": "function", "planner": "m:f"},
         scenario_parameters={"steps": 5},
     )
-    filled = {"steps": 5, "limit_s": 30.0, "channels": AXES}
+    filled = {"steps": 5, "limit_s": 30.0, "channels": list(AXES)}
     assert fill_defaults(spec).scenario_parameters == filled
 
 
