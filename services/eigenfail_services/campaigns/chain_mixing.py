@@ -9,9 +9,11 @@ from numpy.typing import NDArray
 from eigenfail.errors import Conflict
 from eigenfail.values import Campaign
 from eigenfail.values.mixing import LARGEST_R_HAT, ChainMixing, ProjectionMixing
+from eigenfail.worlds import world_of
 from eigenfail_services.campaigns.resolution import resolve_method
 from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.methods.chains import read_state
+from eigenfail_services.statistics.chain_projections import rename_channels
 from eigenfail_services.statistics.mixing import FEWEST_DRAWS, compute_bulk_ess, compute_r_hat
 from eigenfail_services.store import Store
 
@@ -45,7 +47,8 @@ def find_chain_mixing(store: Store, campaign: Campaign) -> ChainMixing:
     if facts is None or trace is None or not facts.started:
         problem = f"No chain of campaign {campaign.id} has started. {campaign.stopped_because}"
         raise Conflict(problem.strip(), "Its first round runs the starts.")
-    projections = measure_projections(facts.projections, trace)
+    channels = world_of(campaign.spec.simulator).channels(campaign.spec)
+    projections = measure_projections(rename_channels(facts.projections, channels), trace)
     mixed, verdict = judge_mixing(projections)
     settings = resolve_method(METHOD, campaign.spec.settings).settings
     return ChainMixing(

@@ -1,5 +1,6 @@
 """What is watched of chains of failures: numbers by which slow mixing would show."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -21,11 +22,24 @@ NEGLIGIBLE = 1e-6
 def name_channels(channels: int) -> tuple[str, ...]:
     """Return what projections call the channels: the axes of a road, or numbers from 1 on.
 
-    Chains do not know the names that a function gives to its channels.
+    Chains do not know the names that a function gives to its channels; see `rename_channels`.
     """
     if channels == len(AXES):
         return AXES
     return tuple(f"channel {number}" for number in range(1, channels + 1))
+
+
+def list_windows(channels: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the projections that are means of the noise of one channel."""
+    parts = range(1, WINDOWS + 1)
+    return tuple(f"mean {name} noise in fifth {part}" for part in parts for name in channels)
+
+
+def rename_channels(projections: Sequence[str], channels: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of projections with the names that a campaign gives to its channels."""
+    known = list_windows(name_channels(len(channels)))
+    renamed = dict(zip(known, list_windows(channels), strict=True))
+    return tuple(renamed.get(name, name) for name in projections)
 
 
 class WatchedDirections(NamedTuple):
@@ -43,11 +57,7 @@ class WatchedDirections(NamedTuple):
 
     def list_projections(self) -> tuple[str, ...]:
         """Return the names of all projections, in the order of `measure`."""
-        windows = [
-            f"mean {channel} noise in fifth {i + 1}"
-            for i in range(WINDOWS)
-            for channel in name_channels(self.channels)
-        ]
+        windows = list_windows(name_channels(self.channels))
         return ("mean z²", "steps to the collision", "severity", *windows, *self.names)
 
     def measure(

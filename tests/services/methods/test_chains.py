@@ -19,7 +19,11 @@ from eigenfail_services.methods.chains import (
     count_steps,
     read_state,
 )
-from eigenfail_services.statistics.chain_projections import find_directions
+from eigenfail_services.statistics.chain_projections import (
+    find_directions,
+    name_channels,
+    rename_channels,
+)
 from eigenfail_services.statistics.failure_chains import MoveKind
 from eigenfail_workers.functions import FunctionEngine
 
@@ -252,6 +256,18 @@ def test_the_noise_of_each_channel_is_watched(channels, names):
             watched = found[f"mean {name} noise in fifth {part + 1}"]
             own = z[:, 4 * part : 4 * part + 4, channel]
             assert watched == pytest.approx(own.sum(axis=1), abs=1e-5)
+
+
+@pytest.mark.parametrize("names", [("bias",), ("gust", "drift"), ("x", "y", "z")])
+def test_projections_get_the_names_of_a_functions_channels(names):
+    z = np.random.default_rng(3).normal(size=(6, 20, len(names))).astype(np.float32)
+    own = find_directions(z).list_projections()
+    found = rename_channels(own, names)
+    assert [name for name in found if name.endswith("in fifth 2")] == [
+        f"mean {name} noise in fifth 2" for name in names
+    ]
+    assert found[:3] == own[:3]
+    assert rename_channels(own, name_channels(len(names))) == own
 
 
 def test_other_directions_of_the_noise_are_watched():
