@@ -19,7 +19,7 @@ from eigenfail.filters import (
 )
 from eigenfail.values import Campaign, Explanation, Outcome, Page
 from eigenfail.values.operations import Presence
-from eigenfail.values.records import EpisodeDetail, EpisodeRow, describe_result
+from eigenfail.values.records import EpisodeDetail, EpisodeRow, make_episode_detail
 from eigenfail.values.report import Export, ExportRequest
 from eigenfail.wire.http import PREFIX, ReplayRequest
 from eigenfail.worlds import world_of
@@ -110,7 +110,7 @@ async def parse_query(
     return EpisodeQuery(where, parse_sort(sort), parse_fields(fields))
 
 
-def find_channels(store: Store, campaign: int) -> tuple[str, ...]:
+def _find_channels(store: Store, campaign: int) -> tuple[str, ...]:
     """Return the names of the channels of a campaign's noise."""
     spec = store.campaigns.get(campaign).spec
     return world_of(spec.simulator).channels(spec)
@@ -140,7 +140,7 @@ def list_episodes(
 def get_episode(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Json:
     """Get an episode with its class, noise and, where it was kept, its scene."""
     result = store.episodes.get(campaign, index)
-    return Json(describe_result(result, find_channels(store, campaign)))
+    return Json(make_episode_detail(result, _find_channels(store, campaign)))
 
 
 @router.get(f"{EPISODES}/{{index}}/worker", **document_route(Presence))
@@ -185,7 +185,7 @@ def create_replay(
 def get_steps(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Response:
     """Get the steps of an episode as CSV: noise and, where it was kept, the scene."""
     result = store.episodes.get(campaign, index)
-    text = write_steps(result, find_channels(store, campaign))
+    text = write_steps(result, _find_channels(store, campaign))
     name = f'attachment; filename="episode-{campaign}-{index}.csv"'
     return Response(text, media_type=STEPS_CSV, headers={"Content-Disposition": name})
 

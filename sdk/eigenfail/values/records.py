@@ -213,7 +213,7 @@ class EpisodeDetail(Tabular, EpisodeResult, frozen=True, eq=False, kw_only=True)
     channels: tuple[str, ...] = AXES
 
 
-def describe_result(result: EpisodeResult, channels: tuple[str, ...]) -> EpisodeDetail:
+def make_episode_detail(result: EpisodeResult, channels: tuple[str, ...]) -> EpisodeDetail:
     """Return the result with its assessment and the names of the channels of its noise."""
     assessed = assess(result.outcome, result.measures)
     fields = msgspec.structs.asdict(result)

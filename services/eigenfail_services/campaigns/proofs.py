@@ -473,9 +473,8 @@ def _check_replay(replay: CampaignSpec, analysed: CampaignSpec, place: int) -> C
         InvalidValue: a parameter outside its bounds, or one that makes other channels of noise.
     """
     checked = check_spec(replay)
-    channels = world_of(analysed.simulator).channels(analysed)
-    if checked.channels != channels:
-        problem = f"has other channels of noise than the analysis: {', '.join(channels)}."
+    if checked.channels != world_of(analysed.simulator).channels(analysed):
+        problem = "are not those of the noise that was analysed."
         raise InvalidValue(f"variations[{place}].channels", problem, "Leave them out.")
     return checked.spec
 

@@ -195,14 +195,10 @@ def _check_channels(before: Campaign, field: str, channels: Sequence[str]) -> No
     there = world_of(before.spec.simulator).channels(before.spec)
     if len(there) != len(channels):
         problem = (
-            f"the noise of campaign {before.id} has {_list_channels(there)}, here it has "
-            f"{_list_channels(channels)}."
+            f"the noise of campaign {before.id} has another number of channels: {len(there)} "
+            f"there, {len(channels)} here."
         )
         raise InvalidValue(field, problem, "Name one whose noise has as many channels.")
-
-
-def _list_channels(names: Sequence[str]) -> str:
-    return f"{len(names)} channel{'s' * (len(names) != 1)} ({', '.join(names)})"
 
 
 def _find_predecessors(campaign: ResolvedCampaign, store: "Store") -> tuple[Predecessor, ...]:

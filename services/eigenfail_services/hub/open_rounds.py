@@ -115,6 +115,8 @@ class OpenRounds:
         self.problem = ""
         self._campaign = campaign
         self._form = form
+        nothing = np.zeros((0, form.channels), np.float32)
+        self._no_noise = NoiseTrajectory(nothing, nothing)
         self._store = store
         self._leases = leases
         self._observes = observes
@@ -188,8 +190,7 @@ class OpenRounds:
         """Return what the learner is to observe of a result."""
         if not self._observes:
             identity = result.index, result.seed, result.outcome, result.steps
-            nothing = np.zeros((0, self._form.channels), np.float32)
-            return EpisodeResult(*identity, NoiseTrajectory(nothing, nothing), result.source)
+            return EpisodeResult(*identity, self._no_noise, result.source)
         # It must see the same numbers as one that starts again and reads from the store.
         kept = make_storable(result, self._form)
         return kept if kept.scene is None else msgspec.structs.replace(kept, scene=None)

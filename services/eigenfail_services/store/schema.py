@@ -182,7 +182,7 @@ episodes = Table(
 episode_index = episodes.c["index"]
 """The column `index` of the episodes; `episodes.c.index` is a method."""
 
-# Blobs of little-endian float32, row-major: z and sigma with a column for each channel of the noise,
+# Blobs of little-endian float32, row-major: z and sigma with a column for each channel of noise,
 # states with as many as `count_state` says, importance with 1.
 trajectories = Table(
     "trajectories",

@@ -22,7 +22,7 @@ from eigenfail.values import (
     assess,
 )
 from eigenfail.values.measures import DIGESTED_MEASURES
-from eigenfail.values.records import IN_WORDS, PEAK_BRAKING_MPS2, describe_result, is_unresolved
+from eigenfail.values.records import IN_WORDS, PEAK_BRAKING_MPS2, is_unresolved, make_episode_detail
 
 replace = msgspec.structs.replace
 many = settings(deadline=None, derandomize=True, max_examples=200)
@@ -204,7 +204,7 @@ def test_the_digest_covers_the_shape_where_there_is_noise() -> None:
 
 
 def test_details_are_the_result_and_its_assessment() -> None:
-    found = describe_result(result(), AXES)
+    found = make_episode_detail(result(), AXES)
     assert found.assessed == assess(Outcome.COLLISION, CRASH)
     assert found.digest() == result().digest()
     assert found.noise.z.tobytes() == result().noise.z.tobytes()

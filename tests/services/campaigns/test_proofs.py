@@ -399,7 +399,7 @@ def test_a_variation_with_other_channels_is_refused(monkeypatch) -> None:
     analysis = store.analyses.create(analysed.id, AnalysisSettings()).id
     store.analyses.finish(analysis, analysis_result())
     variations = [{"limit_s": 5.0}, {"channels": ["c0"]}]
-    with pytest.raises(InvalidValue, match="other channels of noise than the analysis") as refused:
+    with pytest.raises(InvalidValue, match="not those of the noise that was analysed") as refused:
         launch_replays(store, store.analyses.get(analysis), variations)
     assert refused.value.field == "variations[1].channels"
     assert not store.analyses.replays(analysis)
