@@ -3,7 +3,7 @@
 from statistics import NormalDist
 
 import deadlines
-import httpx
+import httpx2
 import numpy as np
 import pytest
 from pyarrow import parquet
@@ -30,7 +30,7 @@ SEARCHES = {
     "cma": (200, {}),
     "ast": (150, {}),
     "difs": (160, {}),
-    "ensemble": (120, {"of": "cem", "members": 2}),
+    "ensemble": (120, {"method": "cem", "members": 2}),
     "subset": (1_000, {}),
     "mixture": (1_000, {}),
 }
@@ -61,11 +61,14 @@ def test_every_search_works_in_all_channels(client, lasting_worker, channels) ->
         assert stored.noise.z.shape == stored.noise.sigma.shape == (STEPS, len(channels))
         density = -0.5 * np.float64(stored.noise.z) ** 2 - 0.5 * np.log(2.0 * np.pi)
         assert rows[-1].log_probability == pytest.approx(density.sum(), rel=1e-6)
+    told = set()
     for campaign in started:
         summary = client.campaigns.summary(campaign.id)
         assert summary.counts.failures
-        if campaign.spec.method in ("subset", "mixture"):
-            assert summary.estimate.interval.low <= P_FAIL <= summary.estimate.interval.high
+        if found := summary.estimate and summary.estimate.interval:
+            told.add(campaign.spec.method)
+            assert found.low <= P_FAIL <= found.high
+    assert "subset" in told  # of 40 components `mixture` may refuse to tell
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +103,7 @@ def test_pages_name_the_channels(client, failing) -> None:
     analysis = client.analyses.wait(client.analyses.create(failing.id).id)
     index = next(iter(client.episodes.list(failing.id, outcome=Outcome.COLLISION))).index
     for path in (f"analyses/{analysis.id}", f"campaigns/{failing.id}/episodes/{index}"):
-        page = httpx.get(f"{client.url}/{path}").raise_for_status().text
+        page = httpx2.get(f"{client.url}/{path}").raise_for_status().text
         assert "drift" in page.lower()
         assert "lateral" not in page.lower()
 
@@ -111,5 +114,5 @@ def test_a_failure_is_replayed_and_shrunk(client, failing) -> None:
     assert replayed.counts.failures == 1
     shrunk = wait(client, client.campaigns.shrink(failing.id, index))
     words = client.campaigns.minimal(shrunk.id).words
-    assert "bias" in words
-    assert "gust" not in words
+    assert words.startswith("Bias")
+    assert "gust noise has no effect; drift noise has no effect" in words
