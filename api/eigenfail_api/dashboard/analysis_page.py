@@ -294,8 +294,9 @@ def make_mean_chart(intervals: Sequence[TrainingInterval], channels: Sequence[st
         title="Mean disturbance during the search",
         caption="Mean noise of the failures of each tenth of the episodes, over their steps "
         "[sigma]: the first tenth on top.",
-        data=make_ridges(intervals, channels, ("mean",), lambda interval: [interval.mean])
-        | {"unit": "sigma"},
+        data=make_ridges(
+            intervals, channels, ("mean",), lambda interval: [interval.mean], unit="sigma"
+        ),
         columns=(
             "Step",
             *(f"{channel} {format_span(each)}" for channel in channels for each in intervals),
@@ -323,6 +324,7 @@ def make_component_chart(intervals: Sequence[TrainingInterval], channels: Sequen
             channels,
             tuple(f"component {place + 1}" for place in range(count)),
             lambda interval: interval.components,
+            unit="",
         ),
         columns=("Episodes", "Failures", "Component", "Explained", "Likeness"),
         rows=tuple(row for each in intervals for row in list_component_rows(each)),
@@ -347,12 +349,14 @@ def make_ridges(
     channels: Sequence[str],
     names: tuple[str, ...],
     lines: Lines,
+    *,
+    unit: str,
 ) -> dict[str, object]:
-    """Return the lines by channel, interval and name; none for an interval without failures."""
+    """Return the lines [unit] by channel, interval and name; an interval may have no failures."""
     steps = pick_evenly(len(intervals[0].mean), MOST_STEPS)
     return {
         "names": names,
-        "unit": "",
+        "unit": unit,
         "spans": [format_span(each) for each in intervals],
         "steps": steps,
         "channels": {

@@ -191,4 +191,6 @@ def _value_in_words(value: Any) -> str:
             return f"uniform {low} … {high}"
         case {"choice": [*values]}:
             return f"one of {', '.join(map(str, values))}"
+        case [*values]:
+            return ", ".join(map(str, values))
     return str(value)

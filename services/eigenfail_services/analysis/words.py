@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eigenfail.explanations import NOTHING, _read_word
+from eigenfail.presentation.figures import count_noun
 from eigenfail.values import AXES, ExplainedEpisode, ExplainedStep, Floats
 
 TELLING = 0.5
@@ -26,7 +27,8 @@ JOINED = 3
 
 MOST_PUSHES = 3
 MOST_NEEDED = 8
-"""Maximum number of pushes described of a channel; further ones are only mentioned."""
+MOST_CHANNELS = 4
+"""Maximum number of pushes described of a channel, and of channels; further ones are counted."""
 
 WAYS = {"longitudinal": ("ahead", "back"), "lateral": ("to the left", "to the right")}
 """Of positive and of negative noise of a position: where the nearest vehicle seems to be."""
@@ -151,8 +153,10 @@ def _describe_channels(
     found.sort(key=lambda each: -sum(map(_sum_push, each[2])))
     text = "; ".join(
         _describe_channel(channel, noise, pushes[:most], clock) + _count_weaker(len(pushes) - most)
-        for channel, noise, pushes in found
+        for channel, noise, pushes in found[:MOST_CHANNELS]
     )
+    if len(found) > MOST_CHANNELS:
+        text += f"; {count_noun(len(found) - MOST_CHANNELS, 'further channel')} with less noise"
     return f"{text[:1].upper()}{text[1:]}."
 
 

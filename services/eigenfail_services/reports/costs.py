@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 from eigenfail.errors import Conflict, InputError
+from eigenfail.presentation.analyses import choose_channel_words
 from eigenfail.presentation.figures import (
     UNKNOWN,
     format_amount,
@@ -14,6 +15,7 @@ from eigenfail.presentation.figures import (
 from eigenfail.presentation.tables import OWN_EPISODES, format_cost
 from eigenfail.values import CampaignCost, CostPoint, MinimalFailure, Rate, Region
 from eigenfail.values.report import Cell, ReportPicture, ReportSection
+from eigenfail.worlds import world_of
 from eigenfail_services.campaigns.costs import find_spending
 from eigenfail_services.campaigns.minimal_failures import METHOD, find_minimal_failure
 from eigenfail_services.campaigns.region import find_region
@@ -316,23 +318,7 @@ def format_region_share(found: Rate | None) -> tuple[str, ...]:
     )
 
 
-MINIMAL_COLUMNS = (
-    ("campaign", "Campaign"),
-    ("episode", "Episode"),
-    ("done", "Search at its end"),
-    ("needed", "Steps and axes needed"),
-    ("injected", "of"),
-    ("energy", "Energy", "sigma²"),
-    ("full_energy", "of", "sigma²"),
-    ("log_p_per_step", "log p per step", "nat"),
-    ("full_log_p_per_step", "at full strength", "nat"),
-)
-
-
-MINIMAL_WORDS = (
-    "A failing noise trajectory reduced to the noise that is necessary for the failure. "
-    "Each step along one axis counts as one; energy is the sum of z²."
-)
+MINIMAL_WORDS = "A failing noise trajectory reduced to the noise that is necessary for the failure."
 
 
 def make_minimal(material: Material) -> ReportPart | None:
@@ -340,16 +326,40 @@ def make_minimal(material: Material) -> ReportPart | None:
     found = [*find_minimal_failures(material)]
     if not found:
         return None
+    called = choose_channel_words(list_shrunk_channels(material))
+    columns = (
+        ("campaign", "Campaign"),
+        ("episode", "Episode"),
+        ("done", "Search at its end"),
+        ("needed", f"Steps and {called.several} needed"),
+        ("injected", "of"),
+        ("energy", "Energy", "sigma²"),
+        ("full_energy", "of", "sigma²"),
+        ("log_p_per_step", "log p per step", "nat"),
+        ("full_log_p_per_step", "at full strength", "nat"),
+    )
+    counted = f"Each step along one {called.one} counts as one; energy is the sum of z²."
     sentences = (f"Campaign {each.campaign}: {each.words} {each.because}" for each in found)
     section = ReportSection(
         name="minimal",
         title="Minimal failures",
-        words=(MINIMAL_WORDS, *sentences),
-        tables=(
-            make_table("minimal", "Minimal failures", MINIMAL_COLUMNS, [*map(list_minimal, found)]),
-        ),
+        words=(f"{MINIMAL_WORDS} {counted}", *sentences),
+        tables=(make_table("minimal", "Minimal failures", columns, [*map(list_minimal, found)]),),
     )
     return ReportPart(section)
+
+
+def list_shrunk_channels(material: Material) -> tuple[str, ...]:
+    """Return the channels of the campaigns that shrink failures, each once."""
+    specs = [subject.campaign.spec for subject in material.subjects]
+    return tuple(
+        dict.fromkeys(
+            channel
+            for spec in specs
+            if spec.method == METHOD
+            for channel in world_of(spec.simulator).channels(spec)
+        )
+    )
 
 
 def find_minimal_failures(material: Material) -> Iterator[MinimalFailure]:

@@ -239,6 +239,7 @@ def test_the_pages_of_a_function_have_the_names_of_its_channels(http, store, mak
     charts = re.findall(r'"channels": ?\{"(\w+)"', unescape(pages[f"/analyses/{analysis}"]))
     assert charts == [channels[0]] * 4  # eigenfailures, influence, and two of the training
     assert f"Mode 1 {channels[-1]} 90 %" in pages[f"/analyses/{analysis}"]
+    assert f"<dd>{', '.join(channels)}</dd>" in pages[f"/campaigns/{campaign}"]
     assert f"{channels[-1].capitalize()} injected" in episode
     assert not re.search("longitudinal|lateral", "".join([*pages.values(), episode]), re.IGNORECASE)
 

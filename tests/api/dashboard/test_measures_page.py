@@ -101,8 +101,16 @@ def test_a_campaign_that_is_not_there_is_a_problem(look):
 
 
 def test_a_function_has_a_price_but_no_traffic(check_page, store, deliver, result):
-    spec = CampaignSpec(name="f", method="monte_carlo", episodes=2, simulator="function")
-    campaign = store.campaigns.create(replace(spec, scenario="function")).id
+    spec = CampaignSpec(
+        name="f",
+        method="monte_carlo",
+        episodes=2,
+        simulator="function",
+        scenario="function",
+        planner="my_module:robustness",
+        scenario_parameters={"steps": 4},
+    )
+    campaign = store.campaigns.create(spec).id
     deliver(campaign, result(0))
     check_page("dashboard/measures/function", f"/campaigns/{campaign}/measures")
 
