@@ -354,6 +354,19 @@ def _describe_learning(
             yield f"Campaign {campaign} learnt while it ran. {GROUPS}"
 
 
+def _describe_whole_courses(
+    campaigns: Sequence[Campaign], learning: Collection[int], result: AnalysisResult
+) -> Iterator[str]:
+    """Yield a remark on each campaign that learnt and whose failures are analysed in any case."""
+    for campaign in campaigns:
+        learnt = traits_of(campaign.spec.method).learns and campaign.id not in learning
+        if learnt and campaign.id in result.campaigns:
+            yield (
+                f"Campaign {campaign.id} learnt while it ran, and failures of its whole course "
+                "were analysed: modes may be stages of its search."
+            )
+
+
 def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
     """Return the failure modes among the failures that are stored by now.
 
@@ -382,6 +395,7 @@ def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
             *list_notes(base),
             *_describe_given_number(analysis.settings, result),
             *_describe_learning(failures.campaigns.tolist(), learning, result),
+            *_describe_whole_courses(base.campaigns, learning, result),
             *_describe_samples(samples, result),
         ),
         words=describe_modes(store, analysis, result, base.step_s),
