@@ -25,7 +25,7 @@ it, the same action in the same state sometimes fools the planner and sometimes 
 """
 
 
-SCENE_STATE = 5
+SCENE_STATE = STATE.index("noise_x")
 """Components of `STATE` before those of the noise."""
 
 
