@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.settings import read_settings
 from eigenfail.values import AXES, CampaignSpec, Correlated, DisturbanceModel, White
-from eigenfail.values.analysis import JOINT
+from eigenfail.values.analysis import JOINT, LONGEST_CHANNEL
 
 SIMULATOR = SCENARIO = "function"
 """What a campaign names as its simulator and its scenario, if a function is under test."""
@@ -30,7 +30,8 @@ SIMULATOR = SCENARIO = "function"
 PLACE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 LIMIT_S = 30.0
 
-ChannelName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$", max_length=32)]
+# `$` would also match before a line break at the end, which tables and files must not get.
+ChannelName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*\Z", max_length=LONGEST_CHANNEL)]
 MOST_CHANNELS = 50
 
 MOST_VALUES = 100_000

@@ -113,6 +113,7 @@ def test_a_failure_is_replayed_and_shrunk(client, failing) -> None:
     replayed = wait(client, client.episodes.replay(failing.id, index))
     assert replayed.counts.failures == 1
     shrunk = wait(client, client.campaigns.shrink(failing.id, index))
-    words = client.campaigns.minimal(shrunk.id).words
-    assert words.startswith("Bias")
-    assert "gust noise has no effect; drift noise has no effect" in words
+    minimal = client.campaigns.minimal(shrunk.id)
+    assert minimal.because.startswith("No step of one channel can be left out.")
+    assert minimal.words.startswith("Bias")
+    assert "gust noise has no effect; drift noise has no effect" in minimal.words

@@ -143,7 +143,8 @@ class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False, gc=False):
     Attributes:
         measures: None if the episode errored.
         noise: the disturbances injected; empty if the episode errored before its first step.
-        states: what the adversary saw, shape (steps, len(policy.STATE)), for policy sources.
+        states: what the adversary saw, shape (steps, count_state(channels)), for policy
+            sources.
         importance: importance after each step, shape (steps,), where its source asks for it.
         scene: the full trajectories, for collisions and a sample of the others.
         wall_s: time the worker spent on the episode; not part of the digest.

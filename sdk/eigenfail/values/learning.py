@@ -25,7 +25,7 @@ it, the same action in the same state sometimes fools the planner and sometimes 
 """
 
 
-SCENE_STATE = 5
+SCENE_STATE = STATE.index("noise_x")
 """Components of `STATE` before those of the noise."""
 
 
@@ -91,7 +91,7 @@ class Experience(msgspec.Struct, frozen=True, eq=False):
     """What episodes of earlier campaigns taught: noise and robustness.
 
     Attributes:
-        z: noise trajectories, zero behind an episode's end, shape (n, horizon, 2). [sigma]
+        z: noise trajectories, zero behind an episode's end, shape (n, horizon, channels). [sigma]
         steps: number of steps of each episode, shape (n,).
         robustness_m: robustness of each episode, shape (n,).
     """

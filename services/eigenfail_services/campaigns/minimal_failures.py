@@ -1,8 +1,11 @@
 """The minimal failure that a campaign has come to, out of its learner's last state."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from eigenfail.errors import Conflict
+from eigenfail.presentation.analyses import choose_channel_words
 from eigenfail.values import (
     FINAL_STATES,
     Campaign,
@@ -39,7 +42,7 @@ def find_minimal_failure(store: Store, campaign: Campaign) -> MinimalFailure:
         campaign=campaign.id,
         index=found.index,
         done=facts.phase is SearchPhase.OVER,
-        because=_describe_progress(facts, z, campaign),
+        because=_describe_progress(facts, z, campaign, channels),
         words=describe_needed(found.noise.z, clock, channels),
         needed=int(np.count_nonzero(found.noise.z)),
         injected=int(np.count_nonzero(full.noise.z)),
@@ -91,13 +94,15 @@ def _find_step_s(result: EpisodeResult) -> float | None:
     return result.scene.dt_s if result.scene else None
 
 
-def _describe_progress(facts: MinimalFacts, z: Floats, campaign: Campaign) -> str:
+def _describe_progress(
+    facts: MinimalFacts, z: Floats, campaign: Campaign, channels: Sequence[str]
+) -> str:
     if facts.phase is not SearchPhase.OVER:
         goes_on = "The search goes on" if campaign.state not in FINAL_STATES else "It was cut short"
         return f"{goes_on} at blocks of {facts.width} steps: less noise may do."
     if not z.any():
         return "It fails without any noise."
-    sentences = ["No step of one axis can be left out."]
+    sentences = [f"No step of one {choose_channel_words(channels).one} can be left out."]
     if facts.low:
         share = f"{100.0 * facts.low / facts.high:.0f} %"
         sentences.append(f"At {share} of its strength it is no failure.")

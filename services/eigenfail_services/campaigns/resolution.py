@@ -175,23 +175,17 @@ def find_references(campaign: ResolvedCampaign, store: "Store") -> ResolvedCampa
     Raises:
         InvalidValue: one does not exist, has not ended, has learnt nothing, or its episodes are of
             another length, have another number of channels of noise, or are pruned.
-        NotFound: the analysis or campaign whose noise is to be injected does not exist.
     """
-    _check_injected(campaign, store)
     found = References(_find_predecessors(campaign, store), _find_data(campaign, store))
     return replace(campaign, references=found)
 
 
-def _check_injected(campaign: ResolvedCampaign, store: "Store") -> None:
-    """Raises InvalidValue where noise that is named cannot be injected here."""
-    searching = campaign.searching
-    for name, number in searching.given_references(Reference.NOISE).items():
-        source = store.analyses.get(number).campaign if name == "analysis" else number
-        before = store.campaigns.get(source)
-        _check_channels(before, f"{searching.field}.{name}", campaign.channels)
+def check_channels(before: Campaign, field: str, channels: Sequence[str]) -> None:
+    """Make sure that the noise of an earlier campaign has as many channels as here.
 
-
-def _check_channels(before: Campaign, field: str, channels: Sequence[str]) -> None:
+    Raises:
+        InvalidValue: it has not.
+    """
     there = world_of(before.spec.simulator).channels(before.spec)
     if len(there) != len(channels):
         problem = (
@@ -207,7 +201,7 @@ def _find_predecessors(campaign: ResolvedCampaign, store: "Store") -> tuple[Pred
     for name, number in named.items():
         field = f"{searching.field}.{name}"
         before = find_ended(number, field, store)
-        _check_channels(before, field, campaign.channels)
+        check_channels(before, field, campaign.channels)
         if searching.traits.references[name] is Reference.OWN_LEARNER:
             _check_same_method(before, searching.name, field)
         else:
@@ -309,7 +303,7 @@ def _find_data(campaign: ResolvedCampaign, store: "Store") -> tuple[Campaign, ..
         named = tuple(find_ended(number, field, store) for number in sorted(set(numbers)))
         for before in named:
             _check_data(before, field, campaign.horizon)
-            _check_channels(before, field, campaign.channels)
+            check_channels(before, field, campaign.channels)
             _refuse_pruned(before, field, store)
         if (count := sum(before.counts.completed for before in named)) > MOST_READ:
             problem = (

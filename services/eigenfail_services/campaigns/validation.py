@@ -18,7 +18,7 @@ from eigenfail.worlds import CampaignWorld, list_simulators, world_of
 from eigenfail_services.campaigns.resolution import (
     READERS,
     ResolvedCampaign,
-    ResolvedMethod,
+    check_channels,
     check_estimates,
     check_horizon,
     find_ended,
@@ -191,20 +191,23 @@ def check_references(campaign: ResolvedCampaign, store: "Store") -> ResolvedCamp
         InvalidValue: one does not exist; or it is to be built upon and has not ended, has learnt
             nothing, or has episodes of another length.
     """
-    _check_named(campaign.searching, store)
+    _check_named(campaign, store)
     if check := INJECTION_CHECKS.get(campaign.searching.traits.injects):
         check(campaign, store)
     return find_references(campaign, store)
 
 
-def _check_named(method: ResolvedMethod, store: "Store") -> None:
-    """Raises InvalidValue where there is no analysis or campaign whose noise is to be injected."""
-    stores = {"analysis": store.analyses.get, "campaign": store.campaigns.get}
+def _check_named(campaign: ResolvedCampaign, store: "Store") -> None:
+    """Raises InvalidValue where noise that is to be injected is not there, or does not fit."""
+    method = campaign.searching
     for name, number in method.given_references(Reference.NOISE).items():
+        field = f"{method.field}.{name}"
         try:
-            stores[name](number)
+            source = store.analyses.get(number).campaign if name == "analysis" else number
+            before = store.campaigns.get(source)
         except NotFound as error:
-            raise InvalidValue(f"{method.field}.{name}", error.problem, error.remedy) from error
+            raise InvalidValue(field, error.problem, error.remedy) from error
+        check_channels(before, field, campaign.channels)
 
 
 def _check_trajectories(campaign: ResolvedCampaign, store: "Store") -> None:

@@ -345,7 +345,7 @@ def test_what_other_channels_taught_is_refused(
     spec = on_noise(3, method, **{name: refer(memory.store, before)})
     words = rf"campaign {before} has another number of channels: {there} there, 3 here"
     with pytest.raises(InvalidValue, match=words) as refused:
-        find_references(resolve_campaign(spec), memory.store)
+        check_references(resolve_campaign(spec), memory.store)
     assert refused.value.field == f"settings.{name}"
 
 

@@ -89,6 +89,17 @@ def test_who_runs_long_ones_one_at_a_time_holds_no_more(table: Table) -> None:
         table.end(b"a", 1, LONG_S)
 
 
+def test_one_that_joins_late_fills_its_slots_with_long_ones_after_a_heartbeat(table: Table) -> None:
+    table.join(b"a", SLOTS)
+    table.warm_up()
+    table.join(b"b", SLOTS)
+    table.leases.offer(1, tasks(0, MANY))
+    assert table.lend()[b"b"] == 1
+    table.beat()
+    table.lend()
+    assert len(table.held(b"b")) > SLOTS
+
+
 def test_the_last_ones_are_spread_over_all_slots(table: Table) -> None:
     for worker in (b"a", b"b"):
         table.join(worker, SLOTS)
