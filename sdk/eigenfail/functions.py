@@ -33,7 +33,13 @@ SIMULATOR = SCENARIO = "function"
 PLACE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 LIMIT_S = 30.0
 
-ChannelName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*$", max_length=32)]
+CHANNEL_NAME = r"^[a-z][a-z0-9_]{0,31}$"
+CHANNEL_RULE = (
+    "Take lower case letters, digits and underscores, a letter first, at most 32 of them; neither "
+    f"'{JOINT}' nor a name that ends in '_sigma'."
+)
+ChannelName = Annotated[str, Meta(pattern=CHANNEL_NAME)]
+CHANNELS_FIELD = "scenario_parameters.channels"
 MOST_CHANNELS = 50
 
 MOST_VALUES = 100_000
@@ -119,6 +125,7 @@ def check(spec: CampaignSpec) -> FunctionParameters:
     if replace(spec.disturbance, scale=1.0, shape=White()) != DisturbanceModel():
         remedy = "Set `scale` and `shape` alone: there is no distance that sigma could grow with."
         raise InvalidValue("disturbance", "slopes and bases do not apply to functions.", remedy)
+    _refuse_misnamed(spec.scenario_parameters.get("channels"))
     given = read_settings(FunctionParameters, spec.scenario_parameters, "scenario_parameters")
     _check_channels(given)
     if isinstance(spec.disturbance.shape, Correlated) and given.channels != AXES:
@@ -128,19 +135,28 @@ def check(spec: CampaignSpec) -> FunctionParameters:
     return given
 
 
+def _refuse_misnamed(channels: Any) -> None:
+    """Refuse names by the rule in words, where the type would refuse them by its pattern."""
+    for place, name in enumerate(channels if isinstance(channels, list | tuple) else ()):
+        if isinstance(name, str) and not re.fullmatch(CHANNEL_NAME, name):
+            problem = f"'{name}' is not a valid name of a channel."
+            raise InvalidValue(f"{CHANNELS_FIELD}[{place}]", problem, CHANNEL_RULE)
+
+
 def _check_channels(given: FunctionParameters) -> None:
-    field = "scenario_parameters.channels"
     if len(set(given.channels)) < len(given.channels):
-        raise InvalidValue(field, "two channels have one name.", "Give each a name of its own.")
+        raise InvalidValue(
+            CHANNELS_FIELD, "two channels have one name.", "Give each a name of its own."
+        )
     for name in given.channels:
         # An analysis takes "joint" for all channels; tables have a column `<channel>_sigma_m`.
         if name == JOINT or name.endswith("_sigma"):
             problem = f"'{name}' has another meaning in analyses or tables."
-            raise InvalidValue(field, problem, "Take another name.")
+            raise InvalidValue(CHANNELS_FIELD, problem, CHANNEL_RULE)
     values = given.steps * len(given.channels)
     if values > MOST_VALUES:
         problem = f"{given.steps} steps of {len(given.channels)} channels are {values:,} values."
-        raise InvalidValue(field, problem, f"Stay at {MOST_VALUES:,} or less.")
+        raise InvalidValue(CHANNELS_FIELD, problem, f"Stay at {MOST_VALUES:,} or less.")
 
 
 def require_module(place: str) -> None:

@@ -68,12 +68,22 @@ def test_channels_are_those_that_the_campaign_names_in_its_order(given, names):
         ["a"] * 51,
         ["joint"],
         ["a_sigma"],
+        ["a\n"],
     ],
 )
 def test_channels_without_names_of_their_own_are_refused(given):
     with pytest.raises(InvalidValue) as refused:
         world_of("function").channels(with_channels(given))
     assert refused.value.field.startswith("scenario_parameters.channels")
+
+
+@pytest.mark.parametrize("name", ["A", "a b", "1", "", "a" * 33, "joint", "a_sigma"])
+def test_a_name_that_is_none_is_refused_with_the_rule_in_words(name):
+    with pytest.raises(InvalidValue, match=f"'{name}'") as refused:
+        check(with_channels(["b", name]))
+    assert "regex" not in refused.value.problem
+    for words in ("lower case letters", "at most 32", "'joint'", "'_sigma'"):
+        assert words in refused.value.remedy
 
 
 def test_noise_of_too_many_values_is_refused():
