@@ -3,6 +3,7 @@
 import numpy as np
 
 from eigenfail.errors import Conflict
+from eigenfail.presentation.analyses import choose_channel_words
 from eigenfail.values import (
     FINAL_STATES,
     Campaign,
@@ -97,7 +98,8 @@ def _describe_progress(facts: MinimalFacts, z: Floats, campaign: Campaign) -> st
         return f"{goes_on} at blocks of {facts.width} steps: less noise may do."
     if not z.any():
         return "It fails without any noise."
-    sentences = ["No step of one axis can be left out."]
+    channels = world_of(campaign.spec.simulator).channels(campaign.spec)
+    sentences = [f"No step of one {choose_channel_words(channels).one} can be left out."]
     if facts.low:
         share = f"{100.0 * facts.low / facts.high:.0f} %"
         sentences.append(f"At {share} of its strength it is no failure.")
