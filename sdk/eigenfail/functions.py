@@ -3,11 +3,14 @@
 A campaign has `simulator` and `scenario` "function", and as its `planner` a `module:function`.
 """
 
+import ast
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from difflib import get_close_matches
 from functools import update_wrapper
+from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import find_spec
 from pathlib import Path
 from shlex import quote
@@ -30,8 +33,12 @@ SIMULATOR = SCENARIO = "function"
 PLACE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 LIMIT_S = 30.0
 
-# `$` would also match before a line break at the end, which tables and files must not get.
-ChannelName = Annotated[str, Meta(pattern=r"^[a-z][a-z0-9_]*\Z", max_length=LONGEST_CHANNEL)]
+CHANNEL_NAME = re.compile(rf"[a-z][a-z0-9_]{{0,{LONGEST_CHANNEL - 1}}}")
+CHANNEL_RULE = (
+    f"Take lower case letters, digits and underscores, a letter first, at most {LONGEST_CHANNEL} "
+    f"of them; neither '{JOINT}' nor a name that ends in '_sigma'."
+)
+CHANNELS_FIELD = "scenario_parameters.channels"
 MOST_CHANNELS = 50
 
 MOST_VALUES = 100_000
@@ -39,6 +46,9 @@ MOST_VALUES = 100_000
 
 ALLOWED_VARIABLE = "EIGENFAIL_FUNCTIONS"
 """Modules and packages whose functions may be named, with commas; not set: none."""
+
+NAMESPACE_ACCESS = frozenset({"exec", "globals", "locals", "setattr", "vars"})
+"""Built-in functions by which a module can bind names that its source does not spell out."""
 
 Noise = NDArray[np.float64]
 
@@ -51,7 +61,7 @@ class FunctionParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True
         float, Meta(gt=0.0, le=50.0, description="time that one call may take [s]")
     ] = LIMIT_S
     channels: Annotated[
-        tuple[ChannelName, ...],
+        tuple[str, ...],
         Meta(
             min_length=1,
             max_length=MOST_CHANNELS,
@@ -124,30 +134,112 @@ def check(spec: CampaignSpec) -> FunctionParameters:
 
 
 def _check_channels(given: FunctionParameters) -> None:
-    field = "scenario_parameters.channels"
     if len(set(given.channels)) < len(given.channels):
-        raise InvalidValue(field, "two channels have one name.", "Give each a name of its own.")
+        raise InvalidValue(
+            CHANNELS_FIELD, "two channels have one name.", "Give each a name of its own."
+        )
     for name in given.channels:
+        if not CHANNEL_NAME.fullmatch(name):
+            problem = f"'{name}' is not a valid name of a channel."
+            raise InvalidValue(CHANNELS_FIELD, problem, CHANNEL_RULE)
         # An analysis takes "joint" for all channels; tables have a column `<channel>_sigma_m`.
         if name == JOINT or name.endswith("_sigma"):
             problem = f"'{name}' has another meaning in analyses or tables."
-            raise InvalidValue(field, problem, "Take another name.")
+            raise InvalidValue(CHANNELS_FIELD, problem, CHANNEL_RULE)
     values = given.steps * len(given.channels)
     if values > MOST_VALUES:
         problem = f"{given.steps} steps of {len(given.channels)} channels are {values:,} values."
-        raise InvalidValue(field, problem, f"Stay at {MOST_VALUES:,} or less.")
+        raise InvalidValue(CHANNELS_FIELD, problem, f"Stay at {MOST_VALUES:,} or less.")
 
 
 def require_module(place: str) -> None:
     """Make sure, before anything is started here, that the module can be found; nothing is run.
 
     Raises:
-        InvalidValue: it is neither in this folder nor on PYTHONPATH nor installed.
+        InvalidValue: it is neither in this folder nor on PYTHONPATH nor installed, or its source
+            defines no such function.
     """
     package = place.partition(":")[0].partition(".")[0]
     look_in_this_folder()
     if find_spec(package) is None:
         raise not_found(place, f"there is no module '{package}'")
+    refuse_undefined(place)
+
+
+def refuse_undefined(place: str) -> None:
+    """Refuse a name that the source of its module binds nowhere at the top level; nothing is run.
+
+    Where the source cannot be found or parsed here, or may bind names that it does not spell out,
+    the workers decide.
+
+    Raises:
+        InvalidValue: no top-level statement of the module defines, assigns or imports the name.
+    """
+    module, _, name = place.partition(":")
+    tree = _parse_source(module)
+    if tree is None or _binds_unseen_names(tree):
+        return
+    known = set(_list_bound_names(tree))
+    if name not in known and "__getattr__" not in known:
+        near = " or ".join(f"'{each}'" for each in get_close_matches(name, sorted(known)))
+        remedy = f"Did you mean {near}?" if near else "Correct the name behind the colon."
+        raise InvalidValue("planner", f"module '{module}' has no '{name}'.", remedy)
+
+
+def _parse_source(module: str) -> ast.Module | None:
+    """Return the syntax tree of a module's source file; None where there is none to be read."""
+    try:
+        spec = _find_without_import(module)
+        if spec is None or not spec.has_location or not str(spec.origin).endswith(".py"):
+            return None
+        return ast.parse(Path(str(spec.origin)).read_bytes())
+    except (OSError, SyntaxError, ValueError, RecursionError, MemoryError):
+        return None
+
+
+def _find_without_import(module: str) -> ModuleSpec | None:
+    """Find a module as workers do. `find_spec` alone would import, and so run, the packages above.
+
+    Raises:
+        ValueError: the module is loaded, and does not say from where.
+    """
+    top, *below = module.split(".")
+    spec = find_spec(top) or PathFinder.find_spec(top, [str(Path.cwd())])
+    for part in below:
+        if spec is None or spec.submodule_search_locations is None:
+            return None
+        # By its last name alone: with a full one, the packages above would have to be loaded.
+        spec = PathFinder.find_spec(part, list(spec.submodule_search_locations))
+    return spec
+
+
+def _binds_unseen_names(tree: ast.Module) -> bool:
+    """Whether a module may have names that no statement of it spells out."""
+    nodes = tuple(ast.walk(tree))
+    used = {node.id for node in nodes if isinstance(node, ast.Name)}
+    stars = (node.names[0].name == "*" for node in nodes if isinstance(node, ast.ImportFrom))
+    return any(stars) or not used.isdisjoint(NAMESPACE_ACCESS)
+
+
+def _list_bound_names(node: ast.AST) -> Iterator[str]:
+    """Yield the names that a tree binds outside the bodies of its functions and classes."""
+    for inner in ast.iter_child_nodes(node):
+        match inner:
+            case ast.FunctionDef() | ast.AsyncFunctionDef() | ast.ClassDef():
+                yield inner.name
+                # `global` in a body binds a name of the module.
+                bodies = (each for each in ast.walk(inner) if isinstance(each, ast.Global))
+                yield from (name for each in bodies for name in each.names)
+                continue
+            case ast.Import() | ast.ImportFrom():
+                yield from (each.asname or each.name.partition(".")[0] for each in inner.names)
+            case ast.Name(ctx=ast.Store()):
+                yield inner.id
+            case ast.MatchAs(name=str(name)) | ast.MatchStar(name=str(name)):
+                yield name
+            case ast.MatchMapping(rest=str(name)):
+                yield name
+        yield from _list_bound_names(inner)
 
 
 def refuse_unlisted(place: str, remedy: str = "") -> None:

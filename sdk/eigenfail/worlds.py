@@ -125,7 +125,7 @@ class CampaignWorld(ABC):
         """Refuse a campaign whose code cannot be found on this machine.
 
         Raises:
-            InvalidValue: there is no such module.
+            InvalidValue: there is no such module, or it defines no such function.
         """
 
     def packages(self, _spec: CampaignSpec) -> Iterator[str]:
@@ -223,9 +223,10 @@ class FunctionWorld(CampaignWorld):
     unexplained = "a function has no planner and no controls to explain."
 
     def check(self, spec: CampaignSpec) -> None:
-        """Read the parameters, and hold the function against the list of what may be run."""
+        """Read the parameters, and hold the function against the list and its module's source."""
         functions.check(spec)
         functions.refuse_unlisted(spec.planner)
+        functions.refuse_undefined(spec.planner)
 
     def variation(self, spec: CampaignSpec) -> Variation:
         """Return the parameters, all of them fixed."""
@@ -250,7 +251,7 @@ class FunctionWorld(CampaignWorld):
         functions.refuse_unlisted(planner, remedy)
 
     def require_code(self, spec: CampaignSpec) -> None:
-        """Refuse a function whose module is not here."""
+        """Refuse a function whose module is not here, or does not define it."""
         functions.require_module(spec.planner)
 
     def packages(self, spec: CampaignSpec) -> Iterator[str]:

@@ -174,6 +174,6 @@ def test_a_campaign_survives_the_wire(spec):
 
 def test_the_working_folder_is_among_those_that_are_looked_in(spec, monkeypatch, tmp_path):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "sut_here.py").write_text("")
+    (tmp_path / "sut_here.py").write_text("robustness = None")
     check_plugins(replace(spec, planner="sut_here:robustness"))
     assert str(Path.cwd()) in sys.path

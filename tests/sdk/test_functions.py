@@ -7,7 +7,15 @@ from msgspec.structs import replace
 
 from eigenfail.cli import connection
 from eigenfail.errors import InvalidValue, ServiceError
-from eigenfail.functions import ALLOWED_VARIABLE, allow, allow_of, check, refuse_unlisted
+from eigenfail.functions import (
+    ALLOWED_VARIABLE,
+    allow,
+    allow_of,
+    check,
+    refuse_undefined,
+    refuse_unlisted,
+    require_module,
+)
 from eigenfail.hosting.service import Plan
 from eigenfail.values import AXES, CampaignSpec, Correlated, DisturbanceModel, HeavyTailed
 from eigenfail.worlds import world_of
@@ -71,6 +79,15 @@ def test_channels_without_names_of_their_own_are_refused(given):
     assert refused.value.field.startswith("scenario_parameters.channels")
 
 
+@pytest.mark.parametrize("name", ["A", "a b", "1", "", "a" * 33, "joint", "a_sigma"])
+def test_a_name_that_is_none_is_refused_with_the_rule_in_words(name):
+    with pytest.raises(InvalidValue, match=f"'{name}'") as refused:
+        check(with_channels(["b", name]))
+    assert "regex" not in refused.value.problem
+    for words in ("lower case letters", "at most 32", "'joint'", "'_sigma'"):
+        assert words in refused.value.remedy
+
+
 def test_noise_of_too_many_values_is_refused():
     many = with_channels([f"c{number}" for number in range(50)])
     longest = replace(many, scenario_parameters=many.scenario_parameters | {"steps": 2_000})
@@ -128,9 +145,100 @@ def test_a_list_of_its_own_holds(monkeypatch):
     assert not is_listed("one")
 
 
+BINDINGS = (
+    "def robustness(z): pass",
+    "async def robustness(z): pass",
+    "class robustness: pass",
+    "robustness = of_trajectory(len)",
+    "robustness: object = 1",
+    "first, (robustness, *rest) = 1, (2, 3)",
+    "from eigenfail import functions as robustness",
+    "import robustness.deep",
+    "if True:\n    try:\n        def robustness(z): pass\n    finally:\n        pass",
+    "for robustness in (): pass",
+    "with open('x') as robustness: pass",
+    "match 1:\n    case robustness: pass",
+    "def bind():\n    global robustness\n    robustness = 1",
+)
+UNSEEN_BINDINGS = (
+    "from eigenfail.functions import *",
+    "def __getattr__(name): return len",
+    "globals()['robust' + 'ness'] = len",
+    "def (",
+    "x = 1\0",
+)
+
+
+@pytest.fixture
+def source(tmp_path, monkeypatch):
+    """Writes the module `sut_source` of the working folder."""
+    monkeypatch.chdir(tmp_path)
+    return (tmp_path / "sut_source.py").write_text
+
+
+@pytest.mark.parametrize("text", [*BINDINGS, *UNSEEN_BINDINGS])
+def test_a_name_that_the_source_binds_or_may_bind_is_left_to_the_workers(source, text):
+    source(f"{text}\nraise SystemExit(4)  # nothing is run\n")
+    refuse_undefined("sut_source:robustness")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "def other(z):\n    robustness = 1",
+        "class Other:\n    def robustness(self, z): pass",
+        "import deep.robustness",
+        "from robustness import other",
+        "other.robustness = robustness",
+    ],
+)
+def test_a_name_that_the_source_binds_nowhere_is_refused(source, text):
+    source(f"{text}\nraise SystemExit(4)  # nothing is run\n")
+    with pytest.raises(InvalidValue, match="module 'sut_source' has no 'robustness'") as refused:
+        refuse_undefined("sut_source:robustness")
+    assert refused.value.field == "planner"
+    assert refused.value.remedy == "Correct the name behind the colon."
+
+
+def test_a_campaign_with_a_typo_is_refused_with_the_near_names(source, monkeypatch):
+    source("def robustness(z): pass\n")
+    monkeypatch.setenv(ALLOWED_VARIABLE, "sut_source")
+    world, mistyped = world_of("function"), spec("sut_source:robustnes")
+    for refuse in (world.check, world.require_code):
+        with pytest.raises(InvalidValue, match="has no 'robustnes'") as refused:
+            refuse(mistyped)
+        assert refused.value.remedy == "Did you mean 'robustness'?"
+        refuse(spec("sut_source:robustness"))
+
+
+def test_the_source_of_a_module_that_is_not_listed_is_not_read(source):
+    source("def robustness(z): pass\n")
+    with pytest.raises(InvalidValue, match="is not in the list of modules"):
+        world_of("function").check(spec("sut_source:robustnes"))
+
+
+def test_modules_of_packages_are_read_without_running_the_packages(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    inner = tmp_path / "sut_package" / "inner"
+    inner.mkdir(parents=True)
+    (tmp_path / "sut_package" / "__init__.py").write_text("raise SystemExit(4)\n")
+    (inner / "deep.py").write_text("def robustness(z): pass\n")
+    require_module("sut_package.inner.deep:robustness")
+    with pytest.raises(InvalidValue, match=r"module 'sut_package\.inner\.deep' has no 'other'"):
+        require_module("sut_package.inner.deep:other")
+    with pytest.raises(InvalidValue, match="module 'sut_package' has no 'robustness'"):
+        require_module("sut_package:robustness")
+
+
+@pytest.mark.parametrize("place", ["sut_nowhere:f", "sys:f", "__main__:f", "json.none.deep:f"])
+def test_a_module_without_a_source_here_is_left_to_the_workers(place):
+    refuse_undefined(place)
+
+
 def test_what_runs_a_file_by_itself_starts_a_service_for_the_files_module(tmp_path, monkeypatch):
     """It finds the list in its environment; what it is started with is all that matters here."""
-    (tmp_path / "sut_alone.py").write_text("")
+    (tmp_path / "sut_alone.py").write_text("def f(z): pass")
     monkeypatch.chdir(tmp_path)
     started = []
 

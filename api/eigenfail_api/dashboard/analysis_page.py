@@ -34,9 +34,9 @@ from eigenfail.values import (
 from eigenfail.worlds import world_of
 from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_values
 from eigenfail_api.dashboard.episodes_page import (
+    AnalysisChoices,
     AnalysisLine,
-    AxesChoices,
-    list_axes_choices,
+    list_analysis_choices,
     make_analysis_line,
 )
 from eigenfail_api.dashboard.proof import ProofView, describe_reproduction, make_proof_view
@@ -428,7 +428,7 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     charts: tuple[Chart, ...]
     proof: ProofView | None
     asked: AnalysisSettings
-    choices: AxesChoices
+    choices: AnalysisChoices
 
 
 def make_analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | None) -> AnalysisView:
@@ -449,7 +449,7 @@ def make_analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | No
         charts=make_charts(result, campaign.id) if result and result.modes else (),
         proof=make_proof_view(proof) if proof else None,
         asked=analysis.settings,
-        choices=list_axes_choices(channels),
+        choices=list_analysis_choices(campaign.spec),
     )
 
 

@@ -50,10 +50,10 @@ from eigenfail_api.dashboard.charts import (
 )
 from eigenfail_api.dashboard.cost_charts import REPLAY
 from eigenfail_api.dashboard.episodes_page import (
+    AnalysisChoices,
     AnalysisLine,
-    AxesChoices,
     EpisodeList,
-    list_axes_choices,
+    list_analysis_choices,
     make_analysis_line,
     make_episode_list,
     read_failures,
@@ -199,7 +199,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     failures: EpisodeList
     analyses: tuple[AnalysisLine, ...]
     asked: AnalysisSettings
-    choices: AxesChoices
+    choices: AnalysisChoices
     events: tuple[Event, ...]
     times: tuple[tuple[str, str], ...]
     priorities: tuple[Priority, ...]
@@ -235,7 +235,7 @@ def make_campaign_view(found: Findings) -> CampaignView:
         failures=make_episode_list(campaign, found.listed, None),
         analyses=tuple(make_analysis_line(each, channels) for each in found.analyses),
         asked=AnalysisSettings(),
-        choices=list_axes_choices(channels),
+        choices=list_analysis_choices(campaign.spec),
         events=found.events,
         times=list_times(campaign),
         priorities=list_priorities(campaign),

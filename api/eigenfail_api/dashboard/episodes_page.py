@@ -29,6 +29,7 @@ from eigenfail.values import (
     AnalysisSettings,
     AnalysisState,
     Campaign,
+    CampaignSpec,
     ConflictClass,
     Outcome,
     Page,
@@ -36,6 +37,7 @@ from eigenfail.values import (
 from eigenfail.values.analysis import JOINT
 from eigenfail.values.records import EpisodeRow
 from eigenfail.wire.http import PREFIX
+from eigenfail.worlds import world_of
 from eigenfail_api.dashboard.charts import Chart, make_parallel_chart, spread
 from eigenfail_api.dashboard.rendering import (
     ANALYSIS_BADGES,
@@ -221,18 +223,28 @@ def order(sort: SortOrder) -> str:
     return "descending" if sort.descending else "ascending"
 
 
-class AxesChoices(msgspec.Struct, frozen=True):
-    """The channels that an analysis may be of: the label of the choice, and its options."""
+class AnalysisChoices(msgspec.Struct, frozen=True):
+    """What the analyses of a campaign may be asked for.
+
+    Attributes:
+        label: the label of the choice of channels.
+        options: the channels, each with its words.
+        alignments: where failures may be aligned, each with its words.
+    """
 
     label: str
     options: Mapping[str, str]
+    alignments: Mapping[str, str]
 
 
-def list_axes_choices(channels: Sequence[str]) -> AxesChoices:
-    """Return the choices for noise of these channels."""
+def list_analysis_choices(spec: CampaignSpec) -> AnalysisChoices:
+    """Return the choices for analyses of a campaign."""
+    world = world_of(spec.simulator)
+    channels = world.channels(spec)
     words = choose_channel_words(channels)
-    alone = {channel: f"{channel} only" for channel in channels}
-    return AxesChoices(words.several.capitalize(), {JOINT: words.together, **alone})
+    axes = {JOINT: words.together, **{channel: f"{channel} only" for channel in channels}}
+    alignments = {"start": "start"} | ({"collision": "collision"} if world.has_road else {})
+    return AnalysisChoices(words.several.capitalize(), axes, alignments)
 
 
 def make_analysis_line(analysis: Analysis, channels: Sequence[str]) -> AnalysisLine:

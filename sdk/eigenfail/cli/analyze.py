@@ -14,7 +14,12 @@ from eigenfail.client import Client
 from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.processes import interruptible
-from eigenfail.presentation.analyses import describe_findings, describe_modes, describe_proof
+from eigenfail.presentation.analyses import (
+    describe_findings,
+    describe_modes,
+    describe_proof,
+    list_mode_words,
+)
 from eigenfail.presentation.terminal import render
 from eigenfail.settings import convert
 from eigenfail.values import Analysis, AnalysisSettings, AnalysisState, Proof
@@ -141,8 +146,9 @@ def analyze(
         typer.echo(to_json({"analysis": analysis, "proof": proof}))
     elif analysis.result:
         result = analysis.result
-        blocks = (*describe_modes(campaign, result), *describe_findings(result), *result.words)
-        make_console().print(render(*blocks, *(describe_proof(proof) if proof else ())))
+        found = (*describe_modes(campaign, result), *describe_findings(result))
+        proven = describe_proof(proof, result.cluster_noun) if proof else ()
+        make_console().print(render(*found, *list_mode_words(result), *proven))
 
 
 def find_or_run_analysis(client: Client, campaign: int, settings: AnalysisSettings) -> Analysis:

@@ -127,6 +127,11 @@ def describe_check(found: CampaignCheck) -> Text:
     """What a check found, in words."""
     if found.spec is None:
         return Text("\n".join(f"{each.detail} {each.remedy}".strip() for each in found.problems))
-    plain = list_leaves(msgspec.to_builtins(found.spec))
+    fields = msgspec.to_builtins(found.spec)
+    if not world_of(found.spec.simulator).has_road:
+        # A model without slopes and bases: they have their defaults and mean nothing there.
+        model = fields["disturbance"]
+        fields["disturbance"] = {name: model[name] for name in ("scale", "shape")}
+    plain = list_leaves(fields)
     lines = (f"  {'.'.join(path)} = {format_value(value)}" for path, value in plain)
     return Text("\n".join(("It can be launched, as:", *lines, *found.notes)))

@@ -71,7 +71,7 @@ def tabulate_modes(campaign: int, result: AnalysisResult) -> Table:
     """
     has_probability = any(mode.probability for mode in result.modes)
     columns = (
-        *count_columns("Mode" if result.distinct else "Group", "Failures"),
+        *count_columns(result.cluster_noun.capitalize(), "Failures"),
         TableColumn("Share", "share"),
         *(TableColumn(f"Mean {channel}", "sigma") for channel in result.channels),
         *name_columns(*(f"Peak {channel}" for channel in result.channels), "Medoid"),
@@ -108,13 +108,23 @@ def describe_analysis(analysis: Analysis) -> tuple[Block, ...]:
     if analysis.result is None:
         return (heading, analysis.problem)
     modes = describe_modes(analysis.campaign, analysis.result)
-    return (heading, *modes, *analysis.result.words)
+    return (heading, *modes, *list_mode_words(analysis.result))
 
 
 def describe_modes(campaign: int, result: AnalysisResult) -> tuple[Block, ...]:
     """Return the failure modes, the variance explained, and whether the modes are distinct."""
     verdict = result.diversity.verdict if result.diversity else result.verdict
     return (tabulate_modes(campaign, result), describe_components(result), verdict)
+
+
+def list_mode_words(result: AnalysisResult) -> Iterator[str]:
+    """Yield what each mode is, in words that begin with its number.
+
+    They are stored as words on modes; where these are not distinct they are called groups.
+    """
+    noun = result.cluster_noun.capitalize()
+    for place, words in enumerate(result.words, start=1):
+        yield f"{noun} {place}: {words.removeprefix(f'Mode {place}: ')}"
 
 
 def describe_components(result: AnalysisResult) -> str:
@@ -163,15 +173,15 @@ def describe_diversity(result: AnalysisResult) -> Iterator[str]:
 
 
 def _describe_stability(result: AnalysisResult) -> Iterator[str]:
-    found = result.stability
+    found, noun = result.stability, result.cluster_noun
     if found is not None:
         index = f"{format_number(found.median)} {format_interval(found.interval)}"
         yield (
-            f"Drawn again {found.resamples} times, the modes have an adjusted Rand index of "
-            f"{index}; 1 is the same modes, 0 is chance."
+            f"Drawn again {found.resamples} times, the {noun}s have an adjusted Rand index of "
+            f"{index}; 1 is the same {noun}s, 0 is chance."
         )
     if result.outliers:
-        yield f"{format_share(result.outliers)} of the failures were near no mode."
+        yield f"{format_share(result.outliers)} of the failures were near no {noun}."
 
 
 def format_moment(found: Moment) -> str:
@@ -233,15 +243,20 @@ def tabulate_sources(result: AnalysisResult) -> Table:
     return Table("Analysed campaigns", (*columns, *name_columns("State then")), rows)
 
 
-def describe_proof(proof: Proof) -> tuple[Block, ...]:
-    """Return the replays of a proof, and how many of them failed again."""
-    return (tabulate_replays(proof), *count_reproductions(proof))
+def describe_proof(proof: Proof, noun: str = "mode") -> tuple[Block, ...]:
+    """Return the replays of a proof, and how many of them failed again.
+
+    Args:
+        proof: of an analysis.
+        noun: what the analysis calls its clusters, see `AnalysisResult.cluster_noun`.
+    """
+    return (tabulate_replays(proof, noun), *count_reproductions(proof, noun))
 
 
-def tabulate_replays(proof: Proof) -> Table:
+def tabulate_replays(proof: Proof, noun: str = "mode") -> Table:
     """Return the replays, one a row, with log p of each and the expected log p of noise of p(x)."""
     columns = (
-        *name_columns("Scenario", "Mode", "Replayed", "Outcome"),
+        *name_columns("Scenario", noun.capitalize(), "Replayed", "Outcome"),
         TableColumn("Robustness", "m"),
         TableColumn("log p", "nats", digits=5),
         TableColumn("log p/step", "nats"),
@@ -266,20 +281,21 @@ def _list_replay(replay: ReplayedNoise) -> tuple[Cell, ...]:
     )
 
 
-def count_reproductions(proof: Proof) -> Iterator[str]:
+def count_reproductions(proof: Proof, noun: str = "mode") -> Iterator[str]:
     """Return how many replays failed again, of those tried, in sentences."""
     yield f"{_count_failed_again(proof.reproduced, 'eigenfailures')} in the same scenario."
     if len(proof.scenarios) > 1:
-        pairs = f"({len(proof.modes)} modes, {len(proof.scenarios)} scenarios)"
+        pairs = f"({len(proof.modes)} {noun}s, {len(proof.scenarios)} scenarios)"
         yield f"{_count_failed_again(proof.eigenfailures, 'replays of eigenfailures')} {pairs}."
         yield f"{_count_failed_again(proof.medoids, 'replays of medoids')} {pairs}."
     for mode in proof.modes:
         parts = (format_reproduction(mode.eigenfailure), format_reproduction(mode.medoid))
-        yield f"Mode {mode.mode + 1}: eigenfailure {parts[0]}; medoid {parts[1]}."
+        who = f"{noun.capitalize()} {mode.mode + 1}"
+        yield f"{who}: eigenfailure {parts[0]}; medoid {parts[1]}."
         if mode.nearest:
-            yield f"Mode {mode.mode + 1}: nearest failing point {mode.nearest.words}."
+            yield f"{who}: nearest failing point {mode.nearest.words}."
         elif mode.eigenfailure.rate and not mode.eigenfailure.rate.k:
-            yield f"Mode {mode.mode + 1}: {NO_FAILURE}"
+            yield f"{who}: {NO_FAILURE}"
 
 
 def _count_failed_again(found: Reproduction, replayed: str) -> str:

@@ -326,6 +326,11 @@ class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
         return self.stability is None or self.stability.median >= STABLE
 
     @property
+    def cluster_noun(self) -> str:
+        """The word for one of its clusters: a mode, or a group where they are not distinct."""
+        return "mode" if self.distinct else "group"
+
+    @property
     def verdict(self) -> str:
         """Whether there are modes, and why."""
         if self.silhouette is None or self.noise_silhouette is None:

@@ -87,13 +87,16 @@ def find_basis(store: Store, campaign: int, settings: AnalysisSettings) -> Analy
         NotFound: there is no such campaign.
         UnknownName: the settings name no channel of its noise.
         InvalidValue: there is no such further campaign, or it does not go together with the first;
-            or a setting that the clusterer would not heed.
+            or a setting that the clusterer would not heed, or an alignment that means nothing.
     """
     check_clusterer(settings)
     first = store.campaigns.get(campaign)
     others = [_find_further(store, each) for each in dict.fromkeys(settings.campaigns)]
     campaigns = (first, *(other for other in others if other.id != campaign))
     world = world_of(first.spec.simulator)
+    if settings.align == "collision" and not world.has_road:
+        problem = "all calls of a function end at their last step: no time of a collision differs."
+        raise InvalidValue("align", problem, "Align at the start.")
     steps, duration = world.horizon(first.spec), world.step_s(first.spec)
     channels = world.channels(first.spec)
     choose_columns(settings.axes, channels)

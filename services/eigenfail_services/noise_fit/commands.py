@@ -10,8 +10,9 @@ from scipy import stats
 
 from eigenfail.cli.options import AsJson
 from eigenfail.cli.render import show
+from eigenfail.cli.specs import read_spec
 from eigenfail.errors import InvalidValue
-from eigenfail.files import write_new
+from eigenfail.files import read_toml, write_new
 from eigenfail.hosting.service import require_installed
 from eigenfail.presentation.figures import (
     format_interval,
@@ -22,8 +23,9 @@ from eigenfail.presentation.figures import (
 )
 from eigenfail.presentation.tables import Block, FactTable, Table, TableColumn
 from eigenfail.presentation.terminal import render
-from eigenfail.suites import read_disturbance
+from eigenfail.suites import LIKE_MODEL, read_disturbance
 from eigenfail.values import AXES, DisturbanceModel, Interval
+from eigenfail.worlds import describe_disturbance, world_of
 from eigenfail_services.noise_fit.checks import ModelCheck, check_fit
 from eigenfail_services.noise_fit.fitting import (
     Fit,
@@ -133,9 +135,10 @@ def fit(
 
 @app.command(name="show")
 def show_model(file: ModelFile, as_json: AsJson = False) -> None:
-    """Show the errors that a disturbance model draws, at several distances."""
+    """Show the errors that a disturbance model draws, on a road at several distances."""
     model = read_disturbance(file)
-    show(model, as_json, lambda: render(*_describe_model(model)))
+    blocks = tuple(_describe_noise_of_function(file, model) or _describe_model(model))
+    show(model, as_json, lambda: render(*blocks))
 
 
 def make_report(log: SensorLog, fits: Sequence[Fit]) -> FitReport:
@@ -336,6 +339,23 @@ def _describe_model(model: DisturbanceModel) -> Iterator[Block]:
             ),
             (f"Size of {axis} errors [m]: sigma, and what 50 %, 95 % and 99.9 % do not exceed.",),
         )
+
+
+def _describe_noise_of_function(file: Path, model: DisturbanceModel) -> Sequence[Block]:
+    """Return what holds for a campaign on a function; nothing where the file describes none."""
+    if world_of(str(read_toml(file, LIKE_MODEL).get("simulator"))).has_road:
+        return ()
+    spec = read_spec(file)
+    channels = world_of(spec.simulator).channels(spec)
+    facts = (("channels", ", ".join(channels)), *describe_disturbance(spec).items())
+    sizes = (model.scale * _find_quantile(model, share) for share in SHARES.values())
+    table = Table(
+        "Noise of each channel",
+        (TableColumn("Sigma"), *(TableColumn(words) for words in SHARES)),
+        ((model.scale, *sizes),),
+        ("Size of the noise at every step: sigma, and what 50 %, 95 % and 99.9 % do not exceed.",),
+    )
+    return (FactTable("Model", facts), table)
 
 
 def _find_quantile(model: DisturbanceModel, share: float) -> float:

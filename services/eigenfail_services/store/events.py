@@ -10,6 +10,7 @@ from collections.abc import Collection
 
 from sqlalchemy import Connection, delete, insert, select, update
 
+from eigenfail.presentation.figures import count_noun
 from eigenfail.values import (
     Analysis,
     AnalysisResult,
@@ -88,7 +89,10 @@ def _name_of(campaign: Campaign) -> str:
 
 
 def _describe_findings(result: AnalysisResult | None) -> str:
-    return f": {len(result.modes)} modes in {len(result.episodes)} failures" if result else ""
+    if result is None:
+        return ""
+    clusters = count_noun(len(result.modes), result.cluster_noun)
+    return f": {clusters} in {count_noun(len(result.episodes), 'failure')}"
 
 
 KEPT_EVENTS = 200_000

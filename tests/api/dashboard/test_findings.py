@@ -232,6 +232,8 @@ def test_the_pages_of_a_function_have_the_names_of_its_channels(http, store, mak
     }
     episode = http.get(f"/campaigns/{campaign}/episodes/0", headers=HTML).text
     for html in pages.values():
+        assert '<option value="start"' in html
+        assert '<option value="collision"' not in html
         options = re.findall(r'<option value="(\w+)"[^>]*>\w+ only</option>', html)
         assert options == [*channels]
         assert re.search('<option value="joint"(?: selected)?>all</option>', html)

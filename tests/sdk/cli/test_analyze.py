@@ -9,6 +9,8 @@ from eigenfail.presentation.analyses import (
     describe_findings,
     describe_influence,
     format_moment,
+    list_mode_words,
+    tabulate_modes,
 )
 from eigenfail.values import (
     AXES,
@@ -77,10 +79,10 @@ def test_findings_in_words():
     assert list(describe_findings(found)) == [
         "A snapshot.",
         (
-            "Drawn again 20 times, the modes have an adjusted Rand index of 0.910 [0.400, 1.00]; "
-            "1 is the same modes, 0 is chance."
+            "Drawn again 20 times, the groups have an adjusted Rand index of 0.910 [0.400, 1.00]; "
+            "1 is the same groups, 0 is chance."
         ),
-        "12.4 % of the failures were near no mode.",
+        "12.4 % of the failures were near no group.",
         (
             "Lateral noise differs most between failures 1.20 s before the collision, 0.700 s "
             "before the collision."
@@ -105,3 +107,15 @@ def test_a_verdict_says_which_test_failed():
     assert (modes.distinct, unstable.distinct) == (True, False)
     assert "adjusted Rand index is 0.50, below 0.8" in unstable.verdict
     assert "cannot be distinguished from noise" in replace(modes, noise_silhouette=0.6).verdict
+
+
+def test_clusters_that_are_not_distinct_are_groups_wherever_they_are_named():
+    words = ("Mode 1: It pushes.", "Mode 2: It pulls.")
+    modes = replace(BARE, silhouette=0.5, noise_silhouette=0.3, words=words)
+    groups = replace(modes, noise_silhouette=0.6)
+    assert [*list_mode_words(modes)] == [*words]
+    assert [*list_mode_words(groups)] == ["Group 1: It pushes.", "Group 2: It pulls."]
+    assert [tabulate_modes(1, each).columns[0].title for each in (modes, groups)] == [
+        "Mode",
+        "Group",
+    ]

@@ -102,6 +102,39 @@ def test_a_model_is_shown_in_metres_at_several_distances(eigenfail, tmp_path):
     assert row[:3] == ["0", "2.00", "1.13"]
 
 
+FUNCTION = """
+method = "cem"
+episodes = 5
+simulator = "function"
+scenario = "function"
+planner = "my_module:robustness"
+[scenario_parameters]
+steps = 20
+channels = ["gust", "drift"]
+"""
+
+
+def test_the_noise_of_a_function_is_its_scale_at_every_step_of_each_channel(eigenfail, tmp_path):
+    file = tmp_path / "campaign.toml"
+    file.write_text(f'{FUNCTION}[disturbance]\nscale = 2.0\nshape = {{kind = "student_t"}}\n')
+    shown = eigenfail("noise", "show", file)
+    assert shown.exit_code == 0, shown.stderr
+    for words in ("gust, drift", "2 at every step", "heavy tails of 5 degrees of freedom"):
+        assert words in shown.stdout
+    # As in the model above: 0.5629 sigma are not exceeded by half of the noise.
+    assert ["2.00", "1.13"] in [line.split()[:2] for line in shown.stdout.splitlines()]
+    for words in ("dx", "istance", "ongitudinal", "ateral"):
+        assert words not in shown.stdout
+
+
+def test_a_model_of_a_road_in_a_campaign_on_a_function_is_refused(eigenfail, tmp_path):
+    file = tmp_path / "campaign.toml"
+    file.write_text(f"{FUNCTION}[disturbance]\nlateral_slope = 0.1\n")
+    shown = eigenfail("noise", "show", file)
+    assert shown.exit_code == 2
+    assert "slopes and bases do not apply to functions" in shown.stderr
+
+
 @pytest.mark.parametrize(
     ("words", "text"),
     [

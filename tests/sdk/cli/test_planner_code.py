@@ -46,7 +46,7 @@ def test_other_settings_or_planners_have_another():
 
 
 def test_changed_code_has_another(package):
-    of_function = suite_of(simulator="function", scenario="function", planner="lone_planner:f")
+    of_function = suite_of(simulator="function", scenario="function", planner="lone_planner:x")
     before = fingerprint(of_function)
     (package / "lone_planner.py").write_text("x = 2\n")
     assert fingerprint(of_function) != before

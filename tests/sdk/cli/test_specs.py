@@ -2,10 +2,11 @@
 
 import pytest
 
-from eigenfail.cli.specs import check_plugins, read_spec
+from eigenfail.cli.specs import check_plugins, describe_check, read_spec
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.suites import Suite
-from eigenfail.values import Correlated, StopRules
+from eigenfail.values import Correlated, DisturbanceModel, StopRules
+from eigenfail.wire.http import CampaignCheck
 
 
 @pytest.fixture
@@ -211,3 +212,13 @@ def test_a_campaign_is_named_as_one_where_a_suite_is_wanted(write):
         Suite.read(file)
     told = f"wanted.toml: this is a campaign, not a suite. Run it with `eigenfail run {file}`."
     assert str(caught.value) == told
+
+
+@pytest.mark.parametrize("simulator", ["highway", "function"])
+def test_a_check_lists_slopes_and_bases_on_roads_alone(write, simulator):
+    text = f'method = "cem"\nepisodes = 7\nsimulator = "{simulator}"\n[disturbance]\nscale = 2.0'
+    lines = describe_check(CampaignCheck(read_spec(write(text)))).plain.splitlines()
+    listed = {line.split()[0] for line in lines if "disturbance." in line}
+    everywhere = {"disturbance.scale", "disturbance.shape.kind"}
+    on_roads = {f"disturbance.{name}" for name in DisturbanceModel.__struct_fields__[:4]}
+    assert listed == (everywhere if simulator == "function" else everywhere | on_roads)

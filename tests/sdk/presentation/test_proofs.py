@@ -2,7 +2,7 @@
 
 import pytest
 
-from eigenfail.presentation.analyses import NO_FAILURE, count_reproductions
+from eigenfail.presentation.analyses import NO_FAILURE, count_reproductions, describe_proof
 from eigenfail.values import CampaignState, Interval, Proof, Rate, Reproduction
 from eigenfail.values.proof import ProvenMode, ProvenScenario
 
@@ -52,6 +52,14 @@ def test_a_centre_that_never_fails_is_called_no_failure(failed: int, warned: boo
     sentences = [*count_reproductions(proof((failed, 1)))]
     assert (f"Mode 1: {NO_FAILURE}" in sentences) is warned
     assert f"Mode 1: eigenfailure {failed} of 1" in sentences[1]
+
+
+def test_replays_of_groups_are_counted_as_such() -> None:
+    table, *sentences = describe_proof(proof((1, 1), (0, 1), scenarios=2), "group")
+    assert table.columns[1].title == "Group"
+    assert "(2 groups, 2 scenarios)" in sentences[1]
+    assert sentences[3] == "Group 1: eigenfailure 1 of 2; medoid 1 of 2."
+    assert not any("mode" in sentence.lower() for sentence in sentences)
 
 
 def test_what_was_not_replayed_is_no_success() -> None:

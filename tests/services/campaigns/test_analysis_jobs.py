@@ -226,6 +226,15 @@ def test_noise_of_other_channels_cannot_stand_side_by_side(store: Store) -> None
         find_basis(store, one, AnalysisSettings(campaigns=(other,)))
 
 
+def test_calls_of_a_function_have_no_collision_to_align_at(store: Store) -> None:
+    road, function = running(store).id, running(store, **name_channels(2)).id
+    settings = AnalysisSettings(align="collision")
+    find_basis(store, road, settings)
+    with pytest.raises(InvalidValue, match="end at their last step") as refused:
+        find_basis(store, function, settings)
+    assert refused.value.field == "align"
+
+
 def test_campaigns_of_different_worlds_are_told(store: Store) -> None:
     one, other = campaign(store, 3, 4, 5), campaign(store, 3, 6, planner="idm")
     found = analysed(store, one, AnalysisSettings(campaigns=(other,), bootstrap=0))

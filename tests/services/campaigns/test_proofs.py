@@ -27,6 +27,7 @@ from eigenfail.values import (
 from eigenfail.values.disturbance import Correlated
 from eigenfail.values.records import Delivery
 from eigenfail_services.campaigns import explanations as words_module
+from eigenfail_services.campaigns import minimal_failures
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.learner_context import learner_context
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure, read_knowledge
@@ -39,8 +40,8 @@ from eigenfail_services.campaigns.proofs import (
 from eigenfail_services.campaigns.resolution import resolve_campaign
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.campaigns.validation import check_references
-from eigenfail_services.methods.minimal import Minimal, read_state
-from eigenfail_services.methods.minimal_search import compute_energy
+from eigenfail_services.methods.minimal import Minimal, MinimalFacts, read_state
+from eigenfail_services.methods.minimal_search import SearchPhase, compute_energy
 from eigenfail_services.methods.nearest import mix_noise
 from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.store import open_store
@@ -272,6 +273,25 @@ def test_a_failure_is_shrunk_to_what_it_needs(house) -> None:
     assert not z[len(found) :].any()
     assert house.store.episodes.get(number, told.index).is_failure
     assert told.because.startswith(("No step of one axis can be left out.", "It fails without"))
+
+
+@pytest.mark.parametrize(("fields", "word"), [({}, "axis"), (name_channels(2), "channel")])
+def test_what_is_needed_is_told_of_axes_on_roads_and_of_channels_elsewhere(fields, word) -> None:
+    facts = MinimalFacts(
+        phase=SearchPhase.OVER,
+        width=1,
+        removable=(),
+        low=0.0,
+        high=1.0,
+        scaled=True,
+        not_run=0,
+        ends=(),
+        tried=3,
+        best=0,
+    )
+    campaign = running(open_store("memory://"), **fields)
+    told = minimal_failures._describe_progress(facts, np.ones((3, 2)), campaign)
+    assert told == f"No step of one {word} can be left out."
 
 
 def test_an_eigenfailure_is_shrunk_too_and_a_short_budget_is_told(house) -> None:

@@ -4,6 +4,7 @@ from contextlib import closing
 
 import msgspec
 import numpy as np
+import pytest
 from sqlalchemy import update
 from store_checks.examples import deliver, running
 
@@ -53,6 +54,19 @@ def finished(store, result) -> int:
 def test_how_diverse_failures_are_is_kept(store) -> None:
     analysis = finished(store, msgspec.structs.replace(analysis_result(), diversity=DIVERSITY))
     assert store.analyses.get(analysis).result.diversity == DIVERSITY
+
+
+@pytest.mark.parametrize(
+    ("noise_silhouette", "found"),
+    [(0.5, "2 modes in 4 failures"), (0.7, "2 groups in 4 failures")],
+)
+def test_the_log_tells_of_modes_only_where_they_are_distinct(
+    store, noise_silhouette, found
+) -> None:
+    result = msgspec.structs.replace(analysis_result(), noise_silhouette=noise_silhouette)
+    analysis = store.analyses.get(finished(store, result))
+    events = store.events.latest(1, analysis.campaign)
+    assert events[-1].message.endswith(f"of campaign {analysis.campaign} is done: {found}.")
 
 
 def test_a_result_of_an_older_release_reads_without_it(url) -> None:
