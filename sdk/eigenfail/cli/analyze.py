@@ -15,10 +15,12 @@ from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.processes import interruptible
 from eigenfail.presentation.analyses import describe_findings, describe_modes, describe_proof
+from eigenfail.presentation.tables import Block
 from eigenfail.presentation.terminal import render
 from eigenfail.settings import convert
 from eigenfail.values import Analysis, AnalysisSettings, AnalysisState, Proof
 from eigenfail.values.analysis import JOINT, Centre
+from eigenfail.worlds import world_of
 
 app = typer.Typer(add_completion=False)
 
@@ -137,12 +139,19 @@ def analyze(
     with interruptible(), connect_to(context, url) as client:
         analysis = find_or_run_analysis(client, campaign, settings)
         proof = prove_analysis(client, analysis.id, variation or ()) if prove else None
+        proven = tabulate_proof(client, campaign, proof) if proof else ()
     if as_json:
         typer.echo(to_json({"analysis": analysis, "proof": proof}))
     elif analysis.result:
         result = analysis.result
         blocks = (*describe_modes(campaign, result), *describe_findings(result), *result.words)
-        make_console().print(render(*blocks, *(describe_proof(proof) if proof else ())))
+        make_console().print(render(*blocks, *proven))
+
+
+def tabulate_proof(client: Client, campaign: int, proof: Proof) -> tuple[Block, ...]:
+    """Return the proof of an analysis of the campaign, in the units of its world."""
+    spec = client.campaigns.get(campaign).spec
+    return describe_proof(proof, has_road=world_of(spec.simulator).has_road)
 
 
 def find_or_run_analysis(client: Client, campaign: int, settings: AnalysisSettings) -> Analysis:
