@@ -123,7 +123,9 @@ def test_what_a_function_has_not_reads_as_a_dash(spec, results):
     assert "Near misses" not in whole
     assert "sigma 1 at every step" in whole
     assert "|dx|" not in whole
-    assert "Class not classified Robustness 0 m Severity –" in one
+    assert "Robustness 0 log p" in one
+    assert "Class" not in one
+    assert "Footprints apart" not in one
     assert "Scene from above" not in one
 
 

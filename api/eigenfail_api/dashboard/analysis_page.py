@@ -434,7 +434,8 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
 def make_analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | None) -> AnalysisView:
     """Return the page of an analysis, with the results of the replays that have ended."""
     result = analysis.result
-    channels = world_of(campaign.spec.simulator).channels(campaign.spec)
+    world = world_of(campaign.spec.simulator)
+    channels, unit = world.channels(campaign.spec), "m" if world.has_road else ""
     return AnalysisView(
         line=make_analysis_line(analysis, channels),
         campaign=campaign.id,
@@ -444,10 +445,10 @@ def make_analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | No
         is_distinct=result is not None and result.distinct,
         notes=tuple(list_notes(result)) if result else (),
         tiles=make_finding_tiles(result) if result else (),
-        modes=make_mode_cards(result, campaign.id, proof) if result else (),
+        modes=make_mode_cards(result, campaign.id, proof, unit) if result else (),
         grids=list_tables(result) if result else (),
         charts=make_charts(result, campaign.id) if result and result.modes else (),
-        proof=make_proof_view(proof) if proof else None,
+        proof=make_proof_view(proof, unit) if proof else None,
         asked=analysis.settings,
         choices=list_analysis_choices(campaign.spec),
     )
@@ -477,20 +478,21 @@ def make_charts(result: AnalysisResult, campaign: int) -> tuple[Chart, ...]:
 
 
 def make_mode_cards(
-    result: AnalysisResult, campaign: int, proof: Proof | None
+    result: AnalysisResult, campaign: int, proof: Proof | None, unit: str
 ) -> tuple[ModeCard, ...]:
-    """Return a card for each mode, with the result of its proof."""
+    """Return a card for each mode, with the result of its proof; robustness in a unit, or none."""
     proven = {each.mode: each for each in proof.modes} if proof and proof.scenarios else {}
+    tiles = {mode: make_proof_tiles(each, unit) for mode, each in proven.items()}
     return tuple(
-        make_mode_card(place, result, campaign, proven.get(place))
+        make_mode_card(place, result, campaign, tiles.get(place, ()))
         for place in range(len(result.modes))
     )
 
 
 def make_mode_card(
-    place: int, result: AnalysisResult, campaign: int, proven: ProvenMode | None
+    place: int, result: AnalysisResult, campaign: int, proof: tuple[tuple[str, Tile], ...]
 ) -> ModeCard:
-    """Return the card of a mode."""
+    """Return the card of a mode, with the tiles of its proof."""
     mode = result.modes[place]
     home = mode.medoid_campaign or campaign
     return ModeCard(
@@ -503,7 +505,7 @@ def make_mode_card(
         medoid_campaign=home,
         clip=f"/campaigns/{home}/episodes/{mode.medoid}/clip",
         strength=format_number(float(np.sqrt(np.mean(np.square(mode.eigenfailure))))),
-        proof=make_proof_tiles(proven) if proven else (),
+        proof=proof,
     )
 
 
@@ -514,11 +516,11 @@ def describe_mode_card(result: AnalysisResult, place: int) -> str:
     return put_minus_signs(result.words[place].removeprefix(f"Mode {place + 1}: "))
 
 
-def make_proof_tiles(proven: ProvenMode) -> tuple[tuple[str, Tile], ...]:
+def make_proof_tiles(proven: ProvenMode, unit: str) -> tuple[tuple[str, Tile], ...]:
     """Return the tiles of the replays of a mode's two trajectories in all scenarios."""
     tiles = (
-        ("Eigenfailure reproduced", describe_reproduction(proven.eigenfailure)),
-        ("Medoid reproduced", describe_reproduction(proven.medoid)),
+        ("Eigenfailure reproduced", describe_reproduction(proven.eigenfailure, unit)),
+        ("Medoid reproduced", describe_reproduction(proven.medoid, unit)),
     )
     if proven.nearest is None:
         return tiles

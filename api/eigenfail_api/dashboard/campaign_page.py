@@ -249,9 +249,10 @@ def make_campaign_view(found: Findings) -> CampaignView:
 def make_charts(found: Findings) -> tuple[Chart, ...]:
     """Return the charts for which there are data."""
     course, rows = found.course, found.rows
+    has_road = world_of(found.campaign.spec.simulator).has_road
     drawn = (
-        make_curve_chart(course),
-        make_robustness_chart(rows, course, found.campaign.counts.completed),
+        make_curve_chart(course, has_road=has_road),
+        make_robustness_chart(rows, course, found.campaign.counts.completed, has_road=has_road),
     )
     return drawn if rows else ()
 

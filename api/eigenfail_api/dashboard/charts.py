@@ -63,8 +63,18 @@ def round_rows(array: np.ndarray) -> list[list[float | None]]:
     return [round_values(float(value) for value in row) for row in array]
 
 
-def make_curve_chart(course: Course) -> Chart:
-    """Return the chart of the failure rate over the course of the campaign."""
+METRES = " [m]"
+DISTANCES = "Smallest distance between footprints in each episode [m], or a function's answer;"
+ANSWERS = "The function's answer in each episode, or 0 where it is less;"
+
+
+def make_curve_chart(course: Course, *, has_road: bool = True) -> Chart:
+    """Return the chart of the failure rate over the course of the campaign.
+
+    Args:
+        course: blocks of its episodes.
+        has_road: whether robustness is a distance [m]; that of a function has no unit.
+    """
     blocks = course.blocks
     return Chart(
         id="curve-chart",
@@ -83,7 +93,7 @@ def make_curve_chart(course: Course) -> Chart:
         },
         columns=(
             *("Episodes", "Failures", "Completed", "Rate", "95 % interval"),
-            *("log p per step of the failures", "Median robustness [m]"),
+            *("log p per step of the failures", f"Median robustness{METRES * has_road}"),
         ),
         rows=tuple(
             (
@@ -125,25 +135,34 @@ def format_span(block: CourseBlock) -> str:
 
 
 def make_robustness_chart(
-    rows: Sequence[EpisodeRow | EpisodeSample], course: Course, ended: int
+    rows: Sequence[EpisodeRow | EpisodeSample],
+    course: Course,
+    ended: int,
+    *,
+    has_road: bool = True,
 ) -> Chart:
-    """Return the chart of each episode's smallest distance to another vehicle."""
+    """Return the chart of each episode's smallest distance to another vehicle [m].
+
+    Without a road it is that of a function's answers, which have no unit.
+    """
     measured = [row for row in rows if row.robustness_m is not None]
     return Chart(
         id="robustness-chart",
         kind="robustness",
         title="Robustness",
         caption=(
-            "Smallest distance between footprints in each episode [m], or a function's answer; "
-            "0 is a failure. "
-            f"{describe_sample(rows, ended)}"
+            f"{DISTANCES if has_road else ANSWERS} 0 is a failure. {describe_sample(rows, ended)}"
         ),
         data={
             "index": [row.index for row in measured],
             "robustness": round_values(row.robustness_m for row in measured),
             "collision": [row.outcome is Outcome.COLLISION for row in measured],
+            **({} if has_road else {"unit": ""}),
         },
-        columns=("Episodes", "Completed", "Smallest [m]", "Median [m]"),
+        columns=(
+            *("Episodes", "Completed"),
+            *(f"{title}{METRES * has_road}" for title in ("Smallest", "Median")),
+        ),
         rows=tuple(
             (
                 format_span(block),

@@ -66,14 +66,22 @@ Facts = tuple[tuple[str, str], ...]
 NOT_CLASSIFIED = "not classified"
 
 
-def list_facts(result: EpisodeResult, dt_s: float | None) -> Facts:
-    """Return the facts on an episode: its outcome, origin and versions."""
+def list_facts(result: EpisodeResult, dt_s: float | None, *, has_road: bool) -> Facts:
+    """Return the facts on an episode: its outcome, origin and versions.
+
+    Of a function robustness alone was measured, which has no unit.
+    """
     measures, steps = result.measures, result.steps
     lasted = f" ({format_number(steps * dt_s)} s)" if dt_s else ""
     assessed = assess(result.outcome, measures)
     return (
         ("Steps", f"{steps}{lasted}"),
-        *(list_danger(measures, assessed) if measures else ()),
+        *(list_danger(measures, assessed) if measures and has_road else ()),
+        *(
+            [("Robustness", format_number(measures.robustness_m))]
+            if measures and not has_road
+            else []
+        ),
         *list_likelihood(result),
         ("Disturbance source", result.source),
         ("Seed", str(result.seed)),
@@ -232,7 +240,7 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
         facts: what the episode was.
         varied: the scenario parameters that it drew; empty where they are fixed.
         ride: how rough it was; empty if not measured.
-        thresholds: the safety measures; None if not measured.
+        thresholds: the safety measures; None if not measured, and of a function.
         why_no_scene: empty if there is one.
         stage: what the first part shows, as its title.
         can_replay: whether there is noise that could be injected again.
@@ -275,7 +283,8 @@ def make_episode_view(
     """Return the page of an episode; the mission, where the scenario has one, gives the lanes."""
     fault, scene, measures = result.fault, result.scene, result.measures
     dt_s = scene.dt_s if scene else mission.dt_s if mission else None
-    channels = world_of(campaign.spec.simulator).channels(campaign.spec)
+    world = world_of(campaign.spec.simulator)
+    channels, has_road = world.channels(campaign.spec), world.has_road
     return EpisodeView(
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
@@ -283,11 +292,11 @@ def make_episode_view(
         badge=make_outcome_badge(
             result.outcome, is_unresolved=assess(result.outcome, measures).unresolved
         ),
-        facts=list_facts(result, dt_s),
+        facts=list_facts(result, dt_s, has_road=has_road),
         varied=list_drawn_parameters(campaign, result),
-        ride=list_ride(result),
+        ride=list_ride(result) if has_road else (),
         thresholds=tabulate_thresholds(measures, assess(result.outcome, measures))
-        if measures
+        if measures and has_road
         else None,
         problem=f"{fault.kind}: {fault.message}" if fault else "",
         digest=result.digest(),
@@ -295,9 +304,9 @@ def make_episode_view(
         scene=make_scene_chart(scene, mission, result.outcome) if scene else None,
         clearance=make_clearance_chart(scene) if scene else None,
         why_no_scene="" if scene else explain_missing_scene(campaign, result),
-        stage="The noise" if is_function(campaign) else "Scene from above",
+        stage="Scene from above" if has_road else "The noise",
         can_replay=result.steps > 0,
-        has_account=result.steps > 0 and not is_function(campaign),
+        has_account=result.steps > 0 and has_road,
         jumps=list_jumps(result),
         next_failure=next_failure,
         replayed=find_source(campaign.spec, result.index),
@@ -309,7 +318,7 @@ def explain_missing_scene(campaign: Campaign, result: EpisodeResult) -> str:
     """Return the reason why there is no scene to play."""
     if not result.steps:
         return "The episode ended before its first step: there is no scene."
-    if is_function(campaign):
+    if not world_of(campaign.spec.simulator).has_road:
         return "The system under test is a function of the noise: it has no scene and no planner."
     every = campaign.spec.scene_every
     sample = "" if every == 1 else f" and every {format_count(every)}th of the others"
@@ -317,11 +326,6 @@ def explain_missing_scene(campaign: Campaign, result: EpisodeResult) -> str:
         "The scene of this episode was not kept: campaigns keep those of all collisions"
         f"{sample}. Its noise was, so that it can be run again."
     )
-
-
-def is_function(campaign: Campaign) -> bool:
-    """Whether a function is under test, in place of a planner on a road."""
-    return not world_of(campaign.spec.simulator).has_road
 
 
 def list_drawn_parameters(campaign: Campaign, result: EpisodeResult) -> Facts:

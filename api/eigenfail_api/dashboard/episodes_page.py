@@ -141,7 +141,7 @@ def make_episode_list(
     return EpisodeList(
         campaign=campaign.id,
         every=make_address(campaign.id, FAILURES),
-        headings=make_headings(campaign.id, FAILURES, None),
+        headings=make_headings(campaign, FAILURES, None),
         lines=tuple(map(make_episode_line, page.items)),
         next=page.next,
         last=page.items[-1].index if page.items else after,
@@ -196,16 +196,22 @@ def make_address(
     return f"{path}?{urlencode(given)}" if given else path
 
 
-def make_headings(campaign: int, conditions: str, now: SortOrder | None) -> tuple[Heading, ...]:
-    """Return the column heads; the one that sorts the list links to the reverse order."""
+def make_headings(
+    campaign: Campaign, conditions: str, now: SortOrder | None
+) -> tuple[Heading, ...]:
+    """Return the column heads; the one that sorts the list links to the reverse order.
+
+    The robustness of a function has no unit.
+    """
+    has_road = world_of(campaign.spec.simulator).has_road
     return tuple(
         Heading(
             column=column,
             label=label,
-            unit=unit,
+            unit=unit if has_road or column != "robustness_m" else "",
             is_minor=is_minor,
             address=make_address(
-                campaign, conditions, str(turn_order(SortOrder(column, first), now))
+                campaign.id, conditions, str(turn_order(SortOrder(column, first), now))
             ),
             order=order(now) if now and now.column == column else "",
         )
@@ -346,7 +352,7 @@ def make_found_view(
         title=make_title(page, asked),
         command=format_export_command(here, asked),
         exports=list_exports(here, asked),
-        headings=make_headings(here, conditions, asked.sort),
+        headings=make_headings(campaign, conditions, asked.sort),
         lines=tuple(map(make_episode_line, page.items)),
         per_page=len(page.items),
         first="" if asked.after is None else make_address(here, conditions, sort),

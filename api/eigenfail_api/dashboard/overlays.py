@@ -14,6 +14,7 @@ from eigenfail.presentation.figures import (
 )
 from eigenfail.values import Campaign, CampaignCost, CostPoint, Course, Outcome
 from eigenfail.values.records import EpisodeRow
+from eigenfail.worlds import world_of
 from eigenfail_api.dashboard.charts import (
     MOST_ROWS,
     Chart,
@@ -249,7 +250,10 @@ def make_severity_row(one: Compared, found: Sequence[EpisodeRow]) -> tuple[str, 
 
 
 def make_distance_chart(compared: Sequence[Compared]) -> Chart:
-    """Return the chart of the distribution of robustness."""
+    """Return the chart of the distribution of robustness; that of a function has no unit."""
+    roads = [world_of(one.campaign.spec.simulator).has_road for one in compared]
+    unit = " [m]" if all(roads) else " [m on the road]" if any(roads) else ""
+    nothing = "0 m" if all(roads) else "0"
     known = [(one, measured) for one in compared if (measured := list_robustness(one))]
     lines = [
         make_line(one, np.quantile(found, SHARES).tolist(), (100.0 * SHARES).tolist())
@@ -259,8 +263,8 @@ def make_distance_chart(compared: Sequence[Compared]) -> Chart:
         id="overlay-robustness",
         kind="overlay",
         title="Distribution of robustness",
-        caption="Cumulative share of episodes by robustness; 0 m is a failure.",
-        data=draw_lines("Robustness [m]", "Episodes [%]", lines),
+        caption=f"Cumulative share of episodes by robustness; {nothing} is a failure.",
+        data=draw_lines(f"Robustness{unit}", "Episodes [%]", lines),
         columns=("Campaign", "Episodes", *(f"{100 * share:.0f} %" for share in QUANTILES)),
         rows=tuple(
             (
@@ -270,7 +274,7 @@ def make_distance_chart(compared: Sequence[Compared]) -> Chart:
             )
             for one, found in known
         ),
-        note="Quantiles of robustness [m].",
+        note=f"Quantiles of robustness{unit}.",
     )
 
 

@@ -72,8 +72,8 @@ class ProofView(msgspec.Struct, frozen=True, kw_only=True):
     replays: tuple[ReplayLine, ...]
 
 
-def make_proof_view(found: Proof) -> ProofView:
-    """Return the view of an analysis's replays."""
+def make_proof_view(found: Proof, unit: str) -> ProofView:
+    """Return the view of an analysis's replays; robustness in a unit, or none."""
     replays = [replay for scenario in found.scenarios for replay in scenario.replays]
     cut_off = any(scenario.state in CAME_TO_NOTHING for scenario in found.scenarios)
     return ProofView(
@@ -82,43 +82,48 @@ def make_proof_view(found: Proof) -> ProofView:
         is_done=found.done,
         may_ask=not found.scenarios or cut_off or bool(found.done and found.unplaced),
         asks_for_points=bool(found.unplaced),
-        tallies=make_tallies(found),
-        scenarios=tuple(map(make_scenario_line, found.scenarios)),
+        tallies=make_tallies(found, unit),
+        scenarios=tuple(make_scenario_line(scenario, unit) for scenario in found.scenarios),
         replays=tuple(line for scenario in found.scenarios for line in replay_lines(scenario)),
     )
 
 
-def make_tallies(found: Proof) -> tuple[tuple[str, Tile], ...]:
+def make_tallies(found: Proof, unit: str) -> tuple[tuple[str, Tile], ...]:
     """Return the tiles of replays in the same scenario, and in all if there are several."""
-    same = (("Eigenfailures, same scenario", describe_reproduction(found.reproduced)),)
+    same = (("Eigenfailures, same scenario", describe_reproduction(found.reproduced, unit)),)
     count = len(found.scenarios)
     if count < 2:
-        return (*same, ("Medoids", describe_reproduction(found.medoids)))
+        return (*same, ("Medoids", describe_reproduction(found.medoids, unit)))
     return (
         *same,
-        (f"Eigenfailures, {count} scenarios", describe_reproduction(found.eigenfailures)),
-        (f"Medoids, {count} scenarios", describe_reproduction(found.medoids)),
+        (f"Eigenfailures, {count} scenarios", describe_reproduction(found.eigenfailures, unit)),
+        (f"Medoids, {count} scenarios", describe_reproduction(found.medoids, unit)),
     )
 
 
-def describe_reproduction(found: Reproduction) -> Tile:
-    """Return how many replays failed again, of those tried, and how near they came if none did."""
+def describe_reproduction(found: Reproduction, unit: str) -> Tile:
+    """Return how many replays failed again, of those tried, and how near they came if none did.
+
+    Args:
+        found: count of the replays.
+        unit: unit of robustness; empty for a function.
+    """
     rate = found.rate
     if rate is None:
         return NOT_TRIED
-    nearest = format_number(found.smallest_robustness_m)
-    lines = () if rate.k else (f"smallest robustness {nearest}\u00a0m",)
+    nearest = "\u00a0".join(filter(None, (format_number(found.smallest_robustness_m), unit)))
+    lines = () if rate.k else (f"smallest robustness {nearest}",)
     return Tile(f"{rate.k} of {rate.n}", lines)
 
 
-def make_scenario_line(scenario: ProvenScenario) -> ScenarioLine:
+def make_scenario_line(scenario: ProvenScenario, unit: str) -> ScenarioLine:
     """Return the line of a scenario."""
     return ScenarioLine(
         words=scenario.words,
         campaign=scenario.campaign,
         badge=make_scenario_badge(scenario),
-        eigenfailures=describe_reproduction(scenario.eigenfailures),
-        medoids=describe_reproduction(scenario.medoids),
+        eigenfailures=describe_reproduction(scenario.eigenfailures, unit),
+        medoids=describe_reproduction(scenario.medoids, unit),
     )
 
 

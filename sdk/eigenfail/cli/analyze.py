@@ -20,10 +20,12 @@ from eigenfail.presentation.analyses import (
     describe_proof,
     list_mode_words,
 )
+from eigenfail.presentation.tables import Block
 from eigenfail.presentation.terminal import render
 from eigenfail.settings import convert
 from eigenfail.values import Analysis, AnalysisSettings, AnalysisState, Proof
 from eigenfail.values.analysis import JOINT, Centre
+from eigenfail.worlds import world_of
 
 app = typer.Typer(add_completion=False)
 
@@ -142,13 +144,20 @@ def analyze(
     with interruptible(), connect_to(context, url) as client:
         analysis = find_or_run_analysis(client, campaign, settings)
         proof = prove_analysis(client, analysis.id, variation or ()) if prove else None
+        proven = tabulate_proof(client, analysis, proof) if proof else ()
     if as_json:
         typer.echo(to_json({"analysis": analysis, "proof": proof}))
     elif analysis.result:
         result = analysis.result
         found = (*describe_modes(campaign, result), *describe_findings(result))
-        proven = describe_proof(proof, result.cluster_noun) if proof else ()
         make_console().print(render(*found, *list_mode_words(result), *proven))
+
+
+def tabulate_proof(client: Client, analysis: Analysis, proof: Proof) -> tuple[Block, ...]:
+    """Return the proof of an analysis, in the units of its campaign's world."""
+    spec = client.campaigns.get(analysis.campaign).spec
+    noun = analysis.result.cluster_noun if analysis.result else "mode"
+    return describe_proof(proof, noun, has_road=world_of(spec.simulator).has_road)
 
 
 def find_or_run_analysis(client: Client, campaign: int, settings: AnalysisSettings) -> Analysis:

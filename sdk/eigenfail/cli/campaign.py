@@ -46,6 +46,7 @@ from eigenfail.presentation.terminal import render
 from eigenfail.values import Campaign, CampaignState, Priority
 from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.wire.http import make_error
+from eigenfail.worlds import world_of
 
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print only the id of the launched campaign.")
@@ -264,7 +265,8 @@ def course(
     """Show how failure rate, likelihood and robustness moved: the learning curve."""
     with connect_to(context, url) as client:
         found = client.campaigns.course(campaign, per)
-    show(found, as_json, lambda: render(*tabulate_course(found)))
+        has_road = world_of(client.campaigns.get(campaign).spec.simulator).has_road
+    show(found, as_json, lambda: render(*tabulate_course(found, has_road=has_road)))
 
 
 _add_steering(app)

@@ -30,7 +30,7 @@ from eigenfail.values import CampaignSpec, Outcome, Replayed
 from eigenfail.values.records import EpisodeDetail
 from eigenfail.values.report import ExportFormat
 from eigenfail.versions import differences, versions
-from eigenfail.worlds import drawn_for
+from eigenfail.worlds import drawn_for, world_of
 
 DIFFERENT = 1
 
@@ -257,8 +257,13 @@ def show_episode(
     """Show one episode; with --json its noise and scene, too."""
     found, spec = find_stored_episode(context, url, episode)
     drawn_here = drawn_for(spec, found.seed)
+    has_road = world_of(spec.simulator).has_road
     campaign, _ = parse_episode_id(episode)
-    show(found, as_json, lambda: render(list_episode_facts(campaign, found, drawn_here)))
+    show(
+        found,
+        as_json,
+        lambda: render(list_episode_facts(campaign, found, drawn_here, has_road=has_road)),
+    )
 
 
 for page in (replay, explain, shrink):

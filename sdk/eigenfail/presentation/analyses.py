@@ -43,7 +43,7 @@ LEAST_EXPLAINED = 0.5
 """Share of the variance below which eigenfailures are far from the failures they stand for."""
 
 LIKELIHOODS = (
-    "log p: natural logarithm of the density of the noise [1/m²]. That of p(x) is the mean of "
+    "log p: natural logarithm of the density of the noise{unit}. That of p(x) is the mean of "
     "random noise under p(x) over the same steps; noise of zeros has the largest log p."
 )
 TOO_FEW = "Eigenfailures of so few components may not fail again: use more with --components."
@@ -243,21 +243,23 @@ def tabulate_sources(result: AnalysisResult) -> Table:
     return Table("Analysed campaigns", (*columns, *name_columns("State then")), rows)
 
 
-def describe_proof(proof: Proof, noun: str = "mode") -> tuple[Block, ...]:
+def describe_proof(proof: Proof, noun: str = "mode", *, has_road: bool = True) -> tuple[Block, ...]:
     """Return the replays of a proof, and how many of them failed again.
 
     Args:
-        proof: of an analysis.
+        proof: results of the replays so far.
         noun: what the analysis calls its clusters, see `AnalysisResult.cluster_noun`.
+        has_road: whether robustness and noise are distances [m]; those of a function have no unit.
     """
-    return (tabulate_replays(proof, noun), *count_reproductions(proof, noun))
+    replays = tabulate_replays(proof, noun, has_road=has_road)
+    return (replays, *count_reproductions(proof, noun, has_road=has_road))
 
 
-def tabulate_replays(proof: Proof, noun: str = "mode") -> Table:
+def tabulate_replays(proof: Proof, noun: str = "mode", *, has_road: bool = True) -> Table:
     """Return the replays, one a row, with log p of each and the expected log p of noise of p(x)."""
     columns = (
         *name_columns("Scenario", noun.capitalize(), "Replayed", "Outcome"),
-        TableColumn("Robustness", "m"),
+        TableColumn("Robustness", "m" if has_road else ""),
         TableColumn("log p", "nats", digits=5),
         TableColumn("log p/step", "nats"),
         TableColumn("log p of p(x)", "nats", digits=5),
@@ -268,7 +270,9 @@ def tabulate_replays(proof: Proof, noun: str = "mode") -> Table:
         for scenario in proof.scenarios
         for replay in scenario.replays
     )
-    return Table("Replays", columns, rows, (LIKELIHOODS,))
+    return Table(
+        "Replays", columns, rows, (LIKELIHOODS.format(unit=" [1/m²]" if has_road else ""),)
+    )
 
 
 def _list_replay(replay: ReplayedNoise) -> tuple[Cell, ...]:
@@ -281,15 +285,19 @@ def _list_replay(replay: ReplayedNoise) -> tuple[Cell, ...]:
     )
 
 
-def count_reproductions(proof: Proof, noun: str = "mode") -> Iterator[str]:
+def count_reproductions(
+    proof: Proof, noun: str = "mode", *, has_road: bool = True
+) -> Iterator[str]:
     """Return how many replays failed again, of those tried, in sentences."""
-    yield f"{_count_failed_again(proof.reproduced, 'eigenfailures')} in the same scenario."
+    unit = "m" if has_road else ""
+    yield f"{_count_failed_again(proof.reproduced, 'eigenfailures', unit)} in the same scenario."
     if len(proof.scenarios) > 1:
         pairs = f"({len(proof.modes)} {noun}s, {len(proof.scenarios)} scenarios)"
-        yield f"{_count_failed_again(proof.eigenfailures, 'replays of eigenfailures')} {pairs}."
-        yield f"{_count_failed_again(proof.medoids, 'replays of medoids')} {pairs}."
+        kinds = {"eigenfailures": proof.eigenfailures, "medoids": proof.medoids}
+        for kind, found in kinds.items():
+            yield f"{_count_failed_again(found, f'replays of {kind}', unit)} {pairs}."
     for mode in proof.modes:
-        parts = (format_reproduction(mode.eigenfailure), format_reproduction(mode.medoid))
+        parts = [format_reproduction(each, unit) for each in (mode.eigenfailure, mode.medoid)]
         who = f"{noun.capitalize()} {mode.mode + 1}"
         yield f"{who}: eigenfailure {parts[0]}; medoid {parts[1]}."
         if mode.nearest:
@@ -298,18 +306,20 @@ def count_reproductions(proof: Proof, noun: str = "mode") -> Iterator[str]:
             yield f"{who}: {NO_FAILURE}"
 
 
-def _count_failed_again(found: Reproduction, replayed: str) -> str:
+def _count_failed_again(found: Reproduction, replayed: str, unit: str) -> str:
     if found.rate is None:
         return f"None of the {replayed} was completed"
     words = f"{found.rate.k} of {found.rate.n} {replayed} reproduced a failure"
-    nearest = f"(nearest {format_number(found.smallest_robustness_m)} m)"
-    return words if found.rate.k else f"{words} {nearest}"
+    return words if found.rate.k else f"{words} {_format_nearest(found, unit)}"
 
 
-def format_reproduction(found: Reproduction) -> str:
-    """Return the count of replays that failed again, and how near the others came."""
+def _format_nearest(found: Reproduction, unit: str) -> str:
+    return f"(nearest {' '.join(filter(None, (format_number(found.smallest_robustness_m), unit)))})"
+
+
+def format_reproduction(found: Reproduction, unit: str) -> str:
+    """Return the count of replays that failed again, and how near the others came, in a unit."""
     if found.rate is None:
         return "not replayed"
     words = f"{found.rate.k} of {found.rate.n}"
-    nearest = format_number(found.smallest_robustness_m)
-    return words if found.rate.k else f"{words} (nearest {nearest} m)"
+    return words if found.rate.k else f"{words} {_format_nearest(found, unit)}"

@@ -243,9 +243,14 @@ def describe_classes(conflicts: Conflicts) -> str:
     return ", ".join(f"{format_count(count)} {words}" for count, words in classes)
 
 
-def tabulate_course(course: Course) -> tuple[Block, ...]:
-    """Return the blocks of a course, one a row, under what it shows."""
-    robustness = TableColumn("Median robustness", "m")
+def tabulate_course(course: Course, *, has_road: bool = True) -> tuple[Block, ...]:
+    """Return the blocks of a course, one a row, under what it shows.
+
+    Args:
+        course: blocks of its episodes.
+        has_road: whether robustness is a distance [m]; that of a function has no unit.
+    """
+    robustness = TableColumn("Median robustness", "m" if has_road else "")
     counts = count_columns("Completed", "Failures")
     columns = (*name_columns("Episodes"), *counts, RATE, LIKELIHOOD, robustness)
     rows = tuple(
@@ -262,9 +267,15 @@ def tabulate_course(course: Course) -> tuple[Block, ...]:
 
 
 def tabulate_safety_measures(found: Safety) -> Table:
-    """Return the number of episodes beyond each threshold, the medians and the worst cases."""
+    """Return the number of episodes beyond each threshold, the medians and the worst cases.
+
+    Of a function, only the number of failures.
+    """
     ttc, drac = found.ttc, found.drac
     counts = (TableColumn("Episodes"), TableColumn("Share [95 %]"))
+    if not found.measures_traffic:
+        failures = ("Failure", *_count_rate(found.collisions))
+        return Table("Safety measures", (*name_columns("Measure"), *counts), (failures,))
     columns = (*name_columns("Measure"), *counts, *count_columns("Median", "Worst", "n"))
     rows = (
         ("Collision", *_count_rate(found.collisions), None, None, None),
@@ -308,8 +319,16 @@ def _explain_figure(value: Figure | None, basis: str) -> FormattedCell:
 
 
 def describe_safety(found: Safety) -> tuple[Block, ...]:
-    """Return the safety measures of a campaign, the classes and the severity of its collisions."""
+    """Return the safety measures of a campaign, the classes and the severity of its collisions.
+
+    Those of a function have neither; its notes say so.
+    """
     title = f"Safety measures of campaign {found.campaign}, {found.name} ({found.method}): "
+    heading = f"{title}{format_count(found.completed)} episodes"
+    measures = tabulate_safety_measures(found)
+    notes = list_notes([(found.severity.problem, *found.notes)])
+    if not found.measures_traffic:
+        return (heading, measures, "", *notes)
     conflicts, severity = found.conflicts, list_severity(found)
     leads = (format_line(conflicts.ttc_lead), format_line(conflicts.drac_lead))
     rows = (
@@ -318,11 +337,11 @@ def describe_safety(found: Safety) -> tuple[Block, ...]:
         *((name, f"{cell.line} ({', '.join(cell.basis)})") for name, cell in severity),
     )
     return (
-        f"{title}{format_count(found.completed)} episodes",
-        tabulate_safety_measures(found),
+        heading,
+        measures,
         "",
         FactTable("Collisions", rows),
-        *list_notes([(found.severity.problem, *found.notes)]),
+        *notes,
     )
 
 

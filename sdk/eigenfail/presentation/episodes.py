@@ -77,23 +77,37 @@ def format_class(assessed: Assessment) -> str:
     return assessed.beside((assessed.conflict or UNKNOWN).replace("_", " "))
 
 
-def list_episode_facts(campaign: int, result: EpisodeDetail, drawn: Mapping[str, Any]) -> FactTable:
-    """Return one episode with the scenario parameters that it drew, and its measures."""
+def list_episode_facts(
+    campaign: int, result: EpisodeDetail, drawn: Mapping[str, Any], *, has_road: bool
+) -> FactTable:
+    """Return one episode with the scenario parameters that it drew, and its measures.
+
+    Of a function robustness alone was measured, which has no unit.
+    """
     likelihood = format_number(result.noise.log_probability, LOG_P_DIGITS)
     rows = [
         ("episode", f"{campaign}/{result.index}, seed {result.seed}"),
         ("outcome", result.outcome.word),
-        ("class", result.assessed.words or UNKNOWN),
+        *([("class", result.assessed.words or UNKNOWN)] if has_road else []),
         ("steps", str(result.steps)),
         *(("scenario", f"{name} = {value}") for name, value in drawn.items()),
         ("disturbances", f"from {result.source}, log p {likelihood}"),
-        *(list_measures(result.measures, result.assessed) if result.measures else ()),
+        *_list_measured(result, has_road=has_road),
         ("scene", "stored" if result.scene else "not stored"),
         ("digest", result.digest()),
     ]
     if result.fault:
         rows.append(("problem", f"{result.fault.kind}: {result.fault.message}"))
     return FactTable("Episode", tuple(rows))
+
+
+def _list_measured(result: EpisodeDetail, *, has_road: bool) -> Iterator[tuple[str, str]]:
+    if result.measures is None:
+        return
+    if has_road:
+        yield from list_measures(result.measures, result.assessed)
+    else:
+        yield "robustness", format_number(result.measures.robustness_m)
 
 
 def list_measures(measures: Measures, assessed: Assessment) -> Iterator[tuple[str, str]]:

@@ -73,7 +73,8 @@ class Violations(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         threshold: limit of a violation: values below it for MinTTC, above it for DRAC.
-        beyond: episodes beyond it ÷ completed episodes; None before the first one.
+        beyond: episodes beyond it ÷ completed episodes; None before the first one, and where it
+            is not measured.
         n: how many episodes have the measure; median and worst are over these.
         worst: the smallest MinTTC, or the largest DRAC.
     """
@@ -134,8 +135,9 @@ class Safety(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
     """The safety measures of a campaign (paper, section on safety measures).
 
     Attributes:
-        collisions: ÷ completed episodes; None before the first one, as `near_misses`.
-        near_misses: MinTTC < 1.5 s without a collision ÷ completed episodes.
+        collisions: failures ÷ completed episodes; None before the first one, as `near_misses`.
+        near_misses: MinTTC < 1.5 s without a collision ÷ completed episodes; None too where the
+            system under test is a function, as the shares of `ttc` and `drac`.
         conflicts: unavoidable versus planner failures, and the mean lead times.
         unresolved: episodes that are no collisions only because they ended.
         ttc: distribution of MinTTC [s].
@@ -159,3 +161,8 @@ class Safety(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
     scatter: Scatter
     unresolved: Unresolved = Unresolved()
     notes: tuple[str, ...] = ()
+
+    @property
+    def measures_traffic(self) -> bool:
+        """Whether episodes have times to collision and classes: those of a function have none."""
+        return self.near_misses is not None or not self.completed

@@ -35,6 +35,7 @@ from eigenfail.values import (
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
 from eigenfail.values.safety import TAIL_LEVEL, FailurePoint
 from eigenfail.values.summary import MOST_BLOCKS
+from eigenfail.worlds import world_of
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.statistics.comparison import rank_correlation
 from eigenfail_services.statistics.tail_risk import tail_risk
@@ -264,6 +265,15 @@ def _find_longest_gap(gaps_s: Sequence[float], total_s: float) -> float:
     return float("inf")
 
 
+NO_SEVERITY = "No failure has a severity."
+
+
+NO_SEVERITY_OF_FUNCTION = "Severity is not measured for a function."
+
+
+NO_TRAFFIC = "Near misses, MinTTC, DRAC and conflict classes are not measured for a function."
+
+
 def make_safety(
     campaign: Campaign,
     totals: SafetyTotals,
@@ -272,6 +282,8 @@ def make_safety(
     level: float = TAIL_LEVEL,
 ) -> Safety:
     """Return the safety table of a campaign, from the sums over its completed episodes.
+
+    Of a function only the failures are counted: it has no traffic that could be measured.
 
     Args:
         campaign: as it stands.
@@ -287,6 +299,10 @@ def make_safety(
     severity, correlation = tail_risk(totals.severities, level), _correlate(totals.points)
     if not traits_of(method).independent:
         severity, correlation = _drop_intervals(severity), _drop_interval(correlation)
+    has_road = world_of(campaign.spec.simulator).has_road
+    if totals.failures and not len(totals.severities):
+        severity = replace(severity, problem=NO_SEVERITY if has_road else NO_SEVERITY_OF_FUNCTION)
+    measured = totals.completed if has_road else 0
     return Safety(
         campaign=campaign.id,
         name=campaign.spec.name,
@@ -295,10 +311,10 @@ def make_safety(
         collisions=_make_share(
             SamplingDesign.of_failures([campaign]), totals.failures, totals.completed
         ),
-        near_misses=_make_share(design, conflicts.near_misses, totals.completed),
+        near_misses=_make_share(design, conflicts.near_misses, measured),
         conflicts=conflicts,
-        ttc=_count_violations(design, totals.ttc, NEAR_MISS_TTC_S, totals.completed),
-        drac=_count_violations(design, totals.drac, PEAK_BRAKING_MPS2, totals.completed),
+        ttc=_count_violations(design, totals.ttc, NEAR_MISS_TTC_S, measured),
+        drac=_count_violations(design, totals.drac, PEAK_BRAKING_MPS2, measured),
         severity=severity,
         scatter=Scatter(totals.points, len(totals.severities), correlation),
         unresolved=unresolved,
@@ -350,12 +366,19 @@ def _list_notes(campaign: Campaign, totals: SafetyTotals, unresolved: Unresolved
     """What the numbers cannot know."""
     if words := unresolved.words(totals.completed):
         yield words
+    has_road = world_of(campaign.spec.simulator).has_road
     if totals.failures and not traits_of(campaign.spec.method).draws_from_prior:
+        figures = "shares, medians and severities are" if has_road else "the share of failures is"
+        lacks = ", and have no interval" if has_road else ", and has no interval"
         yield (
-            f"The episodes are those that {campaign.spec.method} chose: shares, medians and "
-            "severities are of these, not of what p(x) would bring"
-            f"{'' if traits_of(campaign.spec.method).independent else ', and have no interval'}."
+            f"The episodes are those that {campaign.spec.method} chose: {figures} of these, "
+            "not of what p(x) would bring"
+            f"{'' if traits_of(campaign.spec.method).independent else lacks}."
         )
+    if not has_road:
+        if totals.completed:
+            yield NO_TRAFFIC
+        return
     if missing := totals.failures - len(totals.severities):
         yield f"{missing} of {totals.failures} failures have no severity and are left out of it."
     if len(totals.points) < len(totals.severities):

@@ -1,10 +1,11 @@
 """Safety measures, learning curves, and likelihood against severity."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING
 
 from eigenfail.presentation.figures import (
     UNKNOWN,
+    count_noun,
     format_interval,
     format_number,
     format_percent_interval,
@@ -64,6 +65,11 @@ HOW_TO_READ = (
 )
 
 
+FUNCTION_WORDS = (
+    "A failure of a function is an episode in which its answer, the robustness, is 0 or less."
+)
+
+
 def make_safety(material: Material) -> ReportPart:
     """The measures side by side."""
     subjects = material.subjects
@@ -71,12 +77,31 @@ def make_safety(material: Material) -> ReportPart:
     section = ReportSection(
         name="safety",
         title="Safety measures",
-        words=(HOW_TO_READ, *(note for subject in subjects for note in list_notes(subject))),
+        words=(
+            material.pick_words(HOW_TO_READ, FUNCTION_WORDS),
+            *(note for subject in subjects for note in list_notes(subject)),
+        ),
         tables=(
             make_table("safety", "Safety measures of all completed episodes", SAFETY_COLUMNS, rows),
         ),
     )
-    return ReportPart(section, {"safety": make_comparison_grids(subjects, FIGURES)})
+    return ReportPart(
+        section, {"safety": make_comparison_grids(subjects, choose_figures(material))}
+    )
+
+
+def choose_figures(material: Material) -> Mapping[str, Callable[[Subject], tuple[str, ...]]]:
+    """Return the rows of the table: no measures of traffic where every campaign has a function."""
+    if not material.has_functions:
+        return {"Collisions": count_failures, **TRAFFIC}
+    measured = {name: _omit_of_functions(figure) for name, figure in TRAFFIC.items()}
+    return {"Failures": count_failures, **(measured if material.has_roads else {})}
+
+
+def _omit_of_functions(
+    figure: Callable[[Subject], tuple[str, ...]],
+) -> Callable[[Subject], tuple[str, ...]]:
+    return lambda subject: figure(subject) if subject.has_road else (UNKNOWN,)
 
 
 def list_notes(subject: Subject) -> tuple[str, ...]:
@@ -88,8 +113,13 @@ def list_notes(subject: Subject) -> tuple[str, ...]:
 
 
 def list_measure_rows(subject: Subject) -> list[tuple[Cell, ...]]:
-    """Return a row for each measure: a count, or statistics over n episodes."""
+    """Return a row for each measure: a count, or statistics over n episodes.
+
+    A function has a row for its failures alone.
+    """
     found = subject.safety
+    if not subject.has_road:
+        return [(subject.id, "failures", *format_safety_share(found.collisions))]
     conflicts, collided = found.conflicts, subject.summary.counts.failures
     rows = (
         ("collisions", *format_safety_share(found.collisions)),
@@ -184,8 +214,12 @@ def format_risk(subject: Subject, found: Number | None) -> tuple[str, ...]:
     return (format_number(found.value), f"{bounds}{n}")
 
 
-FIGURES = {
-    "Collisions": lambda s: format_count(s.safety.collisions),
+def count_failures(subject: Subject) -> tuple[str, ...]:
+    """Return how many of the completed episodes failed."""
+    return format_count(subject.safety.collisions)
+
+
+TRAFFIC: Mapping[str, Callable[[Subject], tuple[str, ...]]] = {
     "Near misses": lambda s: format_count(s.safety.near_misses),
     "Unresolved at the horizon": lambda s: (
         f"{s.safety.unresolved.count:,} of {s.safety.completed:,}",
@@ -231,6 +265,9 @@ LIKELIHOOD_WORDS = (
 NONE_FOUND = "No failure has been found, so there is nothing to draw."
 
 
+NOT_SEVERE = "No failure has a severity, so there is nothing to draw."
+
+
 def make_likelihood(material: Material) -> ReportPart:
     """The failures of all campaigns."""
     failing = [subject for subject in material.subjects if subject.safety.scatter.points]
@@ -241,7 +278,7 @@ def make_likelihood(material: Material) -> ReportPart:
     section = ReportSection(
         name="likelihood",
         title="Likelihood and severity of failures",
-        words=(LIKELIHOOD_WORDS, *list_correlations(failing)) if failing else (NONE_FOUND,),
+        words=(*list_likelihood_words(material, failing), *list_unmeasured(material)),
         tables=(make_table(LIKELIHOOD_TABLE, "Failures", LIKELIHOOD_COLUMNS, rows, notes),),
         pictures=tuple(
             describe_likelihood_picture(name, group)
@@ -252,6 +289,29 @@ def make_likelihood(material: Material) -> ReportPart:
         section,
         drawings={name: draw_likelihood(of) for name, of in group_subjects(failing, PICTURE)},
     )
+
+
+def list_likelihood_words(material: Material, failing: list[Subject]) -> Iterator[str]:
+    """Yield how to read the picture, or why there is none: functions have none by themselves."""
+    if failing:
+        yield LIKELIHOOD_WORDS
+        yield from list_correlations(failing)
+    elif any(each.has_road and each.summary.counts.failures for each in material.subjects):
+        yield NOT_SEVERE
+    elif not any(each.summary.counts.failures for each in material.subjects):
+        yield NONE_FOUND
+
+
+def list_unmeasured(material: Material) -> Iterator[str]:
+    """Yield which failures are not drawn, since those of a function have no severity."""
+    for each in material.subjects:
+        failures = each.summary.counts.failures
+        if failures and not each.has_road:
+            yield (
+                f"Campaign {each.id}: severity is not measured for a function, so that its "
+                f"{count_noun(failures, 'failure')} "
+                f"{'is' if failures == 1 else 'are'} not drawn."
+            )
 
 
 def list_likelihood(campaign: int, point: FailurePoint) -> tuple[Cell, ...]:
@@ -342,8 +402,6 @@ LEARNING_COLUMNS = (
     ("failure_rate_low", "from", "share"),
     ("failure_rate_high", "to", "share"),
     ("log_p_per_step", "log p per step of the failures", "nat"),
-    ("smallest_robustness_m", "Smallest robustness", "m"),
-    ("median_robustness_m", "Median robustness", "m"),
 )
 
 
@@ -362,11 +420,16 @@ def make_learning(material: Material) -> ReportPart:
         describe_learning_picture(name, group)
         for name, group in group_subjects(begun, LEARNING_TABLE)
     )
+    columns = (
+        *LEARNING_COLUMNS,
+        ("smallest_robustness_m", "Smallest robustness", material.robustness_unit),
+        ("median_robustness_m", "Median robustness", material.robustness_unit),
+    )
     section = ReportSection(
         name="learning",
         title="Learning curve",
         words=(LEARNING_WORDS,) if begun else ("No episode has ended yet.",),
-        tables=(make_table(LEARNING_TABLE, "Failures over episodes", LEARNING_COLUMNS, rows),),
+        tables=(make_table(LEARNING_TABLE, "Failures over episodes", columns, rows),),
         pictures=pictures,
     )
     drawings = {name: draw_learning(group) for name, group in group_subjects(begun, LEARNING_TABLE)}

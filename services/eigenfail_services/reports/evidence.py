@@ -47,7 +47,6 @@ SCENARIO_COLUMNS = (
     ("what", "What was injected"),
     ("reproduced", "Failed again"),
     ("tried", "Tried"),
-    ("smallest_robustness_m", "Smallest robustness", "m"),
 )
 
 
@@ -58,14 +57,17 @@ REPLAY_COLUMNS = (
     ("what", "What was injected"),
     ("mode", "Mode"),
     ("reproduced", "Failed again"),
-    ("robustness_m", "Robustness", "m"),
+)
+
+
+LIKELIHOOD_COLUMNS = (
     ("log_p", "log p", "nat"),
     ("expected_log_p", "Mean log p of p(x)", "nat"),
 )
 
 
 PROOF_WORDS = (
-    "An eigenfailure is injected again: if it ends in a collision in the scenario in which its "
+    "An eigenfailure is injected again: if it ends in a {failure} in the scenario in which its "
     "failures were found, it is a failure itself, and says more if it is one in others too. "
     "Medoids are failures that happened, injected in the same way. Replays are deterministic and "
     "repeat chosen noise: they are counted, and their share estimates no probability."
@@ -91,15 +93,23 @@ def make_proof(material: Material) -> ReportPart | None:
     proven = [each for each in proofs if each.proof.scenarios]
     if not proven:
         return None
+    unit = material.robustness_unit
+    scenario_columns = (*SCENARIO_COLUMNS, ("smallest_robustness_m", "Smallest robustness", unit))
+    replay_columns = (
+        *REPLAY_COLUMNS,
+        ("robustness_m", "Robustness", unit),
+        *LIKELIHOOD_COLUMNS,
+    )
+    failure = "failure" if material.has_functions else "collision"
     section = ReportSection(
         name="proof",
         title="Replays of modes",
-        words=(PROOF_WORDS, *map(describe_proof, proven)),
+        words=(PROOF_WORDS.format(failure=failure), *map(describe_proof, proven)),
         tables=(
             make_table(
-                SCENARIOS, "Replays by scenario", SCENARIO_COLUMNS, [*list_scenario_rows(proven)]
+                SCENARIOS, "Replays by scenario", scenario_columns, [*list_scenario_rows(proven)]
             ),
-            make_table(REPLAYS, "Each replay", REPLAY_COLUMNS, [*replay_rows(proven)]),
+            make_table(REPLAYS, "Each replay", replay_columns, [*replay_rows(proven)]),
         ),
     )
     rows = tuple(row for each in proven for row in list_scenario_texts(each))

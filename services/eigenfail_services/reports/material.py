@@ -50,6 +50,11 @@ class Subject(NamedTuple):
         return self.campaign.id
 
     @property
+    def has_road(self) -> bool:
+        """Whether vehicles drive in it; no function has them."""
+        return world_of(self.campaign.spec.simulator).has_road
+
+    @property
     def label(self) -> str:
         """Its number and name, short enough for a picture."""
         name = self.campaign.spec.name
@@ -62,6 +67,27 @@ class Material(NamedTuple):
 
     store: Store
     subjects: tuple[Subject, ...]
+
+    @property
+    def has_roads(self) -> bool:
+        """Whether vehicles drive in a campaign."""
+        return any(subject.has_road for subject in self.subjects)
+
+    @property
+    def has_functions(self) -> bool:
+        """Whether a campaign has a function as the system under test."""
+        return not all(subject.has_road for subject in self.subjects)
+
+    @property
+    def robustness_unit(self) -> str:
+        """Unit of robustness; that of a function has none."""
+        if not self.has_functions:
+            return "m"
+        return "m on the road" if self.has_roads else ""
+
+    def pick_words(self, road: str, function: str) -> str:
+        """Return the words on the kinds of campaigns in the report, those on roads first."""
+        return " ".join([road] * self.has_roads + [function] * self.has_functions)
 
 
 def gather_material(store: Store, campaigns: Sequence[int]) -> Material:

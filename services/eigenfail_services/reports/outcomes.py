@@ -1,7 +1,7 @@
 """The first sections of a report: results, set-up and provenance."""
 
 import platform
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any, NamedTuple
 
@@ -72,13 +72,32 @@ RESULTS_COLUMNS = (
 )
 
 
-HOW_TO_READ = (
-    "A failure rate is the share of completed episodes with a collision within the horizon. "
-    "Intervals are 95 % confidence intervals. Severity is ‖v_ego − v_actor‖² at the "
-    "collision. log p is the log-density of the injected noise; per step it can be compared "
-    "between episodes of different length, and higher is likelier. Cost is that of computing, not "
-    "of collisions."
+RATE_ON_ROADS = (
+    "A failure rate is the share of completed episodes with a collision within the horizon."
 )
+RATE_OF_FUNCTIONS = (
+    "The failure rate of a function is the share of completed episodes in which its answer, the "
+    "robustness, is 0 or less."
+)
+INTERVALS = "Intervals are 95 % confidence intervals."
+SEVERITY = "Severity is ‖v_ego − v_actor‖² at the collision."
+LIKELIHOOD = (
+    "log p is the log-density of the injected noise; per step it can be compared between episodes "
+    "of different length, and higher is likelier."
+)
+
+
+def describe_columns(material: Material) -> str:
+    """Return how to read the results of the kinds of campaigns in a report."""
+    return " ".join(
+        (
+            material.pick_words(RATE_ON_ROADS, RATE_OF_FUNCTIONS),
+            INTERVALS,
+            *([SEVERITY] if material.has_roads else []),
+            LIKELIHOOD,
+            f"Cost is that of computing{', not of collisions' if material.has_roads else ''}.",
+        )
+    )
 
 
 def make_results(material: Material) -> ReportPart:
@@ -90,7 +109,7 @@ def make_results(material: Material) -> ReportPart:
         words=(
             *map(describe_outcome, subjects),
             *warn_of_seeds([s.campaign for s in subjects]),
-            HOW_TO_READ,
+            describe_columns(material),
         ),
         tables=(
             make_table(
@@ -101,7 +120,9 @@ def make_results(material: Material) -> ReportPart:
             ),
         ),
     )
-    return ReportPart(section, {"results": make_comparison_grids(subjects, FIGURES)})
+    return ReportPart(
+        section, {"results": make_comparison_grids(subjects, choose_figures(material))}
+    )
 
 
 def list_results(subject: Subject) -> tuple[Cell, ...]:
@@ -132,7 +153,9 @@ def rate_cells(subject: Subject) -> tuple[Cell, ...]:
     """The failure rate with its interval and time limit, and episodes that ended too early."""
     rate, ended = subject.summary.failure_rate, subject.summary.unresolved
     bounds = (rate.value, *list_bounds(rate)) if rate else (None,) * 3
-    return (*bounds, ended.horizon_s, ended.count, ended.not_known)
+    # No episode of a function could end before a collision that is certain.
+    unresolved = (ended.count, ended.not_known) if subject.has_road else (None, None)
+    return (*bounds, ended.horizon_s, *unresolved)
 
 
 def make_cost_cells(subject: Subject) -> tuple[Cell, ...]:
@@ -187,7 +210,10 @@ def describe_basis(subject: Subject) -> str:
     return f"n = {format_count(subject.summary.counts.failures)}"
 
 
-FIGURES = {
+SEVERITY_FIGURE = "Mean severity of the failures [m²/s²]"
+
+
+FIGURES: Mapping[str, Callable[[Subject], tuple[str, ...]]] = {
     "Method": lambda s: (s.campaign.spec.method,),
     "State": lambda s: (s.campaign.state_word,),
     "Episodes completed": lambda s: (format_count(s.summary.counts.completed),),
@@ -202,13 +228,19 @@ FIGURES = {
         format_number(s.summary.log_probability_per_step),
         describe_basis(s),
     ),
-    "Mean severity of the failures [m²/s²]": lambda s: (
-        format_number(s.summary.mean_severity),
-        describe_basis(s),
+    SEVERITY_FIGURE: lambda s: (
+        (format_number(s.summary.mean_severity), describe_basis(s)) if s.has_road else (UNKNOWN,)
     ),
     "Failure probability under p(x)": lambda s: format_cell(s.summary.estimate).lines,
     "Episodes per second": lambda s: (format_number(s.summary.episodes_per_s),),
 }
+
+
+def choose_figures(material: Material) -> Mapping[str, Callable[[Subject], tuple[str, ...]]]:
+    """Return the rows of the table: no severity where every campaign has a function."""
+    if material.has_roads:
+        return FIGURES
+    return {name: figure for name, figure in FIGURES.items() if name != SEVERITY_FIGURE}
 
 
 SETUP, DEFAULTS = "setup", "defaults"
@@ -225,12 +257,18 @@ DEFAULT_COLUMNS = (
 )
 
 
-MEANING = (
+ON_ROADS = (
     "A campaign searches with one method for disturbances under which one planner collides. A "
     "disturbance is added to the position at which the planner sees the nearest vehicle, at every "
-    "step: a_t = σ_t · u_t, with |dx| and |dy| the true distances along and across the road. "
-    "Settings that are not listed here had their defaults, which stand below."
+    "step: a_t = σ_t · u_t, with |dx| and |dy| the true distances along and across the road."
 )
+OF_FUNCTIONS = (
+    "A campaign on a function searches with one method for noise under which the function fails: "
+    "its answer, the robustness, is 0 or less. Its noise, at every step and in every channel, is "
+    "a = σ · u, with σ the scale of the disturbance model, and u made of independent standard "
+    "normal z by the shape of the model."
+)
+NOT_LISTED = "Settings that are not listed here had their defaults, which stand below."
 
 
 KINDS = {
@@ -257,7 +295,7 @@ def make_setup(material: Material) -> ReportPart:
     section = ReportSection(
         name="setup",
         title="Set-up",
-        words=(MEANING,),
+        words=(f"{material.pick_words(ON_ROADS, OF_FUNCTIONS)} {NOT_LISTED}",),
         tables=(
             make_table(SETUP, "What was asked for", SETUP_COLUMNS, rows),
             make_table(DEFAULTS, "Defaults of this release", DEFAULT_COLUMNS, unset),

@@ -5,9 +5,11 @@ from msgspec.structs import replace
 
 from eigenfail.errors import ServiceBusy, ServiceError
 from eigenfail.values import (
+    CampaignSpec,
     CampaignState,
     ExplainedStep,
     Explanation,
+    Measures,
     Outcome,
     Replayed,
 )
@@ -52,6 +54,24 @@ def test_an_account_has_story_moments_and_verdict(check_page, campaign, deliver,
     deliver(campaign, result(0, Outcome.COLLISION))
     explained(explanation(True, ACCOUNTS))
     check_page("dashboard/account/same", f"/campaigns/{campaign}/episodes/0/account")
+
+
+def test_a_failure_of_a_function_shows_its_robustness_alone(look, store, deliver, result):
+    spec = CampaignSpec(
+        name="f",
+        method="monte_carlo",
+        episodes=2,
+        simulator="function",
+        scenario="function",
+        planner="my_module:robustness",
+        scenario_parameters={"steps": 4},
+    )
+    campaign = store.campaigns.create(spec).id
+    deliver(campaign, replace(result(0, Outcome.COLLISION), scene=None, measures=Measures(0.0)))
+    text = look(f"/campaigns/{campaign}/episodes/0")
+    assert "Robustness 0 log p" in text
+    for absent in ("Footprints apart", "never", "Severity", "not classified", "MinTTC", "Ride"):
+        assert absent not in text
 
 
 def test_an_account_of_another_course_is_not_put_beside_this_one(

@@ -33,11 +33,12 @@ def replayed(deliver, result):
 def test_replays_are_counted_without_an_interval():
     found = Reproduction(rate(3, 4), 0.0)
     assert isinstance(found.rate, Rate)
-    figure = describe_reproduction(found)
+    figure = describe_reproduction(found, "m")
     assert (figure.value, figure.notes) == ("3 of 4", ())
-    (nearest,) = describe_reproduction(Reproduction(rate(0, 2), 1.25)).notes
-    assert nearest == "smallest robustness 1.25\u00a0m"
-    assert describe_reproduction(Reproduction()) == NOT_TRIED
+    for unit, words in (("m", "1.25\u00a0m"), ("", "1.25")):
+        (nearest,) = describe_reproduction(Reproduction(rate(0, 2), 1.25), unit).notes
+        assert nearest == f"smallest robustness {words}"
+    assert describe_reproduction(Reproduction(), "m") == NOT_TRIED
 
 
 def test_a_proof_is_followed_until_its_last_replay(store, finished, check_page, prove, replayed):

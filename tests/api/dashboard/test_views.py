@@ -25,6 +25,8 @@ from eigenfail_api.dashboard.analysis_page import describe_peak, make_diversity_
 from eigenfail_api.dashboard.campaign_page import group_settings, list_times
 from eigenfail_api.dashboard.charts import make_curve_chart, make_robustness_chart
 from eigenfail_api.dashboard.cost_charts import make_cost_chart
+from eigenfail_api.dashboard.episodes_page import make_headings
+from eigenfail_api.dashboard.overlays import Compared, make_distance_chart
 from eigenfail_api.dashboard.rendering import make_standing
 from eigenfail_api.dashboard.scene import find_nearest_actors
 from eigenfail_services.campaigns.summary import summarise
@@ -90,6 +92,49 @@ def test_what_is_left_out_is_said():
     whole = make_robustness_chart([row(0), row(1)], course, 2)
     assert "sample" not in whole.caption
     assert whole.rows == (("0 – 99", "100", "0.250", "4.50"),)
+
+
+def test_the_robustness_of_a_function_is_no_distance():
+    course = blocks(0)
+    for has_road in (True, False):
+        curve = make_curve_chart(course, has_road=has_road)
+        chart = make_robustness_chart([row(0)], course, 1, has_road=has_road)
+        texts = (*curve.columns, *chart.columns, chart.caption)
+        assert any("[m]" in text for text in texts) is has_road
+        assert ("footprints" in chart.caption) is has_road
+        assert chart.data.get("unit") == (None if has_road else "")
+
+
+@pytest.mark.parametrize(
+    ("simulators", "unit"),
+    [
+        (["highway"], " [m]"),
+        (["function"], ""),
+        (["highway", "function"], " [m on the road]"),
+    ],
+)
+def test_columns_and_axes_name_metres_only_of_a_road(simulators, unit):
+    compared = [
+        Compared(campaign=run_on(simulator), course=blocks(0), cost=None, rows=[row(0)])
+        for simulator in simulators
+    ]
+    chart = make_distance_chart(compared)
+    assert chart.data["x"] == f"Robustness{unit}"
+    assert chart.note == f"Quantiles of robustness{unit}."
+    assert chart.caption.endswith("; 0 m is a failure." if unit == " [m]" else "; 0 is a failure.")
+    units = [
+        next(head.unit for head in make_headings(one.campaign, "", None) if head.column == MEASURE)
+        for one in compared
+    ]
+    assert units == ["" if each == "function" else "m" for each in simulators]
+
+
+MEASURE = "robustness_m"
+
+
+def run_on(simulator):
+    spec = CampaignSpec(name="c", method="monte_carlo", episodes=1, simulator=simulator)
+    return Campaign(id=1, spec=spec, state=CampaignState.DONE, counts=Counts(1, 1, 0), created_ms=1)
 
 
 class Rows:

@@ -9,6 +9,7 @@ from eigenfail.presentation.analyses import (
     describe_diversity,
     describe_findings,
     describe_influence,
+    describe_proof,
     format_moment,
     tabulate_influence,
     tabulate_modes,
@@ -18,9 +19,10 @@ from eigenfail.presentation.analyses import (
 from eigenfail.presentation.campaigns import (
     describe_comparison,
     describe_region,
+    tabulate_course,
     tabulate_sides,
 )
-from eigenfail.presentation.episodes import list_measures, tabulate_thresholds
+from eigenfail.presentation.episodes import list_episode_facts, list_measures, tabulate_thresholds
 from eigenfail.values import (
     AXES,
     AnalysisResult,
@@ -28,18 +30,23 @@ from eigenfail.values import (
     Comparison,
     Cost,
     Counts,
+    Course,
     Estimate,
     FailureMode,
     Interval,
     Measures,
+    NoiseTrajectory,
+    Outcome,
+    Proof,
     Rate,
     Region,
+    Reproduction,
     Side,
 )
 from eigenfail.values.analysis import AnalysedCampaign, Diversity, InfluenceShare, Moment, Stability
 from eigenfail.values.comparison import Box
 from eigenfail.values.proof import ExplainedStep
-from eigenfail.values.records import Assessment
+from eigenfail.values.records import Assessment, EpisodeDetail
 from eigenfail.values.summary import Errored, TimeSplit
 
 NONE = np.zeros((0, 2), np.float32)
@@ -377,3 +384,49 @@ def test_errored_episodes_are_told_with_their_most_frequent_reason():
     )
     assert only.words(Counts(planned=3, errored=1)).startswith("The only episode so far errored")
     assert Errored().words(Counts(planned=3, completed=3)) == ""
+
+
+def test_the_replays_and_the_course_of_a_function_have_no_metres():
+    none = Reproduction(Rate(0.0, 0, 2, None), 0.5)
+    proof = Proof(
+        analysis=1,
+        done=True,
+        reproduced=none,
+        eigenfailures=none,
+        medoids=none,
+        modes=(),
+        scenarios=(),
+    )
+    texts_of = [describe_proof(proof, has_road=has_road) for has_road in (True, False)]
+    headings = [[column.heading for column in table.columns] for table, *_ in texts_of]
+    assert ["Robustness [m]" in each for each in headings] == [True, False]
+    assert ["1/m²" in table.notes[0] for table, *_ in texts_of] == [True, False]
+    assert [sentences[0].partition("(")[2] for _, *sentences in texts_of] == [
+        "nearest 0.500 m) in the same scenario.",
+        "nearest 0.500) in the same scenario.",
+    ]
+    course = Course(campaign=1, method="cem", heading="Learning curve", per=10, blocks=())
+    last = [
+        tabulate_course(course, has_road=has_road)[1].columns[-1].heading
+        for has_road in (True, False)
+    ]
+    assert last == ["Median robustness [m]", "Median robustness"]
+
+
+def test_an_episode_of_a_function_lists_its_robustness_alone():
+    z = np.zeros((3, 2), np.float32)
+    result = EpisodeDetail(
+        index=4,
+        seed=1,
+        outcome=Outcome.COLLISION,
+        steps=3,
+        noise=NoiseTrajectory(z, np.ones_like(z)),
+        source="prior",
+        measures=Measures(0.0),
+    )
+    names = [dict(list_episode_facts(1, result, {}, has_road=road).rows) for road in (True, False)]
+    assert "severity [m²/s²]" in names[0]
+    assert set(names[1]) == {
+        *("episode", "outcome", "steps", "disturbances", "robustness", "scene", "digest")
+    }
+    assert names[1]["robustness"] == "0"

@@ -2,7 +2,9 @@
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
+from eigenfail.presentation.campaigns import describe_safety
 from eigenfail.values import (
     Campaign,
     CampaignSpec,
@@ -124,3 +126,48 @@ def test_who_ended_before_a_collision_is_said_first() -> None:
     assert found.unresolved == ended
     (words,) = found.notes
     assert words.startswith("5 of 300 had no collision within 10 s, but ended while braking")
+
+
+def on_function(method: str = "monte_carlo") -> Campaign:
+    spec = CampaignSpec(
+        name="f",
+        method=method,
+        episodes=300,
+        simulator="function",
+        scenario="function",
+        planner="my_module:robustness",
+        scenario_parameters={"steps": 4},
+    )
+    return replace(campaign(), spec=spec)
+
+
+def test_of_a_function_only_the_failures_are_counted() -> None:
+    given = SafetyTotals(300, 9, MeasureTotals(), MeasureTotals(), np.zeros(0), ())
+    found = make_safety(on_function(), given, Conflicts(unclassified=9), NOBODY)
+    assert found.collisions == rate(9, 300)
+    assert found.near_misses is found.ttc.beyond is found.drac.beyond is None
+    assert not found.measures_traffic
+    assert found.severity.problem == "Severity is not measured for a function."
+    assert found.notes == (
+        "Near misses, MinTTC, DRAC and conflict classes are not measured for a function.",
+    )
+    chosen = make_safety(on_function("cem"), given, Conflicts(unclassified=9), NOBODY).notes
+    assert chosen[0] == (
+        "The episodes are those that cem chose: the share of failures is of these, not of what "
+        "p(x) would bring, and has no interval."
+    )
+
+
+def test_failures_without_a_severity_are_failures() -> None:
+    found = make_safety(campaign("monte_carlo"), totals(), PAPER, Unresolved())
+    assert found.measures_traffic
+    assert found.severity.problem == "No failure has a severity."
+
+
+def test_a_terminal_shows_nothing_of_a_function_that_was_not_measured() -> None:
+    given = SafetyTotals(300, 9, MeasureTotals(), MeasureTotals(), np.zeros(0), ())
+    found = make_safety(on_function(), given, Conflicts(unclassified=9), NOBODY)
+    heading, table, _, *notes = describe_safety(found)
+    assert heading == "Safety measures of campaign 7, f (monte_carlo): 300 episodes"
+    assert [row[0] for row in table.rows] == ["Failure"]
+    assert notes == [found.severity.problem, *found.notes]

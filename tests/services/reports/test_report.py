@@ -327,3 +327,68 @@ def test_campaigns_of_other_channels_share_a_table(run: Callable[..., int]) -> N
     assert [column.name for column in table.columns][-3:] == ["longitudinal", "lateral", "gust"]
     for row in table.rows:
         assert [cell is None for cell in row[-3:]] == ([row[0] == 2] * 2 + [row[0] == 1])
+
+
+ROAD_WORDS = ("collision", "vehicle", "v_ego", "|dx|", "MinTTC below", "planner")
+
+
+def test_a_report_on_a_function_claims_nothing_that_was_not_measured() -> None:
+    store = open_store("memory://")
+    made = make(store, (analyse_function(store, CHANNELS[:1]),), NOW_MS)
+    sections = {section.name: section for section in made.report.sections}
+    for name in ("results", "setup", "safety", "likelihood"):
+        text = " ".join(sections[name].words)
+        assert [words for words in ROAD_WORDS if words in text] == [], name
+    (words,) = sections["likelihood"].words
+    assert words == (
+        "Campaign 1: severity is not measured for a function, so that its 24 failures are not "
+        "drawn."
+    )
+    assert "its answer, the robustness, is 0 or less" in sections["setup"].words[0]
+    (row,) = records(table(made.report, "safety"))
+    assert (row["measure"], row["k"], row["n"]) == ("failures", 24, 24)
+    (row,) = records(table(made.report, "results"))
+    assert row["unresolved"] is row["unresolved_not_known"] is row["severity"] is None
+    html = made.html().decode()
+    for words in ("Near misses<", "Planner failures", "Mean severity", "|dx|", "v_actor"):
+        assert words not in html
+
+
+def test_of_both_kinds_each_has_its_own_words_and_a_function_has_dashes(
+    run: Callable[..., int], parse: Callable[[bytes], Any]
+) -> None:
+    store = open_store("memory://")
+    run(store, name="Road")
+    road = make(store, (1,), NOW_MS)
+    made = make(store, (1, analyse_function(store, CHANNELS[:1])), NOW_MS)
+    alone, both = (
+        {section.name: section for section in each.report.sections} for each in (road, made)
+    )
+    for name, of_function in (
+        ("results", "The failure rate of a function"),
+        ("setup", "A campaign on a function"),
+        ("safety", "A failure of a function"),
+    ):
+        texts = [" ".join(sections[name].words) for sections in (alone, both)]
+        assert [of_function in text for text in texts] == [False, True]
+    assert "|dx|" in both["setup"].words[0]
+    assert "‖v_ego − v_actor‖²" in both["results"].words[-1]
+    assert both["likelihood"].words[-1].startswith("Campaign 2: severity is not measured")
+    assert len(both["likelihood"].pictures) == 1
+    (grid,) = next(part.grids["safety"] for part in made._parts if "safety" in part.grids)
+    rows = {row[0][0]: row[1:] for row in grid.rows}
+    assert rows["Failures"][1][0] == "24 of 24"
+    assert {cells[1] for title, cells in rows.items() if title != "Failures"} == {("–",)}
+    assert rows["Near misses"][0] != ("–",)
+    assert "Near misses" in parse(made.html()).text
+
+
+def test_the_robustness_of_a_function_has_no_unit(run: Callable[..., int]) -> None:
+    store = open_store("memory://")
+    run(store, name="Road")
+    function = analyse_function(store, CHANNELS[:1])
+    units = []
+    for campaigns in ((1,), (function,), (1, function)):
+        columns = table(make(store, campaigns, NOW_MS).report, "learning-curve").columns
+        units.append({each.unit for each in columns if each.name.endswith("robustness_m")})
+    assert units == [{"m"}, {""}, {"m on the road"}]

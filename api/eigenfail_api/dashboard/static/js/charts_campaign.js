@@ -24,7 +24,7 @@ export function curve({ middle, span, rate, low, high }) {
   };
 }
 
-export function robustness({ index, robustness: distance, collision }) {
+export function robustness({ index, robustness: distance, collision, unit = "m" }) {
   const points = index.map((episode, row) => [episode, distance[row], episode]);
   const series = (name, wanted, look) => ({
     name, type: "scatter", ...MANY, data: points.filter((_, row) => collision[row] === wanted), ...look,
@@ -33,8 +33,8 @@ export function robustness({ index, robustness: distance, collision }) {
     grid: grid(),
     legend: legend(),
     xAxis: axis("Episode", { min: 0 }),
-    yAxis: yAxis("Robustness [m]", { min: 0 }),
-    tooltip: tooltip(({ data, seriesName }) => tip(`Episode ${data[0]}`, [seriesName, `${compact(data[1])} m`])),
+    yAxis: yAxis(unit ? `Robustness [${unit}]` : "Robustness", { min: 0 }),
+    tooltip: tooltip(({ data, seriesName }) => tip(`Episode ${data[0]}`, [seriesName, `${compact(data[1])} ${unit}`.trim()])),
     series: [
       series("safe", false, { symbol: "circle", symbolSize: 5, itemStyle: { color: colour("safe"), opacity: 0.75 } }),
       series("collision", true, { symbol: "diamond", symbolSize: 9, itemStyle: { color: colour("mark-1") } }),
