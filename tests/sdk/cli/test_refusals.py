@@ -12,7 +12,7 @@ SLIPS = [
     ("campaign", "lst"),
     ("campaign", "list", "--limt", "3"),
     ("campaign", "list", "--state", "qeued"),
-    ("analyze", "1", "--axes", "jiont"),
+    ("analyze", "1", "--align", "colision"),
     ("run",),
     ("campaign", "show", "x"),
     ("campaign", "show", "0"),
