@@ -33,7 +33,7 @@ ROWS = (
         ("failures_by_severity_ms",)),
     Row("summary of the largest campaign: for the first time, again [ms]",
         ("summary_first_ms", "summary_ms")),
-    Row("its course, its safety measures, each again [ms]", ("course_ms", "safety_ms")),
+    Row("its course, its safety measures [ms]", ("course_ms", "safety_ms")),
     Row("the overview's page [ms]", ("overview_ms",)),
     Row("analysis of its failures [s], [MiB]", ("analysis_s", "analysis_mb")),
     Row("export as CSV [episodes/s], [MiB]", ("csv_per_s", "csv_mb")),

@@ -338,7 +338,10 @@ def build_safety_table(found: Mapping[str, Safety]) -> PaperTable:
     rows = (row for name, safety in found.items() for row in _build_safety_rows(name, safety))
     note = (
         "The paper's are of its 300 episodes of DiFS. Median and worst are over the episodes that "
-        "have the measure; collisions have none."
+        "have the measure, up to the last step before a contact where they collide: of the "
+        "evaluation of ast, in which nearly all do, they say how near to the contact that step of "
+        "0.1 s ended, and are not comparable with the paper's, of which 9 collide; collisions have "
+        "none."
     )
     return PaperTable("safety", "Safety measures", MEASURES, tuple(rows), note)
 
