@@ -157,7 +157,8 @@ def test_the_planner_accounts_for_the_moment(crash):
 
 TIME_AXIS = """async end => {
   const strips = await import('/static/js/charts_noise.js');
-  const values = {axis: 'Time [s]', end, time: [], metres: [], longitudinal: [], lateral: []};
+  const channels = {longitudinal: [], lateral: []};
+  const values = {axis: 'Time [s]', end, time: [], metres: [], channels};
   return ['noise', 'clearance'].map(name => {
     const {xAxis} = strips[name](values);
     return [xAxis.max, xAxis.axisLabel.formatter(end)];

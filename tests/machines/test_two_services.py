@@ -210,8 +210,7 @@ def test_who_was_held_up_puts_no_older_checkpoint_over_a_newer_one(pair: Pair) -
 @pytest.mark.parametrize("problem", ["", "The learner diverged."])
 def test_nor_does_it_end_the_campaign(pair: Pair, problem) -> None:
     old, new = pair.taken_over()
-    old.hub.finished_runs.put(FinishedRun(pair.campaign, problem))
-    del old.hub._runs[pair.campaign]
+    old.hub._halt(FinishedRun(pair.campaign, problem))
     before = pair.store.campaigns.get(pair.campaign)
     old.turn()
     after = pair.store.campaigns.get(pair.campaign)
@@ -247,8 +246,7 @@ def test_it_halts_what_it_has_lost_and_can_take_it_over_again(pair: Pair) -> Non
 def test_what_comes_back_before_it_was_noticed_is_launched_anew(pair: Pair) -> None:
     old, new = pair.taken_over()
     new.supervisor.release()
-    old.hub.finished_runs.put(FinishedRun(pair.campaign, "", lost=True))
-    del old.hub._runs[pair.campaign]
+    old.hub._halt(FinishedRun(pair.campaign, "", lost=True))
     for _ in range(3):
         old.turn()
     assert old.runs(pair.campaign)
