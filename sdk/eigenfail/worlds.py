@@ -39,12 +39,14 @@ class CampaignWorld(ABC):
     Attributes:
         plugin_fields: fields of a campaign that name plug-ins with settings, by name.
         has_road: whether vehicles drive, so that there are steps with a duration, and conflicts.
+        robustness_unit: unit of the robustness; empty where it has none.
         needs_bridge: whether only workers with a bridge can run its episodes.
         unexplained: reason why no planner can explain an episode; empty where one can.
     """
 
     plugin_fields: ClassVar[Mapping[str, PluginField]] = {}
     has_road: ClassVar[bool] = True
+    robustness_unit: ClassVar[str] = "m"
     needs_bridge: ClassVar[bool] = False
     unexplained: ClassVar[str] = ""
 
@@ -220,6 +222,7 @@ class FunctionWorld(CampaignWorld):
     """A Python function of the noise; see `eigenfail.functions`."""
 
     has_road = False
+    robustness_unit = ""
     unexplained = "a function has no planner and no controls to explain."
 
     def check(self, spec: CampaignSpec) -> None:
@@ -302,6 +305,16 @@ WORLDS: Mapping[str, CampaignWorld] = {
 def world_of(simulator: str) -> CampaignWorld:
     """Return the world of a simulator; plug-ins, installed here or not, share one."""
     return WORLDS.get(simulator, PLUGIN_WORLD)
+
+
+def list_channels(spec: CampaignSpec) -> tuple[str, ...]:
+    """Return the names of the channels of a campaign's noise, in the order of the columns of z.
+
+    Raises:
+        UnknownName: no such parameter.
+        InvalidValue: a parameter outside its bounds.
+    """
+    return world_of(spec.simulator).channels(spec)
 
 
 def list_simulators() -> list[str]:

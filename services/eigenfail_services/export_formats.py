@@ -30,7 +30,7 @@ from eigenfail.filters import (
 from eigenfail.values import CampaignSpec
 from eigenfail.values.records import PORTION, EpisodeRow
 from eigenfail.values.report import ExportRequest
-from eigenfail.worlds import world_of
+from eigenfail.worlds import list_channels
 from eigenfail_services.store import Store
 
 Cells = list[Value | None]
@@ -129,7 +129,7 @@ def _encode_lines(lines: list[list[str]]) -> bytes:
 
 def name_noise_columns(spec: CampaignSpec) -> tuple[str, ...]:
     """Return the columns of a campaign's noise: a list of float32 for each episode. [sigma]"""
-    return tuple(f"{channel}_z" for channel in world_of(spec.simulator).channels(spec))
+    return tuple(f"{channel}_z" for channel in list_channels(spec))
 
 
 UNIT = re.compile(r"\[([^]]+)\]$")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from playwright.sync_api import expect
+from store_checks.examples import analyse_function
 
 from eigenfail.values import (
-    AnalysisSettings,
     CampaignSpec,
     EpisodeResult,
     Measures,
@@ -17,7 +17,6 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import Delivery
 from eigenfail.worlds import drawn_for
-from eigenfail_services.campaigns.analysis_jobs import run_analysis
 
 pytestmark = pytest.mark.browser
 
@@ -141,33 +140,7 @@ def test_a_region_that_cannot_be_told_says_why(visit, made):
 
 @pytest.mark.parametrize("channels", [("gust",), ("gust", "drift", "bias")])
 def test_every_channel_of_a_function_has_its_panel_and_its_line(visit, store, channels):
-    spec = CampaignSpec(
-        name="function",
-        method="monte_carlo",
-        episodes=20,
-        simulator="function",
-        scenario="function",
-        planner="my_module:robustness",
-        scenario_parameters={"steps": 9, "channels": list(channels)},
-    )
-    campaign = store.campaigns.create(spec).id
-    store.campaigns.move(campaign, "running")
-    noise = np.random.default_rng(1).normal(size=(20, 9, len(channels))).astype(np.float32)
-    results = [
-        EpisodeResult(
-            index=index,
-            seed=index,
-            outcome=Outcome.COLLISION,
-            steps=9,
-            noise=NoiseTrajectory(z, np.ones_like(z)),
-            source="prior",
-            measures=Measures(-1.0),
-        )
-        for index, z in enumerate(noise)
-    ]
-    store.episodes.commit(campaign, [Delivery(each, "worker-1") for each in results])
-    analysis = store.analyses.create(campaign, AnalysisSettings(clusters=2, bootstrap=0)).id
-    run_analysis(store, analysis)
+    campaign, analysis = analyse_function(store, channels)
     page = visit(f"/analyses/{analysis}")
     names = [f"{channel} [sigma]" for channel in channels]
     assert draw(page, "eigenfailure").evaluate(Y_NAMES) == names
@@ -180,7 +153,9 @@ def test_every_channel_of_a_function_has_its_panel_and_its_line(visit, store, ch
     )
     lines = draw(visit(f"/campaigns/{campaign}/episodes/3"), "noise").evaluate(SERIES)
     assert [one["name"] for one in lines] == [*channels]
-    assert [one["data"][4][1] for one in lines] == pytest.approx(noise[3, 4].tolist(), abs=0.01)
+    assert [one["data"][4][1] for one in lines] == pytest.approx(
+        store.episodes.get(campaign, 3).noise.z[4].tolist(), abs=0.01
+    )
 
 
 def draw(page, chart):

@@ -435,7 +435,7 @@ def make_analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | No
     """Return the page of an analysis, with the results of the replays that have ended."""
     result = analysis.result
     world = world_of(campaign.spec.simulator)
-    channels, unit = world.channels(campaign.spec), "m" if world.has_road else ""
+    channels, unit = world.channels(campaign.spec), world.robustness_unit
     return AnalysisView(
         line=make_analysis_line(analysis, channels),
         campaign=campaign.id,

@@ -39,7 +39,7 @@ from eigenfail.values.records import EpisodeRow
 from eigenfail.values.summary import EpisodeSample
 from eigenfail.values.variation import in_words
 from eigenfail.versions import describe_mixed
-from eigenfail.worlds import describe_disturbance, world_of
+from eigenfail.worlds import describe_disturbance, list_channels, world_of
 from eigenfail_api.dashboard.charts import (
     MOST_FAILURES,
     Chart,
@@ -213,7 +213,7 @@ def make_campaign_view(found: Findings) -> CampaignView:
     """Return the page of a campaign."""
     campaign = found.campaign
     now = make_standing(campaign, found.summary)
-    channels = world_of(campaign.spec.simulator).channels(campaign.spec)
+    channels = list_channels(campaign.spec)
     return CampaignView(
         standing=now,
         origin=find_origin(campaign.spec),
@@ -249,10 +249,10 @@ def make_campaign_view(found: Findings) -> CampaignView:
 def make_charts(found: Findings) -> tuple[Chart, ...]:
     """Return the charts for which there are data."""
     course, rows = found.course, found.rows
-    has_road = world_of(found.campaign.spec.simulator).has_road
+    unit = world_of(found.campaign.spec.simulator).robustness_unit
     drawn = (
-        make_curve_chart(course, has_road=has_road),
-        make_robustness_chart(rows, course, found.campaign.counts.completed, has_road=has_road),
+        make_curve_chart(course, unit),
+        make_robustness_chart(rows, course, found.campaign.counts.completed, unit),
     )
     return drawn if rows else ()
 

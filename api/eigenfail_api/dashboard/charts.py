@@ -63,17 +63,16 @@ def round_rows(array: np.ndarray) -> list[list[float | None]]:
     return [round_values(float(value) for value in row) for row in array]
 
 
-METRES = " [m]"
 DISTANCES = "Smallest distance between footprints in each episode [m], or a function's answer;"
 ANSWERS = "The function's answer in each episode, or 0 where it is less;"
 
 
-def make_curve_chart(course: Course, *, has_road: bool = True) -> Chart:
+def make_curve_chart(course: Course, unit: str = "m") -> Chart:
     """Return the chart of the failure rate over the course of the campaign.
 
     Args:
         course: blocks of its episodes.
-        has_road: whether robustness is a distance [m]; that of a function has no unit.
+        unit: unit of robustness; empty for a function.
     """
     blocks = course.blocks
     return Chart(
@@ -93,7 +92,7 @@ def make_curve_chart(course: Course, *, has_road: bool = True) -> Chart:
         },
         columns=(
             *("Episodes", "Failures", "Completed", "Rate", "95 % interval"),
-            *("log p per step of the failures", f"Median robustness{METRES * has_road}"),
+            *("log p per step of the failures", add_unit("Median robustness", unit)),
         ),
         rows=tuple(
             (
@@ -108,6 +107,11 @@ def make_curve_chart(course: Course, *, has_road: bool = True) -> Chart:
             for block in blocks
         ),
     )
+
+
+def add_unit(title: str, unit: str) -> str:
+    """Return the title of a column with its unit, if it has one."""
+    return f"{title} [{unit}]" if unit else title
 
 
 def name_bounds(blocks: Sequence[CourseBlock]) -> str:
@@ -138,12 +142,11 @@ def make_robustness_chart(
     rows: Sequence[EpisodeRow | EpisodeSample],
     course: Course,
     ended: int,
-    *,
-    has_road: bool = True,
+    unit: str = "m",
 ) -> Chart:
-    """Return the chart of each episode's smallest distance to another vehicle [m].
+    """Return the chart of each episode's smallest distance to another vehicle.
 
-    Without a road it is that of a function's answers, which have no unit.
+    Without a unit it is that of a function's answers.
     """
     measured = [row for row in rows if row.robustness_m is not None]
     return Chart(
@@ -151,17 +154,17 @@ def make_robustness_chart(
         kind="robustness",
         title="Robustness",
         caption=(
-            f"{DISTANCES if has_road else ANSWERS} 0 is a failure. {describe_sample(rows, ended)}"
+            f"{DISTANCES if unit else ANSWERS} 0 is a failure. {describe_sample(rows, ended)}"
         ),
         data={
             "index": [row.index for row in measured],
             "robustness": round_values(row.robustness_m for row in measured),
             "collision": [row.outcome is Outcome.COLLISION for row in measured],
-            **({} if has_road else {"unit": ""}),
+            "unit": unit,
         },
         columns=(
             *("Episodes", "Completed"),
-            *(f"{title}{METRES * has_road}" for title in ("Smallest", "Median")),
+            *(add_unit(title, unit) for title in ("Smallest", "Median")),
         ),
         rows=tuple(
             (

@@ -22,7 +22,7 @@ from eigenfail.values.operations import Presence
 from eigenfail.values.records import EpisodeDetail, EpisodeRow, make_episode_detail
 from eigenfail.values.report import Export, ExportRequest
 from eigenfail.wire.http import PREFIX, ReplayRequest
-from eigenfail.worlds import world_of
+from eigenfail.worlds import list_channels
 from eigenfail_api.concurrency import SerialExecutor
 from eigenfail_api.openapi import document_route, problem_response
 from eigenfail_api.parameters import (
@@ -113,7 +113,7 @@ async def parse_query(
 def _find_channels(store: Store, campaign: int) -> tuple[str, ...]:
     """Return the names of the channels of a campaign's noise."""
     spec = store.campaigns.get(campaign).spec
-    return world_of(spec.simulator).channels(spec)
+    return list_channels(spec)
 
 
 QueriedEpisodes = Annotated[EpisodeQuery, Depends(parse_query)]

@@ -157,7 +157,7 @@ def tabulate_proof(client: Client, analysis: Analysis, proof: Proof) -> tuple[Bl
     """Return the proof of an analysis, in the units of its campaign's world."""
     spec = client.campaigns.get(analysis.campaign).spec
     noun = analysis.result.cluster_noun if analysis.result else "mode"
-    return describe_proof(proof, noun, has_road=world_of(spec.simulator).has_road)
+    return describe_proof(proof, noun, world_of(spec.simulator).robustness_unit)
 
 
 def find_or_run_analysis(client: Client, campaign: int, settings: AnalysisSettings) -> Analysis:

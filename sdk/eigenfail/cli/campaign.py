@@ -265,8 +265,8 @@ def course(
     """Show how failure rate, likelihood and robustness moved: the learning curve."""
     with connect_to(context, url) as client:
         found = client.campaigns.course(campaign, per)
-        has_road = world_of(client.campaigns.get(campaign).spec.simulator).has_road
-    show(found, as_json, lambda: render(*tabulate_course(found, has_road=has_road)))
+        unit = world_of(client.campaigns.get(campaign).spec.simulator).robustness_unit
+    show(found, as_json, lambda: render(*tabulate_course(found, unit)))
 
 
 _add_steering(app)

@@ -243,23 +243,23 @@ def tabulate_sources(result: AnalysisResult) -> Table:
     return Table("Analysed campaigns", (*columns, *name_columns("State then")), rows)
 
 
-def describe_proof(proof: Proof, noun: str = "mode", *, has_road: bool = True) -> tuple[Block, ...]:
+def describe_proof(proof: Proof, noun: str = "mode", unit: str = "m") -> tuple[Block, ...]:
     """Return the replays of a proof, and how many of them failed again.
 
     Args:
         proof: results of the replays so far.
         noun: what the analysis calls its clusters, see `AnalysisResult.cluster_noun`.
-        has_road: whether robustness and noise are distances [m]; those of a function have no unit.
+        unit: unit of robustness and noise; empty for a function.
     """
-    replays = tabulate_replays(proof, noun, has_road=has_road)
-    return (replays, *count_reproductions(proof, noun, has_road=has_road))
+    replays = tabulate_replays(proof, noun, unit)
+    return (replays, *count_reproductions(proof, noun, unit))
 
 
-def tabulate_replays(proof: Proof, noun: str = "mode", *, has_road: bool = True) -> Table:
+def tabulate_replays(proof: Proof, noun: str = "mode", unit: str = "m") -> Table:
     """Return the replays, one a row, with log p of each and the expected log p of noise of p(x)."""
     columns = (
         *name_columns("Scenario", noun.capitalize(), "Replayed", "Outcome"),
-        TableColumn("Robustness", "m" if has_road else ""),
+        TableColumn("Robustness", unit),
         TableColumn("log p", "nats", digits=5),
         TableColumn("log p/step", "nats"),
         TableColumn("log p of p(x)", "nats", digits=5),
@@ -270,9 +270,8 @@ def tabulate_replays(proof: Proof, noun: str = "mode", *, has_road: bool = True)
         for scenario in proof.scenarios
         for replay in scenario.replays
     )
-    return Table(
-        "Replays", columns, rows, (LIKELIHOODS.format(unit=" [1/m²]" if has_road else ""),)
-    )
+    density = f" [1/{unit}²]" if unit else ""
+    return Table("Replays", columns, rows, (LIKELIHOODS.format(unit=density),))
 
 
 def _list_replay(replay: ReplayedNoise) -> tuple[Cell, ...]:
@@ -285,11 +284,8 @@ def _list_replay(replay: ReplayedNoise) -> tuple[Cell, ...]:
     )
 
 
-def count_reproductions(
-    proof: Proof, noun: str = "mode", *, has_road: bool = True
-) -> Iterator[str]:
+def count_reproductions(proof: Proof, noun: str = "mode", unit: str = "m") -> Iterator[str]:
     """Return how many replays failed again, of those tried, in sentences."""
-    unit = "m" if has_road else ""
     yield f"{_count_failed_again(proof.reproduced, 'eigenfailures', unit)} in the same scenario."
     if len(proof.scenarios) > 1:
         pairs = f"({len(proof.modes)} {noun}s, {len(proof.scenarios)} scenarios)"

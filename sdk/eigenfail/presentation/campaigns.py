@@ -243,14 +243,14 @@ def describe_classes(conflicts: Conflicts) -> str:
     return ", ".join(f"{format_count(count)} {words}" for count, words in classes)
 
 
-def tabulate_course(course: Course, *, has_road: bool = True) -> tuple[Block, ...]:
+def tabulate_course(course: Course, unit: str = "m") -> tuple[Block, ...]:
     """Return the blocks of a course, one a row, under what it shows.
 
     Args:
         course: blocks of its episodes.
-        has_road: whether robustness is a distance [m]; that of a function has no unit.
+        unit: unit of robustness; empty for a function.
     """
-    robustness = TableColumn("Median robustness", "m" if has_road else "")
+    robustness = TableColumn("Median robustness", unit)
     counts = count_columns("Completed", "Failures")
     columns = (*name_columns("Episodes"), *counts, RATE, LIKELIHOOD, robustness)
     rows = tuple(

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from eigenfail.errors import Conflict
 from eigenfail.values import Campaign
 from eigenfail.values.mixing import LARGEST_R_HAT, ChainMixing, ProjectionMixing
-from eigenfail.worlds import world_of
+from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns.resolution import resolve_method
 from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.methods.chains import read_state
@@ -47,7 +47,7 @@ def find_chain_mixing(store: Store, campaign: Campaign) -> ChainMixing:
     if facts is None or trace is None or not facts.started:
         problem = f"No chain of campaign {campaign.id} has started. {campaign.stopped_because}"
         raise Conflict(problem.strip(), "Its first round runs the starts.")
-    channels = world_of(campaign.spec.simulator).channels(campaign.spec)
+    channels = list_channels(campaign.spec)
     projections = measure_projections(rename_channels(facts.projections, channels), trace)
     mixed, verdict = judge_mixing(projections)
     settings = resolve_method(METHOD, campaign.spec.settings).settings

@@ -33,7 +33,7 @@ from eigenfail.values import (
     TrajectorySource,
 )
 from eigenfail.values.campaign import LONGEST_NAME
-from eigenfail.worlds import drawn_for, world_of
+from eigenfail.worlds import drawn_for, list_channels
 from eigenfail_services.analysis.words import Clock, describe, describe_account
 from eigenfail_services.campaigns.validation import check_spec
 from eigenfail_services.store import Store
@@ -268,7 +268,7 @@ def _describe_mode(
     spec = store.campaigns.get(campaign).spec
     account = _describe_account(spec.setup(), medoid, Clock(medoid.steps, step_s), until_s)
     text = f"{shown}; {account}" if account else f"{shown}."
-    channels = world_of(spec.simulator).channels(spec)
+    channels = list_channels(spec)
     return f"{describe(mode.eigenfailure, clock, channels)} {text}"
 
 

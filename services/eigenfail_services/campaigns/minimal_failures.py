@@ -14,7 +14,7 @@ from eigenfail.values import (
     MinimalFailure,
     Outcome,
 )
-from eigenfail.worlds import world_of
+from eigenfail.worlds import list_channels
 from eigenfail_services.analysis.words import Clock, describe_needed
 from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.methods.minimal import MinimalFacts, read_state
@@ -37,7 +37,7 @@ def find_minimal_failure(store: Store, campaign: Campaign) -> MinimalFailure:
     found = store.episodes.get(campaign.id, facts.best)
     full = _find_first_failure(store, campaign, facts.best)
     clock = Clock(found.steps, _find_step_s(found))
-    channels = world_of(campaign.spec.simulator).channels(campaign.spec)
+    channels = list_channels(campaign.spec)
     return MinimalFailure(
         campaign=campaign.id,
         index=found.index,

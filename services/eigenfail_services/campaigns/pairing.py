@@ -18,7 +18,7 @@ from eigenfail.values import (
     EpisodeResult,
     PairTotals,
 )
-from eigenfail.worlds import world_of
+from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns.drafts import fill_defaults
 from eigenfail_services.store import Store
 
@@ -75,7 +75,7 @@ def _find_other_request(specs: Sequence[CampaignSpec]) -> str:
     """Return which difference of the specs makes other noise; empty without one."""
     if len({repr(spec.disturbance.shape) for spec in specs}) > 1:
         return "their noise differs in shape."
-    if len({world_of(spec.simulator).channels(spec) for spec in specs}) > 1:
+    if len({list_channels(spec) for spec in specs}) > 1:
         return "their noise differs in its channels."
     replayed = {repr(sorted(spec.settings.items())) for spec in specs}
     injects = traits_of(specs[0].method).injects is not Injection.NOTHING

@@ -28,7 +28,7 @@ from eigenfail.values import (
     episode_seed,
 )
 from eigenfail.values.campaign import LONGEST_NAME
-from eigenfail.worlds import drawn_for, world_of
+from eigenfail.worlds import drawn_for, list_channels, world_of
 from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS
 from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.validation import check_spec, is_distribution, list_varied
@@ -473,7 +473,7 @@ def _check_replay(replay: CampaignSpec, analysed: CampaignSpec, place: int) -> C
         InvalidValue: a parameter outside its bounds, or one that makes other channels of noise.
     """
     checked = check_spec(replay)
-    if checked.channels != world_of(analysed.simulator).channels(analysed):
+    if checked.channels != list_channels(analysed):
         problem = "are not those of the noise that was analysed."
         raise InvalidValue(f"variations[{place}].channels", problem, "Leave them out.")
     return checked.spec

@@ -23,7 +23,7 @@ from eigenfail.values import (
     ReplayKind,
     learner_seed,
 )
-from eigenfail.worlds import CampaignWorld, world_of
+from eigenfail.worlds import CampaignWorld, list_channels, world_of
 from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.methods import explain_no_estimate
 
@@ -186,7 +186,7 @@ def check_channels(before: Campaign, field: str, channels: Sequence[str]) -> Non
     Raises:
         InvalidValue: it has not.
     """
-    there = world_of(before.spec.simulator).channels(before.spec)
+    there = list_channels(before.spec)
     if len(there) != len(channels):
         problem = (
             f"the noise of campaign {before.id} has another number of channels: {len(there)} "

@@ -25,7 +25,7 @@ from eigenfail.presentation.tables import Block, FactTable, Table, TableColumn
 from eigenfail.presentation.terminal import render
 from eigenfail.suites import LIKE_MODEL, read_disturbance
 from eigenfail.values import AXES, DisturbanceModel, Interval
-from eigenfail.worlds import describe_disturbance, world_of
+from eigenfail.worlds import describe_disturbance, list_channels, world_of
 from eigenfail_services.noise_fit.checks import ModelCheck, check_fit
 from eigenfail_services.noise_fit.fitting import (
     Fit,
@@ -346,7 +346,7 @@ def _describe_noise_of_function(file: Path, model: DisturbanceModel) -> Sequence
     if world_of(str(read_toml(file, LIKE_MODEL).get("simulator"))).has_road:
         return ()
     spec = read_spec(file)
-    channels = world_of(spec.simulator).channels(spec)
+    channels = list_channels(spec)
     facts = (("channels", ", ".join(channels)), *describe_disturbance(spec).items())
     sizes = (model.scale * _find_quantile(model, share) for share in SHARES.values())
     table = Table(

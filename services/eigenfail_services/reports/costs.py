@@ -15,7 +15,7 @@ from eigenfail.presentation.figures import (
 from eigenfail.presentation.tables import OWN_EPISODES, format_cost
 from eigenfail.values import CampaignCost, CostPoint, MinimalFailure, Rate, Region
 from eigenfail.values.report import Cell, ReportPicture, ReportSection
-from eigenfail.worlds import world_of
+from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns.costs import find_spending
 from eigenfail_services.campaigns.minimal_failures import METHOD, find_minimal_failure
 from eigenfail_services.campaigns.region import find_region
@@ -354,10 +354,7 @@ def list_shrunk_channels(material: Material) -> tuple[str, ...]:
     specs = [subject.campaign.spec for subject in material.subjects]
     return tuple(
         dict.fromkeys(
-            channel
-            for spec in specs
-            if spec.method == METHOD
-            for channel in world_of(spec.simulator).channels(spec)
+            channel for spec in specs if spec.method == METHOD for channel in list_channels(spec)
         )
     )
 

@@ -32,7 +32,7 @@ from eigenfail.values import (
 from eigenfail.values.arrays import LITTLE_ENDIAN_FLOAT, decode_array, encode_array
 from eigenfail.values.learning import count_state
 from eigenfail.values.records import EpisodeRow
-from eigenfail.worlds import world_of
+from eigenfail.worlds import list_channels
 
 _packer = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _specs = msgspec.json.Decoder(CampaignSpec)
@@ -152,7 +152,7 @@ class NoiseForm(NamedTuple):
 
 def find_noise_form(spec: CampaignSpec) -> NoiseForm:
     """Return the form of the noise of a campaign."""
-    return NoiseForm(spec.disturbance.shape, len(world_of(spec.simulator).channels(spec)))
+    return NoiseForm(spec.disturbance.shape, len(list_channels(spec)))
 
 
 @lru_cache(maxsize=64)

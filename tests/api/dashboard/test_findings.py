@@ -7,22 +7,19 @@ import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
+from store_checks.examples import analyse_function
 
 from eigenfail.values import (
     AXES,
     AnalysedCampaign,
     AnalysisSettings,
-    CampaignSpec,
     Estimate,
     InfluenceShare,
     Interval,
     Moment,
-    NoiseTrajectory,
-    Outcome,
     Stability,
     TrainingInterval,
 )
-from eigenfail.values.records import Delivery
 from eigenfail_api.dashboard.analysis_page import (
     MOST_STEPS,
     list_tables,
@@ -31,7 +28,6 @@ from eigenfail_api.dashboard.analysis_page import (
     make_training_charts,
 )
 from eigenfail_api.dashboard.episodes_page import describe_settings
-from eigenfail_services.campaigns.analysis_jobs import run_analysis
 
 HTML = {"Accept": "text/html"}
 
@@ -183,46 +179,10 @@ def test_the_form_has_every_setting_and_the_analysis_its_own_in_it(http, campaig
 CHANNELS = ("gust", "drift", "bias", "glare", "delay")
 
 
-@pytest.fixture
-def make_analysed(store, result):
-    """Makes a campaign on a function of channels with those names, and its analysis; their ids."""
-
-    def make(channels, axes="joint"):
-        spec = CampaignSpec(
-            name="function",
-            method="monte_carlo",
-            episodes=24,
-            simulator="function",
-            scenario="function",
-            planner="my_module:robustness",
-            scenario_parameters={"steps": 9, "channels": list(channels)},
-        )
-        campaign = store.campaigns.create(spec).id
-        store.campaigns.move(campaign, "running")
-        noise = np.random.default_rng(1).normal(size=(24, 9, len(channels)))
-        noise[:12, 4, -1] += 6.0
-        failures = [
-            replace(
-                result(index),
-                outcome=Outcome.COLLISION,
-                steps=9,
-                noise=NoiseTrajectory(z.astype(np.float32), np.ones_like(z, np.float32)),
-            )
-            for index, z in enumerate(noise)
-        ]
-        store.episodes.commit(campaign, [Delivery(each, "worker-1") for each in failures])
-        settings = AnalysisSettings(axes=axes, clusters=2, bootstrap=0)
-        analysis = store.analyses.create(campaign, settings).id
-        run_analysis(store, analysis)
-        return campaign, analysis
-
-    return make
-
-
 @pytest.mark.parametrize("count", [1, 3, 5])
-def test_the_pages_of_a_function_have_the_names_of_its_channels(http, store, make_analysed, count):
+def test_the_pages_of_a_function_have_the_names_of_its_channels(http, store, count):
     channels = CHANNELS[:count]
-    campaign, analysis = make_analysed(channels, axes=channels[-1])
+    campaign, analysis = analyse_function(store, channels, axes=channels[-1])
     found = store.analyses.get(analysis).result
     assert found is not None, store.analyses.get(analysis).problem
     assert found.channels == channels
@@ -247,9 +207,9 @@ def test_the_pages_of_a_function_have_the_names_of_its_channels(http, store, mak
 
 
 def test_a_channel_that_a_campaign_has_not_is_refused_and_the_nearest_named(
-    http, campaign, problem, make_analysed
+    http, store, campaign, problem
 ):
-    function, _ = make_analysed(CHANNELS[:3])
+    function, _ = analyse_function(store, CHANNELS[:3])
     for number, axes, near in ((campaign, "gust", "lateral"), (function, "gusts", "gust")):
         told = problem(http.post(f"/api/v1/campaigns/{number}/analyses", json={"axes": axes}), 422)
         assert told["field"] == "axes"

@@ -96,13 +96,13 @@ def test_what_is_left_out_is_said():
 
 def test_the_robustness_of_a_function_is_no_distance():
     course = blocks(0)
-    for has_road in (True, False):
-        curve = make_curve_chart(course, has_road=has_road)
-        chart = make_robustness_chart([row(0)], course, 1, has_road=has_road)
+    for unit in ("m", ""):
+        curve = make_curve_chart(course, unit)
+        chart = make_robustness_chart([row(0)], course, 1, unit)
         texts = (*curve.columns, *chart.columns, chart.caption)
-        assert any("[m]" in text for text in texts) is has_road
-        assert ("footprints" in chart.caption) is has_road
-        assert chart.data.get("unit") == (None if has_road else "")
+        assert any("[m]" in text for text in texts) is bool(unit)
+        assert ("footprints" in chart.caption) is bool(unit)
+        assert chart.data["unit"] == unit
 
 
 @pytest.mark.parametrize(

@@ -397,7 +397,7 @@ def test_the_replays_and_the_course_of_a_function_have_no_metres():
         modes=(),
         scenarios=(),
     )
-    texts_of = [describe_proof(proof, has_road=has_road) for has_road in (True, False)]
+    texts_of = [describe_proof(proof, unit=unit) for unit in ("m", "")]
     headings = [[column.heading for column in table.columns] for table, *_ in texts_of]
     assert ["Robustness [m]" in each for each in headings] == [True, False]
     assert ["1/m²" in table.notes[0] for table, *_ in texts_of] == [True, False]
@@ -406,10 +406,7 @@ def test_the_replays_and_the_course_of_a_function_have_no_metres():
         "nearest 0.500) in the same scenario.",
     ]
     course = Course(campaign=1, method="cem", heading="Learning curve", per=10, blocks=())
-    last = [
-        tabulate_course(course, has_road=has_road)[1].columns[-1].heading
-        for has_road in (True, False)
-    ]
+    last = [tabulate_course(course, unit)[1].columns[-1].heading for unit in ("m", "")]
     assert last == ["Median robustness [m]", "Median robustness"]
 
 

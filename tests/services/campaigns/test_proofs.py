@@ -26,7 +26,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.disturbance import Correlated
 from eigenfail.values.records import Delivery
-from eigenfail.worlds import world_of
+from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns import explanations as words_module
 from eigenfail_services.campaigns import minimal_failures
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
@@ -291,7 +291,7 @@ def test_what_is_needed_is_told_of_axes_on_roads_and_of_channels_elsewhere(field
         best=0,
     )
     campaign = running(open_store("memory://"), **fields)
-    channels = world_of(campaign.spec.simulator).channels(campaign.spec)
+    channels = list_channels(campaign.spec)
     told = minimal_failures._describe_progress(facts, np.ones((3, 2)), campaign, channels)
     assert told == f"No step of one {word} can be left out."
 

@@ -8,21 +8,14 @@ from collections.abc import Callable
 from typing import Any
 
 import msgspec
-import numpy as np
 import pytest
+from store_checks.examples import analyse_function
 
 from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.presentation.figures import format_amount, format_utc
 from eigenfail.values import (
     AnalysisSettings,
-    CampaignSpec,
-    CampaignState,
-    EpisodeResult,
-    Measures,
-    NoiseTrajectory,
-    Outcome,
 )
-from eigenfail.values.records import Delivery
 from eigenfail.values.report import Report, ReportTable
 from eigenfail.wire.http import decode
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
@@ -259,43 +252,10 @@ def test_without_campaigns_that_differ_by_seed_there_is_no_such_section(store: S
 CHANNELS = ("gust", "step", "gust_step", "glare", "delay", "bias", "drift")
 
 
-def analyse_function(store: Store, channels: tuple[str, ...]) -> int:
-    """Make a campaign on a function with these channels, 24 failures and their analysis; its id."""
-    spec = CampaignSpec(
-        name="function",
-        method="monte_carlo",
-        episodes=24,
-        simulator="function",
-        scenario="function",
-        planner="my_module:robustness",
-        scenario_parameters={"steps": 9, "channels": list(channels)},
-    )
-    campaign = store.campaigns.create(spec).id
-    store.campaigns.move(campaign, CampaignState.RUNNING)
-    noise = np.random.default_rng(1).normal(size=(24, 9, len(channels))).astype(np.float32)
-    noise[:12, 4, -1] += 9.0
-    results = [
-        EpisodeResult(
-            index=index,
-            seed=index,
-            outcome=Outcome.COLLISION,
-            steps=9,
-            noise=NoiseTrajectory(z, np.ones_like(z)),
-            source="prior",
-            measures=Measures(-1.0),
-        )
-        for index, z in enumerate(noise)
-    ]
-    store.episodes.commit(campaign, [Delivery(each, "by hand") for each in results])
-    asked = AnalysisSettings(clusters=2, bootstrap=0)
-    run_analysis(store, store.analyses.create(campaign, asked).id)
-    return campaign
-
-
 @pytest.mark.parametrize("count", [1, 3, 5, 7])
 def test_noise_has_the_names_of_its_channels(count: int) -> None:
     store, channels = open_store("memory://"), CHANNELS[:count]
-    made = make(store, (analyse_function(store, channels),), NOW_MS)
+    made = make(store, (analyse_function(store, channels)[0],), NOW_MS)
     tables = {table.name: table for table in made.report.tables}
     names = [column.name for table in tables.values() for column in table.columns]
     assert not any("longitudinal" in name or "lateral" in name for name in names)
@@ -322,7 +282,7 @@ def test_campaigns_of_other_channels_share_a_table(run: Callable[..., int]) -> N
     store = open_store("memory://")
     run(store, name="Road")
     run_analysis(store, store.analyses.create(1, AnalysisSettings(clusters=2, bootstrap=0)).id)
-    made = make(store, (1, analyse_function(store, CHANNELS[:1])), NOW_MS)
+    made = make(store, (1, analyse_function(store, CHANNELS[:1])[0]), NOW_MS)
     (table,) = [each for each in made.report.tables if each.name == "influence"]
     assert [column.name for column in table.columns][-3:] == ["longitudinal", "lateral", "gust"]
     for row in table.rows:
@@ -334,7 +294,7 @@ ROAD_WORDS = ("collision", "vehicle", "v_ego", "|dx|", "MinTTC below", "planner"
 
 def test_a_report_on_a_function_claims_nothing_that_was_not_measured() -> None:
     store = open_store("memory://")
-    made = make(store, (analyse_function(store, CHANNELS[:1]),), NOW_MS)
+    made = make(store, (analyse_function(store, CHANNELS[:1])[0],), NOW_MS)
     sections = {section.name: section for section in made.report.sections}
     for name in ("results", "setup", "safety", "likelihood"):
         text = " ".join(sections[name].words)
@@ -360,7 +320,7 @@ def test_of_both_kinds_each_has_its_own_words_and_a_function_has_dashes(
     store = open_store("memory://")
     run(store, name="Road")
     road = make(store, (1,), NOW_MS)
-    made = make(store, (1, analyse_function(store, CHANNELS[:1])), NOW_MS)
+    made = make(store, (1, analyse_function(store, CHANNELS[:1])[0]), NOW_MS)
     alone, both = (
         {section.name: section for section in each.report.sections} for each in (road, made)
     )
@@ -386,7 +346,7 @@ def test_of_both_kinds_each_has_its_own_words_and_a_function_has_dashes(
 def test_the_robustness_of_a_function_has_no_unit(run: Callable[..., int]) -> None:
     store = open_store("memory://")
     run(store, name="Road")
-    function = analyse_function(store, CHANNELS[:1])
+    function = analyse_function(store, CHANNELS[:1])[0]
     units = []
     for campaigns in ((1,), (function,), (1, function)):
         columns = table(make(store, campaigns, NOW_MS).report, "learning-curve").columns

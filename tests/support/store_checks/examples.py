@@ -1,5 +1,6 @@
 """What the checks of a store put into it, and how they compare what they find."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -7,13 +8,17 @@ import numpy as np
 from eigenfail.testing import expect
 from eigenfail.testing.examples import floats, result, spec
 from eigenfail.values import (
+    AnalysisSettings,
     Campaign,
     CampaignState,
     EpisodeResult,
     Floats,
+    Measures,
     NoiseTrajectory,
+    Outcome,
 )
 from eigenfail.values.records import Delivery, Verdict
+from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.store import Store
 
 WORKER = "worker-1"
@@ -50,6 +55,35 @@ def name_channels(count: int) -> dict[str, Any]:
         "planner": "m:f",
         "scenario_parameters": {"steps": 3, "channels": channels},
     }
+
+
+def analyse_function(store: Store, channels: Sequence[str], axes: str = "joint") -> tuple[int, int]:
+    """A campaign on a function with 24 failures of nine steps, and its analysis; their ids.
+
+    Half of the failures have a push in the last channel.
+    """
+    fields = name_channels(len(channels))
+    fields["scenario_parameters"] = {"steps": 9, "channels": [*channels]}
+    campaign = running(store, name="function", method="monte_carlo", episodes=24, **fields).id
+    noise = np.random.default_rng(1).normal(size=(24, 9, len(channels))).astype(np.float32)
+    noise[:12, 4, -1] += 9.0
+    failures = [
+        EpisodeResult(
+            index=index,
+            seed=index,
+            outcome=Outcome.COLLISION,
+            steps=9,
+            noise=NoiseTrajectory(z, np.ones_like(z)),
+            source="prior",
+            measures=Measures(0.0),
+        )
+        for index, z in enumerate(noise)
+    ]
+    store.episodes.commit(campaign, [Delivery(each, WORKER) for each in failures])
+    settings = AnalysisSettings(axes=axes, clusters=2, bootstrap=0)
+    analysis = store.analyses.create(campaign, settings).id
+    run_analysis(store, analysis)
+    return campaign, analysis
 
 
 def noise_of(channels: int, index: int = 0, steps: int = 3) -> NoiseTrajectory:

@@ -24,7 +24,7 @@ export function curve({ middle, span, rate, low, high }) {
   };
 }
 
-export function robustness({ index, robustness: distance, collision, unit = "m" }) {
+export function robustness({ index, robustness: distance, collision, unit }) {
   const points = index.map((episode, row) => [episode, distance[row], episode]);
   const series = (name, wanted, look) => ({
     name, type: "scatter", ...MANY, data: points.filter((_, row) => collision[row] === wanted), ...look,
