@@ -32,7 +32,7 @@ from eigenfail.hosting.service import Launcher, LocalService, Plan, local_servic
 from eigenfail.processes import ONE_THREAD
 from eigenfail.values import STATE, CampaignSpec, Observation, VehicleState
 from eigenfail.values.campaign import StopRules
-from eigenfail.values.disturbance import Pair
+from eigenfail.values.shapes import Pair
 from eigenfail_services.methods.ast.settings import REWARD_SCALE, AstSettings
 from eigenfail_workers.episode import EpisodeDriver
 from eigenfail_workers.measures.geometry import find_nearest

@@ -39,7 +39,7 @@ PARTS: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
         (f"{WORKERS}.episode", ("compute_deviations",)),
         (f"{WORKERS}.noise.sources", ("begin",)),
         (f"{WORKERS}.noise.sources:TrajectoryNoise", ("draw",)),
-        ("eigenfail.values:Conversion", ("to_metres",)),
+        ("eigenfail.values:Conversion", ("inject",)),
     ),
     "measures": (
         (f"{WORKERS}.measures.recorder:Recorder", ("observe", "add_disturbance", "measures")),

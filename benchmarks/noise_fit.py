@@ -92,7 +92,7 @@ def draw_errors(model: DisturbanceModel, true: Array, random: np.random.Generato
     drawn = random.standard_normal(true.shape)
     return np.array(
         [
-            conversion.to_metres((z[0], z[1]), (sigma[0], sigma[1]))
+            conversion.inject((z[0], z[1]), (sigma[0], sigma[1]))
             for z, sigma in zip(drawn.tolist(), sigmas.tolist(), strict=True)
         ]
     )

@@ -78,7 +78,7 @@ class TopView:
 
     def _noise(self, step: int) -> list[list[float]]:
         """What is added to the nearest car's position in the steps around a moment [m]."""
-        metres = self._course.noise.metres
+        metres = self._course.noise.injected
         first = min(max(step - SEEN_STEPS // 2, 0), max(len(metres) - SEEN_STEPS, 0))
         metres_then: list[list[float]] = metres[first : first + SEEN_STEPS].tolist()
         return metres_then

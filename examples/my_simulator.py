@@ -8,6 +8,7 @@ from msgspec.structs import replace
 from eigenfail.contracts import Planner, Scenario, Simulation, Situation
 from eigenfail.errors import PlannerError, SimulatorError
 from eigenfail.values import Control, Observation, Perception, VehicleState
+from eigenfail.values.channels import POSITION_CHANNELS
 
 LAG_S = 0.3
 BRAKES_MPS2, GAS_MPS2 = 7.0, 2.0
@@ -36,13 +37,14 @@ class LaggingSimulation:
         self._last = Observation(0, self._situation.ego, self._situation.actors)
         return self._last
 
-    def step(self, disturbance: tuple[float, float]) -> Observation:
+    def step(self, disturbance: tuple[float, ...]) -> Observation:
         """Show the planner a disturbed world, and do in the true one what it decides."""
         if self._last is None or self._last.ended:
             raise SimulatorError("No episode is going on.", "Reset the simulation first.")
         step, truth = self._last.step + 1, self._last
         nearest, seen = disturbed(truth, disturbance)
-        control = self._decide(Perception((step - 1) * self.dt_s, truth.ego, seen))
+        ids = tuple(range(1, len(seen) + 1))
+        control = self._decide(Perception((step - 1) * self.dt_s, truth.ego, seen, ids))
         ego, others = self._move(step, truth.ego, control)
         collided = any(overlap(ego, other) for other in others)
         self._last = Observation(
@@ -93,7 +95,7 @@ class LaggingSimulation:
         return moved, tuple(self._situation.move_actor(i, step, moved) for i in actors)
 
 
-def disturbed(truth: Observation, by: tuple[float, float]) -> tuple[int, Others]:
+def disturbed(truth: Observation, by: tuple[float, ...]) -> tuple[int, Others]:
     """Which vehicle is nearest, and the others as the planner sees them [m]."""
     ways_m = [hypot(one.x_m - truth.ego.x_m, one.y_m - truth.ego.y_m) for one in truth.others]
     nearest = ways_m.index(min(ways_m))
@@ -112,6 +114,10 @@ def overlap(one: VehicleState, other: VehicleState) -> bool:
 class LaggingBrakes:
     """The simulator (contract `Simulator`): opens simulations, and holds nothing itself."""
 
-    def open(self, scenario: Scenario, parameters: Any, planner: Planner) -> Simulation:
+    channels = POSITION_CHANNELS
+
+    def open(
+        self, scenario: Scenario, parameters: Any, planner: Planner, channels: tuple[str, ...]
+    ) -> Simulation:
         """A simulation of the planner in the scenario."""
         return LaggingSimulation(scenario, parameters, planner)

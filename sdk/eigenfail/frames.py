@@ -27,6 +27,7 @@ from eigenfail.values import (
     NoiseTrajectory,
     Safety,
 )
+from eigenfail.values.channels import find_unit_suffix
 from eigenfail.values.records import EpisodeDetail
 from eigenfail.values.showing import Shown, Tabular
 from eigenfail.values.suite import SuiteTable
@@ -95,11 +96,14 @@ def _(value: NoiseTrajectory) -> Iterator[Record]:
 
 def list_noise(noise: NoiseTrajectory, channels: Sequence[str]) -> Iterator[Record]:
     """Return a row for each step of noise, with columns for each of its channels by these names."""
-    for step, (metres, z, sigma) in enumerate(zip(noise.metres, noise.z, noise.sigma, strict=True)):
+    suffixes = [find_unit_suffix(name) for name in channels]
+    rows = zip(noise.injected, noise.z, noise.sigma, strict=True)
+    for step, (injected, z, sigma) in enumerate(rows):
         row: Record = {"step": step}
-        for name, a_t, z_t, sigma_t in zip(channels, metres, z, sigma, strict=True):
-            row |= {f"{name}_m": float(a_t), f"{name}_z": float(z_t)}
-            row |= {f"{name}_sigma_m": float(sigma_t)}
+        values = zip(channels, suffixes, injected, z, sigma, strict=True)
+        for name, suffix, a_t, z_t, sigma_t in values:
+            row |= {f"{name}{suffix}": float(a_t), f"{name}_z": float(z_t)}
+            row |= {f"{name}_sigma{suffix}": float(sigma_t)}
         yield row
 
 
@@ -206,12 +210,12 @@ def _(value: AnalysisResult) -> NDArray[np.generic]:
 
 @to_numpy.register
 def _(value: NoiseTrajectory) -> NDArray[np.generic]:
-    return value.metres
+    return value.injected
 
 
 @to_numpy.register
 def _(value: EpisodeResult) -> NDArray[np.generic]:
-    return value.noise.metres
+    return value.noise.injected
 
 
 def columns_of(rows: Iterable[Record]) -> dict[str, list[Any]]:

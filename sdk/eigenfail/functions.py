@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 import msgspec
 import numpy as np
-from msgspec import Meta
+from msgspec import UNSET, Meta
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
@@ -26,6 +26,7 @@ from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.settings import read_settings
 from eigenfail.values import AXES, CampaignSpec, Correlated, DisturbanceModel, White
 from eigenfail.values.analysis import JOINT, LONGEST_CHANNEL
+from eigenfail.values.disturbance import MOST_CHANNELS
 
 SIMULATOR = SCENARIO = "function"
 """What a campaign names as its simulator and its scenario, if a function is under test."""
@@ -39,8 +40,6 @@ CHANNEL_RULE = (
     f"of them; neither '{JOINT}' nor a name that ends in '_sigma'."
 )
 CHANNELS_FIELD = "scenario_parameters.channels"
-MOST_CHANNELS = 50
-
 MOST_VALUES = 100_000
 """Steps times channels: a round of such trajectories still fits a message."""
 
@@ -121,7 +120,8 @@ def check(spec: CampaignSpec) -> FunctionParameters:
         raise InvalidValue("planner", problem, 'Write it as planner = "my_module:robustness".')
     if spec.planner_settings:
         raise UnknownName("planner_settings", next(iter(spec.planner_settings)), ())
-    if replace(spec.disturbance, scale=1.0, shape=White()) != DisturbanceModel():
+    plain = replace(spec.disturbance, scale=1.0, shape=White(), channels=UNSET)
+    if plain != DisturbanceModel():
         remedy = "Set `scale` and `shape` alone: there is no distance that sigma could grow with."
         raise InvalidValue("disturbance", "slopes and bases do not apply to functions.", remedy)
     given = read_settings(FunctionParameters, spec.scenario_parameters, "scenario_parameters")

@@ -13,10 +13,15 @@ from msgspec.structs import replace
 
 from eigenfail import bridges, functions, plugins
 from eigenfail.contracts import Scenario
-from eigenfail.errors import InputError, UnknownName
+from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import defaults_of, read_settings
-from eigenfail.values import AXES, CampaignSpec, EpisodeSetup
+from eigenfail.values import CampaignSpec, DisturbanceModel, EpisodeSetup
 from eigenfail.values.variation import Variation, read_variation
+
+Described = CampaignSpec | EpisodeSetup
+"""What names a simulator, a scenario and a disturbance model."""
+
+CHANNELS = "disturbance.channels"
 
 
 class PluginField(NamedTuple):
@@ -42,6 +47,7 @@ class CampaignWorld(ABC):
         robustness_unit: unit of the robustness; empty where it has none.
         needs_bridge: whether only workers with a bridge can run its episodes.
         unexplained: reason why no planner can explain an episode; empty where one can.
+        channels_remedy: what to do where the disturbance model names channels in vain.
     """
 
     plugin_fields: ClassVar[Mapping[str, PluginField]] = {}
@@ -49,6 +55,7 @@ class CampaignWorld(ABC):
     robustness_unit: ClassVar[str] = "m"
     needs_bridge: ClassVar[bool] = False
     unexplained: ClassVar[str] = ""
+    channels_remedy: ClassVar[str] = ""
 
     @abstractmethod
     def check(self, spec: CampaignSpec) -> None:
@@ -77,14 +84,26 @@ class CampaignWorld(ABC):
             InvalidValue: a parameter, or an end of its distribution, outside its bounds.
         """
 
-    def channels(self, _spec: CampaignSpec) -> tuple[str, ...]:
+    def channels(self, spec: CampaignSpec) -> tuple[str, ...]:
         """Return the names of the channels of the noise, in the order of the columns of z.
 
         Raises:
             UnknownName: no such parameter.
             InvalidValue: a parameter outside its bounds.
         """
-        return AXES
+        return tuple(channel.name for channel in spec.disturbance.list_channels())
+
+    def resolve_disturbance(self, described: Described) -> DisturbanceModel:
+        """Return the disturbance model with its channels written out, one by one.
+
+        Raises:
+            UnknownName: a channel that the world does not have.
+            InvalidValue: its model is not one, or the world has only the channels of a position.
+        """
+        if described.disturbance.channels is not msgspec.UNSET:
+            problem = f"the simulator '{described.simulator}' has no channels to choose from."
+            raise InvalidValue(CHANNELS, problem, self.channels_remedy)
+        return described.disturbance
 
     def step_s(self, _spec: CampaignSpec) -> float | None:
         """Return the duration of a step; None where steps have none. [s]
@@ -156,6 +175,23 @@ class PluginWorld(CampaignWorld):
         """Read the settings of the planner."""
         self._read_planner(spec)
 
+    def resolve_disturbance(self, described: Described) -> DisturbanceModel:
+        """Write out the channels that simulator and scenario have."""
+        model = described.disturbance
+        if model.channels is msgspec.UNSET:
+            return model
+        variation = read_variation(
+            plugins.load(plugins.SCENARIOS, described.scenario).Parameters,
+            described.scenario_parameters,
+        )
+        scenario: Scenario = plugins.load(plugins.SCENARIOS, described.scenario)()
+        counts = {len(scenario(each, 0).actors) for each in variation.corners()}
+        if len(counts) > 1:
+            problem = "the number of vehicles varies with the parameters of the scenario."
+            raise InvalidValue(CHANNELS, problem, "Fix the parameter that it depends on.")
+        simulator = plugins.load(plugins.SIMULATORS, described.simulator)
+        return model.resolve(counts.pop(), simulator.channels)
+
     def variation(self, spec: CampaignSpec) -> Variation:
         """Return the parameters as the scenario's annotations bound them."""
         return read_variation(self.parameters_type(spec), spec.scenario_parameters)
@@ -224,6 +260,7 @@ class FunctionWorld(CampaignWorld):
     has_road = False
     robustness_unit = ""
     unexplained = "a function has no planner and no controls to explain."
+    channels_remedy = "Name those of a function as `channels` in scenario_parameters."
 
     def check(self, spec: CampaignSpec) -> None:
         """Read the parameters, and hold the function against the list and its module's source."""
@@ -272,6 +309,7 @@ class BridgeWorld(CampaignWorld):
 
     needs_bridge = True
     unexplained = "a bridge explains nothing: it does not report what its planner computes."
+    channels_remedy = "Leave `channels` out: a bridge disturbs the position of the nearest vehicle."
 
     def check(self, spec: CampaignSpec) -> None:
         """Read the parameters; whether the bridge knows them it says later."""
@@ -315,6 +353,16 @@ def list_channels(spec: CampaignSpec) -> tuple[str, ...]:
         InvalidValue: a parameter outside its bounds.
     """
     return world_of(spec.simulator).channels(spec)
+
+
+def resolve_disturbance(described: Described) -> DisturbanceModel:
+    """Return the disturbance model of a campaign with its channels written out, one by one.
+
+    Raises:
+        UnknownName: a channel, or a plug-in that it depends on, does not exist.
+        InvalidValue: the model of a channel is not one; or the world has no channels to name.
+    """
+    return world_of(described.simulator).resolve_disturbance(described)
 
 
 def list_simulators() -> list[str]:

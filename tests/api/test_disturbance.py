@@ -70,7 +70,7 @@ def test_the_client_reads_metres_and_log_p_as_they_were(*, http, correlated, del
         )
     assert told.shape == MODEL.shape
     assert told.log_probability == noisy.noise.log_probability
-    assert told.metres.tobytes() == noisy.noise.metres.tobytes()
+    assert told.injected.tobytes() == noisy.noise.injected.tobytes()
     assert heavy.spec.disturbance.shape == HeavyTailed(3.0)
 
 

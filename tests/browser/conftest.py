@@ -76,7 +76,7 @@ def scene_of(noise, steps):
     side = 3.5 * (1.0 - share**2 * (3.0 - 2.0 * share))
     heading = np.gradient(side, DT_S) / 12.0
     car = np.stack([72.0 + 12.0 * t, side, heading, 0 * t + 12.0], axis=1)
-    perceived = car[:-1, :2] + noise.metres
+    perceived = car[:-1, :2] + noise.injected
     return Scene(
         dt_s=DT_S,
         vehicles=np.stack([ego, car], axis=1).astype(np.float32),

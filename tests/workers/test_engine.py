@@ -128,7 +128,7 @@ def test_a_steady_truck_crashes_as_worked_out_by_hand(
     assert result.measures.min_ttc_s == pytest.approx(0.4 / 8.0)
     assert result.measures.max_drac_mps2 == pytest.approx(64.0 / 0.8)
     assert result.noise.sigma[0] == pytest.approx([0.02 * 40.5 + 1.0, 0.00625 * 3.5 + 0.2])
-    assert result.noise.metres[0] == pytest.approx([1.81, -2.0 * 0.221875])
+    assert result.noise.injected[0] == pytest.approx([1.81, -2.0 * 0.221875])
     assert result.noise.z[1:].tolist() == [[0.0, 0.0]] * 37
     assert result.scene.perceived[0] == pytest.approx([42.31, 3.5 - 0.44375])
 
@@ -173,7 +173,7 @@ def test_noise_follows_from_what_is_stored(simulator: str, make_engine: MakeEngi
     sigma = distance * [0.02, 0.00625] + [1.0, 0.2]
     assert result.noise.sigma == pytest.approx(sigma, rel=1e-5)
     a = scene.perceived - actor
-    assert result.noise.metres == pytest.approx(a, abs=1e-4)
+    assert result.noise.injected == pytest.approx(a, abs=1e-4)
     log_p = sum(
         -0.5 * (x / s) ** 2 - log(s * sqrt(2.0 * pi))
         for x, s in zip(a.ravel().tolist(), sigma.ravel().tolist(), strict=True)

@@ -5,11 +5,11 @@ from typing import Any, Protocol
 
 from eigenfail.contracts import Planner, Scenario, Situation
 from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
-from eigenfail.values import Control, Mission, Observation, Perception, VehicleState
-from eigenfail.values.disturbance import Pair
+from eigenfail.values import Control, Mission, Observation, Perception
+from eigenfail.values.shapes import Row
 from eigenfail_workers.faults import wrap_errors
-from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.motion import clip_control, is_off_road
+from eigenfail_workers.perception import SensorErrors
 from eigenfail_workers.values import GroundTruth
 
 
@@ -30,8 +30,14 @@ class DrivenSimulation:
     """
 
     def __init__(
-        self, world: TrafficWorld, scenario: Scenario, parameters: Any, planner: Planner
+        self,
+        world: TrafficWorld,
+        scenario: Scenario,
+        parameters: Any,
+        planner: Planner,
+        channels: tuple[str, ...],
     ) -> None:
+        self._errors = SensorErrors(channels)
         self._world = world
         self._scenario = scenario
         self._parameters = parameters
@@ -71,12 +77,12 @@ class DrivenSimulation:
             )
         return truth
 
-    def step(self, disturbance: Pair) -> Observation:
+    def step(self, disturbance: Row) -> Observation:
         """Perceive, disturb, plan and step; see `Simulation.step`."""
         now = self._now
         if now is None or now.ended or self._closed:
             raise SimulatorError("There is no episode to go on with.", "Reset the simulation.")
-        perception, position = self._perceive(now, disturbance)
+        perception, position = self._errors.perceive(now, self.dt_s, disturbance)
         control = self._plan(perception)
         applied = clip_control(control, now.ego.speed_mps)
         truth = self._world.advance(applied)
@@ -93,17 +99,6 @@ class DrivenSimulation:
             off_road=is_off_road(self._mission, truth.ego),
         )
         return self._now
-
-    def _perceive(self, now: Observation, disturbance: Pair) -> tuple[Perception, Pair]:
-        """Return the true states, with a disturbed position of the nearest vehicle."""
-        actor = find_nearest(now.ego, now.others)
-        true = now.others[actor]
-        position = true.x_m + disturbance[0], true.y_m + disturbance[1]
-        seen = VehicleState(
-            *position, true.heading_rad, true.speed_mps, true.length_m, true.width_m
-        )
-        others = (*now.others[:actor], seen, *now.others[actor + 1 :])
-        return Perception(now.step * self.dt_s, now.ego, others), position
 
     def _plan(self, perception: Perception) -> Control:
         with self._planner_errors:

@@ -18,7 +18,7 @@ from types import ModuleType
 
 PACKAGE = "eigenfail_workers"
 MODULES = (
-    *("closed_loop", "episode", "faults", "motion"),
+    *("closed_loop", "episode", "faults", "motion", "perception"),
     *("measures.conflict", "measures.geometry", "measures.importance", "measures.recorder"),
     *("noise.deviations", "noise.sources"),
     "planners.steering",

@@ -21,6 +21,7 @@ from eigenfail.process_state import ProcessState
 from eigenfail.settings import read_settings
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
 from eigenfail.values.variation import read_variation
+from eigenfail.worlds import resolve_disturbance
 from eigenfail_workers.episode import make_errored_result, make_result, run_episode
 from eigenfail_workers.faults import make_fault, make_state_change_error, wrap_errors
 from eigenfail_workers.measures.recorder import Recorder
@@ -56,6 +57,8 @@ class Engine:
         self._planner_settings = read_settings(
             self._planner_class.Settings, setup.planner_settings, "planner_settings"
         )
+        self._model = resolve_disturbance(setup)
+        self._channels = tuple(channel.name for channel in self._model.list_channels())
         self._policies: dict[int, Policy] = {}
         self._simulation: Simulation | None = None
         # Taken after the imports: what they change is the same for each episode in each process.
@@ -71,7 +74,7 @@ class Engine:
 
     def _run(self, task: EpisodeTask) -> EpisodeResult:
         began = perf_counter()
-        recorder = Recorder(self._setup.disturbance.shape, task.importance)
+        recorder = Recorder(self._model, task.importance)
         try:
             result = self._run_to_end(task, recorder)
         except (EpisodeError, InputError) as error:
@@ -104,9 +107,11 @@ class Engine:
     def _run_to_end(self, task: EpisodeTask, recorder: Recorder) -> EpisodeResult:
         with wrap_errors(SimulatorError, "The episode", "Look into simulator and scenario."):
             simulation = self._open(self._variation.draw(task.seed))
-            context = sources.NoiseContext(task.seed, simulation.steps, self._policies)
+            context = sources.NoiseContext(
+                task.seed, simulation.steps, self._policies, len(self._channels)
+            )
             noise = sources.begin(task.source, context)
-            run_episode(simulation, task.seed, self._setup.disturbance, noise, recorder)
+            run_episode(simulation, task.seed, self._model, noise, recorder)
             return make_result(self._setup, task, noise, recorder, simulation.dt_s)
 
     def _open(self, parameters: Any) -> Simulation:
@@ -115,7 +120,9 @@ class Engine:
             self._discard()
         if self._simulation is None:
             planner = self._new_planner()
-            self._simulation = self._simulator.open(self._scenario, parameters, planner)
+            self._simulation = self._simulator.open(
+                self._scenario, parameters, planner, self._channels
+            )
             self._parameters = parameters
         if self._variation.varied and self._simulation.steps > self._horizon:
             raise InvalidValue(

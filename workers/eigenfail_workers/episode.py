@@ -15,10 +15,10 @@ from eigenfail.values import (
     Outcome,
     unrunnable,
 )
-from eigenfail.values.disturbance import Pair
+from eigenfail.values.shapes import Row
 from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.measures.recorder import Recorder
-from eigenfail_workers.noise.deviations import compute_deviations
+from eigenfail_workers.noise.deviations import Deviations
 from eigenfail_workers.noise.sources import NoiseSource
 
 
@@ -36,13 +36,14 @@ class EpisodeDriver:
         self, model: DisturbanceModel, noise: NoiseSource, recorder: Recorder, steps: int
     ) -> None:
         self._model = model
-        self._conversion = Conversion(model.shape)
+        self._deviations = Deviations(model)
+        self._conversion = Conversion(model.noise_shape)
         self._noise = noise
         self._recorder = recorder
         self._steps = steps
 
-    def disturb(self, observation: Observation) -> Pair | None:
-        """Return the disturbance of the next step [m]; None if the episode has ended.
+    def disturb(self, observation: Observation) -> Row | None:
+        """Return the disturbance of the next step, of each channel; None if the episode has ended.
 
         Raises:
             SimulatorError: an observation is not finite, or the episode exceeds its horizon.
@@ -56,12 +57,11 @@ class EpisodeDriver:
                 f"The episode did not end at its horizon of {self._steps} steps.",
                 "The simulation must set `ended` there.",
             )
-        actor = observation.others[find_nearest(observation.ego, observation.others)]
-        sigma = compute_deviations(self._model, observation.ego, actor)
-        z = self._noise.draw(observation, actor)
+        actor = find_nearest(observation.ego, observation.others)
+        sigma = self._deviations.compute(observation, actor)
+        z = self._noise.draw(observation, observation.others[actor])
         recorder.add_disturbance(z, sigma)
-        longitudinal_m, lateral_m = self._conversion.to_metres(z, sigma)
-        return longitudinal_m, lateral_m
+        return self._conversion.inject(z, sigma)
 
 
 def run_episode(

@@ -107,14 +107,13 @@ def explain(setup: EpisodeSetup, task: EpisodeTask) -> ExplainedEpisode:
 
 
 def _make_step(number: int, step: RecordedStep, result: EpisodeResult) -> ExplainedStep:
-    longitudinal, lateral = result.noise.standardised[number].tolist()
     gap_m, closing_mps = _measure_gap(result.scene, number) if result.scene else (None, None)
     return ExplainedStep(
         time_s=step.time_s,
         acceleration_mps2=step.control.acceleration_mps2,
         steering_rad=step.control.steering_rad,
         account=step.account,
-        disturbance=(longitudinal, lateral),
+        disturbance=tuple(result.noise.standardised[number].tolist()),
         gap_m=gap_m,
         closing_mps=closing_mps,
         path=step.path,

@@ -139,7 +139,7 @@ class FunctionEngine:
     def _call_function(self, drawn: EpisodeResult) -> EpisodeResult:
         """Return the result with its outcome; if the function fails, the noise stays for replay."""
         try:
-            noise = drawn.noise.metres.copy()  # the function may change it
+            noise = drawn.noise.injected.copy()  # the function may change it
             robustness = _compute_robustness(self._function, noise, self._limit_s)
         except SimulatorError as error:
             return replace(drawn, outcome=Outcome.ERRORED, states=None, fault=make_fault(error))

@@ -68,7 +68,7 @@ def make_noise_chart(
     noise: NoiseTrajectory, dt_s: float | None, channels: Sequence[str] = AXES
 ) -> Chart:
     """Return the chart of the noise of these channels, step by step."""
-    metres, standardised = noise.metres, noise.standardised
+    metres, standardised = noise.injected, noise.standardised
     times = [step * (dt_s or 1.0) for step in range(len(noise.z))]
     axis = "Time [s]" if dt_s else "Step"
     # Other channels than those of a position have no unit that is known here.

@@ -169,7 +169,7 @@ def create_campaign(
     idempotency_key: IdempotencyKey = None,
 ) -> Json:
     """Queue a new campaign."""
-    validate_campaign(spec, store)
+    spec = validate_campaign(spec, store).spec
     return _answer_created(store.campaigns.create(spec, idempotency_key, made_by))
 
 

@@ -102,8 +102,10 @@ class Simulation(Protocol):
     def reset(self, seed: int) -> Observation:
         """Begin an episode, and return the observation of its start, step 0."""
 
-    def step(self, disturbance: tuple[float, float]) -> Observation:
-        """Disturb the perceived position of the nearest vehicle by (longitudinal, lateral) [m].
+    def step(self, disturbance: tuple[float, ...]) -> Observation:
+        """Disturb what the planner perceives, by a value of each channel in its unit.
+
+        An event lasts where its value is 1.
 
         Raises:
             EpisodeError: this episode cannot go on.
@@ -114,10 +116,27 @@ class Simulation(Protocol):
 
 
 class Simulator(Protocol):
-    """Opens simulations."""
+    """Opens simulations.
 
-    def open(self, scenario: Scenario, parameters: Any, planner: Planner) -> Simulation:
-        """Return a simulation of the planner in the scenario; it may be reset repeatedly."""
+    Attributes:
+        channels: the channels that it can inject, in the terms of `values.channels.ALL_CHANNELS`;
+            `POSITION_CHANNELS` at least, which campaigns have unless they name others.
+    """
+
+    channels: ClassVar[frozenset[str]]
+
+    def open(
+        self, scenario: Scenario, parameters: Any, planner: Planner, channels: tuple[str, ...]
+    ) -> Simulation:
+        """Return a simulation of the planner in the scenario; it may be reset repeatedly.
+
+        Args:
+            scenario: what is staged.
+            parameters: of the scenario.
+            planner: drives the ego.
+            channels: names of the channels of each disturbance, in order: some of `channels`, and
+                `vehicle_1.speed` and so on where these have `every.speed`.
+        """
 
 
 class EpisodeEngine(Protocol):

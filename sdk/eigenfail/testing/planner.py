@@ -50,7 +50,7 @@ def _frame(step: int, shake_m: float) -> Perception:
     actor = VehicleState(
         90.0 + 13.0 * time_s + swing, y + 0.2 * swing, drift_mps / 13.0, 13.0, 5.0, 2.0
     )
-    return Perception(time_s, ego, (actor,))
+    return Perception(time_s, ego, (actor,), (1,))
 
 
 def drive(

@@ -17,7 +17,7 @@ from eigenfail.contracts import Planner, Simulation
 from eigenfail.errors import EpisodeError, PlannerError
 from eigenfail.testing import expect, expect_error
 from eigenfail.values import Control, Mission, Observation, Perception, VehicleState
-from eigenfail.values.disturbance import Pair
+from eigenfail.values.shapes import Pair
 
 OpenSimulation = Callable[[Planner], Simulation]
 

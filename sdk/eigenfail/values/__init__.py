@@ -33,6 +33,7 @@ from eigenfail.values.campaign import (
     RunPart,
     StopRules,
 )
+from eigenfail.values.channels import Channel
 from eigenfail.values.comparison import (
     Bound,
     Box,
@@ -50,12 +51,8 @@ from eigenfail.values.comparison import (
 from eigenfail.values.disturbance import (
     AXES,
     Conversion,
-    Correlated,
     DisturbanceModel,
-    HeavyTailed,
     NoiseTrajectory,
-    Shape,
-    White,
 )
 from eigenfail.values.episode import (
     EpisodeFault,
@@ -112,6 +109,16 @@ from eigenfail.values.safety import (
     Violations,
 )
 from eigenfail.values.scene import Control, Mission, Observation, Perception, Scene, VehicleState
+from eigenfail.values.shapes import (
+    Autoregressive,
+    Correlated,
+    HeavyTailed,
+    Markov,
+    NoiseShape,
+    PerChannel,
+    Shape,
+    White,
+)
 from eigenfail.values.summary import (
     BlockTotals,
     CampaignCost,
@@ -142,6 +149,7 @@ __all__ = [
     "AnalysisSettings",
     "AnalysisState",
     "Assessment",
+    "Autoregressive",
     "BlockTotals",
     "Bound",
     "Box",
@@ -149,6 +157,7 @@ __all__ = [
     "CampaignCost",
     "CampaignSpec",
     "CampaignState",
+    "Channel",
     "Comparison",
     "ConflictClass",
     "Conflicts",
@@ -187,6 +196,7 @@ __all__ = [
     "Layer",
     "LearnerContext",
     "Magnitude",
+    "Markov",
     "McNemar",
     "MeanTime",
     "Measure",
@@ -196,6 +206,7 @@ __all__ = [
     "Mission",
     "Moment",
     "NearestFailure",
+    "NoiseShape",
     "NoiseTrajectory",
     "Observation",
     "Outcome",
@@ -203,6 +214,7 @@ __all__ = [
     "Page",
     "PairTotals",
     "Path",
+    "PerChannel",
     "Perception",
     "Policy",
     "PolicySource",

@@ -10,9 +10,10 @@ import numpy as np
 
 from eigenfail.errors import clean_text
 from eigenfail.values.arrays import Floats
-from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory, White
+from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
 from eigenfail.values.measures import Measures
 from eigenfail.values.scene import Scene
+from eigenfail.values.shapes import White
 from eigenfail.values.showing import Brief
 
 MAX_WALL_S = 7 * 86_400.0
@@ -178,7 +179,7 @@ class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False, gc=False):
         """SHA-256 of what happened: the same for an episode and for its replay, bit for bit.
 
         It covers the outcome, steps, noise and measures; not the index, the source or the time.
-        A shape adds to it where there is noise whose metres do not follow from z and sigma alone.
+        A shape adds to it where there is noise that does not follow from z and sigma alone.
         """
         packed = (self.measures or Measures(float("nan"))).packed()
         parts = (self.outcome.encode(), struct.pack("<q", self.steps), packed)

@@ -182,7 +182,7 @@ class ExplainedStep(msgspec.Struct, frozen=True):
     Attributes:
         acceleration_mps2: what the planner asked for; steering_rad likewise.
         account: what it says; empty for a planner that explains nothing.
-        disturbance: a_t / sigma_t of this step, (longitudinal, lateral) [sigma].
+        disturbance: a_t / sigma_t of this step, of each channel [sigma].
         gap_m: gap from the truck's front to the nearest vehicle's rear bumper along the road, in
             truth.
         closing_mps: speed at which this gap closes, in truth.
@@ -194,7 +194,7 @@ class ExplainedStep(msgspec.Struct, frozen=True):
     acceleration_mps2: float
     steering_rad: float
     account: Account
-    disturbance: tuple[float, float]
+    disturbance: tuple[float, ...]
     gap_m: float | None = None
     closing_mps: float | None = None
     path: Path = ()

@@ -43,14 +43,17 @@ class Mission(msgspec.Struct, frozen=True):
 
 
 class Perception(msgspec.Struct, frozen=True):
-    """What a planner sees: itself, and the others with the nearest one's position disturbed.
+    """What a planner sees: itself and the others, disturbed by the channels of the campaign.
 
-    Heading, speed and size of the others are what the simulator reports; position is the noisy one.
+    Attributes:
+        others: the vehicles that are detected: all of them, unless a channel lets one be missed.
+        ids: number of each of them, from 1, which it keeps for the whole episode.
     """
 
     time_s: float
     ego: VehicleState
     others: tuple[VehicleState, ...]
+    ids: tuple[int, ...]
 
 
 class Observation(msgspec.Struct, frozen=True):
@@ -61,7 +64,8 @@ class Observation(msgspec.Struct, frozen=True):
         others: every other vehicle; never empty.
         collided: whether the simulator's own test saw the ego touch another vehicle.
         ended: whether the episode is over, by a collision or at its horizon.
-        perceived: position at which the ego saw the actor in the step just taken [m].
+        perceived: position at which the ego saw the nearest vehicle in the step just taken [m]; NaN
+            where that was missed.
         control: what the planner asked for in the step just taken.
         applied: the part of it that the truck could do; None if the simulator does not report it.
         off_road: whether the ego is beyond the edge or the end of its road.
@@ -86,7 +90,8 @@ class Scene(Brief, msgspec.Struct, frozen=True, eq=False):
         vehicles: x [m], y [m], heading [rad], speed [m/s], shape (steps + 1, vehicles, 4);
             vehicle 0 is the ego.
         sizes: length and width [m], shape (vehicles, 2).
-        perceived: position at which the ego saw the actor [m], shape (steps, 2).
+        perceived: position at which the ego saw the nearest vehicle [m], shape (steps, 2); NaN
+            where that was missed.
         controls: acceleration [m/s²] and steering [rad], shape (steps, 2).
     """
 

@@ -73,7 +73,7 @@ def list_unpairable(campaigns: Sequence[Campaign]) -> list[str]:
 
 def _find_other_request(specs: Sequence[CampaignSpec]) -> str:
     """Return which difference of the specs makes other noise; empty without one."""
-    if len({repr(spec.disturbance.shape) for spec in specs}) > 1:
+    if len({repr(spec.disturbance.noise_shape) for spec in specs}) > 1:
         return "their noise differs in shape."
     if len({list_channels(spec) for spec in specs}) > 1:
         return "their noise differs in its channels."

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 from unicodedata import category
 
 import msgspec
+from msgspec.structs import replace
 
 from eigenfail.contracts import Injection, Reference
 from eigenfail.errors import InvalidValue, NotFound, UnknownName
@@ -73,6 +74,7 @@ def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
         check_estimates(searching, "stop.cv")
     world = world_of(spec.simulator)
     world.check(spec)
+    spec = replace(spec, disturbance=world.resolve_disturbance(spec))
     if searching.traits.needs_course:
         _check_course(spec, world)
     resolved = make_resolved_campaign(spec, method, searching)

@@ -126,7 +126,7 @@ class CampaignRun:
         """Spawn a learner process; leased episodes stay with their workers."""
         self._rounds = OpenRounds(
             self.spec.campaign,
-            NoiseForm(self.spec.setup.disturbance.shape, self.spec.context.channels),
+            NoiseForm(self.spec.setup.disturbance.noise_shape, self.spec.context.channels),
             self._store,
             self._leases,
             observes=self.spec.observes,

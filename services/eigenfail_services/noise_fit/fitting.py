@@ -15,7 +15,7 @@ from scipy import optimize, special, stats
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Correlated, DisturbanceModel, HeavyTailed, Interval, White
-from eigenfail.values.disturbance import Shape
+from eigenfail.values.shapes import Shape
 from eigenfail_services.noise_fit.sensor_log import Array, SensorLog
 
 FOLDS = 5

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.values import IMPORTANCE_SAMPLING, ONE_REGION, Estimate, NoiseTrajectory
-from eigenfail.values.disturbance import Shape
+from eigenfail.values.shapes import Shape
 
 Array = NDArray[np.float64]
 

@@ -20,13 +20,13 @@ from eigenfail.values import (
     Estimate,
     Floats,
     Measures,
+    NoiseShape,
     NoiseTrajectory,
     Outcome,
     Overhead,
     Priority,
     RunPart,
     Scene,
-    Shape,
     assess,
 )
 from eigenfail.values.arrays import LITTLE_ENDIAN_FLOAT, decode_array, encode_array
@@ -146,13 +146,13 @@ class NoiseForm(NamedTuple):
         channels: number of columns of z.
     """
 
-    shape: Shape
+    shape: NoiseShape
     channels: int
 
 
 def find_noise_form(spec: CampaignSpec) -> NoiseForm:
     """Return the form of the noise of a campaign."""
-    return NoiseForm(spec.disturbance.shape, len(list_channels(spec)))
+    return NoiseForm(spec.disturbance.noise_shape, len(list_channels(spec)))
 
 
 @lru_cache(maxsize=64)

@@ -125,7 +125,7 @@ def test_noise_by_itself_numbers_its_channels(channels):
     assert np.array_equal(noise.to_numpy(), 2.0 * z)
     frame = noise.to_pandas()
     assert len(frame.columns) == 1 + 3 * channels
-    assert list(frame[f"channel_{channels}_m"]) == [2.0 * (channels - 1), 2.0 * (2 * channels - 1)]
+    assert list(frame[f"channel_{channels}"]) == [2.0 * (channels - 1), 2.0 * (2 * channels - 1)]
 
 
 def test_values_of_a_service_are_tables(client, fields):

@@ -24,7 +24,7 @@ from eigenfail.values import (
     NearestFailure,
     NoiseTrajectory,
 )
-from eigenfail.values.disturbance import Correlated
+from eigenfail.values.shapes import Correlated
 from eigenfail.values.records import Delivery
 from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns import explanations as words_module

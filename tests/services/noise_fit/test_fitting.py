@@ -103,7 +103,7 @@ def test_density_and_z_are_those_of_the_product(candidate, seed):
     sigma = (slopes * np.abs(true) + bases).astype(np.float32)
     z = random.standard_normal(true.shape).astype(np.float32)
     noise = [NoiseTrajectory(a, b, model.shape) for a, b in zip(z, sigma, strict=True)]
-    seen = true + np.stack([one.metres for one in noise])
+    seen = true + np.stack([one.injected for one in noise])
     log = make_log(
         [
             Row(f"{track}", 0.1 * step, (*true[track, step], *seen[track, step]))
@@ -311,5 +311,5 @@ def test_conversion_of_the_planted_model_is_that_of_episodes(benchmark):
     errors = benchmark.draw_errors(model, true, np.random.default_rng(1))
     z = np.random.default_rng(1).standard_normal((5, 2))
     conversion = Conversion(model.shape)
-    expected = [conversion.to_metres(tuple(one), (2.0, 0.5)) for one in z]
+    expected = [conversion.inject(tuple(one), (2.0, 0.5)) for one in z]
     np.testing.assert_allclose(errors, expected)

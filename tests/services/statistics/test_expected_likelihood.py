@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from eigenfail.values import NoiseTrajectory, disturbance
-from eigenfail.values.disturbance import Correlated, HeavyTailed, White
+from eigenfail.values.shapes import Correlated, HeavyTailed, White
 from eigenfail_services.statistics.importance import (
     NODES,
     WEIGHTS,

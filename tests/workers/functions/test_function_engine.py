@@ -120,7 +120,7 @@ def test_it_is_given_sigma_times_what_the_shape_makes_of_z(shape):
     spy = of_trajectory(lambda z: seen.append(z.copy()) or 1.0)
     (result,) = run(spy, tasks(1), model=DisturbanceModel(scale=2.0, shape=shape))
     conversion = Conversion(shape)
-    expected = [conversion.to_metres(tuple(z), (2.0, 2.0)) for z in result.noise.z.tolist()]
+    expected = [conversion.inject(tuple(z), (2.0, 2.0)) for z in result.noise.z.tolist()]
     assert seen[0].shape == (STEPS, 2)
     assert seen[0].tolist() == [list(pair) for pair in expected]
     assert result.noise.log_probability == pytest.approx(
@@ -168,7 +168,7 @@ def test_a_function_is_given_as_many_channels_as_it_names(kind, shape, channels)
     assert Outcome.ERRORED not in {result.outcome for result in results}
     assert {z.shape for z in seen} == {(STEPS, channels)}
     for result, z in zip(results, seen, strict=True):
-        assert result.noise.metres.tolist() == z.tolist()
+        assert result.noise.injected.tolist() == z.tolist()
         assert result.states is None or result.states.shape == (STEPS, count_state(channels))
     again = [EpisodeTask(r.index, r.seed, TrajectorySource(r.noise.z)) for r in results]
     assert digests(run(spy, again, channels, model=model)) == digests(results)

@@ -85,7 +85,7 @@ def test_noise_is_float32_also_when_there_is_none() -> None:
     assert empty.z.shape == empty.sigma.shape == (0, 2)
     noise = recorded(seen(0, 0.0)).noise()
     assert noise.z.dtype == noise.sigma.dtype == np.float32
-    assert noise.metres.tolist() == [[1.0, -0.0625]]
+    assert noise.injected.tolist() == [[1.0, -0.0625]]
 
 
 def test_the_scene_has_one_row_more_than_steps() -> None:

@@ -78,7 +78,7 @@ def test_a_replay_of_its_z_is_the_episode_bit_for_bit(
     assert [each.digest() for each in again] == [each.digest() for each in first]
     for one, other in zip(first, again, strict=True):
         assert one.noise.shape == other.noise.shape == shape
-        assert one.noise.metres.tobytes() == other.noise.metres.tobytes()
+        assert one.noise.injected.tobytes() == other.noise.injected.tobytes()
         assert one.scene.perceived.tobytes() == other.scene.perceived.tobytes()
 
 
@@ -89,7 +89,7 @@ def test_shapes_share_the_draws_and_differ_in_what_is_injected(make_engine: Make
     ]
     steps = min(len(noise.z) for noise in found)
     assert all(np.array_equal(noise.z[:steps], found[0].z[:steps]) for noise in found)
-    assert len({noise.metres[:steps].tobytes() for noise in found}) == len(SHAPES)
+    assert len({noise.injected[:steps].tobytes() for noise in found}) == len(SHAPES)
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
@@ -106,7 +106,7 @@ def test_noise_is_on_the_nearest_vehicle_also_once_it_is_another_one(
     steps = np.arange(result.steps)
     ego, actor = result.scene.vehicles[steps, 0], result.scene.vehicles[steps, nearest]
     injected = result.scene.perceived - actor[:, :2]
-    np.testing.assert_allclose(injected, result.noise.metres, atol=1e-4)
+    np.testing.assert_allclose(injected, result.noise.injected, atol=1e-4)
     apart = np.abs(actor[:, :2] - ego[:, :2])
     expected = 0.5 * (apart * [0.02, 0.00625] + [1.0, 0.2])
     np.testing.assert_allclose(result.noise.sigma, expected, rtol=1e-4)
@@ -132,9 +132,9 @@ def test_noise_given_in_metres_is_injected_in_metres(make_engine: MakeEngine, sh
     engine = make_engine(disturbance=DisturbanceModel(shape=shape), scene_every=1)
     (calm,) = run(engine, EpisodeTask(0, 1, TrajectorySource(np.zeros((0, 2), np.float32))))
     wanted = np.array([[0.5, -0.1]])
-    noise = NoiseTrajectory.from_metres(wanted, calm.noise.sigma[:1], shape)
+    noise = NoiseTrajectory.from_injected(wanted, calm.noise.sigma[:1], shape)
     (result,) = run(engine, EpisodeTask(0, 1, TrajectorySource(noise.z)))
-    np.testing.assert_allclose(result.noise.metres[:1], wanted, rtol=1e-5)
+    np.testing.assert_allclose(result.noise.injected[:1], wanted, rtol=1e-5)
 
 
 def test_a_result_knows_its_shape_even_if_it_broke(

@@ -24,13 +24,13 @@ from eigenfail.testing.simulation import (
     wave,
 )
 from eigenfail.values import Observation
+from eigenfail.values.shapes import Row
 from eigenfail_workers.bridge.connection import BridgeTimeouts, Connection
 from eigenfail_workers.bridge.episode import disturb_position, find_scenario, read_start, read_step
 from eigenfail_workers.bridge.messages import (
     BridgePlanner,
     BridgeScenario,
     BridgeWelcome,
-    Pair,
     ResetRequest,
     SlotObservation,
     SlotStart,
@@ -72,14 +72,15 @@ class BridgeSimulation:
         self._now = read_start(seen)
         return self._now
 
-    def step(self, disturbance: Pair) -> Observation:
-        """Disturb and step; see `Simulation.step`."""
+    def step(self, disturbance: Row) -> Observation:
+        """Disturb the nearest vehicle's position and step; see `Simulation.step`."""
         now = self._now
         if now is None or now.ended or self._closed:
             raise SimulatorError("There is no episode to go on with.", "Reset the simulation.")
         self._now = None
-        (seen,) = _step(self._connection, SlotStep(self._start.slot, disturbance))
-        self._now = read_step(seen, now, disturbance, self.dt_s)
+        position = disturbance[0], disturbance[1]
+        (seen,) = _step(self._connection, SlotStep(self._start.slot, position))
+        self._now = read_step(seen, now, position, self.dt_s)
         return self._now
 
     def close(self) -> None:

@@ -64,7 +64,7 @@ class BridgeEpisode:
         named = msgspec.structs.asdict(parameters)
         self._steps, self.dt_s = int(named["steps"]), float(named["dt_s"])
         self._wall_s, self._measured_s = 0.0, perf_counter()
-        self._recorder = Recorder(setup.disturbance.shape, task.importance)
+        self._recorder = Recorder(setup.disturbance, task.importance)
         context = sources.NoiseContext(task.seed, self._steps, policies)
         self._noise = sources.begin(task.source, context)
         self._driver = EpisodeDriver(setup.disturbance, self._noise, self._recorder, self._steps)
@@ -122,7 +122,7 @@ class BridgeEpisode:
         if disturbance is None:
             done = make_result(self._setup, self.task, self._noise, self._recorder, self.dt_s)
             return replace(done, wall_s=wall_s)
-        self._disturbance = disturbance
+        self._disturbance = disturbance[0], disturbance[1]
         if wall_s > connection.timeouts.episode_s:
             raise connection.make_timeout()
         return None

@@ -8,18 +8,17 @@ import numpy as np
 
 from eigenfail.errors import SimulatorError
 from eigenfail.values import (
+    DisturbanceModel,
     Floats,
     Importance,
     Measures,
     NoiseTrajectory,
     Observation,
     Scene,
-    Shape,
     VehicleState,
-    White,
 )
-from eigenfail.values.disturbance import Row
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
+from eigenfail.values.shapes import Row
 from eigenfail_workers.measures.conflict import find_conflict
 from eigenfail_workers.measures.geometry import distance_lower_bound, separation, velocity
 from eigenfail_workers.measures.importance import Approach, compute_importance
@@ -146,19 +145,22 @@ def _earliest(steps: Iterable[int | None]) -> int | None:
     return min((step for step in steps if step is not None), default=None)
 
 
-WHITE_NOISE = White()
+POSITION_NOISE = DisturbanceModel()
 
 
 class Recorder:
     """Accumulates an episode: its measures step by step, its arrays at the end.
 
     Args:
-        shape: shape of the noise whose z is added.
+        model: model of the noise that is added.
         importance: importance function to be recorded; None for none.
     """
 
-    def __init__(self, shape: Shape = WHITE_NOISE, importance: Importance | None = None) -> None:
-        self._shape = shape
+    def __init__(
+        self, model: DisturbanceModel = POSITION_NOISE, importance: Importance | None = None
+    ) -> None:
+        self._shape = model.noise_shape
+        self._channels = len(model.list_channels())
         self._importance = importance
         self._importances: list[float] = []
         self._z: list[Row] = []
@@ -181,7 +183,7 @@ class Recorder:
         return bool(self._course) and self._course[-1].collided
 
     def add_disturbance(self, z: Row, sigma: Row) -> None:
-        """Add the disturbance of the next step; both pairs hold values of float32."""
+        """Add the disturbance of the next step; both hold values of float32."""
         self._z.append(z)
         self._sigma.append(sigma)
 
@@ -218,7 +220,8 @@ class Recorder:
 
     def noise(self) -> NoiseTrajectory:
         """Return the disturbances so far."""
-        return NoiseTrajectory(_pairs(self._z), _pairs(self._sigma), self._shape)
+        z, sigma = (_to_array(rows, self._channels) for rows in (self._z, self._sigma))
+        return NoiseTrajectory(z, sigma, self._shape)
 
     def measures(self, dt_s: float) -> Measures:
         """Return the measures of the episode; on a collision, robustness is exactly 0."""
@@ -256,8 +259,8 @@ class Recorder:
             dt_s=dt_s,
             vehicles=np.array(vehicles, np.float32),
             sizes=np.array(sizes, np.float32),
-            perceived=_pairs([seen.perceived for seen in rest if seen.perceived is not None]),
-            controls=_pairs([(c.acceleration_mps2, c.steering_rad) for c in controls]),
+            perceived=_to_array([seen.perceived for seen in rest if seen.perceived is not None], 2),
+            controls=_to_array([(c.acceleration_mps2, c.steering_rad) for c in controls], 2),
         )
 
 
@@ -299,6 +302,6 @@ def _pose(vehicle: VehicleState) -> tuple[float, float, float, float]:
     return vehicle.x_m, vehicle.y_m, vehicle.heading_rad, vehicle.speed_mps
 
 
-def _pairs(rows: Sequence[Row]) -> Floats:
-    """An array of shape (rows, 2), also for no rows."""
-    return np.array(rows, np.float32).reshape(-1, 2)
+def _to_array(rows: Sequence[Row], columns: int) -> Floats:
+    """Return an array of shape (rows, columns), also for no rows."""
+    return np.array(rows, np.float32).reshape(-1, columns)

@@ -1,11 +1,17 @@
 """Standard deviations of the disturbances at the true distances."""
 
+from math import hypot
 from struct import Struct
 
-from eigenfail.values import DisturbanceModel, VehicleState
-from eigenfail.values.disturbance import Pair
+from eigenfail.values import DisturbanceModel, Observation
+from eigenfail.values.channels import Channel, split_name
+from eigenfail.values.shapes import Row
+from eigenfail_workers.perception import EGO, find_target
 
 _SINGLE = Struct("<f")
+
+_ALONG, _ACROSS, _APART = range(3)
+_DISTANCES = {"longitudinal": _ALONG, "lateral": _ACROSS}
 
 
 def to_float32(value: float) -> float:
@@ -18,13 +24,38 @@ def to_float32(value: float) -> float:
     return float(rounded)
 
 
-def compute_deviations(model: DisturbanceModel, ego: VehicleState, actor: VehicleState) -> Pair:
-    """Return sigma_x and sigma_y at the true distances of the two centres, as float32. [m]
+class Deviations:
+    """Finds sigma of each channel of a disturbance model, in the channels' units.
 
-    Rounded because float32 is stored: a replay must inject exactly the same metres.
+    Rounded to float32, because that is stored: a replay must inject exactly the same values.
     """
-    dx, dy = abs(actor.x_m - ego.x_m), abs(actor.y_m - ego.y_m)
-    return (
-        to_float32(model.scale * (model.longitudinal_slope * dx + model.longitudinal_base_m)),
-        to_float32(model.scale * (model.lateral_slope * dy + model.lateral_base_m)),
-    )
+
+    def __init__(self, model: DisturbanceModel) -> None:
+        self._scale = model.scale
+        self._terms = [_make_term(channel) for channel in model.list_channels()]
+
+    def compute(self, observation: Observation, actor: int) -> Row:
+        """Return sigma at the true distances between centres; of an event it is 1.
+
+        Args:
+            observation: the truth.
+            actor: index of the nearest vehicle.
+        """
+        ego, others, scale = observation.ego, observation.others, self._scale
+        found = []
+        for target, distance, slope, base in self._terms:
+            if base == 0.0:
+                found.append(1.0)
+                continue
+            other = ego if target == EGO else others[actor if target < 0 else target]
+            dx, dy = abs(other.x_m - ego.x_m), abs(other.y_m - ego.y_m)
+            apart_m = dx if distance == _ALONG else dy if distance == _ACROSS else hypot(dx, dy)
+            found.append(to_float32(scale * (slope * apart_m + base)))
+        return tuple(found)
+
+
+def _make_term(channel: Channel) -> tuple[int, int, float, float]:
+    """Return target, kind of distance, slope and base of a channel; no base for an event."""
+    _, quantity = split_name(channel.name)
+    distance = _DISTANCES.get(quantity, _APART)
+    return find_target(channel.name), distance, channel.sigma_per_m or 0.0, channel.sigma or 0.0

@@ -14,8 +14,8 @@ import numpy as np
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import AXES, STATE, Floats, Layer, Observation, Policy, VehicleState
-from eigenfail.values.disturbance import Row
 from eigenfail.values.learning import MOST_POLICIES, count_state
+from eigenfail.values.shapes import Row
 
 LOG_STD_MIN, LOG_STD_MAX = np.float32(-20.0), np.float32(2.0)
 

@@ -17,7 +17,7 @@ from eigenfail.values import (
     TrajectorySource,
     VehicleState,
 )
-from eigenfail.values.disturbance import Row
+from eigenfail.values.shapes import Row
 from eigenfail_workers.noise.policy import PolicyNoise
 
 NOISE_STREAM = 1

@@ -6,12 +6,13 @@ numbers: tests hold this module to the last bit against highway-env's own classe
 """
 
 from math import cos, sin
-from typing import Any, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
 from eigenfail.contracts import Planner, Scenario, Simulation
 from eigenfail.values import Control, VehicleState
+from eigenfail.values.channels import ALL_CHANNELS
 from eigenfail_workers.closed_loop import DrivenSimulation
 from eigenfail_workers.simulators.scripted_world import ScriptedWorld
 
@@ -44,6 +45,10 @@ def drive(vehicle: VehicleState, control: Control, dt_s: float) -> VehicleState:
 class HighwaySimulator:
     """Opens simulations with the physics of highway-env."""
 
-    def open(self, scenario: Scenario, parameters: Any, planner: Planner) -> Simulation:
+    channels: ClassVar = ALL_CHANNELS
+
+    def open(
+        self, scenario: Scenario, parameters: Any, planner: Planner, channels: tuple[str, ...]
+    ) -> Simulation:
         """Return a simulation of the planner in the scenario."""
-        return DrivenSimulation(ScriptedWorld(drive), scenario, parameters, planner)
+        return DrivenSimulation(ScriptedWorld(drive), scenario, parameters, planner, channels)

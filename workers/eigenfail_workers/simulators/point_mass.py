@@ -1,10 +1,11 @@
 """Simulator without dependencies: a kinematic bicycle in plain Python."""
 
 from math import atan, cos, sin, tan
-from typing import Any
+from typing import Any, ClassVar
 
 from eigenfail.contracts import Planner, Scenario, Simulation
 from eigenfail.values import Control, VehicleState
+from eigenfail.values.channels import ALL_CHANNELS
 from eigenfail_workers.closed_loop import DrivenSimulation
 from eigenfail_workers.simulators.scripted_world import ScriptedWorld
 
@@ -30,6 +31,10 @@ def drive(vehicle: VehicleState, control: Control, dt_s: float) -> VehicleState:
 class PointMassSimulator:
     """Opens simulations that need nothing but this package."""
 
-    def open(self, scenario: Scenario, parameters: Any, planner: Planner) -> Simulation:
+    channels: ClassVar = ALL_CHANNELS
+
+    def open(
+        self, scenario: Scenario, parameters: Any, planner: Planner, channels: tuple[str, ...]
+    ) -> Simulation:
         """Return a simulation of the planner in the scenario."""
-        return DrivenSimulation(ScriptedWorld(drive), scenario, parameters, planner)
+        return DrivenSimulation(ScriptedWorld(drive), scenario, parameters, planner, channels)

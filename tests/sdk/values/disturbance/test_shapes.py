@@ -36,8 +36,8 @@ def densities(u: Doubles, shape: Shape) -> Doubles:
     found = np.empty_like(u)
     for place, each in enumerate(u):
         metres = np.array([[each, 0.0]])
-        noise = NoiseTrajectory.from_metres(metres, np.ones((1, 2), np.float32), shape)
-        other = NoiseTrajectory.from_metres(0.0 * metres, noise.sigma, shape)
+        noise = NoiseTrajectory.from_injected(metres, np.ones((1, 2), np.float32), shape)
+        other = NoiseTrajectory.from_injected(0.0 * metres, noise.sigma, shape)
         found[place] = np.exp(noise.log_probability - 0.5 * other.log_probability)
     return found
 
@@ -102,7 +102,7 @@ def test_two_correlated_steps_integrate_to_one_and_each_is_standard_normal() -> 
     for i, first in enumerate(axis):
         for j, second in enumerate(axis):
             metres = np.array([[first, 0.0], [second, 0.0]])
-            noise = NoiseTrajectory.from_metres(metres, sigma, shape)
+            noise = NoiseTrajectory.from_injected(metres, sigma, shape)
             p[i, j] = np.exp(noise.log_probability - still)
     width = axis[1] - axis[0]
     assert p.sum() * width**2 == pytest.approx(1.0, abs=1e-5)

@@ -45,12 +45,12 @@ def sigmas(z: np.ndarray, seed: int = 0) -> np.ndarray:
 def test_white_is_the_papers_closed_form_bit_for_bit(z: np.ndarray) -> None:
     sigma = sigmas(z)
     noise = NoiseTrajectory(z, sigma)
-    assert noise.metres.tobytes() == (z.astype(np.float64) * sigma).tobytes()
+    assert noise.injected.tobytes() == (z.astype(np.float64) * sigma).tobytes()
     assert noise.standardised.tobytes() == z.astype(np.float64).tobytes()
     wide, deep = z.astype(np.float64), sigma.astype(np.float64)
     log_p = -0.5 * wide**2 - np.log(deep) - 0.5 * np.log(2.0 * np.pi)
     assert noise.log_probability_per_step.tobytes() == (log_p[:, 0] + log_p[:, 1]).tobytes()
-    reference = scipy.stats.norm(scale=deep).logpdf(noise.metres).sum()
+    reference = scipy.stats.norm(scale=deep).logpdf(noise.injected).sum()
     assert noise.log_probability == pytest.approx(reference, rel=1e-12, abs=1e-12)
 
 
@@ -58,10 +58,10 @@ def test_white_is_the_papers_closed_form_bit_for_bit(z: np.ndarray) -> None:
 @given(z=some_z, shape=some_shape)
 def test_there_and_back(z: np.ndarray, shape: Shape) -> None:
     noise = NoiseTrajectory(z, sigmas(z), shape)
-    back = NoiseTrajectory.from_metres(noise.metres, noise.sigma, shape)
+    back = NoiseTrajectory.from_injected(noise.injected, noise.sigma, shape)
     assert back.z.dtype == np.float32
     np.testing.assert_allclose(back.z, z, rtol=1e-6, atol=1e-6)
-    np.testing.assert_allclose(back.metres, noise.metres, rtol=1e-4, atol=1e-4)
+    np.testing.assert_allclose(back.injected, noise.injected, rtol=1e-4, atol=1e-4)
 
 
 @sound
@@ -69,8 +69,8 @@ def test_there_and_back(z: np.ndarray, shape: Shape) -> None:
 def test_step_by_step_gives_the_very_same_metres(z: np.ndarray, shape: Shape) -> None:
     noise, conversion = NoiseTrajectory(z, sigmas(z), shape), Conversion(shape)
     rows = zip(z.tolist(), noise.sigma.tolist(), strict=True)
-    metres = [conversion.to_metres(tuple(each), tuple(at)) for each, at in rows]
-    assert metres == [tuple(row) for row in noise.metres.tolist()]
+    metres = [conversion.inject(tuple(each), tuple(at)) for each, at in rows]
+    assert metres == [tuple(row) for row in noise.injected.tolist()]
 
 
 @sound
@@ -78,7 +78,7 @@ def test_step_by_step_gives_the_very_same_metres(z: np.ndarray, shape: Shape) ->
 def test_a_later_step_changes_nothing_before_it(z: np.ndarray, shape: Shape) -> None:
     whole = NoiseTrajectory(z, sigmas(z), shape)
     start = NoiseTrajectory(z[:-1], whole.sigma[:-1], shape)
-    assert start.metres.tolist() == whole.metres[:-1].tolist()
+    assert start.injected.tolist() == whole.injected[:-1].tolist()
     assert start.log_probability_per_step.tolist() == whole.log_probability_per_step[:-1].tolist()
 
 
@@ -95,11 +95,11 @@ def test_each_channel_is_converted_and_weighed_by_itself(z: np.ndarray, shape: S
     whole = NoiseTrajectory(z, sigmas(z), shape)
     columns = [NoiseTrajectory(z[:, [at]], whole.sigma[:, [at]], shape) for at in range(z.shape[1])]
     for at, column in enumerate(columns):
-        assert column.metres[:, 0].tolist() == whole.metres[:, at].tolist()
+        assert column.injected[:, 0].tolist() == whole.injected[:, at].tolist()
     assert whole.log_probability == pytest.approx(
         sum(column.log_probability for column in columns), rel=1e-12, abs=1e-12
     )
-    back = NoiseTrajectory.from_metres(whole.metres, whole.sigma, shape)
+    back = NoiseTrajectory.from_injected(whole.injected, whole.sigma, shape)
     np.testing.assert_allclose(back.z, z, rtol=1e-6, atol=1e-6)
 
 
@@ -108,7 +108,7 @@ def test_the_density_of_heavy_tails_is_students_in_metres() -> None:
     noise = NoiseTrajectory(z, sigmas(z), HeavyTailed(3.0))
     student = scipy.stats.t(3.0, scale=noise.sigma * np.sqrt(1.0 / 3.0))
     np.testing.assert_allclose(
-        noise.log_probability_per_step, student.logpdf(noise.metres).sum(axis=1), rtol=1e-6
+        noise.log_probability_per_step, student.logpdf(noise.injected).sum(axis=1), rtol=1e-6
     )
 
 
@@ -121,15 +121,15 @@ def test_the_density_of_correlated_noise_is_the_multivariate_normals() -> None:
         sigma = noise.sigma[:, axis].astype(np.float64)
         covariance = np.outer(sigma, sigma) * phi**apart
         normal = scipy.stats.multivariate_normal(cov=covariance)
-        reference += normal.logpdf(noise.metres[:, axis])
+        reference += normal.logpdf(noise.injected[:, axis])
     assert noise.log_probability == pytest.approx(reference, rel=1e-9)
 
 
 def test_two_steps_of_correlated_noise_by_hand() -> None:
     conversion = Conversion(Correlated(0.6, 0.0))
-    assert conversion.to_metres((1.0, 2.0), (2.0, 0.5)) == (2.0, 1.0)
+    assert conversion.inject((1.0, 2.0), (2.0, 0.5)) == (2.0, 1.0)
     # u = 0.6 · 1 + 0.8 · (-1) = -0.2; no correlation leaves z as it is
-    assert conversion.to_metres((-1.0, 3.0), (10.0, 1.0)) == pytest.approx((-2.0, 3.0))
+    assert conversion.inject((-1.0, 3.0), (10.0, 1.0)) == pytest.approx((-2.0, 3.0))
 
 
 @pytest.mark.parametrize("shape", SHAPES, ids=str)
@@ -137,7 +137,7 @@ def test_two_steps_of_correlated_noise_by_hand() -> None:
 def test_numbers_that_no_worker_should_send_raise_nothing(wild: float, shape: Shape) -> None:
     z = np.array([[wild, 0.0], [1.0, wild]], np.float32)
     noise = NoiseTrajectory(z, np.ones_like(z), shape)
-    assert noise.metres.shape == (2, 2)
+    assert noise.injected.shape == (2, 2)
     assert not noise.log_probability > 0.0
 
 
@@ -154,7 +154,7 @@ def test_the_shape_travels_with_the_noise_and_with_the_setup(shape: Shape) -> No
     (arrived,) = read.results
     assert arrived.noise.shape == shape
     assert arrived.noise.log_probability == sent.noise.log_probability
-    assert arrived.noise.metres.tobytes() == sent.noise.metres.tobytes()
+    assert arrived.noise.injected.tobytes() == sent.noise.injected.tobytes()
     model = DisturbanceModel(scale=2.0, shape=shape)
     setup = EpisodeSetup("highway", "cut_in", {}, "idm", {}, model)
     read = messages.read_hub_message(messages.encode(messages.Setup(7, setup)))

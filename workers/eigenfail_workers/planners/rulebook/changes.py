@@ -11,7 +11,7 @@ that the rear one may be forced to.
 from collections.abc import Sequence
 from typing import Final, NamedTuple
 
-from eigenfail.values.disturbance import Pair
+from eigenfail.values.shapes import Pair
 from eigenfail_workers.planners.rulebook.candidates import KNOT_S, KNOTS, limit_change
 from eigenfail_workers.planners.rulebook.settings import (
     CandidateSettings,

@@ -111,7 +111,7 @@ class Track:
 
 
 class Tracker:
-    """One track for each perceived vehicle; the sensor lists the vehicles in a stable order.
+    """One track for each perceived vehicle; the sensor numbers the vehicles.
 
     Attributes:
         lost: number of trusted tracks that were deleted since the start of the episode.
@@ -127,7 +127,12 @@ class Tracker:
     def update(self, perception: Perception) -> list[Track]:
         """Update the tracks by one perception, and return them, tentative ones included."""
         ego = perception.ego
-        for slot, seen in enumerate(perception.others):
+        for slot in [slot for slot in self._tracks if slot not in perception.ids]:
+            unseen = self._tracks[slot]
+            self._predict(unseen)
+            unseen.misses += 1
+            self._update_state(slot, unseen)
+        for slot, seen in zip(perception.ids, perception.others, strict=True):
             track = self._tracks.get(slot)
             if track is not None:
                 self._follow(track, seen, ego)
@@ -154,14 +159,12 @@ class Tracker:
 
     def _follow(self, track: Track, seen: VehicleState, ego: VehicleState) -> None:
         """Predict the track, and correct it if the measurement passes the gate."""
+        self._predict(track)
         settings, along, across = self._settings, track.along, track.across
-        along.predict(self._dt_s, settings.range_acceleration_mps2)
-        across.predict(self._dt_s, settings.lateral_acceleration_mps2)
         sd_x, sd_y = self._sensor_deviations(
             along.position_m - ego.x_m, across.position_m - ego.y_m
         )
         var_x, var_y = sd_x * sd_x, sd_y * sd_y
-        track.age += 1
         innovation = along.squared_innovation(seen.x_m, var_x) + across.squared_innovation(
             seen.y_m, var_y
         )
@@ -174,6 +177,12 @@ class Tracker:
         track.seen = seen
         track.hits += 1
         track.misses = 0
+
+    def _predict(self, track: Track) -> None:
+        settings = self._settings
+        track.along.predict(self._dt_s, settings.range_acceleration_mps2)
+        track.across.predict(self._dt_s, settings.lateral_acceleration_mps2)
+        track.age += 1
 
     def _update_state(self, slot: int, track: Track) -> None:
         """Update the state of the track, and delete it at the end of its life cycle."""
@@ -221,7 +230,7 @@ class BrakeLightTracker(Tracker):
         """Look for brake lights, then update the tracks; see `Tracker.update`."""
         self.braking = {
             self._tracks[slot]
-            for slot, seen in enumerate(perception.others)
+            for slot, seen in zip(perception.ids, perception.others, strict=True)
             if self._brakes(slot, seen.speed_mps) and slot in self._tracks
         }
         for track in self.braking:

@@ -1,0 +1,100 @@
+"""What a planner perceives: the truth, disturbed by the channels of a campaign."""
+
+from math import nan
+
+from eigenfail.values import Observation, Perception, VehicleState
+from eigenfail.values.channels import EGO as EGO_NAME
+from eigenfail.values.channels import split_name
+from eigenfail.values.shapes import Row
+from eigenfail_workers.measures.geometry import find_nearest
+from eigenfail_workers.values import Point
+
+NEAREST = -1
+EGO = -2
+"""Targets of channels besides the vehicles, which are numbered from 0."""
+
+_FIELDS = {"longitudinal": 0, "lateral": 1, "heading": 2, "speed": 3, "length": 4, "width": 5}
+_MISSED = 6
+
+LEAST_SIZE_M = 0.1
+"""Length and width that a vehicle is perceived with, however large the error is."""
+
+NOWHERE: Point = (nan, nan)
+
+
+def find_target(name: str) -> int:
+    """Return the target of a channel: the index of a vehicle, NEAREST or EGO."""
+    channel = split_name(name)
+    if channel.target == EGO_NAME:
+        return EGO
+    return NEAREST if channel.vehicle is None else channel.vehicle - 1
+
+
+class SensorErrors:
+    """Disturbs the perception of a planner, with an error of each channel at each step.
+
+    Args:
+        channels: names of the channels, in the order of the values.
+    """
+
+    def __init__(self, channels: tuple[str, ...]) -> None:
+        self._channels = [
+            (find_target(name), _FIELDS.get(split_name(name).quantity, _MISSED))
+            for name in channels
+        ]
+
+    def perceive(self, now: Observation, dt_s: float, errors: Row) -> tuple[Perception, Point]:
+        """Return what the planner perceives, and where it sees the nearest vehicle.
+
+        Args:
+            now: the truth.
+            dt_s: duration of a step.
+            errors: a_t of each channel, in its unit.
+        """
+        actor = find_nearest(now.ego, now.others)
+        changed: dict[int, list[float]] = {}
+        missed: set[int] = set()
+        for (target, field), error in zip(self._channels, errors, strict=True):
+            vehicle = actor if target == NEAREST else target
+            if field == _MISSED:
+                if error > 0.5:
+                    missed.add(vehicle)
+                continue
+            if vehicle not in changed:
+                true = now.ego if vehicle == EGO else now.others[vehicle]
+                changed[vehicle] = list_fields(true)
+            changed[vehicle][field] += error
+        ego = make_state(changed[EGO]) if EGO in changed else now.ego
+        numbers = [number for number in range(len(now.others)) if number not in missed]
+        seen = {
+            number: make_state(changed[number]) if number in changed else now.others[number]
+            for number in numbers
+        }
+        others, ids = tuple(seen.values()), tuple([number + 1 for number in numbers])
+        position = (seen[actor].x_m, seen[actor].y_m) if actor in seen else NOWHERE
+        return Perception(now.step * dt_s, ego, others, ids), position
+
+
+def list_fields(vehicle: VehicleState) -> list[float]:
+    """Return the numbers of a vehicle, in the order of its fields."""
+    return [
+        vehicle.x_m,
+        vehicle.y_m,
+        vehicle.heading_rad,
+        vehicle.speed_mps,
+        vehicle.length_m,
+        vehicle.width_m,
+    ]
+
+
+def make_state(fields: list[float]) -> VehicleState:
+    """Return a vehicle with these numbers, of some size at least."""
+    x_m, y_m, heading_rad, speed_mps, length_m, width_m = fields
+    return VehicleState(
+        x_m,
+        y_m,
+        heading_rad,
+        speed_mps,
+        max(length_m, LEAST_SIZE_M),
+        max(width_m, LEAST_SIZE_M),
+    )
