@@ -30,7 +30,7 @@ from eigenfail.client import Client
 from eigenfail.functions import of_trajectory
 from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
 from eigenfail.processes import ONE_THREAD
-from eigenfail.values import STATE, CampaignSpec, Observation, VehicleState
+from eigenfail.values import POSITION, STATE, CampaignSpec, Observation, VehicleState
 from eigenfail.values.campaign import StopRules
 from eigenfail.values.shapes import Pair
 from eigenfail_services.methods.ast.settings import REWARD_SCALE, AstSettings
@@ -66,13 +66,13 @@ class NoiseEnvironment:
         world = plugins.load(plugins.SIMULATORS, setup.simulator)()
         self._model, self._settings = setup.disturbance, AstSettings()
         parameters = scenario.Parameters()
-        self._simulation = world.open(scenario(), parameters, planner(planner.Settings()))
+        self._simulation = world.open(scenario(), parameters, planner(planner.Settings()), POSITION)
         self._episode = 0
         self._z: Pair = (0.0, 0.0)
 
     def begin(self) -> Any:
         """Reset the simulation, and return the state."""
-        self._recorder = Recorder(self._model.shape)
+        self._recorder = Recorder(self._model)
         steps = self._simulation.steps
         self._driver = EpisodeDriver(self._model, self, self._recorder, steps)
         self._z = (0.0, 0.0)

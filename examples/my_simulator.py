@@ -7,8 +7,7 @@ from msgspec.structs import replace
 
 from eigenfail.contracts import Planner, Scenario, Simulation, Situation
 from eigenfail.errors import PlannerError, SimulatorError
-from eigenfail.values import Control, Observation, Perception, VehicleState
-from eigenfail.values.channels import POSITION_CHANNELS
+from eigenfail.values import AXES, Channel, Control, Observation, Perception, VehicleState
 
 LAG_S = 0.3
 BRAKES_MPS2, GAS_MPS2 = 7.0, 2.0
@@ -114,10 +113,10 @@ def overlap(one: VehicleState, other: VehicleState) -> bool:
 class LaggingBrakes:
     """The simulator (contract `Simulator`): opens simulations, and holds nothing itself."""
 
-    channels = POSITION_CHANNELS
+    channels = frozenset(AXES)
 
     def open(
-        self, scenario: Scenario, parameters: Any, planner: Planner, channels: tuple[str, ...]
+        self, scenario: Scenario, parameters: Any, planner: Planner, _channels: tuple[Channel, ...]
     ) -> Simulation:
-        """A simulation of the planner in the scenario."""
+        """A simulation of the planner in the scenario; it always has the same two channels."""
         return LaggingSimulation(scenario, parameters, planner)

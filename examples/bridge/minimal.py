@@ -17,7 +17,7 @@ from eigenfail import plugins
 from eigenfail.contracts import Simulation
 from eigenfail.errors import InputError
 from eigenfail.settings import read_settings
-from eigenfail.values import Observation
+from eigenfail.values import POSITION, Observation
 
 Open = Callable[[dict[str, Any]], Simulation]
 Act = Callable[[dict[int, Any], dict[str, Any]], dict[str, Any]]
@@ -149,7 +149,7 @@ def built_in(asked: dict[str, Any]) -> Simulation:
     parameters = read_settings(scenario.Parameters, asked["parameters"], "parameters")
     settings = read_settings(planner.Settings, asked["settings"], "settings")
     simulator = plugins.load(plugins.SIMULATORS, "highway")()
-    simulation: Simulation = simulator.open(scenario(), parameters, planner(settings))
+    simulation: Simulation = simulator.open(scenario(), parameters, planner(settings), POSITION)
     simulation.steps = asked["steps"]
     return simulation
 

@@ -27,7 +27,7 @@ from eigenfail.values import (
     NoiseTrajectory,
     Safety,
 )
-from eigenfail.values.channels import find_unit_suffix
+from eigenfail.values.channels import name_columns
 from eigenfail.values.records import EpisodeDetail
 from eigenfail.values.showing import Shown, Tabular
 from eigenfail.values.suite import SuiteTable
@@ -96,14 +96,12 @@ def _(value: NoiseTrajectory) -> Iterator[Record]:
 
 def list_noise(noise: NoiseTrajectory, channels: Sequence[str]) -> Iterator[Record]:
     """Return a row for each step of noise, with columns for each of its channels by these names."""
-    suffixes = [find_unit_suffix(name) for name in channels]
+    columns = [name_columns(name) for name in channels]
     rows = zip(noise.injected, noise.z, noise.sigma, strict=True)
     for step, (injected, z, sigma) in enumerate(rows):
         row: Record = {"step": step}
-        values = zip(channels, suffixes, injected, z, sigma, strict=True)
-        for name, suffix, a_t, z_t, sigma_t in values:
-            row |= {f"{name}{suffix}": float(a_t), f"{name}_z": float(z_t)}
-            row |= {f"{name}_sigma{suffix}": float(sigma_t)}
+        for names, a_t, z_t, sigma_t in zip(columns, injected, z, sigma, strict=True):
+            row |= {names.error: float(a_t), names.z: float(z_t), names.sigma: float(sigma_t)}
         yield row
 
 

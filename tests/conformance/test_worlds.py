@@ -6,6 +6,7 @@ from eigenfail import plugins
 from eigenfail.testing.planner import PLANNER_CHECKS
 from eigenfail.testing.scenario import SCENARIO_CHECKS
 from eigenfail.testing.simulation import SIMULATION_CHECKS
+from eigenfail.values import POSITION
 
 PLANNERS = [name for name in plugins.names(plugins.PLANNERS) if not name.startswith("test_")]
 
@@ -33,4 +34,4 @@ def test_scenarios(check, name: str) -> None:
 def test_simulations(check, simulator: str, scenario: str) -> None:
     opener = plugins.load(plugins.SIMULATORS, simulator)()
     staged = plugins.load(plugins.SCENARIOS, scenario)
-    check(lambda planner: opener.open(staged(), staged.Parameters(), planner))
+    check(lambda planner: opener.open(staged(), staged.Parameters(), planner, POSITION))

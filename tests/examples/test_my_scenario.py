@@ -20,7 +20,13 @@ from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.errors import InputError
 from eigenfail.testing.scenario import SCENARIO_CHECKS
 from eigenfail.testing.simulation import SIMULATION_CHECKS
-from eigenfail.values import EpisodeTask, PriorSource, TrajectorySource, episode_seed
+from eigenfail.values import (
+    POSITION,
+    EpisodeTask,
+    PriorSource,
+    TrajectorySource,
+    episode_seed,
+)
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.simulators.highway import HighwaySimulator
 
@@ -83,7 +89,7 @@ def test_it_keeps_the_contract_of_scenarios(check, mine):
 @pytest.mark.parametrize("check", SIMULATION_CHECKS)
 def test_it_makes_a_simulation_that_keeps_its_own(check, mine):
     scenario, parameters = mine.QueueEnd(), mine.QueueParameters()
-    check(lambda planner: HighwaySimulator().open(scenario, parameters, planner))
+    check(lambda planner: HighwaySimulator().open(scenario, parameters, planner, POSITION))
 
 
 def test_the_doctor_finds_nothing_wrong_with_it(monkeypatch):

@@ -12,7 +12,7 @@ import pytest
 from eigenfail import plugins
 from eigenfail.cli.specs import read_spec
 from eigenfail.testing.simulation import SIMULATION_CHECKS
-from eigenfail.values import CampaignSpec, EpisodeTask, Outcome, TrajectorySource
+from eigenfail.values import POSITION, CampaignSpec, EpisodeTask, Outcome, TrajectorySource
 from eigenfail_workers.engines import make_engine
 from eigenfail_workers.planners.idm import IntelligentDriver
 from eigenfail_workers.scenarios.cut_in import CutIn
@@ -29,12 +29,12 @@ def simulator(monkeypatch):
 
 @pytest.mark.parametrize("check", SIMULATION_CHECKS, ids=lambda check: check.__name__)
 def test_it_keeps_to_its_contract(simulator, check):
-    check(lambda planner: simulator.open(CutIn(), CutIn.Parameters(), planner))
+    check(lambda planner: simulator.open(CutIn(), CutIn.Parameters(), planner, POSITION))
 
 
 def test_its_brakes_take_a_moment(simulator):
     planner = IntelligentDriver(IntelligentDriver.Settings())
-    simulation = simulator.open(CutIn(), CutIn.Parameters(), planner)
+    simulation = simulator.open(CutIn(), CutIn.Parameters(), planner, POSITION)
     seen = [simulation.reset(0)]
     while not seen[-1].ended:
         seen.append(simulation.step((0.0, 0.0)))

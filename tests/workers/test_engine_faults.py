@@ -132,9 +132,9 @@ def test_a_scenario_that_cannot_be_staged_is_the_inputs_fault(make_engine: MakeE
 class Trouble:
     """A simulator that works but for what its subclasses break in every second episode."""
 
-    def open(self, scenario: Any, parameters: Any, planner: Any) -> "Trouble":
+    def open(self, scenario: Any, parameters: Any, planner: Any, channels: Any) -> "Trouble":
         real = plugins.load(plugins.SIMULATORS, "point_mass")()
-        self.real = real.open(scenario, parameters, planner)
+        self.real = real.open(scenario, parameters, planner, channels)
         self.dt_s, self.steps = self.real.dt_s, self.real.steps
         self.episode = getattr(self, "episode", 0)
         return self
@@ -201,7 +201,7 @@ def test_a_simulators_fault_costs_one_episode(
 class Growing:
     """A stranger's simulator, in which vehicles appear from nowhere."""
 
-    def open(self, scenario: Any, parameters: Any, planner: Any) -> "Growing":
+    def open(self, scenario: Any, parameters: Any, planner: Any, channels: Any) -> "Growing":
         self.dt_s, self.steps = 0.1, 2
         return self
 

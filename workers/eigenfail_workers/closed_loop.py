@@ -6,6 +6,7 @@ from typing import Any, Protocol
 from eigenfail.contracts import Planner, Scenario, Situation
 from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
 from eigenfail.values import Control, Mission, Observation, Perception
+from eigenfail.values.channels import Channel
 from eigenfail.values.shapes import Row
 from eigenfail_workers.faults import wrap_errors
 from eigenfail_workers.motion import clip_control, is_off_road
@@ -35,7 +36,7 @@ class DrivenSimulation:
         scenario: Scenario,
         parameters: Any,
         planner: Planner,
-        channels: tuple[str, ...],
+        channels: tuple[Channel, ...],
     ) -> None:
         self._errors = SensorErrors(channels)
         self._world = world
@@ -55,6 +56,7 @@ class DrivenSimulation:
         if self._closed:
             raise SimulatorError("The simulation is closed.", "Open another one.")
         situation = self._scenario(self._parameters, seed)
+        self._errors.reset()
         truth = self._stage(situation)
         self._mission = situation.mission
         with wrap_errors(PlannerError, "The planner's reset", "Look into the planner."):

@@ -58,7 +58,7 @@ class Engine:
             self._planner_class.Settings, setup.planner_settings, "planner_settings"
         )
         self._model = resolve_disturbance(setup)
-        self._channels = tuple(channel.name for channel in self._model.list_channels())
+        self._channels = self._model.list_channels()
         self._policies: dict[int, Policy] = {}
         self._simulation: Simulation | None = None
         # Taken after the imports: what they change is the same for each episode in each process.

@@ -4,7 +4,7 @@ from math import nan
 
 from eigenfail.values import Observation, Perception, VehicleState
 from eigenfail.values.channels import EGO as EGO_NAME
-from eigenfail.values.channels import split_name
+from eigenfail.values.channels import GHOST, MISSED, Channel, split_name
 from eigenfail.values.shapes import Row
 from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.values import Point
@@ -13,13 +13,26 @@ NEAREST = -1
 EGO = -2
 """Targets of channels besides the vehicles, which are numbered from 0."""
 
-_FIELDS = {"longitudinal": 0, "lateral": 1, "heading": 2, "speed": 3, "length": 4, "width": 5}
-_MISSED = 6
+_MISSED, _GHOST = 6, 7
+_FIELDS = {
+    "longitudinal": 0,
+    "lateral": 1,
+    "heading": 2,
+    "speed": 3,
+    "length": 4,
+    "width": 5,
+    MISSED: _MISSED,
+    GHOST: _GHOST,
+}
+"""Places of the quantities: those of a vehicle's state, then the events."""
 
 LEAST_SIZE_M = 0.1
 """Length and width that a vehicle is perceived with, however large the error is."""
 
 NOWHERE: Point = (nan, nan)
+
+GHOST_LENGTH_M, GHOST_WIDTH_M = 5.0, 2.0
+"""Those of a car."""
 
 
 def find_target(name: str) -> int:
@@ -34,14 +47,20 @@ class SensorErrors:
     """Disturbs the perception of a planner, with an error of each channel at each step.
 
     Args:
-        channels: names of the channels, in the order of the values.
+        channels: the channels, in the order of the errors.
     """
 
-    def __init__(self, channels: tuple[str, ...]) -> None:
+    def __init__(self, channels: tuple[Channel, ...]) -> None:
         self._channels = [
-            (find_target(name), _FIELDS.get(split_name(name).quantity, _MISSED))
-            for name in channels
+            (find_target(channel.name), _FIELDS[split_name(channel.name).quantity])
+            for channel in channels
         ]
+        self._ahead_m = max([channel.ahead_m or 0.0 for channel in channels])
+        self._ghost: VehicleState | None = None
+
+    def reset(self) -> None:
+        """Begin an episode."""
+        self._ghost = None
 
     def perceive(self, now: Observation, dt_s: float, errors: Row) -> tuple[Perception, Point]:
         """Return what the planner perceives, and where it sees the nearest vehicle.
@@ -56,6 +75,9 @@ class SensorErrors:
         missed: set[int] = set()
         for (target, field), error in zip(self._channels, errors, strict=True):
             vehicle = actor if target == NEAREST else target
+            if field == _GHOST:
+                self._ghost = self._follow_ghost(now.ego) if error > 0.5 else None
+                continue
             if field == _MISSED:
                 if error > 0.5:
                     missed.add(vehicle)
@@ -70,9 +92,18 @@ class SensorErrors:
             number: make_state(changed[number]) if number in changed else now.others[number]
             for number in numbers
         }
-        others, ids = tuple(seen.values()), tuple([number + 1 for number in numbers])
+        if self._ghost is not None:
+            seen[len(now.others)] = self._ghost
+        others, ids = tuple(seen.values()), tuple([number + 1 for number in seen])
         position = (seen[actor].x_m, seen[actor].y_m) if actor in seen else NOWHERE
         return Perception(now.step * dt_s, ego, others, ids), position
+
+    def _follow_ghost(self, ego: VehicleState) -> VehicleState:
+        """Return the ghost, which stands where it was when its event began."""
+        if self._ghost is not None:
+            return self._ghost
+        x_m = ego.x_m + self._ahead_m
+        return VehicleState(x_m, ego.y_m, 0.0, 0.0, GHOST_LENGTH_M, GHOST_WIDTH_M)
 
 
 def list_fields(vehicle: VehicleState) -> list[float]:

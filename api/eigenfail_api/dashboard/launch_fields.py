@@ -192,6 +192,8 @@ def make_field(
     label = name.rpartition(".")[2]
     help_text, unit = split_unit(label, part.get("description", "").replace("`", ""))
     kind = "choice" if "enum" in plain else KINDS.get(plain.get("type", ""), "text")
+    if kind == "list" and resolve_schema(plain.get("items", {}), schema).get("type") == "object":
+        kind = "table"
     is_number = kind == "number"
     # A number that is off unless it is given needs no word for that; one that is on does.
     if is_number and plain is not part and part.get("default") is not None:
@@ -248,7 +250,8 @@ def describe_bounds(part: Schema, kind: str, schema: Schema) -> str:
         words = ", ".join(map(str, inner.get("enum", ())))
         return f"separated by commas: {words}" if words else "separated by commas"
     if kind == "table":
-        return 'JSON, such as {"alpha": 100}'
+        is_list = part.get("type") == "array"
+        return 'JSON, such as [{"name": "speed"}]' if is_list else 'JSON, such as {"alpha": 100}'
     low = describe_bound(part, "at least", "minimum", "above", "exclusiveMinimum")
     high = describe_bound(part, "at most", "maximum", "below", "exclusiveMaximum")
     whole = ["whole"] if part.get("type") == "integer" else []

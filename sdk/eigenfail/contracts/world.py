@@ -6,6 +6,7 @@ from typing import Any, ClassVar, Protocol, runtime_checkable
 import msgspec
 
 from eigenfail.values import (
+    Channel,
     Control,
     EpisodeResult,
     EpisodeSetup,
@@ -120,13 +121,13 @@ class Simulator(Protocol):
 
     Attributes:
         channels: the channels that it can inject, in the terms of `values.channels.ALL_CHANNELS`;
-            `POSITION_CHANNELS` at least, which campaigns have unless they name others.
+            those of `AXES` at least, which campaigns have unless they name others.
     """
 
     channels: ClassVar[frozenset[str]]
 
     def open(
-        self, scenario: Scenario, parameters: Any, planner: Planner, channels: tuple[str, ...]
+        self, scenario: Scenario, parameters: Any, planner: Planner, channels: tuple[Channel, ...]
     ) -> Simulation:
         """Return a simulation of the planner in the scenario; it may be reset repeatedly.
 
@@ -134,8 +135,9 @@ class Simulator(Protocol):
             scenario: what is staged.
             parameters: of the scenario.
             planner: drives the ego.
-            channels: names of the channels of each disturbance, in order: some of `channels`, and
-                `vehicle_1.speed` and so on where these have `every.speed`.
+            channels: channels of each disturbance, in order, with their defaults filled in. Their
+                names are some of `channels`, and `vehicle_1.speed` and so on where these have
+                `every.speed`.
         """
 
 

@@ -2,7 +2,7 @@
 
     @pytest.mark.parametrize("check", SIMULATION_CHECKS)
     def test_my_simulator(check):
-        check(lambda planner: MySimulator().open(CutIn(), CutIn.Parameters(), planner))
+        check(lambda planner: MySimulator().open(CutIn(), CutIn.Parameters(), planner, POSITION))
 
 A check opens simulations with planners of its own, so that it knows what they were shown.
 """

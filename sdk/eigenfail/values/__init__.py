@@ -50,6 +50,7 @@ from eigenfail.values.comparison import (
 )
 from eigenfail.values.disturbance import (
     AXES,
+    POSITION,
     Conversion,
     DisturbanceModel,
     NoiseTrajectory,
@@ -141,6 +142,7 @@ __all__ = [
     "IMPORTANCE_SAMPLING",
     "MEASURES",
     "ONE_REGION",
+    "POSITION",
     "STATE",
     "Account",
     "AnalysedCampaign",

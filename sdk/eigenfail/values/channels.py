@@ -21,7 +21,8 @@ FIELD = "disturbance.channels"
 NEAREST, EGO, EVERY, VEHICLE = "", "ego", "every", "vehicle_"
 """Targets of a channel, before the dot; vehicles are numbered from 1."""
 
-MISSED = "missed"
+MISSED, GHOST = "missed", "ghost"
+"""The events: a vehicle is not detected; something is detected that is not there."""
 
 
 class Quantity(NamedTuple):
@@ -31,41 +32,44 @@ class Quantity(NamedTuple):
         unit: unit of the error; empty for an event.
         sigma: default standard deviation at no distance, in that unit.
         sigma_per_m: by how much it grows with each metre of distance.
-        of_ego: whether the ego perceives it of itself.
+        targets: targets whose perception it may disturb.
     """
 
     unit: str
     sigma: float | None
     sigma_per_m: float | None
-    of_ego: bool
+    targets: tuple[str, ...]
 
+
+_OTHERS = (NEAREST, EVERY)
+_ALL = (*_OTHERS, EGO)
 
 QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
     {
-        "longitudinal": Quantity("m", 1.0, 0.02, of_ego=True),
-        "lateral": Quantity("m", 0.2, 0.00625, of_ego=True),
-        "heading": Quantity("rad", 0.02, 0.0, of_ego=True),
-        "speed": Quantity("m/s", 0.5, 0.0, of_ego=True),
-        "length": Quantity("m", 0.2, 0.0, of_ego=False),
-        "width": Quantity("m", 0.1, 0.0, of_ego=False),
-        MISSED: Quantity("", None, None, of_ego=False),
+        "longitudinal": Quantity("m", 1.0, 0.02, _ALL),
+        "lateral": Quantity("m", 0.2, 0.00625, _ALL),
+        "heading": Quantity("rad", 0.02, 0.0, _ALL),
+        "speed": Quantity("m/s", 0.5, 0.0, _ALL),
+        "length": Quantity("m", 0.2, 0.0, _OTHERS),
+        "width": Quantity("m", 0.1, 0.0, _OTHERS),
+        MISSED: Quantity("", None, None, _OTHERS),
+        GHOST: Quantity("", None, None, (NEAREST,)),
     }
 )
 """By name. The defaults of a position are the paper's; the others are round numbers, for which a
 campaign substitutes those of its sensor."""
 
+GHOST_AHEAD_M = 40.0
+
 UNIT_SUFFIXES: Mapping[str, str] = MappingProxyType({"m": "_m", "rad": "_rad", "m/s": "_mps"})
 """What the names of columns end in, by unit."""
 
 ALL_CHANNELS = frozenset(
-    name
-    for quantity, kind in QUANTITIES.items()
-    for name in (quantity, f"{EVERY}.{quantity}", *((f"{EGO}.{quantity}",) if kind.of_ego else ()))
+    f"{target}.{name}".removeprefix(".")
+    for name, quantity in QUANTITIES.items()
+    for target in quantity.targets
 )
 """The channels that a simulation can have, where one of every vehicle stands for each of them."""
-
-POSITION_CHANNELS = frozenset({"longitudinal", "lateral"})
-"""The channels of a simulation that disturbs the position of the nearest vehicle alone."""
 
 _VEHICLE = re.compile(r"vehicle_([1-9][0-9]{0,2})")
 
@@ -101,13 +105,22 @@ def find_quantity(name: str) -> Quantity:
     return quantity
 
 
-def find_unit_suffix(name: str) -> str:
-    """Return what names of columns with the errors of a channel end in; empty without a unit.
+class ColumnNames(NamedTuple):
+    """Names of the columns of a table with the noise of a channel."""
 
-    Channels of functions may have any names, and most have none of these.
+    z: str
+    sigma: str
+    error: str
+
+
+def name_columns(name: str) -> ColumnNames:
+    """Return the names of the columns of a channel, which end in its unit where it has one.
+
+    Channels of functions may have any names; most have no unit that is known.
     """
     quantity = QUANTITIES.get(split_name(name).quantity)
-    return "" if quantity is None else UNIT_SUFFIXES.get(quantity.unit, "")
+    suffix = "" if quantity is None else UNIT_SUFFIXES.get(quantity.unit, "")
+    return ColumnNames(f"{name}_z", f"{name}_sigma{suffix}", f"{name}{suffix}")
 
 
 class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -117,7 +130,8 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     the `scale` of the disturbance model. d is the true distance between the centres of the ego and
     the vehicle [m]: along the road for `longitudinal`, across it for `lateral`, in the plane for
     the others, and 0 for the ego itself. While the event of `missed` lasts, the vehicle is absent
-    from what the planner perceives.
+    from what the planner perceives. While that of `ghost` lasts, a car is perceived that stands in
+    the ego's lane where it was first seen.
 
     Attributes:
         name: target and quantity; see `QUANTITIES`.
@@ -125,17 +139,19 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             the quantity. An event has none.
         sigma_per_m: by how much it grows with each metre of distance; None as above.
         shape: how u follows from z; None: white noise, and `markov` for an event.
+        ahead_m: of `ghost` alone: how far ahead of the ego's centre it is first seen.
     """
 
     name: Annotated[str, Meta(min_length=1, max_length=40)]
     sigma: Annotated[float, Meta(gt=0.0, le=100.0)] | None = None
     sigma_per_m: Annotated[float, Meta(ge=0.0, le=10.0)] | None = None
     shape: ChannelShape | None = None
+    ahead_m: Annotated[float, Meta(gt=0.0, le=500.0)] | None = None
 
     @property
     def is_event(self) -> bool:
         """Whether it is an event, which has no sigma."""
-        return split_name(self.name).quantity == MISSED
+        return split_name(self.name).quantity in (MISSED, GHOST)
 
     @property
     def unit(self) -> str:
@@ -151,13 +167,14 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             quantity.sigma if self.sigma is None else self.sigma,
             quantity.sigma_per_m if self.sigma_per_m is None else self.sigma_per_m,
             default if self.shape is None else self.shape,
+            GHOST_AHEAD_M if self.name == GHOST and self.ahead_m is None else self.ahead_m,
         )
 
     def in_words(self) -> str:
         """What people read of a channel that is filled."""
         words = "" if self.shape is None else self.shape.in_words()
         if self.is_event:
-            return words
+            return words if self.ahead_m is None else f"{self.ahead_m:g} m ahead; {words}"
         growth = f"{self.sigma_per_m:g}·d + " if self.sigma_per_m else ""
         return f"sigma {growth}{self.sigma:g} {self.unit}; {words}"
 
@@ -213,6 +230,9 @@ def _check_model(channel: Channel, field: str) -> None:
     if channel.is_event and (channel.sigma is not None or channel.sigma_per_m is not None):
         problem = f"'{channel.name}' is an event, which has no standard deviation."
         raise InvalidValue(f"{field}.sigma", problem, "Set rate and mean_steps of its shape.")
+    if channel.ahead_m is not None and channel.name != GHOST:
+        problem = f"'{channel.name}' is no ghost."
+        raise InvalidValue(f"{field}.ahead_m", problem, "Leave it out.")
     if channel.shape is not None and isinstance(channel.shape, Markov) != channel.is_event:
         wanted = "markov" if channel.is_event else "white, ar1 or student_t"
         problem = f"the noise of '{channel.name}' cannot have this shape."

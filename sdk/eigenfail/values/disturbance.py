@@ -96,6 +96,10 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         }
 
 
+POSITION = DisturbanceModel().list_channels()
+"""The channels of `AXES`, under the paper's model."""
+
+
 class Conversion:
     """Converts the noise of one episode, step by step from its start, in either direction.
 

@@ -33,6 +33,7 @@ from eigenfail.values import (
     TrajectorySource,
 )
 from eigenfail.values.campaign import LONGEST_NAME
+from eigenfail.values.channels import name_columns
 from eigenfail.worlds import drawn_for, list_channels
 from eigenfail_services.analysis.words import Clock, describe, describe_account
 from eigenfail_services.campaigns.validation import check_spec
@@ -165,9 +166,8 @@ def write_steps(result: EpisodeResult, channels: tuple[str, ...]) -> str:
 
 def _name_noise_columns(channels: tuple[str, ...]) -> tuple[str, ...]:
     # The names are those of `EpisodeDetail.to_pandas`.
-    quantities = ("z", "sigma_m", "m")
-    named = (f"{channel}_{quantity}" for quantity in quantities for channel in channels)
-    return ("step", *named, "log_probability")
+    by_quantity = zip(*(name_columns(channel) for channel in channels), strict=True)
+    return ("step", *(name for names in by_quantity for name in names), "log_probability")
 
 
 def _list_noise_rows(result: EpisodeResult, channels: tuple[str, ...]) -> Iterator[Record]:

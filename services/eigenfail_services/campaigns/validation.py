@@ -74,7 +74,8 @@ def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
         check_estimates(searching, "stop.cv")
     world = world_of(spec.simulator)
     world.check(spec)
-    spec = replace(spec, disturbance=world.resolve_disturbance(spec))
+    if (resolved_model := world.resolve_disturbance(spec)) != spec.disturbance:
+        spec = replace(spec, disturbance=resolved_model)
     if searching.traits.needs_course:
         _check_course(spec, world)
     resolved = make_resolved_campaign(spec, method, searching)

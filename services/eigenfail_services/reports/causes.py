@@ -174,7 +174,8 @@ def describe_collisions(of: Crash) -> str:
     """Where the vehicles were, and how far off they were seen."""
     truck, actor = of.scene.vehicles[-1, 0], of.scene.vehicles[-1, of.struck]
     begin, end = of.actor[0], of.actor[-1]
-    seen = of.perceived - of.actor[: len(of.perceived)]
+    detected = ~np.isnan(of.perceived[:, 0])
+    seen = (of.perceived - of.actor[: len(of.perceived)])[detected]
     off = np.sqrt(np.mean(np.square(seen), axis=0)) if len(seen) else np.zeros(2)
     return (
         f"Mode {of.mode}, episode {of.episode}: truck at {format_number(float(truck[3]))} m/s, "

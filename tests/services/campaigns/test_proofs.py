@@ -24,8 +24,8 @@ from eigenfail.values import (
     NearestFailure,
     NoiseTrajectory,
 )
-from eigenfail.values.shapes import Correlated
 from eigenfail.values.records import Delivery
+from eigenfail.values.shapes import Correlated
 from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns import explanations as words_module
 from eigenfail_services.campaigns import minimal_failures

@@ -7,7 +7,7 @@ import pytest
 from eigenfail import plugins
 from eigenfail.errors import PlannerError, SimulatorError
 from eigenfail.testing.simulation import SIMULATION_CHECKS, Cruise
-from eigenfail.values import Control, Observation, VehicleState
+from eigenfail.values import POSITION, Control, Observation, VehicleState
 from eigenfail_workers.bridge.checks import BridgeSimulation
 from eigenfail_workers.bridge.connection import Connection
 from eigenfail_workers.bridge.episode import read_start, read_step
@@ -24,7 +24,7 @@ def test_simulations(check, simulator: str, serving) -> None:
     drivers = []
 
     def of_test(_asked):
-        return opener.open(cut_in(), cut_in.Parameters(), drivers[-1])
+        return opener.open(cut_in(), cut_in.Parameters(), drivers[-1], POSITION)
 
     with serving(of_test) as address:
         connections = []
@@ -47,7 +47,9 @@ def test_a_fault_is_blamed_on_whom_the_bridge_blames(serving) -> None:
     cut_in = plugins.load(plugins.SCENARIOS, "cut_in")
     opener = plugins.load(plugins.SIMULATORS, "point_mass")()
     with (
-        serving(lambda _: opener.open(cut_in(), cut_in.Parameters(), Broken())) as address,
+        serving(
+            lambda _: opener.open(cut_in(), cut_in.Parameters(), Broken(), POSITION)
+        ) as address,
         closing(Connection(address)) as connection,
     ):
         simulation = BridgeSimulation(connection, START)

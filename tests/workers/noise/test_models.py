@@ -5,12 +5,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eigenfail.values import DisturbanceModel, VehicleState
-from eigenfail_workers.noise.deviations import compute_deviations, to_float32
+from eigenfail.values import Channel, DisturbanceModel, Observation, VehicleState
+from eigenfail.values.shapes import Row
+from eigenfail_workers.noise.deviations import Deviations, to_float32
 
 
 def at(x: float, y: float) -> VehicleState:
     return VehicleState(x, y, 0.0, 0.0, 5.0, 2.0)
+
+
+def compute_deviations(model: DisturbanceModel, ego: VehicleState, actor: VehicleState) -> Row:
+    return Deviations(model).compute(Observation(0, ego, (actor,)), 0)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -42,3 +47,16 @@ def test_the_scale_multiplies_both_sigmas() -> None:
 @given(st.floats(-1e30, 1e30))
 def test_rounding_is_numpys(value: float) -> None:
     assert to_float32(value) == float(np.float32(value))
+
+
+def test_each_channel_has_the_distance_of_its_own_vehicle() -> None:
+    channels = (
+        Channel("vehicle_2.longitudinal", 1.0, 0.5),
+        Channel("vehicle_2.speed", 1.0, 0.5),
+        Channel("lateral", 1.0, 0.5),
+        Channel("ego.speed", 0.25, 0.5),
+        Channel("missed"),
+    )
+    truth = Observation(0, at(0.0, 0.0), (at(4.0, 8.0), at(-6.0, 8.0)))
+    found = Deviations(DisturbanceModel(scale=2.0, channels=channels)).compute(truth, 0)
+    assert found == (8.0, 12.0, 10.0, 0.5, 1.0)

@@ -21,7 +21,7 @@ def braking_car(car, deceleration_mps2, steps):
 
 def followed(tracker, truck, cars):
     for step, seen in enumerate(cars):
-        (track,) = tracker.update(Perception(0.1 * step, truck, (seen,))) or (None,)
+        (track,) = tracker.update(Perception(0.1 * step, truck, (seen,), (1,))) or (None,)
         yield track, seen
 
 

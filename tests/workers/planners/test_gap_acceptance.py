@@ -38,7 +38,7 @@ def accept(ramp, truck, car):
         acceptance = now or GapAcceptance(SETTINGS, ramp, keeps_pace)
         cars = [car(gap + (10.5 if gap > 0 else -10.5), y_m) for gap in gaps_m]
         cars = [structs.replace(one, speed_mps=speed_mps) for one in cars]
-        return acceptance(Perception(0.0, ego, tuple(cars)))
+        return acceptance(Perception(0.0, ego, tuple(cars), tuple(range(1, len(cars) + 1))))
 
     return run
 
@@ -80,9 +80,9 @@ def test_one_look_is_enough_and_it_is_not_taken_back(accept, ramp):
 
 
 def test_in_a_lane_that_goes_on_there_is_nothing_to_do(mission, ramp, truck):
-    seen = Perception(0.0, truck, ())
+    seen = Perception(0.0, truck, (), ())
     assert GapAcceptance(SETTINGS, mission, lambda *_: 0.0)(seen) is None
-    on_main = Perception(0.0, structs.replace(truck, y_m=3.4), ())
+    on_main = Perception(0.0, structs.replace(truck, y_m=3.4), (), ())
     assert GapAcceptance(SETTINGS, ramp, lambda *_: 0.0)(on_main) is None
 
 
@@ -92,7 +92,7 @@ def test_a_driver_who_finds_no_gap_stops_before_the_lane_ends(ramp, truck, car):
     ego = structs.replace(truck, speed_mps=20.0)
     for _ in range(600):
         beside = structs.replace(car(ego.x_m, 3.5), speed_mps=ego.speed_mps)
-        control = driver.act(Perception(0.0, ego, (beside,)))
+        control = driver.act(Perception(0.0, ego, (beside,), (1,)))
         speed = max(ego.speed_mps + 0.1 * control.acceleration_mps2, 0.0)
         ego = structs.replace(ego, x_m=ego.x_m + 0.1 * ego.speed_mps, speed_mps=speed)
         assert control.steering_rad == 0.0

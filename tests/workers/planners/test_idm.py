@@ -17,7 +17,9 @@ def accelerate(mission, truck):
         planner = IntelligentDriver(IntelligentDriver.Settings(brake_build_up_mps3=1000.0))
         planner.reset(mission)
         ego = type(truck)(0.0, 0.0, 0.0, speed_mps, truck.length_m, truck.width_m)
-        return planner.act(Perception(0.0, ego, others)).acceleration_mps2
+        return planner.act(
+            Perception(0.0, ego, others, tuple(range(1, len(others) + 1)))
+        ).acceleration_mps2
 
     return act
 
@@ -28,7 +30,10 @@ def course(mission, truck, car):
 
     def run(planner, seen):
         planner.reset(mission)
-        views = [Perception(0.1 * i, truck, (car(30.0, 0.0),) * see) for i, see in enumerate(seen)]
+        views = [
+            Perception(0.1 * i, truck, (car(30.0, 0.0),) * see, (1,) * see)
+            for i, see in enumerate(seen)
+        ]
         return [planner.act(view).acceleration_mps2 for view in views]
 
     return run

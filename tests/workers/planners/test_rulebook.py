@@ -38,7 +38,7 @@ def watched(mission):
             seen = structs.replace(
                 car, x_m=car.x_m + 2.0 * noise[step, 0], y_m=car.y_m + 0.21 * noise[step, 1]
             )
-            control = planner.act(Perception(step * 0.1, ego, (seen,)))
+            control = planner.act(Perception(step * 0.1, ego, (seen,), (1,)))
             decisions.append(planner.last_decision)
             speed = max(ego.speed_mps + 0.1 * control.acceleration_mps2, 0.0)
             ego = structs.replace(ego, x_m=ego.x_m + 0.1 * ego.speed_mps, speed_mps=speed)

@@ -18,7 +18,7 @@ def watch(truck, car):
 
     def run(tracker, errors):
         for dx, dy in errors:
-            tracks = tracker.update(Perception(0.0, truck, (car(60.0 + dx, 3.5 + dy),)))
+            tracks = tracker.update(Perception(0.0, truck, (car(60.0 + dx, 3.5 + dy),), (1,)))
         return tracks
 
     return run
@@ -57,7 +57,9 @@ def test_white_noise_is_filtered_away(truck, car):
             sigma = 0.02 * x_m + 1.0, 0.00625 * 3.5 + 0.2
             noise = rng.normal(size=2) * sigma
             ego = structs.replace(truck, speed_mps=0.0)
-            (track,) = tracker.update(Perception(0.0, ego, (car(x_m + noise[0], 3.5 + noise[1]),)))
+            (track,) = tracker.update(
+                Perception(0.0, ego, (car(x_m + noise[0], 3.5 + noise[1]),), (1,))
+            )
         errors.append((track.along.position_m - x_m, track.along.velocity_mps + 6.0))
         scaled.append((track.along.position_m - x_m) ** 2 / track.along.p00)
     rms = np.sqrt(np.mean(np.square(errors), axis=0))
@@ -124,5 +126,22 @@ def test_the_gate_is_on_the_sum_of_both_axes(watch):
 def test_every_vehicle_has_its_own_track(truck, car):
     tracker = Tracker(SETTINGS, 0.1)
     for _ in range(6):
-        near, far = tracker.update(Perception(0.0, truck, (car(40.0, 3.5), car(90.0, 0.0))))
+        near, far = tracker.update(Perception(0.0, truck, (car(40.0, 3.5), car(90.0, 0.0)), (1, 2)))
     assert near.along.position_m < 50.0 < far.along.position_m
+
+
+def test_a_vehicle_that_is_not_detected_is_a_miss(truck, car):
+    """Its track coasts, is given up, and is born again with the vehicle's number, alone of all."""
+    tracker, near, far = Tracker(SETTINGS, 0.1), car(40.0, 3.5), car(90.0, 0.0)
+    for _ in range(30):
+        one, other = tracker.update(Perception(0.0, truck, (near, far), (1, 2)))
+    certain_m2 = one.along.p00
+    for _ in range(SETTINGS.misses_to_delete - 1):
+        tracker.update(Perception(0.0, truck, (far,), (2,)))
+    assert (one.state, other.state) == (TrackState.COASTING, TrackState.CONFIRMED)
+    assert one.along.p00 > certain_m2
+    assert tracker.update(Perception(0.0, truck, (far,), (2,))) == [other]
+    assert (one.state, tracker.lost) == (TrackState.DELETED, 1)
+    _, again = tracker.update(Perception(0.0, truck, (near, far), (1, 2)))
+    assert again is not one
+    assert again.along.p11 == pytest.approx(SETTINGS.again_speed_sd_mps**2)

@@ -9,6 +9,7 @@ from eigenfail import plugins
 from eigenfail.contracts import Planner, Simulation
 from eigenfail.testing.scenario import SCENARIO_CHECKS
 from eigenfail.testing.simulation import SIMULATION_CHECKS, OpenSimulation
+from eigenfail.values import POSITION
 
 BUILT_IN = ("highway", "point_mass")
 
@@ -21,7 +22,8 @@ def test_simulator(
 ) -> None:
     def open_simulation(planner: Planner) -> Simulation:
         simulator = plugins.load(plugins.SIMULATORS, name)()
-        return simulator.open(small_cut_in, small_cut_in.Parameters(gap_m, sway_m=3.0), planner)
+        parameters = small_cut_in.Parameters(gap_m, sway_m=3.0)
+        return simulator.open(small_cut_in, parameters, planner, POSITION)
 
     check(open_simulation)
 

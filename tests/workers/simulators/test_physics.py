@@ -10,7 +10,14 @@ import numpy as np
 import pytest
 
 from eigenfail import plugins
-from eigenfail.values import Control, Mission, Observation, Perception, VehicleState
+from eigenfail.values import (
+    POSITION,
+    Control,
+    Mission,
+    Observation,
+    Perception,
+    VehicleState,
+)
 from eigenfail_workers.measures.geometry import separation
 from eigenfail_workers.simulators import highway
 
@@ -32,7 +39,9 @@ class Plan:
 
 def driven(name: str, scenario: Any, *controls: Control, **parameters: float) -> list[Observation]:
     simulator = plugins.load(plugins.SIMULATORS, name)()
-    simulation = simulator.open(scenario, scenario.Parameters(**parameters), Plan(controls))
+    simulation = simulator.open(
+        scenario, scenario.Parameters(**parameters), Plan(controls), POSITION
+    )
     seen = [simulation.reset(0)]
     while not seen[-1].ended:
         seen.append(simulation.step((0.0, 0.0)))

@@ -12,7 +12,14 @@ from eigenfail.errors import EpisodeError, SimulatorError
 from eigenfail.testing import planner as planners
 from eigenfail.testing import scenario as scenarios
 from eigenfail.testing import simulation as simulations
-from eigenfail.values import Control, Mission, Observation, Perception, VehicleState
+from eigenfail.values import (
+    POSITION,
+    Control,
+    Mission,
+    Observation,
+    Perception,
+    VehicleState,
+)
 from eigenfail_workers.simulators.point_mass import PointMassSimulator
 
 replace = msgspec.structs.replace
@@ -120,7 +127,7 @@ def test_simulation_suite(
     check: Callable[[Any], None], bent: type[Bent], small_cut_in: Any
 ) -> None:
     def opened(planner: Planner, wrap: type[Bent]) -> Bent:
-        real = PointMassSimulator().open(small_cut_in, small_cut_in.Parameters(), planner)
+        real = PointMassSimulator().open(small_cut_in, small_cut_in.Parameters(), planner, POSITION)
         return wrap(real)
 
     check(lambda planner: opened(planner, Bent))

@@ -5,7 +5,7 @@ from typing import Any, ClassVar
 
 from eigenfail.contracts import Planner, Scenario, Simulation
 from eigenfail.values import Control, VehicleState
-from eigenfail.values.channels import ALL_CHANNELS
+from eigenfail.values.channels import ALL_CHANNELS, Channel
 from eigenfail_workers.closed_loop import DrivenSimulation
 from eigenfail_workers.simulators.scripted_world import ScriptedWorld
 
@@ -34,7 +34,7 @@ class PointMassSimulator:
     channels: ClassVar = ALL_CHANNELS
 
     def open(
-        self, scenario: Scenario, parameters: Any, planner: Planner, channels: tuple[str, ...]
+        self, scenario: Scenario, parameters: Any, planner: Planner, channels: tuple[Channel, ...]
     ) -> Simulation:
         """Return a simulation of the planner in the scenario."""
         return DrivenSimulation(ScriptedWorld(drive), scenario, parameters, planner, channels)

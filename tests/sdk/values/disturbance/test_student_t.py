@@ -8,7 +8,7 @@ import scipy.stats
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from eigenfail.values.disturbance import (
+from eigenfail.values.student_t import (
     REACH,
     log_t_density,
     log_t_slope,

@@ -11,7 +11,7 @@ export function drawScene(canvas, scene, step, plan) {
   const whole = Math.floor(step);
   const vehicles = between(scene, step);
   const actor = scene.nearest[whole];
-  const seen = scene.perceived[whole];
+  const seen = perceivedAt(scene, whole);
   const pen = prepare(canvas);
   const view = camera(canvas, scene, vehicles[0], vehicles[actor]);
   drawRoad(pen, view, scene);
@@ -27,10 +27,17 @@ function isContact(scene, step) {
   return scene.apart[step] === 0 || (scene.collides && step === scene.vehicles.length - 1);
 }
 
+// The last moment has no perception; a vehicle that is not detected has no perceived position.
+function perceivedAt(scene, step) {
+  const seen = scene.perceived[step];
+  return seen && seen[0] !== null ? seen : null;
+}
+
 export function wordsOf(scene, step) {
   const whole = Math.floor(step);
   const [ego, actor] = [scene.vehicles[whole][0], scene.vehicles[whole][scene.nearest[whole]]];
-  const seen = scene.perceived[whole];
+  const seen = perceivedAt(scene, whole);
+  const missed = !seen && whole < scene.perceived.length;
   const off = seen ? Math.hypot(seen[0] - actor[0], seen[1] - actor[1]) : 0;
   const parts = [
     `t = ${(whole * scene.dt).toFixed(1)} s`,
@@ -38,7 +45,7 @@ export function wordsOf(scene, step) {
     `actor ${fixed(actor[3])} m/s`,
     isContact(scene, whole) ? "collision" : `${apart(scene.apart[whole])} m apart`,
   ];
-  return [...parts, ...(off > ALARM_M ? [`actor seen ${off.toFixed(1)} m off`] : [])].join(" · ");
+  return [...parts, ...(off > ALARM_M ? [`actor seen ${off.toFixed(1)} m off`] : []), ...(missed ? ["actor not detected"] : [])].join(" · ");
 }
 
 // What is apart is never told as 0.0.

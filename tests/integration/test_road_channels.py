@@ -1,0 +1,139 @@
+"""Campaigns that name the channels of their noise, on a road, from the request to the page."""
+
+import deadlines
+import httpx2
+import numpy as np
+import pytest
+from pyarrow import parquet
+
+from eigenfail.client import Client
+from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.values import AnalysisState, CampaignState, Outcome
+
+pytestmark = pytest.mark.service
+
+MISSED = {"name": "missed", "shape": {"kind": "markov", "rate": 0.05, "mean_steps": 8}}
+ONE = (MISSED,)
+FIVE = (
+    {"name": "every.longitudinal", "shape": {"kind": "ar1", "correlation": 0.8}},
+    {"name": "lateral", "sigma": 0.4},
+    {"name": "heading", "shape": {"kind": "student_t", "degrees_of_freedom": 4}},
+    {"name": "ghost", "shape": {"kind": "markov", "rate": 0.02}},
+    MISSED,
+)
+SEARCHES = {
+    "monte_carlo": (40, {}),
+    "held": (40, {}),
+    "cem": (40, {"batch": 20}),
+    "cma": (40, {}),
+    "ast": (70, {}),
+    "difs": (40, {"round_size": 20}),
+    "ensemble": (40, {"method": "held", "members": 2}),
+    "subset": (300, {}),
+    "mixture": (500, {}),
+    "splitting": (400, {}),
+}
+
+
+def create(client, channels, method, episodes, settings, **fields):
+    return client.campaigns.create(
+        name=f"{method} on {len(channels)}",
+        method=method,
+        episodes=episodes,
+        settings=settings,
+        seed=5,
+        planner="idm",
+        disturbance={"channels": list(channels)},
+        **fields,
+    )
+
+
+def wait(client, campaign):
+    ended = client.campaigns.wait(campaign.id, timeout_s=deadlines.CAMPAIGN_S)
+    assert ended.state is CampaignState.DONE, ended.stopped_because
+    return ended
+
+
+@pytest.mark.parametrize("channels", [ONE, FIVE], ids=len)
+def test_every_search_works_in_all_channels(client, lasting_worker, channels) -> None:
+    started = [create(client, channels, name, *given) for name, given in SEARCHES.items()]
+    for campaign in started:
+        ended = wait(client, campaign)
+        assert ended.counts.errored == 0
+        stored = client.episodes.get(campaign.id, ended.counts.completed - 1)
+        assert stored.noise.z.shape == (stored.steps, len(channels))
+        assert np.isfinite(stored.noise.log_probability)
+        events = stored.noise.injected[:, -1]
+        assert set(events.tolist()) <= {0.0, 1.0}
+
+
+@pytest.fixture(scope="module")
+def failing(service, lasting_worker):
+    """A search in five channels that is done; no test changes it."""
+    with Client(service.address.url) as client:
+        return wait(client, create(client, FIVE, "held", 120, {}, scene_every=1))
+
+
+def first_failure(client, campaign) -> int:
+    return next(iter(client.episodes.list(campaign.id, outcome=Outcome.COLLISION))).index
+
+
+def test_a_stored_campaign_says_what_each_channel_is(client, failing) -> None:
+    names = [channel.name for channel in failing.spec.disturbance.channels]
+    assert names == ["vehicle_1.longitudinal", "lateral", "heading", "ghost", "missed"]
+    assert failing.spec.disturbance.channels[2].sigma == 0.02
+    page = httpx2.get(f"{client.url}/campaigns/{failing.id}").raise_for_status().text
+    assert "begins with probability 0.05 a step" in page
+
+
+def test_tables_of_noise_have_the_channels_with_their_units(client, failing, tmp_path) -> None:
+    file = client.episodes.export(failing.id, tmp_path / "episodes.parquet", noise=True)
+    columns = [name for name in parquet.read_table(file).column_names if name.endswith("_z")]
+    assert columns == [f"{each.name}_z" for each in failing.spec.disturbance.channels]
+    frame = client.episodes.get(failing.id, 0).to_pandas()
+    assert {"heading_sigma_rad", "heading_rad", "missed", "missed_sigma", "lateral_m"} <= {*frame}
+
+
+def test_an_episode_is_replayed_bit_for_bit_and_explained(client, failing) -> None:
+    index = first_failure(client, failing)
+    replayed = wait(client, client.episodes.replay(failing.id, index))
+    again, stored = client.episodes.get(replayed.id, 0), client.episodes.get(failing.id, index)
+    assert again.noise.injected.tobytes() == stored.noise.injected.tobytes()
+    assert replayed.counts.failures == 1
+    explained = client.episodes.explanation(failing.id, index)
+    assert len(explained.steps[0].disturbance) == len(FIVE)
+    for path in (f"campaigns/{failing.id}", f"api/v1/campaigns/{failing.id}"):
+        suffix = "/steps" if path.startswith("api") else ""
+        answer = httpx2.get(f"{client.url}/{path}/episodes/{index}{suffix}").raise_for_status()
+        assert "vehicle_1.longitudinal" in answer.text.lower()
+
+
+def test_failures_are_grouped_in_all_channels_or_in_one(client, failing) -> None:
+    joint = client.analyses.wait(client.analyses.create(failing.id).id)
+    assert joint.state is AnalysisState.DONE, joint.problem
+    assert joint.result.modes[0].eigenfailure.shape[1] == len(FIVE)
+    alone = client.analyses.wait(client.analyses.create(failing.id, axes="missed").id)
+    assert alone.state is AnalysisState.DONE, alone.problem
+    page = httpx2.get(f"{client.url}/analyses/{joint.id}").raise_for_status().text
+    assert "missed" in page.lower()
+
+
+@pytest.mark.parametrize(
+    ("channel", "kind", "words"),
+    [
+        ({"name": "vehicle_2.speed"}, UnknownName, "vehicle_1.speed"),
+        ({"name": "sped"}, UnknownName, "Did you mean 'speed'"),
+        ({"name": "missed", "sigma": 1.0}, InvalidValue, "no standard deviation"),
+        ({"name": "speed", "shape": {"kind": "markov"}}, InvalidValue, "white, ar1 or student_t"),
+    ],
+)
+def test_what_cannot_be_is_refused(client, channel, kind, words) -> None:
+    with pytest.raises(kind, match=words) as refused:
+        create(client, (channel,), "held", 5, {})
+    assert refused.value.field.startswith("disturbance.channels[0]")
+
+
+def test_a_replay_of_noise_of_other_channels_is_refused(client, failing) -> None:
+    settings = {"campaign": failing.id, "episodes": [0]}
+    with pytest.raises(InvalidValue, match="another number of channels: 5 there, 1 here"):
+        create(client, ONE, "replay", 1, settings)

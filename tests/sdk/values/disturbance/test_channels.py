@@ -1,0 +1,187 @@
+"""Channels: events as Markov chains, a shape for each, and what a campaign may name."""
+
+from math import log
+
+import msgspec
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.values import (
+    Autoregressive,
+    Channel,
+    Correlated,
+    DisturbanceModel,
+    HeavyTailed,
+    Markov,
+    NoiseTrajectory,
+    PerChannel,
+    White,
+)
+from eigenfail.values.channels import ALL_CHANNELS, QUANTITIES, list_names
+
+CHAINS = (Markov(0.02, 8.0), Markov(0.5, 1.0), Markov(0.1, 2.5))
+STEPS = 60_000
+
+
+def draw(shape: Markov | PerChannel, columns: int = 1, seed: int = 1) -> NoiseTrajectory:
+    z = np.random.default_rng(seed).standard_normal((STEPS, columns), dtype=np.float32)
+    return NoiseTrajectory(z, np.ones_like(z), PerChannel((shape,)) if columns == 1 else shape)
+
+
+@pytest.mark.parametrize("chain", CHAINS, ids=str)
+def test_an_event_begins_and_lasts_as_its_chain_says(chain: Markov) -> None:
+    lasts = draw(chain).injected[:, 0] > 0.5
+    begins = lasts[1:][~lasts[:-1]]
+    assert begins.mean() == pytest.approx(chain.rate, rel=0.1)
+    assert lasts[1:][lasts[:-1]].mean() == pytest.approx(1.0 - 1.0 / chain.mean_steps, abs=0.03)
+    share = chain.rate / (chain.rate + 1.0 / chain.mean_steps)
+    assert lasts.mean() == pytest.approx(share, rel=0.1)
+
+
+@pytest.mark.parametrize("chain", CHAINS, ids=str)
+def test_an_event_is_stationary_from_its_first_step(chain: Markov) -> None:
+    z = np.random.default_rng(2).standard_normal((20_000, 1))
+    share = chain.rate / (chain.rate + 1.0 / chain.mean_steps)
+    first = np.array([chain.step((each,), None)[0] for each in z[:, 0].tolist()])
+    assert first.mean() == pytest.approx(share, abs=0.012)
+
+
+@pytest.mark.parametrize("chain", CHAINS, ids=str)
+def test_log_p_is_the_mass_of_the_events(chain: Markov) -> None:
+    noise = draw(chain)
+    before, expected = None, []
+    for u in noise.injected[:300, 0].tolist():
+        stationary = chain.rate / (chain.rate + 1.0 / chain.mean_steps)
+        likely = {None: stationary, 0.0: chain.rate, 1.0: 1.0 - 1.0 / chain.mean_steps}[before]
+        expected.append(log(likely if u else 1.0 - likely))
+        before = u
+    assert noise.log_probability_per_step[:300] == pytest.approx(expected, abs=1e-9)
+
+
+@settings(deadline=None, derandomize=True, max_examples=200)
+@given(
+    st.floats(-6.0, 6.0),
+    st.floats(0.0, 6.0),
+    st.sampled_from([None, (0.0,), (1.0,)]),
+    st.sampled_from(CHAINS),
+)
+def test_a_larger_z_never_ends_an_event(z, more, before, chain) -> None:
+    assert chain.step((z + more,), before) >= chain.step((z,), before)
+
+
+@pytest.mark.parametrize("chain", CHAINS, ids=str)
+def test_events_come_back_from_what_was_injected(chain: Markov) -> None:
+    noise = draw(chain)
+    back = NoiseTrajectory.from_injected(noise.injected[:500], noise.sigma[:500], noise.shape)
+    assert back.injected.tolist() == noise.injected[:500].tolist()
+
+
+def test_each_channel_has_its_own_shape() -> None:
+    shapes = (Autoregressive(0.9), White(), HeavyTailed(3.0), Markov(0.05, 4.0))
+    noise = draw(PerChannel(shapes), 4)
+    for way, shape in enumerate(shapes):
+        alone = NoiseTrajectory(noise.z[:, [way]], noise.sigma[:, [way]], PerChannel((shape,)))
+        assert alone.injected[:, 0].tolist() == noise.injected[:, way].tolist()
+    apart = [
+        NoiseTrajectory(noise.z[:, [way]], noise.sigma[:, [way]], PerChannel((shape,)))
+        for way, shape in enumerate(shapes)
+    ]
+    total = sum(each.log_probability for each in apart)
+    assert noise.log_probability == pytest.approx(total, rel=1e-9)
+
+
+def test_two_channels_of_one_correlation_are_the_process_of_a_position() -> None:
+    one = draw(PerChannel((Autoregressive(0.7), Autoregressive(0.7))), 2)
+    other = NoiseTrajectory(one.z, one.sigma, Correlated(0.7, 0.7))
+    assert one.injected == pytest.approx(other.injected, abs=1e-12)
+    assert one.log_probability == pytest.approx(other.log_probability, rel=1e-12)
+
+
+def test_a_model_without_channels_is_written_as_before_there_were_any() -> None:
+    assert b"channels" not in msgspec.json.encode(DisturbanceModel())
+    assert "channels" not in msgspec.to_builtins(DisturbanceModel())
+
+
+def test_white_channels_of_the_position_are_the_papers_noise() -> None:
+    model = DisturbanceModel(channels=(Channel("longitudinal"), Channel("lateral")))
+    assert model.noise_shape == DisturbanceModel().noise_shape == White()
+    bare = [(one.name, one.sigma, one.sigma_per_m) for one in model.list_channels()]
+    assert bare == [("longitudinal", 1.0, 0.02), ("lateral", 0.2, 0.00625)]
+
+
+def resolve(*channels: Channel, vehicles: int = 2, **fields: object) -> tuple[Channel, ...]:
+    model = DisturbanceModel(channels=channels, **fields)  # type: ignore[arg-type]
+    return model.resolve(vehicles, ALL_CHANNELS).list_channels()
+
+
+def test_a_channel_of_every_vehicle_is_one_of_each() -> None:
+    found = resolve(Channel("every.speed", 0.3), Channel("missed"))
+    assert [one.name for one in found] == ["vehicle_1.speed", "vehicle_2.speed", "missed"]
+    assert found[0] == Channel("vehicle_1.speed", 0.3, 0.0, White())
+    assert found[2] == Channel("missed", None, None, Markov())
+
+
+def test_every_known_name_resolves() -> None:
+    names = list_names(2, ALL_CHANNELS)
+    assert {name.rpartition(".")[2] for name in names} == set(QUANTITIES)
+    for name in names:
+        assert resolve(Channel(name))
+        for channel in resolve(Channel(name)):
+            assert channel.in_words()
+
+
+@pytest.mark.parametrize(
+    ("channels", "kind", "words"),
+    [
+        ((Channel("vehicle_3.speed"),), UnknownName, r"channels\[0\].name: 'vehicle_3.speed'"),
+        ((Channel("speed"), Channel("sped")), UnknownName, r"\[1\].*Did you mean 'speed'"),
+        ((Channel("ego.length"),), UnknownName, "ego.length"),
+        ((Channel("every.ghost"),), UnknownName, "every.ghost"),
+        ((Channel("speed"), Channel("speed")), InvalidValue, "'speed' is there twice"),
+        ((Channel("every.speed"), Channel("vehicle_2.speed")), InvalidValue, "vehicle_2.speed"),
+        ((Channel("missed", sigma=1.0),), InvalidValue, "no standard deviation"),
+        ((Channel("missed", sigma_per_m=1.0),), InvalidValue, "no standard deviation"),
+        ((Channel("missed", shape=White()),), InvalidValue, r"shape.*Take markov"),
+        ((Channel("speed", shape=Markov()),), InvalidValue, r"shape.*white, ar1 or student_t"),
+        ((Channel("speed", ahead_m=3.0),), InvalidValue, "ahead_m"),
+    ],
+)
+def test_what_cannot_be_is_refused(channels, kind, words) -> None:
+    with pytest.raises(kind, match=words):
+        resolve(*channels)
+
+
+def test_what_a_simulator_does_not_offer_is_refused() -> None:
+    model = DisturbanceModel(channels=(Channel("heading"),))
+    with pytest.raises(UnknownName, match=r"Known: lateral, longitudinal\."):
+        model.resolve(2, frozenset({"longitudinal", "lateral"}))
+
+
+@pytest.mark.parametrize(
+    "fields", [{"lateral_base_m": 0.5}, {"shape": HeavyTailed()}, {"longitudinal_slope": 0.0}]
+)
+def test_fields_of_the_position_do_not_go_with_channels(fields) -> None:
+    with pytest.raises(InvalidValue, match="do not apply where channels are named"):
+        resolve(Channel("speed"), **fields)
+    assert resolve(Channel("speed"), scale=2.0)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        '{"channels": []}',
+        '{"channels": [{}]}',
+        '{"channels": [{"name": "speed", "sigma": 0}]}',
+        '{"channels": [{"name": "speed", "sigma": NaN}]}',
+        '{"channels": [{"name": "speed", "colour": 1}]}',
+        '{"channels": [{"name": "speed", "shape": {"kind": "per_channel", "shapes": []}}]}',
+        '{"channels": [{"name": "missed", "shape": {"kind": "markov", "rate": 0}}]}',
+        '{"channels": [{"name": "missed", "shape": {"kind": "markov", "mean_steps": 0.5}}]}',
+    ],
+)
+def test_what_is_no_model_is_not_read(wrong: str) -> None:
+    with pytest.raises((msgspec.ValidationError, msgspec.DecodeError)):
+        msgspec.json.decode(wrong, type=DisturbanceModel)

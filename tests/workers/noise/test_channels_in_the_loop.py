@@ -1,0 +1,105 @@
+"""Channels in whole episodes: recorded, replayed bit for bit, and none for the position's sake."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.values import (
+    Autoregressive,
+    CampaignSpec,
+    Channel,
+    DisturbanceModel,
+    EpisodeTask,
+    HeavyTailed,
+    Markov,
+    Outcome,
+    PriorSource,
+    TrajectorySource,
+)
+from eigenfail.values.channels import ALL_CHANNELS
+from eigenfail.worlds import list_channels, resolve_disturbance
+
+POSITION = (Channel("longitudinal"), Channel("lateral"))
+EVENTS = (Channel("missed", shape=Markov(0.1, 5.0)), Channel("ghost", shape=Markov(0.05, 3.0)))
+SETS = {
+    "missed": EVENTS[:1],
+    "every": (Channel("every.longitudinal"), Channel("every.lateral"), Channel("every.missed")),
+    "all": (
+        *POSITION,
+        *EVENTS,
+        Channel("heading", shape=Autoregressive(0.9)),
+        Channel("vehicle_2.speed", shape=HeavyTailed(4.0)),
+        Channel("ego.speed"),
+        Channel("length"),
+    ),
+}
+TASKS = tuple(EpisodeTask(index, 900 + index, PriorSource()) for index in range(6))
+
+MakeEngine = Callable[..., Any]
+
+
+def run(engine: Any, tasks: tuple[EpisodeTask, ...] = TASKS) -> list[Any]:
+    results = list(engine.run(tasks))
+    assert all(each.outcome is not Outcome.ERRORED for each in results)
+    return results
+
+
+def test_the_channels_of_the_position_by_name_give_the_same_episodes(make_engine) -> None:
+    named = run(make_engine(disturbance=DisturbanceModel(channels=POSITION, scale=1.5)))
+    plain = run(make_engine(disturbance=DisturbanceModel(scale=1.5)))
+    assert [each.digest() for each in named] == [each.digest() for each in plain]
+
+
+@pytest.mark.parametrize("name", SETS)
+def test_a_replay_of_its_z_is_the_episode_bit_for_bit(make_engine: MakeEngine, name: str) -> None:
+    model = DisturbanceModel(channels=SETS[name])
+    resolved = model.resolve(2, ALL_CHANNELS)
+    engine = make_engine(disturbance=model, scene_every=1)
+    first = run(engine)
+    replays = tuple(
+        EpisodeTask(50 + each.index, each.seed, TrajectorySource(each.noise.z)) for each in first
+    )
+    again = run(engine, replays)
+    assert [each.digest() for each in again] == [each.digest() for each in first]
+    for each in first:
+        count = len(resolved.list_channels())
+        assert each.noise.z.shape == each.noise.sigma.shape == (each.steps, count)
+        assert np.isfinite(each.noise.log_probability)
+    assert len({each.digest() for each in first}) == len(first)
+
+
+def test_episodes_do_not_depend_on_their_neighbours(make_engine: MakeEngine) -> None:
+    model = DisturbanceModel(channels=SETS["all"])
+    together = run(make_engine(disturbance=model))
+    alone = [run(make_engine(disturbance=model), (task,))[0] for task in reversed(TASKS)]
+    assert [each.digest() for each in reversed(alone)] == [each.digest() for each in together]
+
+
+def test_the_scene_says_where_the_nearest_vehicle_was_not_perceived(make_engine) -> None:
+    model = DisturbanceModel(channels=EVENTS[:1])
+    for result in run(make_engine(disturbance=model, scene_every=1)):
+        missed = result.noise.injected[:, 0] > 0.5
+        assert np.isnan(result.scene.perceived[:, 0]).tolist() == missed.tolist()
+
+
+def test_a_channel_that_there_is_not_is_refused_at_the_engine(make_engine) -> None:
+    with pytest.raises(UnknownName, match="vehicle_3"):
+        make_engine(disturbance=DisturbanceModel(channels=(Channel("vehicle_3.speed"),)))
+
+
+def test_only_a_road_of_plug_ins_has_channels_to_name() -> None:
+    fields = {"name": "x", "method": "held", "episodes": 5}
+    model = DisturbanceModel(channels=(Channel("speed"),))
+    bridged = CampaignSpec(**fields, simulator="bridge", disturbance=model)
+    with pytest.raises(InvalidValue, match="a bridge disturbs the position"):
+        resolve_disturbance(bridged)
+    function = CampaignSpec(**fields, simulator="function", disturbance=model)
+    with pytest.raises(InvalidValue, match="scenario_parameters"):
+        resolve_disturbance(function)
+    road = CampaignSpec(**fields, disturbance=DisturbanceModel(channels=(Channel("every.speed"),)))
+    resolved = resolve_disturbance(road)
+    assert [each.name for each in resolved.list_channels()] == ["vehicle_1.speed"]
+    assert list_channels(CampaignSpec(**fields, disturbance=resolved)) == ("vehicle_1.speed",)

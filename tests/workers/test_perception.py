@@ -1,0 +1,97 @@
+"""What a planner perceives under each channel, and what it does not."""
+
+from math import isnan
+
+import pytest
+from msgspec.structs import asdict
+
+from eigenfail.values import Channel, Observation, VehicleState
+from eigenfail.values.channels import QUANTITIES
+from eigenfail_workers.perception import LEAST_SIZE_M, SensorErrors
+
+EGO = VehicleState(0.0, 0.0, 0.0, 24.0, 12.0, 2.5)
+NEAR = VehicleState(30.0, 3.5, 0.0, 12.0, 5.0, 2.0)
+FAR = VehicleState(-60.0, 0.0, 0.0, 20.0, 4.0, 1.8)
+TRUTH = Observation(4, EGO, (FAR, NEAR))
+FIELDS = {
+    "longitudinal": "x_m",
+    "lateral": "y_m",
+    "heading": "heading_rad",
+    "speed": "speed_mps",
+    "length": "length_m",
+    "width": "width_m",
+}
+TARGETS = {"": 1, "vehicle_1.": 0, "vehicle_2.": 1}
+
+
+def perceive(*errors: tuple[str, float], truth: Observation = TRUTH):
+    channels = tuple(Channel(name).filled() for name, _ in errors)
+    values = tuple(error for _, error in errors)
+    return SensorErrors(channels).perceive(truth, 0.1, values)
+
+
+@pytest.mark.parametrize("target", TARGETS)
+@pytest.mark.parametrize("quantity", FIELDS)
+def test_an_error_is_added_to_its_quantity_of_its_vehicle_alone(target, quantity) -> None:
+    seen, _ = perceive((f"{target}{quantity}", 0.25))
+    place, field = TARGETS[target], FIELDS[quantity]
+    expected = [asdict(FAR), asdict(NEAR)]
+    expected[place][field] += 0.25
+    assert [asdict(each) for each in seen.others] == expected
+    assert (seen.ego, seen.ids, seen.time_s) == (EGO, (1, 2), 0.4)
+
+
+@pytest.mark.parametrize("quantity", ["longitudinal", "lateral", "heading", "speed"])
+def test_an_error_of_the_ego_is_added_to_the_ego_alone(quantity) -> None:
+    seen, position = perceive((f"ego.{quantity}", -0.5))
+    expected = asdict(EGO)
+    expected[FIELDS[quantity]] -= 0.5
+    assert asdict(seen.ego) == expected
+    assert (seen.others, position) == ((FAR, NEAR), (30.0, 3.5))
+
+
+def test_errors_of_one_vehicle_add_up() -> None:
+    seen, position = perceive(("longitudinal", 1.0), ("vehicle_2.longitudinal", 0.5))
+    assert position == (31.5, 3.5)
+    assert seen.others[0] == FAR
+
+
+def test_a_missed_vehicle_is_absent_and_the_others_keep_their_numbers() -> None:
+    seen, position = perceive(("vehicle_1.missed", 1.0))
+    assert (seen.others, seen.ids, position) == ((NEAR,), (2,), (30.0, 3.5))
+    seen, position = perceive(("missed", 1.0), ("longitudinal", 2.0))
+    assert (seen.others, seen.ids) == ((FAR,), (1,))
+    assert all(map(isnan, position))
+    seen, _ = perceive(("missed", 0.0))
+    assert seen.ids == (1, 2)
+
+
+def test_no_vehicle_is_perceived_without_a_size() -> None:
+    seen, _ = perceive(("length", -30.0), ("width", -30.0))
+    assert (seen.others[1].length_m, seen.others[1].width_m) == (LEAST_SIZE_M, LEAST_SIZE_M)
+
+
+def test_a_ghost_stands_where_it_was_first_seen_until_it_is_gone() -> None:
+    errors = SensorErrors((Channel("ghost", ahead_m=25.0).filled(),))
+    later = Observation(5, VehicleState(2.4, 0.0, 0.0, 24.0, 12.0, 2.5), (FAR, NEAR))
+    first, _ = errors.perceive(TRUTH, 0.1, (1.0,))
+    second, _ = errors.perceive(later, 0.1, (1.0,))
+    assert first.others[2] == second.others[2] == VehicleState(25.0, 0.0, 0.0, 0.0, 5.0, 2.0)
+    assert first.ids == second.ids == (1, 2, 3)
+    gone, _ = errors.perceive(later, 0.1, (0.0,))
+    assert gone.ids == (1, 2)
+    again, _ = errors.perceive(later, 0.1, (1.0,))
+    assert again.others[2].x_m == 27.4
+
+
+def test_a_ghost_does_not_outlive_its_episode() -> None:
+    errors = SensorErrors((Channel("ghost", ahead_m=25.0).filled(),))
+    errors.perceive(TRUTH, 0.1, (1.0,))
+    errors.reset()
+    later = Observation(0, VehicleState(2.4, 0.0, 0.0, 24.0, 12.0, 2.5), (FAR, NEAR))
+    seen, _ = errors.perceive(later, 0.1, (1.0,))
+    assert seen.others[2].x_m == 27.4
+
+
+def test_every_quantity_has_its_case_here() -> None:
+    assert {*FIELDS, "missed", "ghost"} == set(QUANTITIES)
