@@ -31,7 +31,6 @@ SEARCHES = {
     "ensemble": (40, {"method": "held", "members": 2}),
     "subset": (300, {}),
     "mixture": (500, {}),
-    "splitting": (400, {}),
 }
 
 
