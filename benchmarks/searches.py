@@ -19,7 +19,6 @@ from eigenfail.contracts import EpisodeEngine, Learner
 from eigenfail.reproduction.programme import FRESH
 from eigenfail.settings import read_settings
 from eigenfail.values import (
-    AXES,
     CampaignSpec,
     EpisodeResult,
     EpisodeSetup,
@@ -29,6 +28,7 @@ from eigenfail.values import (
     Predecessor,
     learner_seed,
 )
+from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns.learner_context import stack_noise
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_workers.engine import Engine
@@ -39,7 +39,7 @@ EARLIER = 1
 
 
 class Crash(NamedTuple):
-    """A failure: its noise z, shape (steps, 2), and what is known of it.
+    """A failure: its noise z, shape (steps, channels), and what is known of it.
 
     `prior` is what log p would be on average on the same steps, for noise from p(x) itself.
     """
@@ -136,7 +136,7 @@ def context(
         seed=learner_seed(spec.seed),
         episodes=spec.episodes,
         horizon=steps,
-        trajectories=stack_noise(noise, steps, len(AXES)),
+        trajectories=stack_noise(noise, steps, len(list_channels(spec))),
         predecessors=() if earlier is None else (predecessor(earlier, steps),),
         parallel=spec.parallel,
     )

@@ -5,6 +5,7 @@ from functools import partial
 from itertools import product
 from typing import Any, NamedTuple
 
+import channels
 import difs_network
 import eigenfailures
 import intervals
@@ -101,6 +102,9 @@ TRIALS = (
     Trial(("merge_in.idm.varied.",), partial(varied.idm, "merge_in", varied.IDM_IN_MERGE_IN)),
     Trial(("cut_in.rulebook.varied.",), varied.rulebook),
     Trial(("cut_in.noise.",), noise_models),
+    Trial(("channels.white_",), channels.find_equal_digests),
+    Trial(("channels.conformance",), channels.find_conformance),
+    Trial(("channels.cut_in.", "channels.merge_in."), channels.find),
     *(of_planner("undisturbed", undisturbed, *place) for place in product(SCENARIOS, PLANNERS)),
     Trial(("lead_brake.rulebook.unlit.",), unlit),
     *(of_planner("held3", held_noise, *place) for place in product(SCENARIOS[1:], PLANNERS)),

@@ -84,6 +84,17 @@ def returns_finite_controls(make: MakePlanner) -> None:
         expect(isfinite(size), f"The planner returned {control}.")
 
 
+def copes_with_what_it_misses(make: MakePlanner) -> None:
+    """Every answer is finite where the vehicle is not detected for some steps, or never."""
+    perceptions = cut_in_drive()
+    unseen = [msgspec.structs.replace(each, others=(), ids=()) for each in perceptions]
+    gaps = [*perceptions[:30], *unseen[30:40], *perceptions[40:50], unseen[50], *perceptions[51:]]
+    for seen in (gaps, unseen):
+        for control in drive(make(), seen):
+            size = hypot(control.acceleration_mps2, control.steering_rad)
+            expect(isfinite(size), f"Where a vehicle was missed the planner returned {control}.")
+
+
 def is_deterministic(make: MakePlanner) -> None:
     """Two planners with equal perceptions give equal answers, bit for bit."""
     same = _alike(drive(make(), cut_in_drive()), drive(make(), cut_in_drive()))
@@ -145,6 +156,7 @@ def explains_without_a_trace(make: MakePlanner) -> None:
 PLANNER_CHECKS: tuple[Callable[[MakePlanner], None], ...] = (
     leaves_its_process_alone,  # first: what it finds would change what the others compute
     returns_finite_controls,
+    copes_with_what_it_misses,
     is_deterministic,
     forgets_at_reset,
     leaves_its_input_alone,

@@ -1,0 +1,128 @@
+"""Figures: searches under other errors of perception than those of a position."""
+
+from collections.abc import Iterator
+from itertools import product
+from statistics import fmean
+
+import msgspec
+from bare import tasks
+from crew import Crew, staged
+from figures import Figure
+from learning_figures import of_seeds
+from samples import COMMAND, count_share
+from searches import Found, search
+
+from eigenfail.values import CampaignSpec, Channel, DisturbanceModel, Markov
+from eigenfail.worlds import list_channels, resolve_disturbance
+from eigenfail_workers.engine import Engine
+
+EPISODES, SEEDS = 400, 3
+SCENARIOS = ("cut_in", "merge_in")
+
+POSITION = (Channel("longitudinal"), Channel("lateral"))
+SETS: dict[str, tuple[Channel, ...]] = {
+    "position": POSITION,
+    "every": (Channel("every.longitudinal"), Channel("every.lateral")),
+    "missed": (*POSITION, Channel("missed", shape=Markov(0.02, 5.0))),
+    "ghost": (*POSITION, Channel("ghost", shape=Markov(0.01, 5.0))),
+    "motion": (*POSITION, Channel("heading"), Channel("speed"), Channel("ego.speed")),
+}
+"""Channels by the name of their set in figures. `cut_in` has one vehicle: `every` is `position`."""
+
+METHODS = ("monte_carlo", "held", "cem", "cma", "ast", "difs")
+
+FIRST_SETS: dict[int, tuple[Channel, ...]] = {
+    1: SETS["missed"][2:],
+    2: POSITION,
+    5: (*POSITION, Channel("speed"), SETS["ghost"][2], SETS["missed"][2]),
+}
+"""Channels by their number: an event alone, none, and two."""
+
+BUDGETS = {"subset": 300, "mixture": 500, "splitting": 1_600, "ast": 70}
+SETTINGS: dict[str, dict[str, object]] = {
+    "splitting": {"runs": 5},
+    "ensemble": {"method": "cem", "members": 2},
+}
+SEARCHING = (*METHODS, "ensemble", "subset", "mixture", "splitting")
+
+
+def find(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """Failures, log p and severity of each method with each set, in each scenario."""
+    places = [each for each in product(SCENARIOS, SETS, METHODS) if each[:2] != ("cut_in", "every")]
+    specs = [make_spec(*place, seed + n) for place in places for n in range(SEEDS)]
+    founds = crew.each(search, specs)
+    for number, place in enumerate(places):
+        scenario, channels, method = place
+        own = founds[number * SEEDS : (number + 1) * SEEDS]
+        yield from describe(f"channels.{scenario}.{channels}.{method}", own)
+
+
+def make_spec(scenario: str, channels: str, method: str, seed: int) -> CampaignSpec:
+    """Return a campaign with the defaults of its method; `ast` is one search without restarts."""
+    spec = CampaignSpec(
+        name=f"{method} with {channels}",
+        method=method,
+        settings={"patience": None} if method == "ast" else {},
+        episodes=EPISODES,
+        seed=seed,
+        scenario=scenario,
+        disturbance=DisturbanceModel(channels=SETS[channels]),
+    )
+    return msgspec.structs.replace(spec, disturbance=resolve_disturbance(spec))
+
+
+def describe(place: str, founds: list[Found]) -> Iterator[tuple[str, Figure]]:
+    """Yield what three campaigns of one kind found."""
+    failures = [len(one.crashes) for one in founds]
+    more = f"; {EPISODES} episodes each"
+    yield f"{place}.failures", of_seeds(failures, "episodes", EPISODES, more)
+    crashes = [crash for one in founds for crash in one.crashes]
+    if not crashes:
+        return
+    steps = sum(len(crash.z) for crash in crashes)
+    likely = sum(crash.log_probability for crash in crashes) / steps
+    severity = fmean(crash.severity for crash in crashes)
+    for name, value, unit in (
+        ("log_p_per_step", likely, "nats"),
+        ("mean_severity", severity, "m²/s²"),
+    ):
+        note = f"of all failures of {SEEDS} seeds"
+        figure = Figure(value=value, unit=unit, n=len(crashes), note=note, command=COMMAND)
+        yield f"{place}.{name}", figure
+
+
+def find_equal_digests(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """Whether the two channels of the position, named, give the episodes of a campaign without."""
+    del crew
+    same = []
+    for scenario, planner in product(SCENARIOS, ("rulebook", "idm")):
+        plain = staged(scenario, planner)
+        named = msgspec.structs.replace(plain, disturbance=DisturbanceModel(channels=POSITION))
+        runs = [Engine(each).run(tasks(0, 100, seed)) for each in (plain, named)]
+        same += [one.digest() == other.digest() for one, other in zip(*runs, strict=True)]
+    yield "channels.white_digest_equal", count_share(same, "episodes of Monte Carlo")
+
+
+def find_conformance(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """The share of methods × numbers of channels whose campaign ran as it should."""
+    places = [*product(SEARCHING, FIRST_SETS)]
+    passed = crew.each(runs_to_its_end, *zip(*places, strict=True), [seed] * len(places))
+    note = f"{len(SEARCHING)} methods with 1, 2 and 5 channels, events among them, on cut_in"
+    yield "channels.conformance", count_share(passed, note)
+
+
+def runs_to_its_end(method: str, channels: int, seed: int) -> bool:
+    """Whether a campaign has all its episodes, none errored, with a column for each channel."""
+    spec = CampaignSpec(
+        name=method,
+        method=method,
+        settings=SETTINGS.get(method, {}),
+        episodes=BUDGETS.get(method, 60),
+        seed=seed,
+        planner="idm",
+        disturbance=DisturbanceModel(channels=FIRST_SETS[channels]),
+    )
+    spec = msgspec.structs.replace(spec, disturbance=resolve_disturbance(spec))
+    found = search(spec)
+    wide = all(crash.z.shape[1] == channels == len(list_channels(spec)) for crash in found.crashes)
+    return wide and len(found.crashed) == spec.episodes
