@@ -229,11 +229,22 @@ class Markov(
             before = u
         return np.array(slopes).reshape(z.shape) - LOG_SQRT_TWO_PI
 
+    def mean_log_probabilities(self) -> tuple[float, float]:
+        """Mean of log P(u_t | u_{t-1}) under the chain: at the first step, and at a later one."""
+        share, ends = self._share, 1.0 / self.mean_steps
+        stays, begins = _negative_entropy(1.0 - ends), _negative_entropy(self.rate)
+        return _negative_entropy(share), share * stays + (1.0 - share) * begins
+
+    @property
+    def _share(self) -> float:
+        """Share of the steps at which the event lasts."""
+        return self.rate / (self.rate + 1.0 / self.mean_steps)
+
     def _probabilities(self, channels: int, before: Row | None) -> Row:
         """P(u_t = 1 | u_{t-1}) of each channel; at the first step the stationary probability."""
-        ends = 1.0 / self.mean_steps
         if before is None:
-            return (self.rate / (self.rate + ends),) * channels
+            return (self._share,) * channels
+        ends = 1.0 / self.mean_steps
         return tuple([1.0 - ends if last else self.rate for last in before])
 
     def in_words(self) -> str:
@@ -242,6 +253,11 @@ class Markov(
             f"markov: begins with probability {self.rate:g} a step, lasts {self.mean_steps:g} "
             "steps on average"
         )
+
+
+def _negative_entropy(p: float) -> float:
+    """p log p + (1 - p) log(1 - p), which is 0 at both ends."""
+    return sum(each * log(each) for each in (p, 1.0 - p) if each > 0.0)
 
 
 @lru_cache(maxsize=64)
@@ -294,7 +310,7 @@ class PerChannel(
 
     def in_words(self) -> str:
         """What people read."""
-        return "of each channel its own"
+        return "a shape for each channel; an event is 1 while it lasts"
 
 
 NoiseShape = Shape | PerChannel

@@ -9,7 +9,7 @@ lower bound, without an interval.
 """
 
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, singledispatch
 from math import exp, inf, isnan, log, pi, sqrt
 
 import msgspec
@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.values import IMPORTANCE_SAMPLING, ONE_REGION, Estimate, NoiseTrajectory
-from eigenfail.values.shapes import Shape
+from eigenfail.values.shapes import ChannelShape, Markov, NoiseShape, PerChannel
+from eigenfail.values.student_t import LOG_SQRT_TWO_PI
 
 Array = NDArray[np.float64]
 
@@ -156,9 +157,28 @@ def expected_log_probability(noise: NoiseTrajectory) -> float:
 
 
 @lru_cache(maxsize=256)
-def expected_slopes(shape: Shape, channels: int) -> NDArray[np.float64]:
+def expected_slopes(shape: NoiseShape | ChannelShape, channels: int) -> NDArray[np.float64]:
     """E[log |du_t / dz_t|] at the first step and at any later one, shape (2, channels)."""
-    slopes = [shape.log_slopes(np.full((2, channels), node)) for node in NODES]
-    expected: NDArray[np.float64] = np.tensordot(WEIGHTS, slopes, 1) / sqrt(2.0 * pi)
+    expected = _average_slopes(shape, channels)
     expected.setflags(write=False)
     return expected
+
+
+@singledispatch
+def _average_slopes(shape: NoiseShape | ChannelShape, channels: int) -> NDArray[np.float64]:
+    slopes = [shape.log_slopes(np.full((2, channels), node)) for node in NODES]
+    expected: NDArray[np.float64] = np.tensordot(WEIGHTS, slopes, 1) / sqrt(2.0 * pi)
+    return expected
+
+
+@_average_slopes.register
+def _(shape: Markov, channels: int) -> NDArray[np.float64]:
+    # An event is no smooth function of z, but its mean log probability has a closed form.
+    likely = np.array([[each] * channels for each in shape.mean_log_probabilities()])
+    return -0.5 - LOG_SQRT_TWO_PI - likely
+
+
+@_average_slopes.register
+def _(shape: PerChannel, channels: int) -> NDArray[np.float64]:
+    del channels  # it has a shape for each
+    return np.concatenate([expected_slopes(each, 1) for each in shape.shapes], axis=1)

@@ -5,8 +5,15 @@ from math import pi, sqrt
 import numpy as np
 import pytest
 
-from eigenfail.values import NoiseTrajectory, disturbance
-from eigenfail.values.shapes import Correlated, HeavyTailed, White
+from eigenfail.values import NoiseTrajectory, shapes
+from eigenfail.values.shapes import (
+    Autoregressive,
+    Correlated,
+    HeavyTailed,
+    Markov,
+    PerChannel,
+    White,
+)
 from eigenfail_services.statistics.importance import (
     NODES,
     WEIGHTS,
@@ -41,13 +48,27 @@ def test_it_is_the_mean_over_the_nodes_of_noise_that_is_the_same_at_every_step(s
 
 
 def test_heavy_tails_are_not_integrated_at_every_step(monkeypatch):
-    looked, log_slope = [], disturbance.log_t_slope
-    monkeypatch.setattr(
-        disturbance, "log_t_slope", lambda z, nu: looked.append(z) or log_slope(z, nu)
-    )
+    looked, log_slope = [], shapes.log_t_slope
+    monkeypatch.setattr(shapes, "log_t_slope", lambda z, nu: looked.append(z) or log_slope(z, nu))
     noise = noise_of(HeavyTailed(degrees_of_freedom=5.25))
     expected_log_probability(noise)
     first = len(looked)
     expected_log_probability(noise)
     # Once for what the noise has, once for what is known of its shape: never once for each node.
     assert len(looked) - first <= 4 * STEPS < first <= 4 * STEPS + 4 * len(NODES)
+
+
+@pytest.mark.parametrize("chain", [Markov(0.05, 4.0), Markov(0.5, 1.0), Markov(0.002, 50.0)])
+def test_of_events_it_is_the_mean_over_many_draws(chain):
+    shape = PerChannel((chain, Autoregressive(0.7)))
+    rng = np.random.default_rng(5)
+    drawn = [
+        NoiseTrajectory(
+            rng.normal(size=(STEPS, 2)).astype(np.float32), np.ones((STEPS, 2), np.float32), shape
+        )
+        for _ in range(1_500)
+    ]
+    found = [noise.log_probability for noise in drawn]
+    error = np.std(found) / np.sqrt(len(found))
+    assert expected_log_probability(drawn[0]) == pytest.approx(np.mean(found), abs=4.0 * error)
+    assert len({round(expected_log_probability(each), 6) for each in drawn[:5]}) == 1
