@@ -15,7 +15,8 @@ from eigenfail import bridges, functions, plugins
 from eigenfail.contracts import Scenario
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import defaults_of, read_settings
-from eigenfail.values import CampaignSpec, DisturbanceModel, EpisodeSetup
+from eigenfail.values import CampaignSpec, DisturbanceModel, EpisodeSetup, NoiseTrajectory
+from eigenfail.values.channels import SCENARIO
 from eigenfail.values.variation import Variation, read_variation
 
 Described = CampaignSpec | EpisodeSetup
@@ -190,11 +191,15 @@ class PluginWorld(CampaignWorld):
             problem = "the number of vehicles varies with the parameters of the scenario."
             raise InvalidValue(CHANNELS, problem, "Fix the parameter that it depends on.")
         simulator = plugins.load(plugins.SIMULATORS, described.simulator)
-        return model.resolve(counts.pop(), simulator.channels)
+        return model.resolve(counts.pop(), simulator.channels, tuple(variation.varied))
 
     def variation(self, spec: CampaignSpec) -> Variation:
         """Return the parameters as the scenario's annotations bound them."""
-        return read_variation(self.parameters_type(spec), spec.scenario_parameters)
+        return read_variation(
+            self.parameters_type(spec),
+            spec.scenario_parameters,
+            searched=spec.disturbance.searched_parameters,
+        )
 
     def horizon(self, spec: CampaignSpec) -> int:
         """Return the largest number of steps at any corner of the parameters."""
@@ -371,9 +376,29 @@ def list_simulators() -> list[str]:
 
 
 def drawn_for(spec: CampaignSpec, seed: int) -> dict[str, Any]:
-    """The scenario parameters that an episode drew, by name; none where the scenario is unknown."""
+    """The scenario parameters that an episode drew from its seed, by name.
+
+    None where the scenario is unknown; and none of those that a channel makes a part of the search,
+    which follow from its noise (`placed_for`).
+    """
     try:
         return world_of(spec.simulator).variation(spec).drawn(seed)
+    except InputError:
+        return {}
+
+
+def placed_for(spec: CampaignSpec, noise: NoiseTrajectory) -> dict[str, Any]:
+    """The scenario parameters that the noise of an episode chose, by name.
+
+    None where the scenario is unknown, or the episode ended before its first step.
+    """
+    names = spec.disturbance.searched_parameters
+    if not names or not len(noise.z):
+        return {}
+    first = dict(zip(list_channels(spec), noise.z[0].tolist(), strict=True))
+    try:
+        variation = world_of(spec.simulator).variation(spec)
+        return variation.place({name: first[f"{SCENARIO}.{name}"] for name in names})
     except InputError:
         return {}
 

@@ -9,12 +9,14 @@ from pyarrow import parquet
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values import AnalysisState, CampaignState, Outcome
+from eigenfail.worlds import drawn_for, placed_for
 
 pytestmark = pytest.mark.service
 
 MISSED = {"name": "missed", "shape": {"kind": "markov", "rate": 0.05, "mean_steps": 8}}
 ONE = (MISSED,)
-FIVE = (
+SIX = (
+    {"name": "scenario.distance_m"},
     {"name": "every.longitudinal", "shape": {"kind": "ar1", "correlation": 0.8}},
     {"name": "lateral", "sigma": 0.4},
     {"name": "heading", "shape": {"kind": "student_t", "degrees_of_freedom": 4}},
@@ -43,6 +45,7 @@ def create(client, channels, method, episodes, settings, **fields):
         seed=5,
         planner="idm",
         disturbance={"channels": list(channels)},
+        scenario_parameters={"distance_m": {"uniform": [53.0, 63.0]}},
         **fields,
     )
 
@@ -53,7 +56,7 @@ def wait(client, campaign):
     return ended
 
 
-@pytest.mark.parametrize("channels", [ONE, FIVE], ids=len)
+@pytest.mark.parametrize("channels", [ONE, SIX], ids=len)
 def test_every_search_works_in_all_channels(client, lasting_worker, channels) -> None:
     started = [create(client, channels, name, *given) for name, given in SEARCHES.items()]
     for campaign in started:
@@ -68,9 +71,9 @@ def test_every_search_works_in_all_channels(client, lasting_worker, channels) ->
 
 @pytest.fixture(scope="module")
 def failing(service, lasting_worker):
-    """A search in five channels that is done; no test changes it."""
+    """A search in six channels that is done; no test changes it."""
     with Client(service.address.url) as client:
-        return wait(client, create(client, FIVE, "held", 120, {}, scene_every=1))
+        return wait(client, create(client, SIX, "held", 120, {}, scene_every=1))
 
 
 def first_failure(client, campaign) -> int:
@@ -79,8 +82,9 @@ def first_failure(client, campaign) -> int:
 
 def test_a_stored_campaign_says_what_each_channel_is(client, failing) -> None:
     names = [channel.name for channel in failing.spec.disturbance.channels]
-    assert names == ["vehicle_1.longitudinal", "lateral", "heading", "ghost", "missed"]
-    assert failing.spec.disturbance.channels[2].sigma == 0.02
+    assert names[:2] == ["scenario.distance_m", "vehicle_1.longitudinal"]
+    assert names[2:] == ["lateral", "heading", "ghost", "missed"]
+    assert failing.spec.disturbance.channels[3].sigma == 0.02
     page = httpx2.get(f"{client.url}/campaigns/{failing.id}").raise_for_status().text
     assert "begins with probability 0.05 a step" in page
 
@@ -99,8 +103,14 @@ def test_an_episode_is_replayed_bit_for_bit_and_explained(client, failing) -> No
     again, stored = client.episodes.get(replayed.id, 0), client.episodes.get(failing.id, index)
     assert again.noise.injected.tobytes() == stored.noise.injected.tobytes()
     assert replayed.counts.failures == 1
+    placed = placed_for(failing.spec, stored.noise)
+    assert 53.0 <= placed["distance_m"] <= 63.0
+    assert placed == placed_for(replayed.spec, again.noise)
+    assert drawn_for(failing.spec, stored.seed) == {}
+    page = httpx2.get(f"{client.url}/campaigns/{failing.id}/episodes/{index}").text
+    assert f"{placed['distance_m']}" in page
     explained = client.episodes.explanation(failing.id, index)
-    assert len(explained.steps[0].disturbance) == len(FIVE)
+    assert len(explained.steps[0].disturbance) == len(SIX)
     for path in (f"campaigns/{failing.id}", f"api/v1/campaigns/{failing.id}"):
         suffix = "/steps" if path.startswith("api") else ""
         answer = httpx2.get(f"{client.url}/{path}/episodes/{index}{suffix}").raise_for_status()
@@ -110,7 +120,7 @@ def test_an_episode_is_replayed_bit_for_bit_and_explained(client, failing) -> No
 def test_failures_are_grouped_in_all_channels_or_in_one(client, failing) -> None:
     joint = client.analyses.wait(client.analyses.create(failing.id).id)
     assert joint.state is AnalysisState.DONE, joint.problem
-    assert joint.result.modes[0].eigenfailure.shape[1] == len(FIVE)
+    assert joint.result.modes[0].eigenfailure.shape[1] == len(SIX)
     alone = client.analyses.wait(client.analyses.create(failing.id, axes="missed").id)
     assert alone.state is AnalysisState.DONE, alone.problem
     page = httpx2.get(f"{client.url}/analyses/{joint.id}").raise_for_status().text
@@ -122,8 +132,10 @@ def test_failures_are_grouped_in_all_channels_or_in_one(client, failing) -> None
     [
         ({"name": "vehicle_2.speed"}, UnknownName, "vehicle_1.speed"),
         ({"name": "sped"}, UnknownName, "Did you mean 'speed'"),
+        ({"name": "scenario.ego_speed_mps"}, UnknownName, "scenario.distance_m"),
+        ({"name": "scenario.distance_m", "sigma": 1.0}, InvalidValue, "its distribution from"),
         ({"name": "missed", "sigma": 1.0}, InvalidValue, "no standard deviation"),
-        ({"name": "speed", "shape": {"kind": "markov"}}, InvalidValue, "white, ar1 or student_t"),
+        ({"name": "speed", "shape": {"kind": "markov"}}, InvalidValue, "white, ar1, student_t"),
     ],
 )
 def test_what_cannot_be_is_refused(client, channel, kind, words) -> None:
@@ -134,5 +146,5 @@ def test_what_cannot_be_is_refused(client, channel, kind, words) -> None:
 
 def test_a_replay_of_noise_of_other_channels_is_refused(client, failing) -> None:
     settings = {"campaign": failing.id, "episodes": [0]}
-    with pytest.raises(InvalidValue, match="another number of channels: 5 there, 1 here"):
+    with pytest.raises(InvalidValue, match="another number of channels: 6 there, 1 here"):
         create(client, ONE, "replay", 1, settings)

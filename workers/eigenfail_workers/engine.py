@@ -20,6 +20,7 @@ from eigenfail.errors import (
 from eigenfail.process_state import ProcessState
 from eigenfail.settings import read_settings
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
+from eigenfail.values.channels import split_name
 from eigenfail.values.variation import read_variation
 from eigenfail.worlds import resolve_disturbance
 from eigenfail_workers.episode import make_errored_result, make_result, run_episode
@@ -50,7 +51,6 @@ class Engine:
         self._wrap_planner = wrap_planner
         self._simulator = plugins.load(plugins.SIMULATORS, setup.simulator)()
         scenario = plugins.load(plugins.SCENARIOS, setup.scenario)
-        self._variation = read_variation(scenario.Parameters, setup.scenario_parameters)
         self._parameters: Any = None
         self._scenario = scenario()
         self._planner_class = plugins.load(plugins.PLANNERS, setup.planner)
@@ -59,6 +59,14 @@ class Engine:
         )
         self._model = resolve_disturbance(setup)
         self._channels = self._model.list_channels()
+        self._once = {
+            place: split_name(channel.name).quantity
+            for place, channel in enumerate(self._channels)
+            if channel.is_parameter
+        }
+        self._variation = read_variation(
+            scenario.Parameters, setup.scenario_parameters, searched=self._once.values()
+        )
         self._policies: dict[int, Policy] = {}
         self._simulation: Simulation | None = None
         # Taken after the imports: what they change is the same for each episode in each process.
@@ -106,13 +114,27 @@ class Engine:
 
     def _run_to_end(self, task: EpisodeTask, recorder: Recorder) -> EpisodeResult:
         with wrap_errors(SimulatorError, "The episode", "Look into simulator and scenario."):
-            simulation = self._open(self._variation.draw(task.seed))
-            context = sources.NoiseContext(
-                task.seed, simulation.steps, self._policies, len(self._channels)
-            )
-            noise = sources.begin(task.source, context)
+            noise, simulation = self._begin(task)
             run_episode(simulation, task.seed, self._model, noise, recorder)
             return make_result(self._setup, task, noise, recorder, simulation.dt_s)
+
+    def _begin(self, task: EpisodeTask) -> tuple[sources.NoiseSource, Simulation]:
+        """Return the noise of an episode, and the simulation for its parameters.
+
+        The noise comes first where it chooses parameters; for an episode of the longest horizon,
+        which changes neither its first step nor, drawn row by row, any other.
+        """
+        once = tuple(self._once)
+        longest = self._horizon if once else 0
+        context = sources.NoiseContext(
+            task.seed, longest, self._policies, len(self._channels), once
+        )
+        z: dict[str, float] = {}
+        if once:
+            first = sources.begin(task.source, context).first()
+            z = {name: first[place] for place, name in self._once.items()}
+        simulation = self._open(self._variation.draw(task.seed, z))
+        return sources.begin(task.source, context._replace(horizon=simulation.steps)), simulation
 
     def _open(self, parameters: Any) -> Simulation:
         """Return the simulation for these parameters, opened with a new planner if necessary."""
@@ -124,7 +146,8 @@ class Engine:
                 self._scenario, parameters, planner, self._channels
             )
             self._parameters = parameters
-        if self._variation.varied and self._simulation.steps > self._horizon:
+        varies = self._variation.varied or self._variation.searched
+        if varies and self._simulation.steps > self._horizon:
             raise InvalidValue(
                 "scenario_parameters",
                 f"{parameters} makes an episode of {self._simulation.steps} steps, which is longer "

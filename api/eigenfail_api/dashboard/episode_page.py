@@ -35,7 +35,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.variation import read_variation
 from eigenfail.versions import differences
-from eigenfail.worlds import drawn_for, world_of
+from eigenfail.worlds import drawn_for, placed_for, world_of
 from eigenfail_api.dashboard.charts import Chart, make_reference
 from eigenfail_api.dashboard.cost_charts import REPLAY
 from eigenfail_api.dashboard.episodes_page import FAILURE_CONDITIONS as FAILURES
@@ -230,7 +230,8 @@ def list_changes(stored: Run, again: Run) -> Iterator[str]:
 def draw_parameters(run: Run) -> dict[str, Any]:
     """Return the scenario parameters that the episode drew."""
     spec = run.campaign.spec
-    return {**spec.scenario_parameters, **drawn_for(spec, run.result.seed)}
+    drawn, placed = drawn_for(spec, run.result.seed), placed_for(spec, run.result.noise)
+    return {**spec.scenario_parameters, **drawn, **placed}
 
 
 class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
@@ -329,8 +330,9 @@ def explain_missing_scene(campaign: Campaign, result: EpisodeResult) -> str:
 
 
 def list_drawn_parameters(campaign: Campaign, result: EpisodeResult) -> Facts:
-    """The scenario parameters that the episode drew from its own seed."""
-    drawn = drawn_for(campaign.spec, result.seed)
+    """The scenario parameters that the episode drew from its own seed, or that its noise chose."""
+    spec = campaign.spec
+    drawn = drawn_for(spec, result.seed) | placed_for(spec, result.noise)
     return tuple((name, str(value)) for name, value in drawn.items())
 
 

@@ -2,10 +2,11 @@
 
 `speed` is an error of the speed of the nearest vehicle, `vehicle_2.speed` of the second one of the
 scenario, `every.speed` of each of them, with noise of its own, and `ego.speed` of the ego itself.
+`scenario.distance_m` is no error: it makes the draw of that parameter a part of the search.
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Annotated, NamedTuple
 
@@ -14,11 +15,11 @@ from msgspec import Meta
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values.shapes import ChannelShape, Markov, White
+from eigenfail.values.shapes import ChannelShape, Markov, Once, White
 
 FIELD = "disturbance.channels"
 
-NEAREST, EGO, EVERY, VEHICLE = "", "ego", "every", "vehicle_"
+NEAREST, EGO, EVERY, VEHICLE, SCENARIO = "", "ego", "every", "vehicle_", "scenario"
 """Targets of a channel, before the dot; vehicles are numbered from 1."""
 
 MISSED, GHOST = "missed", "ghost"
@@ -58,6 +59,9 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
 )
 """By name. The defaults of a position are the paper's; the others are round numbers, for which a
 campaign substitutes those of its sensor."""
+
+PARAMETER = Quantity("", None, None, (SCENARIO,))
+"""A scenario parameter, which is chosen by the quantile of its own distribution."""
 
 GHOST_AHEAD_M = 40.0
 
@@ -99,10 +103,15 @@ def find_quantity(name: str) -> Quantity:
     Raises:
         UnknownName: there is no such quantity.
     """
-    quantity = QUANTITIES.get(split_name(name).quantity)
+    target, quantity_name = split_name(name)
+    quantity = PARAMETER if target == SCENARIO else QUANTITIES.get(quantity_name)
     if quantity is None:
         raise UnknownName(FIELD, name, ALL_CHANNELS)
     return quantity
+
+
+CONTINUOUS = "white, ar1, student_t"
+"""Shapes of errors that are no events."""
 
 
 class ColumnNames(NamedTuple):
@@ -118,7 +127,8 @@ def name_columns(name: str) -> ColumnNames:
 
     Channels of functions may have any names; most have no unit that is known.
     """
-    quantity = QUANTITIES.get(split_name(name).quantity)
+    target, quantity_name = split_name(name)
+    quantity = None if target == SCENARIO else QUANTITIES.get(quantity_name)
     suffix = "" if quantity is None else UNIT_SUFFIXES.get(quantity.unit, "")
     return ColumnNames(f"{name}_z", f"{name}_sigma{suffix}", f"{name}{suffix}")
 
@@ -131,14 +141,16 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     the vehicle [m]: along the road for `longitudinal`, across it for `lateral`, in the plane for
     the others, and 0 for the ego itself. While the event of `missed` lasts, the vehicle is absent
     from what the planner perceives. While that of `ghost` lasts, a car is perceived that stands in
-    the ego's lane where it was first seen.
+    the ego's lane where it was first seen. A channel of the scenario has one draw for the episode,
+    and its parameter is the Phi(z_0)-quantile of the distribution that the campaign gives it.
 
     Attributes:
         name: target and quantity; see `QUANTITIES`.
         sigma: standard deviation at no distance, in the unit of the quantity; None: the default of
             the quantity. An event has none.
         sigma_per_m: by how much it grows with each metre of distance; None as above.
-        shape: how u follows from z; None: white noise, and `markov` for an event.
+        shape: how u follows from z; None: white noise, `markov` for an event, and `once` for a
+            parameter of the scenario.
         ahead_m: of `ghost` alone: how far ahead of the ego's centre it is first seen.
     """
 
@@ -151,7 +163,12 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def is_event(self) -> bool:
         """Whether it is an event, which has no sigma."""
-        return split_name(self.name).quantity in (MISSED, GHOST)
+        return not self.is_parameter and split_name(self.name).quantity in (MISSED, GHOST)
+
+    @property
+    def is_parameter(self) -> bool:
+        """Whether it is a parameter of the scenario, which has no sigma either."""
+        return split_name(self.name).target == SCENARIO
 
     @property
     def unit(self) -> str:
@@ -161,7 +178,7 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def filled(self) -> "Channel":
         """Return the channel with the defaults of its quantity written out."""
         quantity = find_quantity(self.name)
-        default = Markov() if self.is_event else White()
+        default = Once() if self.is_parameter else Markov() if self.is_event else White()
         return Channel(
             self.name,
             quantity.sigma if self.sigma is None else self.sigma,
@@ -173,14 +190,17 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def in_words(self) -> str:
         """What people read of a channel that is filled."""
         words = "" if self.shape is None else self.shape.in_words()
-        if self.is_event:
+        if self.is_event or self.is_parameter:
             return words if self.ahead_m is None else f"{self.ahead_m:g} m ahead; {words}"
         growth = f"{self.sigma_per_m:g}·d + " if self.sigma_per_m else ""
         return f"sigma {growth}{self.sigma:g} {self.unit}; {words}"
 
 
 def resolve_channels(
-    channels: tuple[Channel, ...], vehicles: int, offered: frozenset[str]
+    channels: tuple[Channel, ...],
+    vehicles: int,
+    offered: frozenset[str],
+    parameters: Sequence[str] = (),
 ) -> tuple[Channel, ...]:
     """Return the channels with defaults written out, and those of every vehicle one by one.
 
@@ -188,13 +208,16 @@ def resolve_channels(
         channels: as a campaign gives them.
         vehicles: number of vehicles besides the ego.
         offered: channels that the simulator can inject, in the terms of `ALL_CHANNELS`.
+        parameters: names of the scenario's parameters that have a distribution.
 
     Raises:
-        UnknownName: the simulator offers no such channel, or there is no such vehicle.
+        UnknownName: the simulator offers no such channel, there is no such vehicle, or no such
+            parameter with a distribution.
         InvalidValue: a channel is named twice, has the shape of another kind of channel, or is an
             event with a sigma.
     """
-    known = list_names(vehicles, offered)
+    of_scenario = (f"{SCENARIO}.{name}" for name in parameters)
+    known = [*list_names(vehicles, offered), *of_scenario]
     for place, channel in enumerate(channels):
         if channel.name not in known:
             raise UnknownName(f"{FIELD}[{place}].name", channel.name, known)
@@ -227,13 +250,17 @@ def _expand(channel: Channel, vehicles: int) -> list[Channel]:
 
 
 def _check_model(channel: Channel, field: str) -> None:
-    if channel.is_event and (channel.sigma is not None or channel.sigma_per_m is not None):
+    given = channel.sigma is not None or channel.sigma_per_m is not None
+    if given and channel.is_parameter:
+        problem = f"'{channel.name}' has its distribution from scenario_parameters."
+        raise InvalidValue(f"{field}.sigma", problem, "Leave it out.")
+    if given and channel.is_event:
         problem = f"'{channel.name}' is an event, which has no standard deviation."
         raise InvalidValue(f"{field}.sigma", problem, "Set rate and mean_steps of its shape.")
     if channel.ahead_m is not None and channel.name != GHOST:
         problem = f"'{channel.name}' is no ghost."
         raise InvalidValue(f"{field}.ahead_m", problem, "Leave it out.")
-    if channel.shape is not None and isinstance(channel.shape, Markov) != channel.is_event:
-        wanted = "markov" if channel.is_event else "white, ar1 or student_t"
+    wanted = "once" if channel.is_parameter else "markov" if channel.is_event else CONTINUOUS
+    if channel.shape is not None and channel.shape.__struct_config__.tag not in wanted.split(", "):
         problem = f"the noise of '{channel.name}' cannot have this shape."
         raise InvalidValue(f"{field}.shape", problem, f"Take {wanted}.")

@@ -1,6 +1,6 @@
 """The disturbance model p(x), its conversion to what is injected, and noise trajectories."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Annotated
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values.arrays import Floats
-from eigenfail.values.channels import Channel, resolve_channels
+from eigenfail.values.channels import SCENARIO, Channel, resolve_channels, split_name
 from eigenfail.values.shapes import NoiseShape, PerChannel, Row, Shape, White
 from eigenfail.values.showing import Brief, Tabular
 from eigenfail.values.student_t import LOG_SQRT_TWO_PI
@@ -65,7 +65,15 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         shapes = tuple(channel.shape or White() for channel in self.list_channels())
         return White() if set(shapes) == {White()} else PerChannel(shapes)
 
-    def resolve(self, vehicles: int, offered: frozenset[str]) -> "DisturbanceModel":
+    @property
+    def searched_parameters(self) -> tuple[str, ...]:
+        """The parameters of the scenario that channels make a part of the search."""
+        names = map(split_name, (channel.name for channel in self.list_channels()))
+        return tuple(quantity for target, quantity in names if target == SCENARIO)
+
+    def resolve(
+        self, vehicles: int, offered: frozenset[str], parameters: Sequence[str] = ()
+    ) -> "DisturbanceModel":
         """Return the model with its channels written out; see `resolve_channels`.
 
         Raises:
@@ -80,7 +88,9 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
                 "slopes, bases and shape of the position do not apply where channels are named.",
                 "Set sigma, sigma_per_m and shape of each channel instead.",
             )
-        return replace(self, channels=resolve_channels(self.channels, vehicles, offered))
+        return replace(
+            self, channels=resolve_channels(self.channels, vehicles, offered, parameters)
+        )
 
     def in_words(self) -> dict[str, str]:
         """What people read, by name."""

@@ -274,7 +274,32 @@ def _find_mean_z(u: float, probability: float) -> float:
     return density / probability if u >= 0.5 else -density / (1.0 - probability)
 
 
-ChannelShape = White | Autoregressive | HeavyTailed | Markov
+class Once(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="once"):
+    """One draw for the whole episode: u_t = z_0. Later z are without effect."""
+
+    def step(self, z: Row, before: Row | None) -> Row:
+        """u_t of z_t and u_{t-1}; None stands before the first step."""
+        return z if before is None else before
+
+    def step_back(self, u: Row, before: Row | None) -> Row:
+        """z_t of u_t and u_{t-1}: of the values that z_t may have after the first step, 0."""
+        return u if before is None else (0.0,) * len(u)
+
+    def log_slopes(self, z: Slopes) -> Slopes:
+        """log of the density of z_t ÷ that of u_t | u_{t-1}, shape (steps, channels).
+
+        After the first step nothing is random, so that the density of z alone remains.
+        """
+        slopes = np.zeros_like(z)
+        slopes[1:] = -0.5 * z[1:] ** 2 - LOG_SQRT_TWO_PI
+        return slopes
+
+    def in_words(self) -> str:
+        """What people read."""
+        return "drawn once an episode"
+
+
+ChannelShape = White | Autoregressive | HeavyTailed | Markov | Once
 """Shapes of the noise of one channel."""
 
 

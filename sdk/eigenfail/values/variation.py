@@ -1,13 +1,18 @@
-"""Scenario parameters that vary from episode to episode, drawn from the episode's own seed.
+"""Scenario parameters that vary from episode to episode.
 
 In place of a value a parameter may have a distribution: `{"uniform": [52.0, 70.0]}`, both ends
-included, of whole numbers where the parameter is one; or `{"choice": [1.9, 2.0, 2.1]}`, each as
-likely. Nothing is drawn but from the episode's seed, so that nothing has to travel or be kept.
+included, of whole numbers where the parameter is one; `{"choice": [1.9, 2.0, 2.1]}`, each as
+likely; or `{"normal": [58.0, 3.0], "within": [52.0, 70.0]}`, a normal distribution by mean and
+standard deviation, cut off at the ends of `within`. A value is drawn from the episode's own seed,
+so that nothing has to travel or be kept; or, where a channel `scenario.NAME` makes the parameter
+a part of the search, it is the quantile that belongs to the channel's z.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
-from math import isfinite, prod
+from math import inf, isfinite, prod
+from statistics import NormalDist
+from types import MappingProxyType
 from typing import Annotated, Any
 
 import msgspec
@@ -40,6 +45,13 @@ class Uniform(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return int(random.integers(int(low), int(high), endpoint=True))
         return min(max(float(random.uniform(low, high)), low), high)
 
+    def find_quantile(self, p: float, like: Any) -> Number:
+        """The value of the kind that `like` has below which lies a share p."""
+        low, high = self.uniform
+        if isinstance(like, int):
+            return min(int(low) + int(p * (int(high) - int(low) + 1)), int(high))
+        return min(max(low + p * (high - low), low), high)
+
 
 class Choice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """One of these."""
@@ -54,9 +66,40 @@ class Choice(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """A value."""
         return self.choice[int(random.integers(len(self.choice)))]
 
+    def find_quantile(self, p: float, _like: Any) -> Any:
+        """The value below which lies a share p, in the order in which they are given."""
+        return self.choice[min(int(p * len(self.choice)), len(self.choice) - 1)]
 
-Distribution = Uniform | Choice
-KINDS: dict[str, type[Distribution]] = {"uniform": Uniform, "choice": Choice}
+
+class Normal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Normal with this mean and standard deviation, given that it is between two ends."""
+
+    normal: tuple[float, Annotated[float, msgspec.Meta(gt=0.0)]]
+    within: tuple[Number, Number]
+
+    def ends(self) -> tuple[Any, ...]:
+        """What has to be within the parameter's bounds."""
+        return self.within
+
+    def draw(self, random: np.random.Generator, like: Any) -> Number:
+        """A value of the kind that `like` has."""
+        return self.find_quantile(float(random.random()), like)
+
+    def find_quantile(self, p: float, like: Any) -> Number:
+        """The value of the kind that `like` has below which lies a share p."""
+        mean, deviation = self.normal
+        low, high = self.within
+        below, above = (STANDARD.cdf((end - mean) / deviation) for end in (low, high))
+        share = below + p * (above - below)
+        z = STANDARD.inv_cdf(share) if 0.0 < share < 1.0 else inf * (share - 0.5)
+        value = min(max(mean + deviation * z, low), high)
+        return round(value) if isinstance(like, int) else float(value)
+
+
+STANDARD = NormalDist()
+
+Distribution = Uniform | Choice | Normal
+KINDS: dict[str, type[Distribution]] = {"uniform": Uniform, "choice": Choice, "normal": Normal}
 
 
 class Variation(msgspec.Struct, frozen=True, eq=False):
@@ -67,29 +110,44 @@ class Variation(msgspec.Struct, frozen=True, eq=False):
         field: where they stood, for errors.
         fixed: the values that all episodes share.
         varied: distributions in the order of their names, which is the order of the draws.
+        searched: distributions of the parameters whose quantiles a search chooses, by name.
     """
 
     kind: type[msgspec.Struct]
     field: str
     fixed: Mapping[str, Any]
     varied: Mapping[str, Distribution]
+    searched: Mapping[str, Distribution] = MappingProxyType({})
 
-    def draw(self, seed: int) -> Any:
-        """The parameters of the episode with this seed.
+    def draw(self, seed: int, z: Mapping[str, float] = MappingProxyType({})) -> Any:
+        """The parameters of an episode.
+
+        Args:
+            seed: of the episode.
+            z: standard normal value of each parameter that is searched.
 
         Raises:
             InvalidValue: the scenario refuses them, though it takes those at the ends.
         """
-        return self._read(self.drawn(seed))
+        return self._read(self.drawn(seed) | self.place(z))
 
     def drawn(self, seed: int) -> dict[str, Any]:
-        """Those of the episode's parameters that vary, by name."""
+        """Those of the episode's parameters that are drawn from its seed, by name."""
         return self._drawn(seed, self._like())
 
+    def place(self, z: Mapping[str, float]) -> dict[str, Any]:
+        """The values of parameters that are searched, from the standard normal z of each."""
+        like = self._like() if z else None
+        return {
+            name: self.searched[name].find_quantile(STANDARD.cdf(each), getattr(like, name))
+            for name, each in z.items()
+        }
+
     def table(self, seeds: Iterable[int]) -> Iterator[dict[str, Any]]:
-        """All parameters of the episodes with these seeds, by name."""
+        """All parameters of the episodes with these seeds, but those that are searched, by name."""
         like = self._like()
-        shared = msgspec.structs.asdict(like)
+        everything = msgspec.structs.asdict(like).items()
+        shared = {name: value for name, value in everything if name not in self.searched}
         return (shared | self._drawn(seed, like) for seed in seeds)
 
     def _like(self) -> Any:
@@ -114,8 +172,9 @@ class Variation(msgspec.Struct, frozen=True, eq=False):
         return max(map(measure, self.corners()))
 
     def _combinations(self) -> Iterator[dict[str, Any]]:
-        ends = [one.ends() for one in self.varied.values()]
-        return (dict(zip(self.varied, values, strict=True)) for values in product(*ends))
+        distributions = {**self.varied, **self.searched}
+        ends = [one.ends() for one in distributions.values()]
+        return (dict(zip(distributions, values, strict=True)) for values in product(*ends))
 
     def _read(self, drawn: Mapping[str, Any]) -> Any:
         try:
@@ -135,7 +194,10 @@ class Variation(msgspec.Struct, frozen=True, eq=False):
 
 
 def read_variation(
-    kind: type[msgspec.Struct], given: Mapping[str, Any], field: str = "scenario_parameters"
+    kind: type[msgspec.Struct],
+    given: Mapping[str, Any],
+    field: str = "scenario_parameters",
+    searched: Iterable[str] = (),
 ) -> Variation:
     """A scenario's parameters as a user gave them, checked at the ends of all distributions.
 
@@ -143,6 +205,7 @@ def read_variation(
         kind: the scenario's `Parameters`; their annotations carry the bounds.
         given: for each name a value, or a distribution.
         field: where they stood, for the error.
+        searched: names of the parameters whose quantiles a search chooses.
 
     Raises:
         UnknownName: no such parameter, or no such distribution.
@@ -155,10 +218,11 @@ def read_variation(
         if isinstance(value, dict) and not KINDS.keys().isdisjoint(value)
     }
     fixed = {name: value for name, value in given.items() if name not in varied}
-    if prod(len(one.ends()) for one in varied.values()) > MAX_CORNERS:
+    chosen = {name: varied.pop(name) for name in searched if name in varied}
+    if prod(len(one.ends()) for one in (*varied.values(), *chosen.values())) > MAX_CORNERS:
         problem = f"the distributions have more than {MAX_CORNERS} combinations of ends."
         raise InvalidValue(field, problem, "Vary fewer parameters, or choose from fewer values.")
-    variation = Variation(kind, field, fixed, varied)
+    variation = Variation(kind, field, fixed, varied, chosen)
     for _ in variation.corners():
         pass
     return variation
@@ -172,12 +236,24 @@ def read_distribution(given: Mapping[str, Any], field: str) -> Distribution:
     """
     name = next(name for name in KINDS if name in given)
     found: Distribution = convert(given, KINDS[name], field)
-    if isinstance(found, Uniform):
-        low, high = found.uniform
+    for name, ends in _list_intervals(found):
+        low, high = ends
         if not (isfinite(low) and isfinite(high) and low <= high):
             problem = f"[{low}, {high}] is not an interval from a smaller to a larger number."
-            raise InvalidValue(f"{field}.uniform", problem)
+            raise InvalidValue(f"{field}.{name}", problem)
+    if isinstance(found, Normal) and not all(map(isfinite, found.normal)):
+        problem = "mean and standard deviation must be finite numbers."
+        raise InvalidValue(f"{field}.normal", problem)
     return found
+
+
+def _list_intervals(found: Distribution) -> Iterator[tuple[str, tuple[Number, Number]]]:
+    """Yield the intervals of a distribution with the names of their fields."""
+    match found:
+        case Uniform():
+            yield "uniform", found.uniform
+        case Normal():
+            yield "within", found.within
 
 
 def in_words(given: Mapping[str, Any]) -> dict[str, str]:
@@ -189,6 +265,8 @@ def _value_in_words(value: Any) -> str:
     match value:
         case {"uniform": [low, high]}:
             return f"uniform {low} … {high}"
+        case {"normal": [mean, deviation], "within": [low, high]}:
+            return f"normal {mean} ± {deviation}, within {low} … {high}"
         case {"choice": [*values]}:
             return f"one of {', '.join(map(str, values))}"
         case [*values]:

@@ -5,6 +5,7 @@ from typing import Annotated
 import msgspec
 import numpy as np
 import pytest
+import scipy.stats
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import Meta
@@ -134,3 +135,59 @@ def test_more_combinations_than_can_be_checked_are_refused():
     many = {"choice": [index / 100 for index in range(65)]}
     with pytest.raises(InvalidValue, match=str(MAX_CORNERS)):
         varied(distance_m=many, speed_mps={"choice": [10.0 + n / 10 for n in range(65)]})
+
+
+def test_a_normal_parameter_is_normal_within_its_ends():
+    variation = varied(distance_m={"normal": [2.0, 3.0], "within": [-1, 5]})
+    values = [variation.draw(episode_seed(1, index)).distance_m for index in range(2_000)]
+    reference = scipy.stats.truncnorm(-1.0, 1.0, loc=2.0, scale=3.0)
+    assert scipy.stats.kstest(values, reference.cdf).pvalue > 0.01
+    assert -1.0 <= min(values) < max(values) <= 5.0
+    assert [each.distance_m for each in variation.corners()] == [-1.0, 5.0]
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "values"),
+    [
+        ("distance_m", {"uniform": [-4.0, 4.0]}, {-9.0: -4.0, 0.0: 0.0, 9.0: 4.0}),
+        (
+            "distance_m",
+            {"normal": [1.0, 2.0], "within": [-3, 5]},
+            {-40.0: -3.0, 0.0: 1.0, 40.0: 5.0},
+        ),
+        ("cars", {"uniform": [1, 4]}, {-9.0: 1, -0.1: 2, 0.1: 3, 9.0: 4}),
+        ("cars", {"normal": [2.0, 1.0], "within": [1, 4]}, {-40.0: 1, 0.05: 2, 40.0: 4}),
+        ("side", {"choice": ["left", "right"]}, {-0.1: "left", 0.1: "right", 40.0: "right"}),
+    ],
+)
+def test_a_searched_parameter_is_its_quantile(name, given, values):
+    variation = read_variation(Parameters, {name: given, "speed_mps": 20.0}, searched=(name,))
+    assert variation.drawn(7) == {}
+    for z, value in values.items():
+        assert variation.place({name: z}) == {name: pytest.approx(value)}
+        assert getattr(variation.draw(7, {name: z}), name) == pytest.approx(value)
+    assert name not in next(variation.table([7]))
+
+
+@given(st.floats(-8.0, 8.0), st.floats(0.0, 4.0))
+def test_a_larger_z_never_makes_a_parameter_smaller(z, more):
+    given_ = {"normal": [1.0, 0.5], "within": [-3.0, 5.0]}
+    variation = read_variation(Parameters, {"distance_m": given_}, searched=("distance_m",))
+    low, high = (variation.place({"distance_m": each})["distance_m"] for each in (z, z + more))
+    assert low <= high
+
+
+@pytest.mark.parametrize(
+    ("given", "field"),
+    [
+        ({"normal": [0.0, 1.0]}, "distance_m.within"),
+        ({"normal": [0.0, 0.0], "within": [-1, 1]}, r"distance_m.normal"),
+        ({"normal": [0.0, 1.0], "within": [1, -1]}, "distance_m.within"),
+        ({"normal": [float("nan"), 1.0], "within": [-1, 1]}, "distance_m.normal"),
+        ({"normal": [0.0, 1.0], "within": [-1, 99]}, "distance_m"),
+    ],
+)
+def test_a_normal_that_is_none_is_refused(given, field):
+    with pytest.raises(InvalidValue) as refused:
+        varied(distance_m=given)
+    assert field in refused.value.field

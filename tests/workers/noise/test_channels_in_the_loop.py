@@ -1,6 +1,7 @@
 """Channels in whole episodes: recorded, replayed bit for bit, and none for the position's sake."""
 
 from collections.abc import Callable
+from statistics import NormalDist
 from typing import Any
 
 import numpy as np
@@ -14,12 +15,16 @@ from eigenfail.values import (
     DisturbanceModel,
     EpisodeTask,
     HeavyTailed,
+    Layer,
     Markov,
     Outcome,
+    Policy,
+    PolicySource,
     PriorSource,
     TrajectorySource,
 )
 from eigenfail.values.channels import ALL_CHANNELS
+from eigenfail.values.learning import SCENE_STATE, count_state
 from eigenfail.worlds import list_channels, resolve_disturbance
 
 POSITION = (Channel("longitudinal"), Channel("lateral"))
@@ -103,3 +108,58 @@ def test_only_a_road_of_plug_ins_has_channels_to_name() -> None:
     resolved = resolve_disturbance(road)
     assert [each.name for each in resolved.list_channels()] == ["vehicle_1.speed"]
     assert list_channels(CampaignSpec(**fields, disturbance=resolved)) == ("vehicle_1.speed",)
+
+
+VARIED = {"gap_m": {"uniform": [25.0, 35.0]}, "sway_m": {"uniform": [0.0, 1.0]}}
+SEARCHED = (*POSITION, Channel("scenario.gap_m"))
+
+
+def searched(make_engine: MakeEngine, **parameters: Any) -> Any:
+    model = DisturbanceModel(channels=SEARCHED)
+    return make_engine(
+        disturbance=model, scene_every=1, scenario_parameters={**VARIED, **parameters}
+    )
+
+
+def gaps(results: list[Any]) -> list[float]:
+    return [float(each.scene.vehicles[0, 1, 0]) - 10.5 for each in results]
+
+
+def test_a_searched_parameter_is_the_quantile_of_its_first_z(make_engine) -> None:
+    results = run(searched(make_engine, sway_m=0.0))
+    expected = [25.0 + 10.0 * NormalDist().cdf(float(each.noise.z[0, 2])) for each in results]
+    assert gaps(results) == pytest.approx(expected, abs=1e-4)
+    assert len(set(gaps(results))) == len(results)
+
+
+def test_later_z_of_a_searched_parameter_are_without_effect(make_engine) -> None:
+    engine = searched(make_engine)
+    (first,) = run(engine, TASKS[:1])
+    z = first.noise.z.copy()
+    z[1:, 2] = 3.0
+    (again,) = run(engine, (EpisodeTask(7, first.seed, TrajectorySource(z)),))
+    assert again.scene.vehicles.tobytes() == first.scene.vehicles.tobytes()
+    assert again.noise.log_probability == first.noise.log_probability
+
+
+def test_a_replay_of_a_searched_scenario_is_bit_for_bit(make_engine) -> None:
+    engine = searched(make_engine)
+    first = run(engine)
+    replays = tuple(
+        EpisodeTask(50 + each.index, each.seed, TrajectorySource(each.noise.z)) for each in first
+    )
+    assert [each.digest() for each in run(engine, replays)] == [each.digest() for each in first]
+
+
+def test_under_a_policy_a_parameter_is_drawn_and_observed(make_engine) -> None:
+    states = count_state(3)
+    layer = Layer(np.zeros((3, states), np.float32), np.zeros(3, np.float32))
+    engine = searched(make_engine)
+    engine.add_policy(Policy(1, (), layer, layer, 2.0, 10))
+    tasks = tuple(EpisodeTask(each.index, each.seed, PolicySource(1)) for each in TASKS)
+    results = run(engine, tasks)
+    for each in results:
+        w = float(each.noise.z[0, 2])
+        assert set(each.noise.z[:, 2].tolist()) == {w}
+        assert each.states[:, SCENE_STATE + 2] == pytest.approx(w / 3.0)
+    assert len({float(each.noise.z[0, 2]) for each in results}) == len(results)

@@ -6,8 +6,9 @@ and tanh in float32 on the type of the processor. So a layer is a sum of product
 exp and tanh are those of the C library, in float64.
 """
 
-from collections.abc import MutableMapping
+from collections.abc import Mapping, MutableMapping
 from math import exp, isfinite, tanh
+from types import MappingProxyType
 
 import msgspec
 import numpy as np
@@ -116,7 +117,10 @@ def _to_row(z: Floats) -> Row:
 
 
 class PolicyNoise:
-    """Noise that a policy chooses; each choice is held for `policy.hold` steps."""
+    """Noise that a policy chooses; each choice is held for `policy.hold` steps.
+
+    Columns that are fixed keep their value, whatever the policy chooses.
+    """
 
     def __init__(
         self,
@@ -124,12 +128,14 @@ class PolicyNoise:
         generator: np.random.Generator,
         horizon: int,
         channels: int = len(AXES),
+        fixed: Mapping[int, float] = MappingProxyType({}),
     ) -> None:
         validate_policy(policy, channels)
+        self._fixed = fixed
         self._policy = policy
         self._generator = generator
         self._horizon = horizon
-        self._held: Row = (0.0,) * channels
+        self._held: Row = self._fix((0.0,) * channels)
         self._states: list[Floats] = []
 
     def draw(self, observation: Observation, actor: VehicleState, /) -> Row:
@@ -141,9 +147,18 @@ class PolicyNoise:
         state = state_vector(observation, actor, self._held, self._horizon)
         if len(self._states) % self._policy.hold == 0:
             eps = self._generator.standard_normal(len(self._held), dtype=np.float32)
-            self._held = _to_row(act(self._policy, state, eps))
+            self._held = self._fix(_to_row(act(self._policy, state, eps)))
         self._states.append(state)
         return self._held
+
+    def first(self) -> Row:
+        """Return the values that are fixed, and 0 for those that the policy has yet to choose."""
+        return self._fix((0.0,) * len(self._held))
+
+    def _fix(self, row: Row) -> Row:
+        if not self._fixed:
+            return row
+        return tuple([self._fixed.get(column, value) for column, value in enumerate(row)])
 
     def states(self) -> Floats:
         """Return the observed state of each step, shape (steps, count_state(channels))."""

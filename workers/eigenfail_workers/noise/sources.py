@@ -23,6 +23,9 @@ from eigenfail_workers.noise.policy import PolicyNoise
 NOISE_STREAM = 1
 """Separates the draws of the noise from those of a scenario with the same seed."""
 
+ONCE_STREAM = 3
+"""The same of channels that are drawn once, which no policy chooses. 2 is of variations."""
+
 
 class NoiseSource(Protocol):
     """Noise of one episode, step by step."""
@@ -30,17 +33,28 @@ class NoiseSource(Protocol):
     def draw(self, observation: Observation, actor: VehicleState, /) -> Row:
         """Return z of the next step, one of each channel, as values of float32. [sigma]"""
 
+    def first(self) -> Row:
+        """Return z of the first step, before it is drawn; 0 where an adversary has yet to choose.
+
+        Channels that are drawn once have their value by it, also under an adversary.
+        """
+
     def states(self) -> Floats | None:
         """Return the states that an adversary has observed; None without an adversary."""
 
 
 class NoiseContext(NamedTuple):
-    """Facts of an episode that a source may need to begin it."""
+    """Facts of an episode that a source may need to begin it.
+
+    Attributes:
+        once: columns of the channels that are drawn once an episode.
+    """
 
     seed: int
     horizon: int
     policies: Mapping[int, Policy]
     channels: int = len(AXES)
+    once: tuple[int, ...] = ()
 
 
 class TrajectoryNoise:
@@ -49,19 +63,24 @@ class TrajectoryNoise:
     def __init__(self, z: Floats) -> None:
         self._rows = iter(z.tolist())
         self._zero: Row = (0.0,) * z.shape[1]
+        self._first: Row = tuple(z[0].tolist()) if len(z) else self._zero
 
     def draw(self, _observation: Observation, _actor: VehicleState, /) -> Row:
         """Return the next row."""
         return tuple(next(self._rows, self._zero))
+
+    def first(self) -> Row:
+        """Return the first row."""
+        return self._first
 
     def states(self) -> None:
         """Return None: there is no adversary."""
         return
 
 
-def generator(seed: int) -> np.random.Generator:
+def generator(seed: int, stream: int = NOISE_STREAM) -> np.random.Generator:
     """Return the random generator of an episode's noise."""
-    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(NOISE_STREAM,)))
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(stream,)))
 
 
 def from_prior(_source: PriorSource, context: NoiseContext) -> NoiseSource:
@@ -93,7 +112,13 @@ def from_policy(source: PolicySource, context: NoiseContext) -> NoiseSource:
             f"policy version {source.version} is not known here; known: {known}.",
             "Send the policy before the episodes that need it.",
         )
-    return PolicyNoise(policy, generator(context.seed), context.horizon, context.channels)
+    fixed: dict[int, float] = {}
+    if context.once:
+        drawn = generator(context.seed, ONCE_STREAM).standard_normal(
+            len(context.once), dtype=np.float32
+        )
+        fixed = dict(zip(context.once, drawn.tolist(), strict=True))
+    return PolicyNoise(policy, generator(context.seed), context.horizon, context.channels, fixed)
 
 
 KINDS: dict[type, Callable[..., NoiseSource]] = {

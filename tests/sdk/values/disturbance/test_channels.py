@@ -1,6 +1,6 @@
 """Channels: events as Markov chains, a shape for each, and what a campaign may name."""
 
-from math import log
+from math import log, pi
 
 import msgspec
 import numpy as np
@@ -17,6 +17,7 @@ from eigenfail.values import (
     HeavyTailed,
     Markov,
     NoiseTrajectory,
+    Once,
     PerChannel,
     White,
 )
@@ -93,6 +94,16 @@ def test_each_channel_has_its_own_shape() -> None:
     assert noise.log_probability == pytest.approx(total, rel=1e-9)
 
 
+def test_what_is_drawn_once_stays_and_counts_once() -> None:
+    noise = draw(PerChannel((Once(), White())), 2)
+    assert set(noise.injected[:, 0].tolist()) == {float(noise.z[0, 0])}
+    alone = NoiseTrajectory(noise.z[:, [1]], noise.sigma[:, [1]])
+    first = -0.5 * float(noise.z[0, 0]) ** 2 - 0.5 * log(2.0 * pi)
+    assert noise.log_probability == pytest.approx(alone.log_probability + first, rel=1e-9)
+    back = NoiseTrajectory.from_injected(noise.injected[:9], noise.sigma[:9], noise.shape)
+    assert back.injected == pytest.approx(noise.injected[:9], abs=1e-6)
+
+
 def test_two_channels_of_one_correlation_are_the_process_of_a_position() -> None:
     one = draw(PerChannel((Autoregressive(0.7), Autoregressive(0.7))), 2)
     other = NoiseTrajectory(one.z, one.sigma, Correlated(0.7, 0.7))
@@ -114,7 +125,16 @@ def test_white_channels_of_the_position_are_the_papers_noise() -> None:
 
 def resolve(*channels: Channel, vehicles: int = 2, **fields: object) -> tuple[Channel, ...]:
     model = DisturbanceModel(channels=channels, **fields)  # type: ignore[arg-type]
-    return model.resolve(vehicles, ALL_CHANNELS).list_channels()
+    return model.resolve(vehicles, ALL_CHANNELS, ("gap_m", "speed")).list_channels()
+
+
+def test_a_parameter_of_the_scenario_is_drawn_once() -> None:
+    (found,) = resolve(Channel("scenario.speed"))
+    assert found == Channel("scenario.speed", shape=Once())
+    assert (found.unit, found.is_event, found.is_parameter) == ("", False, True)
+    model = DisturbanceModel(channels=(found, Channel("speed")))
+    assert model.searched_parameters == ("speed",)
+    assert DisturbanceModel().searched_parameters == ()
 
 
 def test_a_channel_of_every_vehicle_is_one_of_each() -> None:
@@ -145,8 +165,12 @@ def test_every_known_name_resolves() -> None:
         ((Channel("missed", sigma=1.0),), InvalidValue, "no standard deviation"),
         ((Channel("missed", sigma_per_m=1.0),), InvalidValue, "no standard deviation"),
         ((Channel("missed", shape=White()),), InvalidValue, r"shape.*Take markov"),
-        ((Channel("speed", shape=Markov()),), InvalidValue, r"shape.*white, ar1 or student_t"),
+        ((Channel("speed", shape=Markov()),), InvalidValue, r"shape.*white, ar1, student_t"),
         ((Channel("speed", ahead_m=3.0),), InvalidValue, "ahead_m"),
+        ((Channel("scenario.width"),), UnknownName, "scenario.gap_m"),
+        ((Channel("scenario.gap_m", 1.0),), InvalidValue, "its distribution from"),
+        ((Channel("scenario.gap_m", shape=White()),), InvalidValue, r"shape.*Take once"),
+        ((Channel("speed", shape=Once()),), InvalidValue, r"shape.*Take white, ar1, student_t"),
     ],
 )
 def test_what_cannot_be_is_refused(channels, kind, words) -> None:
