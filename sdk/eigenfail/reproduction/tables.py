@@ -338,10 +338,10 @@ def build_safety_table(found: Mapping[str, Safety]) -> PaperTable:
     rows = (row for name, safety in found.items() for row in _build_safety_rows(name, safety))
     note = (
         "The paper's are of its 300 episodes of DiFS, of which 9 collide. Median and worst are "
-        "over the episodes that have the measure. In an episode that collides they are read up to the "
-        "last step of 0.1 s before the contact, so that they say how near to the contact that step "
-        "ended: where most episodes collide, as in the evaluation of ast, they are not comparable "
-        "with the paper's."
+        "over the episodes that have the measure. In an episode that collides they are read up to "
+        "the last step of 0.1 s before the contact, so that they say how near to the contact that "
+        "step ended: where most episodes collide, as in the evaluation of ast, they are not "
+        "comparable with the paper's."
     )
     return PaperTable("safety", "Safety measures", MEASURES, tuple(rows), note)
 
