@@ -21,7 +21,7 @@ def test_a_created_campaign_is_queued_and_has_an_address(http, fields, store):
 @pytest.mark.fault(
     "same POST twice with one idempotency key",
     group="api",
-    outcome="One campaign is created; both requests have the same answer.",
+    outcome="One campaign is created, and both answers name it.",
 )
 def test_one_key_makes_one_campaign(http, fields, store):
     key = {"Idempotency-Key": "a key"}

@@ -102,7 +102,7 @@ async def crowd(server, fields, wave):
 @pytest.mark.fault(
     "two hundred clients at once",
     group="api",
-    outcome="All are answered; memory does not grow from one crowd to the next.",
+    outcome="Each request is answered or refused; memory stays from one crowd to the next.",
 )
 def test_two_hundred_clients_at_once_are_answered_or_refused(server, fields):
     resident, seen = [], Counter()

@@ -24,7 +24,7 @@ LONGER_THAN_A_LEASE_S = 11.0
     "SIGKILL of the services",
     group="processes",
     outcome="Results that were not committed stay with their workers, which bring them to the"
-    " next services. Jobs are free after 10 s, or at once if the next services run on"
+    " next services. Jobs are free after 10 s, or within 2 s if the next services run on"
     " the same machine. `eigenfail up` exits with 3; start it again to continue.",
 )
 @pytest.mark.fault(

@@ -112,22 +112,29 @@ OPENING = """# The paper's experiments, reproduced
 
 `eigenfail reproduce --scale {scale}` runs the paper's experiments with our planner `rulebook`, our
 scenario `cut_in` and our simulator. The paper's planner and simulator are not public, and its
-episodes have eight times as many steps, so that no number is expected to be the same; of
-{statements} comparisons with statements of the paper (at the end) {holding} hold here. The paper is
-Warner et al., *Importance Sampling and PCA for Finding Failures in Commercial Autonomous Vehicles*.
+episodes have about eight times as many steps, so that no number is expected to be the same. Of
+{statements} comparisons with statements of the paper (at the end; some statements are compared for
+several campaigns) {holding} hold here. The paper is Warner et al., *Importance Sampling and PCA for
+Finding Failures in Commercial Autonomous Vehicles*.
 
-`ast` and `difs` have our defaults. `ast_paper` has the paper's alpha, c_dist, tau, learning rate,
-batch and buffer, with four gradient steps for each decision in place of one, `difs_paper` has the
-paper's schedule; all else are our defaults. `plus5` and `minus5` begin the cut-in 5 m further and
-nearer. Brackets hold 95 % intervals of independent draws, rounded outwards: two-sided ones, but
-exact one-sided bounds where none or all failed (≤ is the upper one); the paper gives none.
-`monte_carlo` draws from p(x), an evaluation from one trained searcher: its interval is a statement
-about that searcher alone. In the sweep and in training an episode depends on those before it: such
-rates have no interval, and the difference between two rows may be that of two seeds. All campaigns
-have the seed
-{seed}; evaluations have a seed that is 1000 higher. n counts episodes, of components failures; log
-p and severity are means over the failures among them, and a cost is the price of all ÷ failures;
-hours and costs are of one run on the machine that ran it.
+How to read the tables:
+
+- A row is one campaign, with the seed {seed}; an evaluation has a seed that is 1000 higher. Another
+  seed may give other numbers, so that the difference between two rows may be that of two seeds.
+- `ast` and `difs` have our defaults. `ast_paper` has the values of the paper's main runs (alpha
+  5,000, c_dist 1,000, tau 0.001, learning rate 3e-4, batch size 16, buffer size 10,000), with four
+  gradient steps for each decision; `difs_paper` has the paper's schedule. Their other settings are
+  our defaults.
+- The columns *paper* have the paper's numbers, which are of its own settings, also beside our
+  defaults; it gives no intervals.
+- `monte_carlo` draws from p(x), an evaluation from one trained searcher: its interval is a
+  statement about that searcher alone. `plus5` and `minus5` begin the cut-in 5 m further and nearer.
+- Brackets behind shares hold 95 % intervals of independent draws, rounded outwards: Wilson's, but
+  exact one-sided bounds where none or all failed (behind ≤ the upper one). In the sweep and in
+  training an episode depends on those before it: such rates have no interval.
+- n counts episodes; in the table of components, failures. Log p and severity are means over the
+  failures among them. A cost is the price of all episodes ÷ failures; hours and costs are of one
+  run on the machine that ran it.
 """
 
 

@@ -137,8 +137,8 @@ def _judge_batch_size(summaries: Summaries, safeties: Safeties, compare: Compare
         summaries,
         names,
         parts,
-        "A possible cause, not tested: 300 episodes have only 3,000 decisions here, and gradients "
-        "over 16 of them are noisy.",
+        "A possible cause, not tested: 300 episodes have at most 3,000 decisions here, and "
+        "gradients over 16 of them are noisy.",
     )
 
 
@@ -176,8 +176,8 @@ def _leave_target_and_buffer_open() -> PaperStatement:
         "not run",
         "Neither setting has an effect here: an episode has at most 10 decisions (100 steps, "
         "`hold` 10), and the rewards of 10 decisions are summed (`n_step`), so that the target "
-        "critics are never used; 300 episodes have 3,000 decisions, so that a buffer of 10,000 "
-        "never drops one.",
+        "critics are never used; 300 episodes have at most 3,000 decisions, so that a buffer of "
+        "10,000 never drops one.",
     )
 
 

@@ -337,11 +337,11 @@ def build_safety_table(found: Mapping[str, Safety]) -> PaperTable:
     """Build the table of collisions, MinTTC and DRAC of evaluations."""
     rows = (row for name, safety in found.items() for row in _build_safety_rows(name, safety))
     note = (
-        "The paper's are of its 300 episodes of DiFS. Median and worst are over the episodes that "
-        "have the measure, up to the last step before a contact where they collide: of the "
-        "evaluation of ast, in which nearly all do, they say how near to the contact that step of "
-        "0.1 s ended, and are not comparable with the paper's, of which 9 collide; collisions have "
-        "none."
+        "The paper's are of its 300 episodes of DiFS, of which 9 collide. Median and worst are "
+        "over the episodes that have the measure. In an episode that collides they are read up to "
+        "the last step of 0.1 s before the contact, so that they say how near to the contact that "
+        "step ended: where most episodes collide, as in the evaluation of ast, they are not "
+        "comparable with the paper's."
     )
     return PaperTable("safety", "Safety measures", MEASURES, tuple(rows), note)
 
@@ -378,9 +378,11 @@ def build_component_table(found: Analyses) -> PaperTable:
         for (name, axis), result in found.items()
     )
     note = (
-        "Aligned at the collision; silhouettes count only where they exceed those of noise. One "
-        "mode stands where no modes are distinct. The interval of the Rand index is that of "
-        "bootstrap resamples of one campaign's failures."
+        "The noise is aligned at the collision; *just before the collision* is its last second. "
+        "Modes are distinct only where their silhouette exceeds that of data without groups (*of "
+        "noise*) and they are stable; where they are not, one mode is counted. The adjusted Rand "
+        "index is the median over bootstrap resamples of one campaign's failures, in brackets the "
+        "range of the middle 95 % of these resamples."
     )
     return PaperTable("components", "Principal components and modes", COMPONENTS, tuple(rows), note)
 

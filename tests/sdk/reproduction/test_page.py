@@ -51,9 +51,10 @@ def test_every_number_is_a_claim(found):
 def test_the_page_marks_each_number_and_sets_the_papers_beside_it(found):
     text = format_page(found)
     assert "--scale full" in text
-    assert "the seed\n5;" in text
+    assert "the seed 5;" in text
     assert "| | n | failure rate [%] | paper | log p [nat] |" in text
-    assert "of\n1 comparisons with statements of the paper (at the end) 0 hold" in text
+    assert "Of\n1 comparisons with statements of the paper (at the end;" in text
+    assert "several campaigns) 0 hold here." in text
     assert (
         "| ast evaluation | 300 | 94.7 % [91.0, 97.0]<!-- claim "
         "paper.evaluation.ast_evaluation.failure_rate --> | 94.6 | −212<!-- claim "
