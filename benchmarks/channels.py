@@ -2,18 +2,23 @@
 
 from collections.abc import Iterator
 from itertools import product
-from statistics import fmean
+from math import sqrt
+from statistics import NormalDist, fmean
 
 import msgspec
+import numpy as np
 from bare import tasks
 from crew import Crew, staged
 from figures import Figure
+from intervals import Plan, estimate, judge
+from known_problems import Noise, Problem
 from learning_figures import of_seeds
 from samples import COMMAND, count_share
 from searches import Found, search
 
-from eigenfail.values import CampaignSpec, Channel, DisturbanceModel, Markov
+from eigenfail.values import CampaignSpec, Channel, DisturbanceModel, Estimate, Markov
 from eigenfail.worlds import list_channels, resolve_disturbance
+from eigenfail_services.methods.subset import SubsetMethod
 from eigenfail_workers.engine import Engine
 
 EPISODES, SEEDS = 400, 3
@@ -126,3 +131,88 @@ def runs_to_its_end(method: str, channels: int, seed: int) -> bool:
     found = search(spec)
     wide = all(crash.z.shape[1] == channels == len(list_channels(spec)) for crash in found.crashes)
     return wide and len(found.crashed) == spec.episodes
+
+
+JOINT_PARAMETERS = {
+    "distance_m": {"normal": [58.0, 3.0], "within": [53.0, 63.0]},
+    "ego_speed_mps": {"normal": [24.0, 0.5], "within": [23.0, 25.0]},
+}
+"""Their medians are the values of the default scenario, where z = 0."""
+
+JOINT_EPISODES, JOINT_SEEDS = 1_000, 5
+
+
+def find_joint_gain(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """How much likelier the likeliest failure is where scenario and noise are searched together."""
+    seeds = [seed + n for n in range(JOINT_SEEDS)]
+    specs = [make_joint_spec(each, joint) for each in seeds for joint in (False, True)]
+    found = [find_likeliest(one) for one in crew.each(search, specs)]
+    gains = [
+        None if None in pair else pair[1] - pair[0]
+        for pair in zip(found[::2], found[1::2], strict=True)
+    ]
+    note = (
+        f"; cma on cut_in, {JOINT_EPISODES} episodes each; -1/2 of the sum of z² of the likeliest "
+        "failure, with two parameters of the scenario among z less without"
+    )
+    yield "joint.log_p_gain", of_seeds(gains, "nats", JOINT_SEEDS, note)
+
+
+def make_joint_spec(seed: int, joint: bool) -> CampaignSpec:
+    """Return a campaign on noise alone, or on scenario and noise."""
+    parameters = tuple(Channel(f"scenario.{name}") for name in JOINT_PARAMETERS)
+    spec = CampaignSpec(
+        name="joint" if joint else "noise alone",
+        method="cma",
+        episodes=JOINT_EPISODES,
+        seed=seed,
+        scenario_parameters=JOINT_PARAMETERS if joint else {},
+        disturbance=DisturbanceModel(channels=(*POSITION, *(parameters if joint else ()))),
+    )
+    return msgspec.structs.replace(spec, disturbance=resolve_disturbance(spec))
+
+
+def find_likeliest(found: Found) -> float | None:
+    """Return -1/2 of the sum of z² of the likeliest failure, each parameter counted once."""
+    totals = []
+    for crash in found.crashes:
+        z = crash.z.astype(np.float64)
+        z[1:, len(POSITION) :] = 0.0
+        totals.append(-0.5 * float(np.sum(z**2)))
+    return max(totals, default=None)
+
+
+JOINT_STEPS, JOINT_CALLS, JOINT_CAMPAIGNS = 20, 2_000, 100
+
+
+def joint_half_space(probability: float) -> Problem:
+    """A half space of the noise of 20 steps and one value that is drawn once, half of each."""
+    border = -NormalDist().inv_cdf(probability)
+
+    def robustness(noise: Noise) -> Noise:
+        over_time = noise[..., 0].sum(axis=-1) / sqrt(JOINT_STEPS)
+        return border - (over_time + noise[..., 0, 1]) / sqrt(2.0)
+
+    return Problem(f"joint half space {probability:.0e}", JOINT_STEPS, probability, robustness)
+
+
+def find_joint_cover(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """How often intervals hold the probability over what is drawn once and at each step."""
+    held = []
+    for probability in (1e-3, 1e-4):
+        problem = joint_half_space(probability)
+        seeds = range(seed, seed + JOINT_CAMPAIGNS)
+        found = crew.each(estimate_joint, [probability] * JOINT_CAMPAIGNS, seeds)
+        held.append(judge(found, problem.probability).held)
+    note = (
+        f"the smaller share of two half spaces, 1e-3 and 1e-4, with {JOINT_CAMPAIGNS} campaigns of "
+        f"subset each, {JOINT_CALLS} episodes"
+    )
+    value = Figure(value=min(held), unit="share", n=JOINT_CAMPAIGNS, note=note, command=COMMAND)
+    yield "joint.interval_cover", value
+
+
+def estimate_joint(probability: float, seed: int) -> Estimate:
+    """Return what a campaign of subset simulation prints."""
+    problem = joint_half_space(probability)
+    return estimate(Plan(SubsetMethod, JOINT_CALLS, {}, (problem,)), problem, seed)

@@ -36,7 +36,7 @@ PARTS: dict[str, tuple[tuple[str, tuple[str, ...]], ...]] = {
     "quadratic program": ((f"{RULEBOOK}.quadratic_program:QuadraticProgram", ("reset", "solve")),),
     "closed loop": ((f"{WORKERS}.closed_loop:DrivenSimulation", ("reset", "step")),),
     "noise": (
-        (f"{WORKERS}.episode", ("compute_deviations",)),
+        (f"{WORKERS}.noise.deviations:Deviations", ("compute",)),
         (f"{WORKERS}.noise.sources", ("begin",)),
         (f"{WORKERS}.noise.sources:TrajectoryNoise", ("draw",)),
         ("eigenfail.values:Conversion", ("inject",)),

@@ -102,6 +102,8 @@ TRIALS = (
     Trial(("merge_in.idm.varied.",), partial(varied.idm, "merge_in", varied.IDM_IN_MERGE_IN)),
     Trial(("cut_in.rulebook.varied.",), varied.rulebook),
     Trial(("cut_in.noise.",), noise_models),
+    Trial(("joint.log_p_gain",), channels.find_joint_gain),
+    Trial(("joint.interval_cover",), channels.find_joint_cover),
     Trial(("channels.white_",), channels.find_equal_digests),
     Trial(("channels.conformance",), channels.find_conformance),
     Trial(("channels.cut_in.", "channels.merge_in."), channels.find),

@@ -170,6 +170,12 @@ class NoiseTrajectory(Brief, Tabular, msgspec.Struct, frozen=True, eq=False, dic
         """u_t = a_t / sigma_t, of mean 0 and variance 1, shape (steps, channels). [sigma]"""
         return _convert(Conversion(self.shape).inject, self.z, np.ones_like(self.z))
 
+    @property
+    def counted_z(self) -> Floats:
+        """z with 0 in place of the values that have no effect."""
+        shape = self.shape
+        return shape.drop_uncounted(self.z) if isinstance(shape, PerChannel) else self.z
+
     @cached_property
     def log_probability(self) -> float:
         """log p(a_1 … a_T): the sum over the steps until the episode ended."""

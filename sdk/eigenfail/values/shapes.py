@@ -14,6 +14,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenfail.values.arrays import Floats
 from eigenfail.values.student_t import (
     LOG_SQRT_TWO_PI,
     NORMAL,
@@ -332,6 +333,13 @@ class PerChannel(
         """log |du_t / dz_t|, or what `Markov.log_slopes` is, shape (steps, channels)."""
         columns = [shape.log_slopes(z[:, [way]]) for way, shape in enumerate(self.shapes)]
         return np.concatenate(columns, axis=1)
+
+    def drop_uncounted(self, z: Floats) -> Floats:
+        """z with 0 in place of the values without effect: the later ones of what is drawn once."""
+        once = [way for way, shape in enumerate(self.shapes) if isinstance(shape, Once)]
+        counted = z.copy()
+        counted[1:, once] = 0.0
+        return counted
 
     def in_words(self) -> str:
         """What people read."""

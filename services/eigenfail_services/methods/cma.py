@@ -100,7 +100,7 @@ def score_episode(result: EpisodeResult) -> Score:
     robustness = robustness_m(result)
     if not isfinite(robustness):
         return Score(inf, inf)
-    z = result.noise.z.astype(np.float64)
+    z = result.noise.counted_z.astype(np.float64)
     return Score(robustness, float(np.sum(z**2)))
 
 
