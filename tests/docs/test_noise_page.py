@@ -6,7 +6,8 @@ from typing import get_args
 
 import msgspec
 
-from eigenfail.values import CampaignSpec, DisturbanceModel, Shape
+from eigenfail.values import CampaignSpec, DisturbanceModel, Markov, Shape
+from eigenfail.values.channels import EGO, GHOST_AHEAD_M, QUANTITIES
 
 KINDS = {kind.__struct_config__.tag: kind for kind in get_args(Shape)}
 
@@ -25,9 +26,10 @@ def test_it_tells_every_setting_with_default_and_bounds(noise_page):
             if name in ("kind", "shape"):
                 continue
             default, bounds = stated[f"`{name}`"][:2]
-            assert float(default) == field["default"], name
-            low = field.get("minimum", field.get("exclusiveMinimum"))
-            high = field.get("maximum", field.get("exclusiveMaximum"))
+            known = field.get("default")
+            assert default == "–" if known is None else float(default) == known, name
+            low = field.get("minimum", field.get("exclusiveMinimum", field.get("minItems")))
+            high = field.get("maximum", field.get("exclusiveMaximum", field.get("maxItems")))
             assert [float(n) for n in re.findall(r"[\d.]+", bounds)] == [low, high], name
             assert bounds.startswith("(" if "exclusiveMinimum" in field else "["), name
             assert bounds.endswith(")" if "exclusiveMaximum" in field else "]"), name
@@ -47,3 +49,22 @@ def test_its_models_can_be_asked_for(noise_page):
     assert files
     for file in files:
         assert f"eigenfail noise fit tracks.csv --output {file}\n" in noise_page.text
+
+
+def test_it_tells_every_quantity_with_its_defaults(noise_page):
+    stated = {}
+    for names, _, sigma, slope, of_ego in (
+        cells for cells in rows(noise_page.text) if len(cells) == 5
+    ):
+        sigmas = sigma.split(", ")
+        for name, own in zip(re.findall(r"`(\w+)`", names), sigmas, strict=False):
+            stated[name] = (own, slope, of_ego)
+    for name, quantity in QUANTITIES.items():
+        numbers = (quantity.sigma, quantity.sigma_per_m)
+        sigma, slope = ("–" if each is None else f"{each:g}" for each in numbers)
+        assert stated[name][:2] == (sigma, slope), name
+        assert (stated[name][2] == "yes") == (EGO in quantity.targets), name
+    assert f"default {GHOST_AHEAD_M:g}" in noise_page.text
+    chain = Markov()
+    assert f"`rate`\n(default {chain.rate:g}, at most 0.5)" in noise_page.text
+    assert f"`mean_steps`\n(default {chain.mean_steps:g})" in noise_page.text

@@ -22,7 +22,7 @@ FIELD = "disturbance.channels"
 NEAREST, EGO, EVERY, VEHICLE, SCENARIO = "", "ego", "every", "vehicle_", "scenario"
 """Targets of a channel, before the dot; vehicles are numbered from 1."""
 
-MISSED, GHOST = "missed", "ghost"
+MISSED, GHOST = EVENTS = "missed", "ghost"
 """The events: a vehicle is not detected; something is detected that is not there."""
 
 
@@ -163,7 +163,7 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     @property
     def is_event(self) -> bool:
         """Whether it is an event, which has no sigma."""
-        return not self.is_parameter and split_name(self.name).quantity in (MISSED, GHOST)
+        return not self.is_parameter and split_name(self.name).quantity in EVENTS
 
     @property
     def is_parameter(self) -> bool:

@@ -14,7 +14,20 @@ import numpy as np
 
 from eigenfail.explanations import NOTHING, _read_word
 from eigenfail.presentation.figures import count_noun
-from eigenfail.values import AXES, ExplainedEpisode, ExplainedStep, Floats
+from eigenfail.values import (
+    AXES,
+    ExplainedEpisode,
+    ExplainedStep,
+    Floats,
+    Markov,
+    NoiseShape,
+    NoiseTrajectory,
+    Once,
+    PerChannel,
+    White,
+)
+from eigenfail.values.channels import split_name
+from eigenfail.values.shapes import ChannelShape, Shape
 
 TELLING = 0.5
 """Share of a channel's strongest noise above which a step is described, if noise is everywhere."""
@@ -31,7 +44,9 @@ MOST_CHANNELS = 4
 """Maximum number of pushes described of a channel, and of channels; further ones are counted."""
 
 WAYS = {"longitudinal": ("ahead", "back"), "lateral": ("to the left", "to the right")}
-"""Of positive and of negative noise of a position: where the nearest vehicle seems to be."""
+"""Of positive and of negative noise of a position: where the vehicle seems to be."""
+
+WHITE = White()
 
 
 class Push(NamedTuple):
@@ -48,6 +63,20 @@ class Push(NamedTuple):
     steps: int
     mean: float
     peak: float
+
+
+class ChannelNoise(NamedTuple):
+    """The noise of one channel, as it is described.
+
+    Attributes:
+        noise: z, or whether an event lasts, shape (steps,).
+        level: steps with less are left out.
+    """
+
+    name: str
+    noise: Floats
+    level: float
+    is_event: bool
 
 
 class Clock(NamedTuple):
@@ -79,16 +108,29 @@ class Clock(NamedTuple):
         return f"{since_s:.1f} … {until_s:.1f} s"
 
 
-def describe(z: Floats, clock: Clock, channels: Sequence[str] = AXES) -> str:
+def describe(
+    z: Floats, clock: Clock, channels: Sequence[str] = AXES, shape: NoiseShape = WHITE
+) -> str:
     """What noise that is everywhere does in the main: its strong moments in each channel.
 
     Args:
         z: shape (steps, channels). [sigma]
         clock: when the impact is.
         channels: the names of the columns of z.
+        shape: shape of the noise, by which events and what is drawn once follow from z.
     """
-    levels = tuple(_choose_level(noise) for noise in z[: clock.impact].T)
-    return _describe_channels(z, clock, channels, levels, MOST_PUSHES)
+    noise = z[: clock.impact]
+    shapes: Sequence[Shape | ChannelShape] = [WHITE] * len(channels)
+    if isinstance(shape, PerChannel):
+        shapes, u = shape.shapes, NoiseTrajectory(noise, np.ones_like(noise), shape).standardised
+        # Of an event, and of what is drawn once, z by itself says little.
+        told = [isinstance(one, Markov | Once) for one in shapes]
+        noise = np.where(told, u, noise)
+    columns = [
+        ChannelNoise(name, values, _choose_level(values), isinstance(one, Markov))
+        for name, values, one in zip(channels, noise.T, shapes, strict=True)
+    ]
+    return _describe_columns(columns, clock, MOST_PUSHES)
 
 
 def describe_needed(z: Floats, clock: Clock, channels: Sequence[str] = AXES) -> str:
@@ -101,7 +143,11 @@ def describe_needed(z: Floats, clock: Clock, channels: Sequence[str] = AXES) -> 
     """
     if not z[: clock.impact].any():
         return "It needs no noise at all."
-    return _describe_channels(z, clock, channels, [0.0] * len(channels), MOST_NEEDED)
+    columns = [
+        ChannelNoise(name, values, 0.0, is_event=False)
+        for name, values in zip(channels, z[: clock.impact].T, strict=True)
+    ]
+    return _describe_columns(columns, clock, MOST_NEEDED)
 
 
 def find_pushes(noise: Floats, level: float) -> list[Push]:
@@ -141,19 +187,13 @@ def _choose_level(noise: Floats) -> float:
     return float("inf") if strongest < FAINT else TELLING * strongest
 
 
-def _describe_channels(
-    z: Floats, clock: Clock, channels: Sequence[str], levels: Sequence[float], most: int
-) -> str:
+def _describe_columns(columns: Sequence[ChannelNoise], clock: Clock, most: int) -> str:
     """Return a sentence on all channels, the one with the strongest pushes first."""
-    noises = z[: clock.impact].T
-    found = [
-        (channel, noise, find_pushes(noise, level))
-        for channel, noise, level in zip(channels, noises, levels, strict=True)
-    ]
-    found.sort(key=lambda each: -sum(map(_sum_push, each[2])))
+    found = [(column, find_pushes(column.noise, column.level)) for column in columns]
+    found.sort(key=lambda each: -sum(map(_sum_push, each[1])))
     text = "; ".join(
-        _describe_channel(channel, noise, pushes[:most], clock) + _count_weaker(len(pushes) - most)
-        for channel, noise, pushes in found[:MOST_CHANNELS]
+        _describe_column(column, pushes[:most], clock) + _count_weaker(len(pushes) - most)
+        for column, pushes in found[:MOST_CHANNELS]
     )
     if len(found) > MOST_CHANNELS:
         text += f"; {count_noun(len(found) - MOST_CHANNELS, 'further channel')} with less noise"
@@ -170,14 +210,16 @@ def _count_weaker(count: int) -> str:
     return f", and {count} weaker" if count > 0 else ""
 
 
-def _describe_channel(channel: str, noise: Floats, found: Sequence[Push], clock: Clock) -> str:
+def _describe_column(column: ChannelNoise, found: Sequence[Push], clock: Clock) -> str:
     """Return the description of the noise of one channel."""
+    channel, noise = column.name, column.noise
     if not noise.any():
-        return f"{channel} noise has no effect"
+        return f"{channel} does not occur" if column.is_event else f"{channel} noise has no effect"
     if not found:
         return f"{channel} noise stays within {_format_bound(noise)} sigma"
     in_time = sorted(found, key=lambda push: push.first)
-    text = ", ".join(_describe_push(push, channel, clock) for push in in_time)
+    describe_one = _describe_event if column.is_event else _describe_push
+    text = ", ".join(describe_one(push, channel, clock) for push in in_time)
     return f"{channel} {text} before {clock.event}"
 
 
@@ -186,9 +228,17 @@ def _format_bound(noise: Floats) -> str:
     return f"{np.ceil(10.0 * float(np.abs(noise).max())) / 10.0:.1f}"
 
 
+def _describe_event(push: Push, _channel: str, clock: Clock) -> str:
+    """Return when an event lasts."""
+    length = push.last - push.first + 1
+    some = "" if push.steps == length else f"in {push.steps} of {length} steps "
+    return f"{some}during {clock.window(push.first, push.last)}"
+
+
 def _describe_push(push: Push, channel: str, clock: Clock) -> str:
     """Return the description of a push; its strongest moment only if it differs from its mean."""
-    way = f" ({WAYS[channel][push.mean < 0.0]})" if channel in WAYS else ""
+    ways = WAYS.get(split_name(channel).quantity)
+    way = f" ({ways[push.mean < 0.0]})" if ways else ""
     mean, peak = f"{push.mean:+.1f}", f"{push.peak:+.1f}"
     length = push.last - push.first + 1
     some = "" if push.steps == length else f" in {push.steps} of {length} steps"

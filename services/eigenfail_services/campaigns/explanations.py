@@ -269,7 +269,8 @@ def _describe_mode(
     account = _describe_account(spec.setup(), medoid, Clock(medoid.steps, step_s), until_s)
     text = f"{shown}; {account}" if account else f"{shown}."
     channels = list_channels(spec)
-    return f"{describe(mode.eigenfailure, clock, channels)} {text}"
+    words = describe(mode.eigenfailure, clock, channels, spec.disturbance.noise_shape)
+    return f"{words} {text}"
 
 
 def _describe_account(

@@ -25,6 +25,8 @@ from eigenfail.presentation.tables import Block, FactTable, Table, TableColumn
 from eigenfail.presentation.terminal import render
 from eigenfail.suites import LIKE_MODEL, read_disturbance
 from eigenfail.values import AXES, DisturbanceModel, Interval
+from eigenfail.values.channels import EGO, Channel, split_name
+from eigenfail.values.shapes import ChannelShape, Shape
 from eigenfail.worlds import describe_disturbance, list_channels, world_of
 from eigenfail_services.noise_fit.checks import ModelCheck, check_fit
 from eigenfail_services.noise_fit.fitting import (
@@ -319,26 +321,37 @@ def _draw_checks(report: FitReport) -> Table:
 
 def _describe_model(model: DisturbanceModel) -> Iterator[Block]:
     yield FactTable("Model", tuple(model.in_words().items()))
-    factors = [_find_quantile(model, share) for share in SHARES.values()]
-    for axis, slope, base in (
-        (AXES[0], model.longitudinal_slope, model.longitudinal_base_m),
-        (AXES[1], model.lateral_slope, model.lateral_base_m),
-    ):
-        distances = DISTANCES_M[axis]
-        sigmas = [model.scale * (slope * distance + base) for distance in distances]
-        yield Table(
-            f"{axis} errors".capitalize(),
+    for channel in model.list_channels():
+        if channel.sigma is not None:
+            yield _draw_sizes(channel, channel.sigma, model)
+
+
+def _draw_sizes(channel: Channel, base: float, model: DisturbanceModel) -> Table:
+    """Return the size of the errors of a continuous channel by distance."""
+    shape = channel.shape or model.shape
+    factors = [_find_quantile(shape, share) for share in SHARES.values()]
+    target, quantity = split_name(channel.name)
+    distances = DISTANCES_M.get(quantity, DISTANCES_M[AXES[0]])
+    along = f"{quantity} distance" if quantity in DISTANCES_M else "distance"
+    rows = [
+        (distance, model.scale * ((channel.sigma_per_m or 0.0) * distance + base))
+        for distance in ((0.0,) if target == EGO else distances)
+    ]
+    return Table(
+        f"{channel.name} errors".capitalize(),
+        (
+            TableColumn(f"{along} [m]".capitalize()),
+            TableColumn("Sigma"),
+            *(TableColumn(words) for words in SHARES),
+        ),
+        tuple((distance, at, *(factor * at for factor in factors)) for distance, at in rows),
+        (
             (
-                TableColumn(f"{axis} distance [m]".capitalize()),
-                TableColumn("Sigma"),
-                *(TableColumn(words) for words in SHARES),
+                f"Size of {channel.name} errors [{channel.unit}]: sigma, and what 50 %, 95 % and "
+                "99.9 % do not exceed."
             ),
-            tuple(
-                (distance, sigma, *(factor * sigma for factor in factors))
-                for distance, sigma in zip(distances, sigmas, strict=True)
-            ),
-            (f"Size of {axis} errors [m]: sigma, and what 50 %, 95 % and 99.9 % do not exceed.",),
-        )
+        ),
+    )
 
 
 def _describe_noise_of_function(file: Path, model: DisturbanceModel) -> Sequence[Block]:
@@ -348,7 +361,7 @@ def _describe_noise_of_function(file: Path, model: DisturbanceModel) -> Sequence
     spec = read_spec(file)
     channels = list_channels(spec)
     facts = (("channels", ", ".join(channels)), *describe_disturbance(spec).items())
-    sizes = (model.scale * _find_quantile(model, share) for share in SHARES.values())
+    sizes = (model.scale * _find_quantile(model.shape, share) for share in SHARES.values())
     table = Table(
         "Noise of each channel",
         (TableColumn("Sigma"), *(TableColumn(words) for words in SHARES)),
@@ -358,8 +371,7 @@ def _describe_noise_of_function(file: Path, model: DisturbanceModel) -> Sequence
     return (FactTable("Model", facts), table)
 
 
-def _find_quantile(model: DisturbanceModel, share: float) -> float:
+def _find_quantile(shape: Shape | ChannelShape, share: float) -> float:
     """Return the size below which this share of standardised errors lies. [sigma]"""
     upper = float(stats.norm.ppf(0.5 + 0.5 * share))
-    largest, _ = model.shape.step((upper, upper), None)
-    return largest
+    return shape.step((upper,), None)[0]

@@ -102,6 +102,21 @@ def test_a_model_is_shown_in_metres_at_several_distances(eigenfail, tmp_path):
     assert row[:3] == ["0", "2.00", "1.13"]
 
 
+def test_a_model_of_channels_is_shown_in_their_units(eigenfail, tmp_path):
+    file = tmp_path / "model.toml"
+    file.write_text(
+        'scale = 2.0\n[[channels]]\nname = "speed"\nsigma_per_m = 0.01\n'
+        '[[channels]]\nname = "every.missed"\n[[channels]]\nname = "ego.heading"\n'
+    )
+    shown = eigenfail("noise", "show", file)
+    assert shown.exit_code == 0, shown.stderr
+    assert "begins with probability 0.01 a step" in shown.stdout
+    assert "Size of speed errors [m/s]" in shown.stdout
+    assert "Size of ego.heading errors [rad]" in shown.stdout
+    rows = [line.split() for line in shown.stdout.splitlines() if line.split()[:1] == ["0"]]
+    assert [row[1] for row in rows] == ["1.00", "0.0400"]
+
+
 FUNCTION = """
 method = "cem"
 episodes = 5

@@ -12,8 +12,11 @@ from eigenfail.values import (
     EpisodeResult,
     ExplainedEpisode,
     ExplainedStep,
+    Markov,
     NoiseTrajectory,
+    Once,
     Outcome,
+    PerChannel,
 )
 from eigenfail_services.analysis.words import (
     FAINT,
@@ -188,3 +191,22 @@ def test_what_is_no_number_counts_as_none_lost():
 
 def test_a_planner_that_explains_nothing_is_not_spoken_for():
     assert describe_account(explained({}, {}), Clock(2, 0.1)) == ""
+
+
+def test_events_are_told_by_when_they_last():
+    z = np.full((STEPS, 3), -2.0, np.float32)
+    z[8:12, 0], z[20:23, 0] = 2.0, 3.0
+    z[0, 2], z[1:, 2] = 1.25, -3.0
+    shape = PerChannel((Markov(0.05, 4.0), Markov(0.05, 4.0), Once()))
+    channels = ("missed", "ghost", "scenario.gap_m")
+    told = describe(z, IN_STEPS, channels, shape)
+    assert "missed during 32 … 28 steps, during 20 … 17 steps before the impact" in told.lower()
+    assert "ghost does not occur" in told
+    assert "scenario.gap_m +1.2 sigma during 40 … 0 steps before the impact" in told.lower()
+    assert "missed -2.0 sigma" in describe(z, IN_STEPS, channels).lower()
+
+
+def test_the_direction_is_that_of_any_vehicle():
+    z = hand_made()
+    told = describe(z, IN_STEPS, ("vehicle_2.longitudinal", "speed"))
+    assert told.startswith("Vehicle_2.longitudinal +2.0 sigma (ahead)")
