@@ -80,7 +80,7 @@ from eigenfail_services.store.codec import (
 )
 from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.events import append_event, describe_alarm
-from eigenfail_services.store.judging import Kept, judge, make_row
+from eigenfail_services.store.judging import Kept, judge, make_rows
 from eigenfail_services.store.lifecycle import make_episode_error, make_pruned_error
 from eigenfail_services.store.query_cache import CachedQueries
 from eigenfail_services.store.references import select_pruned_ms
@@ -264,7 +264,7 @@ def _insert_results(connection: Connection, campaign: int, kept: Sequence[Kept])
     if not kept:
         return
     at_ms = now_ms()
-    _insert_rows(connection, episodes, [make_row(campaign, one, at_ms) for one in kept])
+    _insert_rows(connection, episodes, make_rows(campaign, kept, at_ms))
     _insert_rows(connection, trajectories, [_blobs(campaign, one.result) for one in kept])
     seen = [
         (campaign, one.result.index, pack(one.result.scene))
