@@ -3,7 +3,7 @@
 Results enter the database by a fixed number of statements, however many there are.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from typing import Any
 
@@ -336,9 +336,20 @@ class EpisodeStore:
         self._database = database
         self._cached = cached
 
-    def commit(self, campaign: int, deliveries: Sequence[Delivery]) -> list[Verdict]:
-        """Store results, update counts, and log alarms; return one verdict for each delivery."""
-        with self._database.writing() as connection:
+    def commit(
+        self,
+        campaign: int,
+        deliveries: Sequence[Delivery],
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> list[Verdict]:
+        """Store results, update counts, and log alarms; return one verdict for each delivery.
+
+        Args:
+            campaign: id of the campaign.
+            deliveries: the delivered results.
+            meanwhile: runs while the transaction is committed; it must not use the store.
+        """
+        with self._database.writing(self._database.commit_beside(meanwhile)) as connection:
             return _store_deliveries(connection, campaign, deliveries)
 
     def add_death(self, campaign: int, index: int) -> int:
