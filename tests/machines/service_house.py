@@ -205,10 +205,10 @@ class Away:
             page=store.episodes.page,
         )
 
-    def commit(self, campaign, deliveries):
+    def commit(self, campaign, deliveries, meanwhile):
         if self.away:
             raise StoreUnavailable("The disk is full.")
-        return self._store.episodes.commit(campaign, deliveries)
+        return self._store.episodes.commit(campaign, deliveries, meanwhile)
 
     def add_death(self, campaign, index):
         if self.away:

@@ -145,7 +145,7 @@ def test_arrays_travel_as_float32_of_a_shape_that_fits():
     assert np.array_equal(decode_array(None, [[1.0, 2.0]]), np.array([[1.0, 2.0]], np.float32))
     with pytest.raises(ProtocolError, match="Arrays travel as float32, not float64"):
         pack(array.astype(np.float64))
-    for shape in ((-1,), (1,) * 5, (10**9,)):
+    for shape in ((-1,), (2, -1), (1,) * 5, (10**9,), (0, 10**9)):
         with pytest.raises(ProtocolError, match="outside what may travel"):
             unpack(PackedArray(shape, b""))
     with pytest.raises(ProtocolError, match="does not fit 4 bytes"):

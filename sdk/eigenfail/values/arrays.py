@@ -40,12 +40,13 @@ def unpack(packed: PackedArray) -> Floats:
     Raises:
         ProtocolError: the shape is absurd, or does not fit the number of bytes.
     """
-    shape = packed.shape
-    if len(shape) > MAX_DIMENSIONS or any(not 0 <= n <= MAX_ELEMENTS for n in shape):
+    shape, data = packed.shape, packed.data
+    is_bounded = not shape or 0 <= min(shape) <= max(shape) <= MAX_ELEMENTS
+    if len(shape) > MAX_DIMENSIONS or not is_bounded:
         raise ProtocolError(f"An array of shape {shape} is outside what may travel.")
-    if prod(shape) * LITTLE_ENDIAN_FLOAT.itemsize != len(packed.data):
-        raise ProtocolError(f"Shape {shape} does not fit {len(packed.data)} bytes of float32.")
-    return np.frombuffer(packed.data, LITTLE_ENDIAN_FLOAT).reshape(shape)
+    if prod(shape) * LITTLE_ENDIAN_FLOAT.itemsize != len(data):
+        raise ProtocolError(f"Shape {shape} does not fit {len(data)} bytes of float32.")
+    return np.ndarray(shape, LITTLE_ENDIAN_FLOAT, data)
 
 
 def encode_array(value: Any) -> PackedArray:

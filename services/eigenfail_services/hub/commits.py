@@ -5,7 +5,7 @@ The hub makes the result of an episode during which several workers were lost.
 
 import time
 from collections import Counter, defaultdict
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import msgspec
 import structlog
@@ -54,15 +54,22 @@ class CommitQueue:
     Args:
         episodes: the store that they are written to.
         metrics: count the verdicts and measure the durations.
+        meanwhile: runs while the results are committed, and may add others.
 
     Attributes:
         stuck: whether results wait that the store could not take at the last attempt.
     """
 
-    def __init__(self, episodes: EpisodeStore, metrics: Metrics | None = None) -> None:
+    def __init__(
+        self,
+        episodes: EpisodeStore,
+        metrics: Metrics | None = None,
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> None:
         self.stuck = False
         self._episodes = episodes
         self._metrics = metrics or Metrics()
+        self._meanwhile = meanwhile
         self._pending: list[_PendingResult] = []
         self._due_s = 0.0
 
@@ -100,7 +107,9 @@ class CommitQueue:
             try:
                 judged += self._commit(groups[0])
             except StoreUnavailable:
-                self._pending, self.stuck = [each for group in groups for each in group], True
+                # Behind them are those that came during the attempt.
+                self._pending[:0] = [each for group in groups for each in group]
+                self.stuck = True
                 self._due_s = time.monotonic() + RETRY_S
                 if not judged:
                     raise
@@ -120,7 +129,7 @@ class CommitQueue:
         with span("commit", campaign=campaign, results=len(deliveries)):
             try:
                 with observe_duration(self._metrics.commit_s):
-                    return self._episodes.commit(campaign, deliveries)
+                    return self._episodes.commit(campaign, deliveries, self._meanwhile)
             except NotFound:  # the worker came here from another service
                 return [Verdict.UNWANTED] * len(deliveries)
 

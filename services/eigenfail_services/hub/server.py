@@ -33,7 +33,9 @@ from eigenfail_services.hub.worker_table import RosterWriter, UnrunnableCampaign
 from eigenfail_services.store import Store
 
 TICK_MS = 20
-MESSAGES_PER_TURN = 1_000
+MESSAGES_PER_TURN = 2_000
+"""Messages that are handled before the rest of a turn. A result of usual size comes in two pieces,
+so these are as many results as one commit takes."""
 
 FAREWELL_S = 3.0
 """Time that a stopping hub gives its workers to hand over finished results."""
@@ -93,7 +95,7 @@ class Hub:
         self._learners = learners
         self._leases = Leases()
         self.metrics = Metrics()
-        self._commits = CommitQueue(store.episodes, self.metrics)
+        self._commits = CommitQueue(store.episodes, self.metrics, self._receive)
         self._sessions = WorkerSessions(
             partial(send, self._router),
             self._leases,

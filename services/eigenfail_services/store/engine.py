@@ -2,10 +2,11 @@
 
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Protocol
 
-from sqlalchemy import Connection, Engine, exc
+from sqlalchemy import Connection, Engine, Transaction, exc
 
 from eigenfail.errors import InvalidValue, StoreDamaged, StoreUnavailable, StoreUnwritable
 from eigenfail_services.store.alarms import Signal, WriteAlarm
@@ -114,6 +115,10 @@ def find_backend(address: str, wait_s: float = WAIT_S) -> Backend:
         ) from None
 
 
+Commit = Callable[[Transaction], None]
+"""Commits a transaction; afterwards it is committed, or an error was raised."""
+
+
 class Database:
     """Gives transactions; each is committed at the end of its block, or rolled back on an error."""
 
@@ -122,6 +127,7 @@ class Database:
         self._reader = backend.engine()
         self._writer = self._reader.execution_options(writes=True)
         self._alarm = WriteAlarm(backend.signal())
+        self._threads = ThreadPoolExecutor(1, "commit")
 
     @contextmanager
     def reading(self) -> Iterator[Connection]:
@@ -131,23 +137,42 @@ class Database:
             yield connection
 
     @contextmanager
-    def writing(self) -> Iterator[Connection]:
+    def writing(self, commit: Commit = Transaction.commit) -> Iterator[Connection]:
         """Begin a transaction that may change rows.
+
+        Args:
+            commit: commits the transaction; see `commit_beside`.
 
         Raises:
             StoreUnavailable: nothing was written, or what was written may be lost.
         """
         try:
             with translate_errors(self._backend), self._writer.connect() as connection:
-                with connection.begin():
+                with connection.begin() as transaction:
                     self._backend.check(connection)
                     yield connection
                     self._backend.check(connection)
+                    commit(transaction)
                 # Once more: only rows that the database holds after the commit are acknowledged.
                 self._backend.check(connection)
         except StoreUnwritable:
             self._alarm.begin()
             raise
+
+    def commit_beside(self, meanwhile: Callable[[], None]) -> Commit:
+        """Return a commit in another thread, while `meanwhile` runs in the one that waits for it.
+
+        The database writes, and waits for its disk, without holding up the interpreter.
+        """
+
+        def commit(transaction: Transaction) -> None:
+            committed = self._threads.submit(transaction.commit)
+            try:
+                meanwhile()
+            finally:
+                committed.result()
+
+        return commit
 
     def ask_writers(self, connection: Connection) -> None:
         """Raise StoreUnwritable if a process on this database could not write lately."""
@@ -166,6 +191,7 @@ class Database:
 
     def close(self) -> None:
         """Close all connections."""
+        self._threads.shutdown()
         self._alarm.end()
         self._reader.dispose()
 

@@ -3,7 +3,7 @@
 Results enter the database by a fixed number of statements, however many there are.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from typing import Any
 
@@ -80,7 +80,7 @@ from eigenfail_services.store.codec import (
 )
 from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.events import append_event, describe_alarm
-from eigenfail_services.store.judging import Kept, judge, make_row
+from eigenfail_services.store.judging import Kept, judge, make_rows
 from eigenfail_services.store.lifecycle import make_episode_error, make_pruned_error
 from eigenfail_services.store.query_cache import CachedQueries
 from eigenfail_services.store.references import select_pruned_ms
@@ -264,7 +264,7 @@ def _insert_results(connection: Connection, campaign: int, kept: Sequence[Kept])
     if not kept:
         return
     at_ms = now_ms()
-    _insert_rows(connection, episodes, [make_row(campaign, one, at_ms) for one in kept])
+    _insert_rows(connection, episodes, make_rows(campaign, kept, at_ms))
     _insert_rows(connection, trajectories, [_blobs(campaign, one.result) for one in kept])
     seen = [
         (campaign, one.result.index, pack(one.result.scene))
@@ -336,9 +336,20 @@ class EpisodeStore:
         self._database = database
         self._cached = cached
 
-    def commit(self, campaign: int, deliveries: Sequence[Delivery]) -> list[Verdict]:
-        """Store results, update counts, and log alarms; return one verdict for each delivery."""
-        with self._database.writing() as connection:
+    def commit(
+        self,
+        campaign: int,
+        deliveries: Sequence[Delivery],
+        meanwhile: Callable[[], None] = lambda: None,
+    ) -> list[Verdict]:
+        """Store results, update counts, and log alarms; return one verdict for each delivery.
+
+        Args:
+            campaign: id of the campaign.
+            deliveries: the delivered results.
+            meanwhile: runs while the transaction is committed; it must not use the store.
+        """
+        with self._database.writing(self._database.commit_beside(meanwhile)) as connection:
             return _store_deliveries(connection, campaign, deliveries)
 
     def add_death(self, campaign: int, index: int) -> int:

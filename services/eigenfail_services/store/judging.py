@@ -1,6 +1,6 @@
 """Which delivered results are stored, and what follows: pure functions."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -15,6 +15,7 @@ from eigenfail.values import (
     NoiseTrajectory,
     Outcome,
 )
+from eigenfail.values.disturbance import sum_log_densities
 from eigenfail.values.episode import MAX_SEED
 from eigenfail.values.learning import count_state
 from eigenfail.values.records import Delivery, Verdict
@@ -168,11 +169,19 @@ def keep_finite(number: float | None) -> float | None:
     return number if number is not None and abs(number) <= MAX_MAGNITUDE else None
 
 
-def make_row(campaign: int, kept: Kept, at_ms: int) -> tuple[Any, ...]:
-    """Return a stored result as a row of `episodes`, in the order of the table's columns.
+def make_rows(campaign: int, kept: Sequence[Kept], at_ms: int) -> list[tuple[Any, ...]]:
+    """Return stored results as rows of `episodes`, in the order of the table's columns.
 
     An invalid log-probability becomes 0.
     """
+    log_probabilities = sum_log_densities([each.result.noise for each in kept])
+    return [
+        _make_row(campaign, each, keep_finite(log_probability) or 0.0, at_ms)
+        for each, log_probability in zip(kept, log_probabilities, strict=True)
+    ]
+
+
+def _make_row(campaign: int, kept: Kept, log_probability: float, at_ms: int) -> tuple[Any, ...]:
     result = kept.result
     measures, fault = result.measures, result.fault
     return (
@@ -183,7 +192,7 @@ def make_row(campaign: int, kept: Kept, at_ms: int) -> tuple[Any, ...]:
         result.steps,
         clean_prose(result.source),
         clean_prose(kept.worker),
-        keep_finite(result.noise.log_probability) or 0.0,
+        log_probability,
         *(_NOTHING_MEASURED if measures is None else msgspec.structs.astuple(measures)),
         result.wall_s,
         at_ms,

@@ -17,7 +17,8 @@ class Episodes:
         self.away: set[int] = set()
         self.transactions = 0
 
-    def commit(self, campaign, deliveries):
+    def commit(self, campaign, deliveries, meanwhile):
+        meanwhile()
         if campaign in self.away:
             raise StoreUnavailable("The disk is full.")
         self.transactions += 1
@@ -80,8 +81,24 @@ def test_one_campaign_s_trouble_leaves_the_others_written_once(group, episodes) 
     assert episodes.written == [(1, 0), (2, 0)]
 
 
+def test_what_comes_during_a_commit_is_written_by_the_next_one(episodes: Episodes) -> None:
+    late = [result(1), result(2)]
+    group = CommitQueue(
+        episodes,  # type: ignore[arg-type]
+        meanwhile=lambda: group.add(b"w", "w", 1, late.pop(0)) if late else None,
+    )
+    group.add(b"w", "w", 1, result(0))
+    assert [c.result.index for c in group.flush(now=True)] == [0]
+    episodes.away = {1}
+    with pytest.raises(StoreUnavailable):
+        group.flush(now=True)
+    episodes.away = set()
+    assert [c.result.index for c in group.flush(now=True)] == [1, 2]
+    assert episodes.written == [(1, 0), (1, 1), (1, 2)]
+
+
 def test_results_of_a_campaign_that_is_not_here_are_unwanted(group, episodes, monkeypatch) -> None:
-    def nowhere(campaign, deliveries):
+    def nowhere(campaign, _deliveries, _meanwhile):
         raise NotFound(f"Campaign {campaign} does not exist.")
 
     group.add(b"w", "w", 7, result(0))

@@ -9,7 +9,17 @@ import zmq
 from store_checks.examples import running
 
 from eigenfail.values import EpisodeFault, EpisodeTask, unrunnable
-from eigenfail.wire.messages import PROTOCOL, Hello, Lease, Results, encode, read_hub_message
+from eigenfail.wire.messages import (
+    PROTOCOL,
+    Ack,
+    Heartbeat,
+    Hello,
+    Lease,
+    Message,
+    Results,
+    encode,
+    read_hub_message,
+)
 from eigenfail_services.campaigns.learner_context import learner_context
 from eigenfail_services.hub import commits
 from eigenfail_services.hub.runs import RunSpec
@@ -37,11 +47,11 @@ class Room:
         order = RunSpec(self.campaign, spec.setup(), spec.method, spec.settings, spec.seed, context)
         self.hub.launch(order)
 
-    def until(self, condition: Callable[[], bool]) -> None:
+    def until(self, condition: Callable[[], bool], act: Callable[[], None] | None = None) -> None:
         deadline_s = time.monotonic() + DEADLINE_S
         while not condition():
             assert time.monotonic() < deadline_s, "it did not come to that"
-            self.hub.turn()
+            (act or self.hub.turn)()
 
     def leased(self) -> list[EpisodeTask]:
         """All episodes, once the worker has them."""
@@ -81,3 +91,30 @@ def test_results_wait_while_others_are_run_and_the_last_one_is_written_at_once(r
     assert room.finished() == 0
     room.bring(last)
     room.until(lambda: room.finished() == EPISODES)
+
+
+def test_the_hub_hears_its_workers_while_a_transaction_is_committed(
+    room: Room, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tasks = room.leased()
+    whole = room.store.episodes.commit
+    heard: list[Message] = []
+
+    def commit(campaign, deliveries, meanwhile):
+        def hear() -> None:
+            room.worker.send(encode(Heartbeat()))
+            room.until(lambda: bool(room.worker.poll(5)), meanwhile)
+            heard.append(read_hub_message(room.worker.recv()))
+
+        return whole(campaign, deliveries, hear)
+
+    monkeypatch.setattr(room.store.episodes, "commit", commit)
+    room.bring(*tasks)
+    room.until(lambda: bool(heard))
+    (answer,) = heard
+    assert isinstance(answer, Ack)
+    assert answer.indices == ()
+    assert room.finished() == EPISODES
+    acknowledged = read_hub_message(room.worker.recv())
+    assert isinstance(acknowledged, Ack)
+    assert acknowledged.indices == tuple(task.index for task in tasks)

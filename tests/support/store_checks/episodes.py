@@ -1,6 +1,7 @@
 """Checks of how `EpisodeStore` takes results."""
 
 from math import inf, nan
+from threading import get_ident
 from typing import Any
 
 import numpy as np
@@ -116,6 +117,18 @@ def keeps_the_first_of_one_delivery(store: Store) -> None:
     verdicts = deliver(store, campaign, result(4), result(4), result(4, salt=1), result(3))
     equal(verdicts, [KEPT, DUPLICATE, ALARM, KEPT], "Verdicts within one commit")
     equal(counts(store, campaign), Counts(10, completed=2, duplicates=2), "Counts")
+
+
+def runs_other_work_while_it_commits(store: Store) -> None:
+    """The other work runs once, in the thread that commits, and the results are there after it."""
+    campaign = running(store)
+    threads: list[int] = []
+    verdicts = store.episodes.commit(
+        campaign.id, [Delivery(result(0), WORKER)], lambda: threads.append(get_ident())
+    )
+    equal(verdicts, [KEPT], "Verdicts")
+    equal(threads, [get_ident()], "Threads in which the other work ran")
+    equal(counts(store, campaign), Counts(10, completed=1), "Counts")
 
 
 def ends_an_episode_once(store: Store) -> None:
@@ -253,6 +266,7 @@ CHECKS = (
     counts_what_it_keeps,
     keeps_the_first,
     keeps_the_first_of_one_delivery,
+    runs_other_work_while_it_commits,
     ends_an_episode_once,
     takes_late_results,
     leaves_ended_campaigns_alone,

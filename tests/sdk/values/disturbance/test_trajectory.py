@@ -23,6 +23,7 @@ from eigenfail.values import (
     White,
     unrunnable,
 )
+from eigenfail.values.disturbance import TRAJECTORIES_AT_A_TIME, sum_log_densities
 from eigenfail.wire import messages
 
 SHAPES: tuple[Shape, ...] = (White(), Correlated(0.95, 0.3), HeavyTailed(2.5), HeavyTailed(5.0))
@@ -52,6 +53,16 @@ def test_white_is_the_papers_closed_form_bit_for_bit(z: np.ndarray) -> None:
     assert noise.log_probability_per_step.tobytes() == (log_p[:, 0] + log_p[:, 1]).tobytes()
     reference = scipy.stats.norm(scale=deep).logpdf(noise.injected).sum()
     assert noise.log_probability == pytest.approx(reference, rel=1e-12, abs=1e-12)
+
+
+@pytest.mark.parametrize("shape", SHAPES, ids=str)
+def test_log_probabilities_of_many_are_those_of_each_bit_for_bit(shape: Shape) -> None:
+    lengths = np.random.default_rng(3).integers(0, 40, 2 * TRAJECTORIES_AT_A_TIME + 1)
+    draws = [np.random.default_rng(n).standard_normal((n, 2), np.float32) for n in lengths]
+    many = [NoiseTrajectory(z, sigmas(z, seed), shape) for seed, z in enumerate(draws)]
+    assert sum_log_densities(many) == [each.log_probability for each in many]
+    assert sum_log_densities(many) == [each.log_probability_per_step.sum() for each in many]
+    assert sum_log_densities([]) == []
 
 
 @sound
