@@ -223,7 +223,7 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         msgspec.Meta(
             ge=1,
             le=10_000,
-            description="versions over which `evaluate` takes a running mean of the weights; 1: the last one",
+            description="versions over which `evaluate` takes a running mean of weights; 1: the last",
         ),
     ] = 1
     patience: Annotated[
