@@ -192,8 +192,11 @@ def test_parameters_may_be_distributions(write):
     check_plugins(read_spec(write(VARIED + "{ choice = [55.0, 60.0] }")))
     with pytest.raises(InvalidValue, match=r"distance_m: 71 is not a number from"):
         check_plugins(read_spec(write(VARIED + "{ uniform = [52, 71] }")))
-    with pytest.raises(UnknownName, match=r"'normal' is not known.*Known: choice, uniform"):
+    check_plugins(read_spec(write(VARIED + "{ normal = [58, 1], within = [55, 61] }")))
+    with pytest.raises(InvalidValue, match=r"distance_m.within: is required"):
         check_plugins(read_spec(write(VARIED + "{ normal = [58, 1] }")))
+    with pytest.raises(UnknownName, match=r"'gamma' is not known.*Known: choice, normal, uniform"):
+        check_plugins(read_spec(write(VARIED + "{ gamma = [58, 1] }")))
 
 
 def test_a_suite_is_named_as_one_with_the_command_that_runs_it(write):

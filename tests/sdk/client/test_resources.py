@@ -195,7 +195,7 @@ def test_episodes_name_the_channels_of_their_noise(client, store, channels):
     assert told.noise.z.tobytes() == result_of(channels).noise.z.tobytes()
     frame = told.to_pandas()
     assert list(frame) == [
-        "step", *(f"{name}_{kind}" for name in told.channels for kind in ("m", "z", "sigma_m"))
+        "step", *(f"{name}{kind}" for name in told.channels for kind in ("", "_z", "_sigma"))
     ]  # fmt: skip
     assert list(frame[f"c{channels - 1}_z"]) == told.noise.z[:, -1].tolist()
     nothing = client.episodes.get(campaign.id, 1)

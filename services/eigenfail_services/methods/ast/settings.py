@@ -223,7 +223,7 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
         msgspec.Meta(
             ge=1,
             le=10_000,
-            description="versions over which `evaluate` takes a running mean of weights; 1: the last",
+            description="versions in the running mean of weights that `evaluate` uses; 1: the last",
         ),
     ] = 1
     patience: Annotated[
