@@ -246,8 +246,7 @@ def test_steps_name_the_channels_of_the_noise(http, store, channels):
     text = http.get(f"/api/v1/campaigns/{campaign.id}/episodes/0/steps").text
     rows = [*csv.DictReader(io.StringIO(text))]
     noise, names = result_of(channels).noise, [f"c{number}" for number in range(channels)]
-    kinds = ("z", "sigma_m", "m")
-    columns = [f"{name}_{kind}" for kind in kinds for name in names]
+    columns = [f"{name}{kind}" for kind in ("_z", "_sigma", "") for name in names]
     assert list(rows[0]) == ["step", *columns, "log_probability"]
     for row, z, log_p in zip(rows, noise.z, noise.log_probability_per_step, strict=True):
         assert [float(row[f"{name}_z"]) for name in names] == z.tolist()

@@ -61,6 +61,20 @@ def drive(
     return [planner.act(perception) for perception in perceptions]
 
 
+def _is_finite(control: object) -> bool:
+    """Whether an answer is a Control of two finite numbers."""
+    if not isinstance(control, Control):
+        return False
+    return isfinite(hypot(control.acceleration_mps2, control.steering_rad))
+
+
+def _answers_finitely(make: MakePlanner, perceptions: Sequence[Perception]) -> bool:
+    """Whether every answer is finite, and none an error, where every vehicle is detected."""
+    with suppress(Exception):
+        return all(map(_is_finite, drive(make(), perceptions)))
+    return False
+
+
 def _alike(one: Sequence[Control], other: Sequence[Control]) -> bool:
     """Whether two drives are equal bit for bit; compared as text, so that NaN equals NaN."""
     return repr(one) == repr(other)
@@ -80,8 +94,7 @@ def returns_finite_controls(make: MakePlanner) -> None:
     """Every answer is a Control of two finite numbers."""
     for control in drive(make(), cut_in_drive()):
         expect(isinstance(control, Control), f"The planner returned {control!r}, not a Control.")
-        size = hypot(control.acceleration_mps2, control.steering_rad)
-        expect(isfinite(size), f"The planner returned {control}.")
+        expect(_is_finite(control), f"The planner returned {control}.")
 
 
 def copes_with_what_it_misses(make: MakePlanner) -> None:
@@ -89,10 +102,12 @@ def copes_with_what_it_misses(make: MakePlanner) -> None:
     perceptions = cut_in_drive()
     unseen = [msgspec.structs.replace(each, others=(), ids=()) for each in perceptions]
     gaps = [*perceptions[:30], *unseen[30:40], *perceptions[40:50], unseen[50], *perceptions[51:]]
+    if not _answers_finitely(make, perceptions):
+        return  # that is another check's subject
     for seen in (gaps, unseen):
         for control in drive(make(), seen):
-            size = hypot(control.acceleration_mps2, control.steering_rad)
-            expect(isfinite(size), f"Where a vehicle was missed the planner returned {control}.")
+            finite = _is_finite(control)
+            expect(finite, f"Where a vehicle was missed the planner returned {control!r}.")
 
 
 def is_deterministic(make: MakePlanner) -> None:
