@@ -26,7 +26,7 @@ from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.settings import read_settings
 from eigenfail.values import AXES, CampaignSpec, Correlated, DisturbanceModel, White
 from eigenfail.values.analysis import JOINT, LONGEST_CHANNEL
-from eigenfail.values.disturbance import MOST_CHANNELS
+from eigenfail.values.channels import MOST_CHANNELS
 
 SIMULATOR = SCENARIO = "function"
 """What a campaign names as its simulator and its scenario, if a function is under test."""

@@ -20,7 +20,7 @@ from eigenfail.errors import (
 from eigenfail.process_state import ProcessState
 from eigenfail.settings import read_settings
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
-from eigenfail.values.channels import split_name
+from eigenfail.values.channels import PARAMETER, split_name
 from eigenfail.values.variation import read_variation
 from eigenfail.worlds import resolve_disturbance
 from eigenfail_workers.episode import make_errored_result, make_result, run_episode
@@ -62,7 +62,7 @@ class Engine:
         self._once = {
             place: split_name(channel.name).quantity
             for place, channel in enumerate(self._channels)
-            if channel.is_parameter
+            if channel.kind is PARAMETER
         }
         self._variation = read_variation(
             scenario.Parameters, setup.scenario_parameters, searched=self._once.values()

@@ -4,7 +4,7 @@ from math import nan
 
 from eigenfail.values import Observation, Perception, VehicleState
 from eigenfail.values.channels import EGO as EGO_NAME
-from eigenfail.values.channels import GHOST, MISSED, Channel, split_name
+from eigenfail.values.channels import GHOST, MISSED, PARAMETER, Channel, split_name
 from eigenfail.values.shapes import Row
 from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.values import Point
@@ -48,7 +48,7 @@ def find_target(name: str) -> int:
 
 def find_field(channel: Channel) -> int:
     """Return the place of what a channel disturbs."""
-    if channel.is_parameter:
+    if channel.kind is PARAMETER:
         return _NOTHING
     return _FIELDS[split_name(channel.name).quantity]
 

@@ -18,6 +18,7 @@ from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values.shapes import ChannelShape, Markov, Once, White
 
 FIELD = "disturbance.channels"
+MOST_CHANNELS = 50
 
 NEAREST, EGO, EVERY, VEHICLE, SCENARIO = "", "ego", "every", "vehicle_", "scenario"
 """Targets of a channel, before the dot; vehicles are numbered from 1."""
@@ -60,7 +61,7 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
 """By name. The defaults of a position are the paper's; the others are round numbers, for which a
 campaign substitutes those of its sensor."""
 
-PARAMETER = Quantity("", None, None, (SCENARIO,))
+PARAMETER_QUANTITY = Quantity("", None, None, (SCENARIO,))
 """A scenario parameter, which is chosen by the quantile of its own distribution."""
 
 GHOST_AHEAD_M = 40.0
@@ -104,14 +105,27 @@ def find_quantity(name: str) -> Quantity:
         UnknownName: there is no such quantity.
     """
     target, quantity_name = split_name(name)
-    quantity = PARAMETER if target == SCENARIO else QUANTITIES.get(quantity_name)
+    quantity = PARAMETER_QUANTITY if target == SCENARIO else QUANTITIES.get(quantity_name)
     if quantity is None:
         raise UnknownName(FIELD, name, ALL_CHANNELS)
     return quantity
 
 
-CONTINUOUS = "white, ar1, student_t"
-"""Shapes of errors that are no events."""
+class ChannelKind(NamedTuple):
+    """What a channel is.
+
+    Attributes:
+        default_shape: its shape unless a campaign gives one.
+        shapes: the shapes that it may have, by their `kind`.
+    """
+
+    default_shape: ChannelShape
+    shapes: tuple[str, ...]
+
+
+ERROR = ChannelKind(White(), ("white", "ar1", "student_t"))
+EVENT = ChannelKind(Markov(), ("markov",))
+PARAMETER = ChannelKind(Once(), ("once",))
 
 
 class ColumnNames(NamedTuple):
@@ -161,14 +175,12 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     ahead_m: Annotated[float, Meta(gt=0.0, le=500.0)] | None = None
 
     @property
-    def is_event(self) -> bool:
-        """Whether it is an event, which has no sigma."""
-        return not self.is_parameter and split_name(self.name).quantity in EVENTS
-
-    @property
-    def is_parameter(self) -> bool:
-        """Whether it is a parameter of the scenario, which has no sigma either."""
-        return split_name(self.name).target == SCENARIO
+    def kind(self) -> ChannelKind:
+        """An error, which has a sigma; an event; or a parameter of the scenario."""
+        target, quantity = split_name(self.name)
+        if target == SCENARIO:
+            return PARAMETER
+        return EVENT if quantity in EVENTS else ERROR
 
     @property
     def unit(self) -> str:
@@ -178,19 +190,18 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def filled(self) -> "Channel":
         """Return the channel with the defaults of its quantity written out."""
         quantity = find_quantity(self.name)
-        default = Once() if self.is_parameter else Markov() if self.is_event else White()
         return Channel(
             self.name,
             quantity.sigma if self.sigma is None else self.sigma,
             quantity.sigma_per_m if self.sigma_per_m is None else self.sigma_per_m,
-            default if self.shape is None else self.shape,
+            self.kind.default_shape if self.shape is None else self.shape,
             GHOST_AHEAD_M if self.name == GHOST and self.ahead_m is None else self.ahead_m,
         )
 
     def in_words(self) -> str:
         """What people read of a channel that is filled."""
         words = "" if self.shape is None else self.shape.in_words()
-        if self.is_event or self.is_parameter:
+        if self.kind is not ERROR:
             return words if self.ahead_m is None else f"{self.ahead_m:g} m ahead; {words}"
         growth = f"{self.sigma_per_m:g}·d + " if self.sigma_per_m else ""
         return f"sigma {growth}{self.sigma:g} {self.unit}; {words}"
@@ -214,7 +225,7 @@ def resolve_channels(
         UnknownName: the simulator offers no such channel, there is no such vehicle, or no such
             parameter with a distribution.
         InvalidValue: a channel is named twice, has the shape of another kind of channel, or is an
-            event with a sigma.
+            event with a sigma; or there are more than `MOST_CHANNELS`.
     """
     of_scenario = (f"{SCENARIO}.{name}" for name in parameters)
     known = [*list_names(vehicles, offered), *of_scenario]
@@ -223,6 +234,9 @@ def resolve_channels(
             raise UnknownName(f"{FIELD}[{place}].name", channel.name, known)
         _check_model(channel, f"{FIELD}[{place}]")
     resolved = tuple(one.filled() for channel in channels for one in _expand(channel, vehicles))
+    if len(resolved) > MOST_CHANNELS:
+        problem = f"{len(resolved)} channels, one by one, are more than {MOST_CHANNELS}."
+        raise InvalidValue(FIELD, problem, "Name fewer, or single vehicles.")
     names = [channel.name for channel in resolved]
     if twice := [name for place, name in enumerate(names) if name in names[:place]]:
         problem = f"'{twice[0]}' is there twice."
@@ -250,17 +264,16 @@ def _expand(channel: Channel, vehicles: int) -> list[Channel]:
 
 
 def _check_model(channel: Channel, field: str) -> None:
-    given = channel.sigma is not None or channel.sigma_per_m is not None
-    if given and channel.is_parameter:
+    kind, given = channel.kind, channel.sigma is not None or channel.sigma_per_m is not None
+    if given and kind is PARAMETER:
         problem = f"'{channel.name}' has its distribution from scenario_parameters."
         raise InvalidValue(f"{field}.sigma", problem, "Leave it out.")
-    if given and channel.is_event:
+    if given and kind is EVENT:
         problem = f"'{channel.name}' is an event, which has no standard deviation."
         raise InvalidValue(f"{field}.sigma", problem, "Set rate and mean_steps of its shape.")
     if channel.ahead_m is not None and channel.name != GHOST:
         problem = f"'{channel.name}' is no ghost."
         raise InvalidValue(f"{field}.ahead_m", problem, "Leave it out.")
-    wanted = "once" if channel.is_parameter else "markov" if channel.is_event else CONTINUOUS
-    if channel.shape is not None and channel.shape.__struct_config__.tag not in wanted.split(", "):
+    if channel.shape is not None and channel.shape.__struct_config__.tag not in kind.shapes:
         problem = f"the noise of '{channel.name}' cannot have this shape."
-        raise InvalidValue(f"{field}.shape", problem, f"Take {wanted}.")
+        raise InvalidValue(f"{field}.shape", problem, f"Take {', '.join(kind.shapes)}.")

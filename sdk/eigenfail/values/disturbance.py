@@ -12,7 +12,13 @@ from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values.arrays import Floats
-from eigenfail.values.channels import SCENARIO, Channel, resolve_channels, split_name
+from eigenfail.values.channels import (
+    MOST_CHANNELS,
+    SCENARIO,
+    Channel,
+    resolve_channels,
+    split_name,
+)
 from eigenfail.values.shapes import NoiseShape, PerChannel, Row, Shape, White
 from eigenfail.values.showing import Brief, Tabular
 from eigenfail.values.student_t import LOG_SQRT_TWO_PI
@@ -20,8 +26,6 @@ from eigenfail.values.student_t import LOG_SQRT_TWO_PI
 AXES = ("longitudinal", "lateral")
 """The channels of a campaign on a road that names none: the components of the noise of the position
 of the nearest vehicle. z has a column for each channel, in this order."""
-
-MOST_CHANNELS = 50
 
 
 class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

@@ -21,7 +21,7 @@ from eigenfail.values import (
     PerChannel,
     White,
 )
-from eigenfail.values.channels import ALL_CHANNELS, QUANTITIES, list_names
+from eigenfail.values.channels import ALL_CHANNELS, PARAMETER, QUANTITIES, list_names
 
 CHAINS = (Markov(0.02, 8.0), Markov(0.5, 1.0), Markov(0.1, 2.5))
 STEPS = 60_000
@@ -131,7 +131,8 @@ def resolve(*channels: Channel, vehicles: int = 2, **fields: object) -> tuple[Ch
 def test_a_parameter_of_the_scenario_is_drawn_once() -> None:
     (found,) = resolve(Channel("scenario.speed"))
     assert found == Channel("scenario.speed", shape=Once())
-    assert (found.unit, found.is_event, found.is_parameter) == ("", False, True)
+    assert (found.unit, found.kind) == ("", PARAMETER)
+    assert Channel("scenario.missed").kind is PARAMETER
     model = DisturbanceModel(channels=(found, Channel("speed")))
     assert model.searched_parameters == ("speed",)
     assert DisturbanceModel().searched_parameters == ()
@@ -151,6 +152,9 @@ def test_every_known_name_resolves() -> None:
         assert resolve(Channel(name))
         for channel in resolve(Channel(name)):
             assert channel.in_words()
+
+
+FIELDS = ("longitudinal", "lateral", "heading", "speed", "length", "width")
 
 
 @pytest.mark.parametrize(
@@ -176,6 +180,13 @@ def test_every_known_name_resolves() -> None:
 def test_what_cannot_be_is_refused(channels, kind, words) -> None:
     with pytest.raises(kind, match=words):
         resolve(*channels)
+
+
+def test_there_are_not_too_many_channels_one_by_one() -> None:
+    every = tuple(Channel(f"every.{name}") for name in FIELDS)
+    assert len(resolve(*every, vehicles=8)) == 48
+    with pytest.raises(InvalidValue, match="54 channels, one by one, are more than 50"):
+        resolve(*every, vehicles=9)
 
 
 def test_what_a_simulator_does_not_offer_is_refused() -> None:
