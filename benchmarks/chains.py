@@ -34,6 +34,9 @@ SETTINGS: dict[str, dict[str, float]] = {
 """Settings of the chains by the method that finds their starts, as docs/methods.md recommends them:
 failures of splitting are nearly samples already, and more chains hold more of its families."""
 
+OF_Z = "log p(z) per step, z standardised"
+"""What `log_p_gap` compares; other claims have log p(a), a density of the errors in metres."""
+
 
 def chains(method: str, prefix: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     """Campaigns of chains from the failures of a method, one for each seed."""
@@ -64,12 +67,12 @@ def spec_of(method: str, episodes: int, seed: int, **settings: float) -> Campaig
 def compared(
     method: str, runs: Sequence[Found], starts: Sequence[Sequence[Floats]], truth: TrueFailures
 ) -> Iterator[tuple[str, Figure]]:
-    """Compare the samples with the true failures: log p per step, groups, and early collisions."""
+    """Compare the samples with the true failures: log p(z) per step, groups, early collisions."""
     known = log_p_per_step(truth.noise)
     found = [samples(run) for run in runs]
     gaps = [log_p_per_step(each) - known for each in found]
     before = ", ".join(f"{log_p_per_step(each) - known:.3f}" for each in starts)
-    note = f"; of the failures of {method} {before}; {len(truth.noise)} true failures"
+    note = f"; of the failures of {method} {before}; {len(truth.noise)} true failures; {OF_Z}"
     yield "log_p_gap", of_seeds(gaps, "nat", len(gaps), note)
     groups = truth.reference
     reached = [groups.spread(each) for each in found]

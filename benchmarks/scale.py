@@ -37,7 +37,7 @@ SETTLED = {
     "monte_carlo_parallel": 2_000,
     "ast_parallel": 260,
 }
-"""Episodes after which rounds are as they stay."""
+"""Number of episodes after which the rate of a campaign is steady."""
 
 TAIL = 0.5
 """Standard deviation of log durations: one episode in a hundred takes 2.8 times the mean."""

@@ -7,6 +7,8 @@ from typing import NamedTuple
 import msgspec
 from figures import Figure
 
+OF_IDM = "the paper gives no number of episodes"
+OF_AVERAGE = "the paper does not name the episodes of its average"
 OF_DIFS = "the paper's is of DiFS runs"
 OF_AST = "the paper's is of AST, trained at the default distance"
 
@@ -34,8 +36,8 @@ class Target(NamedTuple):
 
 TARGETS = {
     "cut_in.rulebook.mc2000.failures": Target(high=0.0, paper=0.0),
-    "cut_in.idm.mc2000.failure_rate": Target(low=0.25, high=0.55, paper=0.401),
-    "cut_in.idm.mc2000.mean_severity": Target(paper=0.72),
+    "cut_in.idm.mc2000.failure_rate": Target(low=0.25, high=0.55, paper=0.401, note=OF_IDM),
+    "cut_in.idm.mc2000.mean_severity": Target(paper=0.72, note=OF_AVERAGE),
     "cut_in.rulebook.mc2000.median_min_ttc_s": Target(low=2.5, paper=3.50, note=OF_DIFS),
     "cut_in.rulebook.mc2000.median_drac": Target(high=1.5, paper=0.40, note=OF_DIFS),
     "cut_in.rulebook.p_fail": Target(low=1e-6, high=5e-4),

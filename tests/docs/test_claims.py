@@ -6,12 +6,14 @@ to the digits printed, the bracket its interval, rounded outwards to two digits 
 before the mark both are per cent. A share may be printed as `1 of 100` or `all 78`, and one of 0
 with the upper end of its interval: `0 of 2,000: ≤ 0.150 %`.
 `95.3, 93.4, 94.7 %<!-- seeds cut_in.ast.train1000.failure_rate -->` are the values of each seed, as
-the claim's note tells them. In hand-written pages docs/marks.json has the marks (claim_marks.py).
+the claim's note tells them with four digits; the smallest, the largest and the median are those of
+the claim's `spread` and `value`, rounded from all of their digits. In hand-written pages
+docs/marks.json has the marks (claim_marks.py).
 """
 
 import re
 import sys
-from decimal import Decimal
+from decimal import ROUND_HALF_UP, Decimal
 from importlib import import_module
 from pathlib import Path
 from typing import NamedTuple
@@ -47,6 +49,7 @@ class Claim(msgspec.Struct):
     interval: tuple[float, float] | None = None
     target: str = ""
     note: str = ""
+    spread: tuple[float, float] | None = None
 
 
 class Marked(NamedTuple):
@@ -80,6 +83,12 @@ def agree(printed, value):
     number = Decimal(printed)
     half_a_digit = 0.5 * 10.0 ** int(number.as_tuple().exponent)
     return abs(float(number) - value) <= half_a_digit * (1.0 + 1e-6)
+
+
+def is_rounded(printed, value, scale=1):
+    """Whether a printed number is a value rounded to its digits, a half away from zero."""
+    number = Decimal(printed)
+    return number == (scale * Decimal(repr(value))).quantize(number, ROUND_HALF_UP)
 
 
 def is_outward(printed, value, sign):
@@ -130,6 +139,22 @@ def wrong_seeds(text, claims):
             agree(one, scale * float(value)) for one, value in zip(printed, values, strict=True)
         ):
             yield f"{marks['name']}: printed {printed}, found {values}"
+        else:
+            yield from wrong_ranks(marks["name"], printed, claims[marks["name"]], int(scale))
+
+
+def wrong_ranks(name, printed, claim, scale):
+    """What is stated of the smallest, largest and median seed otherwise than with all digits."""
+    if claim.spread is None:
+        yield f"{name}: the values of its seeds have no spread"
+        return
+    ordered = sorted(printed, key=Decimal)
+    ranks = [(ordered[0], claim.spread[0]), (ordered[-1], claim.spread[1])]
+    if claim.note.startswith("median of") and len(ordered) % 2:
+        ranks.append((ordered[len(ordered) // 2], claim.value))
+    for one, value in ranks:
+        if not is_rounded(one, value, scale):
+            yield f"{name}: printed {one}, found {value}"
 
 
 def held(claim):
@@ -288,7 +313,11 @@ def test_a_figure_that_differs_is_found(text):
     assert len(list(wrong(text, RATE))) == 1
 
 
-OF_SEEDS = {"a.rate": Claim(0.9, 3, "share", "make claims", "0", note="median of 2 seeds: 1, 0.8")}
+OF_SEEDS = {
+    "a.rate": Claim(
+        0.9, 3, "share", "make claims", "0", spread=(0.8, 1.0), note="median of 2 seeds: 1, 0.8"
+    )
+}
 
 
 def test_the_values_of_each_seed_are_those_of_the_note():
@@ -299,6 +328,38 @@ def test_the_values_of_each_seed_are_those_of_the_note():
     assert len(list(wrong_seeds("1, 0.8<!-- seeds a.rat -->", OF_SEEDS))) == 1
     with pytest.raises(AssertionError, match="without figures"):
         list(wrong_seeds("80 %<!-- seeds a.rate -->", OF_SEEDS))
+
+
+OF_DIGITS = {
+    "a.ratio": Claim(
+        *(1.2949, 300, "ratio", "make claims", "0"),
+        spread=(-0.004951, 1.3150976),
+        note="median of 3 seeds: 1.295, 1.315, -0.00495",
+    )
+}
+
+
+def test_the_smallest_middle_and_largest_seed_are_rounded_from_all_of_their_digits():
+    """The four digits of the note allow 1.30 or 1.29, and 1.31 or 1.32."""
+    assert list(wrong_seeds("1.29, 1.32, -0.00<!-- seeds a.ratio -->", OF_DIGITS)) == []
+    for other in ("1.29, 1.31, -0.00", "1.30, 1.32, -0.00", "1.295, 1.315, -0.0049"):
+        assert len(list(wrong_seeds(f"{other}<!-- seeds a.ratio -->", OF_DIGITS))) == 1, other
+    whole = {"a.ratio": msgspec.structs.replace(OF_DIGITS["a.ratio"], spread=None)}
+    assert len(list(wrong_seeds("1.29, 1.32, -0.00<!-- seeds a.ratio -->", whole))) == 1
+
+
+@pytest.mark.parametrize(
+    ("value", "right", "wrong_one"),
+    [
+        (0.125, "0.13", "0.12"),
+        (-0.125, "-0.13", "-0.12"),
+        (2.5, "3", "2"),
+        (0.1249, "0.12", "0.13"),
+    ],
+)
+def test_a_half_is_rounded_away_from_zero(value, right, wrong_one):
+    assert is_rounded(right, value)
+    assert not is_rounded(wrong_one, value)
 
 
 def test_a_mark_without_a_figure_is_found():

@@ -111,8 +111,8 @@ def format_verdict(statement: PaperStatement) -> str:
 OPENING = """# The paper's experiments, reproduced
 
 `eigenfail reproduce --scale {scale}` runs the paper's experiments with our planner `rulebook`, our
-scenario `cut_in` and our simulator. The paper's planner and simulator are not public, and its
-episodes have about eight times as many steps, so that no number is expected to be the same. Of
+scenario `cut_in` and our simulator. The paper's planner and simulator are not public, and the
+number of steps of its episodes is not given, so that no number is expected to be the same. Of
 {statements} comparisons with statements of the paper (at the end; some statements are compared for
 several campaigns) {holding} hold here. The paper is Warner et al., *Importance Sampling and PCA for
 Finding Failures in Commercial Autonomous Vehicles*.
@@ -132,6 +132,10 @@ How to read the tables:
 - Brackets behind shares hold 95 % intervals of independent draws, rounded outwards: Wilson's, but
   exact one-sided bounds where none or all failed (behind ≤ the upper one). In the sweep and in
   training an episode depends on those before it: such rates have no interval.
+- Log p is that of a density of the errors in metres. Log p per step is the sum over the failures
+  divided by their steps; of noise from p(x) it is about −2 here. The paper calls the failures of
+  its DiFS about as likely as noise from p(x): at −2 per step their mean of about −1,490 would be
+  that of some 750 steps.
 - n counts episodes; in the table of components, failures. Log p and severity are means over the
   failures among them. A cost is the price of all episodes ÷ failures; hours and costs are of one
   run on the machine that ran it.

@@ -14,9 +14,8 @@ FRESH = 1000
 """Added to a seed: what was learnt is evaluated on draws that training never saw."""
 
 GRADIENT_STEPS = 4
-"""Of AST with the paper's settings, for each decision. The paper's episodes have about 800
-decisions, with a gradient step for each; ten decisions with one each learn too little at its
-learning rates."""
+"""Of AST with the paper's settings, for each decision; the paper gives no number. Ten decisions an
+episode with one step each learn too little at its learning rates."""
 
 USUAL_DISTANCE_M = 58.0
 MOVED_M = MappingProxyType({"plus5": 5.0, "minus5": -5.0})

@@ -150,9 +150,9 @@ def _judge_alpha(summaries: Summaries, safeties: Safeties, compare: Compare) -> 
         summaries,
         names,
         parts,
-        "A possible cause, not tested: the log p of one of the paper's episodes sums to about "
-        "-5000, beside which an alpha of 500 is small; here it sums to about -300, so that an "
-        "alpha of 500 may still dominate.",
+        "A possible cause, not tested: the paper's mean log p is -2465 with an alpha of 500 and "
+        "-5360 with 10,000, beside which 500 is small; here it is a few hundred below zero, so "
+        "that an alpha of 500 may still dominate.",
     )
 
 

@@ -120,9 +120,9 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
       decisions to be learnt as 5.
     - `amplitude`: at ±3 sigma noise that is held at random fails in most episodes; what a policy
       reaches at ±2 it has learnt.
-    - `alpha`, `c_dist`: a hundred steps sum an eighth of the log p of the paper's episodes, so an
-      eighth of its alpha weighs the same. The less, the likelier the failures, and the worse they
-      transfer to other scenarios.
+    - `alpha`, `c_dist`: the log p of a failure in `cut_in` sums to about -300, in the paper's
+      training to about -4500, so a fifteenth of its alpha weighs about the same. The less, the
+      likelier the failures, and the worse they transfer to other scenarios.
     - `target_entropy`: at -2 a few in a thousand episodes do not fail.
     - `gradient_steps`: over twelve seeds of `cut_in` one step for each decision gave about as many
       failures among 1000 as two steps, and likelier ones.
@@ -135,8 +135,8 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     - `patience`: without restarts a seed may find a few failures where another finds hundreds.
     - `reward`: `dissimilarity` gives failures that differ more, somewhat fewer of them.
 
-    The paper's main runs had episodes of about 800 steps and used alpha 5000, c_dist 1000,
-    tau 0.001, learning_rate 3e-4, batch_size 16, buffer_size 10,000.
+    The paper's main runs used alpha 5000, c_dist 1000, tau 0.001, learning_rate 3e-4,
+    batch_size 16, buffer_size 10,000.
     """
 
     reward: Annotated[
