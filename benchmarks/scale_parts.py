@@ -7,7 +7,7 @@ import msgspec
 GROUP_S, GROUP = 0.05, 1_000
 """A group is committed when its first result has waited so long, or there are so many."""
 
-TURN = 1_000
+TURN = 2_000
 """So many results at most are taken in one turn, all that have come, and then committed."""
 
 
