@@ -60,7 +60,7 @@ def test_new_code_of_the_same_planner_is_run_anew(gate, monkeypatch, store):
     usual = IntelligentDriver.act
 
     def blind(self, perception):
-        return usual(self, type(perception)(perception.time_s, perception.ego, ()))
+        return usual(self, type(perception)(perception.time_s, perception.ego, (), ()))
 
     monkeypatch.setattr(IntelligentDriver, "act", blind)
     done = gate("usual", "--json", version="v1-blind")
