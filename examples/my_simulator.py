@@ -1,5 +1,6 @@
 """A simulator of one's own: a truck whose brakes take a moment. docs/own_simulator.md"""
 
+from collections.abc import Sequence
 from math import cos, hypot, isfinite, sin
 from typing import Any
 
@@ -21,8 +22,11 @@ class LaggingSimulation:
     _situation: Situation
     _last: Observation | None
 
-    def __init__(self, scenario: Scenario, parameters: Any, planner: Planner) -> None:
+    def __init__(
+        self, scenario: Scenario, parameters: Any, planner: Planner, places: dict[str, int]
+    ) -> None:
         self._scenario, self._parameters, self._planner = scenario, parameters, planner
+        self._places = places
         self._closed = False
         self._begin(0)
         self.dt_s, self.steps = self._situation.mission.dt_s, self._situation.steps
@@ -41,7 +45,8 @@ class LaggingSimulation:
         if self._last is None or self._last.ended:
             raise SimulatorError("No episode is going on.", "Reset the simulation first.")
         step, truth = self._last.step + 1, self._last
-        nearest, seen = disturbed(truth, disturbance)
+        by = [disturbance[self._places[name]] if name in self._places else 0.0 for name in AXES]
+        nearest, seen = disturbed(truth, by)
         ids = tuple(range(1, len(seen) + 1))
         control = self._decide(Perception((step - 1) * self.dt_s, truth.ego, seen, ids))
         ego, others = self._move(step, truth.ego, control)
@@ -94,7 +99,7 @@ class LaggingSimulation:
         return moved, tuple(self._situation.move_actor(i, step, moved) for i in actors)
 
 
-def disturbed(truth: Observation, by: tuple[float, ...]) -> tuple[int, Others]:
+def disturbed(truth: Observation, by: Sequence[float]) -> tuple[int, Others]:
     """Which vehicle is nearest, and the others as the planner sees them [m]."""
     ways_m = [hypot(one.x_m - truth.ego.x_m, one.y_m - truth.ego.y_m) for one in truth.others]
     nearest = ways_m.index(min(ways_m))
@@ -116,7 +121,8 @@ class LaggingBrakes:
     channels = frozenset(AXES)
 
     def open(
-        self, scenario: Scenario, parameters: Any, planner: Planner, _channels: tuple[Channel, ...]
+        self, scenario: Scenario, parameters: Any, planner: Planner, channels: tuple[Channel, ...]
     ) -> Simulation:
-        """A simulation of the planner in the scenario; it always has the same two channels."""
-        return LaggingSimulation(scenario, parameters, planner)
+        """A simulation of the planner in the scenario, with some of its channels in any order."""
+        places = {channel.name: place for place, channel in enumerate(channels)}
+        return LaggingSimulation(scenario, parameters, planner, places)

@@ -18,7 +18,7 @@ from typing import Annotated, Any
 
 import msgspec
 import numpy as np
-from msgspec import UNSET, Meta
+from msgspec import Meta
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
@@ -35,9 +35,10 @@ PLACE = re.compile(r"[A-Za-z_]\w*(\.[A-Za-z_]\w*)*:[A-Za-z_]\w*")
 LIMIT_S = 30.0
 
 CHANNEL_NAME = re.compile(rf"[a-z][a-z0-9_]{{0,{LONGEST_CHANNEL - 1}}}")
+TAKEN = (JOINT, "step", "log_probability")
 CHANNEL_RULE = (
     f"Take lower case letters, digits and underscores, a letter first, at most {LONGEST_CHANNEL} "
-    f"of them; neither '{JOINT}' nor a name that ends in '_sigma'."
+    f"of them; none of {', '.join(TAKEN)}, nor a name that ends in '_sigma' or '_z'."
 )
 CHANNELS_FIELD = "scenario_parameters.channels"
 MOST_VALUES = 100_000
@@ -120,7 +121,7 @@ def check(spec: CampaignSpec) -> FunctionParameters:
         raise InvalidValue("planner", problem, 'Write it as planner = "my_module:robustness".')
     if spec.planner_settings:
         raise UnknownName("planner_settings", next(iter(spec.planner_settings)), ())
-    plain = replace(spec.disturbance, scale=1.0, shape=White(), channels=UNSET)
+    plain = replace(spec.disturbance, scale=1.0, shape=White())
     if plain != DisturbanceModel():
         remedy = "Set `scale` and `shape` alone: there is no distance that sigma could grow with."
         raise InvalidValue("disturbance", "slopes and bases do not apply to functions.", remedy)
@@ -142,8 +143,8 @@ def _check_channels(given: FunctionParameters) -> None:
         if not CHANNEL_NAME.fullmatch(name):
             problem = f"'{name}' is not a valid name of a channel."
             raise InvalidValue(CHANNELS_FIELD, problem, CHANNEL_RULE)
-        # An analysis takes "joint" for all channels; tables have a column `<channel>_sigma_m`.
-        if name == JOINT or name.endswith("_sigma"):
+        # An analysis takes "joint" for all channels; tables have columns with the other names.
+        if name in TAKEN or name.endswith(("_sigma", "_z")):
             problem = f"'{name}' has another meaning in analyses or tables."
             raise InvalidValue(CHANNELS_FIELD, problem, CHANNEL_RULE)
     values = given.steps * len(given.channels)

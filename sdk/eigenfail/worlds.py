@@ -191,7 +191,11 @@ class PluginWorld(CampaignWorld):
             problem = "the number of vehicles varies with the parameters of the scenario."
             raise InvalidValue(CHANNELS, problem, "Fix the parameter that it depends on.")
         simulator = plugins.load(plugins.SIMULATORS, described.simulator)
-        return model.resolve(counts.pop(), simulator.channels, tuple(variation.varied))
+        offered: frozenset[str] | None = getattr(simulator, "channels", None)
+        if offered is None:
+            problem = f"the simulator '{described.simulator}' does not say which it offers."
+            raise InvalidValue(CHANNELS, problem, "Leave them out, or give it `channels`.")
+        return model.resolve(counts.pop(), offered, tuple(variation.varied))
 
     def variation(self, spec: CampaignSpec) -> Variation:
         """Return the parameters as the scenario's annotations bound them."""

@@ -59,6 +59,9 @@ class Engine:
         )
         self._model = resolve_disturbance(setup)
         self._channels = self._model.list_channels()
+        self._perceived = tuple(
+            channel for channel in self._channels if channel.kind is not PARAMETER
+        )
         self._once = {
             place: split_name(channel.name).quantity
             for place, channel in enumerate(self._channels)
@@ -143,7 +146,7 @@ class Engine:
         if self._simulation is None:
             planner = self._new_planner()
             self._simulation = self._simulator.open(
-                self._scenario, parameters, planner, self._channels
+                self._scenario, parameters, planner, self._perceived
             )
             self._parameters = parameters
         varies = self._variation.varied or self._variation.searched

@@ -15,6 +15,7 @@ from eigenfail.values import (
     Outcome,
     unrunnable,
 )
+from eigenfail.values.channels import PARAMETER
 from eigenfail.values.shapes import Row
 from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.measures.recorder import Recorder
@@ -38,6 +39,11 @@ class EpisodeDriver:
         self._model = model
         self._deviations = Deviations(model)
         self._conversion = Conversion(model.noise_shape)
+        channels = model.list_channels()
+        self._perceived = [
+            place for place, channel in enumerate(channels) if channel.kind is not PARAMETER
+        ]
+        self._perceives_all = len(self._perceived) == len(channels)
         self._noise = noise
         self._recorder = recorder
         self._steps = steps
@@ -61,7 +67,11 @@ class EpisodeDriver:
         sigma = self._deviations.compute(observation, actor)
         z = self._noise.draw(observation, observation.others[actor])
         recorder.add_disturbance(z, sigma)
-        return self._conversion.inject(z, sigma)
+        injected = self._conversion.inject(z, sigma)
+        if self._perceives_all:
+            return injected
+        # The simulation was opened with the parameters that the scenario's channels chose.
+        return tuple([injected[place] for place in self._perceived])
 
 
 def run_episode(

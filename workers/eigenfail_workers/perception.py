@@ -4,7 +4,7 @@ from math import nan
 
 from eigenfail.values import Observation, Perception, VehicleState
 from eigenfail.values.channels import EGO as EGO_NAME
-from eigenfail.values.channels import GHOST, MISSED, PARAMETER, Channel, split_name
+from eigenfail.values.channels import GHOST, MISSED, Channel, split_name
 from eigenfail.values.shapes import Row
 from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.values import Point
@@ -13,7 +13,7 @@ NEAREST = -1
 EGO = -2
 """Targets of channels besides the vehicles, which are numbered from 0."""
 
-_MISSED, _GHOST, _NOTHING = 6, 7, 8
+_MISSED, _GHOST = 6, 7
 _FIELDS = {
     "longitudinal": 0,
     "lateral": 1,
@@ -24,10 +24,7 @@ _FIELDS = {
     MISSED: _MISSED,
     GHOST: _GHOST,
 }
-"""Places of the quantities: those of a vehicle's state, then the events.
-
-A parameter of the scenario disturbs nothing that is perceived.
-"""
+"""Places of the quantities: those of a vehicle's state, then the events."""
 
 LEAST_SIZE_M = 0.1
 """Length and width that a vehicle is perceived with, however large the error is."""
@@ -46,13 +43,6 @@ def find_target(name: str) -> int:
     return NEAREST if channel.vehicle is None else channel.vehicle - 1
 
 
-def find_field(channel: Channel) -> int:
-    """Return the place of what a channel disturbs."""
-    if channel.kind is PARAMETER:
-        return _NOTHING
-    return _FIELDS[split_name(channel.name).quantity]
-
-
 class SensorErrors:
     """Disturbs the perception of a planner, with an error of each channel at each step.
 
@@ -61,8 +51,11 @@ class SensorErrors:
     """
 
     def __init__(self, channels: tuple[Channel, ...]) -> None:
-        self._channels = [(find_target(channel.name), find_field(channel)) for channel in channels]
-        self._ahead_m = max([channel.ahead_m or 0.0 for channel in channels])
+        self._channels = [
+            (find_target(channel.name), _FIELDS[split_name(channel.name).quantity])
+            for channel in channels
+        ]
+        self._ahead_m = max([0.0, *[channel.ahead_m or 0.0 for channel in channels]])
         self._ghost: VehicleState | None = None
 
     def reset(self) -> None:
@@ -82,8 +75,6 @@ class SensorErrors:
         missed: set[int] = set()
         for (target, field), error in zip(self._channels, errors, strict=True):
             vehicle = actor if target == NEAREST else target
-            if field == _NOTHING:
-                continue
             if field == _GHOST:
                 self._ghost = self._follow_ghost(now.ego) if error > 0.5 else None
                 continue

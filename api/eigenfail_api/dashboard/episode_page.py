@@ -385,7 +385,7 @@ def show_episode(
     """One episode."""
     seen = store.campaigns.get(campaign)
     result = store.episodes.get(campaign, index)
-    mission = find_mission(seen.spec, result.seed)
+    mission = find_mission(seen.spec, result)
     following = find_next_failure(store, campaign, index)
     view = make_episode_view(
         seen, result, mission, following, judge_replay(store, Run(seen, result))
@@ -406,7 +406,7 @@ async def show_account(store: Stored, campaign: CampaignId, index: EpisodeIndex)
             "account.html", make_missing_account_view(campaign, seen.spec.name, index, error)
         )
     stored = await run_sync(store.episodes.get, campaign, index)
-    mission = await run_sync(find_mission, seen.spec, stored.seed)
+    mission = await run_sync(find_mission, seen.spec, stored)
     return page(
         "account.html", make_account_view(campaign, seen.spec.name, index, explanation, mission)
     )
@@ -417,7 +417,7 @@ def show_clip(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> HTMLR
     """A small player of an episode: other pages ask for it when it is opened."""
     seen = store.campaigns.get(campaign)
     result = store.episodes.get(campaign, index)
-    return page("clip.html", make_clip_view(seen, result, find_mission(seen.spec, result.seed)))
+    return page("clip.html", make_clip_view(seen, result, find_mission(seen.spec, result)))
 
 
 @router.get("/replays/{campaign}")
@@ -469,12 +469,14 @@ def find_next_failure(store: Store, campaign: int, index: int) -> int | None:
     return following[0].index if following else None
 
 
-def find_mission(spec: CampaignSpec, seed: int) -> Mission | None:
-    """Return lanes and time step of a scenario; None if it is not installed here."""
+def find_mission(spec: CampaignSpec, result: EpisodeResult) -> Mission | None:
+    """Return lanes and time step of an episode's scenario; None if it is not installed here."""
+    seed = result.seed
+    given = spec.scenario_parameters | drawn_for(spec, seed) | placed_for(spec, result.noise)
     try:
         plugin = plugins.load(plugins.SCENARIOS, spec.scenario)
-        variation = read_variation(plugin.Parameters, spec.scenario_parameters)
-        mission: Mission = plugin()(variation.draw(seed), seed).mission
+        parameters = read_variation(plugin.Parameters, given).draw(seed)
+        mission: Mission = plugin()(parameters, seed).mission
     except EigenfailError:
         return None
     return mission

@@ -30,7 +30,7 @@ from eigenfail_api.dashboard.rendering import Tile, page
 from eigenfail_api.parameters import CampaignId, Stored
 from eigenfail_api.routes.analyses import COSTS
 from eigenfail_services.campaigns.costs import CampaignFigures, find_figures
-from eigenfail_services.campaigns.validation import list_varied
+from eigenfail_services.campaigns.validation import list_drawn
 
 NOT_CLASSIFIED = "not classified"
 COLLISION = "collision, "
@@ -268,7 +268,7 @@ def make_measures_view(
         else None,
         scatter=make_scatter_chart(safety.scatter) if safety.scatter.points else None,
         cost=make_spending_view(cost) if some else None,
-        varies=some and bool(list_varied(campaign.spec)),
+        varies=some and bool(list_drawn(campaign.spec)),
         crew=crew,
     )
 

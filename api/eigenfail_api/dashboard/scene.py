@@ -71,7 +71,6 @@ def make_noise_chart(
     metres, standardised = noise.injected, noise.standardised
     times = [step * (dt_s or 1.0) for step in range(len(noise.z))]
     axis = "Time [s]" if dt_s else "Step"
-    # Other channels than those of a position have no unit that is known here.
     is_position = tuple(channels) == AXES
     injected = "[m]" if is_position else "injected"
     return Chart(

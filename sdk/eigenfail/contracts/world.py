@@ -137,7 +137,7 @@ class Simulator(Protocol):
             planner: drives the ego.
             channels: channels of each disturbance, in order, with their defaults filled in. Their
                 names are some of `channels`, and `vehicle_1.speed` and so on where these have
-                `every.speed`.
+                `every.speed`. Channels of the scenario's parameters are not among them.
         """
 
 

@@ -79,6 +79,8 @@ def is_same_question(a: CampaignSpec, b: CampaignSpec, resolve: Resolve) -> bool
 
 def list_differing_fields(a: CampaignSpec, b: CampaignSpec) -> tuple[str, ...]:
     """Return the fields that have other values, apart from those that may differ."""
+    if a.disturbance.is_like(b.disturbance):
+        b = replace(b, disturbance=a.disturbance)
     left, right = asdict(a), asdict(b)
     return tuple(name for name in left if name not in MAY_DIFFER and left[name] != right[name])
 

@@ -251,8 +251,14 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     ] = Priority.NORMAL
 
     def is_like(self, other: "CampaignSpec") -> bool:
-        """Return whether both specs describe the same campaign, at any priority."""
-        return msgspec.structs.replace(self, priority=other.priority) == other
+        """Return whether both specs describe the same campaign, at any priority.
+
+        Channels may be written out in one of them, as a service does with those of what it stores.
+        """
+        like = {"priority": other.priority, "disturbance": other.disturbance}
+        return msgspec.structs.replace(self, **like) == other and self.disturbance.is_like(
+            other.disturbance
+        )
 
     def setup(self) -> EpisodeSetup:
         """What all of its episodes share."""

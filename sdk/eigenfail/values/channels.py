@@ -233,7 +233,7 @@ def resolve_channels(
         if channel.name not in known:
             raise UnknownName(f"{FIELD}[{place}].name", channel.name, known)
         _check_model(channel, f"{FIELD}[{place}]")
-    resolved = tuple(one.filled() for channel in channels for one in _expand(channel, vehicles))
+    resolved = write_out(channels, vehicles)
     if len(resolved) > MOST_CHANNELS:
         problem = f"{len(resolved)} channels, one by one, are more than {MOST_CHANNELS}."
         raise InvalidValue(FIELD, problem, "Name fewer, or single vehicles.")
@@ -242,6 +242,11 @@ def resolve_channels(
         problem = f"'{twice[0]}' is there twice."
         raise InvalidValue(FIELD, problem, "Name each channel once; `every.` names all vehicles.")
     return resolved
+
+
+def write_out(channels: tuple[Channel, ...], vehicles: int) -> tuple[Channel, ...]:
+    """Return the channels with their defaults, and those of every vehicle one by one."""
+    return tuple(one.filled() for channel in channels for one in _expand(channel, vehicles))
 
 
 def list_names(vehicles: int, offered: frozenset[str]) -> list[str]:

@@ -18,6 +18,7 @@ from eigenfail.values.channels import (
     Channel,
     resolve_channels,
     split_name,
+    write_out,
 )
 from eigenfail.values.shapes import NoiseShape, PerChannel, Row, Shape, White
 from eigenfail.values.showing import Brief, Tabular
@@ -96,6 +97,22 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return replace(
             self, channels=resolve_channels(self.channels, vehicles, offered, parameters)
         )
+
+    def is_like(self, other: "DisturbanceModel") -> bool:
+        """Return whether both are the same with their channels written out, one by one."""
+        numbers = [
+            split_name(channel.name).vehicle or 1
+            for model in (self, other)
+            for channel in model.list_channels()
+        ]
+        mine, theirs = (model.write_out(max(numbers)) for model in (self, other))
+        return mine == theirs
+
+    def write_out(self, vehicles: int) -> "DisturbanceModel":
+        """Return the model with its channels written out, one by one, unchecked."""
+        if isinstance(self.channels, msgspec.UnsetType):
+            return self
+        return replace(self, channels=write_out(self.channels, vehicles))
 
     def in_words(self) -> dict[str, str]:
         """What people read, by name."""

@@ -246,7 +246,7 @@ class Markov(
         if before is None:
             return (self._share,) * channels
         ends = 1.0 / self.mean_steps
-        return tuple([1.0 - ends if last else self.rate for last in before])
+        return tuple([1.0 - ends if last >= 0.5 else self.rate for last in before])
 
     def in_words(self) -> str:
         """What people read."""
@@ -334,11 +334,15 @@ class PerChannel(
         columns = [shape.log_slopes(z[:, [way]]) for way, shape in enumerate(self.shapes)]
         return np.concatenate(columns, axis=1)
 
+    @property
+    def once(self) -> list[int]:
+        """Columns of what is drawn once."""
+        return [way for way, shape in enumerate(self.shapes) if isinstance(shape, Once)]
+
     def drop_uncounted(self, z: Floats) -> Floats:
         """z with 0 in place of the values without effect: the later ones of what is drawn once."""
-        once = [way for way, shape in enumerate(self.shapes) if isinstance(shape, Once)]
         counted = z.copy()
-        counted[1:, once] = 0.0
+        counted[1:, self.once] = 0.0
         return counted
 
     def in_words(self) -> str:

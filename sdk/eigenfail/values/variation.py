@@ -10,7 +10,7 @@ a part of the search, it is the quantile that belongs to the channel's z.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from itertools import product
-from math import inf, isfinite, prod
+from math import erfc, inf, isfinite, prod, sqrt
 from statistics import NormalDist
 from types import MappingProxyType
 from typing import Annotated, Any
@@ -89,14 +89,29 @@ class Normal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """The value of the kind that `like` has below which lies a share p."""
         mean, deviation = self.normal
         low, high = self.within
-        below, above = (STANDARD.cdf((end - mean) / deviation) for end in (low, high))
-        share = below + p * (above - below)
+        first, last = ((end - mean) / deviation for end in (low, high))
+        # The lower tail is exact, where 1 - Phi would have lost its digits.
+        mirrored = first > 0.0
+        ends = (-last, -first) if mirrored else (first, last)
+        below, above = (0.5 * erfc(-end / sqrt(2.0)) for end in ends)
+        share = below + (1.0 - p if mirrored else p) * (above - below)
         z = STANDARD.inv_cdf(share) if 0.0 < share < 1.0 else inf * (share - 0.5)
-        value = min(max(mean + deviation * z, low), high)
+        value = min(max(mean + deviation * (-z if mirrored else z), low), high)
         return round(value) if isinstance(like, int) else float(value)
+
+    @property
+    def has_mass(self) -> bool:
+        """Whether the normal distribution has a share between the ends that can be told from 0."""
+        mean, deviation = self.normal
+        return min(abs((end - mean) / deviation) for end in self.within) < FARTHEST or (
+            self.within[0] <= mean <= self.within[1]
+        )
 
 
 STANDARD = NormalDist()
+
+FARTHEST = 30.0
+"""Beyond it, between two ends on one side of the mean, there is no share to speak of. [sd]"""
 
 Distribution = Uniform | Choice | Normal
 KINDS: dict[str, type[Distribution]] = {"uniform": Uniform, "choice": Choice, "normal": Normal}
@@ -241,9 +256,13 @@ def read_distribution(given: Mapping[str, Any], field: str) -> Distribution:
         if not (isfinite(low) and isfinite(high) and low <= high):
             problem = f"[{low}, {high}] is not an interval from a smaller to a larger number."
             raise InvalidValue(f"{field}.{name}", problem)
-    if isinstance(found, Normal) and not all(map(isfinite, found.normal)):
-        problem = "mean and standard deviation must be finite numbers."
-        raise InvalidValue(f"{field}.normal", problem)
+    if isinstance(found, Normal):
+        if not all(map(isfinite, found.normal)):
+            problem = "mean and standard deviation must be finite numbers."
+            raise InvalidValue(f"{field}.normal", problem)
+        if not found.has_mass:
+            problem = "both ends are more than 30 standard deviations off the mean."
+            raise InvalidValue(f"{field}.within", problem)
     return found
 
 

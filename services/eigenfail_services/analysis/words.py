@@ -27,7 +27,6 @@ from eigenfail.values import (
     White,
 )
 from eigenfail.values.channels import split_name
-from eigenfail.values.shapes import ChannelShape, Shape
 
 TELLING = 0.5
 """Share of a channel's strongest noise above which a step is described, if noise is everywhere."""
@@ -119,35 +118,38 @@ def describe(
         channels: the names of the columns of z.
         shape: shape of the noise, by which events and what is drawn once follow from z.
     """
-    noise = z[: clock.impact]
-    shapes: Sequence[Shape | ChannelShape] = [WHITE] * len(channels)
-    if isinstance(shape, PerChannel):
-        shapes, u = shape.shapes, NoiseTrajectory(noise, np.ones_like(noise), shape).standardised
-        # Of an event, and of what is drawn once, z by itself says little.
-        told = [isinstance(one, Markov | Once) for one in shapes]
-        noise = np.where(told, u, noise)
     columns = [
-        ChannelNoise(name, values, _choose_level(values), isinstance(one, Markov))
-        for name, values, one in zip(channels, noise.T, shapes, strict=True)
+        each._replace(level=_choose_level(each.noise))
+        for each in _list_columns(z[: clock.impact], channels, shape)
     ]
     return _describe_columns(columns, clock, MOST_PUSHES)
 
 
-def describe_needed(z: Floats, clock: Clock, channels: Sequence[str] = AXES) -> str:
+def _list_columns(z: Floats, channels: Sequence[str], shape: NoiseShape) -> list[ChannelNoise]:
+    """Return the noise of each channel: z, or u where z by itself says little."""
+    if not isinstance(shape, PerChannel):
+        pairs = zip(channels, z.T, strict=True)
+        return [ChannelNoise(name, noise, 0.0, is_event=False) for name, noise in pairs]
+    u = NoiseTrajectory(z, np.ones_like(z), shape).standardised
+    told = [isinstance(one, Markov | Once) for one in shape.shapes]
+    columns = zip(channels, np.where(told, u, z).T, shape.shapes, strict=True)
+    return [ChannelNoise(name, noise, 0.0, isinstance(one, Markov)) for name, noise, one in columns]
+
+
+def describe_needed(
+    z: Floats, clock: Clock, channels: Sequence[str] = AXES, shape: NoiseShape = WHITE
+) -> str:
     """What noise does of which every step counts, as in a minimal failure: all there is of it.
 
     Args:
         z: shape (steps, channels), zero where nothing is needed. [sigma]
         clock: when the impact is.
         channels: the names of the columns of z.
+        shape: shape of the noise, by which events follow from z.
     """
     if not z[: clock.impact].any():
         return "It needs no noise at all."
-    columns = [
-        ChannelNoise(name, values, 0.0, is_event=False)
-        for name, values in zip(channels, z[: clock.impact].T, strict=True)
-    ]
-    return _describe_columns(columns, clock, MOST_NEEDED)
+    return _describe_columns(_list_columns(z[: clock.impact], channels, shape), clock, MOST_NEEDED)
 
 
 def find_pushes(noise: Floats, level: float) -> list[Push]:

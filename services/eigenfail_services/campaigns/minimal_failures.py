@@ -43,7 +43,7 @@ def find_minimal_failure(store: Store, campaign: Campaign) -> MinimalFailure:
         index=found.index,
         done=facts.phase is SearchPhase.OVER,
         because=_describe_progress(facts, z, campaign, channels),
-        words=describe_needed(found.noise.z, clock, channels),
+        words=describe_needed(found.noise.z, clock, channels, found.noise.shape),
         needed=int(np.count_nonzero(found.noise.z)),
         injected=int(np.count_nonzero(full.noise.z)),
         energy=compute_energy(found.noise.z),

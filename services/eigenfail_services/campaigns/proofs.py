@@ -31,7 +31,7 @@ from eigenfail.values.campaign import LONGEST_NAME
 from eigenfail.worlds import drawn_for, list_channels, world_of
 from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS
 from eigenfail_services.campaigns.cache import StoreCache
-from eigenfail_services.campaigns.validation import check_spec, is_distribution, list_varied
+from eigenfail_services.campaigns.validation import check_spec, is_distribution, list_drawn
 from eigenfail_services.methods.nearest import MOST_EPISODES, place_trials
 from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.statistics.intervals import rate
@@ -63,7 +63,7 @@ def _list_worlds(store: Store, analysis: Analysis, result: AnalysisResult) -> li
     share a world.
     """
     analysed = store.campaigns.get(analysis.campaign).spec
-    if not list_varied(analysed):
+    if not list_drawn(analysed):
         return [ReplayWorld(analysed, tuple(range(len(result.modes))), {})]
     found: dict[bytes, ReplayWorld] = {}
     for place, mode in enumerate(result.modes):
@@ -230,7 +230,7 @@ def _keep_latest(replays: Iterable[Campaign]) -> list[Campaign]:
             (spec.scenario_parameters, _list_modes(spec)), order="deterministic"
         ): each
         for each in replays
-        if not list_varied(spec := each.spec)
+        if not list_drawn(spec := each.spec)
     }
     return list(newest.values())
 
@@ -349,7 +349,8 @@ def list_neighbours(spec: CampaignSpec) -> tuple[dict[str, Any], ...]:
         return ({},)
     variation = world.variation(spec)
     parameters = next(iter(variation.corners()))
-    fixed = [each for each in _list_moved(kind) if each.name not in variation.varied]
+    moving = {*variation.varied, *variation.searched}
+    fixed = [each for each in _list_moved(kind) if each.name not in moving]
     sides = (_move_parameter(each, getattr(parameters, each.name)) for each in fixed)
     return ({}, *(beside for side in sides for beside in side))
 
@@ -495,7 +496,7 @@ def _make_replay(
     )
     name = f"{analysed.name}: replay of analysis {analysis.id}" + (differing and f", {differing}")
     settings = {"analysis": analysis.id, "what": [kind.value for kind in ReplayKind]}
-    some = {"modes": [place + 1 for place in home.modes]} if list_varied(analysed) else {}
+    some = {"modes": [place + 1 for place in home.modes]} if list_drawn(analysed) else {}
     return msgspec.structs.replace(
         spec,
         name=name[-LONGEST_NAME:],

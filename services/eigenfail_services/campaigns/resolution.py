@@ -181,10 +181,12 @@ def find_references(campaign: ResolvedCampaign, store: "Store") -> ResolvedCampa
 
 
 def check_channels(before: Campaign, field: str, channels: Sequence[str]) -> None:
-    """Make sure that the noise of an earlier campaign has as many channels as here.
+    """Make sure that the noise of an earlier campaign has the same channels as here.
+
+    Those of functions may have other names.
 
     Raises:
-        InvalidValue: it has not.
+        InvalidValue: it has others, or in another order.
     """
     there = list_channels(before.spec)
     if len(there) != len(channels):
@@ -193,6 +195,12 @@ def check_channels(before: Campaign, field: str, channels: Sequence[str]) -> Non
             f"there, {len(channels)} here."
         )
         raise InvalidValue(field, problem, "Name one whose noise has as many channels.")
+    if there != tuple(channels) and world_of(before.spec.simulator).has_road:
+        problem = (
+            f"the noise of campaign {before.id} has other channels: {', '.join(there)} there, "
+            f"{', '.join(channels)} here."
+        )
+        raise InvalidValue(field, problem, "Name one with the same channels in the same order.")
 
 
 def _find_predecessors(campaign: ResolvedCampaign, store: "Store") -> tuple[Predecessor, ...]:

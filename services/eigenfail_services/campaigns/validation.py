@@ -78,6 +78,9 @@ def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
         spec = replace(spec, disturbance=resolved_model)
     if searching.traits.needs_course:
         _check_course(spec, world)
+    if spec.disturbance.searched_parameters and spec.settings.get("scale", 1.0) != 1.0:
+        problem = "noise with a channel of the scenario, scaled, is of another scenario."
+        raise InvalidValue("settings.scale", problem, "Replay it at scale 1.")
     resolved = make_resolved_campaign(spec, method, searching)
     if spec.parallel is not None:
         _check_parallel(resolved, spec.parallel)
@@ -256,6 +259,10 @@ def _check_failure(campaign: ResolvedCampaign, store: "Store") -> None:
         field = f"{method.field}.episode"
         _check_collision(settings["campaign"], settings["episode"], field, store)
     read_trajectories(method, store)
+    for name in campaign.spec.disturbance.searched_parameters:
+        problem = "is chosen by the noise, and minimal takes noise away that could be without."
+        remedy = f"Leave out the channel scenario.{name}, and give the parameter a value."
+        raise InvalidValue(f"scenario_parameters.{name}", problem, remedy)
     for name in list_varied(campaign.spec):
         raise InvalidValue(
             f"scenario_parameters.{name}",
@@ -298,9 +305,15 @@ INJECTION_CHECKS: Mapping[Injection, Callable[[ResolvedCampaign, "Store"], None]
 
 
 def list_varied(spec: CampaignSpec) -> tuple[str, ...]:
-    """Return the scenario parameters that are drawn for each episode."""
+    """Return the scenario parameters that have a distribution."""
     given = spec.scenario_parameters.items()
     return tuple(name for name, value in given if is_distribution(value))
+
+
+def list_drawn(spec: CampaignSpec) -> tuple[str, ...]:
+    """Return the scenario parameters that each episode draws from its seed, not by its noise."""
+    searched = spec.disturbance.searched_parameters
+    return tuple(name for name in list_varied(spec) if name not in searched)
 
 
 def is_distribution(value: Any) -> bool:

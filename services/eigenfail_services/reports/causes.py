@@ -1,6 +1,7 @@
 """Collisions, and when noise matters: what leads to a failure."""
 
 from collections.abc import Iterator, Sequence
+from math import isnan
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -152,10 +153,16 @@ def list_moment_rows(found: Analysed, of: Crash) -> Iterator[tuple[Cell, ...]]:
     vehicles, perceived = of.scene.vehicles, of.scene.perceived
     last = len(vehicles) - 1
     for step in range(of.first, last + 1):
-        seen = perceived[step].tolist() if step < len(perceived) else (None, None)
+        seen = _read_position(perceived[step]) if step < len(perceived) else (None, None)
         before_s = (last - step) * of.scene.dt_s
         pair = (*vehicles[step, 0].tolist(), *vehicles[step, of.struck].tolist())
         yield (found.subject.id, of.mode, of.episode, before_s, *pair, *seen)
+
+
+def _read_position(seen: NDArray[np.float32]) -> tuple[float | None, float | None]:
+    """Return a perceived position; None where the vehicle was not detected."""
+    x_m, y_m = seen.tolist()
+    return (None, None) if isnan(x_m) else (x_m, y_m)
 
 
 def describe_collisions_picture(found: Analysed, of: tuple[Crash, ...]) -> ReportPicture:
@@ -177,11 +184,16 @@ def describe_collisions(of: Crash) -> str:
     detected = ~np.isnan(of.perceived[:, 0])
     seen = (of.perceived - of.actor[: len(of.perceived)])[detected]
     off = np.sqrt(np.mean(np.square(seen), axis=0)) if len(seen) else np.zeros(2)
+    seen_off = (
+        f"it was seen {off[0]:.1f} m off along and {off[1]:.1f} m across (root mean square)."
+        if len(seen)
+        else "it was not detected."
+    )
     return (
         f"Mode {of.mode}, episode {of.episode}: truck at {format_number(float(truck[3]))} m/s, "
         f"struck vehicle at {format_number(float(actor[3]))} m/s; its centre moved from "
         f"{begin[0]:.1f} m ahead and {begin[1]:+.1f} m across to {end[0]:.1f} m and {end[1]:+.1f} "
-        f"m; it was seen {off[0]:.1f} m off along and {off[1]:.1f} m across (root mean square)."
+        f"m; {seen_off}"
     )
 
 

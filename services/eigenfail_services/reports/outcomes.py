@@ -259,8 +259,9 @@ DEFAULT_COLUMNS = (
 
 ON_ROADS = (
     "A campaign searches with one method for disturbances under which one planner collides. A "
-    "disturbance is added to the position at which the planner sees the nearest vehicle, at every "
-    "step: a_t = σ_t · u_t, with |dx| and |dy| the true distances along and across the road."
+    "disturbance is an error of what the planner perceives at every step: of the position of the "
+    "nearest vehicle, unless the campaign names other channels. a_t = σ_t · u_t, with |dx| and "
+    "|dy| the true distances along and across the road, and d the distance of a channel."
 )
 OF_FUNCTIONS = (
     "A campaign on a function searches with one method for noise under which the function fails: "

@@ -24,6 +24,7 @@ from eigenfail.values import (
     NoiseTrajectory,
     Outcome,
     Overhead,
+    PerChannel,
     Priority,
     RunPart,
     Scene,
@@ -153,6 +154,12 @@ class NoiseForm(NamedTuple):
 def find_noise_form(spec: CampaignSpec) -> NoiseForm:
     """Return the form of the noise of a campaign."""
     return NoiseForm(spec.disturbance.noise_shape, len(list_channels(spec)))
+
+
+def to_counted_z(blob: bytes, form: NoiseForm) -> Floats:
+    """Read z from its bytes, with 0 in place of the values that had no effect."""
+    z = to_floats(blob, form.channels)
+    return form.shape.drop_uncounted(z) if isinstance(form.shape, PerChannel) else z
 
 
 @lru_cache(maxsize=64)

@@ -73,7 +73,7 @@ from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import (
     pack,
     to_blob,
-    to_floats,
+    to_counted_z,
     to_noise_form,
     to_result,
     to_row,
@@ -428,7 +428,10 @@ class EpisodeStore:
         )
 
     def failure_portions(self, campaign: int) -> Iterator[Failures]:
-        """Yield the noise of all collisions, at most `PORTION` at a time, from one transaction."""
+        """Yield the noise of all collisions, at most `PORTION` at a time, from one transaction.
+
+        Values of z that had no effect are 0.
+        """
         query = (
             select(episode_index, trajectories.c.z)
             .join(trajectories, _SAME_TRAJECTORY)
@@ -439,10 +442,9 @@ class EpisodeStore:
         with self._database.reading() as connection:
             spec = connection.execute(_SPEC, {"campaign": campaign}).scalar()
             for rows_ in connection.execute(query).partitions():
-                channels = to_noise_form(spec).channels
                 yield Failures(
                     tuple(index for index, _ in rows_),
-                    tuple(to_floats(z, channels) for _, z in rows_),
+                    tuple(to_counted_z(z, to_noise_form(spec)) for _, z in rows_),
                 )
 
     def totals(self, campaign: int) -> Totals:

@@ -169,6 +169,17 @@ def test_a_searched_parameter_is_its_quantile(name, given, values):
     assert name not in next(variation.table([7]))
 
 
+@pytest.mark.parametrize(("mean", "low", "high"), [(-8.0, 1.0, 5.0), (8.0, -5.0, -1.0)])
+def test_a_normal_far_from_its_ends_keeps_to_the_nearer_one(mean, low, high):
+    given_ = {"normal": [mean, 1.0], "within": [low, high]}
+    variation = read_variation(Parameters, {"distance_m": given_}, searched=("distance_m",))
+    a, b = low - mean, high - mean
+    reference = scipy.stats.truncnorm(a, b, loc=mean)
+    for z in (-3.0, -1.0, 0.0, 1.0, 3.0):
+        expected = reference.ppf(scipy.stats.norm.cdf(z))
+        assert variation.place({"distance_m": z})["distance_m"] == pytest.approx(expected, rel=1e-6)
+
+
 @given(st.floats(-8.0, 8.0), st.floats(0.0, 4.0))
 def test_a_larger_z_never_makes_a_parameter_smaller(z, more):
     given_ = {"normal": [1.0, 0.5], "within": [-3.0, 5.0]}
@@ -185,6 +196,7 @@ def test_a_larger_z_never_makes_a_parameter_smaller(z, more):
         ({"normal": [0.0, 1.0], "within": [1, -1]}, "distance_m.within"),
         ({"normal": [float("nan"), 1.0], "within": [-1, 1]}, "distance_m.normal"),
         ({"normal": [0.0, 1.0], "within": [-1, 99]}, "distance_m"),
+        ({"normal": [0.0, 0.1], "within": [4, 5]}, "distance_m.within"),
     ],
 )
 def test_a_normal_that_is_none_is_refused(given, field):

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import EpisodeResult, Estimate, Floats, Layer, Policy
+from eigenfail.values import EpisodeResult, Estimate, Floats, Layer, PerChannel, Policy
 from eigenfail.values.arrays import decode_array, encode_array
 from eigenfail_services.methods.ast.decisions import FINAL_AMPLITUDE_SHARE, is_usable
 from eigenfail_services.statistics.importance import WeightedFailures, explain_nothing_counted
@@ -49,7 +49,12 @@ def log_weight(result: EpisodeResult, policy: Policy) -> float:
         return float("nan")
     z = result.noise.z.astype(np.float64)
     own = log_density(z, mean, np.exp(log_std), float(np.float32(policy.amplitude)))
-    return float(np.sum(-0.5 * z**2 - HALF_LOG_TWO_PI - own))
+    weights = -0.5 * z**2 - HALF_LOG_TWO_PI - own
+    shape = result.noise.shape
+    if isinstance(shape, PerChannel):
+        # What is drawn once comes from p itself, whatever the policy says.
+        weights[:, shape.once] = 0.0
+    return float(np.sum(weights))
 
 
 def compute_gaussian(policy: Policy, states: Array) -> tuple[Array, Array]:

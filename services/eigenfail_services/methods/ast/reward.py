@@ -79,7 +79,7 @@ class MahalanobisReward(ConstantReward, frozen=True):
 
     def __call__(self, result: EpisodeResult) -> Rewards:
         """Return the reward of every step, shape (steps,)."""
-        distances = np.linalg.norm(result.noise.z.astype(np.float64), axis=1)
+        distances = np.linalg.norm(result.noise.counted_z.astype(np.float64), axis=1)
         rewards: Rewards = -np.log1p(distances)
         rewards[-1] = _reward_at_end(result, self.alpha, self.c_dist)
         return rewards
@@ -153,5 +153,5 @@ class DissimilarityReward(msgspec.Struct, frozen=True, eq=False):
     def _pad(self, result: EpisodeResult) -> Floats:
         """Return z up to the horizon, shape (horizon, channels)."""
         z = np.zeros(self.failures.shape[1:], np.float32)
-        z[: result.steps] = result.noise.z
+        z[: result.steps] = result.noise.counted_z
         return z

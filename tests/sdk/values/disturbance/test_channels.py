@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values import (
     Autoregressive,
+    CampaignSpec,
     Channel,
     Correlated,
     DisturbanceModel,
@@ -220,3 +221,26 @@ def test_fields_of_the_position_do_not_go_with_channels(fields) -> None:
 def test_what_is_no_model_is_not_read(wrong: str) -> None:
     with pytest.raises((msgspec.ValidationError, msgspec.DecodeError)):
         msgspec.json.decode(wrong, type=DisturbanceModel)
+
+
+def test_models_are_alike_with_their_channels_written_out() -> None:
+    given = DisturbanceModel(channels=(Channel("every.speed"), Channel("missed")))
+    stored = given.resolve(3, ALL_CHANNELS)
+    assert given != stored
+    assert given.is_like(stored)
+    assert stored.is_like(given)
+    assert not stored.is_like(DisturbanceModel(channels=(Channel("every.speed"),)))
+    assert not DisturbanceModel(channels=(Channel("every.heading"),)).is_like(stored)
+    assert not DisturbanceModel().is_like(stored)
+    assert DisturbanceModel(scale=2.0).is_like(DisturbanceModel(scale=2.0))
+    assert not DisturbanceModel(scale=2.0).is_like(DisturbanceModel())
+    spec = CampaignSpec(name="a", method="held", episodes=1, disturbance=given)
+    assert spec.is_like(msgspec.structs.replace(spec, disturbance=stored))
+    assert not spec.is_like(msgspec.structs.replace(spec, seed=1, disturbance=stored))
+
+
+def test_an_event_that_is_rounded_stays_rounded() -> None:
+    chain = PerChannel((Markov(0.05, 4.0),))
+    half = np.array([[0.3], [0.7], [0.3]])
+    back = NoiseTrajectory.from_injected(half, np.ones((3, 1), np.float32), chain)
+    assert back.injected.tolist() == [[0.0], [1.0], [0.0]]

@@ -228,6 +228,9 @@ class BrakeLightTracker(Tracker):
 
     def update(self, perception: Perception) -> list[Track]:
         """Look for brake lights, then update the tracks; see `Tracker.update`."""
+        # A speed of long ago would make a vehicle that is detected again seem to brake.
+        for slot in [slot for slot in self._speeds_mps if slot not in perception.ids]:
+            del self._speeds_mps[slot]
         self.braking = {
             self._tracks[slot]
             for slot, seen in zip(perception.ids, perception.others, strict=True)
