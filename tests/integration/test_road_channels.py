@@ -8,6 +8,7 @@ from pyarrow import parquet
 
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.suites import Suite
 from eigenfail.values import AnalysisState, CampaignState, Outcome
 from eigenfail.worlds import drawn_for, placed_for
 
@@ -121,6 +122,10 @@ def test_failures_are_grouped_in_all_channels_or_in_one(client, failing) -> None
     joint = client.analyses.wait(client.analyses.create(failing.id).id)
     assert joint.state is AnalysisState.DONE, joint.problem
     assert joint.result.modes[0].eigenfailure.shape[1] == len(SIX)
+    client.analyses.prove(joint.id)
+    proof = client.analyses.wait_for_proof(joint.id, timeout_s=deadlines.CAMPAIGN_S)
+    assert proof.medoids.rate is not None
+    assert proof.medoids.rate.k == proof.medoids.rate.n == len(joint.result.modes)
     alone = client.analyses.wait(client.analyses.create(failing.id, axes="missed").id)
     assert alone.state is AnalysisState.DONE, alone.problem
     page = httpx2.get(f"{client.url}/analyses/{joint.id}").raise_for_status().text
@@ -144,7 +149,29 @@ def test_what_cannot_be_is_refused(client, channel, kind, words) -> None:
     assert refused.value.field.startswith("disturbance.channels[0]")
 
 
+def test_a_suite_finds_its_campaigns_again(client, lasting_worker, tmp_path) -> None:
+    file = tmp_path / "channels.toml"
+    file.write_text(
+        '[base]\nmethod = "held"\nepisodes = 4\nplanner = "idm"\n'
+        '[[base.disturbance.channels]]\nname = "every.speed"\n[sweep]\nseed = [1, 2]\n'
+    )
+    suite = Suite.read(file)
+    created = client.suites.create(suite)
+    found = client.suites.find(suite)
+    assert [each.id for each in found] == [each.id for each in created]
+
+
+def test_noise_of_a_searched_scenario_is_not_scaled_nor_shrunk(client, failing) -> None:
+    index = first_failure(client, failing)
+    with pytest.raises(InvalidValue, match="scale 1"):
+        client.episodes.replay(failing.id, index, scale=0.5)
+    with pytest.raises(InvalidValue, match="is chosen by the noise"):
+        client.campaigns.shrink(failing.id, index)
+
+
 def test_a_replay_of_noise_of_other_channels_is_refused(client, failing) -> None:
     settings = {"campaign": failing.id, "episodes": [0]}
     with pytest.raises(InvalidValue, match="another number of channels: 6 there, 1 here"):
         create(client, ONE, "replay", 1, settings)
+    with pytest.raises(InvalidValue, match=r"has other channels: scenario\.distance_m, vehicle_1"):
+        create(client, SIX[::-1], "replay", 1, settings)

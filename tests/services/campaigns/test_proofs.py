@@ -16,6 +16,7 @@ from eigenfail.values import (
     AnalysisSettings,
     CampaignSpec,
     CampaignState,
+    Channel,
     DisturbanceModel,
     ExplainedEpisode,
     ExplainedStep,
@@ -558,6 +559,13 @@ def spec(**fields) -> CampaignSpec:
         ),
         ({"scenario_parameters": {"distance_m": 52.0}}, ({}, {"distance_m": 57.0})),
         ({"scenario_parameters": {"distance_m": {"uniform": [54.0, 60.0]}}}, ({},)),
+        (
+            {
+                "scenario_parameters": {"distance_m": {"uniform": [54.0, 60.0]}},
+                "disturbance": DisturbanceModel(channels=(Channel("scenario.distance_m"),)),
+            },
+            ({},),
+        ),
         ({"scenario": "lead_brake"}, ({}, {"gap_m": 55.0}, {"gap_m": 65.0})),
         (
             {

@@ -2,11 +2,22 @@
 
 from math import atanh, exp, log, pi, tanh
 
+import msgspec
 import numpy as np
 import pytest
 
 from eigenfail.testing.learner import Corridor, ToyEngine
-from eigenfail.values import STATE, EpisodeTask, Layer, Policy, PolicySource, episode_seed
+from eigenfail.values import (
+    STATE,
+    EpisodeTask,
+    Layer,
+    Once,
+    PerChannel,
+    Policy,
+    PolicySource,
+    White,
+    episode_seed,
+)
 from eigenfail_services.methods.ast.probability import (
     EDGE,
     MIN_STD,
@@ -60,6 +71,16 @@ def test_the_weight_of_an_episode_by_hand(episode):
     for z, mean in ((3.0, 0.1), (0.0, 0.1), (1.0, 0.6), (-2.0, 0.6)):
         q *= normal(atanh(z / 4.0), mean, 0.5) / (4.0 * (1.0 - (z / 4.0) ** 2))
     np.testing.assert_allclose(log_weights([result], chosen), [log(p / q)], rtol=1e-6)
+
+
+def test_what_is_drawn_once_has_no_weight(episode):
+    """It comes from p itself, whatever the policy says of its column."""
+    result = episode([(3.0, 2.5), (1.0, 2.5)], states=states(2))
+    once = msgspec.structs.replace(result.noise, shape=PerChannel((White(), Once())))
+    joint = msgspec.structs.replace(result, noise=once)
+    one, other = (policy(mean=(0.1, mean), std=0.5, amplitude=4.0) for mean in (0.0, 1.5))
+    assert log_weights([joint], one) == log_weights([joint], other)
+    assert log_weights([result], one) != log_weights([result], other)
 
 
 @pytest.mark.parametrize(("mean", "std"), [(0.0, 1.0), (1.5, 0.3), (4.0, 2.0), (-6.0, 7.0)])
