@@ -75,7 +75,9 @@ def predict(
     play.run(rounds)
     bounds = limits(method, crew, costs)
     rate = min(play.rate, *bounds.values())
-    hub_share = play.hub_share + crew.workers * costs.heartbeat_s
+    heartbeats = min(1.0, crew.workers * costs.heartbeat_s)
+    # The play stretches the hub's other work by what the heartbeats take meanwhile.
+    hub_share = play.hub_share * (1.0 - heartbeats) + heartbeats
     use = {
         "workers": rate / bounds["workers"],
         "hub": min(1.0, max(hub_share, rate / bounds["hub"])),

@@ -58,6 +58,19 @@ def test_heartbeats_take_their_part_of_the_hub():
     assert limits(method, crew, costs)["hub"] == pytest.approx(500.0)
 
 
+@pytest.mark.parametrize("heartbeats", [0.0, 0.2, 0.5])
+def test_a_hub_that_is_not_at_its_limit_works_for_heartbeats_and_results(heartbeats):
+    from scale_model import predict
+    from scale_parts import Costs, Crew, Method
+
+    workers = 1_000
+    costs = Costs(result_s=2.5e-4, heartbeat_s=heartbeats / workers)
+    found = predict(Method(1_000, 3), Crew(workers, 1.0), costs, 60)
+    assert found.episodes_per_s == pytest.approx(workers, rel=0.01)
+    assert found.use["hub"] == pytest.approx(0.25 + heartbeats, abs=0.01)
+    assert found.bottleneck == "workers"
+
+
 @pytest.mark.parametrize("rounds", [200, 203, 207])
 def test_rounds_that_end_in_bursts_are_counted_alike_wherever_the_play_ends(rounds):
     from scale_model import limits

@@ -131,7 +131,8 @@ How to read the tables:
   statement about that searcher alone. `plus5` and `minus5` begin the cut-in 5 m further and nearer.
 - Brackets behind shares hold 95 % intervals of independent draws, rounded outwards: Wilson's, but
   exact one-sided bounds where none or all failed (behind ≤ the upper one). In the sweep and in
-  training an episode depends on those before it: such rates have no interval.
+  training an episode depends on those before it: such rates have no interval. Brackets behind rank
+  correlations hold the 95 % interval of Bonett and Wright (2000).
 - Log p is that of a density of the errors in metres. Log p per step is the sum over the failures
   divided by their steps; of noise from p(x) it is about −2 here. The paper calls the failures of
   its DiFS about as likely as noise from p(x): at −2 per step their mean of about −1,490 would be

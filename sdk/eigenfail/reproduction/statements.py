@@ -10,7 +10,7 @@ import msgspec
 from eigenfail.client import Client
 from eigenfail.errors import Conflict
 from eigenfail.intervals import Z, find_interval
-from eigenfail.presentation.figures import format_number, format_share
+from eigenfail.presentation.figures import format_interval, format_number, format_share
 from eigenfail.reproduction.tables import (
     AXES,
     MODES,
@@ -36,6 +36,7 @@ from eigenfail.values import (
     Safety,
     Summary,
 )
+from eigenfail.values.safety import Scatter
 
 Summaries = Mapping[str, Summary]
 
@@ -60,7 +61,8 @@ NEEDED = (
 
 
 FEWEST_FAILURES = 10
-"""Means over fewer failures are not compared: the interval below needs large samples."""
+"""Means over fewer failures are not compared, as the interval below needs large samples; fewer have
+no rank correlation, either."""
 
 
 def judge_campaigns(
@@ -269,19 +271,37 @@ def _judge_severity(name: str, safety: Safety) -> PaperStatement:
     holds = None
     if correlation and interval and not interval.low <= 0.0 <= interval.high:
         holds = correlation.value < 0.0
-    value = format_number(correlation.value if correlation else None, digits=2)
-    why = (
-        "The interval of the rank correlation includes 0, or there are too few failures."
-        if holds is None
-        else "A possible cause, not tested: a policy that needs less noise to blind the tracker "
-        "does so earlier, so that the planner brakes less."
-    )
     return PaperStatement(
         "Severe collisions are rarer than minor ones.",
         holds,
-        f"{name}: rank correlation of likelihood and severity {value} over {safety.scatter.of}",
-        why,
+        f"{name}: {_describe_correlation(safety.scatter)}",
+        _explain_severity(safety.scatter, holds),
     )
+
+
+def _describe_correlation(scatter: Scatter) -> str:
+    correlation, over = scatter.rank_correlation, f"over {len(scatter.points)} failures"
+    if correlation is None:
+        return f"no rank correlation {over}"
+    bounds = f" {format_interval(correlation.interval)}" if correlation.interval else ""
+    return (
+        "Spearman's rank correlation of log p per step and severity, "
+        f"{format_number(correlation.value)}{bounds} {over} (below 0: the severe ones are the "
+        "rarer)"
+    )
+
+
+def _explain_severity(scatter: Scatter, holds: Judgement) -> str:
+    if holds is not None:
+        return (
+            "A possible cause, not tested: a policy that needs less noise to blind the tracker "
+            "does so earlier, so that the planner brakes less."
+        )
+    if scatter.rank_correlation is not None:
+        return "The interval includes 0."
+    if len(scatter.points) < FEWEST_FAILURES:
+        return "There are fewer than ten failures."
+    return "All failures have the same likelihood or the same severity."
 
 
 def is_likelier(a: Safety, b: Safety) -> Judgement:

@@ -20,7 +20,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.analysis import InfluenceShare, Stability
 from eigenfail.values.proof import ProvenScenario, Reproduction
-from eigenfail.values.safety import Figure, Scatter, SeverityRisk, Violations
+from eigenfail.values.safety import FailurePoint, Figure, Scatter, SeverityRisk, Violations
 
 NAME = "ast evaluation"
 SURE = Interval(0.9, 1.0)
@@ -78,7 +78,7 @@ def proof(*failed_again):
     )
 
 
-def safety(correlation, low, high):
+def safety(correlation, low=-1.0, high=1.0, failures=30):
     """The safety measures of 300 episodes."""
     ttc = Violations(threshold=1.5, beyond=rate(19, 300), n=290, median=3.5, worst=0.1)
     return Safety(
@@ -92,12 +92,16 @@ def safety(correlation, low, high):
         ttc=ttc,
         drac=ttc,
         severity=SeverityRisk(level=0.95, n=9, beyond=0.45),
-        scatter=Scatter((), 9, Figure(correlation, Interval(low, high))),
+        scatter=Scatter(
+            tuple(FailurePoint(index, -2.0, 100.0, None) for index in range(failures)),
+            failures,
+            None if correlation is None else Figure(correlation, Interval(low, high)),
+        ),
     )
 
 
-def judged(words, *, along=None, across=None, proven=None, measured=None):
-    """What becomes of the statement with these words."""
+def judge(words, *, along=None, across=None, proven=None, measured=None):
+    """The statement with these words."""
     analyses = {
         (NAME, "longitudinal"): along or analysis(0.2, 0.1, 0.1),
         (NAME, "lateral"): across or analysis(0.5, 0.2, 0.1),
@@ -105,7 +109,13 @@ def judged(words, *, along=None, across=None, proven=None, measured=None):
     proofs = {NAME: proven or proof(4, 4)}
     found = judge_causes(analyses, proofs, {NAME: measured or safety(-0.5, -0.7, -0.2)})
     (one,) = [statement for statement in found if words in statement.paper]
-    return one.holds
+    return one
+
+
+INCLUDES_0 = "The interval includes 0."
+BRAKES_LESS = "the planner brakes less."
+FEWER_THAN_TEN = "There are fewer than ten failures."
+ALL_ALIKE = "All failures have the same likelihood or the same severity."
 
 
 @pytest.mark.parametrize(
@@ -134,7 +144,26 @@ def judged(words, *, along=None, across=None, proven=None, measured=None):
     ],
 )
 def test_a_statement_holds_fails_or_stays_open(words, given, expected):
-    assert judged(words, **given) is expected
+    assert judge(words, **given).holds is expected
+
+
+@pytest.mark.parametrize(
+    ("measured", "numbers", "why"),
+    [
+        (safety(0.09825, -0.01543, 0.2094), "0.0983 [−0.0155, 0.210] over 30 failures", INCLUDES_0),
+        (safety(-0.1, -0.4, 0.0), "−0.100 [−0.400, 0] over 30 failures", INCLUDES_0),
+        (safety(-0.5, -0.7, -0.2), "−0.500 [−0.700, −0.200] over 30 failures", BRAKES_LESS),
+        (safety(0.5, 0.2, 0.7), "0.500 [0.200, 0.700] over 30 failures", BRAKES_LESS),
+        (safety(None, failures=9), "no rank correlation over 9 failures", FEWER_THAN_TEN),
+        (safety(None, failures=10), "no rank correlation over 10 failures", ALL_ALIKE),
+    ],
+)
+def test_a_rank_correlation_is_shown_with_its_interval_and_the_reason(measured, numbers, why):
+    one = judge("rarer than minor", measured=measured)
+    assert one.figures.startswith(f"{NAME}: ")
+    assert numbers in one.figures
+    assert ("below 0: the severe ones are the rarer" in one.figures) is ("[" in numbers)
+    assert why in one.why
 
 
 def test_safety_measures_stand_beside_the_papers():
