@@ -38,7 +38,7 @@ CHANNEL_NAME = re.compile(rf"[a-z][a-z0-9_]{{0,{LONGEST_CHANNEL - 1}}}")
 TAKEN = (JOINT, "step", "log_probability")
 CHANNEL_RULE = (
     f"Take lower case letters, digits and underscores, a letter first, at most {LONGEST_CHANNEL} "
-    f"of them; none of {', '.join(TAKEN)}, nor a name that ends in '_sigma' or '_z'."
+    f"of them; none of {', '.join(map(repr, TAKEN))}, nor a name that ends in '_sigma' or '_z'."
 )
 CHANNELS_FIELD = "scenario_parameters.channels"
 MOST_VALUES = 100_000

@@ -79,12 +79,14 @@ def test_channels_without_names_of_their_own_are_refused(given):
     assert refused.value.field.startswith("scenario_parameters.channels")
 
 
-@pytest.mark.parametrize("name", ["A", "a b", "1", "", "a" * 33, "joint", "a_sigma"])
+@pytest.mark.parametrize(
+    "name", ["A", "a b", "1", "", "a" * 33, "joint", "step", "log_probability", "a_sigma", "a_z"]
+)
 def test_a_name_that_is_none_is_refused_with_the_rule_in_words(name):
     with pytest.raises(InvalidValue, match=f"'{name}'") as refused:
         check(with_channels(["b", name]))
     assert "regex" not in refused.value.problem
-    for words in ("lower case letters", "at most 32", "'joint'", "'_sigma'"):
+    for words in ("lower case letters", "at most 32", "'joint'", "'step'", "'_sigma'"):
         assert words in refused.value.remedy
 
 

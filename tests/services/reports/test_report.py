@@ -249,7 +249,7 @@ def test_without_campaigns_that_differ_by_seed_there_is_no_such_section(store: S
     assert "over-seeds" not in names
 
 
-CHANNELS = ("gust", "step", "gust_step", "glare", "delay", "bias", "drift")
+CHANNELS = ("gust", "campaign", "gust_campaign", "glare", "delay", "bias", "drift")
 
 
 @pytest.mark.parametrize("count", [1, 3, 5, 7])
