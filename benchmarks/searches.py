@@ -39,7 +39,7 @@ EARLIER = 1
 
 
 class Crash(NamedTuple):
-    """A failure: its noise z, shape (steps, channels), and what is known of it.
+    """A failure: its noise z, shape (steps, channels), its likelihood and its severity.
 
     `prior` is what log p would be on average on the same steps, for noise from p(x) itself.
     """

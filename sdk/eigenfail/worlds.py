@@ -16,13 +16,11 @@ from eigenfail.contracts import Scenario
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import defaults_of, read_settings
 from eigenfail.values import CampaignSpec, DisturbanceModel, EpisodeSetup, NoiseTrajectory
-from eigenfail.values.channels import SCENARIO
+from eigenfail.values.channels import CHANNELS_FIELD, SCENARIO
 from eigenfail.values.variation import Variation, read_variation
 
 Described = CampaignSpec | EpisodeSetup
 """What names a simulator, a scenario and a disturbance model."""
-
-CHANNELS = "disturbance.channels"
 
 
 class PluginField(NamedTuple):
@@ -103,7 +101,7 @@ class CampaignWorld(ABC):
         """
         if described.disturbance.channels is not msgspec.UNSET:
             problem = f"the simulator '{described.simulator}' has no channels to choose from."
-            raise InvalidValue(CHANNELS, problem, self.channels_remedy)
+            raise InvalidValue(CHANNELS_FIELD, problem, self.channels_remedy)
         return described.disturbance
 
     def step_s(self, _spec: CampaignSpec) -> float | None:
@@ -189,12 +187,12 @@ class PluginWorld(CampaignWorld):
         counts = {len(scenario(each, 0).actors) for each in variation.corners()}
         if len(counts) > 1:
             problem = "the number of vehicles varies with the parameters of the scenario."
-            raise InvalidValue(CHANNELS, problem, "Fix the parameter that it depends on.")
+            raise InvalidValue(CHANNELS_FIELD, problem, "Fix the parameter that it depends on.")
         simulator = plugins.load(plugins.SIMULATORS, described.simulator)
         offered: frozenset[str] | None = getattr(simulator, "channels", None)
         if offered is None:
             problem = f"the simulator '{described.simulator}' does not say which it offers."
-            raise InvalidValue(CHANNELS, problem, "Leave them out, or give it `channels`.")
+            raise InvalidValue(CHANNELS_FIELD, problem, "Leave them out, or give it `channels`.")
         return model.resolve(counts.pop(), offered, tuple(variation.varied))
 
     def variation(self, spec: CampaignSpec) -> Variation:

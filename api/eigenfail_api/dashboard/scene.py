@@ -68,11 +68,11 @@ def make_noise_chart(
     noise: NoiseTrajectory, dt_s: float | None, channels: Sequence[str] = AXES
 ) -> Chart:
     """Return the chart of the noise of these channels, step by step."""
-    metres, standardised = noise.injected, noise.standardised
+    injected, standardised = noise.injected, noise.standardised
     times = [step * (dt_s or 1.0) for step in range(len(noise.z))]
     axis = "Time [s]" if dt_s else "Step"
     is_position = tuple(channels) == AXES
-    injected = "[m]" if is_position else "injected"
+    unit = "[m]" if is_position else "injected"
     return Chart(
         id="noise-chart",
         kind="noise",
@@ -93,13 +93,13 @@ def make_noise_chart(
         columns=(
             axis,
             *(f"{channel.capitalize()} [sigma]" for channel in channels),
-            *(f"{channel.capitalize()} {injected}" for channel in channels),
+            *(f"{channel.capitalize()} {unit}" for channel in channels),
             "log p",
         ),
         rows=tuple(
             tuple(map(format_number, map(float, (at, *u, *a, log_p))))
             for at, u, a, log_p in zip(
-                times, standardised, metres, noise.log_probability_per_step, strict=True
+                times, standardised, injected, noise.log_probability_per_step, strict=True
             )
         ),
     )

@@ -17,7 +17,7 @@ from msgspec.structs import replace
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values.shapes import ChannelShape, Markov, Once, White
 
-FIELD = "disturbance.channels"
+CHANNELS_FIELD = "disturbance.channels"
 MOST_CHANNELS = 50
 
 NEAREST, EGO, EVERY, VEHICLE, SCENARIO = "", "ego", "every", "vehicle_", "scenario"
@@ -107,7 +107,7 @@ def find_quantity(name: str) -> Quantity:
     target, quantity_name = split_name(name)
     quantity = PARAMETER_QUANTITY if target == SCENARIO else QUANTITIES.get(quantity_name)
     if quantity is None:
-        raise UnknownName(FIELD, name, ALL_CHANNELS)
+        raise UnknownName(CHANNELS_FIELD, name, ALL_CHANNELS)
     return quantity
 
 
@@ -231,16 +231,18 @@ def resolve_channels(
     known = [*list_names(vehicles, offered), *of_scenario]
     for place, channel in enumerate(channels):
         if channel.name not in known:
-            raise UnknownName(f"{FIELD}[{place}].name", channel.name, known)
-        _check_model(channel, f"{FIELD}[{place}]")
+            raise UnknownName(f"{CHANNELS_FIELD}[{place}].name", channel.name, known)
+        _check_model(channel, f"{CHANNELS_FIELD}[{place}]")
     resolved = write_out(channels, vehicles)
     if len(resolved) > MOST_CHANNELS:
         problem = f"{len(resolved)} channels, one by one, are more than {MOST_CHANNELS}."
-        raise InvalidValue(FIELD, problem, "Name fewer, or single vehicles.")
+        raise InvalidValue(CHANNELS_FIELD, problem, "Name fewer, or single vehicles.")
     names = [channel.name for channel in resolved]
     if twice := [name for place, name in enumerate(names) if name in names[:place]]:
         problem = f"'{twice[0]}' is there twice."
-        raise InvalidValue(FIELD, problem, "Name each channel once; `every.` names all vehicles.")
+        raise InvalidValue(
+            CHANNELS_FIELD, problem, "Name each channel once; `every.` names all vehicles."
+        )
     return resolved
 
 
