@@ -116,6 +116,14 @@ class EigenfailError(Exception):
         super().__init__(f"{self.problem} {self.remedy}".strip())
 
 
+def suggest_name(name: str, known: Iterable[str]) -> str:
+    """Return the known names in a sentence, after the one that may have been meant."""
+    names = sorted(known)
+    close = get_close_matches(name, names, n=1)
+    hint = f"Did you mean '{close[0]}'? " if close else ""
+    return f"{hint}Known: {', '.join(names)}."
+
+
 class InputError(EigenfailError):
     """A request that cannot be carried out as it was made."""
 
@@ -131,12 +139,9 @@ class UnknownName(InputError):
     """No plug-in, setting or parameter has that name; the known ones are listed."""
 
     def __init__(self, field: str, name: str, known: Iterable[str]) -> None:
-        names = sorted(known)
-        close = get_close_matches(name, names, n=1)
-        hint = f"Did you mean '{close[0]}'? " if close else ""
-        super().__init__(field, f"'{name}' is not known.", f"{hint}Known: {', '.join(names)}.")
+        self.known = sorted(known)
+        super().__init__(field, f"'{name}' is not known.", suggest_name(name, self.known))
         self.name = read_text(name)
-        self.known = names
 
 
 class InvalidValue(InputError):

@@ -126,9 +126,14 @@ def _describe_collision(result: EpisodeResult) -> str:
     return f"{end}: severity {_format_number(severity, 1)} m²/s²"
 
 
+def _describe_violation(result: EpisodeResult) -> str:
+    number = result.measures.violated if result.measures else None
+    return f"{_describe_safe_end(result)}, and requirement {number} is violated"
+
+
 def _describe_safe_end(result: EpisodeResult) -> str:
 
-    nearest_m = result.measures.robustness_m if result.measures else None
+    nearest_m = result.measures.distance_m if result.measures else None
     return f"No collision: smallest distance {_format_number(nearest_m, 1)} m"
 
 
@@ -140,6 +145,7 @@ def _describe_error(result: EpisodeResult) -> str:
 
 _END_DESCRIPTIONS: dict[Outcome, Callable[[EpisodeResult], str]] = {
     Outcome.COLLISION: _describe_collision,
+    Outcome.VIOLATION: _describe_violation,
     Outcome.SAFE: _describe_safe_end,
     Outcome.ERRORED: _describe_error,
 }

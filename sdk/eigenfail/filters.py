@@ -18,6 +18,7 @@ from typing import Any
 import msgspec
 
 from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.values.campaign import CampaignSpec
 from eigenfail.values.episode import Outcome
 from eigenfail.values.measures import MEASURES, Measure
 from eigenfail.values.records import LEAD_TIMES, ConflictClass, EpisodeRow
@@ -160,6 +161,11 @@ Conditions = tuple[Condition, ...]
 def make_outcome_condition(outcome: Outcome | None) -> Conditions:
     """Return the condition for an outcome; no condition for None."""
     return () if outcome is None else (Condition("outcome", Operator.EQUAL, outcome.value),)
+
+
+def write_failure_filter(spec: CampaignSpec) -> str:
+    """Return the filter that selects the failures of a campaign."""
+    return "violated >= 1" if spec.named_requirements else "outcome = collision"
 
 
 LARGEST = 2**63 - 1

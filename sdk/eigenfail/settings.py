@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 import msgspec
 import msgspec.inspect
 
-from eigenfail.errors import EigenfailError, InvalidValue, UnknownName, describe_error
+from eigenfail.errors import EigenfailError, InvalidValue, UnknownName, describe_error, suggest_name
 
 Kind = TypeVar("Kind", bound=msgspec.Struct)
 Converted = TypeVar("Converted")
@@ -78,6 +78,10 @@ def invalid_value(
     path, problem = match["path"] if match else "", _PATH.sub("", text)
     if missing := _MISSING.search(problem):
         path, problem = ".".join(filter(None, (path, missing["name"]))), "is required"
+    elif named := _UNKNOWN.match(problem):
+        known = _list_known(kind, given, _STEP.findall(path), named)
+        remedy = suggest_name(named["name"], known) if known else ""
+        return InvalidValue(".".join(filter(None, (field, path))), f"{problem}.", remedy)
     elif expected := _EXPECTED.match(problem):
         steps = _STEP.findall(path)
         problem = _describe_refusal(_find_value(given, steps), _find_type(kind, steps), expected)
@@ -87,6 +91,7 @@ def invalid_value(
 _PATH = re.compile(r" - at `\$\.?(?P<path>[^`]*)`")
 _MISSING = re.compile(r"missing required field `(?P<name>[^`]+)`")
 _EXPECTED = re.compile(r"Expected `(?P<kinds>[^`]+)`(?P<bound>[^,]*)")
+_UNKNOWN = re.compile(r"(?:Object contains unknown field `|Invalid value ')(?P<name>[^`']+)[`']")
 _STEP = re.compile(r"[^.\[\]]+|\.\.\.")
 _NAMES = {
     "int": "an integer",
@@ -146,6 +151,45 @@ def _find_type(kind: type, path: Sequence[str]) -> Any:
     kinds = found.types if isinstance(found, msgspec.inspect.UnionType) else (found,)
     numbers = (msgspec.inspect.IntType, msgspec.inspect.FloatType)
     return next((each for each in map(_without_metadata, kinds) if isinstance(each, numbers)), None)
+
+
+def _list_known(kind: type, given: Any, path: Sequence[str], named: re.Match[str]) -> Sequence[str]:
+    """Return the names that could stand for an unknown one: fields, or tags of a union's structs.
+
+    Empty where msgspec does not describe what is there.
+    """
+    is_tag = not named[0].startswith("Object")
+    place = path[:-1] if is_tag else path
+    structs = _list_structs(kind, place)
+    if is_tag:
+        return [str(each.tag) for each in structs if each.tag_field == path[-1]] if path else []
+    value = _find_value(given, place)
+    tags = value if isinstance(value, Mapping) else {}
+    fitting = [
+        each for each in structs if each.tag_field is None or tags.get(each.tag_field) == each.tag
+    ]
+    return sorted({field.encode_name for each in fitting for field in each.fields})
+
+
+def _list_structs(kind: type, path: Sequence[str]) -> list[msgspec.inspect.StructType]:
+    """Return the structs that may stand at a path of fields and places."""
+    here = _flatten([msgspec.inspect.type_info(kind)])
+    for step in path:
+        fields = [field for each in here for field in getattr(each, "fields", ())]
+        items = [each.item_type for each in here if hasattr(each, "item_type")]
+        named = [field.type for field in fields if field.encode_name == step]
+        here = _flatten([*items, *named])
+    return [each for each in here if isinstance(each, msgspec.inspect.StructType)]
+
+
+def _flatten(types: Sequence[Any]) -> list[Any]:
+    """Return types without metadata, and the members of unions in place of these."""
+    plain = [_without_metadata(each) for each in types]
+    unions = [each for each in plain if isinstance(each, msgspec.inspect.UnionType)]
+    if not unions:
+        return plain
+    rest = [each for each in plain if not isinstance(each, msgspec.inspect.UnionType)]
+    return _flatten([*rest, *[member for each in unions for member in each.types]])
 
 
 def _without_metadata(found: Any) -> Any:

@@ -17,6 +17,14 @@ from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import defaults_of, read_settings
 from eigenfail.values import CampaignSpec, DisturbanceModel, EpisodeSetup, NoiseTrajectory
 from eigenfail.values.channels import CHANNELS_FIELD, SCENARIO
+from eigenfail.values.requirements import (
+    COLLISION_ALONE,
+    FIELD,
+    ExpectedCourse,
+    Requirements,
+    check_requirements,
+    list_signals,
+)
 from eigenfail.values.variation import Variation, read_variation
 
 Described = CampaignSpec | EpisodeSetup
@@ -47,6 +55,7 @@ class CampaignWorld(ABC):
         needs_bridge: whether only workers with a bridge can run its episodes.
         unexplained: reason why no planner can explain an episode; empty where one can.
         channels_remedy: what to do where the disturbance model names channels in vain.
+        tells_lane: whether the signals that need the lane of the ego are told.
     """
 
     plugin_fields: ClassVar[Mapping[str, PluginField]] = {}
@@ -55,6 +64,7 @@ class CampaignWorld(ABC):
     needs_bridge: ClassVar[bool] = False
     unexplained: ClassVar[str] = ""
     channels_remedy: ClassVar[str] = ""
+    tells_lane: ClassVar[bool] = False
 
     @abstractmethod
     def check(self, spec: CampaignSpec) -> None:
@@ -103,6 +113,26 @@ class CampaignWorld(ABC):
             problem = f"the simulator '{described.simulator}' has no channels to choose from."
             raise InvalidValue(CHANNELS_FIELD, problem, self.channels_remedy)
         return described.disturbance
+
+    def resolve_requirements(self, spec: CampaignSpec) -> Requirements | msgspec.UnsetType:
+        """Return the requirements that are named; absent where they are no collision alone.
+
+        Args:
+            spec: the campaign, with its channels written out.
+
+        Raises:
+            UnknownName: a signal or measure does not exist.
+            InvalidValue: one is not complete, or cannot be judged here.
+        """
+        named, step_s = spec.requirements, self.step_s(spec)
+        if isinstance(named, msgspec.UnsetType):
+            return named
+        if step_s is None:
+            problem = f"the simulator '{spec.simulator}' has no drive to judge."
+            raise InvalidValue(FIELD, problem, "Have the function return what is to stay above 0.")
+        told = list_signals(self.channels(spec), tells_lane=self.tells_lane)
+        check_requirements(named, ExpectedCourse(told, step_s, self.horizon(spec) * step_s))
+        return msgspec.UNSET if named == COLLISION_ALONE else named
 
     def step_s(self, _spec: CampaignSpec) -> float | None:
         """Return the duration of a step; None where steps have none. [s]
@@ -165,6 +195,7 @@ class CampaignWorld(ABC):
 class PluginWorld(CampaignWorld):
     """A road: simulator, scenario and planner are plug-ins."""
 
+    tells_lane = True
     plugin_fields: ClassVar[Mapping[str, PluginField]] = {
         "scenario": PluginField(plugins.SCENARIOS, "scenario_parameters", "Parameters"),
         "planner": PluginField(plugins.PLANNERS, "planner_settings", "Settings"),

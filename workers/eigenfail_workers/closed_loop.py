@@ -9,7 +9,7 @@ from eigenfail.values import Control, Mission, Observation, Perception
 from eigenfail.values.channels import Channel
 from eigenfail.values.shapes import Row
 from eigenfail_workers.faults import wrap_errors
-from eigenfail_workers.motion import clip_control, is_off_road
+from eigenfail_workers.motion import clip_control, find_lane, is_off_road
 from eigenfail_workers.perception import SensorErrors
 from eigenfail_workers.values import GroundTruth
 
@@ -61,8 +61,13 @@ class DrivenSimulation:
         self._mission = situation.mission
         with wrap_errors(PlannerError, "The planner's reset", "Look into the planner."):
             self._planner.reset(situation.mission)
-        off_road = is_off_road(situation.mission, truth.ego)
-        self._now = Observation(0, truth.ego, truth.others, off_road=off_road)
+        self._now = Observation(
+            0,
+            truth.ego,
+            truth.others,
+            off_road=is_off_road(situation.mission, truth.ego),
+            lane=find_lane(situation.mission, truth.ego),
+        )
         return self._now
 
     def _stage(self, situation: Situation) -> GroundTruth:
@@ -99,6 +104,7 @@ class DrivenSimulation:
             control=control,
             applied=applied,
             off_road=is_off_road(self._mission, truth.ego),
+            lane=find_lane(self._mission, truth.ego),
         )
         return self._now
 

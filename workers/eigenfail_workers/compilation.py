@@ -20,6 +20,7 @@ PACKAGE = "eigenfail_workers"
 MODULES = (
     *("closed_loop", "episode", "faults", "motion", "perception"),
     *("measures.conflict", "measures.geometry", "measures.importance", "measures.recorder"),
+    "measures.signals",
     *("noise.deviations", "noise.sources"),
     "planners.steering",
     *("planners.rulebook.candidates", "planners.rulebook.changes", "planners.rulebook.planner"),

@@ -95,16 +95,34 @@ def run_episode(
 def make_result(
     setup: EpisodeSetup, task: EpisodeTask, noise: NoiseSource, recorder: Recorder, dt_s: float
 ) -> EpisodeResult:
-    """Return the result of an episode that has ended, without its wall time."""
-    keep_scene = recorder.collided or task.index % setup.scene_every == 0
+    """Return the result of an episode that has ended, without its wall time.
+
+    Raises:
+        EpisodeError: a requirement cannot be judged.
+    """
+    measures = recorder.measures(dt_s)
+    judged = recorder.judge(measures, dt_s)
+    failed = recorder.collided
+    values: tuple[float, ...] = ()
+    if judged is not None:
+        failed, values = judged.violated is not None, judged.values
+        measures = replace(
+            measures,
+            robustness_m=judged.smallest,
+            nearest_m=measures.robustness_m,
+            violated=None if judged.violated is None else judged.violated + 1,
+        )
+    failure = Outcome.COLLISION if recorder.collided else Outcome.VIOLATION
+    keep_scene = failed or task.index % setup.scene_every == 0
     return EpisodeResult(
         index=task.index,
         seed=task.seed,
-        outcome=Outcome.COLLISION if recorder.collided else Outcome.SAFE,
+        outcome=failure if failed else Outcome.SAFE,
         steps=recorder.steps,
         noise=recorder.noise(),
         source=task.source_kind,
-        measures=recorder.measures(dt_s),
+        measures=measures,
+        requirements=values,
         states=noise.states(),
         importance=recorder.importance(),
         scene=recorder.scene(dt_s) if keep_scene else None,

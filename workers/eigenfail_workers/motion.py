@@ -3,7 +3,7 @@
 from math import pi
 from typing import Final
 
-from eigenfail.values import Control, Mission, VehicleState
+from eigenfail.values import Control, LanePosition, Mission, VehicleState
 from eigenfail.values.records import PEAK_BRAKING_MPS2
 
 MASS_KG: Final = 30_000.0  # a partly loaded articulated truck of the 40 t class
@@ -43,6 +43,17 @@ def is_off_road(mission: Mission, vehicle: VehicleState) -> bool:
         return True
     ends_x_m = mission.lane_0_ends_x_m
     return ends_x_m is not None and lane < 0.5 and vehicle.x_m > ends_x_m
+
+
+def find_lane(mission: Mission, vehicle: VehicleState) -> LanePosition:
+    """Return where a vehicle is in the lane whose centre is nearest to its own.
+
+    Beyond the end of lane 0 that is no lane any more.
+    """
+    width_m, ends_x_m = mission.lane_width_m, mission.lane_0_ends_x_m
+    first = 1 if ends_x_m is not None and vehicle.x_m > ends_x_m else 0
+    lane = min(max(round(vehicle.y_m / width_m), first), mission.lanes - 1)
+    return LanePosition(vehicle.y_m - lane * width_m, width_m)
 
 
 def minimum_jerk(share: float) -> tuple[float, float]:

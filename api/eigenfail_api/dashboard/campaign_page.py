@@ -342,6 +342,15 @@ def group_settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str]
         (f"Scenario {spec.scenario}", list_pairs(in_words(spec.scenario_parameters))),
         (f"Planner {spec.planner}", list_pairs(spec.planner_settings)),
         ("Disturbance model", list_pairs(describe_disturbance(spec))),
+        *([("Requirements", named)] if (named := list_requirements(spec)) else []),
+    )
+
+
+def list_requirements(spec: CampaignSpec) -> tuple[tuple[str, str], ...]:
+    """Return the requirements that are named, in words, with what they are weighted by."""
+    return tuple(
+        (each.label, f"{each.in_words()}; scale {each.scale:g} {each.unit}".rstrip())
+        for each in spec.named_requirements
     )
 
 
@@ -369,7 +378,7 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
     """Serve the page of a campaign; its slow second part is included only if it is cached."""
     latest, seen = store.events.last(), store.campaigns.get(campaign)
     begun = () if again else prefetch_figures(store, seen)
-    listed = read_failures(store, campaign, None)
+    listed = read_failures(store, seen, None)
     first = [row.index for row in listed.items[:MOST_FAILURES]]
     here = count_present(store)
     found = Findings(

@@ -16,7 +16,7 @@ from eigenfail.presentation.figures import (
     format_percent_interval,
     format_share,
 )
-from eigenfail.values import Campaign, Course, CourseBlock, NoiseTrajectory, Outcome, Rate
+from eigenfail.values import Campaign, Course, CourseBlock, NoiseTrajectory, Rate
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.summary import EpisodeSample
 from eigenfail_services.campaigns.cache import StoreCache
@@ -159,7 +159,7 @@ def make_robustness_chart(
         data={
             "index": [row.index for row in measured],
             "robustness": round_values(row.robustness_m for row in measured),
-            "collision": [row.outcome is Outcome.COLLISION for row in measured],
+            "collision": [row.outcome.is_failure for row in measured],
             "unit": unit,
         },
         columns=(
@@ -214,7 +214,7 @@ def make_parallel_chart(rows: Sequence[EpisodeRow], *, is_all: bool) -> Chart:
             "columns": list(AXES),
             "names": list(AXES.values()),
             "values": [round_values(values[name]) for name in AXES],
-            "collision": [row.outcome is Outcome.COLLISION for row in rows],
+            "collision": [row.outcome.is_failure for row in rows],
         },
         columns=("Episode", "Outcome", *AXES.values()),
         rows=tuple(

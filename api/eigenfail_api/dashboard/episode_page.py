@@ -11,7 +11,8 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail import plugins
 from eigenfail.errors import EigenfailError, NoisePruned, NotFound, ServiceBusy
-from eigenfail.presentation.episodes import format_event, tabulate_thresholds
+from eigenfail.filters import parse_filter, write_failure_filter
+from eigenfail.presentation.episodes import format_event, list_judged, tabulate_thresholds
 from eigenfail.presentation.figures import (
     UNKNOWN,
     count_noun,
@@ -38,7 +39,6 @@ from eigenfail.versions import differences
 from eigenfail.worlds import drawn_for, placed_for, world_of
 from eigenfail_api.dashboard.charts import Chart, make_reference
 from eigenfail_api.dashboard.cost_charts import REPLAY
-from eigenfail_api.dashboard.episodes_page import FAILURE_CONDITIONS as FAILURES
 from eigenfail_api.dashboard.rendering import (
     OUTCOME_BADGES,
     Badge,
@@ -110,7 +110,10 @@ def list_danger(measures: Measures, assessed: Assessment) -> Facts:
     """Return the measures of how near the episode came to a collision."""
     return (
         ("Class", assessed.words or NOT_CLASSIFIED),
-        ("Robustness", format_quantity(measures.robustness_m, "m")),
+        (
+            "Robustness",
+            format_quantity(measures.robustness_m, "m" if measures.nearest_m is None else ""),
+        ),
         ("Severity", format_severity(measures.severity)),
     )
 
@@ -161,7 +164,7 @@ NOT_REPEATABLE = (
     "Nothing was changed, so the result should be the same: planner, simulator or machine is not "
     "deterministic, or their versions differ. Use those that the campaign ran on."
 )
-WORLD = ("planner", "planner_settings", "scenario", "simulator", "disturbance")
+WORLD = ("planner", "planner_settings", "scenario", "simulator", "disturbance", "requirements")
 
 
 class Run(NamedTuple):
@@ -241,12 +244,13 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
         facts: what the episode was.
         varied: the scenario parameters that it drew; empty where they are fixed.
         ride: how rough it was; empty if not measured.
+        requirements: robustness of each requirement that the campaign names.
         thresholds: the safety measures; None if not measured, and of a function.
         why_no_scene: empty if there is one.
         stage: what the first part shows, as its title.
         can_replay: whether there is noise that could be injected again.
         jumps: moments that were measured.
-        next_failure: index of the next collision of the campaign, if there is one.
+        next_failure: index of the next failure of the campaign, if there is one.
         replayed: campaign and index of the episode whose noise it repeats; None if of no episode.
         verdict: whether it is the same again; None if it repeats no episode that is known.
     """
@@ -258,6 +262,7 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
     facts: Facts
     varied: Facts
     ride: Facts
+    requirements: Facts
     thresholds: Table | None
     problem: str
     digest: str
@@ -296,6 +301,7 @@ def make_episode_view(
         facts=list_facts(result, dt_s, has_road=has_road),
         varied=list_drawn_parameters(campaign, result),
         ride=list_ride(result) if has_road else (),
+        requirements=tuple(list_judged(campaign.spec, result.requirements)),
         thresholds=tabulate_thresholds(measures, assess(result.outcome, measures))
         if measures and has_road
         else None,
@@ -324,7 +330,7 @@ def explain_missing_scene(campaign: Campaign, result: EpisodeResult) -> str:
     every = campaign.spec.scene_every
     sample = "" if every == 1 else f" and every {format_count(every)}th of the others"
     return (
-        "The scene of this episode was not kept: campaigns keep those of all collisions"
+        "The scene of this episode was not kept: campaigns keep those of all failures"
         f"{sample}. Its noise was, so that it can be run again."
     )
 
@@ -386,7 +392,7 @@ def show_episode(
     seen = store.campaigns.get(campaign)
     result = store.episodes.get(campaign, index)
     mission = find_mission(seen.spec, result)
-    following = find_next_failure(store, campaign, index)
+    following = find_next_failure(store, seen, index)
     view = make_episode_view(
         seen, result, mission, following, judge_replay(store, Run(seen, result))
     )
@@ -463,9 +469,10 @@ def list_differing_versions(
     return differences(then, now)
 
 
-def find_next_failure(store: Store, campaign: int, index: int) -> int | None:
-    """Return the index of the campaign's next collision; None if there is none."""
-    following = store.episodes.page(campaign, 1, index, FAILURES).items
+def find_next_failure(store: Store, campaign: Campaign, index: int) -> int | None:
+    """Return the index of the campaign's next failure; None if there is none."""
+    wanted = parse_filter(write_failure_filter(campaign.spec))
+    following = store.episodes.page(campaign.id, 1, index, wanted).items
     return following[0].index if following else None
 
 

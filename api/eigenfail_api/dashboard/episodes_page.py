@@ -17,10 +17,10 @@ from eigenfail.filters import (
     Column,
     SortOrder,
     Value,
-    make_outcome_condition,
     parse_filter,
     parse_sort,
     read_value,
+    write_failure_filter,
 )
 from eigenfail.presentation.analyses import choose_channel_words
 from eigenfail.presentation.figures import count_noun, format_number, format_utc
@@ -31,7 +31,6 @@ from eigenfail.values import (
     Campaign,
     CampaignSpec,
     ConflictClass,
-    Outcome,
     Page,
 )
 from eigenfail.values.analysis import JOINT
@@ -48,8 +47,6 @@ from eigenfail_api.dashboard.rendering import (
 )
 from eigenfail_api.parameters import LARGEST, CampaignId, Stored
 from eigenfail_services.store import Store
-
-FAILURES = "outcome = collision"
 
 ALL_ERRORED = "No episode was completed: all of them errored."
 
@@ -138,10 +135,11 @@ def make_episode_list(
     campaign: Campaign, page: Page[EpisodeRow], after: int | None = None
 ) -> EpisodeList:
     """Return the list of failures that begins after a cursor."""
+    failures = write_failure_filter(campaign.spec)
     return EpisodeList(
         campaign=campaign.id,
-        every=make_address(campaign.id, FAILURES),
-        headings=make_headings(campaign, FAILURES, None),
+        every=make_address(campaign.id, failures),
+        headings=make_headings(campaign, failures, None),
         lines=tuple(map(make_episode_line, page.items)),
         next=page.next,
         last=page.items[-1].index if page.items else after,
@@ -420,7 +418,6 @@ def format_export_command(campaign: int, asked: EpisodeRequest) -> str:
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
-FAILURE_CONDITIONS = make_outcome_condition(Outcome.COLLISION)
 FAILURES_ON_A_PAGE = 25
 EPISODES_ON_A_PAGE = 50
 
@@ -453,10 +450,11 @@ def show_episodes(
 def show_failures(store: Stored, campaign: CampaignId, after: After = None) -> HTMLResponse:
     """Rows of the list of failures: a piece of a page."""
     seen = store.campaigns.get(campaign)
-    view = make_episode_list(seen, read_failures(store, campaign, after), after)
+    view = make_episode_list(seen, read_failures(store, seen, after), after)
     return page("failures.html", view)
 
 
-def read_failures(store: Store, campaign: int, after: int | None) -> Page[EpisodeRow]:
+def read_failures(store: Store, campaign: Campaign, after: int | None) -> Page[EpisodeRow]:
     """Return the next page of the list of failures."""
-    return store.episodes.page(campaign, FAILURES_ON_A_PAGE, after, FAILURE_CONDITIONS)
+    wanted = parse_filter(write_failure_filter(campaign.spec))
+    return store.episodes.page(campaign.id, FAILURES_ON_A_PAGE, after, wanted)

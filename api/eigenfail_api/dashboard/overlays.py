@@ -12,7 +12,7 @@ from eigenfail.presentation.figures import (
     format_number,
     format_share,
 )
-from eigenfail.values import Campaign, CampaignCost, CostPoint, Course, Outcome
+from eigenfail.values import Campaign, CampaignCost, CostPoint, Course
 from eigenfail.values.records import EpisodeRow
 from eigenfail.worlds import world_of
 from eigenfail_api.dashboard.charts import (
@@ -238,7 +238,7 @@ def make_severity_chart(compared: Sequence[Compared]) -> Chart:
 
 def list_failures(one: Compared) -> list[EpisodeRow]:
     """Return failures of the sample, thinned evenly."""
-    found = [row for row in one.rows if row.outcome is Outcome.COLLISION and row.severity]
+    found = [row for row in one.rows if row.outcome.is_failure and row.severity]
     return found[:: -(-len(found) // MOST_POINTS) or 1]
 
 

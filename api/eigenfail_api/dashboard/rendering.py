@@ -288,6 +288,7 @@ ANALYSIS_BADGES = {
 
 OUTCOME_BADGES = {
     Outcome.COLLISION: Badge("collision", "◆", "bad"),
+    Outcome.VIOLATION: Badge("violation", "◇", "bad"),
     Outcome.SAFE: Badge("safe", "○", "good"),
     Outcome.ERRORED: Badge(ERRORED, "!", "waiting"),
 }

@@ -30,7 +30,7 @@ from eigenfail.values import CampaignSpec, Outcome, Replayed
 from eigenfail.values.records import EpisodeDetail
 from eigenfail.values.report import ExportFormat
 from eigenfail.versions import differences, versions
-from eigenfail.worlds import drawn_for, placed_for, world_of
+from eigenfail.worlds import drawn_for, placed_for
 
 DIFFERENT = 1
 
@@ -257,12 +257,11 @@ def show_episode(
     """Show one episode; with --json its noise and scene, too."""
     found, spec = find_stored_episode(context, url, episode)
     drawn_here = drawn_for(spec, found.seed) | placed_for(spec, found.noise)
-    has_road = world_of(spec.simulator).has_road
     campaign, _ = parse_episode_id(episode)
     show(
         found,
         as_json,
-        lambda: render(list_episode_facts(campaign, found, drawn_here, has_road=has_road)),
+        lambda: render(list_episode_facts(campaign, spec, found, drawn_here)),
     )
 
 

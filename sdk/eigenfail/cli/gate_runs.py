@@ -48,6 +48,7 @@ from eigenfail.values import (
     Outcome,
     episode_seed,
 )
+from eigenfail.values.episode import FAILURES
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.suite import suite_of
 from eigenfail.values.variation import KINDS
@@ -365,14 +366,18 @@ class Runner:
         counts = campaign.counts
         outcomes = RunOutcomes(
             episodes=counts.completed + counts.errored,
-            collisions=self._of_outcome(campaign, Outcome.COLLISION),
-            errored=self._of_outcome(campaign, Outcome.ERRORED),
+            failures=self._list_outcomes(campaign, *FAILURES),
+            errored=self._list_outcomes(campaign, Outcome.ERRORED),
         )
         return RerunSide(campaign, outcomes)
 
-    def _of_outcome(self, campaign: Campaign, outcome: Outcome) -> dict[int, EpisodeRow]:
-        """The episodes that ended like this, by index."""
-        return {row.index: row for row in self._client.episodes.list(campaign.id, outcome)}
+    def _list_outcomes(self, campaign: Campaign, *outcomes: Outcome) -> dict[int, EpisodeRow]:
+        """Return the episodes that ended like these, by index."""
+        return {
+            row.index: row
+            for outcome in outcomes
+            for row in self._client.episodes.list(campaign.id, outcome)
+        }
 
 
 def _require_done(campaign: Campaign) -> None:

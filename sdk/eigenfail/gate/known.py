@@ -290,7 +290,7 @@ def add_modes(judged: Rerun, together: Analysis, now: RerunSide, pages: str) -> 
     if not new:
         words = f"None of {len(result.modes)} failure modes is new."
         return replace(judged, modes=words)
-    counts, rows = judged.judges_modes, now.outcomes.collisions
+    counts, rows = judged.judges_modes, now.outcomes.failures
     became = GateVerdict.NEW if counts else GateVerdict.UNPROVEN
     described = [(one.words(counts), rows.get(one.episode)) for one in new]
     sentence = f"{'; '.join(words for words, _ in described)}.".capitalize()

@@ -213,7 +213,7 @@ def _list_pair_findings(
     verdicts: Mapping[int, GateVerdict], before: int, now: RerunSide, pages: str
 ) -> Iterator[GateFinding]:
     """Some episodes of each verdict, the worst verdict first; fixed ones have no failure to see."""
-    rows = now.outcomes.collisions | now.outcomes.errored
+    rows = now.outcomes.failures | now.outcomes.errored
     for worst in WORST_FIRST:
         alike = [index for index, each in verdicts.items() if each is worst and index in rows]
         for index in alike[:_MOST_FINDINGS]:
@@ -242,7 +242,7 @@ def _judge_as_whole(before: RerunSide, now: RerunSide, comparison: Comparison, p
 def _list_failure_findings(now: RerunSide, pages: str) -> Iterator[GateFinding]:
     """Those that errored, then the likeliest failures."""
     failures = sorted(
-        now.outcomes.collisions.values(), key=lambda row: row.log_probability, reverse=True
+        now.outcomes.failures.values(), key=lambda row: row.log_probability, reverse=True
     )
     for row in [*now.outcomes.errored.values()][:_MOST_FINDINGS]:
         yield make_finding(GateVerdict.CANNOT_RUN, f"episode {row.index}", "", row, pages)

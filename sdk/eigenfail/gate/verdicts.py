@@ -41,9 +41,6 @@ CLOSING = frozenset({GateVerdict.NEW, GateVerdict.CANNOT_RUN})
 
 STRICTLY_CLOSING = CLOSING | {GateVerdict.STILL_FAILING, GateVerdict.UNPROVEN}
 
-FAILING = {Outcome.COLLISION: GateVerdict.STILL_FAILING, Outcome.SAFE: GateVerdict.NEW}
-PASSING = {Outcome.COLLISION: GateVerdict.FIXED}
-
 
 def judge_outcome(before: Outcome | None, now: Outcome | None) -> GateVerdict:
     """What became of an episode that both planners were given.
@@ -52,11 +49,14 @@ def judge_outcome(before: Outcome | None, now: Outcome | None) -> GateVerdict:
         before: what came of it with the baseline's planner; None if that is not known.
         now: what came of it with the new one; None if there is no result.
     """
-    if now is Outcome.COLLISION:
-        return FAILING.get(before, GateVerdict.UNPROVEN) if before else GateVerdict.UNPROVEN
+    failed = before is not None and before.is_failure
     if now is Outcome.SAFE:
-        return PASSING.get(before, GateVerdict.SAFE) if before else GateVerdict.SAFE
-    return GateVerdict.CANNOT_RUN
+        return GateVerdict.FIXED if failed else GateVerdict.SAFE
+    if now is None or not now.is_failure:
+        return GateVerdict.CANNOT_RUN
+    if before is Outcome.SAFE:
+        return GateVerdict.NEW
+    return GateVerdict.STILL_FAILING if failed else GateVerdict.UNPROVEN
 
 
 class RunOutcomes(msgspec.Struct, frozen=True):
@@ -64,18 +64,18 @@ class RunOutcomes(msgspec.Struct, frozen=True):
 
     Attributes:
         episodes: number of episodes with a result; their indices begin with 0.
-        collisions: collisions by the index of the episode.
+        failures: failures by the index of the episode.
         errored: episodes that errored, by index.
     """
 
     episodes: int
-    collisions: dict[int, EpisodeRow]
+    failures: dict[int, EpisodeRow]
     errored: dict[int, EpisodeRow]
 
     def of(self, index: int) -> Outcome | None:
         """Return the outcome of an episode; None if it was not run or errored."""
-        if index in self.collisions:
-            return Outcome.COLLISION
+        if index in self.failures:
+            return self.failures[index].outcome
         known = index < self.episodes and index not in self.errored
         return Outcome.SAFE if known else None
 
@@ -89,9 +89,9 @@ def judge_pairs(before: RunOutcomes, now: RunOutcomes) -> dict[int, GateVerdict]
         before: outcomes of the baseline.
         now: outcomes of the new planner, under the same noise at every index.
     """
-    tried = {index for index in before.collisions if index < now.episodes}
+    tried = {index for index in before.failures if index < now.episodes}
     broken = {index for index in now.errored if before.of(index) is not None}
-    indices = sorted(tried | broken | now.collisions.keys())
+    indices = sorted(tried | broken | now.failures.keys())
     found = {index: judge_outcome(before.of(index), now.of(index)) for index in indices}
     return {index: each for index, each in found.items() if each is not GateVerdict.SAFE}
 

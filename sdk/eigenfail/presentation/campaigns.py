@@ -150,6 +150,7 @@ def list_campaign_facts(campaign: Campaign) -> FactTable:
         ("planner", f"{spec.planner} {spec.planner_settings or ''}"),
         ("simulator", f"{spec.simulator}, seed {spec.seed}"),
         ("disturbance", "; ".join(map(" ".join, describe_disturbance(spec).items()))),
+        *((f"requirement {each.label}", each.in_words()) for each in spec.named_requirements),
         ("budget", f"{format_count(spec.episodes)} episodes{_format_stop_rules(spec)}"),
         ("priority", spec.priority),
         ("episodes", ", ".join(_list_ended(campaign))),
@@ -278,12 +279,21 @@ def tabulate_safety_measures(found: Safety) -> Table:
         return Table("Safety measures", (*name_columns("Measure"), *counts), (failures,))
     columns = (*name_columns("Measure"), *counts, *count_columns("Median", "Worst", "n"))
     rows = (
-        ("Collision", *_count_rate(found.collisions), None, None, None),
+        *_list_failures(found),
         ("Near miss", *_count_rate(found.near_misses), None, None, None),
         (f"MinTTC below {ttc.threshold:g} s", *_list_violations(ttc, "s")),
         (f"DRAC above {drac.threshold:g} m/s²", *_list_violations(drac, "m/s²")),
     )
     return Table("Safety measures", columns, rows)
+
+
+def _list_failures(found: Safety) -> Iterator[tuple[Cell, ...]]:
+    """Yield the row of the failures, and one for each requirement that is named."""
+    failure = "Failure" if found.requirements else "Collision"
+    yield (failure, *_count_rate(found.collisions), None, None, None)
+    for each in found.requirements:
+        rate, worst = each.violations, format_quantity(each.worst, each.unit)
+        yield (f"Violates {each.name}", *_count_rate(rate), None, worst, rate and rate.n)
 
 
 def _count_rate(rate: Rate | None) -> tuple[Cell, Cell]:

@@ -29,7 +29,9 @@ from eigenfail.values import (
     Measures,
     MinimalFailure,
 )
+from eigenfail.values.campaign import CampaignSpec
 from eigenfail.values.records import LEAD_TIMES, EpisodeDetail, EpisodeRow
+from eigenfail.worlds import world_of
 
 LIKELIER = (
     "log p rises as noise is left out, since p(x) is densest at zero; it does not say how rare "
@@ -78,12 +80,13 @@ def format_class(assessed: Assessment) -> str:
 
 
 def list_episode_facts(
-    campaign: int, result: EpisodeDetail, drawn: Mapping[str, Any], *, has_road: bool
+    campaign: int, spec: CampaignSpec, result: EpisodeDetail, drawn: Mapping[str, Any]
 ) -> FactTable:
     """Return one episode with the scenario parameters that it drew, and its measures.
 
     Of a function robustness alone was measured, which has no unit.
     """
+    has_road = world_of(spec.simulator).has_road
     likelihood = format_number(result.noise.log_probability, LOG_P_DIGITS)
     rows = [
         ("episode", f"{campaign}/{result.index}, seed {result.seed}"),
@@ -92,6 +95,7 @@ def list_episode_facts(
         ("steps", str(result.steps)),
         *(("scenario", f"{name} = {value}") for name, value in drawn.items()),
         ("disturbances", f"from {result.source}, log p {likelihood}"),
+        *((f"requirement {name}", words) for name, words in list_judged(spec, result.requirements)),
         *_list_measured(result, has_road=has_road),
         ("scene", "stored" if result.scene else "not stored"),
         ("digest", result.digest()),
@@ -119,6 +123,19 @@ def list_measures(measures: Measures, assessed: Assessment) -> Iterator[tuple[st
             yield measure.heading, text
 
 
+def list_judged(spec: CampaignSpec, values: Sequence[float]) -> Iterator[tuple[str, str]]:
+    """Yield each requirement that is named, with the robustness of an episode.
+
+    Args:
+        spec: the campaign.
+        values: robustness of each requirement; none of an episode that errored.
+    """
+    for each, value in zip(spec.named_requirements, values, strict=False):
+        state = "violated" if value <= 0.0 else "satisfied"
+        robustness = format_quantity(value, each.unit)
+        yield each.label, f"{state}: {each.in_words()}; robustness {robustness}"
+
+
 def format_event(at_s: float | None) -> str:
     """Return the time of an event, or that it never came."""
     return "never" if at_s is None else format_quantity(at_s, "s")
@@ -144,7 +161,7 @@ def tabulate_thresholds(measures: Measures, assessed: Assessment) -> Table:
             format_quantity(assessed.drac_lead_s, "s"),
         ),
         (
-            *("Footprints apart", format_quantity(measures.robustness_m, "m"), "0 m"),
+            *("Footprints apart", format_quantity(measures.distance_m, "m"), "0 m"),
             *(format_event(measures.collided_s), None),
         ),
     )

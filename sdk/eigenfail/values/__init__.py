@@ -103,13 +103,23 @@ from eigenfail.values.safety import (
     FailurePoint,
     Figure,
     MeasureTotals,
+    RequirementFigures,
+    RequirementTotals,
     Safety,
     SafetyTotals,
     Scatter,
     SeverityRisk,
     Violations,
 )
-from eigenfail.values.scene import Control, Mission, Observation, Perception, Scene, VehicleState
+from eigenfail.values.scene import (
+    Control,
+    LanePosition,
+    Mission,
+    Observation,
+    Perception,
+    Scene,
+    VehicleState,
+)
 from eigenfail.values.shapes import (
     Autoregressive,
     Correlated,
@@ -196,6 +206,7 @@ __all__ = [
     "Importance",
     "InfluenceShare",
     "Interval",
+    "LanePosition",
     "Layer",
     "LearnerContext",
     "Magnitude",
@@ -236,6 +247,8 @@ __all__ = [
     "Replayed",
     "ReplayedNoise",
     "Reproduction",
+    "RequirementFigures",
+    "RequirementTotals",
     "Round",
     "RoundSizes",
     "RunPart",

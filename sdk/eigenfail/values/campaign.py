@@ -10,6 +10,7 @@ from msgspec import Meta, structs
 from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.episode import ERRORED, MAX_SEED, EpisodeSetup
 from eigenfail.values.operations import Versions
+from eigenfail.values.requirements import COLLISION_ALONE, AnyRequirement, Requirements
 from eigenfail.values.showing import Shown
 
 MAX_USD = 1e9
@@ -156,7 +157,9 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             that it is no limit, but where chains move in groups instead of all at once. It is part
             of what the campaign is, so that the episodes are the same for any number of workers.
             None: what the method keeps open by itself.
-        scene_every: besides all collisions, keep the scene of every n-th episode.
+        scene_every: besides all failures, keep the scene of every n-th episode.
+        requirements: what an episode must satisfy, the most important first; an episode that
+            violates one of them is a failure. Where they are absent, no collision.
         priority: how large its share of the workers is beside other campaigns, and how soon it has
             its turn; it may be changed later, and changes no episode.
     """
@@ -235,7 +238,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         int,
         msgspec.Meta(ge=1, le=MAX_EPISODES),
         SpecField(
-            help="Besides all collisions, the scene of every n-th episode is kept.",
+            help="Besides all failures, the scene of every n-th episode is kept.",
             section=Section.RECORDS,
             label="scene kept every",
             changes_episodes=False,
@@ -249,15 +252,36 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             changes_episodes=False,
         ),
     ] = Priority.NORMAL
+    # Absent from texts, keys and digests where it is not given, as there was no such field once.
+    requirements: Annotated[
+        Requirements | msgspec.UnsetType,
+        SpecField(
+            help='As JSON: [{"kind": "time_headway"}]; left out, no collision is required.',
+            section=Section.CAMPAIGN,
+        ),
+    ] = msgspec.UNSET
+
+    @property
+    def named_requirements(self) -> tuple[AnyRequirement, ...]:
+        """The requirements that are named; none where only no collision is required."""
+        return () if isinstance(self.requirements, msgspec.UnsetType) else self.requirements
 
     def is_like(self, other: "CampaignSpec") -> bool:
         """Return whether both specs describe the same campaign, at any priority.
 
-        Channels may be written out in one of them, as a service does with those of what it stores.
+        Channels may be written out in one of them, and no collision be the only requirement that is
+        named, as a service writes what it stores.
         """
-        like = {"priority": other.priority, "disturbance": other.disturbance}
-        return msgspec.structs.replace(self, **like) == other and self.disturbance.is_like(
-            other.disturbance
+        like = {
+            "priority": other.priority,
+            "disturbance": other.disturbance,
+            "requirements": other.requirements,
+        }
+        mine, theirs = (each.named_requirements or COLLISION_ALONE for each in (self, other))
+        return (
+            msgspec.structs.replace(self, **like) == other
+            and mine == theirs
+            and self.disturbance.is_like(other.disturbance)
         )
 
     def setup(self) -> EpisodeSetup:
@@ -270,6 +294,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             planner_settings=self.planner_settings,
             disturbance=self.disturbance,
             scene_every=self.scene_every,
+            requirements=self.requirements,
         )
 
 

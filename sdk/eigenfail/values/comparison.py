@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from eigenfail.values.campaign import Cost, Interval, Rate, Settings
 from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.requirements import Requirements
 from eigenfail.values.showing import Brief, Shown, Tabular
 
 
@@ -149,6 +150,7 @@ class Peers(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         planner_settings: settings that differ from the planner's defaults.
         scenario_parameters: the same of the scenario, each a value or a distribution.
+        requirements: what an episode must satisfy; None: no collision.
     """
 
     planner: str
@@ -157,6 +159,7 @@ class Peers(msgspec.Struct, frozen=True, kw_only=True):
     scenario_parameters: Settings
     simulator: str
     disturbance: DisturbanceModel
+    requirements: Requirements | None = None
 
 
 class Pool(msgspec.Struct, frozen=True, kw_only=True):
@@ -236,11 +239,11 @@ class Trials(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         seeds: seeds from which each drew its parameters, shape (n,).
-        collided: whether each of them did, shape (n,).
+        failed: whether each of them is a failure, shape (n,).
     """
 
     seeds: NDArray[np.int64]
-    collided: NDArray[np.bool_]
+    failed: NDArray[np.bool_]
 
 
 class Bound(msgspec.Struct, frozen=True, kw_only=True):

@@ -12,6 +12,7 @@ from eigenfail.errors import clean_text
 from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
 from eigenfail.values.measures import Measures
+from eigenfail.values.requirements import AnyRequirement, Requirements
 from eigenfail.values.scene import Scene
 from eigenfail.values.shapes import White
 from eigenfail.values.showing import Brief
@@ -85,7 +86,11 @@ class EpisodeTask(msgspec.Struct, frozen=True, eq=False, gc=False):
 
 
 class EpisodeSetup(msgspec.Struct, frozen=True):
-    """What all episodes of a campaign share, by plug-in names and their settings."""
+    """What all episodes of a campaign share, by plug-in names and their settings.
+
+    Attributes:
+        requirements: what an episode must satisfy; where they are absent, no collision.
+    """
 
     simulator: str
     scenario: str
@@ -94,6 +99,13 @@ class EpisodeSetup(msgspec.Struct, frozen=True):
     planner_settings: dict[str, Any]
     disturbance: DisturbanceModel
     scene_every: int = 50
+    # Absent from fingerprints and messages where it is not given, as in campaigns.
+    requirements: Requirements | msgspec.UnsetType = msgspec.UNSET
+
+    @property
+    def named_requirements(self) -> tuple[AnyRequirement, ...]:
+        """The requirements that are named; none where only no collision is required."""
+        return () if isinstance(self.requirements, msgspec.UnsetType) else self.requirements
 
 
 ERRORED = "errored"
@@ -103,12 +115,16 @@ ERRORED = "errored"
 class Outcome(StrEnum):
     """How an episode ended.
 
+    A violation is a failure without a collision: the episode violates another requirement of its
+    campaign. A collision that violates none, where none forbids it, counts as safe.
+
     An episode that errored could not be completed, which says nothing about the ego. "failed" is
     only its stored and sent spelling: people read `word`, and "errored" is accepted wherever an
     outcome is.
     """
 
     COLLISION = "collision"
+    VIOLATION = "violation"
     SAFE = "safe"
     ERRORED = "failed"
 
@@ -118,8 +134,17 @@ class Outcome(StrEnum):
 
     @property
     def word(self) -> str:
-        """The outcome as people read it: collision, safe or errored."""
+        """The outcome as people read it: collision, violation, safe or errored."""
         return ERRORED if self is Outcome.ERRORED else self.value
+
+    @property
+    def is_failure(self) -> bool:
+        """Whether the episode violates a requirement of its campaign, by a collision or not."""
+        return self in FAILURES
+
+
+FAILURES = (Outcome.COLLISION, Outcome.VIOLATION)
+"""The outcomes that are failures."""
 
 
 class EpisodeFault(msgspec.Struct, frozen=True):
@@ -147,7 +172,9 @@ class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False, gc=False):
         states: what the adversary saw, shape (steps, count_state(channels)), for policy
             sources.
         importance: importance after each step, shape (steps,), where its source asks for it.
-        scene: the full trajectories, for collisions and a sample of the others.
+        scene: the full trajectories, for failures and a sample of the others.
+        requirements: robustness of each requirement of its campaign, in its unit and in their
+            order; empty where only no collision is required.
         wall_s: time the worker spent on the episode; not part of the digest.
         source: kind of its disturbance source: prior, trajectory or policy.
     """
@@ -164,11 +191,12 @@ class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False, gc=False):
     scene: Scene | None = None
     fault: EpisodeFault | None = None
     wall_s: float = 0.0
+    requirements: tuple[float, ...] = ()
 
     @property
     def is_failure(self) -> bool:
-        """Whether the ego collided."""
-        return self.outcome is Outcome.COLLISION
+        """Whether it violates a requirement of its campaign."""
+        return self.outcome.is_failure
 
     @property
     def believed_wall_s(self) -> float:

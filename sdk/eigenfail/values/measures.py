@@ -165,6 +165,30 @@ class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
             source="FHWA",
         ),
     ] = None
+    nearest_m: Annotated[
+        float | None,
+        Measure(
+            label="smallest distance",
+            unit="m",
+            words="smallest distance to another vehicle, where requirements are named",
+            formula=(
+                "smallest distance between the footprints of the ego and any other vehicle, 0 on a "
+                "collision; empty where the campaign names no requirements, as it is the "
+                "robustness then"
+            ),
+        ),
+    ] = None
+    violated: Annotated[
+        int | None,
+        Measure(
+            label="violated requirement",
+            words="number of the first requirement that is violated, from 1",
+            formula=(
+                "number of the first requirement of the campaign that the episode violates, from "
+                "1; empty without one, and where the campaign names no requirements"
+            ),
+        ),
+    ] = None
 
 
 class Measures(LaterMeasures, frozen=True, gc=False):
@@ -179,10 +203,11 @@ class Measures(LaterMeasures, frozen=True, gc=False):
         Measure(
             label="robustness",
             unit="m",
-            words="smallest distance to another vehicle",
+            words="smallest distance to another vehicle, or robustness of the requirements",
             formula=(
-                "smallest distance between the footprints of the ego and any other vehicle; 0 on a "
-                "collision"
+                "smallest distance between the footprints of the ego and any other vehicle, 0 on a "
+                "collision; where the campaign names requirements, the smallest of robustness ÷ "
+                "`scale`, 0 where one is violated"
             ),
             source="paper",
         ),
@@ -219,6 +244,11 @@ class Measures(LaterMeasures, frozen=True, gc=False):
             source="FHWA, paper",
         ),
     ] = None
+
+    @property
+    def distance_m(self) -> float:
+        """Smallest distance to another vehicle, also where robustness is that of requirements."""
+        return self.robustness_m if self.nearest_m is None else self.nearest_m
 
     def packed(self) -> bytes:
         """Return the first twelve as little-endian doubles, NaN for None, for a digest.

@@ -45,8 +45,8 @@ class ReplayedNoise(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def reproduced(self) -> bool:
-        """Whether it ended in a collision again."""
-        return self.outcome is Outcome.COLLISION
+        """Whether it failed again."""
+        return self.outcome is not None and self.outcome.is_failure
 
 
 class Reproduction(msgspec.Struct, frozen=True):

@@ -48,16 +48,31 @@ class FailurePoint(msgspec.Struct, frozen=True):
     conflict: ConflictClass | None
 
 
+class RequirementTotals(msgspec.Struct, frozen=True):
+    """A requirement over the completed episodes.
+
+    Attributes:
+        n: how many were judged by it.
+        violations: how many of them violate it.
+        worst: smallest robustness, in the unit of the requirement.
+    """
+
+    n: int
+    violations: int
+    worst: float
+
+
 class SafetyTotals(msgspec.Struct, frozen=True, eq=False):
     """What the store makes of a campaign's completed episodes for its safety measures.
 
     Attributes:
         completed: episodes.
-        failures: collisions among them.
+        failures: failures among them.
         ttc: distribution of MinTTC [s].
         drac: distribution of the largest DRAC [m/s²].
         severities: severities of the failures that have one, in index order, shape (n,). [m²/s²]
         points: every k-th of those failures, in index order.
+        requirements: of each requirement that the campaign names, in their order.
     """
 
     completed: int
@@ -66,6 +81,7 @@ class SafetyTotals(msgspec.Struct, frozen=True, eq=False):
     drac: MeasureTotals
     severities: NDArray[np.float64]
     points: tuple[FailurePoint, ...]
+    requirements: tuple[RequirementTotals, ...] = ()
 
 
 class Violations(msgspec.Struct, frozen=True, kw_only=True):
@@ -83,6 +99,28 @@ class Violations(msgspec.Struct, frozen=True, kw_only=True):
     beyond: Rate | None
     n: int
     median: float | None
+    worst: float | None
+
+
+class RequirementFigures(msgspec.Struct, frozen=True, kw_only=True):
+    """A requirement over the completed episodes.
+
+    Attributes:
+        number: its place in the campaign, from 1: episodes that violate it first have it as
+            `violated`.
+        name: its name.
+        words: what it requires.
+        unit: unit of its robustness; empty for none.
+        violations: episodes that violate it ÷ completed episodes; None before the first one. An
+            episode may violate several.
+        worst: smallest robustness; None before the first episode.
+    """
+
+    number: int
+    name: str
+    words: str
+    unit: str
+    violations: Rate | None
     worst: float | None
 
 
@@ -136,6 +174,7 @@ class Safety(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         collisions: failures ÷ completed episodes; None before the first one, as `near_misses`.
+            Where requirements are named, an episode without a collision may be a failure.
         near_misses: MinTTC < 1.5 s without a collision ÷ completed episodes; None too where the
             system under test is a function, as the shares of `ttc` and `drac`.
         conflicts: unavoidable versus planner failures, and the mean lead times.
@@ -145,6 +184,8 @@ class Safety(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
         severity: severity of the failures [m²/s²], each counted once, however likely it is under
             p(x).
         scatter: likelihood against severity of the failures.
+        requirements: of each requirement that the campaign names, in their order; none where only
+            no collision is required.
         notes: what the numbers cannot know.
     """
 
@@ -160,6 +201,7 @@ class Safety(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
     severity: SeverityRisk
     scatter: Scatter
     unresolved: Unresolved = Unresolved()
+    requirements: tuple[RequirementFigures, ...] = ()
     notes: tuple[str, ...] = ()
 
     @property

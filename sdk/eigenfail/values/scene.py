@@ -56,6 +56,18 @@ class Perception(msgspec.Struct, frozen=True):
     ids: tuple[int, ...]
 
 
+class LanePosition(msgspec.Struct, frozen=True, gc=False):
+    """Where the ego is in the lane that it is nearest to.
+
+    Attributes:
+        offset_m: offset of its centre from the centre of the lane, to the left above 0.
+        width_m: width of the lane.
+    """
+
+    offset_m: float
+    width_m: float
+
+
 class Observation(msgspec.Struct, frozen=True):
     """The truth after a step, as the tester sees it.
 
@@ -69,6 +81,7 @@ class Observation(msgspec.Struct, frozen=True):
         control: what the planner asked for in the step just taken.
         applied: the part of it that the truck could do; None if the simulator does not report it.
         off_road: whether the ego is beyond the edge or the end of its road.
+        lane: where the ego is in its lane; None if the simulator does not tell.
     """
 
     step: int
@@ -80,6 +93,7 @@ class Observation(msgspec.Struct, frozen=True):
     control: Control | None = None
     applied: Control | None = None
     off_road: bool = False
+    lane: LanePosition | None = None
 
 
 class Scene(Brief, msgspec.Struct, frozen=True, eq=False):

@@ -23,6 +23,7 @@ from eigenfail.values import (
     MeasureTotals,
     Overhead,
     Rate,
+    RequirementFigures,
     Safety,
     SafetyTotals,
     Scatter,
@@ -318,8 +319,25 @@ def make_safety(
         severity=severity,
         scatter=Scatter(totals.points, len(totals.severities), correlation),
         unresolved=unresolved,
+        requirements=tuple(_list_requirements(campaign, totals)),
         notes=tuple(_list_notes(campaign, totals, unresolved)),
     )
+
+
+def _list_requirements(campaign: Campaign, totals: SafetyTotals) -> Iterator[RequirementFigures]:
+    """Yield the figures of each requirement that the campaign names."""
+    design = SamplingDesign.of([campaign.spec])
+    named = campaign.spec.named_requirements
+    for place, each in enumerate(named):
+        found = totals.requirements[place] if totals.requirements else None
+        yield RequirementFigures(
+            number=place + 1,
+            name=each.label,
+            words=each.in_words(),
+            unit=each.unit,
+            violations=_make_share(design, found.violations, totals.completed) if found else None,
+            worst=found.worst if found else None,
+        )
 
 
 def _drop_intervals(risk: SeverityRisk) -> SeverityRisk:

@@ -37,7 +37,10 @@ from eigenfail_services.hub.metrics import Timeout
 from eigenfail_services.methods import find_first_sample
 from eigenfail_services.store import Store
 
-WORLD_FIELDS = ("scenario", "scenario_parameters", "planner", "planner_settings", "simulator")
+WORLD_FIELDS = (
+    *("scenario", "scenario_parameters", "planner", "planner_settings", "simulator"),
+    "requirements",
+)
 """Fields that may differ between campaigns that are analysed together, and are then reported."""
 
 

@@ -41,7 +41,10 @@ COMPANIONS = {
 }
 """What means nothing without the plug-in that is named beside it."""
 
-WHOLE = (("scenario_parameters", 2), ("disturbance.shape", 2), ("disturbance.channels", 2))
+WHOLE = (
+    *(("scenario_parameters", 2), ("disturbance.shape", 2), ("disturbance.channels", 2)),
+    ("requirements", 1),
+)
 """Fields, with a depth below which a value is taken out whole, as a part of it is not valid."""
 
 TABLES = ("settings", "scenario_parameters", "planner_settings", "disturbance", "stop")

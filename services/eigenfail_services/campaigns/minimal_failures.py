@@ -12,7 +12,6 @@ from eigenfail.values import (
     EpisodeResult,
     Floats,
     MinimalFailure,
-    Outcome,
 )
 from eigenfail.worlds import list_channels
 from eigenfail_services.analysis.words import Clock, describe_needed
@@ -84,9 +83,9 @@ def _make_conflict(campaign: Campaign) -> Conflict:
 
 
 def _find_first_failure(store: Store, campaign: Campaign, best: int) -> EpisodeResult:
-    """Return the failure at full strength: the first replay that collided."""
+    """Return the failure at full strength: the first replay that failed."""
     before = store.episodes.finished(campaign.id, range(best + 1))
-    return next(result for result in before if result.outcome is Outcome.COLLISION)
+    return next(result for result in before if result.is_failure)
 
 
 def _find_step_s(result: EpisodeResult) -> float | None:

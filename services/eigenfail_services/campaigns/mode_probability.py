@@ -96,8 +96,8 @@ def estimate_by_levels(
 
 
 def _read_robustness_m(row: EpisodeRow) -> float:
-    """Return the robustness; 0 on a collision, not a number where the episode errored. [m]"""
-    if row.outcome is Outcome.COLLISION:
+    """Return the robustness; 0 of a failure, not a number where the episode errored. [m]"""
+    if row.outcome.is_failure:
         return 0.0
     ran = row.outcome is not Outcome.ERRORED and row.robustness_m is not None
     return float(row.robustness_m or 0.0) if ran else nan

@@ -141,6 +141,7 @@ THINGS = {
     "planner_settings": "planner",
     "simulator": "simulator",
     "disturbance": "disturbance model",
+    "requirements": "requirements",
     "episodes": "budget",
     "stop": "stop rules",
     "price_usd_per_hour": "price",

@@ -40,7 +40,7 @@ Flags = Annotated[bytes, "a byte each, 0 or 1"]
 
 
 class ExaminedEpisodes(msgspec.Struct, frozen=True):
-    """Episodes of a campaign by seed, and which of them collided."""
+    """Episodes of a campaign by seed, and which of them are failures."""
 
     spec: CampaignSpec
     seeds: Numbers
@@ -102,7 +102,7 @@ def _read_query(store: Store, ids: Sequence[int], most: int) -> RegionQuery:
 def _read_examined(store: Store, campaign: Campaign, most: int) -> ExaminedEpisodes:
     trials = store.episodes.trials(campaign.id, most)
     return ExaminedEpisodes(
-        campaign.spec, trials.seeds.astype("<i8").tobytes(), trials.collided.tobytes()
+        campaign.spec, trials.seeds.astype("<i8").tobytes(), trials.failed.tobytes()
     )
 
 

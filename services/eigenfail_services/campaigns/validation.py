@@ -76,6 +76,8 @@ def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
     world.check(spec)
     if (resolved_model := world.resolve_disturbance(spec)) != spec.disturbance:
         spec = replace(spec, disturbance=resolved_model)
+    if (named := world.resolve_requirements(spec)) != spec.requirements:
+        spec = replace(spec, requirements=named)
     if searching.traits.needs_course:
         _check_course(spec, world)
     if spec.disturbance.searched_parameters and spec.settings.get("scale", 1.0) != 1.0:

@@ -60,7 +60,7 @@ def describe_reach(settings: Any) -> str:
 
 
 def robustness_m(result: EpisodeResult) -> float:
-    """Return the robustness: 0 on a collision, NaN if unknown. [m]"""
+    """Return the robustness: 0 of a failure, NaN if unknown. [m]"""
     if result.is_failure:
         return 0.0
     if result.outcome is Outcome.ERRORED or result.measures is None:

@@ -172,7 +172,9 @@ class Minimal:
 
 def _find_end(result: EpisodeResult) -> int:
     """Return the step after which an episode failed, `SAFE`, or `NOT_RUN`."""
-    return {Outcome.COLLISION: result.steps, Outcome.ERRORED: NOT_RUN}.get(result.outcome, SAFE)
+    if result.is_failure:
+        return result.steps
+    return NOT_RUN if result.outcome is Outcome.ERRORED else SAFE
 
 
 def _refuse_safe_replay(result: EpisodeResult) -> None:

@@ -121,8 +121,13 @@ def list_measure_rows(subject: Subject) -> list[tuple[Cell, ...]]:
     if not subject.has_road:
         return [(subject.id, "failures", *format_safety_share(found.collisions))]
     conflicts, collided = found.conflicts, subject.summary.counts.failures
+    failures = "failures" if found.requirements else "collisions"
     rows = (
-        ("collisions", *format_safety_share(found.collisions)),
+        (failures, *format_safety_share(found.collisions)),
+        *(
+            (f"violations of {each.name}", *format_safety_share(each.violations))
+            for each in found.requirements
+        ),
         ("near misses", *format_safety_share(found.near_misses)),
         ("unresolved at the horizon", *count(found.unresolved.count, found.completed)),
         ("MinTTC below threshold", *format_safety_share(found.ttc.beyond)),

@@ -318,6 +318,8 @@ def list_campaign_settings(campaign: Campaign) -> Iterator[Setting]:
     yield Setting("Simulator", spec.simulator)
     for name, value in describe_disturbance(spec).items():
         yield Setting(f"Disturbance: {name}", value)
+    for each in spec.named_requirements:
+        yield Setting(f"Requirement: {each.label}", each.in_words())
     yield Setting("Method", spec.method)
     yield from list_given_settings("Method", spec.settings)
     yield Setting("Seed", str(spec.seed))

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from typing import Any
 
+from msgspec.structs import replace
 from sqlalchemy import (
     BigInteger,
     ColumnElement,
@@ -91,6 +92,8 @@ from eigenfail_services.store.schema import (
     deaths,
     episode_index,
     episodes,
+    is_failure,
+    requirement_values,
     scenes,
     trajectories,
 )
@@ -273,6 +276,13 @@ def _insert_results(connection: Connection, campaign: int, kept: Sequence[Kept])
     ]
     if seen:
         _insert_rows(connection, scenes, seen)
+    judged = [
+        (campaign, number, one.result.index, value)
+        for one in kept
+        for number, value in enumerate(one.result.requirements, start=1)
+    ]
+    if judged:
+        _insert_rows(connection, requirement_values, judged)
 
 
 def _blobs(campaign: int, result: EpisodeResult) -> tuple[object, ...]:
@@ -377,9 +387,18 @@ class EpisodeStore:
         with self._database.reading() as connection:
             read_campaign(connection, campaign)
             found = connection.execute(query).mappings().one_or_none()
+            values = connection.execute(
+                select(requirement_values.c.robustness)
+                .where(
+                    requirement_values.c.campaign == campaign,
+                    requirement_values.c["index"] == index,
+                )
+                .order_by(requirement_values.c.requirement)
+            ).scalars()
+            judged = tuple(values)
         if found is None or not _has_result(found):
             raise make_episode_error(campaign, index)
-        return to_result(found, found["scene"])
+        return replace(to_result(found, found["scene"]), requirements=judged)
 
     def page(
         self,
@@ -405,7 +424,9 @@ class EpisodeStore:
         return Page(items, items[-1].index if len(found) > limit else None)
 
     def finished(self, campaign: int, indices: Iterable[int]) -> list[EpisodeResult]:
-        """Return the results of those episodes that have one, in index order, without scenes.
+        """Return the results of those episodes that have one, in index order.
+
+        They come without scenes, and without the robustness of each requirement.
 
         Raises:
             NoisePruned: the noise of one of them was pruned.
@@ -420,7 +441,7 @@ class EpisodeStore:
             ]
 
     def failures(self, campaign: int) -> Failures:
-        """Return the noise of all collisions."""
+        """Return the noise of all failures."""
         portions = list(self.failure_portions(campaign))
         return Failures(
             tuple(index for portion in portions for index in portion.indices),
@@ -428,14 +449,14 @@ class EpisodeStore:
         )
 
     def failure_portions(self, campaign: int) -> Iterator[Failures]:
-        """Yield the noise of all collisions, at most `PORTION` at a time, from one transaction.
+        """Yield the noise of all failures, at most `PORTION` at a time, from one transaction.
 
         Values of z that had no effect are 0.
         """
         query = (
             select(episode_index, trajectories.c.z)
             .join(trajectories, _SAME_TRAJECTORY)
-            .where(episodes.c.campaign == campaign, episodes.c.outcome == Outcome.COLLISION)
+            .where(episodes.c.campaign == campaign, is_failure)
             .order_by(episode_index)
             .execution_options(yield_per=PORTION)
         )
@@ -448,7 +469,7 @@ class EpisodeStore:
                 )
 
     def totals(self, campaign: int) -> Totals:
-        """Return sums over all collisions, and episodes counted by the classes of `assess`."""
+        """Return sums over all failures, and episodes counted by the classes of `assess`."""
         return self._cached.totals([campaign])[campaign]
 
     def course(self, campaign: int, per: int) -> list[BlockTotals]:

@@ -1,6 +1,7 @@
 """Which delivered results are stored, and what follows: pure functions."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite
 from typing import Any
 
 import msgspec
@@ -104,7 +105,16 @@ def _fits(result: EpisodeResult, campaign: Campaign, form: NoiseForm) -> bool:
         and (_has_no_step(noise) or _has_form(noise, form))
         and (states is None or states.shape == (result.steps, count_state(form.channels)))
         and (importance is None or importance.shape == (result.steps,))
+        and _is_judged(result, campaign)
     )
+
+
+def _is_judged(result: EpisodeResult, campaign: Campaign) -> bool:
+    """Return whether a result has a robustness of each requirement that its campaign names."""
+    if result.outcome is Outcome.ERRORED:
+        return not result.requirements
+    named = len(campaign.spec.named_requirements)
+    return len(result.requirements) == named and all(map(isfinite, result.requirements))
 
 
 def _has_no_step(noise: NoiseTrajectory) -> bool:
@@ -124,7 +134,7 @@ def _update_counts(judgement: Judgement) -> Counts:
     return msgspec.structs.replace(
         before,
         completed=before.completed + len(outcomes) - errored,
-        failures=before.failures + outcomes.count(Outcome.COLLISION),
+        failures=before.failures + sum(outcome.is_failure for outcome in outcomes),
         errored=before.errored + errored,
         duplicates=before.duplicates + again,
     )

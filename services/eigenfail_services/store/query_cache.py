@@ -31,7 +31,13 @@ from eigenfail.values.operations import WorkerShare
 from eigenfail.values.records import Totals
 from eigenfail.values.summary import MOST_SAMPLES, EpisodeSample
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.schema import campaigns, episode_index, episodes, spec_field
+from eigenfail_services.store.schema import (
+    campaigns,
+    episode_index,
+    episodes,
+    is_failure,
+    spec_field,
+)
 from eigenfail_services.store.totals import count_results, sum_campaigns
 
 Answer = TypeVar("Answer")
@@ -171,7 +177,7 @@ _BESIDES = ("settings", "episodes", "stop", "price_usd_per_hour", "instances", "
 """Fields in which campaigns of one method and equal peers may still differ, beside the seed."""
 
 
-_STRUCTURED = ("planner_settings", "scenario_parameters", "disturbance")
+_STRUCTURED = ("planner_settings", "scenario_parameters", "disturbance", "requirements")
 
 
 def _select_pools() -> Select[*tuple[Any, ...]]:
@@ -233,7 +239,8 @@ def _sum_pools(connection: Connection) -> tuple[Pool, ...]:
 
 def _to_pool(found: dict[str, Any]) -> Pool:
     given = {name: found.pop(name) for name in _PEERS}
-    parts = {name: msgspec.json.decode(given[name]) for name in _STRUCTURED}
+    texts = {name: given[name] for name in _STRUCTURED}
+    parts = {name: text and msgspec.json.decode(text) for name, text in texts.items()}
     found["judges_failures"] = bool(found["judges_failures"])
     different, kinds, in_vain = (found.pop(name) for name in ("different", "kinds", "in_vain"))
     if different < found["seeds"] or kinds > 1 or in_vain:
@@ -246,7 +253,7 @@ _SHARES = (
         episodes.c.worker,
         episodes.c.campaign,
         func.count().label("episodes"),
-        func.count().filter(episodes.c.outcome == Outcome.COLLISION).label("failures"),
+        func.count().filter(is_failure).label("failures"),
         func.count().filter(episodes.c.outcome == Outcome.ERRORED).label("errored"),
         func.sum(episodes.c.wall_s).label("wall_s"),
         func.max(episodes.c.finished_ms).label("last_ms"),

@@ -29,8 +29,9 @@ from sqlalchemy.sql.functions import FunctionElement
 from sqlalchemy.types import TypeEngine
 
 from eigenfail.values import MEASURES, Priority
+from eigenfail.values.episode import FAILURES
 
-VERSION = "0018"
+VERSION = "0019"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -181,6 +182,20 @@ episodes = Table(
 
 episode_index = episodes.c["index"]
 """The column `index` of the episodes; `episodes.c.index` is a method."""
+
+is_failure = episodes.c.outcome.in_(FAILURES)
+"""Whether an episode is a failure; `~is_failure` holds for errored ones, too."""
+
+# Robustness of each requirement of campaigns that name some, by its number from 1 on.
+requirement_values = Table(
+    "requirement_values",
+    metadata,
+    Column("campaign", Number, primary_key=True),
+    Column("requirement", Integer, primary_key=True, autoincrement=False),
+    Column("index", Number, primary_key=True, autoincrement=False),
+    Column("robustness", Double, nullable=False),
+    ForeignKeyConstraint(["campaign", "index"], ["episodes.campaign", "episodes.index"]),
+)
 
 # Blobs of little-endian float32, row-major: z and sigma with a column for each channel of noise,
 # states with as many as `count_state` says, importance with 1.

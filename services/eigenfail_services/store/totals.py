@@ -32,11 +32,13 @@ from eigenfail.values import (
     MeasureTotals,
     Outcome,
     PairTotals,
+    RequirementTotals,
     SafetyTotals,
     SpendingTotals,
     StoredProgress,
     Trials,
 )
+from eigenfail.values.episode import FAILURES
 from eigenfail.values.records import (
     NEAR_MISS_TTC_S,
     PEAK_BRAKING_MPS2,
@@ -45,14 +47,20 @@ from eigenfail.values.records import (
     Totals,
 )
 from eigenfail_services.store.codec import to_row
-from eigenfail_services.store.schema import campaigns, episode_index, episodes
+from eigenfail_services.store.schema import (
+    campaigns,
+    episode_index,
+    episodes,
+    is_failure,
+    requirement_values,
+)
 
 _CHUNK = 10_000
 """How many rows are fetched at a time."""
 
 _Column = NDArray[np.float64]
 
-_COLLIDED = cast(episodes.c.outcome == Outcome.COLLISION, Integer)
+_FAILED = cast(is_failure, Integer)
 
 
 def _read_columns(connection: Connection, query: Select[*tuple[Any, ...]]) -> tuple[_Column, ...]:
@@ -68,7 +76,7 @@ def _read_columns(connection: Connection, query: Select[*tuple[Any, ...]]) -> tu
 def sum_blocks(connection: Connection, campaign: int, per: int) -> list[BlockTotals]:
     """Return sums over blocks of `per` indices that have a completed episode, in index order."""
     query = (
-        select(episode_index, _COLLIDED, episodes.c.robustness_m, episodes.c.log_probability)
+        select(episode_index, _FAILED, episodes.c.robustness_m, episodes.c.log_probability)
         .add_columns(episodes.c.steps)
         .where(episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED)
         .order_by(episodes.c.finished_ms, episode_index)
@@ -87,16 +95,16 @@ def sum_blocks(connection: Connection, campaign: int, per: int) -> list[BlockTot
 
 
 def _sum_block(
-    first: int, collided: _Column, robustness_m: _Column, log_probability: _Column, steps: _Column
+    first: int, failed: _Column, robustness_m: _Column, log_probability: _Column, steps: _Column
 ) -> BlockTotals:
-    crashes = collided == 1.0
+    failures = failed == 1.0
     known_m = robustness_m[~np.isnan(robustness_m)]
     return BlockTotals(
         first=first,
-        completed=len(collided),
-        failures=int(crashes.sum()),
-        log_probability=sum(log_probability[crashes].tolist(), 0.0),
-        steps=int(steps[crashes].sum()),
+        completed=len(failed),
+        failures=int(failures.sum()),
+        log_probability=sum(log_probability[failures].tolist(), 0.0),
+        steps=int(steps[failures].sum()),
         smallest_robustness_m=float(known_m.min()) if len(known_m) else None,
         median_robustness_m=float(np.median(known_m)) if len(known_m) else None,
     )
@@ -110,8 +118,8 @@ def count_pairs(connection: Connection, first: int, second: int) -> PairTotals:
         other.c.seed == episodes.c.seed,
         other.c.source == episodes.c.source,
     )
-    one_failed = episodes.c.outcome == Outcome.COLLISION
-    other_failed = other.c.outcome == Outcome.COLLISION
+    one_failed = is_failure
+    other_failed = other.c.outcome.in_(FAILURES)
     query = (
         select(
             func.count().filter(one_failed, other_failed).label("both"),
@@ -136,7 +144,7 @@ def sum_safety(connection: Connection, campaign: int, most: int) -> SafetyTotals
 
     Memory grows with the campaign by two numbers for each failure only.
     """
-    done = select(func.count(), func.sum(_COLLIDED)).where(*_is_completed(campaign))
+    done = select(func.count(), func.sum(_FAILED)).where(*_is_completed(campaign))
     count, failures = connection.execute(done).one()
     crashed, severities = _read_columns(connection, _select_severities(campaign))
     every = max(1, ceil(len(crashed) / most))
@@ -147,7 +155,20 @@ def sum_safety(connection: Connection, campaign: int, most: int) -> SafetyTotals
         drac=_sum_measure(connection, campaign, _DRAC),
         severities=severities,
         points=_read_points(connection, campaign, crashed[::every].astype(int).tolist()),
+        requirements=_count_violations(connection, campaign),
     )
+
+
+def _count_violations(connection: Connection, campaign: int) -> tuple[RequirementTotals, ...]:
+    """Count violations of each requirement that the campaign names; none where it names none."""
+    value = requirement_values.c.robustness
+    query = (
+        select(func.count(), func.count().filter(value <= 0.0), func.min(value))
+        .where(requirement_values.c.campaign == campaign)
+        .group_by(requirement_values.c.requirement)
+        .order_by(requirement_values.c.requirement)
+    )
+    return tuple(RequirementTotals(*found) for found in connection.execute(query))
 
 
 def _is_completed(campaign: int) -> tuple[ColumnElement[bool], ...]:
@@ -238,17 +259,17 @@ def sum_spending(connection: Connection, campaign: int, most: int) -> SpendingTo
 def _select_progress(campaign: int, completed: int, most: int) -> Select[*tuple[Any, ...]]:
     """Select every k-th completed episode in the order in which they were stored, and the last one.
 
-    Each has the numbers of episodes and collisions and the worker time up to it.
+    Each has the numbers of episodes and failures and the worker time up to it.
     """
     order = (episodes.c.finished_ms, episode_index)
     # By rows, not by range: two that landed at the same time are two.
     until = (None, 0)
-    crashes = func.count().filter(episodes.c.outcome == Outcome.COLLISION)
+    failures = func.count().filter(is_failure)
     landed = (
         select(
             episodes.c.finished_ms,
             func.row_number().over(order_by=order).label("place"),
-            crashes.over(order_by=order, rows=until).label("failures"),
+            failures.over(order_by=order, rows=until).label("failures"),
             func.sum(episodes.c.wall_s).over(order_by=order, rows=until).label("worker_s"),
         )
         .where(episodes.c.campaign == campaign, _COMPLETED)
@@ -263,7 +284,7 @@ def _select_progress(campaign: int, completed: int, most: int) -> Select[*tuple[
 _TRIALS_CHUNK = 10_000
 """How many rows are fetched at a time."""
 
-_TRIAL = np.dtype([("seed", np.int64), ("collided", np.bool_)])
+_TRIAL = np.dtype([("seed", np.int64), ("failed", np.bool_)])
 
 
 def read_trials(connection: Connection, campaign: int, most: int) -> Trials:
@@ -278,15 +299,15 @@ def read_trials(connection: Connection, campaign: int, most: int) -> Trials:
         .order_by(ranked.place)
         .execution_options(yield_per=_TRIALS_CHUNK)
     )
-    rows = ((seed, outcome == Outcome.COLLISION) for seed, outcome in connection.execute(query))
+    rows = ((seed, outcome in FAILURES) for seed, outcome in connection.execute(query))
     found = np.fromiter(rows, _TRIAL)
-    return Trials(found["seed"], found["collided"])
+    return Trials(found["seed"], found["failed"])
 
 
 _SUMMED = tuple(
     episodes.c[name]
     for name in (
-        *("campaign", "index", "log_probability", "steps", "severity", "collided_s"),
+        *("campaign", "outcome", "index", "log_probability", "steps", "severity", "collided_s"),
         *("ttc_violated_s", "drac_violated_s", "drac_at_warning_mps2"),
     )
 )
@@ -311,46 +332,48 @@ def count_results(connection: Connection, chosen: Sequence[int]) -> dict[int, in
 
 
 def sum_campaigns(connection: Connection, chosen: Sequence[int]) -> dict[int, Totals]:
-    """Return sums over all collisions, and episodes counted by class, of each campaign.
+    """Return sums over all failures, and episodes counted by class, of each campaign.
 
     Classes are those of `assess`. The number of queries does not depend on that of campaigns.
     """
-    # In index order: sums of floats depend on theirs, and reports must not change with it.
-    collisions = (
+    # In the order of an index: sums of floats depend on it, and reports must not change with it.
+    failures = (
         select(*_SUMMED)
-        .where(episodes.c.campaign.in_(chosen), episodes.c.outcome == Outcome.COLLISION)
-        .order_by(episodes.c.campaign, episode_index)
+        .where(episodes.c.campaign.in_(chosen), is_failure)
+        .order_by(episodes.c.campaign, episodes.c.outcome, episode_index)
         .subquery()
         .c
     )
-    classified = collisions.collided_s.is_not(None)
+    collided = failures.outcome == Outcome.COLLISION
+    classified = and_(collided, failures.collided_s.is_not(None))
     hopeless = or_(
-        collisions.drac_at_warning_mps2.is_(None),
-        collisions.drac_at_warning_mps2 > PEAK_BRAKING_MPS2,
+        failures.drac_at_warning_mps2.is_(None),
+        failures.drac_at_warning_mps2 > PEAK_BRAKING_MPS2,
     )
-    ttc_lead_s = collisions.collided_s - collisions.ttc_violated_s
-    drac_lead_s = collisions.collided_s - collisions.drac_violated_s
+    ttc_lead_s = failures.collided_s - failures.ttc_violated_s
+    drac_lead_s = failures.collided_s - failures.drac_violated_s
     query = select(
-        collisions.campaign,
+        failures.campaign,
         func.count().label("failures"),
-        func.min(collisions["index"]).label("first_failure"),
-        func.coalesce(func.sum(collisions.log_probability), 0.0).label("log_probability"),
-        func.coalesce(func.sum(collisions.steps), 0).label("steps"),
-        func.sum(collisions.severity).label("severity"),
+        func.min(failures["index"]).label("first_failure"),
+        func.coalesce(func.sum(failures.log_probability), 0.0).label("log_probability"),
+        func.coalesce(func.sum(failures.steps), 0).label("steps"),
+        func.sum(failures.severity).label("severity"),
         func.count().filter(and_(classified, hopeless)).label("unavoidable"),
-        func.count().filter(~classified).label("unclassified"),
+        func.count().filter(and_(collided, ~classified)).label("unclassified"),
+        func.count().filter(~collided).label("violations"),
         func.coalesce(func.sum(ttc_lead_s), 0.0).label("ttc_lead_s"),
         func.count(ttc_lead_s).label("ttc_leads"),
         func.coalesce(func.sum(drac_lead_s), 0.0).label("drac_lead_s"),
         func.count(drac_lead_s).label("drac_leads"),
-    ).group_by(collisions.campaign)
-    crashes = {found.campaign: found for found in connection.execute(query)}
+    ).group_by(failures.campaign)
+    failed = {found.campaign: found for found in connection.execute(query)}
     near, ended = count_near_misses(connection, chosen), count_unresolved(connection, chosen)
     faults = _find_frequent_faults(connection, chosen)
     return {
         campaign: replace(
             _to_totals(
-                crashes.get(campaign), near.get(campaign, 0), ended.get(campaign, _NONE_ENDED)
+                failed.get(campaign), near.get(campaign, 0), ended.get(campaign, _NONE_ENDED)
             ),
             fault=faults.get(campaign),
         )
@@ -373,7 +396,9 @@ def _to_totals(found: Row[*tuple[object, ...]] | None, near: int, ended: _Ended)
         conflicts=replace(
             safe,
             unavoidable=found.unavoidable,
-            planner_failures=found.failures - found.unavoidable - found.unclassified,
+            planner_failures=(
+                found.failures - found.violations - found.unavoidable - found.unclassified
+            ),
             unclassified=found.unclassified,
             ttc_lead_s=found.ttc_lead_s,
             ttc_leads=found.ttc_leads,

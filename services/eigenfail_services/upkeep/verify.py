@@ -66,8 +66,10 @@ from eigenfail_services.store.schema import (
     campaigns,
     checkpoints,
     episodes,
+    is_failure,
     jobs,
     prunings,
+    requirement_values,
     scenes,
     spec_field,
     trajectories,
@@ -111,7 +113,7 @@ def _count_rows() -> Any:
             episodes.c.campaign,
             func.count().label("ended"),
             func.count().filter(of_outcome == Outcome.ERRORED).label("failed"),
-            func.count().filter(of_outcome == Outcome.COLLISION).label("failures"),
+            func.count().filter(is_failure).label("failures"),
         )
         .group_by(episodes.c.campaign)
         .subquery()
@@ -205,6 +207,7 @@ def _select_without(part: Table, wanted: ColumnElement[bool]) -> Select[Any]:
 PARTS: Sequence[tuple[Table, str, ColumnElement[bool]]] = (
     (trajectories, "trajectory", ~exists().where(NOISE_PRUNED).correlate(episodes)),
     (scenes, "scene", episodes.c.has_scene),
+    (requirement_values, "robustness of requirements", episodes.c.nearest_m.is_not(None)),
 )
 
 
@@ -317,7 +320,7 @@ def _count_campaign(connection: Connection, campaign: Campaign) -> Counts:
         select(
             func.count(),
             func.count().filter(of_outcome == Outcome.ERRORED),
-            func.count().filter(of_outcome == Outcome.COLLISION),
+            func.count().filter(is_failure),
         ).where(episodes.c.campaign == campaign.id)
     ).one()
     planned = campaign.counts.planned

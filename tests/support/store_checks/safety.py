@@ -101,7 +101,7 @@ def lists_trials(store: Store) -> None:
 def trials(store: Store, campaign: int, most: int = 100) -> list[tuple[int, bool]]:
     """Pairs of seed and outcome."""
     found = store.episodes.trials(campaign, most)
-    return list(zip(found.seeds.tolist(), found.collided.tolist(), strict=True))
+    return list(zip(found.seeds.tolist(), found.failed.tolist(), strict=True))
 
 
 def follows_progress(store: Store) -> None:

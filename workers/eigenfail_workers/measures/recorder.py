@@ -18,10 +18,17 @@ from eigenfail.values import (
     VehicleState,
 )
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
+from eigenfail.values.requirements import (
+    AnyRequirement,
+    DrivenCourse,
+    Judgement,
+    judge_course,
+)
 from eigenfail.values.shapes import Row
 from eigenfail_workers.measures.conflict import find_conflict
 from eigenfail_workers.measures.geometry import distance_lower_bound, separation, velocity
 from eigenfail_workers.measures.importance import Approach, compute_importance
+from eigenfail_workers.measures.signals import SignalRecorder
 from eigenfail_workers.values import Encounter, TrafficConflict
 
 HARD_BRAKING_MPS2: Final = 3.0
@@ -154,13 +161,20 @@ class Recorder:
     Args:
         model: model of the noise that is added.
         importance: importance function to be recorded; None for none.
+        requirements: what the episode is to be judged by; none where only no collision is required.
     """
 
     def __init__(
-        self, model: DisturbanceModel = POSITION_NOISE, importance: Importance | None = None
+        self,
+        model: DisturbanceModel = POSITION_NOISE,
+        importance: Importance | None = None,
+        requirements: Sequence[AnyRequirement] = (),
     ) -> None:
         self._shape = model.noise_shape
-        self._channels = len(model.list_channels())
+        self._names = [channel.name for channel in model.list_channels()]
+        self._requirements = requirements
+        wanted = frozenset[str]().union(*[each.signals for each in requirements])
+        self._signals = SignalRecorder(wanted) if requirements else None
         self._importance = importance
         self._importances: list[float] = []
         self._z: list[Row] = []
@@ -202,6 +216,8 @@ class Recorder:
         compared = [
             self._compare(observation, vehicle) for vehicle in range(len(observation.others))
         ]
+        if self._signals is not None:
+            self._signals.observe(observation, compared)
         if self._importance is not None and observation.step:
             control = observation.applied or observation.control
             acceleration_mps2 = control.acceleration_mps2 if control else 0.0
@@ -220,7 +236,7 @@ class Recorder:
 
     def noise(self) -> NoiseTrajectory:
         """Return the disturbances so far."""
-        z, sigma = (_to_array(rows, self._channels) for rows in (self._z, self._sigma))
+        z, sigma = (_to_array(rows, len(self._names)) for rows in (self._z, self._sigma))
         return NoiseTrajectory(z, sigma, self._shape)
 
     def measures(self, dt_s: float) -> Measures:
@@ -243,6 +259,21 @@ class Recorder:
             clipped_steps=ride.clipped_steps,
             final_drac_mps2=None if collided else self._last_drac_mps2,
         )
+
+    def judge(self, measures: Measures, dt_s: float) -> Judgement | None:
+        """Return what the requirements say of the episode; None without any.
+
+        Args:
+            measures: of the episode.
+            dt_s: duration of a step.
+
+        Raises:
+            EpisodeError: one of them cannot be judged.
+        """
+        if self._signals is None:
+            return None
+        signals = self._signals.collect(self.noise(), self._names, dt_s)
+        return judge_course(self._requirements, DrivenCourse(dt_s, signals, measures))
 
     def importance(self) -> Floats | None:
         """Return the importance after each step, shape (steps,); None where it is not recorded."""

@@ -1,0 +1,494 @@
+"""Requirements: what a drive must satisfy, and how robustly it does.
+
+A requirement is a frozen struct that TOML and JSON name by its `kind`. It gives a robustness to the
+course of an episode: above 0 where the episode satisfies it, 0 or below where it violates it. A
+campaign has a list of them, the most important first; one that names none requires no collision.
+"""
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Final, NamedTuple
+
+import msgspec
+import numpy as np
+
+from eigenfail.errors import EpisodeError, InvalidValue, SimulatorError, UnknownName
+from eigenfail.values.measures import MEASURES, Measures
+from eigenfail.values.signals import ERROR, NEVER_S, SIGNALS, Samples
+from eigenfail.values.temporal_logic import check_formula, evaluate_formula, list_names
+
+MOST_REQUIREMENTS: Final = 20
+
+LARGEST: Final = 1e6
+"""A robustness beyond this is as good as this: it stays finite in sums, messages and databases."""
+
+FIELD: Final = "requirements"
+
+Name = Annotated[str, msgspec.Meta(max_length=60, pattern="^[a-z0-9_]*$")]
+Scale = Annotated[float, msgspec.Meta(gt=0.0, le=LARGEST)]
+
+
+class DrivenCourse(NamedTuple):
+    """What an episode showed, for its requirements.
+
+    Attributes:
+        dt_s: time between two steps.
+        signals: values of the signals that the requirements need, by name.
+        measures: of the whole episode.
+    """
+
+    dt_s: float
+    signals: Mapping[str, Samples]
+    measures: Measures
+
+
+class ExpectedCourse(NamedTuple):
+    """What all episodes of a campaign will show.
+
+    Attributes:
+        signals: names of the signals that are told.
+        dt_s: time between two steps.
+        duration_s: duration of a full episode.
+    """
+
+    signals: tuple[str, ...]
+    dt_s: float
+    duration_s: float
+
+
+class Requirement(
+    msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True, tag_field="kind"
+):
+    """Base of all requirements.
+
+    Attributes:
+        name: name in tables and filters; its kind where none is given.
+        scale: robustness that counts as much as a metre of distance to other vehicles, in the unit
+            of this requirement: searches follow the smallest of robustness ÷ scale.
+    """
+
+    name: Name = ""
+    scale: Scale = 1.0
+
+    @property
+    def kind(self) -> str:
+        """What TOML and JSON name it by."""
+        return str(self.__struct_config__.tag)
+
+    @property
+    def label(self) -> str:
+        """Its name, or its kind."""
+        return self.name or self.kind
+
+    @property
+    @abstractmethod
+    def unit(self) -> str:
+        """Unit of its robustness; empty for none."""
+
+    @property
+    def signals(self) -> frozenset[str]:
+        """Names of the signals that it is judged from."""
+        return frozenset()
+
+    def check(self, expected: ExpectedCourse, field: str) -> None:
+        """Refuse a requirement that cannot be judged.
+
+        Args:
+            expected: what the episodes of the campaign will show.
+            field: where the requirement stands, for the error.
+
+        Raises:
+            UnknownName: a signal or measure that does not exist, with those that do.
+            InvalidValue: its fields do not fit each other, or its signals are not told.
+        """
+        if lacking := sorted(self.signals.difference(expected.signals)):
+            problem = f"needs the signal {lacking[0]}, which this simulator does not tell."
+            raise InvalidValue(field, problem, f"It tells {', '.join(sorted(expected.signals))}.")
+
+    @abstractmethod
+    def find_robustness(self, course: DrivenCourse) -> float:
+        """Return the robustness of a course, in the unit of the requirement.
+
+        Raises:
+            SimulatorError: the simulator does not report what it is judged from.
+        """
+
+    @abstractmethod
+    def in_words(self) -> str:
+        """What it requires, as people read it."""
+
+
+class NoCollision(Requirement, frozen=True, tag="no_collision"):
+    """The ego touches no other vehicle. Robustness: the smallest distance of footprints. [m]"""
+
+    @property
+    def unit(self) -> str:
+        """The metre."""
+        return "m"
+
+    def find_robustness(self, course: DrivenCourse) -> float:
+        """Return the smallest distance; 0 on a collision."""
+        return course.measures.robustness_m
+
+    def in_words(self) -> str:
+        """Say it."""
+        return "no collision"
+
+
+class PreventableCollision(Requirement, frozen=True, tag="r157_cut_in"):
+    """No collision that UN Regulation No. 157 holds to be preventable (paragraph 5.2.5.2 c).
+
+    The system shall avoid a collision with a vehicle that cuts in, where its time to collision, as
+    it is 0.3 m inside the lane, exceeds v_rel / (2 · 6 m/s²) + 0.35 s. Vehicles that cut in later
+    than that do not count while they stay in the lane; all others do. That the lateral movement was
+    visible for 0.72 s (paragraph 5.2.5.2 b) is taken to be so. Robustness: the smallest distance to
+    the vehicles that count. [m]
+    """
+
+    @property
+    def unit(self) -> str:
+        """The metre."""
+        return "m"
+
+    @property
+    def signals(self) -> frozenset[str]:
+        """The distance to the vehicles that count."""
+        return frozenset({"preventable_distance_m"})
+
+    def find_robustness(self, course: DrivenCourse) -> float:
+        """Return the smallest distance."""
+        return float(course.signals["preventable_distance_m"].min())
+
+    def in_words(self) -> str:
+        """Say it."""
+        return "no collision that was preventable by UN R157 (5.2.5.2)"
+
+
+class SafeDistance(Requirement, frozen=True, tag="rss_distance"):
+    """The ego keeps the safe longitudinal distance of responsibility-sensitive safety (RSS).
+
+    d = v_r ρ + a ρ² / 2 + (v_r + ρ a)² / (2 b) - v_f² / (2 B), at least 0 (Shalev-Shwartz, Shammah
+    and Shashua, On a Formal Model of Safe and Scalable Self-driving Cars, 2017, definition 1), with
+    v_r the speed of the ego, v_f that of the vehicle ahead. The distance that a vehicle takes away
+    by cutting in counts as well: nobody is blamed here. Robustness: the smallest gap minus d. [m]
+
+    Attributes:
+        response_s: ρ, the time until the ego responds.
+        accelerate_mps2: a, the most that it accelerates until then.
+        brake_mps2: b, the least that it brakes by then.
+        brake_ahead_mps2: B, the most that the vehicle ahead brakes by.
+    """
+
+    response_s: Annotated[float, msgspec.Meta(ge=0.0, le=10.0)] = 0.5
+    accelerate_mps2: Annotated[float, msgspec.Meta(ge=0.0, le=20.0)] = 1.0
+    brake_mps2: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] = 4.0
+    brake_ahead_mps2: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] = 8.0
+
+    @property
+    def unit(self) -> str:
+        """The metre."""
+        return "m"
+
+    @property
+    def signals(self) -> frozenset[str]:
+        """The gap to the vehicle ahead, and both speeds."""
+        return frozenset({"gap_m", "speed_mps", "leader_speed_mps"})
+
+    def find_robustness(self, course: DrivenCourse) -> float:
+        """Return the smallest gap minus the safe distance."""
+        own = course.signals["speed_mps"]
+        ahead = np.maximum(course.signals["leader_speed_mps"], 0.0)
+        rho_s, a = self.response_s, self.accelerate_mps2
+        stopping_m = (own + rho_s * a) ** 2 / (2.0 * self.brake_mps2)
+        stopping_m = own * rho_s + 0.5 * a * rho_s**2 + stopping_m
+        safe_m = np.maximum(stopping_m - ahead**2 / (2.0 * self.brake_ahead_mps2), 0.0)
+        return float((course.signals["gap_m"] - safe_m).min())
+
+    def in_words(self) -> str:
+        """Say it."""
+        return (
+            f"gap above the RSS distance (response {self.response_s:g} s, acceleration "
+            f"{self.accelerate_mps2:g} m/s², braking {self.brake_mps2:g} m/s², ahead "
+            f"{self.brake_ahead_mps2:g} m/s²)"
+        )
+
+
+class TimeHeadway(Requirement, frozen=True, tag="time_headway"):
+    """The ego keeps a time headway to the vehicle ahead in its path.
+
+    Robustness: the smallest headway, which is gap ÷ speed of the ego, minus the limit. [s]
+
+    Attributes:
+        at_least_s: the limit. The default is half of the 1.6 s that UN R157 (5.2.3.3) demands at 60
+            km/h: vehicles that cut in take away a part.
+    """
+
+    scale: Scale = 0.1
+    at_least_s: Annotated[float, msgspec.Meta(gt=0.0, lt=NEVER_S)] = 0.8
+
+    @property
+    def unit(self) -> str:
+        """The second."""
+        return "s"
+
+    @property
+    def signals(self) -> frozenset[str]:
+        """The headway."""
+        return frozenset({"headway_s"})
+
+    def find_robustness(self, course: DrivenCourse) -> float:
+        """Return the smallest headway minus the limit."""
+        return float(course.signals["headway_s"].min()) - self.at_least_s
+
+    def in_words(self) -> str:
+        """Say it."""
+        return f"time headway above {self.at_least_s:g} s"
+
+
+class UncausedBraking(Requirement, frozen=True, tag="uncaused_braking"):
+    """The ego does not brake hard without cause, as it does for a vehicle that is not there.
+
+    A cause is a true vehicle to which the time to collision is below `cause_ttc_s`, or the headway
+    below `cause_headway_s`, in the step or within `memory_s` before it. Robustness: the smallest
+    acceleration over the steps without a cause, plus `hard_mps2`. [m/s²]
+
+    Attributes:
+        hard_mps2: braking by this or more is hard; as in the measure `hard_brakings`.
+        cause_ttc_s: own choice: far above the 1.5 s of a near miss.
+        cause_headway_s: own choice.
+        memory_s: own choice: how long a planner may go on braking once the cause is gone.
+    """
+
+    scale: Scale = 0.3
+    hard_mps2: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] = 3.0
+    cause_ttc_s: Annotated[float, msgspec.Meta(gt=0.0, lt=NEVER_S)] = 6.0
+    cause_headway_s: Annotated[float, msgspec.Meta(ge=0.0, lt=NEVER_S)] = 1.5
+    memory_s: Annotated[float, msgspec.Meta(ge=0.0, le=NEVER_S)] = 1.0
+
+    @property
+    def unit(self) -> str:
+        """Metres per second squared."""
+        return "m/s²"
+
+    @property
+    def signals(self) -> frozenset[str]:
+        """The acceleration, and what may cause braking."""
+        return frozenset({"acceleration_mps2", "ttc_s", "headway_s"})
+
+    def find_robustness(self, course: DrivenCourse) -> float:
+        """Return how far the hardest braking without a cause is from hard braking."""
+        signals = course.signals
+        caused = signals["ttc_s"] < self.cause_ttc_s
+        caused |= signals["headway_s"] < self.cause_headway_s
+        # The control of step k was chosen on what was so after step k - 1.
+        before = 1 + round(self.memory_s / course.dt_s)
+        steps = len(caused)
+        excused = np.array([caused[max(0, k - before) : k + 1].any() for k in range(steps)])
+        braking = np.where(excused, 0.0, np.minimum(signals["acceleration_mps2"], 0.0))
+        return float(braking.min()) + self.hard_mps2
+
+    def in_words(self) -> str:
+        """Say it."""
+        return (
+            f"no braking by {self.hard_mps2:g} m/s² without a vehicle within {self.cause_ttc_s:g} s"
+            f" of a collision or {self.cause_headway_s:g} s ahead"
+        )
+
+
+class LaneKeeping(Requirement, frozen=True, tag="lane_keeping"):
+    """The footprint of the ego stays within the lane that it is nearest to.
+
+    For scenarios in which it needs no lane change. Robustness: the smallest distance from the
+    footprint to the border of the lane, plus what it may be beyond it. [m]
+
+    Attributes:
+        beyond_m: how far the footprint may be beyond the border.
+    """
+
+    scale: Scale = 0.1
+    beyond_m: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 0.0
+
+    @property
+    def unit(self) -> str:
+        """The metre."""
+        return "m"
+
+    @property
+    def signals(self) -> frozenset[str]:
+        """The distance from the border."""
+        return frozenset({"lane_margin_m"})
+
+    def find_robustness(self, course: DrivenCourse) -> float:
+        """Return the smallest distance from the border that is allowed."""
+        return float(course.signals["lane_margin_m"].min()) + self.beyond_m
+
+    def in_words(self) -> str:
+        """Say it."""
+        return f"no more than {self.beyond_m:g} m out of the lane"
+
+
+NO_VALUE: Mapping[str, float] = {
+    "severity": 0.0,
+    "min_ttc_s": NEVER_S,
+    "max_drac_mps2": 0.0,
+    "final_drac_mps2": 0.0,
+}
+"""What a measure counts as where an episode has none, of the measures that may have none."""
+
+REPORTED = frozenset({"robustness_m", "max_jerk_mps3", "hard_brakings", "clipped_steps"})
+"""Measures that every episode has, if the simulator reports the control that was applied."""
+
+
+class MeasureLimit(Requirement, frozen=True, tag="measure"):
+    """A measure of the episode stays within limits. Robustness: distance from the nearer limit.
+
+    Attributes:
+        measure: name of the measure.
+        at_least: the smallest value that is allowed.
+        at_most: the largest value that is allowed.
+    """
+
+    measure: str
+    at_least: float | None = None
+    at_most: float | None = None
+
+    @property
+    def unit(self) -> str:
+        """That of the measure."""
+        return MEASURES[self.measure].unit
+
+    def check(self, expected: ExpectedCourse, field: str) -> None:
+        """Look for the measure, and for a limit."""
+        super().check(expected, field)
+        allowed = sorted(NO_VALUE.keys() | REPORTED)
+        if self.measure not in allowed:
+            raise UnknownName(f"{field}.measure", self.measure, allowed)
+        if self.at_least is None and self.at_most is None:
+            raise InvalidValue(field, "has no limit.", "Give at_least or at_most, or both.")
+        if self.at_least is not None and self.at_most is not None and self.at_least > self.at_most:
+            problem = f"at_least is {self.at_least:g}, and at_most {self.at_most:g}."
+            raise InvalidValue(field, problem, "Give at_most the larger value.")
+
+    def find_robustness(self, course: DrivenCourse) -> float:
+        """Return the distance of the measure from the nearer limit, negative beyond it."""
+        value = getattr(course.measures, self.measure)
+        if value is None and self.measure in REPORTED:
+            problem = f"The simulator does not report what {self.measure} is made of."
+            raise SimulatorError(problem, "Take another requirement.")
+        value = NO_VALUE[self.measure] if value is None else float(value)
+        above = LARGEST if self.at_least is None else value - self.at_least
+        below = LARGEST if self.at_most is None else self.at_most - value
+        return min(above, below)
+
+    def in_words(self) -> str:
+        """Say it."""
+        limits = (("above", self.at_least), ("below", self.at_most))
+        words = [f"{side} {limit:g}" for side, limit in limits if limit is not None]
+        unit = f" {self.unit}" if self.unit else ""
+        return f"{MEASURES[self.measure].label} {' and '.join(words)}{unit}"
+
+
+class Formula(Requirement, frozen=True, tag="formula"):
+    """A formula of signal temporal logic over signals; see `values.temporal_logic`.
+
+    Attributes:
+        formula: its text, such as `always (headway_s > 0.5)`.
+    """
+
+    formula: Annotated[str, msgspec.Meta(min_length=1)]
+
+    @property
+    def unit(self) -> str:
+        """Unknown: a formula may compare signals of several units."""
+        return ""
+
+    @property
+    def signals(self) -> frozenset[str]:
+        """Those that the formula names."""
+        return list_names(self.formula)
+
+    def check(self, expected: ExpectedCourse, field: str) -> None:
+        """Have the formula read."""
+        check_formula(self.formula, *expected, f"{field}.formula")
+
+    def find_robustness(self, course: DrivenCourse) -> float:
+        """Return the robustness of the formula at the start."""
+        return evaluate_formula(self.formula, course.dt_s, course.signals)
+
+    def in_words(self) -> str:
+        """Say it."""
+        return self.formula
+
+
+AnyRequirement = (
+    NoCollision
+    | PreventableCollision
+    | SafeDistance
+    | TimeHeadway
+    | UncausedBraking
+    | LaneKeeping
+    | MeasureLimit
+    | Formula
+)
+
+Requirements = Annotated[
+    tuple[AnyRequirement, ...], msgspec.Meta(min_length=1, max_length=MOST_REQUIREMENTS)
+]
+
+COLLISION_ALONE: Final = (NoCollision(),)
+"""The requirements of a campaign that names none."""
+
+
+def list_signals(channels: Sequence[str], *, tells_lane: bool) -> tuple[str, ...]:
+    """Return the names of the signals of a campaign on a road.
+
+    Args:
+        channels: names of the channels of its noise.
+        tells_lane: whether the simulator tells the lane of the ego.
+    """
+    drive = [name for name, each in SIGNALS.items() if tells_lane or not each.needs_lane]
+    return *drive, *[f"{ERROR}.{channel}" for channel in channels]
+
+
+def check_requirements(requirements: Sequence[AnyRequirement], expected: ExpectedCourse) -> None:
+    """Refuse requirements that cannot be judged.
+
+    Raises:
+        UnknownName: a signal or measure that does not exist, with those that do.
+        InvalidValue: one is not complete, or has the name of another one.
+    """
+    labels = [each.label for each in requirements]
+    for place, each in enumerate(requirements):
+        field = f"{FIELD}[{place}]"
+        if each.label in labels[:place]:
+            problem = f"'{each.label}' is the name of an earlier one."
+            raise InvalidValue(f"{field}.name", problem, "Give it another name.")
+        each.check(expected, field)
+
+
+class Judgement(NamedTuple):
+    """What the requirements of a campaign say of an episode.
+
+    Attributes:
+        values: robustness of each requirement, in its unit.
+        smallest: smallest of robustness ÷ scale; 0 where one is violated.
+        violated: place of the first requirement that is violated, from 0; None if none is.
+    """
+
+    values: tuple[float, ...]
+    smallest: float
+    violated: int | None
+
+
+def judge_course(requirements: Sequence[AnyRequirement], course: DrivenCourse) -> Judgement:
+    """Judge the course of an episode by its campaign's requirements.
+
+    Raises:
+        EpisodeError: one of them cannot be judged.
+    """
+    values = [min(max(each.find_robustness(course), -LARGEST), LARGEST) for each in requirements]
+    scaled = [value / each.scale for value, each in zip(values, requirements, strict=True)]
+    if any(value != value for value in values):  # noqa: PLR0124 - NaN alone differs from itself
+        raise EpisodeError("A requirement has no robustness.", "Look at the signals.")
+    places = [place for place, value in enumerate(values) if value <= 0.0]
+    return Judgement(tuple(values), max(0.0, min(scaled)), places[0] if places else None)

@@ -1,0 +1,94 @@
+"""Signals: named scalars that every step of a drive tells, and from which requirements are judged.
+
+A course has a value of each for the start and after every step. Values stay finite, so that the
+robustness of any requirement does: where a quantity has no value, as the time to collision of
+vehicles that do not close in, the signal has the value of its `absent`.
+"""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Final
+
+import msgspec
+import numpy as np
+from numpy.typing import NDArray
+
+Samples = NDArray[np.float64]
+"""The values of a signal, shape (steps + 1,)."""
+
+NEVER_S: Final = 60.0
+"""Times to an event that is not coming, and longer ones. [s]"""
+
+NOBODY_M: Final = 1_000.0
+"""The gap to a vehicle ahead where there is none, and longer ones. [m]"""
+
+ERROR: Final = "error"
+"""First part of the names of the signals of channels: `error.longitudinal`."""
+
+
+class Signal(msgspec.Struct, frozen=True, kw_only=True):
+    """Description of a signal.
+
+    Attributes:
+        unit: empty for none.
+        words: description without the unit.
+        absent: value where the quantity has none; None where it always has one.
+        needs_lane: whether it needs the lane of the ego, which not every simulator tells.
+    """
+
+    unit: str
+    words: str
+    absent: float | None = None
+    needs_lane: bool = False
+
+
+SIGNALS: Mapping[str, Signal] = MappingProxyType(
+    {
+        "distance_m": Signal(
+            unit="m", words="smallest distance between the footprints of ego and another vehicle"
+        ),
+        "preventable_distance_m": Signal(
+            unit="m",
+            words=(
+                "the same without vehicles whose cut-in UN R157 does not hold to be preventable"
+            ),
+            absent=NOBODY_M,
+            needs_lane=True,
+        ),
+        "ttc_s": Signal(
+            unit="s", words="smallest time to collision with another vehicle", absent=NEVER_S
+        ),
+        "drac_mps2": Signal(
+            unit="m/s²", words="largest deceleration required to avoid a crash", absent=0.0
+        ),
+        "gap_m": Signal(
+            unit="m",
+            words="distance along the road to the next vehicle ahead in the path of the ego",
+            absent=NOBODY_M,
+        ),
+        "leader_speed_mps": Signal(
+            unit="m/s", words="speed along the road of that vehicle; of the ego where there is none"
+        ),
+        "headway_s": Signal(unit="s", words="gap_m ÷ speed of the ego", absent=NEVER_S),
+        "speed_mps": Signal(unit="m/s", words="speed of the ego"),
+        "acceleration_mps2": Signal(
+            unit="m/s²", words="acceleration of the ego in the step just taken; 0 at the start"
+        ),
+        "jerk_mps3": Signal(
+            unit="m/s³", words="change of the acceleration ÷ duration of a step; 0 at the start"
+        ),
+        "lane_offset_m": Signal(
+            unit="m",
+            words="offset of the ego from the centre of the nearest lane, to the left above 0",
+            needs_lane=True,
+        ),
+        "lane_margin_m": Signal(
+            unit="m",
+            words="distance of the ego's footprint from the nearer border of that lane; below 0 "
+            "beyond it",
+            needs_lane=True,
+        ),
+    }
+)
+"""The signals of every drive by name, beside `error.CHANNEL` of each channel of its noise: what is
+perceived minus what is true, in the unit of the channel."""
