@@ -15,7 +15,12 @@ import numpy as np
 from eigenfail.errors import EpisodeError, InvalidValue, SimulatorError, UnknownName
 from eigenfail.values.measures import MEASURES, Measures
 from eigenfail.values.signals import ERROR, NEVER_S, SIGNALS, Samples
-from eigenfail.values.temporal_logic import check_formula, evaluate_formula, list_names
+from eigenfail.values.temporal_logic import (
+    check_formula,
+    evaluate_formula,
+    list_names,
+    parse_formula,
+)
 
 MOST_REQUIREMENTS: Final = 20
 
@@ -405,7 +410,7 @@ class Formula(Requirement, frozen=True, tag="formula"):
     @property
     def signals(self) -> frozenset[str]:
         """Those that the formula names."""
-        return list_names(self.formula)
+        return list_names(parse_formula(self.formula))
 
     def check(self, expected: ExpectedCourse, field: str) -> None:
         """Have the formula read."""

@@ -1,76 +1,402 @@
-"""Formulas of signal temporal logic: what may stand in one, and how robustly a course satisfies it.
+"""Formulas of signal temporal logic, and how robustly a course satisfies them.
 
 Robustness is that of Donzé and Maler (Robust Satisfaction of Temporal Logic over Real-Valued
-Signals, 2010, definition 3): a comparison has the difference of its sides, `and` and `always` the
-smallest value, `or` and `eventually` the largest. rtamt computes it; what a formula may hold is
-decided here, before rtamt sees it, because its language can also import Python modules.
+Signals, 2010, definition 3), at the steps of a course: a comparison has the difference of its
+sides, `not` its negative, `and` and `always` the smallest value, `or` and `eventually` the largest.
+Bounds are in seconds. Steps before the start and behind the end of a course do not count.
+
+    formula      = disjunction [ "implies" formula ]
+    disjunction  = conjunction { "or" conjunction }
+    conjunction  = operand { "and" operand }
+    operand      = unary [ ("until" | "since") [bounds] unary ]
+    unary        = ("not" | word [bounds]) unary | comparison | "(" formula ")"
+    word         = "always" | "eventually" | "historically" | "once"
+    bounds       = "[" number (":" | ",") number "]"
+    comparison   = sum ("<" | "<=" | ">" | ">=") sum
+    sum          = product { ("+" | "-") product }
+    product      = factor { "*" factor }
+    factor       = "-" factor | number | signal | "abs" "(" sum ")" | "(" sum ")"
 """
 
 import re
+from abc import ABC, abstractmethod
 from collections.abc import Collection, Mapping
-from functools import lru_cache
-from math import isclose
-from typing import Any, Final
+from functools import lru_cache, reduce
+from math import inf, isclose
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values.signals import Samples
-
-OPERATORS: Final = frozenset(
-    {
-        *("always", "eventually", "until", "historically", "once", "since"),
-        *("and", "or", "not", "implies", "iff", "xor", "abs"),
-    }
-)
-"""Words of the language; every other word is the name of a signal."""
 
 LONGEST: Final = 1_000
 """Characters of a formula."""
 
 DEEPEST: Final = 50
-"""Parentheses of a formula inside each other."""
+"""Operators and parentheses of a formula inside each other."""
 
 REMEDY: Final = "docs/requirements.md shows what a formula may hold."
 
-_TOKEN = re.compile(
-    r"\s*(?:(?P<word>[A-Za-z_][A-Za-z_0-9.]*)|(?P<number>\d+(?:\.\d+)?)"
-    r"|(?P<comparison>[<>]=?|==)|(?P<sign>[-+*()\[\]:,]))"
-)
-_WORD = re.compile(r"[A-Za-z_][A-Za-z_0-9.]*")
-_BOUNDS = re.compile(r"\[([^\]]*)\]")
-_SECONDS = re.compile(r"\s*(\d+(?:\.\d+)?)\s*[:,]\s*(\d+(?:\.\d+)?)\s*")
-
-_DOT: Final = "__of__"
-"""Stands for the dot in the name of a signal: rtamt takes what follows a dot for an attribute."""
+Signals = Mapping[str, Samples]
 
 
-def list_names(formula: str, field: str = "formula") -> frozenset[str]:
-    """Return the names of the signals in a formula.
+class Bounds(NamedTuple):
+    """The times that an operator looks at, from the step that it is evaluated at. [s]"""
+
+    first_s: float
+    last_s: float
+
+    def count_steps(self, dt_s: float) -> tuple[int, int]:
+        """Return the first and the last step."""
+        return round(self.first_s / dt_s), round(self.last_s / dt_s)
+
+
+UNBOUNDED: Final = Bounds(0.0, inf)
+
+
+class Node(ABC):
+    """A part of a formula.
+
+    Attributes:
+        parts: the parts inside it.
+        bounds: what it looks at, of an operator on time that has bounds.
+        looks_ahead: whether it looks at later steps.
+    """
+
+    parts: tuple["Node", ...] = ()
+    bounds: Bounds = UNBOUNDED
+    looks_ahead = False
+
+    @abstractmethod
+    def evaluate(self, signals: Signals, dt_s: float) -> Samples:
+        """Return its value at each step."""
+
+    def list_nodes(self) -> list["Node"]:
+        """Return it and all parts inside it."""
+        return [self, *[node for part in self.parts for node in part.list_nodes()]]
+
+    def find_horizon(self) -> float:
+        """Return how far bounds inside each other look ahead; without bounds, to the end. [s]"""
+        inside = max([0.0, *[part.find_horizon() for part in self.parts]])
+        return inside + self.bounds.last_s if self._adds_horizon else inside
+
+    @property
+    def _adds_horizon(self) -> bool:
+        return self.looks_ahead and self.bounds.last_s < inf
+
+
+class Number(Node):
+    """A constant."""
+
+    def __init__(self, value: float) -> None:
+        self._value = value
+
+    def evaluate(self, signals: Signals, dt_s: float) -> Samples:  # noqa: ARG002 - a constant
+        """Return the constant, once for all steps."""
+        return np.array([self._value])
+
+
+class SignalName(Node):
+    """A signal."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def evaluate(self, signals: Signals, dt_s: float) -> Samples:  # noqa: ARG002 - known by step
+        """Return the signal."""
+        return signals[self.name]
+
+
+class Combination(Node):
+    """Parts that are combined step by step."""
+
+    def __init__(self, combine: np.ufunc, *parts: Node) -> None:
+        self._combine = combine
+        self.parts = parts
+
+    def evaluate(self, signals: Signals, dt_s: float) -> Samples:
+        """Return the combined values."""
+        values = [part.evaluate(signals, dt_s) for part in self.parts]
+        if len(values) == 1:
+            return np.asarray(self._combine(values[0]))
+        return np.asarray(reduce(self._combine, values))
+
+
+class Window(Node):
+    """The smallest or largest value over steps: `always`, `eventually`, `historically`, `once`."""
+
+    def __init__(self, word: str, bounds: Bounds, part: Node) -> None:
+        self.parts, self.bounds = (part,), bounds
+        self.looks_ahead = word in {"always", "eventually"}
+        self._smallest = word in {"always", "historically"}
+
+    def evaluate(self, signals: Signals, dt_s: float) -> Samples:
+        """Return the extreme value over the steps that it looks at."""
+        (part,) = self.parts
+        values = _spread(part.evaluate(signals, dt_s), signals)
+        ahead = values if self.looks_ahead else values[::-1]
+        found = self._look_ahead(ahead, dt_s)
+        return found if self.looks_ahead else found[::-1]
+
+    def _look_ahead(self, values: Samples, dt_s: float) -> Samples:
+        extreme, empty = (np.minimum, inf) if self._smallest else (np.maximum, -inf)
+        if self.bounds == UNBOUNDED:
+            return np.asarray(extreme.accumulate(values[::-1])[::-1])
+        first, last = (min(each, len(values)) for each in self.bounds.count_steps(dt_s))
+        padded = np.concatenate([values, np.full(last, empty)])[first:]
+        windows = sliding_window_view(padded, last - first + 1)
+        return np.asarray(extreme.reduce(windows, axis=1)[: len(values)])
+
+
+class Until(Node):
+    """`until`: the second part holds at some step, and the first up to it; `since`: mirrored."""
+
+    def __init__(self, word: str, bounds: Bounds, left: Node, right: Node) -> None:
+        self.parts, self.bounds = (left, right), bounds
+        self.looks_ahead = word == "until"
+
+    def evaluate(self, signals: Signals, dt_s: float) -> Samples:
+        """Return the best step to reach: the second part there, and the first part up to it."""
+        left, right = (_spread(part.evaluate(signals, dt_s), signals) for part in self.parts)
+        if not self.looks_ahead:
+            left, right = left[::-1], right[::-1]
+        found = self._look_ahead(left, right, dt_s)
+        return found if self.looks_ahead else found[::-1]
+
+    def _look_ahead(self, left: Samples, right: Samples, dt_s: float) -> Samples:
+        steps = len(right)
+        first, last = 0, steps
+        if self.bounds != UNBOUNDED:
+            first, last = self.bounds.count_steps(dt_s)
+        found, held = np.full(steps, -inf), np.full(steps, inf)
+        for ahead in range(min(last, steps - 1) + 1):
+            reached = steps - ahead
+            if ahead >= first:
+                there = np.minimum(right[ahead:], held[:reached])
+                found[:reached] = np.maximum(found[:reached], there)
+            held[:reached] = np.minimum(held[:reached], left[ahead:])
+        return found
+
+
+def _spread(values: Samples, signals: Signals) -> Samples:
+    """Return values for every step, also of a part without a signal."""
+    steps = len(next(iter(signals.values())))
+    return np.broadcast_to(values, (steps,))
+
+
+class Token(NamedTuple):
+    """A word, number or sign, and where it begins; the first character is 1."""
+
+    text: str
+    character: int
+
+
+_TOKEN = re.compile(r"\s*([A-Za-z_][A-Za-z_0-9.]*|\d+(?:\.\d+)?|[<>]=?|[-+*()\[\]:,])")
+_NUMBER = re.compile(r"\d+(?:\.\d+)?")
+_NAME = re.compile(r"[A-Za-z_][A-Za-z_0-9.]*")
+
+_WINDOWS: Final = frozenset({"always", "eventually", "historically", "once"})
+_WORDS: Final = _WINDOWS | {"until", "since", "and", "or", "not", "implies", "abs"}
+
+
+class Parser:
+    """Reads one formula.
 
     Raises:
-        InvalidValue: it holds something that no formula may hold, or nothing is compared in it.
+        InvalidValue: it is none.
     """
-    if len(formula) > LONGEST:
-        raise InvalidValue(field, f"is longer than {LONGEST} characters.", REMEDY)
-    names: set[str] = set()
-    place, depth, compares = 0, 0, False
-    while formula[place:].strip():
-        token = _TOKEN.match(formula, place)
-        if token is None:
-            rest = formula[place:].strip()[:20]
-            raise InvalidValue(field, f"'{rest}' cannot stand in a formula.", REMEDY)
-        place = token.end()
-        word, sign = token["word"], token["sign"]
-        compares = compares or token["comparison"] is not None
-        depth += (sign == "(") - (sign == ")")
-        if depth > DEEPEST:
-            problem = f"has more than {DEEPEST} parentheses inside each other."
-            raise InvalidValue(field, problem, "Split it into several requirements.")
-        if word is not None and word not in OPERATORS:
-            names.add(word)
-    if not compares or not names:
-        problem = f"'{formula}' compares no signal with a number."
+
+    def __init__(self, formula: str, field: str) -> None:
+        self._formula, self._field = formula, field
+        self._tokens = self._split()
+        self._place = 0
+        self._depth = 0
+
+    def parse(self) -> Node:
+        """Return the whole formula."""
+        found = self._read_formula()
+        if not self._at(""):
+            raise self._make_error("the end of the formula")
+        return found
+
+    def _split(self) -> list[Token]:
+        if len(self._formula) > LONGEST:
+            problem = f"is longer than {LONGEST} characters."
+            raise InvalidValue(self._field, problem, "Split it into several requirements.")
+        tokens: list[Token] = []
+        place = 0
+        while self._formula[place:].strip():
+            token = _TOKEN.match(self._formula, place)
+            if token is None:
+                rest = self._formula[place:].strip()[:20]
+                raise InvalidValue(self._field, f"'{rest}' cannot stand in a formula.", REMEDY)
+            tokens.append(Token(token[1], token.start(1) + 1))
+            place = token.end()
+        return [*tokens, Token("", len(self._formula) + 1)]
+
+    def _at(self, *texts: str) -> bool:
+        return self._tokens[self._place].text in texts
+
+    def _take(self, *texts: str) -> str:
+        """Return the next token if it is one of these, and go on behind it; else nothing."""
+        if not self._at(*texts):
+            return ""
+        self._place += 1
+        return self._tokens[self._place - 1].text
+
+    def _require(self, text: str) -> None:
+        if not self._take(text):
+            raise self._make_error(f"'{text}'")
+
+    def _make_error(self, wanted: str) -> InvalidValue:
+        text, character = self._tokens[self._place]
+        there = f"'{text}' at character {character}" if text else "the end"
+        problem = f"'{self._formula}' has {there} in place of {wanted}."
+        return InvalidValue(self._field, problem, REMEDY)
+
+    def _read_formula(self) -> Node:
+        left = self._read_chain("or")
+        if not self._take("implies"):
+            return left
+        return Combination(np.maximum, Combination(np.negative, left), self._read_formula())
+
+    def _read_chain(self, word: str) -> Node:
+        """Return operands with `or` between them, or with `and`, which binds closer."""
+
+        def read() -> Node:
+            return self._read_chain("and") if word == "or" else self._read_operand()
+
+        parts = [read()]
+        while self._take(word):
+            parts.append(read())
+        combine = np.maximum if word == "or" else np.minimum
+        return Combination(combine, *parts) if len(parts) > 1 else parts[0]
+
+    def _read_operand(self) -> Node:
+        left = self._read_unary()
+        if word := self._take("until", "since"):
+            return Until(word, self._read_bounds(), left, self._read_unary())
+        return left
+
+    def _read_unary(self) -> Node:
+        self._depth += 1
+        if self._depth > DEEPEST:
+            problem = f"has more than {DEEPEST} operators and parentheses inside each other."
+            raise InvalidValue(self._field, problem, "Split it into several requirements.")
+        try:
+            if self._take("not"):
+                return Combination(np.negative, self._read_unary())
+            if word := self._take(*_WINDOWS):
+                return Window(word, self._read_bounds(), self._read_unary())
+            return self._read_group() if self._begins_group() else self._read_comparison()
+        finally:
+            self._depth -= 1
+
+    def _begins_group(self) -> bool:
+        """Return whether the parenthesis that is next holds a formula, and not a sum."""
+        if not self._at("("):
+            return False
+        open_ones = 0
+        for token in self._tokens[self._place :]:
+            open_ones += (token.text == "(") - (token.text == ")")
+            if token.text in {"<", "<=", ">", ">="} or open_ones == 0:
+                return open_ones > 0
+        return True
+
+    def _read_group(self) -> Node:
+        self._require("(")
+        found = self._read_formula()
+        self._require(")")
+        return found
+
+    def _read_bounds(self) -> Bounds:
+        if not self._take("["):
+            return UNBOUNDED
+        first_s = self._read_number("a time")
+        if not self._take(":", ","):
+            raise self._make_error("':'")
+        last_s = self._read_number("a time")
+        self._require("]")
+        if first_s > last_s:
+            problem = f"[{first_s:g}:{last_s:g}] ends before it begins."
+            raise InvalidValue(self._field, problem, f"Write [{last_s:g}:{first_s:g}].")
+        return Bounds(first_s, last_s)
+
+    def _read_number(self, wanted: str) -> float:
+        if not _NUMBER.fullmatch(self._tokens[self._place].text):
+            raise self._make_error(wanted)
+        return float(self._take(self._tokens[self._place].text))
+
+    def _read_comparison(self) -> Node:
+        left = self._read_sum()
+        sign = self._take("<", "<=", ">", ">=")
+        if not sign:
+            raise self._make_error("a comparison such as '> 0.5'")
+        right = self._read_sum()
+        larger, smaller = (left, right) if sign.startswith(">") else (right, left)
+        return Combination(np.subtract, larger, smaller)
+
+    def _read_sum(self) -> Node:
+        found = self._read_product()
+        while sign := self._take("+", "-"):
+            combine = np.add if sign == "+" else np.subtract
+            found = Combination(combine, found, self._read_product())
+        return found
+
+    def _read_product(self) -> Node:
+        found = self._read_factor()
+        while self._take("*"):
+            found = Combination(np.multiply, found, self._read_factor())
+        return found
+
+    def _read_factor(self) -> Node:
+        text = self._tokens[self._place].text
+        self._depth += 1
+        if self._depth > DEEPEST:
+            problem = f"has more than {DEEPEST} operators and parentheses inside each other."
+            raise InvalidValue(self._field, problem, "Split it into several requirements.")
+        try:
+            if self._take("-"):
+                return Combination(np.negative, self._read_factor())
+            if self._take("abs"):
+                return Combination(np.absolute, self._read_inner_sum())
+            if self._at("("):
+                return self._read_inner_sum()
+        finally:
+            self._depth -= 1
+        if _NUMBER.fullmatch(text):
+            return Number(self._read_number("a number"))
+        if _NAME.fullmatch(text) and text not in _WORDS:
+            return SignalName(self._take(text))
+        raise self._make_error("a signal or a number")
+
+    def _read_inner_sum(self) -> Node:
+        self._require("(")
+        found = self._read_sum()
+        self._require(")")
+        return found
+
+
+@lru_cache(maxsize=64)
+def parse_formula(formula: str, field: str = "formula") -> Node:
+    """Return a formula that can be evaluated.
+
+    Raises:
+        InvalidValue: it is none, or names no signal.
+    """
+    found = Parser(formula, field).parse()
+    if not list_names(found):
+        problem = f"'{formula}' names no signal."
         raise InvalidValue(field, problem, "Write, for example, always (headway_s > 0.5).")
-    return frozenset(names)
+    return found
+
+
+def list_names(formula: Node) -> frozenset[str]:
+    """Return the names of the signals in a formula."""
+    nodes = formula.list_nodes()
+    return frozenset(node.name for node in nodes if isinstance(node, SignalName))
 
 
 def check_formula(
@@ -83,19 +409,17 @@ def check_formula(
         InvalidValue: it is no formula; a bound is no multiple of a step; or it looks further ahead
             than an episode lasts.
     """
-    for name in sorted(list_names(formula, field)):
+    found = parse_formula(formula, field)
+    for name in sorted(list_names(found)):
         if name not in known:
             raise UnknownName(f"signal in {field}", name, known)
-    for bounds in _BOUNDS.findall(formula):
-        _check_bounds(bounds, dt_s, field)
-    try:
-        horizon_s = _parse(formula, dt_s).horizon_s
-    except InvalidValue:
-        raise
-    except Exception as error:
-        place = str(error).removeprefix("RTAMT Exception: ").strip()
-        problem = f"'{formula}' is not a formula: {place}."
-        raise InvalidValue(field, problem, REMEDY) from error
+    bounds = {bound_s for node in found.list_nodes() for bound_s in node.bounds if bound_s < inf}
+    for bound_s in sorted(bounds):
+        steps = bound_s / dt_s
+        if not isclose(steps, round(steps), abs_tol=1e-6):
+            problem = f"{bound_s:g} s is not a whole number of steps of {dt_s:g} s."
+            raise InvalidValue(field, problem, f"Write {round(steps) * dt_s:g}.")
+    horizon_s = found.find_horizon()
     if horizon_s > duration_s * (1.0 + 1e-9):
         raise InvalidValue(
             field,
@@ -104,83 +428,12 @@ def check_formula(
         )
 
 
-def _check_bounds(bounds: str, dt_s: float, field: str) -> None:
-    seconds = _SECONDS.fullmatch(bounds)
-    if seconds is None:
-        raise InvalidValue(field, f"[{bounds}] is not a pair of times.", "Write [0:3], in seconds.")
-    first_s, last_s = map(float, seconds.groups())
-    if first_s > last_s:
-        problem = f"[{bounds}] ends before it begins."
-        raise InvalidValue(field, problem, f"Write [{last_s:g}:{first_s:g}].")
-    for bound_s in (first_s, last_s):
-        steps = bound_s / dt_s
-        if not isclose(steps, round(steps), abs_tol=1e-6):
-            problem = f"{bound_s:g} s is not a whole number of steps of {dt_s:g} s."
-            raise InvalidValue(field, problem, f"Write {round(steps) * dt_s:g}.")
-
-
-def evaluate_formula(formula: str, dt_s: float, signals: Mapping[str, Samples]) -> float:
+def evaluate_formula(formula: str, dt_s: float, signals: Signals) -> float:
     """Return the robustness of a formula at the start of a course.
 
     Args:
         formula: as `check_formula` lets it pass.
         dt_s: time between two values.
         signals: values by name, all of the same length, of those in the formula at least.
-
-    Raises:
-        InvalidValue: rtamt is not installed.
     """
-    return _parse(formula, dt_s).evaluate(signals)
-
-
-class _Monitor:
-    """A formula that rtamt has read."""
-
-    def __init__(self, formula: str, dt_s: float) -> None:
-        try:
-            import rtamt
-        except ImportError as error:
-            raise InvalidValue(
-                "requirements",
-                "formulas of temporal logic need rtamt, which is not installed here.",
-                "Install eigenfail[stl], for services and workers.",
-            ) from error
-        self._names = list_names(formula)
-        self._dt_s = dt_s
-        self._monitor: Any = rtamt.StlDiscreteTimeSpecification()
-        for name in sorted(self._names):
-            self._monitor.declare_var(_replace_dots(name), "float")
-        self._monitor.set_sampling_period(dt_s, "s", 0.1)
-        self._monitor.spec = _replace_dots(formula)
-        self._monitor.parse()
-
-    @property
-    def horizon_s(self) -> float:
-        """How far the bounds of the formula look ahead; without bounds it sees to the end."""
-        return max(_find_horizon(each) for each in self._monitor.ast.specs)
-
-    def evaluate(self, signals: Mapping[str, Samples]) -> float:
-        """Return the robustness at the start."""
-        steps = len(signals[next(iter(self._names))])
-        values = {_replace_dots(name): signals[name].tolist() for name in self._names}
-        times = [step * self._dt_s for step in range(steps)]
-        return float(self._monitor.evaluate({"time": times, **values})[0][1])
-
-
-def _replace_dots(formula: str) -> str:
-    return _WORD.sub(lambda word: word[0].replace(".", _DOT), formula)
-
-
-@lru_cache(maxsize=64)
-def _parse(formula: str, dt_s: float) -> _Monitor:
-    return _Monitor(formula, dt_s)
-
-
-_LOOKING_AHEAD = frozenset({"TimedEventually", "TimedAlways", "TimedUntil"})
-
-
-def _find_horizon(node: Any) -> float:
-    """Return the largest sum of bounds of operators inside each other that look ahead. [s]"""
-    inside = max((_find_horizon(child) for child in node.children), default=0.0)
-    ahead = type(node).__name__ in _LOOKING_AHEAD
-    return inside + float(node.end) if ahead else inside
+    return float(parse_formula(formula).evaluate(signals, dt_s)[0])

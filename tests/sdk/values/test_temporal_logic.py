@@ -1,0 +1,176 @@
+"""Formulas of temporal logic: their robustness by the definition, and what is refused."""
+
+import random
+from collections.abc import Callable, Sequence
+from math import inf
+
+import numpy as np
+import pytest
+
+from eigenfail.errors import InputError, InvalidValue
+from eigenfail.values.temporal_logic import (
+    check_formula,
+    evaluate_formula,
+    list_names,
+    parse_formula,
+)
+
+Values = list[float]
+Trace = dict[str, Values]
+Formula = tuple[str, Callable[[Trace], Values]]
+"""A text, and its robustness at each step by the definition."""
+
+DT_S = 0.5
+FORMULAS = 10_000
+KNOWN = ("a", "b", "error.c")
+
+
+def window(first: int, last: int, values: Sequence[float], empty: float) -> list[float]:
+    """Return the values at some steps that there are, or `empty` where there are none."""
+    return [values[k] for k in range(max(first, 0), min(last, len(values) - 1) + 1)] or [empty]
+
+
+def compare(generator: random.Random) -> Formula:
+    """Return a comparison of signals and numbers; its robustness is the difference of its sides."""
+    name, other = generator.choice(KNOWN), generator.choice(KNOWN)
+    limit, factor = round(generator.uniform(-2, 2), 2), generator.choice((1, 2, 3))
+    sides: Sequence[tuple[str, Callable[[Trace, int], float]]] = (
+        (f"{name}", lambda trace, k: trace[name][k]),
+        (f"abs({name})", lambda trace, k: abs(trace[name][k])),
+        (
+            f"{factor} * {name} + {other}",
+            lambda trace, k: factor * trace[name][k] + trace[other][k],
+        ),
+        (f"({name} - {other})", lambda trace, k: trace[name][k] - trace[other][k]),
+    )
+    text, value = generator.choice(sides)
+    sign = generator.choice(("<", "<=", ">", ">="))
+    slope = 1.0 if sign.startswith(">") else -1.0
+    number = f"{limit}"
+    return f"({text} {sign} {number})", lambda trace: [
+        slope * (value(trace, k) - limit) for k in range(len(trace[name]))
+    ]
+
+
+def nest(generator: random.Random, depth: int) -> Formula:
+    """Return a random formula with operators inside each other."""
+    if depth == 0:
+        return compare(generator)
+    kind = generator.choice(("not", "and", "or", "implies", "ahead", "back", "until", "since"))
+    text, values = nest(generator, depth - 1)
+    if kind == "not":
+        return f"not({text})", lambda trace: [-value for value in values(trace)]
+    first = generator.randrange(3)
+    last = first + generator.randrange(3)
+    bounded = generator.random() < 0.7
+    bounds = f"[{first * DT_S:g}:{last * DT_S:g}]" if bounded else ""
+    low, high = (first, last) if bounded else (0, 10**6)
+    if kind in ("ahead", "back"):
+        sign = 1 if kind == "ahead" else -1
+        words = (("always", "eventually"), ("historically", "once"))[kind == "back"]
+        word, pick, empty = generator.choice(((words[0], min, inf), (words[1], max, -inf)))
+        return f"{word}{bounds}({text})", lambda trace: [
+            pick(window(*sorted((k + sign * low, k + sign * high)), values(trace), empty))
+            for k in range(len(trace["a"]))
+        ]
+    other_text, other = nest(generator, depth - 1)
+    if kind in ("and", "or", "implies"):
+        return f"({text} {kind} {other_text})", lambda trace: [
+            {"and": min(one, two), "or": max(one, two), "implies": max(-one, two)}[kind]
+            for one, two in zip(values(trace), other(trace), strict=True)
+        ]
+    step = 1 if kind == "until" else -1
+
+    def hold(trace: Trace) -> Values:
+        left, right, steps = values(trace), other(trace), len(trace["a"])
+        return [
+            max(
+                [
+                    min([right[k + step * ahead], *[left[k + step * n] for n in range(ahead)]])
+                    for ahead in range(low, min(high, steps) + 1)
+                    if 0 <= k + step * ahead < steps
+                ],
+                default=-inf,
+            )
+            for k in range(steps)
+        ]
+
+    return f"(({text}) {kind}{bounds} ({other_text}))", hold
+
+
+def test_it_is_the_robustness_of_the_definition() -> None:
+    generator = random.Random(11)
+    for _ in range(FORMULAS):
+        text, values = nest(generator, generator.randrange(4))
+        steps = generator.randrange(1, 12)
+        trace = {name: [generator.uniform(-3, 3) for _ in range(steps)] for name in KNOWN}
+        signals = {name: np.array(each) for name, each in trace.items()}
+        found = evaluate_formula(text, DT_S, signals)
+        assert found == pytest.approx(values(trace)[0], abs=1e-9), (text, trace)
+
+
+def test_a_formula_is_evaluated_anew_for_each_course() -> None:
+    long, short = np.array([1.0, -2.0, 3.0]), np.array([0.5])
+    for values in (long, short, long):
+        assert evaluate_formula("always(a > 0)", DT_S, {"a": values}) == values.min()
+
+
+@pytest.mark.parametrize(
+    ("formula", "words"),
+    [
+        ("always(speed)", "in place of a comparison"),
+        ("1 < 2", "names no signal"),
+        ("", "in place of a signal or a number"),
+        ("a > b > 1", "in place of the end"),
+        ("a > 1 and", "the end in place of a signal"),
+        ("and > 1", "'and' at character 1 in place of a signal"),
+        ("a > 1; b > 1", "cannot stand"),
+        ("a = 1", "cannot stand"),
+        ("a / b > 1", "cannot stand"),
+        ("(" * 51 + "a > 1" + ")" * 51, "inside each other"),
+        ("-" * 60 + "a > 1", "inside each other"),
+        ("not " * 60 + "a > 1", "inside each other"),
+        ("a > 1 and " * 120 + "a > 1", "longer than"),
+        ("(a > 1", "in place of '.'"),
+        ("a > 1)", "in place of the end"),
+        ("always[1](a > 1)", "in place of ':'"),
+        ("always[0:0.7](a > 1)", "whole number of steps"),
+        ("always[2:1](a > 1)", "ends before it begins"),
+        ("always[a:1](a > 1)", "in place of a time"),
+        ("eventually[0:5](always[0:5.5](a > 1))", "looks 10.5 s ahead"),
+    ],
+)
+def test_what_is_no_formula_is_refused(formula: str, words: str) -> None:
+    with pytest.raises(InvalidValue, match=words):
+        check_formula(formula, KNOWN, DT_S, 10.0)
+
+
+@pytest.mark.parametrize(
+    ("formula", "same"),
+    [
+        ("not a > 1 and b > 1", "(not (a > 1)) and (b > 1)"),
+        ("always a > 1 or b > 1", "(always (a > 1)) or (b > 1)"),
+        ("a > 1 or b > 1 and a > 2", "(a > 1) or ((b > 1) and (a > 2))"),
+        ("a > 1 implies b > 1 implies a > 2", "(a > 1) implies ((b > 1) implies (a > 2))"),
+        ("a > 1 until b > 1 and a > 2", "((a > 1) until (b > 1)) and (a > 2)"),
+        ("a - b - 1 > 0", "((a - b) - 1) > 0"),
+        ("(a + 1) * 2 > b", "((a + 1) * 2) > b"),
+        ("always[0,1] a > - 1", "always[0:1] (a > -1)"),
+    ],
+)
+def test_operators_bind_as_the_manual_says(formula: str, same: str) -> None:
+    generator = np.random.default_rng(3)
+    for _ in range(20):
+        signals = {name: generator.normal(size=6) for name in ("a", "b")}
+        found = evaluate_formula(formula, DT_S, signals)
+        assert found == evaluate_formula(same, DT_S, signals)
+
+
+def test_an_unknown_signal_is_named_with_the_near_one() -> None:
+    with pytest.raises(InputError, match=r"Did you mean 'error\.c'"):
+        check_formula("error.d > 1", KNOWN, DT_S, 10.0)
+
+
+def test_the_names_are_those_of_its_signals() -> None:
+    found = parse_formula("always(not(a > 1) implies once[0:1](error.c < 2))")
+    assert list_names(found) == {"a", "error.c"}
