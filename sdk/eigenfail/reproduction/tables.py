@@ -186,8 +186,9 @@ MEANS = (
     "give its number of steps: its log p is not comparable with ours."
 )
 COST = (
-    "Cost: price of all n episodes ÷ failures, at 1.20 USD per instance-hour, of one run on the "
-    "machine that ran it; the paper's is of a GPU instance at that price."
+    "Instance-hours are the active time of this campaign on one instance, in one run; cost is "
+    "their price at 1.20 USD per hour ÷ failures, without that of a training before it. The "
+    "paper's cost is of a GPU instance at that price."
 )
 PAPERS = (
     "The paper's numbers are of its own planner, simulator and settings, also beside our defaults."
