@@ -222,10 +222,9 @@ OF_SAFETY = (
     "Share of the n episodes of an evaluation with a collision, a MinTTC below 1.5 s, a DRAC "
     "above 7 m/s². Brackets hold Wilson's 95 % interval of independent draws from that one trained "
     "searcher; where none or all are counted, an exact one-sided 95 % bound. Median and worst "
-    "(smallest MinTTC, largest DRAC) are over the episodes that have the measure. The paper's are "
-    "of its 300 episodes of DiFS, of which 9 collide. In an episode that collides both are read up "
-    "to the last step of 0.1 s before the contact: where most collide, as with ast, they are not "
-    "comparable with the paper's."
+    "(smallest MinTTC, largest DRAC) are over the episodes that have the measure; in one that "
+    "collides, up to the last step of 0.1 s before the contact. The paper's are of its 300 "
+    "episodes of DiFS, of which 9 collide; it has none of AST."
 )
 OF_COMPONENTS = (
     "Analyses of the n failures of an evaluation by the noise of one axis, aligned at the "
@@ -408,28 +407,31 @@ def build_safety_table(found: Mapping[str, Safety]) -> PaperTable:
 
 
 def _build_safety_rows(name: str, safety: Safety) -> Iterator[PaperRow]:
+    # The paper has these measures of DiFS alone.
+    paper = SAFETY if name.startswith("difs") else {}
     collisions = (
-        _count_draws(safety.collisions, _read_papers_share("collision")),
+        _count_draws(safety.collisions, _read_papers_share(paper.get("collision"))),
         *2 * (PaperNumber(None, 0),),
     )
     yield PaperRow(f"{name}: collision", collisions, safety.campaign)
     for measure, words in (("min_ttc", "MinTTC < 1.5 s"), ("drac", "DRAC > 7 m/s²")):
         of = safety.ttc if measure == "min_ttc" else safety.drac
-        yield PaperRow(f"{name}: {words}", _read_violations(measure, of), safety.campaign)
+        numbers = _read_violations(of, paper.get(measure))
+        yield PaperRow(f"{name}: {words}", numbers, safety.campaign)
 
 
-def _read_violations(measure: str, of: Violations) -> tuple[PaperNumber, ...]:
-    paper = SAFETY[measure]
+def _read_violations(of: Violations, paper: Numbers | None) -> tuple[PaperNumber, ...]:
+    median, worst = (paper["median"], paper["worst"]) if paper else (None, None)
     return (
-        _count_draws(of.beyond, _read_papers_share(measure)),
-        PaperNumber(of.median, of.n, paper=paper["median"]),
-        PaperNumber(of.worst, of.n, paper=paper["worst"]),
+        _count_draws(of.beyond, _read_papers_share(paper)),
+        PaperNumber(of.median, of.n, paper=median),
+        PaperNumber(of.worst, of.n, paper=worst),
     )
 
 
-def _read_papers_share(measure: str) -> float:
+def _read_papers_share(paper: Numbers | None) -> float | None:
     """Return the paper's count as a share of its 300 episodes."""
-    return SAFETY[measure]["count"] / SAFETY_EPISODES
+    return paper["count"] / SAFETY_EPISODES if paper else None
 
 
 def build_component_table(found: Analyses) -> PaperTable:
