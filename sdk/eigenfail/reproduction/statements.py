@@ -12,6 +12,7 @@ from eigenfail.client import Client
 from eigenfail.errors import Conflict
 from eigenfail.intervals import Z, find_interval
 from eigenfail.presentation.figures import format_interval, format_number, format_share
+from eigenfail.reproduction.programme import SWEPT
 from eigenfail.reproduction.tables import (
     AXES,
     MODES,
@@ -154,9 +155,10 @@ def _judge_batch_size(summaries: Summaries, safeties: Safeties, compare: Compare
 def _judge_alpha(summaries: Summaries, safeties: Safeties, compare: Compare) -> PaperStatement:
     a, b = names = ("sweep base", "sweep alpha=500")
     parts = (fails_more_often(compare(b, a)), is_likelier(safeties[a], safeties[b]))
+    figures = _list_figures(summaries, names, Means.LOG_P)
     return _combine(
         "A small alpha makes failures likelier and fewer.",
-        _list_figures(summaries, names, Means.LOG_P),
+        f"{figures} (the base has an alpha of {SWEPT['alpha']:,})",
         parts,
         "A possible cause, not tested: the paper's log p is thousands below zero, beside which an "
         "alpha of 500 is small; here it is a few hundred below zero, so that this alpha may still "
