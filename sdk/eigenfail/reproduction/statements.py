@@ -255,20 +255,26 @@ def _judge_modes(name: str, result: AnalysisResult) -> PaperStatement:
     return PaperStatement(
         f"There are {MODES} distinct failure modes.",
         result.distinct and len(result.modes) == MODES,
-        f"{name}, longitudinal noise: {result.verdict}",
+        f"{name}, longitudinal noise: {_count_modes(result)}",
         "Failures known under p(x) by brute force have no groups beyond those of noise, either; "
         "that does not show that there is one mode.",
     )
 
 
+def _count_modes(result: AnalysisResult) -> str:
+    return f"{len(result.modes)} distinct modes" if result.distinct else result.verdict
+
+
 def _judge_replays(name: str, proof: Proof) -> PaperStatement:
     rate = proof.eigenfailures.rate
+    figures = "none was replayed"
+    if rate:
+        places = len(proof.scenarios)
+        figures = f"{rate.k} of {rate.n} replays of eigenfailures failed, in {places} scenarios"
     return PaperStatement(
         "Eigenfailures reproduce failures in all scenarios tested.",
         None if rate is None else rate.k == rate.n,
-        f"{name}: {rate.k} of {rate.n} replays of eigenfailures failed again"
-        if rate
-        else f"{name}: none was replayed",
+        f"{name}: {figures}",
     )
 
 

@@ -232,14 +232,15 @@ OF_COMPONENTS = (
     "principal components explain; *just before the collision*: the last second's share of the "
     "influence, and of the time. Modes are distinct only where their silhouette exceeds that of "
     "data without groups (*of noise*) and they are stable; where they are not, one mode is "
-    "counted. The adjusted Rand index is the median over bootstrap resamples of these failures, in "
-    "brackets the range of the middle 95 % of the resamples. The paper does not say of which axis "
-    "its three modes are."
+    "counted. The adjusted Rand index is the median over "
+    f"{AnalysisSettings().bootstrap} bootstrap resamples of these failures, in brackets the range "
+    "of the middle 95 % of the resamples. The paper does not say of which axis its three modes are."
 )
 OF_REPLAYS = (
-    "Replays that collided, of all, in the named scenario: one eigenfailure and one medoid of each "
-    "group of the failures of an evaluation by the noise of both axes, also where the groups are "
-    "no distinct modes. A replay always has the same result: these are counts, no rates."
+    "Replays that collided, of all, in the named scenario: one eigenfailure (the mean of the "
+    "noise) and one medoid of each group of the failures of an evaluation by the noise of both "
+    "axes, also where the groups are no distinct modes. A replay always has the same result: these "
+    "are counts, no rates."
 )
 
 
