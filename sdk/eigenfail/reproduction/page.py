@@ -118,16 +118,14 @@ number of steps of its episodes is not given, so that no number is expected to b
 several campaigns) {holding} hold here. The paper is Warner et al., *Importance Sampling and PCA for
 Finding Failures in Commercial Autonomous Vehicles*.
 
-In all tables:
+How to read the tables:
 
-- A row is one campaign of `rulebook` in `cut_in`, unless it names another planner, with the seed
-  {seed}; an evaluation has a seed that is {fresh} higher. Another seed may give other numbers, so
-  that the difference between two rows may be that of two seeds.
+- A row is one campaign, with one seed. Another seed may give other numbers, so that the difference
+  between two rows may be that of two seeds.
 - `ast` and `difs` have our defaults. `ast_paper` has the values of the paper's main runs (alpha
   5,000, c_dist 1,000, tau 0.001, learning rate 3e-4, batch size 16, buffer size 10,000), with four
   gradient steps for each decision; `difs_paper` has the paper's schedule. Their other settings are
   our defaults.
-- n counts episodes; in the table of components, failures.
 """
 
 
@@ -135,8 +133,6 @@ def format_page(found: PaperReproduction) -> str:
     """Return the page in Markdown."""
     opening = OPENING.format(
         scale=found.scale,
-        seed=found.seed,
-        fresh=FRESH,
         statements=len(found.statements),
         holding=sum(each.holds is True for each in found.statements),
     )

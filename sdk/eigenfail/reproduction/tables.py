@@ -176,23 +176,21 @@ DRAWN = (
 )
 ONE_SEARCHER = "That of an evaluation is about its one trained searcher."
 SEARCHED = (
-    "Failure rate: share of the n episodes of the search that collide. They depend on those before "
-    "them, so that it has no interval and is no rate of the planner under p(x)."
+    "Failure rate: share of the n episodes that collide; in a search they depend on those before "
+    "them, so that it has no interval and is no rate under p(x)."
 )
 MEANS = (
     "Log p (natural logarithm of the density of the errors in metres, summed over the steps) and "
-    "severity (squared relative speed at the collision) are means over the failures, n × failure "
-    "rate of them; log p per step is the sum over all failures ÷ their steps. The paper does not "
-    "give its number of steps: its log p is not comparable with ours."
+    "severity (squared relative speed at the collision) are means over the failures; log p per "
+    "step is the sum over all failures ÷ their steps. Log p is not comparable with the paper's, "
+    "which does not give its number of steps."
 )
 COST = (
     "Instance-hours are the active time of this campaign on one instance, in one run; cost is "
     "their price at 1.20 USD per hour ÷ failures, without that of a training before it. The "
     "paper's cost is of a GPU instance at that price."
 )
-PAPERS = (
-    "The paper's numbers are of its own planner, simulator and settings, also beside our defaults."
-)
+PAPERS = "of its own planner, simulator and settings, also beside our defaults."
 NOT_SWEPT = (
     "Each row changes one setting of the base: `ast` with alpha 10,000, c_dist 1,000, tau 0.005, "
     "learning_rate 3e-4, batch_size 64, buffer_size 100,000, four gradient steps for each decision "
@@ -205,18 +203,23 @@ OF_PLANNERS = (
     "neither their number of episodes nor the episodes over which severity is averaged."
 )
 OF_SWEEP = (
-    f"{NOT_SWEPT} {SEARCHED} {MEANS} The paper's numbers are of the same values with its own "
-    "planner and simulator."
+    f"{NOT_SWEPT} {SEARCHED} {MEANS} The paper's numbers are of 300 episodes each, of the "
+    "same values with its own planner and simulator."
 )
-OF_TRAINING = f"One training campaign for each row. {SEARCHED} {MEANS} {COST} {PAPERS}"
+OF_TRAINING = (
+    f"One training campaign for each row. {SEARCHED} {MEANS} {COST} The paper's numbers are of "
+    f"1,000 episodes each, {PAPERS}"
+)
 OF_EVALUATION = (
-    f"Draws from p(x) (`monte_carlo`), and from what each training left, which learns nothing "
-    f"more. {DRAWN} {ONE_SEARCHER} {MEANS} {COST} {PAPERS}"
+    "Draws from p(x) (`monte_carlo`), and from what each training left, which learns nothing "
+    f"more. {DRAWN} {ONE_SEARCHER} {MEANS} {COST} The paper's numbers are of 2,000 episodes "
+    f"of Monte Carlo and 300 each of the others, {PAPERS}"
 )
 OF_DISTANCES = (
     "What was trained at one distance of the cut-in, evaluated there and where it begins 5 m "
     f"further (`plus5`) and nearer (`minus5`). {DRAWN} {ONE_SEARCHER} Severity is the mean over "
-    f"the failures. {PAPERS}"
+    f"the failures. The paper's numbers are of 300 episodes at its usual distance and 100 at each "
+    f"other, {PAPERS}"
 )
 OF_SAFETY = (
     "Share of the n episodes of an evaluation with a collision, a MinTTC below 1.5 s, a DRAC "
@@ -234,13 +237,14 @@ OF_COMPONENTS = (
     "data without groups (*of noise*) and they are stable; where they are not, one mode is "
     "counted. The adjusted Rand index is the median over "
     f"{AnalysisSettings().bootstrap} bootstrap resamples of these failures, in brackets the range "
-    "of the middle 95 % of the resamples. The paper does not say of which axis its three modes are."
+    "of the middle 95 % of the resamples. The paper's numbers are of 300 failures of its AST; it "
+    "does not say of which axis its three modes are."
 )
 OF_REPLAYS = (
     "Replays that collided, of all, in the named scenario: one eigenfailure (the mean of the "
     "noise) and one medoid of each group of the failures of an evaluation by the noise of both "
     "axes, also where the groups are no distinct modes. A replay always has the same result: these "
-    "are counts, no rates."
+    "are counts, no rates. The paper says *all*, and gives no number."
 )
 
 

@@ -51,7 +51,6 @@ def test_every_number_is_a_claim(found):
 def test_the_page_marks_each_number_and_sets_the_papers_beside_it(found):
     text = format_page(found)
     assert "--scale full" in text
-    assert "with the seed\n  5; an evaluation has a seed that is 1000 higher." in text
     assert "| | n | failure rate [%] | paper | log p [nat] |" in text
     assert "Of\n1 comparisons with statements of the paper (at the end;" in text
     assert "several campaigns) 0 hold here." in text
