@@ -25,12 +25,12 @@ class Row(NamedTuple):
 
 
 ROWS = (
-    Row("filling the database, in commits of 256 results: episodes ÷ time in commits,"
-        " from empty to a million [episodes/s]", ("ingest_per_s",)),
+    Row("filling the database by one process, in commits of 256 results: episodes ÷ time in"
+        " commits, from empty to a million [episodes/s]", ("ingest_per_s",)),
     Row("on the disk [bytes per episode]", ("bytes_per_episode",)),
     Row("100 rows, nine tenths deep: by index, by robustness, under a filter [ms]",
         ("page_by_index_ms", "page_by_robustness_ms", "page_filtered_ms")),
-    Row("the 100 severest failures of the largest campaign, again [ms]",
+    Row("the 100 severest failures of the largest campaign [ms]",
         ("failures_by_severity_ms",)),
     Row("summary of the largest campaign: for the first time, again [ms]",
         ("summary_first_ms", "summary_ms")),

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
+from eigenfail.reproduction import tables
 from eigenfail.reproduction.page import list_claims
 from eigenfail.reproduction.programme import SCALES
 
@@ -39,6 +40,16 @@ def test_it_is_a_run_at_full_scale(benchmark):
     assert found.scale == "full"
     trained = {row.name: row.numbers[1].n for table in found.tables[2:3] for row in table.rows}
     assert set(trained.values()) == {SCALES["full"].training}
+
+
+def test_its_captions_are_those_of_the_program(benchmark):
+    kept = {table.name: table.note for table in benchmark.read().tables}
+    assert kept == {
+        **{layout.name: layout.note for layout in tables.LAYOUTS},
+        "safety": tables.OF_SAFETY,
+        "components": tables.OF_COMPONENTS,
+        "eigenfailures": tables.OF_REPLAYS,
+    }
 
 
 def test_its_numbers_are_the_claims(benchmark, root):

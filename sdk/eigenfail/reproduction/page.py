@@ -9,6 +9,7 @@ import msgspec
 
 from eigenfail.presentation import figures
 from eigenfail.presentation.tables import TableColumn, format_cell
+from eigenfail.reproduction.programme import FRESH
 from eigenfail.reproduction.tables import (
     REPLAYED,
     PaperColumn,
@@ -119,27 +120,12 @@ Finding Failures in Commercial Autonomous Vehicles*.
 
 How to read the tables:
 
-- A row is one campaign, with the seed {seed}; an evaluation has a seed that is 1000 higher. Another
-  seed may give other numbers, so that the difference between two rows may be that of two seeds.
+- A row is one campaign, with one seed. Another seed may give other numbers, so that the difference
+  between two rows may be that of two seeds.
 - `ast` and `difs` have our defaults. `ast_paper` has the values of the paper's main runs (alpha
   5,000, c_dist 1,000, tau 0.001, learning rate 3e-4, batch size 16, buffer size 10,000), with four
   gradient steps for each decision; `difs_paper` has the paper's schedule. Their other settings are
   our defaults.
-- The columns *paper* have the paper's numbers, which are of its own settings, also beside our
-  defaults; it gives no intervals.
-- `monte_carlo` draws from p(x), an evaluation from one trained searcher: its interval is a
-  statement about that searcher alone. `plus5` and `minus5` begin the cut-in 5 m further and nearer.
-- Brackets behind shares hold 95 % intervals of independent draws, rounded outwards: Wilson's, but
-  exact one-sided bounds where none or all failed (behind ≤ the upper one). In the sweep and in
-  training an episode depends on those before it: such rates have no interval. Brackets behind rank
-  correlations hold the 95 % interval of Bonett and Wright (2000).
-- Log p is that of a density of the errors in metres. Log p per step is the sum over the failures
-  divided by their steps; of noise from p(x) it is about −2 here. The paper calls the failures of
-  its DiFS about as likely as noise from p(x): at −2 per step their mean of about −1,490 would be
-  that of some 750 steps.
-- n counts episodes; in the table of components, failures. Log p and severity are means over the
-  failures among them. A cost is the price of all episodes ÷ failures; hours and costs are of one
-  run on the machine that ran it.
 """
 
 
@@ -147,7 +133,6 @@ def format_page(found: PaperReproduction) -> str:
     """Return the page in Markdown."""
     opening = OPENING.format(
         scale=found.scale,
-        seed=found.seed,
         statements=len(found.statements),
         holding=sum(each.holds is True for each in found.statements),
     )
@@ -157,8 +142,20 @@ def format_page(found: PaperReproduction) -> str:
 def _format_tables(found: PaperReproduction) -> Iterator[str]:
     for table in found.tables:
         yield f"## {table.title}\n"
+        yield f"{_format_seeds(table, found.seed)} {table.note}".rstrip() + "\n"
         yield from _format_grid(table)
-        yield f"\n{table.note}\n" if table.note else ""
+        yield ""
+
+
+def _format_seeds(table: PaperTable, seed: int) -> str:
+    if table.name == "planners":
+        return f"Scenario `cut_in`, seed {seed}."
+    if table.name in {"sweep", "training"}:
+        return f"Planner `rulebook`, scenario `cut_in`, seed {seed}."
+    return (
+        f"Planner `rulebook`, scenario `cut_in`; seed {seed} of Monte Carlo and training, "
+        f"{seed + FRESH} of evaluations."
+    )
 
 
 def _format_grid(table: PaperTable) -> Iterator[str]:
@@ -198,12 +195,14 @@ def _format_statements(found: PaperReproduction) -> Iterator[str]:
     yield "## Statements of the paper\n"
     yield (
         "Every campaign was run with one seed, so that no verdict is final: it is about these\n"
-        "runs. Means and rates are compared by the 95 % intervals of independent draws; shares of\n"
-        "variance and influence have none. The episodes of the sweep are not independent: there\n"
-        "the interval is a rule that passes over small differences, and no test. Verdicts on the\n"
-        "sweep compare one run with one other, and another seed may reverse them. Likelihood and\n"
-        "severity are those of the failures that one searcher chose: how they correlate does not\n"
-        "say how rare severe collisions are under p(x).\n"
+        "runs. The numbers are those of the tables above: failures of episodes (a count; of a\n"
+        "search no rate), log p per step [nat] and mean severity of these failures. Means and\n"
+        "rates are compared by the 95 % intervals of independent draws; shares of variance and\n"
+        "influence have none. The episodes of the sweep are not independent: there the interval\n"
+        "is a rule that passes over small differences, and no test, and another seed may reverse\n"
+        "a verdict. Rank correlations have the 95 % interval of Bonett and Wright (2000). They\n"
+        "are over the failures that one searcher chose, and do not say how rare severe\n"
+        "collisions are under p(x).\n"
     )
     yield "| the paper | here | numbers | why |\n|---|---|---|---|"
     for one in found.statements:

@@ -1,6 +1,7 @@
 """The paper's statements, judged by our numbers; each rests on one seed, so none is final."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from enum import StrEnum
 from functools import partial
 from math import hypot
 from statistics import fmean, stdev
@@ -11,6 +12,7 @@ from eigenfail.client import Client
 from eigenfail.errors import Conflict
 from eigenfail.intervals import Z, find_interval
 from eigenfail.presentation.figures import format_interval, format_number, format_share
+from eigenfail.reproduction.programme import SWEPT
 from eigenfail.reproduction.tables import (
     AXES,
     MODES,
@@ -60,6 +62,13 @@ NEEDED = (
 """Members whose failures are compared one by one."""
 
 
+class Means(StrEnum):
+    """Means over the failures of a campaign that a statement is about."""
+
+    LOG_P = "log p per step"
+    SEVERITY = "mean severity"
+
+
 FEWEST_FAILURES = 10
 """Means over fewer failures are not compared, as the interval below needs large samples; fewer have
 no rank correlation, either."""
@@ -103,7 +112,7 @@ def _judge_planners(summaries: Summaries) -> PaperStatement:
     return PaperStatement(
         "Under Monte Carlo the planner fails less often than IDM.",
         holds,
-        f"{_describe(ours)} against {_describe(idm)}",
+        f"rulebook: {_count(ours)}; idm: {_count(idm)}",
         "The intervals of both rates overlap in this run, or their order is reversed.",
     )
 
@@ -115,12 +124,12 @@ def _judge_monte_carlo(summaries: Summaries) -> PaperStatement:
     }
     holds = not monte_carlo.counts.failures and all(s.counts.failures for s in searches.values())
     figures = "; ".join(
-        f"{name} evaluation: {_describe(summary)}" for name, summary in searches.items()
+        f"{name} evaluation: {_count(summary)}" for name, summary in searches.items()
     )
     return PaperStatement(
         "Monte Carlo finds no failure where AST and DiFS both do.",
         holds,
-        f"Monte Carlo: {_describe(monte_carlo)}; {figures}",
+        f"Monte Carlo: {_count(monte_carlo)}; {figures}",
         "Judged by the evaluations. A possible cause, not tested: `difs_paper` trains twice, on "
         "500 draws from p(x) and on 500 conditioned ones, with few failures or none among them; "
         "`difs` trains every few episodes.",
@@ -136,8 +145,7 @@ def _judge_batch_size(summaries: Summaries, safeties: Safeties, compare: Compare
     )
     return _combine(
         "A small batch improves failure rate, log p and severity.",
-        summaries,
-        names,
+        _list_figures(summaries, names, Means.LOG_P, Means.SEVERITY),
         parts,
         "A possible cause, not tested: 300 episodes have at most 3,000 decisions here, and "
         "gradients over 16 of them are noisy.",
@@ -147,14 +155,14 @@ def _judge_batch_size(summaries: Summaries, safeties: Safeties, compare: Compare
 def _judge_alpha(summaries: Summaries, safeties: Safeties, compare: Compare) -> PaperStatement:
     a, b = names = ("sweep base", "sweep alpha=500")
     parts = (fails_more_often(compare(b, a)), is_likelier(safeties[a], safeties[b]))
+    figures = _list_figures(summaries, names, Means.LOG_P)
     return _combine(
         "A small alpha makes failures likelier and fewer.",
-        summaries,
-        names,
+        f"{figures} (the base has an alpha of {SWEPT['alpha']:,})",
         parts,
-        "A possible cause, not tested: the paper's mean log p is -2465 with an alpha of 500 and "
-        "-5360 with 10,000, beside which 500 is small; here it is a few hundred below zero, so "
-        "that an alpha of 500 may still dominate.",
+        "A possible cause, not tested: the paper's log p is thousands below zero, beside which an "
+        "alpha of 500 is small; here it is a few hundred below zero, so that this alpha may still "
+        "dominate.",
     )
 
 
@@ -163,8 +171,7 @@ def _judge_c_dist(summaries: Summaries, safeties: Safeties, compare: Compare) ->
     parts = (fails_more_often(compare(a, b)), is_more_severe(safeties[a], safeties[b]))
     return _combine(
         "A large c_dist makes failures more frequent and more severe.",
-        summaries,
-        names,
+        _list_figures(summaries, names, Means.SEVERITY),
         parts,
         "A possible cause, not tested: c_dist scales the returns, and critics with the same "
         "learning rate learn larger returns more slowly.",
@@ -187,8 +194,7 @@ def _judge_difs(suffix: str, summaries: Summaries, safeties: Safeties) -> PaperS
     a, b = names = (f"ast{suffix} evaluation", f"difs{suffix} evaluation")
     return _combine(
         "DiFS finds likelier failures than AST.",
-        summaries,
-        names,
+        _list_figures(summaries, names, Means.LOG_P),
         (is_likelier(safeties[a], safeties[b]),),
         f"`difs{suffix}` found too few failures for a comparison of means.",
     )
@@ -198,8 +204,7 @@ def _judge_distances(summaries: Summaries) -> PaperStatement:
     names = tuple(f"ast {place}" for place in ("evaluation", "plus5", "minus5"))
     return _combine(
         "AST's policy fails the planner at other distances of the cut-in, too.",
-        summaries,
-        names,
+        _list_figures(summaries, names),
         tuple(is_above_half(summaries[name].failure_rate) for name in names),
         "The policy was trained at one distance only.",
     )
@@ -212,8 +217,8 @@ def _judge_components(
     return PaperStatement(
         "Longitudinal noise needs more components than lateral noise.",
         along < across,
-        f"{name}: the first three explain {format_share(along)} along the road, "
-        f"{format_share(across)} across",
+        f"{name}: the first three explain {format_share(along)} of the variance of the noise along "
+        f"the road, {format_share(across)} of that across it",
         "All failures come from one policy: other searchers may find the opposite. The cause was "
         "not tested.",
     )
@@ -250,18 +255,26 @@ def _judge_modes(name: str, result: AnalysisResult) -> PaperStatement:
     return PaperStatement(
         f"There are {MODES} distinct failure modes.",
         result.distinct and len(result.modes) == MODES,
-        f"{name}, longitudinal noise: {result.verdict}",
-        "The 214 failures known under p(x) by brute force have no groups beyond those of noise, "
-        "either; that does not show that there is one mode.",
+        f"{name}, longitudinal noise: {_count_modes(result)}",
+        "Failures known under p(x) by brute force have no groups beyond those of noise, either; "
+        "that does not show that there is one mode.",
     )
+
+
+def _count_modes(result: AnalysisResult) -> str:
+    return f"{len(result.modes)} distinct modes" if result.distinct else result.verdict
 
 
 def _judge_replays(name: str, proof: Proof) -> PaperStatement:
     rate = proof.eigenfailures.rate
+    figures = "none was replayed"
+    if rate:
+        places = len(proof.scenarios)
+        figures = f"{rate.k} of {rate.n} replays of eigenfailures failed, in {places} scenarios"
     return PaperStatement(
         "Eigenfailures reproduce failures in all scenarios tested.",
         None if rate is None else rate.k == rate.n,
-        f"{name}: {rate.k} of {rate.n} replays" if rate else f"{name}: none was replayed",
+        f"{name}: {figures}",
     )
 
 
@@ -345,26 +358,29 @@ def fails_more_often(comparison: Comparison) -> Judgement:
 
 
 def _combine(
-    paper: str,
-    summaries: Summaries,
-    names: tuple[str, ...],
-    parts: tuple[Judgement, ...],
-    why: str = "",
+    paper: str, figures: str, parts: tuple[Judgement, ...], why: str = ""
 ) -> PaperStatement:
     """Judge a statement of several parts: false if one is, open if one is open and none false."""
     open_or_true = None if None in parts else True
     holds = False if False in parts else open_or_true
-    figures = "; ".join(f"{name}: {_describe(summaries[name])}" for name in names)
     return PaperStatement(paper, holds, figures, why)
 
 
-def _describe(summary: Summary) -> str:
+def _list_figures(summaries: Summaries, names: Sequence[str], *means: Means) -> str:
+    return "; ".join(f"{name}: {_describe(summaries[name], means)}" for name in names)
+
+
+def _count(summary: Summary) -> str:
     counts = summary.counts
-    words = [f"{counts.failures} of {counts.completed}"]
-    if summary.log_probability_per_step is not None:
-        words.append(f"log p {format_number(summary.log_probability_per_step)} per step")
-    if summary.mean_severity is not None:
-        words.append(f"severity {format_number(summary.mean_severity)} m²/s²")
+    return f"{counts.failures} of {counts.completed} failed"
+
+
+def _describe(summary: Summary, means: Collection[Means]) -> str:
+    words = [_count(summary)]
+    if Means.LOG_P in means and summary.log_probability_per_step is not None:
+        words.append(f"{Means.LOG_P} {format_number(summary.log_probability_per_step)}")
+    if Means.SEVERITY in means and summary.mean_severity is not None:
+        words.append(f"{Means.SEVERITY} {format_number(summary.mean_severity)} m²/s²")
     return ", ".join(words)
 
 

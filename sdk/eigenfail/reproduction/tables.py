@@ -170,23 +170,81 @@ MODES = 3
 Summaries = Mapping[str, Summary]
 Read = Callable[[Summary], PaperNumber]
 
-UNNAMED = (
-    "The paper gives neither the number of episodes of this table nor the episodes over which its "
-    "severity is averaged; it has 2,000 episodes of its planner in the table of its evaluation."
+DRAWN = (
+    "Failure rate: share of the n episodes that collide. Brackets hold Wilson's 95 % interval of "
+    "independent draws; where none or all failed, an exact one-sided 95 % bound."
 )
-PER_STEP = (
-    "Our episodes have at most 100 steps and end at a collision; the paper does not give its "
-    "number of steps. Sums of log p are therefore not comparable, and ours is given by step, too."
+ONE_SEARCHER = "That of an evaluation is about its one trained searcher."
+SEARCHED = (
+    "Failure rate: share of the n episodes that collide; in a search they depend on those before "
+    "them, so that it has no interval and is no rate under p(x)."
 )
+MEANS = (
+    "Log p (natural logarithm of the density of the errors in metres, summed over the steps) and "
+    "severity (squared relative speed at the collision) are means over the failures; log p per "
+    "step is the sum over all failures ÷ their steps. Log p is not comparable with the paper's, "
+    "which does not give its number of steps."
+)
+COST = (
+    "Instance-hours are the active time of this campaign on one instance, in one run; cost is "
+    "their price at 1.20 USD per hour ÷ failures, without that of a training before it. The "
+    "paper's cost is of a GPU instance at that price."
+)
+PAPERS = "of its own planner, simulator and settings, also beside our defaults."
 NOT_SWEPT = (
-    "Each row changes one setting of the base: alpha 10,000, c_dist 1,000, tau 0.005, "
+    "Each row changes one setting of the base: `ast` with alpha 10,000, c_dist 1,000, tau 0.005, "
     "learning_rate 3e-4, batch_size 64, buffer_size 100,000, four gradient steps for each decision "
     "and our defaults. The paper also varies tau and buffer_size, which have no effect here, for "
     "the reason below."
 )
-COST = (
-    "Cost at 1.20 USD per instance-hour; the paper's run times divided by its episodes are 32 to "
-    "66 s, learning included."
+OF_PLANNERS = (
+    f"One Monte Carlo campaign of each planner. {DRAWN} Severity is the mean over the failures "
+    "(squared relative speed). The paper's numbers are of its own planner and of its IDM; it gives "
+    "neither their number of episodes nor the episodes over which severity is averaged."
+)
+OF_SWEEP = (
+    f"{NOT_SWEPT} {SEARCHED} {MEANS} The paper's numbers are of 300 episodes each, of the "
+    "same values with its own planner and simulator."
+)
+OF_TRAINING = (
+    f"One training campaign for each row. {SEARCHED} {MEANS} {COST} The paper's numbers are of "
+    f"1,000 episodes each, {PAPERS}"
+)
+OF_EVALUATION = (
+    "Draws from p(x) (`monte_carlo`), and from what each training left, which learns nothing "
+    f"more. {DRAWN} {ONE_SEARCHER} {MEANS} {COST} The paper's numbers are of 2,000 episodes "
+    f"of Monte Carlo and 300 each of the others, {PAPERS}"
+)
+OF_DISTANCES = (
+    "What was trained at one distance of the cut-in, evaluated there and where it begins 5 m "
+    f"further (`plus5`) and nearer (`minus5`). {DRAWN} {ONE_SEARCHER} Severity is the mean over "
+    f"the failures. The paper's numbers are of 300 episodes at its usual distance and 100 at each "
+    f"other, {PAPERS}"
+)
+OF_SAFETY = (
+    "Share of the n episodes of an evaluation with a collision, a MinTTC below 1.5 s, a DRAC "
+    "above 7 m/s². Brackets hold Wilson's 95 % interval of independent draws from that one trained "
+    "searcher; where none or all are counted, an exact one-sided 95 % bound. Median and worst "
+    "(smallest MinTTC, largest DRAC) are over the episodes that have the measure; in one that "
+    "collides, up to the last step of 0.1 s before the contact. The paper's are of its 300 "
+    "episodes of DiFS, of which 9 collide; it has none of AST."
+)
+OF_COMPONENTS = (
+    "Analyses of the n failures of an evaluation by the noise of one axis, aligned at the "
+    "collision, with default settings otherwise. Variance: the share that the first three "
+    "principal components explain; *just before the collision*: the last second's share of the "
+    "influence, and of the time. Modes are distinct only where their silhouette exceeds that of "
+    "data without groups (*of noise*) and they are stable; where they are not, one mode is "
+    "counted. The adjusted Rand index is the median over "
+    f"{AnalysisSettings().bootstrap} bootstrap resamples of these failures, in brackets the range "
+    "of the middle 95 % of the resamples. The paper's numbers are of 300 failures of its AST; it "
+    "does not say of which axis its three modes are."
+)
+OF_REPLAYS = (
+    "Replays that collided, of all, in the named scenario: one eigenfailure (the mean of the "
+    "noise) and one medoid of each group of the failures of an evaluation by the noise of both "
+    "axes, also where the groups are no distinct modes. A replay always has the same result: these "
+    "are counts, no rates. The paper says *all*, and gives no number."
 )
 
 
@@ -269,15 +327,15 @@ SEARCHES = (HOURS, RATE, COST_USD, LOG_P, PER_STEP_P, SEVERITY)
 DRAWS = (HOURS, DRAWN_RATE, COST_USD, LOG_P, PER_STEP_P, SEVERITY)
 
 LAYOUTS = (
-    TableLayout("planners", "Planners under Monte Carlo", (RATE, SEVERITY), PLANNERS, UNNAMED),
+    TableLayout("planners", "Planners under Monte Carlo", (RATE, SEVERITY), PLANNERS, OF_PLANNERS),
     TableLayout(
         "sweep",
         "Sweep of AST's settings",
         (RATE, LOG_P, PER_STEP_P, SEVERITY),
         SWEEP,
-        f"{PER_STEP} {NOT_SWEPT}",
+        OF_SWEEP,
     ),
-    TableLayout("training", "Training", SEARCHES, _pair_rows(TRAINING, ""), f"{PER_STEP} {COST}"),
+    TableLayout("training", "Training", SEARCHES, _pair_rows(TRAINING, ""), OF_TRAINING),
     TableLayout(
         "evaluation",
         "Evaluation",
@@ -286,10 +344,14 @@ LAYOUTS = (
             "monte_carlo rulebook": EVALUATION["monte_carlo rulebook"],
             **_pair_rows(EVALUATION, " evaluation"),
         },
-        f"{PER_STEP} {COST}",
+        OF_EVALUATION,
     ),
     TableLayout(
-        "generalisation", "AST where the cut-in moves", (DRAWN_RATE, SEVERITY), _pair_distances()
+        "generalisation",
+        "AST where the cut-in moves",
+        (DRAWN_RATE, SEVERITY),
+        _pair_distances(),
+        OF_DISTANCES,
     ),
 )
 """In the paper's order."""
@@ -346,39 +408,35 @@ REPLAYS = (
 def build_safety_table(found: Mapping[str, Safety]) -> PaperTable:
     """Build the table of collisions, MinTTC and DRAC of evaluations."""
     rows = (row for name, safety in found.items() for row in _build_safety_rows(name, safety))
-    note = (
-        "The paper's are of its 300 episodes of DiFS, of which 9 collide. Median and worst are "
-        "over the episodes that have the measure. In an episode that collides they are read up to "
-        "the last step of 0.1 s before the contact, so that they say how near to the contact that "
-        "step ended: where most episodes collide, as in the evaluation of ast, they are not "
-        "comparable with the paper's."
-    )
-    return PaperTable("safety", "Safety measures", MEASURES, tuple(rows), note)
+    return PaperTable("safety", "Safety measures", MEASURES, tuple(rows), OF_SAFETY)
 
 
 def _build_safety_rows(name: str, safety: Safety) -> Iterator[PaperRow]:
+    # The paper has these measures of DiFS alone.
+    paper = SAFETY if name.startswith("difs") else {}
     collisions = (
-        _count_draws(safety.collisions, _read_papers_share("collision")),
+        _count_draws(safety.collisions, _read_papers_share(paper.get("collision"))),
         *2 * (PaperNumber(None, 0),),
     )
     yield PaperRow(f"{name}: collision", collisions, safety.campaign)
     for measure, words in (("min_ttc", "MinTTC < 1.5 s"), ("drac", "DRAC > 7 m/s²")):
         of = safety.ttc if measure == "min_ttc" else safety.drac
-        yield PaperRow(f"{name}: {words}", _read_violations(measure, of), safety.campaign)
+        numbers = _read_violations(of, paper.get(measure))
+        yield PaperRow(f"{name}: {words}", numbers, safety.campaign)
 
 
-def _read_violations(measure: str, of: Violations) -> tuple[PaperNumber, ...]:
-    paper = SAFETY[measure]
+def _read_violations(of: Violations, paper: Numbers | None) -> tuple[PaperNumber, ...]:
+    median, worst = (paper["median"], paper["worst"]) if paper else (None, None)
     return (
-        _count_draws(of.beyond, _read_papers_share(measure)),
-        PaperNumber(of.median, of.n, paper=paper["median"]),
-        PaperNumber(of.worst, of.n, paper=paper["worst"]),
+        _count_draws(of.beyond, _read_papers_share(paper)),
+        PaperNumber(of.median, of.n, paper=median),
+        PaperNumber(of.worst, of.n, paper=worst),
     )
 
 
-def _read_papers_share(measure: str) -> float:
+def _read_papers_share(paper: Numbers | None) -> float | None:
     """Return the paper's count as a share of its 300 episodes."""
-    return SAFETY[measure]["count"] / SAFETY_EPISODES
+    return paper["count"] / SAFETY_EPISODES if paper else None
 
 
 def build_component_table(found: Analyses) -> PaperTable:
@@ -387,15 +445,9 @@ def build_component_table(found: Analyses) -> PaperTable:
         PaperRow(f"{name}: {axis}", _read_components(axis, result))
         for (name, axis), result in found.items()
     )
-    note = (
-        "The noise is aligned at the collision; *just before the collision* is its last second. "
-        "Modes are distinct only where their silhouette exceeds that of data without groups (*of "
-        "noise*) and they are stable; where they are not, one mode is counted. The adjusted Rand "
-        "index is the median over bootstrap resamples of one campaign's failures, in brackets the "
-        "range of the middle 95 % of these resamples. The paper does not say of which axis its "
-        "three modes are."
+    return PaperTable(
+        "components", "Principal components and modes", COMPONENTS, tuple(rows), OF_COMPONENTS
     )
-    return PaperTable("components", "Principal components and modes", COMPONENTS, tuple(rows), note)
 
 
 def _read_components(axis: str, result: AnalysisResult) -> tuple[PaperNumber, ...]:
@@ -433,12 +485,7 @@ def build_replay_table(found: Mapping[str, Proof]) -> PaperTable:
         for name, proof in found.items()
         for scenario in proof.scenarios
     )
-    note = (
-        "One eigenfailure and one medoid of each group of failures by the noise of both axes, also "
-        "where the groups are no distinct modes. A replay always has the same result: these are "
-        "counts, no rates."
-    )
-    return PaperTable("eigenfailures", "Eigenfailures replayed", REPLAYS, tuple(rows), note)
+    return PaperTable("eigenfailures", "Eigenfailures replayed", REPLAYS, tuple(rows), OF_REPLAYS)
 
 
 def _read_replays(scenario: ProvenScenario) -> tuple[PaperNumber, ...]:

@@ -166,12 +166,14 @@ def test_a_rank_correlation_is_shown_with_its_interval_and_the_reason(measured, 
     assert why in one.why
 
 
-def test_safety_measures_stand_beside_the_papers():
-    collision, ttc, _ = build_safety_table({NAME: safety(0.0, -1.0, 1.0)}).rows
+def test_safety_measures_of_difs_stand_beside_the_papers():
+    found = {"difs evaluation": safety(0.0, -1.0, 1.0), NAME: safety(0.0, -1.0, 1.0)}
+    collision, ttc, _, *of_ast = build_safety_table(found).rows
     assert (collision.numbers[0].value, collision.numbers[0].paper) == (0.03, 0.03)
     assert collision.numbers[1].value is None
     assert [number.paper for number in ttc.numbers] == [19 / 300, 3.50, 0.015]
     assert ttc.numbers[1].n == 290
+    assert {number.paper for row in of_ast for number in row.numbers} == {None}, "it has none"
 
 
 def test_modes_count_only_where_they_are_distinct():
