@@ -22,6 +22,7 @@ from eigenfail.values import (
     CampaignSpec,
     EpisodeResult,
     EpisodeSetup,
+    Estimate,
     Floats,
     LearnerContext,
     NoiseTrajectory,
@@ -65,6 +66,7 @@ class Found(NamedTuple):
     trained_episodes: int | None
     state: bytes
     digest: str
+    estimate: Estimate | None = None
 
 
 def search(spec: CampaignSpec, earlier: Found | None = None, noise: Sequence[Floats] = ()) -> Found:
@@ -98,6 +100,7 @@ def run(spec: CampaignSpec, given: LearnerContext, episodes: EpisodeEngine) -> F
         trained_episodes=getattr(learner, "trained_episodes", None),
         state=learner.state(),
         digest=sha256("".join(result.digest() for result in results).encode()).hexdigest(),
+        estimate=rounds.estimate(),
     )
 
 

@@ -14,6 +14,7 @@ import openturns_beside
 import parallel
 import processors
 import reproduction
+import requirements
 import splitting
 import subset_parallel
 import transfer
@@ -107,6 +108,12 @@ TRIALS = (
     Trial(("channels.white_",), channels.find_equal_digests),
     Trial(("channels.conformance",), channels.find_conformance),
     Trial(("channels.cut_in.", "channels.merge_in."), channels.find),
+    Trial(("requirements.closed_form.",), requirements.find_closed_form),
+    Trial(("requirements.merge_in.uncaused_braking.",), requirements.find_searches),
+    Trial(
+        tuple(f"requirements.{one}.{other}." for one, other in product(SCENARIOS, PLANNERS)),
+        requirements.find_rates,
+    ),
     *(of_planner("undisturbed", undisturbed, *place) for place in product(SCENARIOS, PLANNERS)),
     Trial(("lead_brake.rulebook.unlit.",), unlit),
     *(of_planner("held3", held_noise, *place) for place in product(SCENARIOS[1:], PLANNERS)),

@@ -1,9 +1,10 @@
-"""Write the tables of measures and of columns into docs: `python tests/docs/measure_tables.py`."""
+"""Write the tables of measures, columns and signals: `python tests/docs/measure_tables.py`."""
 
 from pathlib import Path
 
 from eigenfail.filters import COLUMNS
 from eigenfail.values import MEASURES
+from eigenfail.values.signals import SIGNALS
 
 DOCS = Path(__file__).parents[2] / "docs"
 
@@ -26,6 +27,22 @@ def render_columns():
     return _render_table(("column", "values", "what it says"), rows)
 
 
+def render_signals():
+    """Return the table of docs/requirements.md."""
+    rows = [
+        (
+            f"`{name}`",
+            signal.words,
+            signal.unit,
+            "" if signal.absent is None else f"{signal.absent:g}",
+            "lane" if signal.needs_lane else "",
+        )
+        for name, signal in SIGNALS.items()
+    ]
+    header = ("signal", "what it is", "unit", "where there is none", "needs")
+    return _render_table(header, rows)
+
+
 def _render_table(header, rows):
     cells = [[f" {cell} ".replace("|", r"\|") if cell else " " for cell in row] for row in rows]
     return "\n".join(
@@ -34,7 +51,11 @@ def _render_table(header, rows):
     )
 
 
-PAGES = {"measures.md": ("measures", render_measures), "episodes.md": ("columns", render_columns)}
+PAGES = {
+    "measures.md": ("measures", render_measures),
+    "episodes.md": ("columns", render_columns),
+    "requirements.md": ("signals", render_signals),
+}
 
 
 def render_page(name):

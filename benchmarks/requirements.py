@@ -1,0 +1,128 @@
+"""Figures: how often built-in planners violate requirements, and what searches find of them."""
+
+from collections.abc import Iterator
+from itertools import product
+from statistics import NormalDist
+
+import msgspec
+from bare import tasks
+from crew import Crew, horizon
+from figures import Figure
+from intervals import holds
+from learning_figures import of_seeds
+from samples import count_share, mean, share
+from searches import search
+
+from eigenfail.values import CampaignSpec, Channel, DisturbanceModel, Markov
+from eigenfail.values.requirements import (
+    AnyRequirement,
+    Formula,
+    NoCollision,
+    PreventableCollision,
+    TimeHeadway,
+    UncausedBraking,
+)
+from eigenfail.worlds import resolve_disturbance
+from eigenfail_workers.engine import Engine
+
+POSITION = (Channel("longitudinal"), Channel("lateral"))
+SETS: dict[str, tuple[Channel, ...]] = {
+    "position": POSITION,
+    "ghost": (*POSITION, Channel("ghost", shape=Markov(0.01, 5.0))),
+}
+"""Channels by the name of their set in figures."""
+
+KINDS: tuple[AnyRequirement, ...] = (
+    NoCollision(),
+    PreventableCollision(),
+    TimeHeadway(),
+    UncausedBraking(),
+)
+SCENARIOS = ("cut_in", "lead_brake", "merge_in")
+PLANNERS = ("rulebook", "idm")
+SAMPLE = 1_000
+
+METHODS = ("monte_carlo", "held", "cem", "cma", "ast", "difs")
+EPISODES, SEEDS = 400, 3
+
+
+def find_rates(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """The share of Monte Carlo episodes that violate each requirement."""
+    places = [*product(SCENARIOS, PLANNERS, SETS)]
+    found = crew.each(judge, *zip(*places, strict=True), [seed] * len(places))
+    for (scenario, planner, channels), values in zip(places, found, strict=True):
+        for place, kind in enumerate(KINDS):
+            violated = [each[place] <= 0.0 for each in values]
+            name = f"requirements.{scenario}.{planner}.{channels}.{kind.kind}.rate"
+            yield name, share(violated, "Monte Carlo episodes; default settings of the requirement")
+
+
+def judge(scenario: str, planner: str, channels: str, seed: int) -> list[tuple[float, ...]]:
+    """Return the robustness of each requirement in each episode."""
+    spec = make_spec("monte_carlo", scenario, channels, KINDS, seed, planner=planner)
+    return [result.requirements for result in Engine(spec.setup()).run(tasks(0, SAMPLE, seed))]
+
+
+def find_searches(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """What each method finds of hard braking without cause, with ghosts."""
+    places = [*product(METHODS, range(SEEDS))]
+    specs = [
+        make_spec(method, "merge_in", "ghost", (UncausedBraking(),), seed + n)
+        for method, n in places
+    ]
+    founds = crew.each(search, specs)
+    for number, method in enumerate(METHODS):
+        own = founds[number * SEEDS : (number + 1) * SEEDS]
+        failures = [len(one.crashes) for one in own]
+        figure = of_seeds(failures, "episodes", EPISODES, f"; {EPISODES} episodes each")
+        yield f"requirements.merge_in.uncaused_braking.{method}.failures", figure
+
+
+def make_spec(
+    method: str,
+    scenario: str,
+    channels: str,
+    requirements: tuple[AnyRequirement, ...],
+    seed: int,
+    **changes: object,
+) -> CampaignSpec:
+    """Return a campaign with the defaults of its method; `ast` is one search without restarts."""
+    fields: dict[str, object] = {
+        "name": f"{method} with {channels}",
+        "method": method,
+        "settings": {"patience": None} if method == "ast" else {},
+        "episodes": EPISODES,
+        "seed": seed,
+        "scenario": scenario,
+        "disturbance": DisturbanceModel(channels=SETS[channels]),
+        "requirements": requirements,
+    }
+    spec = msgspec.convert(fields | changes, CampaignSpec)
+    return msgspec.structs.replace(spec, disturbance=resolve_disturbance(spec))
+
+
+LARGEST_SIGMA = 4.5
+CALLS, RUNS = 2_000, 20
+"""What a probability in closed form is estimated from, and how often."""
+
+
+def find_closed_form(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """Subset simulation of a requirement on the error of one channel, which is white noise."""
+    founds = crew.each(search, [make_excess_spec(seed + n) for n in range(RUNS)])
+    steps = horizon("lead_brake")
+    truth = 1.0 - NormalDist().cdf(LARGEST_SIGMA) ** steps
+    told = [one.estimate for one in founds if one.estimate and one.estimate.probability]
+    note = f"mean of {len(told)} estimates, of {CALLS} episodes each, ÷ {truth:.3g}"
+    ratios = [(one.probability or 0.0) / truth for one in told]
+    yield "requirements.closed_form.subset_over_truth", mean(ratios, "ratio", note)
+    held = [holds(one, truth) for one in told]
+    note = f"estimates by subset of {truth:.3g}, of {CALLS} episodes each"
+    yield "requirements.closed_form.covered", count_share(held, note)
+
+
+def make_excess_spec(seed: int) -> CampaignSpec:
+    """Return a campaign that fails where the largest of independent errors exceeds some sigma."""
+    limit = Formula(formula=f"always (error.longitudinal < {LARGEST_SIGMA})")
+    model = DisturbanceModel(channels=(Channel("longitudinal", 1.0, 0.0),))
+    fields = {"disturbance": model, "episodes": CALLS}
+    return make_spec("subset", "lead_brake", "position", (limit,), seed, **fields)

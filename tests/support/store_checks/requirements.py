@@ -1,0 +1,72 @@
+"""Checks of what the store keeps of requirements: values, violations, and what does not fit."""
+
+from typing import Any
+
+from msgspec.structs import replace
+
+from eigenfail.testing.examples import collision, make_errored_result, result
+from eigenfail.values import EpisodeResult, Measures, Outcome, RequirementTotals
+from eigenfail.values.records import Delivery, Verdict
+from eigenfail.values.requirements import NoCollision, TimeHeadway
+from eigenfail_services.store import Store
+from store_checks.examples import WORKER, deliver, equal, running
+
+NAMED = (NoCollision(), TimeHeadway())
+
+
+def judged(index: int, *values: float, **changes: Any) -> EpisodeResult:
+    """Return an episode with a robustness of each requirement."""
+    places = [place for place, value in enumerate(values, start=1) if value <= 0.0]
+    measures = Measures(max(0.0, min(values)), nearest_m=5.0, violated=next(iter(places), None))
+    outcome = Outcome.VIOLATION if places else Outcome.SAFE
+    fields = {"measures": measures, "requirements": values} | changes
+    return result(index, outcome, **fields)
+
+
+def keeps_the_robustness_of_each_requirement(store: Store) -> None:
+    """It comes back with the episode, in the order of the requirements."""
+    campaign = running(store, requirements=NAMED)
+    deliver(store, campaign, judged(0, 4.0, -0.25), judged(1, 3.0, 0.5))
+    found = store.episodes.get(campaign.id, 0)
+    equal(found.requirements, (4.0, -0.25), "Requirements")
+    equal(found.outcome, Outcome.VIOLATION, "Outcome")
+    equal((found.measures.nearest_m, found.measures.violated), (5.0, 2), "Measures")
+
+
+def counts_violations_as_failures(store: Store) -> None:
+    """An episode may violate several; it is one failure, with or without a collision."""
+    campaign = running(store, requirements=NAMED)
+    crash = collision(2, measures=Measures(0.0, nearest_m=0.0, violated=1))
+    results = (
+        judged(0, 4.0, -0.25),
+        judged(1, 3.0, 0.5),
+        replace(crash, requirements=(0.0, -0.5)),
+        make_errored_result(3),
+    )
+    deliver(store, campaign, *results)
+    counts = store.campaigns.get(campaign.id).counts
+    equal((counts.completed, counts.failures, counts.errored), (3, 2, 1), "Counts")
+    wanted = (RequirementTotals(3, 1, 0.0), RequirementTotals(3, 2, -0.5))
+    equal(store.episodes.safety(campaign.id).requirements, wanted, "Violations")
+    equal(store.episodes.totals(campaign.id).failures, 2, "Failures")
+    equal(store.episodes.failures(campaign.id).indices, (0, 2), "Indices of failures")
+    conflicts = store.episodes.totals(campaign.id).conflicts
+    found = (conflicts.unavoidable, conflicts.planner_failures, conflicts.unclassified)
+    equal(sum(found), 1, "Classes of collisions")
+
+
+def refuses_what_is_not_judged(store: Store) -> None:
+    """A result has as many values as its campaign names requirements, all of them finite."""
+    campaign, plain = running(store, requirements=NAMED), running(store)
+    unfit = (result(0), judged(1, 1.0), judged(2, 1.0, 2.0, 3.0), judged(3, 1.0, float("nan")))
+    verdicts = store.episodes.commit(campaign.id, [Delivery(each, WORKER) for each in unfit])
+    equal(set(verdicts), {Verdict.UNWANTED}, "Verdicts")
+    verdicts = store.episodes.commit(plain.id, [Delivery(judged(0, 1.0, 2.0), WORKER)])
+    equal(verdicts, [Verdict.UNWANTED], "Verdicts of a campaign that names none")
+
+
+CHECKS = (
+    keeps_the_robustness_of_each_requirement,
+    counts_violations_as_failures,
+    refuses_what_is_not_judged,
+)
