@@ -115,7 +115,9 @@ class CampaignWorld(ABC):
         return described.disturbance
 
     def resolve_requirements(self, spec: CampaignSpec) -> Requirements | msgspec.UnsetType:
-        """Return the requirements that are named; absent where they are no collision alone.
+        """Return the requirements of a campaign; absent where they are no collision alone.
+
+        With an importance they are written out in any case.
 
         Args:
             spec: the campaign, with its channels written out.
@@ -124,14 +126,19 @@ class CampaignWorld(ABC):
             UnknownName: a signal or measure does not exist.
             InvalidValue: one is not complete, or cannot be judged here.
         """
-        named, step_s = spec.requirements, self.step_s(spec)
-        if isinstance(named, msgspec.UnsetType):
-            return named
+        named = spec.all_requirements
+        if spec.requirements is msgspec.UNSET and spec.importance is msgspec.UNSET:
+            return msgspec.UNSET
+        step_s = self.step_s(spec)
         if step_s is None:
             problem = f"the simulator '{spec.simulator}' has no drive to judge."
             raise InvalidValue(FIELD, problem, "Have the function return what is to stay above 0.")
         told = list_signals(self.channels(spec), tells_lane=self.tells_lane)
-        check_requirements(named, ExpectedCourse(told, step_s, self.horizon(spec) * step_s))
+        expected = ExpectedCourse(told, step_s, self.horizon(spec) * step_s)
+        check_requirements(named, expected)
+        if not isinstance(spec.importance, msgspec.UnsetType):
+            spec.importance.check(expected, "importance")
+            return named
         return msgspec.UNSET if named == COLLISION_ALONE else named
 
     def step_s(self, _spec: CampaignSpec) -> float | None:

@@ -1,10 +1,12 @@
 """Requirements in whole episodes: what is recorded, kept and repeated."""
 
 import pytest
+from msgspec.structs import replace
 
 from eigenfail.values import (
     Channel,
     DisturbanceModel,
+    EpisodeSetup,
     EpisodeTask,
     Markov,
     Outcome,
@@ -21,6 +23,7 @@ from eigenfail.values.requirements import (
     TimeHeadway,
     UncausedBraking,
 )
+from eigenfail_workers.engine import Engine
 
 TASKS = tuple(EpisodeTask(index, 300 + index, PriorSource()) for index in range(12))
 EVERY = (
@@ -39,12 +42,22 @@ def run(engine, tasks=TASKS):
     return list(engine.run(tasks))
 
 
-def test_every_kind_is_judged_on_every_built_in_world(make_engine) -> None:
-    for scenario in ("cut_in", "lead_brake", "merge_in"):
-        for found in run(make_engine(scenario=scenario, requirements=EVERY), TASKS[:2]):
-            assert found.outcome is not Outcome.ERRORED, found.fault
-            assert len(found.requirements) == len(EVERY)
-            assert found.requirements[0] == found.measures.nearest_m
+def drive(scenario, tasks, **changes):
+    """Return the episodes of the intelligent driver in a built-in scenario."""
+    setup = EpisodeSetup("highway", scenario, {}, "idm", {}, DisturbanceModel())
+    engine = Engine(replace(setup, **changes))
+    try:
+        return run(engine, tasks)
+    finally:
+        engine.close()
+
+
+@pytest.mark.parametrize("scenario", ["cut_in", "lead_brake", "merge_in"])
+def test_every_kind_is_judged_on_every_built_in_world(scenario) -> None:
+    for found in drive(scenario, TASKS[:2], requirements=EVERY):
+        assert found.outcome is not Outcome.ERRORED, found.fault
+        assert len(found.requirements) == len(EVERY)
+        assert found.requirements[0] == found.measures.nearest_m
 
 
 def test_what_is_required_changes_nothing_but_the_verdict(make_engine) -> None:
@@ -75,30 +88,39 @@ def test_robustness_is_in_terms_of_the_scale(make_engine) -> None:
         assert found.measures.robustness_m == pytest.approx(found.requirements[0] / 0.5)
 
 
-def test_ghosts_make_the_ego_brake_without_a_cause(make_engine) -> None:
+def test_ghosts_make_the_ego_brake_without_a_cause() -> None:
     ghosts = DisturbanceModel(channels=(Channel("ghost", shape=Markov(0.02, 10.0)),))
-    engine = make_engine(
-        scenario="merge_in", planner="idm", disturbance=ghosts, requirements=(UncausedBraking(),)
-    )
-    found = run(engine, tuple(EpisodeTask(index, index, PriorSource()) for index in range(20)))
-    failures = [each for each in found if each.is_failure]
+    world = {"disturbance": ghosts, "requirements": (UncausedBraking(),)}
+    tasks = tuple(EpisodeTask(index, index, PriorSource()) for index in range(20))
+    failures = [each for each in drive("merge_in", tasks, **world) if each.is_failure]
     assert failures
-    again = [
+    again = tuple(
         EpisodeTask(each.index, each.seed, TrajectorySource(each.noise.z)) for each in failures
-    ]
-    assert [each.digest() for each in run(engine, again)] == [each.digest() for each in failures]
+    )
+    repeated = drive("merge_in", again, **world)
+    assert [each.digest() for each in repeated] == [each.digest() for each in failures]
 
 
-def test_a_collision_that_nothing_forbids_is_no_failure(make_engine) -> None:
-    model = DisturbanceModel(scale=3.0)
-    tasks = tuple(EpisodeTask(index, index, PriorSource()) for index in range(60))
-    collided = [each for each in run(make_engine(disturbance=model), tasks) if each.is_failure]
+def test_a_collision_that_nothing_forbids_is_no_failure() -> None:
+    collided = [each for each in drive("cut_in", TASKS) if each.is_failure]
     assert collided
     again = tuple(EpisodeTask(each.index, each.seed, PriorSource()) for each in collided)
-    lenient = make_engine(disturbance=model, requirements=(LaneKeeping(beyond_m=50.0),))
-    for found in run(lenient, again):
+    for found in drive("cut_in", again, requirements=(LaneKeeping(beyond_m=50.0),)):
         assert found.outcome is Outcome.SAFE
         assert found.measures.collided_s is not None
+        assert found.measures.nearest_m == 0.0 < found.measures.robustness_m
+
+
+def test_an_importance_changes_what_is_followed_alone(make_engine) -> None:
+    plain = run(make_engine(requirements=(NoCollision(),)))
+    importance = MeasureLimit(measure="max_drac_mps2", at_most=7.0)
+    led = run(make_engine(requirements=(NoCollision(),), importance=importance))
+    assert [each.outcome for each in led] == [each.outcome for each in plain]
+    assert [each.requirements for each in led] == [each.requirements for each in plain]
+    for one, other in zip(plain, led, strict=True):
+        drac = one.measures.max_drac_mps2 or 0.0
+        if one.outcome is Outcome.SAFE and drac < 7.0:
+            assert other.measures.robustness_m == pytest.approx(8.0 - drac)
 
 
 def test_a_signal_of_a_channel_is_its_error(make_engine) -> None:

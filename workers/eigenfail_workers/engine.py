@@ -85,7 +85,7 @@ class Engine:
 
     def _run(self, task: EpisodeTask) -> EpisodeResult:
         began = perf_counter()
-        recorder = Recorder(self._model, task.importance, self._setup.named_requirements)
+        recorder = Recorder(self._model, task.importance, self._setup.make_judge())
         try:
             result = self._run_to_end(task, recorder)
         except (EpisodeError, InputError) as error:

@@ -348,10 +348,11 @@ def group_settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str]
 
 def list_requirements(spec: CampaignSpec) -> tuple[tuple[str, str], ...]:
     """Return the requirements that are named, in words, with what they are weighted by."""
-    return tuple(
+    named = tuple(
         (each.label, f"{each.in_words()}; scale {each.scale:g} {each.unit}".rstrip())
         for each in spec.named_requirements
     )
+    return (*named, *([("importance", spec.importance.in_words())] if spec.importance else []))
 
 
 def list_pairs(values: dict[str, Any]) -> tuple[tuple[str, str], ...]:

@@ -121,10 +121,10 @@ def list_danger(measures: Measures, assessed: Assessment) -> Facts:
 IN_OTHER_PLACES = frozenset(
     {
         *("robustness_m", "severity", "min_ttc_s", "max_drac_mps2", "ttc_violated_s", "collided_s"),
-        *("drac_violated_s", "drac_at_warning_mps2", "final_drac_mps2"),
+        *("drac_violated_s", "drac_at_warning_mps2", "final_drac_mps2", "nearest_m", "violated"),
     }
 )
-"""Measures that stand among the facts of the episode or in the table of thresholds."""
+"""Measures that stand among the facts of the episode, its requirements, or the thresholds."""
 
 
 def list_ride(result: EpisodeResult) -> Facts:

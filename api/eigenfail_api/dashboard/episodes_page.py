@@ -247,7 +247,8 @@ def list_analysis_choices(spec: CampaignSpec) -> AnalysisChoices:
     channels = world.channels(spec)
     words = choose_channel_words(channels)
     axes = {JOINT: words.together, **{channel: f"{channel} only" for channel in channels}}
-    alignments = {"start": "start"} | ({"collision": "collision"} if world.has_road else {})
+    collides = world.has_road and not spec.named_requirements
+    alignments = {"start": "start"} | ({"collision": "collision"} if collides else {})
     return AnalysisChoices(words.several.capitalize(), axes, alignments)
 
 

@@ -81,7 +81,7 @@ def list_differing_fields(a: CampaignSpec, b: CampaignSpec) -> tuple[str, ...]:
     """Return the fields that have other values, apart from those that may differ."""
     if a.disturbance.is_like(b.disturbance):
         b = replace(b, disturbance=a.disturbance)
-    if replace(a, requirements=b.requirements).is_like(a):
+    if a.all_requirements == b.all_requirements:
         b = replace(b, requirements=a.requirements)
     left, right = asdict(a), asdict(b)
     return tuple(name for name in left if name not in MAY_DIFFER and left[name] != right[name])

@@ -151,6 +151,7 @@ def list_campaign_facts(campaign: Campaign) -> FactTable:
         ("simulator", f"{spec.simulator}, seed {spec.seed}"),
         ("disturbance", "; ".join(map(" ".join, describe_disturbance(spec).items()))),
         *((f"requirement {each.label}", each.in_words()) for each in spec.named_requirements),
+        *([("importance", spec.importance.in_words())] if spec.importance else []),
         ("budget", f"{format_count(spec.episodes)} episodes{_format_stop_rules(spec)}"),
         ("priority", spec.priority),
         ("episodes", ", ".join(_list_ended(campaign))),

@@ -114,10 +114,17 @@ def _list_measured(result: EpisodeDetail, *, has_road: bool) -> Iterator[tuple[s
         yield "robustness", format_number(result.measures.robustness_m)
 
 
+OF_REQUIREMENTS = frozenset({"nearest_m", "violated"})
+"""Measures of campaigns that name requirements."""
+
+
 def list_measures(measures: Measures, assessed: Assessment) -> Iterator[tuple[str, str]]:
     """Return the measures of an episode by label and unit, then its lead times."""
+    absent = OF_REQUIREMENTS if measures.nearest_m is None else frozenset[str]()
     for declared, values in ((MEASURES, measures), (LEAD_TIMES, assessed)):
         for name, measure in declared.items():
+            if name in absent:
+                continue
             value = getattr(values, name)
             text = format_count(value) if measure.is_count else format_number(value, measure.digits)
             yield measure.heading, text

@@ -160,6 +160,9 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         scene_every: besides all failures, keep the scene of every n-th episode.
         requirements: what an episode must satisfy, the most important first; an episode that
             violates one of them is a failure. Where they are absent, no collision.
+        importance: what searches follow in episodes that are no failures, in place of the
+            requirements' robustness: a requirement, which need not be satisfied. It changes how
+            soon failures are found, and not what is one.
         priority: how large its share of the workers is beside other campaigns, and how soon it has
             its turn; it may be changed later, and changes no episode.
     """
@@ -260,11 +263,23 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             section=Section.CAMPAIGN,
         ),
     ] = msgspec.UNSET
+    importance: Annotated[
+        AnyRequirement | msgspec.UnsetType,
+        SpecField(
+            help="As JSON, like a requirement: what a search follows in place of these.",
+            section=Section.CAMPAIGN,
+        ),
+    ] = msgspec.UNSET
 
     @property
     def named_requirements(self) -> tuple[AnyRequirement, ...]:
         """The requirements that are named; none where only no collision is required."""
         return () if isinstance(self.requirements, msgspec.UnsetType) else self.requirements
+
+    @property
+    def all_requirements(self) -> tuple[AnyRequirement, ...]:
+        """The requirements, also where it is the one that campaigns have by default."""
+        return self.named_requirements or COLLISION_ALONE
 
     def is_like(self, other: "CampaignSpec") -> bool:
         """Return whether both specs describe the same campaign, at any priority.
@@ -277,10 +292,9 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             "disturbance": other.disturbance,
             "requirements": other.requirements,
         }
-        mine, theirs = (each.named_requirements or COLLISION_ALONE for each in (self, other))
         return (
             msgspec.structs.replace(self, **like) == other
-            and mine == theirs
+            and self.all_requirements == other.all_requirements
             and self.disturbance.is_like(other.disturbance)
         )
 
@@ -295,6 +309,7 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             disturbance=self.disturbance,
             scene_every=self.scene_every,
             requirements=self.requirements,
+            importance=self.importance,
         )
 
 

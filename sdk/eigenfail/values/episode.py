@@ -12,7 +12,7 @@ from eigenfail.errors import clean_text
 from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import DisturbanceModel, NoiseTrajectory
 from eigenfail.values.measures import Measures
-from eigenfail.values.requirements import AnyRequirement, Requirements
+from eigenfail.values.requirements import AnyRequirement, EpisodeJudge, Requirements
 from eigenfail.values.scene import Scene
 from eigenfail.values.shapes import White
 from eigenfail.values.showing import Brief
@@ -90,6 +90,7 @@ class EpisodeSetup(msgspec.Struct, frozen=True):
 
     Attributes:
         requirements: what an episode must satisfy; where they are absent, no collision.
+        importance: what searches follow in safe episodes; where it is absent, the requirements.
     """
 
     simulator: str
@@ -101,11 +102,16 @@ class EpisodeSetup(msgspec.Struct, frozen=True):
     scene_every: int = 50
     # Absent from fingerprints and messages where it is not given, as in campaigns.
     requirements: Requirements | msgspec.UnsetType = msgspec.UNSET
+    importance: AnyRequirement | msgspec.UnsetType = msgspec.UNSET
 
-    @property
-    def named_requirements(self) -> tuple[AnyRequirement, ...]:
-        """The requirements that are named; none where only no collision is required."""
-        return () if isinstance(self.requirements, msgspec.UnsetType) else self.requirements
+    def make_judge(self) -> EpisodeJudge | None:
+        """Return what judges the episodes; None where only no collision is required."""
+        if isinstance(self.requirements, msgspec.UnsetType):
+            return None
+        followed = self.importance
+        return EpisodeJudge(
+            self.requirements, None if isinstance(followed, msgspec.UnsetType) else followed
+        )
 
 
 ERRORED = "errored"

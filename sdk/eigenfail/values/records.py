@@ -103,10 +103,11 @@ def assess(outcome: Outcome, measures: Measures | None) -> Assessment:
     """
     if measures is None or outcome is Outcome.ERRORED:
         return Assessment(unresolved=False)
-    if outcome is Outcome.SAFE:
+    if outcome is not Outcome.COLLISION:
         near = measures.min_ttc_s is not None and measures.min_ttc_s < NEAR_MISS_TTC_S
         conflict = ConflictClass.NEAR_MISS if near else ConflictClass.NONE
-        return Assessment(conflict, unresolved=is_unresolved(measures))
+        safe = outcome is Outcome.SAFE
+        return Assessment(conflict, unresolved=is_unresolved(measures) if safe else False)
     return Assessment(
         _of_collision(measures),
         _lead_s(measures, measures.ttc_violated_s),
@@ -123,6 +124,8 @@ def is_unresolved(measures: Measures) -> bool | None:
     velocities. None where the last step's DRAC is not known and the largest does not settle it.
     """
     if measures.max_drac_mps2 is None or measures.max_drac_mps2 <= PEAK_BRAKING_MPS2:
+        return False
+    if measures.collided_s is not None:  # where no requirement forbids it
         return False
     last_mps2 = measures.final_drac_mps2
     return None if last_mps2 is None else last_mps2 > PEAK_BRAKING_MPS2

@@ -7,12 +7,13 @@ campaign has a list of them, the most important first; one that names none requi
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from math import isnan
 from typing import Annotated, Final, NamedTuple
 
 import msgspec
 import numpy as np
 
-from eigenfail.errors import EpisodeError, InvalidValue, SimulatorError, UnknownName
+from eigenfail.errors import InvalidValue, SimulatorError, UnknownName
 from eigenfail.values.measures import MEASURES, Measures
 from eigenfail.values.signals import ERROR, NEVER_S, SIGNALS, Samples
 from eigenfail.values.temporal_logic import (
@@ -476,7 +477,8 @@ class Judgement(NamedTuple):
 
     Attributes:
         values: robustness of each requirement, in its unit.
-        smallest: smallest of robustness ÷ scale; 0 where one is violated.
+        smallest: smallest of robustness ÷ scale, or what the importance makes of a safe episode; 0
+            where a requirement is violated.
         violated: place of the first requirement that is violated, from 0; None if none is.
     """
 
@@ -485,15 +487,51 @@ class Judgement(NamedTuple):
     violated: int | None
 
 
-def judge_course(requirements: Sequence[AnyRequirement], course: DrivenCourse) -> Judgement:
-    """Judge the course of an episode by its campaign's requirements.
+class EpisodeJudge(NamedTuple):
+    """Judges the episodes of a campaign.
 
-    Raises:
-        EpisodeError: one of them cannot be judged.
+    Attributes:
+        requirements: what they must satisfy, the most important first.
+        importance: what searches follow in safe episodes, in place of the requirements.
     """
-    values = [min(max(each.find_robustness(course), -LARGEST), LARGEST) for each in requirements]
-    scaled = [value / each.scale for value, each in zip(values, requirements, strict=True)]
-    if any(value != value for value in values):  # noqa: PLR0124 - NaN alone differs from itself
-        raise EpisodeError("A requirement has no robustness.", "Look at the signals.")
-    places = [place for place, value in enumerate(values) if value <= 0.0]
-    return Judgement(tuple(values), max(0.0, min(scaled)), places[0] if places else None)
+
+    requirements: tuple[AnyRequirement, ...]
+    importance: AnyRequirement | None = None
+
+    @property
+    def signals(self) -> frozenset[str]:
+        """Names of the signals that are needed."""
+        followed = () if self.importance is None else (self.importance,)
+        return frozenset[str]().union(*[each.signals for each in (*self.requirements, *followed)])
+
+    def judge(self, course: DrivenCourse) -> Judgement:
+        """Judge the course of an episode.
+
+        Raises:
+            SimulatorError: one of the requirements cannot be judged.
+        """
+        values = tuple(_find_robustness(each, course) for each in self.requirements)
+        violated = [place for place, value in enumerate(values) if value <= 0.0]
+        if violated:
+            return Judgement(values, 0.0, violated[0])
+        if self.importance is not None:
+            followed = _find_robustness(self.importance, course) / self.importance.scale
+            return Judgement(values, _make_positive(followed), None)
+        scales = [each.scale for each in self.requirements]
+        smallest = min(value / scale for value, scale in zip(values, scales, strict=True))
+        return Judgement(values, smallest, None)
+
+
+def _find_robustness(requirement: AnyRequirement, course: DrivenCourse) -> float:
+    value = requirement.find_robustness(course)
+    if isnan(value):
+        raise SimulatorError(f"{requirement.label} has no robustness.", "Look at its signals.")
+    return min(max(value, -LARGEST), LARGEST)
+
+
+def _make_positive(value: float) -> float:
+    """Return a number above 0 that rises with the value: 0 is left to failures.
+
+    1 + v from 0 on, and 1 / (1 - v) below: with slope 1 at 0, and in the same order everywhere.
+    """
+    return 1.0 + value if value >= 0.0 else 1.0 / (1.0 - value)

@@ -25,7 +25,7 @@ from eigenfail.values import (
 from eigenfail.values.arrays import Floats, PackedArray, encode_array, unpack
 from eigenfail.values.operations import Name, Versions
 
-PROTOCOL = 6
+PROTOCOL = 7
 """Version of the protocol: increases with each change that an older peer would not understand."""
 
 MAX_MESSAGE_BYTES = 256 * 1024 * 1024

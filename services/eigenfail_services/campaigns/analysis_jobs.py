@@ -51,7 +51,8 @@ class AnalysisBasis(NamedTuple):
         campaigns: each once, the first one first; with their states from before their failures
             are read, so that whatever has ended is read whole.
         horizon: steps of their full episodes.
-        step_s: duration of a step; None where it has none. [s]
+        step_s: duration of a step; None where it has none, or where failures do not end at a
+            collision, to which times could be told. [s]
         channels: the names of the components of their noise.
     """
 
@@ -100,7 +101,12 @@ def find_basis(store: Store, campaign: int, settings: AnalysisSettings) -> Analy
     if settings.align == "collision" and not world.has_road:
         problem = "all calls of a function end at their last step: no time of a collision differs."
         raise InvalidValue("align", problem, "Align at the start.")
-    steps, duration = world.horizon(first.spec), world.step_s(first.spec)
+    may_violate = any(each.spec.named_requirements for each in campaigns)
+    if settings.align == "collision" and may_violate:
+        problem = "failures of campaigns with requirements need not end in a collision."
+        raise InvalidValue("align", problem, "Align at the start.")
+    steps = world.horizon(first.spec)
+    duration = None if may_violate else world.step_s(first.spec)
     channels = world.channels(first.spec)
     choose_columns(settings.axes, channels)
     for other in campaigns[1:]:

@@ -142,6 +142,7 @@ THINGS = {
     "simulator": "simulator",
     "disturbance": "disturbance model",
     "requirements": "requirements",
+    "importance": "method",
     "episodes": "budget",
     "stop": "stop rules",
     "price_usd_per_hour": "price",

@@ -320,6 +320,8 @@ def list_campaign_settings(campaign: Campaign) -> Iterator[Setting]:
         yield Setting(f"Disturbance: {name}", value)
     for each in spec.named_requirements:
         yield Setting(f"Requirement: {each.label}", each.in_words())
+    if spec.importance:
+        yield Setting("Importance", spec.importance.in_words())
     yield Setting("Method", spec.method)
     yield from list_given_settings("Method", spec.settings)
     yield Setting("Seed", str(spec.seed))

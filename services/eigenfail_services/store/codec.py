@@ -56,8 +56,8 @@ def to_json(value: AnalysisSettings | Estimate | tuple[RunPart, ...]) -> str:
 def spec_text(spec: CampaignSpec) -> str:
     """Return the canonical JSON text of a spec without its priority, which has a column.
 
-    `parallel` and `requirements` are left out where they are not given: earlier releases had no
-    such fields, and their texts, keys and digests stay as they are.
+    `parallel`, `requirements` and `importance` are left out where they are not given: earlier
+    releases had no such fields, and their texts, keys and digests stay as they are.
     """
     absent = {"priority"} if spec.parallel is not None else {"priority", "parallel"}
     given = {name: getattr(spec, name) for name in spec.__struct_fields__ if name not in absent}

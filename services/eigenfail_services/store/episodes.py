@@ -92,6 +92,7 @@ from eigenfail_services.store.schema import (
     deaths,
     episode_index,
     episodes,
+    has_no_collision,
     is_failure,
     requirement_values,
     scenes,
@@ -113,11 +114,8 @@ _HOPELESS = or_(_c.drac_at_warning_mps2.is_(None), _c.drac_at_warning_mps2 > PEA
 
 _CLASS = case(
     (_c.robustness_m.is_(None), null()),
-    (
-        (_c.outcome == Outcome.SAFE) & (_c.min_ttc_s < NEAR_MISS_TTC_S),
-        ConflictClass.NEAR_MISS.value,
-    ),
-    (_c.outcome == Outcome.SAFE, ConflictClass.NONE.value),
+    (has_no_collision & (_c.min_ttc_s < NEAR_MISS_TTC_S), ConflictClass.NEAR_MISS.value),
+    (has_no_collision, ConflictClass.NONE.value),
     (_c.collided_s.is_(None), null()),
     (_COLLIDED & _HOPELESS, ConflictClass.UNAVOIDABLE.value),
     (_COLLIDED, ConflictClass.PLANNER_FAILURE.value),

@@ -173,7 +173,10 @@ SECONDS_PER_HOUR = 3_600.0
 _PEERS = Peers.__struct_fields__
 
 
-_BESIDES = ("settings", "episodes", "stop", "price_usd_per_hour", "instances", "scene_every")
+_BESIDES = (
+    *("settings", "episodes", "stop", "price_usd_per_hour", "instances", "scene_every"),
+    "importance",
+)
 """Fields in which campaigns of one method and equal peers may still differ, beside the seed."""
 
 

@@ -29,7 +29,7 @@ from sqlalchemy.sql.functions import FunctionElement
 from sqlalchemy.types import TypeEngine
 
 from eigenfail.values import MEASURES, Priority
-from eigenfail.values.episode import FAILURES
+from eigenfail.values.episode import FAILURES, Outcome
 
 VERSION = "0019"
 """The newest migration: what this program was made for."""
@@ -185,6 +185,9 @@ episode_index = episodes.c["index"]
 
 is_failure = episodes.c.outcome.in_(FAILURES)
 """Whether an episode is a failure; `~is_failure` holds for errored ones, too."""
+
+has_no_collision = episodes.c.outcome.in_((Outcome.SAFE, Outcome.VIOLATION))
+"""Whether an episode was completed and is not classed as a collision."""
 
 # Robustness of each requirement of campaigns that name some, by its number from 1 on.
 requirement_values = Table(

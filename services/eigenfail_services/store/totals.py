@@ -51,6 +51,7 @@ from eigenfail_services.store.schema import (
     campaigns,
     episode_index,
     episodes,
+    has_no_collision,
     is_failure,
     requirement_values,
 )
@@ -414,7 +415,7 @@ def count_near_misses(connection: Connection, chosen: Sequence[int]) -> dict[int
         select(episodes.c.campaign, func.count())
         .where(
             episodes.c.campaign.in_(chosen),
-            episodes.c.outcome == Outcome.SAFE,
+            has_no_collision,
             episodes.c.min_ttc_s < NEAR_MISS_TTC_S,
         )
         .group_by(episodes.c.campaign)
@@ -439,6 +440,7 @@ def count_unresolved(connection: Connection, chosen: Sequence[int]) -> dict[int,
             episodes.c.max_drac_mps2 > PEAK_BRAKING_MPS2,
             # Without statistics SQLite would take the index of outcomes, and read every safe row.
             func.coalesce(episodes.c.outcome, null()) == Outcome.SAFE,
+            episodes.c.collided_s.is_(None),
         )
         .group_by(episodes.c.campaign)
     )

@@ -43,7 +43,7 @@ def outcomes(row, found, campaign=2):
     rows = {index: row(index, outcome, campaign) for index, outcome in enumerate(found)}
     return RunOutcomes(
         episodes=len(found),
-        collisions={index: each for index, each in rows.items() if each.outcome is HIT},
+        failures={index: each for index, each in rows.items() if each.outcome is HIT},
         errored={index: each for index, each in rows.items() if each.outcome is FAILED},
     )
 

@@ -14,6 +14,7 @@ from eigenfail.gate.baselines import (
 )
 from eigenfail.suites import SuiteMember
 from eigenfail.values import CampaignSpec, CampaignState, DisturbanceModel, StopRules
+from eigenfail.values.requirements import TimeHeadway
 
 OTHER = {
     "name": "other",
@@ -27,6 +28,8 @@ OTHER = {
     "planner_settings": {"x": 1},
     "simulator": "point_mass",
     "disturbance": DisturbanceModel(scale=2.0),
+    "requirements": (TimeHeadway(),),
+    "importance": TimeHeadway(),
     "stop": StopRules(failures=1),
     "parallel": 7,
     "price_usd_per_hour": 9.0,

@@ -23,6 +23,7 @@ from eigenfail.presentation.campaigns import (
     tabulate_sides,
 )
 from eigenfail.presentation.episodes import list_episode_facts, list_measures, tabulate_thresholds
+from eigenfail.testing.examples import spec
 from eigenfail.values import (
     AXES,
     AnalysisResult,
@@ -421,7 +422,9 @@ def test_an_episode_of_a_function_lists_its_robustness_alone():
         source="prior",
         measures=Measures(0.0),
     )
-    names = [dict(list_episode_facts(1, result, {}, has_road=road).rows) for road in (True, False)]
+    driven = spec()
+    called = spec(simulator="function", scenario="function", planner="m:f")
+    names = [dict(list_episode_facts(1, each, result, {}).rows) for each in (driven, called)]
     assert "severity [m²/s²]" in names[0]
     assert set(names[1]) == {
         *("episode", "outcome", "steps", "disturbances", "robustness", "scene", "digest")

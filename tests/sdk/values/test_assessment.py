@@ -139,7 +139,7 @@ def test_collisions_and_the_others_never_share_a_class(
 ) -> None:
     found = assess(outcome, measures)
     crashed = {None, ConflictClass.UNAVOIDABLE, ConflictClass.PLANNER_FAILURE}
-    assert (found.conflict in crashed) == (outcome is not Outcome.SAFE)
+    assert (found.conflict in crashed) == (outcome in {Outcome.COLLISION, Outcome.ERRORED})
     if outcome is not Outcome.COLLISION:
         assert (found.ttc_lead_s, found.drac_lead_s) == (None, None)
 

@@ -14,6 +14,7 @@ from eigenfail.values.requirements import (
     LARGEST,
     AnyRequirement,
     DrivenCourse,
+    EpisodeJudge,
     ExpectedCourse,
     Formula,
     LaneKeeping,
@@ -24,7 +25,6 @@ from eigenfail.values.requirements import (
     TimeHeadway,
     UncausedBraking,
     check_requirements,
-    judge_course,
     list_signals,
 )
 from eigenfail.values.signals import NEVER_S, NOBODY_M, SIGNALS
@@ -126,7 +126,7 @@ def test_a_formula_is_judged_over_the_whole_course() -> None:
 
 def test_the_smallest_in_terms_of_scales_is_what_a_search_follows() -> None:
     requirements = (TimeHeadway(at_least_s=0.5), NoCollision())
-    judged = judge_course(requirements, drive(Measures(4.0), headway_s=[0.75]))
+    judged = EpisodeJudge(requirements).judge(drive(Measures(4.0), headway_s=[0.75]))
     assert judged.values == (0.25, 4.0)
     assert judged.smallest == pytest.approx(2.5)  # 0.25 s at 0.1 s a metre
     assert judged.violated is None
@@ -134,13 +134,26 @@ def test_the_smallest_in_terms_of_scales_is_what_a_search_follows() -> None:
 
 def test_the_first_in_their_order_is_the_one_that_is_violated() -> None:
     requirements = (NoCollision(), TimeHeadway(), LaneKeeping())
-    judged = judge_course(requirements, drive(Measures(4.0), headway_s=[0.1], lane_margin_m=[-9.0]))
+    judged = EpisodeJudge(requirements).judge(
+        drive(Measures(4.0), headway_s=[0.1], lane_margin_m=[-9.0])
+    )
     assert (judged.smallest, judged.violated) == (0.0, 1)
+
+
+@pytest.mark.parametrize(
+    ("drac", "followed"), [(5.0, 3.0), (7.0, 1.0), (9.0, 1.0 / 3.0), (1e9, 1.0 / (1.0 + LARGEST))]
+)
+def test_with_an_importance_safe_episodes_have_its_order(drac: float, followed: float) -> None:
+    importance = MeasureLimit(measure="max_drac_mps2", at_most=7.0)
+    judge = EpisodeJudge((NoCollision(),), importance)
+    judged = judge.judge(drive(Measures(4.0, max_drac_mps2=drac)))
+    assert (judged.smallest, judged.values) == (pytest.approx(followed), (4.0,))
+    assert judge.judge(drive(Measures(0.0, max_drac_mps2=1.0))).smallest == 0.0
 
 
 def test_robustness_stays_finite() -> None:
     far = Formula(formula="gap_m * 1000000 > 0")
-    judged = judge_course((far,), drive(gap_m=[NOBODY_M]))
+    judged = EpisodeJudge((far,)).judge(drive(gap_m=[NOBODY_M]))
     assert judged.values == (LARGEST,)
 
 

@@ -64,7 +64,7 @@ class BridgeEpisode:
         named = msgspec.structs.asdict(parameters)
         self._steps, self.dt_s = int(named["steps"]), float(named["dt_s"])
         self._wall_s, self._measured_s = 0.0, perf_counter()
-        self._recorder = Recorder(setup.disturbance, task.importance, setup.named_requirements)
+        self._recorder = Recorder(setup.disturbance, task.importance, setup.make_judge())
         context = sources.NoiseContext(task.seed, self._steps, policies)
         self._noise = sources.begin(task.source, context)
         self._driver = EpisodeDriver(setup.disturbance, self._noise, self._recorder, self._steps)

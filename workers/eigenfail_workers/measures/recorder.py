@@ -18,12 +18,7 @@ from eigenfail.values import (
     VehicleState,
 )
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
-from eigenfail.values.requirements import (
-    AnyRequirement,
-    DrivenCourse,
-    Judgement,
-    judge_course,
-)
+from eigenfail.values.requirements import DrivenCourse, EpisodeJudge, Judgement
 from eigenfail.values.shapes import Row
 from eigenfail_workers.measures.conflict import find_conflict
 from eigenfail_workers.measures.geometry import distance_lower_bound, separation, velocity
@@ -161,20 +156,19 @@ class Recorder:
     Args:
         model: model of the noise that is added.
         importance: importance function to be recorded; None for none.
-        requirements: what the episode is to be judged by; none where only no collision is required.
+        judge: what judges the episode; None where only no collision is required.
     """
 
     def __init__(
         self,
         model: DisturbanceModel = POSITION_NOISE,
         importance: Importance | None = None,
-        requirements: Sequence[AnyRequirement] = (),
+        judge: EpisodeJudge | None = None,
     ) -> None:
         self._shape = model.noise_shape
         self._names = [channel.name for channel in model.list_channels()]
-        self._requirements = requirements
-        wanted = frozenset[str]().union(*[each.signals for each in requirements])
-        self._signals = SignalRecorder(wanted) if requirements else None
+        self._judge = judge
+        self._signals = SignalRecorder(judge.signals) if judge is not None else None
         self._importance = importance
         self._importances: list[float] = []
         self._z: list[Row] = []
@@ -270,10 +264,10 @@ class Recorder:
         Raises:
             EpisodeError: one of them cannot be judged.
         """
-        if self._signals is None:
+        if self._judge is None or self._signals is None:
             return None
         signals = self._signals.collect(self.noise(), self._names, dt_s)
-        return judge_course(self._requirements, DrivenCourse(dt_s, signals, measures))
+        return self._judge.judge(DrivenCourse(dt_s, signals, measures))
 
     def importance(self) -> Floats | None:
         """Return the importance after each step, shape (steps,); None where it is not recorded."""
