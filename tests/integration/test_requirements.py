@@ -1,0 +1,180 @@
+"""Campaigns that name requirements, from the request to the page."""
+
+import deadlines
+import httpx2
+import pytest
+
+from eigenfail.client import Client
+from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.values import AnalysisState, CampaignState, Outcome
+
+pytestmark = pytest.mark.service
+
+HEADWAY = {"kind": "time_headway", "at_least_s": 0.8}
+LANE = {"kind": "lane_keeping", "beyond_m": 0.1}
+RESTORED = {
+    "kind": "formula",
+    "name": "restored",
+    "formula": "always (headway_s < 0.6 implies eventually[0:2] headway_s > 0.6)",
+}
+NAMED = ({"kind": "no_collision"}, HEADWAY, RESTORED)
+SEARCHES = {
+    "monte_carlo": (40, {}),
+    "held": (40, {}),
+    "cem": (40, {"batch": 20}),
+    "cma": (40, {}),
+    "ast": (70, {}),
+    "difs": (40, {"round_size": 20}),
+    "ensemble": (40, {"method": "held", "members": 2}),
+    "subset": (300, {}),
+    "mixture": (500, {}),
+}
+
+
+def create(client, method, episodes, settings, requirements=NAMED, **fields):
+    return client.campaigns.create(
+        name=f"{method} with {len(requirements)} requirements",
+        method=method,
+        episodes=episodes,
+        settings=settings,
+        seed=5,
+        planner="idm",
+        requirements=list(requirements),
+        **fields,
+    )
+
+
+def wait(client, campaign):
+    ended = client.campaigns.wait(campaign.id, timeout_s=deadlines.CAMPAIGN_S)
+    assert ended.state is CampaignState.DONE, ended.stopped_because
+    return ended
+
+
+def test_every_search_finds_violations(client, lasting_worker) -> None:
+    started = [create(client, name, *given, (HEADWAY,)) for name, given in SEARCHES.items()]
+    for campaign in started:
+        ended = wait(client, campaign)
+        assert ended.counts.errored == 0
+        assert ended.counts.failures > 0, ended.spec.method
+
+
+@pytest.fixture(scope="module")
+def failing(service, lasting_worker):
+    """A Monte Carlo campaign that is done; no test changes it."""
+    with Client(service.address.url) as client:
+        return wait(client, create(client, "monte_carlo", 120, {}, scene_every=1))
+
+
+def find_violation(client, campaign) -> int:
+    return next(iter(client.episodes.list(campaign.id, outcome=Outcome.VIOLATION))).index
+
+
+def test_collisions_and_violations_are_failures(client, failing) -> None:
+    rows = list(client.episodes.list(failing.id))
+    failed = [row for row in rows if row.outcome.is_failure]
+    assert len(failed) == failing.counts.failures
+    assert {row.outcome for row in failed} == {Outcome.COLLISION, Outcome.VIOLATION}
+    assert [row.index for row in rows if row.violated] == [row.index for row in failed]
+    assert all((row.robustness_m == 0.0) == row.outcome.is_failure for row in rows)
+    listed = client.episodes.list(failing.id, filter="violated = 2")
+    assert {row.index for row in listed} == {row.index for row in rows if row.violated == 2}
+
+
+def test_violations_of_each_are_counted(client, failing) -> None:
+    found = client.campaigns.safety(failing.id)
+    assert [each.name for each in found.requirements] == [
+        "no_collision",
+        "time_headway",
+        "restored",
+    ]
+    results = [
+        client.episodes.get(failing.id, row.index) for row in client.episodes.list(failing.id)
+    ]
+    for place, each in enumerate(found.requirements):
+        values = [result.requirements[place] for result in results]
+        assert each.violations.k == sum(value <= 0.0 for value in values)
+        assert each.worst == min(values)
+        assert each.violations.interval is not None
+
+
+def test_an_episode_is_replayed_and_explained(client, failing) -> None:
+    index = find_violation(client, failing)
+    replayed = wait(client, client.episodes.replay(failing.id, index))
+    again, stored = client.episodes.get(replayed.id, 0), client.episodes.get(failing.id, index)
+    assert replayed.counts.failures == 1
+    assert (again.digest(), again.requirements) == (stored.digest(), stored.requirements)
+    explained = client.episodes.explanation(failing.id, index)
+    assert "is violated" in explained.story[-1]
+
+
+def test_failures_are_grouped_and_proven(client, failing) -> None:
+    found = client.analyses.wait(client.analyses.create(failing.id).id)
+    assert found.state is AnalysisState.DONE, found.problem
+    assert found.result.before_collision == ()
+    client.analyses.prove(found.id)
+    proof = client.analyses.wait_for_proof(found.id, timeout_s=deadlines.CAMPAIGN_S)
+    here = proof.scenarios[0].medoids.rate
+    assert here.k == here.n == len(found.result.modes)
+    with pytest.raises(InvalidValue, match="need not end in a collision"):
+        client.analyses.create(failing.id, align="collision")
+
+
+def test_pages_and_reports_tell_the_requirements(client, failing) -> None:
+    index = find_violation(client, failing)
+    pages = {
+        f"campaigns/{failing.id}": ("time headway above 0.8 s", "violation"),
+        f"campaigns/{failing.id}/measures": ("Violates time_headway", "Violates restored"),
+        f"campaigns/{failing.id}/episodes/{index}": ("violated: time headway above 0.8 s",),
+        f"campaigns/{failing.id}/episodes?filter=violated+%3E%3D+1": ("violation",),
+        f"analyses/{client.analyses.create(failing.id).id}": (),
+    }
+    for path, words in pages.items():
+        text = httpx2.get(f"{client.url}/{path}").raise_for_status().text
+        assert all(each in text for each in words), path
+
+
+def test_an_importance_leads_a_search_and_changes_no_verdict(client, lasting_worker) -> None:
+    plain = wait(client, create(client, "monte_carlo", 30, {}))
+    led = wait(
+        client,
+        create(
+            client,
+            "monte_carlo",
+            30,
+            {},
+            importance={"kind": "measure", "measure": "max_drac_mps2", "at_most": 7.0},
+        ),
+    )
+    assert led.counts == plain.counts
+    assert (
+        client.campaigns.safety(led.id).requirements
+        == client.campaigns.safety(plain.id).requirements
+    )
+
+
+def test_the_one_that_is_always_there_changes_nothing(client, lasting_worker) -> None:
+    named = wait(client, create(client, "monte_carlo", 10, {}, ({"kind": "no_collision"},)))
+    plain = wait(
+        client,
+        client.campaigns.create(
+            name="plain", method="monte_carlo", episodes=10, seed=5, planner="idm"
+        ),
+    )
+    assert named.spec.named_requirements == ()
+    assert named.digest == plain.digest
+
+
+@pytest.mark.parametrize(
+    ("requirement", "kind", "words"),
+    [
+        ({"kind": "headway"}, InvalidValue, "Did you mean 'time_headway'"),
+        ({"kind": "time_headway", "at_least": 1.0}, InvalidValue, "Did you mean 'at_least_s'"),
+        ({"kind": "formula", "formula": "always hedway_s > 1"}, UnknownName, "headway_s"),
+        ({"kind": "formula", "formula": "always[0:99] headway_s > 1"}, InvalidValue, "ahead"),
+        ({"kind": "measure", "measure": "ttc", "at_least": 1.0}, UnknownName, "min_ttc_s"),
+        ({"kind": "time_headway", "scale": 0.0}, InvalidValue, "scale"),
+    ],
+)
+def test_what_cannot_be_required_is_refused(client, requirement, kind, words) -> None:
+    with pytest.raises(kind, match=words):
+        create(client, "monte_carlo", 10, {}, (requirement,))
