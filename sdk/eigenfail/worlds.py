@@ -410,6 +410,14 @@ def resolve_disturbance(described: Described) -> DisturbanceModel:
     return world_of(described.simulator).resolve_disturbance(described)
 
 
+def find_robustness_unit(spec: CampaignSpec) -> str:
+    """Return the unit of the robustness of a campaign's episodes; empty where it has none.
+
+    That of requirements is divided by their scales.
+    """
+    return "" if spec.named_requirements else world_of(spec.simulator).robustness_unit
+
+
 def list_simulators() -> list[str]:
     """Return what a campaign may name as its simulator: plug-ins, functions, and the bridge."""
     return sorted([*plugins.names(plugins.SIMULATORS), *WORLDS])

@@ -31,7 +31,7 @@ from eigenfail.values import (
     ProvenMode,
     TrainingInterval,
 )
-from eigenfail.worlds import world_of
+from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_values
 from eigenfail_api.dashboard.episodes_page import (
     AnalysisChoices,
@@ -435,7 +435,7 @@ def make_analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | No
     """Return the page of an analysis, with the results of the replays that have ended."""
     result = analysis.result
     world = world_of(campaign.spec.simulator)
-    channels, unit = world.channels(campaign.spec), world.robustness_unit
+    channels, unit = world.channels(campaign.spec), find_robustness_unit(campaign.spec)
     return AnalysisView(
         line=make_analysis_line(analysis, channels),
         campaign=campaign.id,

@@ -39,7 +39,7 @@ from eigenfail.values.records import EpisodeRow
 from eigenfail.values.summary import EpisodeSample
 from eigenfail.values.variation import in_words
 from eigenfail.versions import describe_mixed
-from eigenfail.worlds import describe_disturbance, list_channels, world_of
+from eigenfail.worlds import describe_disturbance, find_robustness_unit, list_channels, world_of
 from eigenfail_api.dashboard.charts import (
     MOST_FAILURES,
     Chart,
@@ -110,7 +110,7 @@ def make_conflict_tiles(summary: Summary) -> Tiles:
     if not counts.completed:
         return ()
     of_all = (f"of {format_count(counts.completed)}",)
-    of_collisions = (f"of {count_noun(counts.failures, 'collision')}",)
+    of_collisions = (f"of {count_noun(found.collisions, 'collision')}",)
     unclassified = Tile(format_count(found.unclassified), of_collisions)
     return (
         ("Near misses", Tile(format_count(found.near_misses), of_all)),
@@ -249,7 +249,7 @@ def make_campaign_view(found: Findings) -> CampaignView:
 def make_charts(found: Findings) -> tuple[Chart, ...]:
     """Return the charts for which there are data."""
     course, rows = found.course, found.rows
-    unit = world_of(found.campaign.spec.simulator).robustness_unit
+    unit = find_robustness_unit(found.campaign.spec)
     drawn = (
         make_curve_chart(course, unit),
         make_robustness_chart(rows, course, found.campaign.counts.completed, unit),

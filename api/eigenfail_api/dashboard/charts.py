@@ -63,8 +63,11 @@ def round_rows(array: np.ndarray) -> list[list[float | None]]:
     return [round_values(float(value) for value in row) for row in array]
 
 
-DISTANCES = "Smallest distance between footprints in each episode [m], or a function's answer;"
-ANSWERS = "The function's answer in each episode, or 0 where it is less;"
+DISTANCES = "Smallest distance between footprints in each episode [m];"
+ANSWERS = (
+    "In each episode the robustness of the requirements ÷ their scale, or the function's answer, 0 "
+    "where it is less;"
+)
 
 
 def make_curve_chart(course: Course, unit: str = "m") -> Chart:
@@ -146,7 +149,7 @@ def make_robustness_chart(
 ) -> Chart:
     """Return the chart of each episode's smallest distance to another vehicle.
 
-    Without a unit it is that of a function's answers.
+    Without a unit it is that of the requirements, or of a function's answers.
     """
     measured = [row for row in rows if row.robustness_m is not None]
     return Chart(

@@ -113,7 +113,7 @@ def make_clearance_chart(scene: Scene) -> Chart:
         id="clearance-chart",
         kind="clearance",
         title="Distance to the nearest vehicle",
-        caption="Between the footprints [m]: its smallest value is the robustness of the episode.",
+        caption="Between the footprints [m].",
         data={
             "axis": "Time [s]",
             "end": times[-1],

@@ -25,7 +25,7 @@ from eigenfail.presentation.terminal import render
 from eigenfail.settings import convert
 from eigenfail.values import Analysis, AnalysisSettings, AnalysisState, Proof
 from eigenfail.values.analysis import JOINT, Centre
-from eigenfail.worlds import world_of
+from eigenfail.worlds import find_robustness_unit
 
 app = typer.Typer(add_completion=False)
 
@@ -157,7 +157,7 @@ def tabulate_proof(client: Client, analysis: Analysis, proof: Proof) -> tuple[Bl
     """Return the proof of an analysis, in the units of its campaign's world."""
     spec = client.campaigns.get(analysis.campaign).spec
     noun = analysis.result.cluster_noun if analysis.result else "mode"
-    return describe_proof(proof, noun, world_of(spec.simulator).robustness_unit)
+    return describe_proof(proof, noun, find_robustness_unit(spec))
 
 
 def find_or_run_analysis(client: Client, campaign: int, settings: AnalysisSettings) -> Analysis:

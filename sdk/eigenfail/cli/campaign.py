@@ -46,7 +46,7 @@ from eigenfail.presentation.terminal import render
 from eigenfail.values import Campaign, CampaignState, Priority
 from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.wire.http import make_error
-from eigenfail.worlds import world_of
+from eigenfail.worlds import find_robustness_unit
 
 Quiet = Annotated[
     bool, typer.Option("--quiet", "-q", help="Print only the id of the launched campaign.")
@@ -265,7 +265,7 @@ def course(
     """Show how failure rate, likelihood and robustness moved: the learning curve."""
     with connect_to(context, url) as client:
         found = client.campaigns.course(campaign, per)
-        unit = world_of(client.campaigns.get(campaign).spec.simulator).robustness_unit
+        unit = find_robustness_unit(client.campaigns.get(campaign).spec)
     show(found, as_json, lambda: render(*tabulate_course(found, unit)))
 
 

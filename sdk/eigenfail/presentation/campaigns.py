@@ -210,6 +210,8 @@ def describe_campaign(campaign: Campaign, summary: Summary) -> tuple[Block, ...]
 
 def _list_findings(summary: Summary) -> FactTable:
     n = f"n = {format_count(summary.counts.failures)}"
+    collisions = summary.conflicts.collisions
+    severe = "failures" if collisions == summary.counts.failures else "collisions"
     rate = format_line(summary.failure_rate)
     searched = summary.failure_rate is not None and not summary.failure_rate.sampled
     chosen = ", chosen by the method" if searched else ""
@@ -217,7 +219,10 @@ def _list_findings(summary: Summary) -> FactTable:
         ("failure rate", f"{rate} (n = {format_count(summary.counts.completed)}{chosen})"),
         *([("", summary.rate_remark)] if summary.rate_remark else []),
         ("log p per step", f"{format_number(summary.log_probability_per_step)} of failures ({n})"),
-        ("severity", f"{format_number(summary.mean_severity)} m²/s², mean of failures ({n})"),
+        (
+            "severity",
+            f"{format_number(summary.mean_severity)} m²/s², mean of {severe} (n = {collisions:,})",
+        ),
         ("cost per failure", f"{format_line(summary.cost)} USD ({n})"),
     )
     return FactTable("Findings", rows)
@@ -225,14 +230,20 @@ def _list_findings(summary: Summary) -> FactTable:
 
 def _list_conflicts(campaign: Campaign, conflicts: Conflicts) -> FactTable:
     counts = campaign.counts
-    collisions = f"{format_count(counts.failures)} of {format_count(counts.completed)}"
+    found = f"{format_count(conflicts.collisions)} of {format_count(counts.completed)}"
     leads = (format_line(conflicts.ttc_lead), format_line(conflicts.drac_lead))
     rows = (
-        ("collisions", f"{collisions}: {describe_classes(conflicts)}"),
+        ("collisions", f"{found}: {describe_classes(conflicts)}"),
+        *_list_violations_alone(counts.failures - conflicts.collisions),
         ("near misses", f"{format_count(conflicts.near_misses)} with MinTTC < 1.5 s"),
         ("mean lead time", f"{leads[0]} MinTTC, {leads[1]} DRAC"),
     )
     return FactTable("Conflicts", rows)
+
+
+def _list_violations_alone(count: int) -> Iterator[tuple[str, str]]:
+    if count:
+        yield "violations", f"{format_count(count)} without a collision"
 
 
 def describe_classes(conflicts: Conflicts) -> str:

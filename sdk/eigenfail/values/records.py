@@ -245,6 +245,11 @@ class ConflictTotals(msgspec.Struct, frozen=True):
     unresolved: int = 0
     perhaps_unresolved: int = 0
 
+    @property
+    def collisions(self) -> int:
+        """Collisions of any class; other failures are violations without one."""
+        return self.unavoidable + self.planner_failures + self.unclassified
+
 
 class FrequentFault(msgspec.Struct, frozen=True):
     """The most frequent reason for which episodes of a campaign errored.

@@ -33,6 +33,11 @@ class Conflicts(msgspec.Struct, frozen=True):
     ttc_lead: MeanTime = MeanTime()
     drac_lead: MeanTime = MeanTime()
 
+    @property
+    def collisions(self) -> int:
+        """Collisions of any class; other failures are violations without one."""
+        return self.unavoidable + self.planner_failures + self.unclassified
+
 
 class Unresolved(msgspec.Struct, frozen=True):
     """Episodes that count as safe because they ended: braking could not avoid a collision any more.

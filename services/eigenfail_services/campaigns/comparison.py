@@ -271,6 +271,7 @@ def _summarise_side(store: Store, campaigns: Sequence[Campaign]) -> Side:
     design = SamplingDesign.of_failures(campaigns)
     pooled = design.make_rate(failures, completed) if completed else None
     severities = [each.severity for each in totals if each.severity is not None]
+    collisions = sum(each.conflicts.collisions for each in totals)
     return Side(
         campaigns=tuple(campaign.id for campaign in campaigns),
         completed=completed,
@@ -280,7 +281,7 @@ def _summarise_side(store: Store, campaigns: Sequence[Campaign]) -> Side:
         log_probability_per_step=divide(
             sum(each.log_probability for each in totals), sum(each.steps for each in totals)
         ),
-        mean_severity=divide(sum(severities) if severities else None, failures),
+        mean_severity=divide(sum(severities) if severities else None, collisions),
         cost=_sum_cost(campaigns, pooled),
     )
 

@@ -69,7 +69,7 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
         failure_rate=rate,
         mean_log_probability=divide(totals.log_probability, totals.failures),
         log_probability_per_step=divide(totals.log_probability, totals.steps),
-        mean_severity=divide(totals.severity, totals.failures),
+        mean_severity=divide(totals.severity, totals.conflicts.collisions),
         episodes_per_s=divide(completed, campaign.active_s),
         cost=find_cost(campaign),
         conflicts=summarise_conflicts(totals.conflicts),

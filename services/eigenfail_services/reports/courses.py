@@ -120,7 +120,7 @@ def list_measure_rows(subject: Subject) -> list[tuple[Cell, ...]]:
     found = subject.safety
     if not subject.has_road:
         return [(subject.id, "failures", *format_safety_share(found.collisions))]
-    conflicts, collided = found.conflicts, subject.summary.counts.failures
+    conflicts, collided = found.conflicts, found.conflicts.collisions
     failures = "failures" if found.requirements else "collisions"
     rows = (
         (failures, *format_safety_share(found.collisions)),
@@ -199,7 +199,7 @@ def format_exceedance(found: Violations, unit: str) -> tuple[str, ...]:
 
 def format_collisions(k: int, subject: Subject) -> tuple[str, ...]:
     """Return k of the campaign's collisions as text; unknown if it has none."""
-    count = subject.summary.counts.failures
+    count = subject.safety.conflicts.collisions
     return (f"{k:,} of {count:,} collisions",) if count else (UNKNOWN,)
 
 

@@ -21,7 +21,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.report import MOST_CAMPAIGNS, Cell
 from eigenfail.versions import describe_mixed
-from eigenfail.worlds import world_of
+from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_services.campaigns.costs import find_newest
 from eigenfail_services.campaigns.summary import find_course, find_safety, summarise
 from eigenfail_services.store import Store
@@ -80,10 +80,9 @@ class Material(NamedTuple):
 
     @property
     def robustness_unit(self) -> str:
-        """Unit of robustness; that of a function has none."""
-        if not self.has_functions:
-            return "m"
-        return "m on the road" if self.has_roads else ""
+        """Unit of robustness; that of a function or of requirements has none."""
+        units = {find_robustness_unit(subject.campaign.spec) for subject in self.subjects}
+        return "m on the road" if len(units) > 1 else units.pop()
 
     def pick_words(self, road: str, function: str) -> str:
         """Return the words on the kinds of campaigns in the report, those on roads first."""
