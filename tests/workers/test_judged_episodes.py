@@ -15,7 +15,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.requirements import (
     Formula,
-    LaneKeeping,
+    KeptLane,
     MeasureLimit,
     NoCollision,
     PreventableCollision,
@@ -32,7 +32,7 @@ EVERY = (
     SafeDistance(),
     TimeHeadway(),
     UncausedBraking(),
-    LaneKeeping(),
+    KeptLane(),
     MeasureLimit(measure="max_jerk_mps3", at_most=30.0),
     Formula(name="recovers", formula="always(headway_s < 1 implies eventually[0:3] headway_s > 1)"),
 )
@@ -105,7 +105,7 @@ def test_a_collision_that_nothing_forbids_is_no_failure() -> None:
     collided = [each for each in drive("cut_in", TASKS) if each.is_failure]
     assert collided
     again = tuple(EpisodeTask(each.index, each.seed, PriorSource()) for each in collided)
-    for found in drive("cut_in", again, requirements=(LaneKeeping(beyond_m=50.0),)):
+    for found in drive("cut_in", again, requirements=(KeptLane(beyond_m=50.0),)):
         assert found.outcome is Outcome.SAFE
         assert found.measures.collided_s is not None
         assert found.measures.nearest_m == 0.0 < found.measures.robustness_m

@@ -17,8 +17,8 @@ from eigenfail.client import Client
 from eigenfail.client.campaigns import AT_REST
 from eigenfail.client.link import wait_until
 from eigenfail.errors import Conflict, EigenfailError, IllegalTransition, ServiceError
+from eigenfail.presentation.analyses import describe_chain_mixing
 from eigenfail.presentation.episodes import describe_minimal_failure
-from eigenfail.presentation.mixing import describe_chain_mixing
 from eigenfail.presentation.tables import Block
 from eigenfail.progress import PlainLines, Standing, display, headline, reporter, standing
 from eigenfail.suites import Suite

@@ -34,6 +34,7 @@ from eigenfail.values import (
     ReplayedNoise,
     Reproduction,
 )
+from eigenfail.values.mixing import ChainMixing
 
 NO_FAILURE = (
     "the centre of its failures is no failure. Quote its medoid, a failure that happened, or "
@@ -319,3 +320,29 @@ def format_reproduction(found: Reproduction, unit: str) -> str:
         return "not replayed"
     words = f"{found.rate.k} of {found.rate.n}"
     return words if found.rate.k else f"{words} {_format_nearest(found, unit)}"
+
+
+def describe_chain_mixing(found: ChainMixing) -> tuple[Block, ...]:
+    """Return the verdict on the chains of a campaign, and its reasons by projection."""
+    share = format_share(found.accepted / found.moves if found.moves else None)
+    others = "" if found.started == found.chains else " The others began where these did."
+    accepted = f"{format_count(found.accepted)} of {format_count(found.moves)}"
+    first = f"{found.campaign}/{found.first_sample}"
+    sentences = (
+        f"Chains: the starts of {found.started} of {found.chains} failed.{others}",
+        f"Samples: {accepted} moves after burn-in failed ({share}), from episode {first} on.",
+        found.verdict,
+        found.remark,
+    )
+    if not found.projections:
+        return sentences
+    table = Table(
+        "Mixing",
+        (
+            TableColumn("Projection", is_figure=False),
+            TableColumn("R-hat"),
+            TableColumn("Effective samples"),
+        ),
+        tuple((one.name, one.r_hat, one.effective) for one in found.projections),
+    )
+    return (*sentences, table)

@@ -301,7 +301,7 @@ class UncausedBraking(Requirement, frozen=True, tag="uncaused_braking"):
         )
 
 
-class LaneKeeping(Requirement, frozen=True, tag="lane_keeping"):
+class KeptLane(Requirement, frozen=True, tag="lane_keeping"):
     """The footprint of the ego stays within the lane that it is nearest to.
 
     For scenarios in which it needs no lane change. Robustness: the smallest distance from the
@@ -432,7 +432,7 @@ AnyRequirement = (
     | SafeDistance
     | TimeHeadway
     | UncausedBraking
-    | LaneKeeping
+    | KeptLane
     | MeasureLimit
     | Formula
 )
@@ -472,7 +472,7 @@ def check_requirements(requirements: Sequence[AnyRequirement], expected: Expecte
         each.check(expected, field)
 
 
-class Judgement(NamedTuple):
+class RequirementVerdict(NamedTuple):
     """What the requirements of a campaign say of an episode.
 
     Attributes:
@@ -504,7 +504,7 @@ class EpisodeJudge(NamedTuple):
         followed = () if self.importance is None else (self.importance,)
         return frozenset[str]().union(*[each.signals for each in (*self.requirements, *followed)])
 
-    def judge(self, course: DrivenCourse) -> Judgement:
+    def judge(self, course: DrivenCourse) -> RequirementVerdict:
         """Judge the course of an episode.
 
         Raises:
@@ -513,13 +513,13 @@ class EpisodeJudge(NamedTuple):
         values = tuple(_find_robustness(each, course) for each in self.requirements)
         violated = [place for place, value in enumerate(values) if value <= 0.0]
         if violated:
-            return Judgement(values, 0.0, violated[0])
+            return RequirementVerdict(values, 0.0, violated[0])
         if self.importance is not None:
             followed = _find_robustness(self.importance, course) / self.importance.scale
-            return Judgement(values, _make_positive(followed), None)
+            return RequirementVerdict(values, _make_positive(followed), None)
         scales = [each.scale for each in self.requirements]
         smallest = min(value / scale for value, scale in zip(values, scales, strict=True))
-        return Judgement(values, smallest, None)
+        return RequirementVerdict(values, smallest, None)
 
 
 def _find_robustness(requirement: AnyRequirement, course: DrivenCourse) -> float:

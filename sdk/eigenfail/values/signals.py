@@ -26,7 +26,7 @@ ERROR: Final = "error"
 """First part of the names of the signals of channels: `error.longitudinal`."""
 
 
-class Signal(msgspec.Struct, frozen=True, kw_only=True):
+class SignalDescription(msgspec.Struct, frozen=True, kw_only=True):
     """Description of a signal.
 
     Attributes:
@@ -42,12 +42,12 @@ class Signal(msgspec.Struct, frozen=True, kw_only=True):
     needs_lane: bool = False
 
 
-SIGNALS: Mapping[str, Signal] = MappingProxyType(
+SIGNALS: Mapping[str, SignalDescription] = MappingProxyType(
     {
-        "distance_m": Signal(
+        "distance_m": SignalDescription(
             unit="m", words="smallest distance between the footprints of ego and another vehicle"
         ),
-        "preventable_distance_m": Signal(
+        "preventable_distance_m": SignalDescription(
             unit="m",
             words=(
                 "the same without vehicles whose cut-in UN R157 does not hold to be preventable"
@@ -55,34 +55,34 @@ SIGNALS: Mapping[str, Signal] = MappingProxyType(
             absent=NOBODY_M,
             needs_lane=True,
         ),
-        "ttc_s": Signal(
+        "ttc_s": SignalDescription(
             unit="s", words="smallest time to collision with another vehicle", absent=NEVER_S
         ),
-        "drac_mps2": Signal(
+        "drac_mps2": SignalDescription(
             unit="m/s²", words="largest deceleration required to avoid a crash", absent=0.0
         ),
-        "gap_m": Signal(
+        "gap_m": SignalDescription(
             unit="m",
             words="distance along the road to the next vehicle ahead in the path of the ego",
             absent=NOBODY_M,
         ),
-        "leader_speed_mps": Signal(
+        "leader_speed_mps": SignalDescription(
             unit="m/s", words="speed along the road of that vehicle; of the ego where there is none"
         ),
-        "headway_s": Signal(unit="s", words="gap_m ÷ speed of the ego", absent=NEVER_S),
-        "speed_mps": Signal(unit="m/s", words="speed of the ego"),
-        "acceleration_mps2": Signal(
+        "headway_s": SignalDescription(unit="s", words="gap_m ÷ speed of the ego", absent=NEVER_S),
+        "speed_mps": SignalDescription(unit="m/s", words="speed of the ego"),
+        "acceleration_mps2": SignalDescription(
             unit="m/s²", words="acceleration of the ego in the step just taken; 0 at the start"
         ),
-        "jerk_mps3": Signal(
+        "jerk_mps3": SignalDescription(
             unit="m/s³", words="change of the acceleration ÷ duration of a step; 0 at the start"
         ),
-        "lane_offset_m": Signal(
+        "lane_offset_m": SignalDescription(
             unit="m",
             words="offset of the ego from the centre of the nearest lane, to the left above 0",
             needs_lane=True,
         ),
-        "lane_margin_m": Signal(
+        "lane_margin_m": SignalDescription(
             unit="m",
             words="distance of the ego's footprint from the nearer border of that lane; below 0 "
             "beyond it",

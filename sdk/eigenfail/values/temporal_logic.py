@@ -3,7 +3,7 @@
 Robustness is that of Donzé and Maler (Robust Satisfaction of Temporal Logic over Real-Valued
 Signals, 2010, definition 3), at the steps of a course: a comparison has the difference of its
 sides, `not` its negative, `and` and `always` the smallest value, `or` and `eventually` the largest.
-Bounds are in seconds. Steps before the start and behind the end of a course do not count.
+TimeBounds are in seconds. Steps before the start and behind the end of a course do not count.
 
     formula      = disjunction [ "implies" formula ]
     disjunction  = conjunction { "or" conjunction }
@@ -42,7 +42,7 @@ REMEDY: Final = "docs/requirements.md shows what a formula may hold."
 Signals = Mapping[str, Samples]
 
 
-class Bounds(NamedTuple):
+class TimeBounds(NamedTuple):
     """The times that an operator looks at, from the step that it is evaluated at. [s]"""
 
     first_s: float
@@ -53,7 +53,7 @@ class Bounds(NamedTuple):
         return round(self.first_s / dt_s), round(self.last_s / dt_s)
 
 
-UNBOUNDED: Final = Bounds(0.0, inf)
+UNBOUNDED: Final = TimeBounds(0.0, inf)
 
 
 class Node(ABC):
@@ -66,7 +66,7 @@ class Node(ABC):
     """
 
     parts: tuple["Node", ...] = ()
-    bounds: Bounds = UNBOUNDED
+    bounds: TimeBounds = UNBOUNDED
     looks_ahead = False
 
     @abstractmethod
@@ -87,7 +87,7 @@ class Node(ABC):
         return self.looks_ahead and self.bounds.last_s < inf
 
 
-class Number(Node):
+class Constant(Node):
     """A constant."""
 
     def __init__(self, value: float) -> None:
@@ -127,7 +127,7 @@ class Combination(Node):
 class Window(Node):
     """The smallest or largest value over steps: `always`, `eventually`, `historically`, `once`."""
 
-    def __init__(self, word: str, bounds: Bounds, part: Node) -> None:
+    def __init__(self, word: str, bounds: TimeBounds, part: Node) -> None:
         self.parts, self.bounds = (part,), bounds
         self.looks_ahead = word in {"always", "eventually"}
         self._smallest = word in {"always", "historically"}
@@ -153,7 +153,7 @@ class Window(Node):
 class Until(Node):
     """`until`: the second part holds at some step, and the first up to it; `since`: mirrored."""
 
-    def __init__(self, word: str, bounds: Bounds, left: Node, right: Node) -> None:
+    def __init__(self, word: str, bounds: TimeBounds, left: Node, right: Node) -> None:
         self.parts, self.bounds = (left, right), bounds
         self.looks_ahead = word == "until"
 
@@ -201,7 +201,7 @@ _WINDOWS: Final = frozenset({"always", "eventually", "historically", "once"})
 _WORDS: Final = _WINDOWS | {"until", "since", "and", "or", "not", "implies", "abs"}
 
 
-class Parser:
+class FormulaParser:
     """Reads one formula.
 
     Raises:
@@ -311,7 +311,7 @@ class Parser:
         self._require(")")
         return found
 
-    def _read_bounds(self) -> Bounds:
+    def _read_bounds(self) -> TimeBounds:
         if not self._take("["):
             return UNBOUNDED
         first_s = self._read_number("a time")
@@ -322,7 +322,7 @@ class Parser:
         if first_s > last_s:
             problem = f"[{first_s:g}:{last_s:g}] ends before it begins."
             raise InvalidValue(self._field, problem, f"Write [{last_s:g}:{first_s:g}].")
-        return Bounds(first_s, last_s)
+        return TimeBounds(first_s, last_s)
 
     def _read_number(self, wanted: str) -> float:
         if not _NUMBER.fullmatch(self._tokens[self._place].text):
@@ -367,7 +367,7 @@ class Parser:
         finally:
             self._depth -= 1
         if _NUMBER.fullmatch(text):
-            return Number(self._read_number("a number"))
+            return Constant(self._read_number("a number"))
         if _NAME.fullmatch(text) and text not in _WORDS:
             return SignalName(self._take(text))
         raise self._make_error("a signal or a number")
@@ -386,7 +386,7 @@ def parse_formula(formula: str, field: str = "formula") -> Node:
     Raises:
         InvalidValue: it is none, or names no signal.
     """
-    found = Parser(formula, field).parse()
+    found = FormulaParser(formula, field).parse()
     if not list_names(found):
         problem = f"'{formula}' names no signal."
         raise InvalidValue(field, problem, "Write, for example, always (headway_s > 0.5).")

@@ -17,7 +17,7 @@ from eigenfail.values.requirements import (
     EpisodeJudge,
     ExpectedCourse,
     Formula,
-    LaneKeeping,
+    KeptLane,
     MeasureLimit,
     NoCollision,
     PreventableCollision,
@@ -89,8 +89,8 @@ def test_hard_braking_needs_a_cause(
 
 def test_lane_keeping_allows_what_it_says() -> None:
     course = drive(lane_margin_m=[0.5, -0.25])
-    assert LaneKeeping().find_robustness(course) == -0.25
-    assert LaneKeeping(beyond_m=0.5).find_robustness(course) == 0.25
+    assert KeptLane().find_robustness(course) == -0.25
+    assert KeptLane(beyond_m=0.5).find_robustness(course) == 0.25
 
 
 @pytest.mark.parametrize(
@@ -133,7 +133,7 @@ def test_the_smallest_in_terms_of_scales_is_what_a_search_follows() -> None:
 
 
 def test_the_first_in_their_order_is_the_one_that_is_violated() -> None:
-    requirements = (NoCollision(), TimeHeadway(), LaneKeeping())
+    requirements = (NoCollision(), TimeHeadway(), KeptLane())
     judged = EpisodeJudge(requirements).judge(
         drive(Measures(4.0), headway_s=[0.1], lane_margin_m=[-9.0])
     )
@@ -194,7 +194,7 @@ def test_a_signal_of_the_lane_needs_a_simulator_that_tells_it() -> None:
     told = list_signals(("longitudinal",), tells_lane=False)
     assert "error.longitudinal" in told
     with pytest.raises(InvalidValue, match="lane_margin_m"):
-        check_requirements((LaneKeeping(),), EXPECTED._replace(signals=told))
+        check_requirements((KeptLane(),), EXPECTED._replace(signals=told))
 
 
 def read(*requirements: Mapping[str, Any]) -> CampaignSpec:

@@ -6,7 +6,7 @@ import pytest
 
 from eigenfail import plugins
 from eigenfail.errors import Conflict, InvalidValue, LearnerFailed
-from eigenfail.presentation.mixing import describe_chain_mixing
+from eigenfail.presentation.analyses import describe_chain_mixing
 from eigenfail.values import AnalysisSettings, CampaignSpec, CampaignState
 from eigenfail.values.records import Delivery
 from eigenfail_services.campaigns.analysis_jobs import run_analysis

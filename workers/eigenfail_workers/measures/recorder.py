@@ -18,7 +18,7 @@ from eigenfail.values import (
     VehicleState,
 )
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
-from eigenfail.values.requirements import DrivenCourse, EpisodeJudge, Judgement
+from eigenfail.values.requirements import DrivenCourse, EpisodeJudge, RequirementVerdict
 from eigenfail.values.shapes import Row
 from eigenfail_workers.measures.conflict import find_conflict
 from eigenfail_workers.measures.geometry import distance_lower_bound, separation, velocity
@@ -254,7 +254,7 @@ class Recorder:
             final_drac_mps2=None if collided else self._last_drac_mps2,
         )
 
-    def judge(self, measures: Measures, dt_s: float) -> Judgement | None:
+    def judge(self, measures: Measures, dt_s: float) -> RequirementVerdict | None:
         """Return what the requirements say of the episode; None without any.
 
         Args:
