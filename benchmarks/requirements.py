@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from itertools import product
-from statistics import NormalDist
+from statistics import NormalDist, fmean, stdev
 
 import msgspec
 from bare import tasks
@@ -10,13 +10,14 @@ from crew import Crew, horizon
 from figures import Figure
 from intervals import holds
 from learning_figures import of_seeds
-from samples import count_share, mean, share
+from samples import COMMAND, count_share, mean, share
 from searches import search
 
 from eigenfail.values import CampaignSpec, Channel, DisturbanceModel, Markov
 from eigenfail.values.requirements import (
     AnyRequirement,
     Formula,
+    MeasureLimit,
     NoCollision,
     PreventableCollision,
     TimeHeadway,
@@ -126,3 +127,47 @@ def make_excess_spec(seed: int) -> CampaignSpec:
     model = DisturbanceModel(channels=(Channel("longitudinal", 1.0, 0.0),))
     fields = {"disturbance": model, "episodes": CALLS}
     return make_spec("subset", "lead_brake", "position", (limit,), seed, **fields)
+
+
+CUT_IN_P_FAIL = 3.55e-5
+"""By plain Monte Carlo: 118 failures in 3,325,000 episodes (docs/world.md)."""
+
+LED_CALLS, LED_RUNS = 10_000, 5
+IMPORTANCES: dict[str, AnyRequirement | None] = {
+    "distance": None,
+    "drac": MeasureLimit(measure="max_drac_mps2", at_most=7.0),
+    "ttc": MeasureLimit(measure="min_ttc_s", at_least=1.5),
+}
+"""What subset simulation follows; the first is the robustness of no collision."""
+
+
+def find_importance(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """What subset simulation says of `cut_in`, led by different measures."""
+    places = [*product(IMPORTANCES, range(LED_RUNS))]
+    specs = [make_led_spec(name, seed + n) for name, n in places]
+    founds = crew.each(search, specs)
+    for number, name in enumerate(IMPORTANCES):
+        own = founds[number * LED_RUNS : (number + 1) * LED_RUNS]
+        told = [one.estimate.probability or 0.0 for one in own if one.estimate]
+        note = f"estimates of {LED_CALLS} episodes each, ÷ {CUT_IN_P_FAIL:g}"
+        ratios = [probability / CUT_IN_P_FAIL for probability in told]
+        yield f"importance.cut_in.{name}.over_truth", mean(ratios, "ratio", note)
+        spread = stdev(told) / fmean(told) if len(told) > 1 and fmean(told) else None
+        yield (
+            f"importance.cut_in.{name}.cv_between",
+            Figure(value=spread, unit="ratio", n=len(told), note=note, command=COMMAND),
+        )
+
+
+def make_led_spec(name: str, seed: int) -> CampaignSpec:
+    """Return a campaign of subset simulation that follows a measure."""
+    importance = IMPORTANCES[name]
+    led = {} if importance is None else {"importance": importance}
+    return CampaignSpec(
+        name=name,
+        method="subset",
+        episodes=LED_CALLS,
+        seed=seed,
+        requirements=(NoCollision(),),
+        **led,
+    )

@@ -108,6 +108,7 @@ TRIALS = (
     Trial(("channels.white_",), channels.find_equal_digests),
     Trial(("channels.conformance",), channels.find_conformance),
     Trial(("channels.cut_in.", "channels.merge_in."), channels.find),
+    Trial(("importance.",), requirements.find_importance),
     Trial(("requirements.closed_form.",), requirements.find_closed_form),
     Trial(("requirements.merge_in.uncaused_braking.",), requirements.find_searches),
     Trial(

@@ -192,7 +192,7 @@ def make_field(
     label = name.rpartition(".")[2]
     help_text, unit = split_unit(label, part.get("description", "").replace("`", ""))
     kind = "choice" if "enum" in plain else KINDS.get(plain.get("type", ""), "text")
-    if kind == "list" and resolve_schema(plain.get("items", {}), schema).get("type") == "object":
+    if kind == "list" and unwrap_optional(plain.get("items", {}), schema).get("type") == "object":
         kind = "table"
     is_number = kind == "number"
     # A number that is off unless it is given needs no word for that; one that is on does.
@@ -206,7 +206,7 @@ def make_field(
         least=format_field(plain["minimum"]) if "minimum" in plain else "",
         most=format_field(plain["maximum"]) if "maximum" in plain else "",
         default=read_default(part),
-        bounds=describe_bounds(plain, kind, schema),
+        bounds="" if "JSON" in help_text else describe_bounds(plain, kind, schema),
         unit=unit,
         help=help_text,
         options=tuple(map(str, plain.get("enum", ()))),

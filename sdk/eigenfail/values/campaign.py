@@ -259,14 +259,16 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
     requirements: Annotated[
         Requirements | msgspec.UnsetType,
         SpecField(
-            help='As JSON: [{"kind": "time_headway"}]; left out, no collision is required.',
+            help='What an episode must satisfy, as JSON: [{"kind": "time_headway"}]. Left out, no '
+            "collision is required.",
             section=Section.CAMPAIGN,
         ),
     ] = msgspec.UNSET
     importance: Annotated[
         AnyRequirement | msgspec.UnsetType,
         SpecField(
-            help="As JSON, like a requirement: what a search follows in place of these.",
+            help='What searches follow in place of the requirements, as JSON: {"kind": "measure", '
+            '"measure": "max_drac_mps2", "at_most": 7}.',
             section=Section.CAMPAIGN,
         ),
     ] = msgspec.UNSET
