@@ -232,7 +232,8 @@ OF_SAFETY = (
     "rounded outwards. Median and worst "
     "(smallest MinTTC, largest DRAC) are over the episodes that have the measure; in one that "
     "collides, up to the last step of 0.1 s before the contact. The paper's are of its 300 "
-    "episodes of DiFS, of which 9 collide; it has none of AST."
+    "episodes of DiFS, of which 9 collide, and it does not say over which of them its medians are; "
+    "it has none of AST."
 )
 OF_COMPONENTS = (
     "Analyses of the n failures of an evaluation by the noise of one axis, aligned at the "
