@@ -1,4 +1,4 @@
-"""Print the first table of docs/performance.md: where the time of an episode goes.
+"""Print the first table of benchmarks/performance.md: where the time of an episode goes.
 
 Timers stand around the parts of Monte Carlo episodes on cut_in; each keeps the time that was its
 own: what a part calls that is a part itself is counted there. Timers cannot be put
@@ -55,7 +55,9 @@ MEANING = {
     "closed loop": "perception, limits of the truck, observations",
     "noise": "sigma, z, metres",
     "measures": "distance between footprints, time to collision, DRAC, ride",
-    "arrays of the result": "noise and scene as arrays, once an episode",
+    "arrays of the result": (
+        "noise of each episode as arrays; the scene of every 50th and of failures"
+    ),
     "rest": "the loop itself",
 }
 

@@ -127,12 +127,15 @@ SEEDS = (
 )
 
 
+MACHINE = "The machine of this run had two cores, and its service two workers."
+NOTES = {"training": MACHINE, "evaluation": f"{MACHINE} {SEEDS}"}
+"""What is said of the kept run, behind the captions of the program."""
+
+
 def illustrated(found: PaperReproduction) -> str:
     """The page, with what other seeds gave, and the pictures of the same run behind the tables."""
     tables = tuple(
-        msgspec.structs.replace(table, note=f"{table.note} {SEEDS}")
-        if table.name == "evaluation"
-        else table
+        msgspec.structs.replace(table, note=f"{table.note} {NOTES.get(table.name, '')}".rstrip())
         for table in found.tables
     )
     found = msgspec.structs.replace(found, tables=tables)

@@ -1,7 +1,7 @@
 """How fast a service is with many workers: predicted from what a result costs, and measured.
 
-`python benchmarks/scale.py` prints the tables of docs/scale.md from benchmarks/latest.json; with
-`measure` it takes the figures anew before that, with `write` it puts the tables into the page.
+`python benchmarks/scale.py` prints the table of benchmarks/scale.md from benchmarks/latest.json;
+with `measure` it takes the figures anew before that, with `write` it puts the table into the page.
 """
 
 import sys
@@ -18,7 +18,7 @@ from sqlalchemy import text
 from stage import Stage
 
 LATEST = ROOT / "benchmarks" / "latest.json"
-PAGE = ROOT / "docs" / "scale.md"
+PAGE = ROOT / "benchmarks" / "scale.md"
 MARKS = ("<!-- workers -->", "<!-- /workers -->")
 
 MEASURED = {

@@ -1,4 +1,4 @@
-"""The tables of docs/scale.md: what the model makes of the figures that were measured."""
+"""The table of workers in benchmarks/scale.md: what the model makes of what was measured."""
 
 from collections.abc import Iterator, Mapping
 from math import ceil

@@ -1,4 +1,4 @@
-"""Print the second table of docs/performance.md: which process of a service works how long.
+"""Print the second table of benchmarks/performance.md: which process of a service works how long.
 
 A Monte Carlo campaign on cut_in with one worker; the processor's time that each process spent on
 it, beside that of the bare loop. `service_profile.py [EPISODES]`.

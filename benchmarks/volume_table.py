@@ -1,4 +1,4 @@
-"""The table of docs/scale.md that says what a million episodes take, out of volume.json.
+"""The table of benchmarks/scale.md that says what a million episodes take, out of volume.json.
 
 `python benchmarks/volume_table.py` writes it into the page.
 """
@@ -9,7 +9,7 @@ from typing import NamedTuple
 import msgspec
 from figures import ROOT, Figure
 
-PAGE = ROOT / "docs" / "scale.md"
+PAGE = ROOT / "benchmarks" / "scale.md"
 MEASURED = ROOT / "benchmarks" / "volume.json"
 MARKS = "<!-- episodes -->", "<!-- /episodes -->"
 HEADS = ("what", "figure", "SQLite", "PostgreSQL")
@@ -34,21 +34,23 @@ ROWS = (
         ("failures_by_severity_ms",)),
     Row("summary of the largest campaign: for the first time, again [ms]",
         ("summary_first_ms", "summary_ms")),
-    Row("its course, its safety measures [ms]", ("course_ms", "safety_ms")),
+    Row("course, safety measures of the largest campaign [ms]", ("course_ms", "safety_ms")),
     Row("the overview's page [ms]", ("overview_ms",)),
-    Row("analysis of its failures [s], [MiB]", ("analysis_s", "analysis_mb")),
-    Row("export as CSV [episodes/s], [MiB]", ("csv_per_s", "csv_mb")),
-    Row("export as Parquet [episodes/s], [MiB]", ("parquet_per_s", "parquet_mb")),
-    Row("the same with noise [episodes/s], [MiB]", ("parquet_noise_per_s", "parquet_noise_mb")),
+    Row("analysis of the failures of the largest campaign, one in fifty of it [s], [MiB]",
+        ("analysis_s", "analysis_mb")),
+    Row("export of the largest campaign as CSV [episodes/s], [MiB]", ("csv_per_s", "csv_mb")),
+    Row("the same as Parquet [episodes/s], [MiB]", ("parquet_per_s", "parquet_mb")),
+    Row("the same as Parquet with noise [episodes/s], [MiB]",
+        ("parquet_noise_per_s", "parquet_noise_mb")),
     Row("`db verify` [s]", ("verify_s",)),
     Row("`db backup` beside a writer [s], [MB]", ("backup_s", "backup_bytes")),
-    Row("its writer: [episodes/s], longest commit [s]",
+    Row("the writer beside that backup: [episodes/s], longest commit [s]",
         ("writing_while_backup_per_s", "longest_commit_while_backup_s")),
     Row("`db restore` [s]", ("restore_s",)),
     Row("`db downgrade --to 0007` [s], `db upgrade` [s]", ("downgrade_s", "upgrade_s")),
     Row("`db prune --dry-run` [s]", ("rehearse_s",)),
     Row("`db prune` beside a writer [episodes/s]", ("prune_per_s",)),
-    Row("its writer: [episodes/s], longest commit [s]",
+    Row("the writer beside that pruning: [episodes/s], longest commit [s]",
         ("writing_while_prune_per_s", "longest_commit_while_prune_s")),
     Row("`db vacuum` [s], given back [MB]", ("vacuum_s", "vacuum_bytes")),
     Row("`db verify` after that [s]", ("verify_pruned_s",)),

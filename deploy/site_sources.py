@@ -1,7 +1,8 @@
 """A hook of mkdocs: files outside docs/ to which pages link become part of the site.
 
 On disk a page links `../examples/ast.toml`, which a reader of a clone can follow. In the site such
-a file stands under source/, as it is. A link to a folder becomes plain text.
+a file stands under source/: a page in Markdown as a page that is not in the navigation, any other
+file as it is. A link to a folder becomes plain text.
 """
 
 import re
@@ -9,10 +10,15 @@ from pathlib import Path
 from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
-from mkdocs.structure.files import File, Files
+from mkdocs.structure.files import File, Files, InclusionLevel
+from mkdocs.structure.pages import Page
 
 ROOT = Path(__file__).parents[1]
-OUTSIDE = re.compile(r"\[(?P<text>[^\]]*)\]\(\.\./(?P<path>[^)\s#]+)\)")
+SOURCE = "source/"
+OUTSIDE = re.compile(r"\[(?P<text>[^\]]*)\]\(\.\./(?P<path>[^)\s#]+)(?P<anchor>#[^)\s]*)?\)")
+
+# Links of a page that stands in a folder beside docs/ on disk, and two folders deep in the site.
+INTO_DOCS = re.compile(r"\]\(\.\./docs/")
 
 # Python-Markdown takes a table for text if the line above it is a comment.
 COMMENT = re.compile(r"^<!--.*-->$", re.MULTILINE)
@@ -26,16 +32,24 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
     }
     for path in sorted(linked):
         if (ROOT / path).is_file():
-            added = File.generated(config, f"source/{path}", content=(ROOT / path).read_bytes())
+            added = File.generated(
+                config,
+                f"{SOURCE}{path}",
+                content=(ROOT / path).read_bytes(),
+                inclusion=InclusionLevel.NOT_IN_NAV,
+            )
             files.append(added)
     return files
 
 
-def on_page_markdown(markdown: str, **_: Any) -> str:
-    """Let links outside docs/ lead to the added files."""
+def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
+    """Let links outside docs/ lead to the added files, and links of added pages into docs/."""
 
     def replace(link: re.Match[str]) -> str:
         is_folder = (ROOT / link["path"]).is_dir()
-        return link["text"] if is_folder else f"[{link['text']}](source/{link['path']})"
+        target = f"{SOURCE}{link['path']}{link['anchor'] or ''}"
+        return link["text"] if is_folder else f"[{link['text']}]({target})"
 
+    if page.file.src_uri.startswith(SOURCE):
+        return COMMENT.sub("", INTO_DOCS.sub("](../../", markdown))
     return COMMENT.sub("", OUTSIDE.sub(replace, markdown))

@@ -86,8 +86,9 @@ def read_marks() -> dict[str, Marks]:
 
 
 def read_pages(root: Path = ROOT) -> dict[str, str]:
-    """Return README.md and the pages of docs/ by name, with their marks."""
-    paths = (root / "README.md", *sorted((root / "docs").glob("*.md")))
+    """Return README.md and the pages of docs/ and benchmarks/ by name, with their marks."""
+    folders = (root / "docs", root / "benchmarks")
+    paths = (root / "README.md", *(path for one in folders for path in sorted(one.glob("*.md"))))
     texts = {path.relative_to(root).as_posix(): path.read_text("utf-8") for path in paths}
     marks = read_marks()
     if gone := marks.keys() - texts.keys():

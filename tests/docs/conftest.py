@@ -76,7 +76,9 @@ def documents(readme, quickstart, changelog, planner_page, own_planner):
     named = {
         document.path for document in (readme, quickstart, changelog, planner_page, own_planner)
     }
-    others = [path for path in sorted((ROOT / "docs").glob("*.md")) if path not in named]
+    folders = (ROOT / "docs", ROOT / "benchmarks")
+    pages = [path for folder in folders for path in sorted(folder.glob("*.md"))]
+    others = [path for path in pages if path not in named]
     assert len(others) > 15
-    pages = [document(str(path.relative_to(ROOT))) for path in others]
-    return (readme, quickstart, changelog, planner_page, own_planner, *pages)
+    rest = [document(str(path.relative_to(ROOT))) for path in others]
+    return (readme, quickstart, changelog, planner_page, own_planner, *rest)

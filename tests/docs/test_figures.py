@@ -1,8 +1,8 @@
 """No document states a measured figure that is not held against a measurement.
 
-Every paragraph and table of README.md and docs/ is searched for what statistics look like: shares,
-counts "12 of 300", intervals "[3.1, 7.2]", powers of ten, failures, severities, medians, numbers in
-tables (STATISTICS). What is found must be one of these:
+Every paragraph and table of README.md, docs/ and benchmarks/ is searched for what statistics look
+like: shares, counts "12 of 300", intervals "[3.1, 7.2]", powers of ten, failures, severities,
+medians, numbers in tables (STATISTICS). What is found must be one of these:
 
 - a claim, `36.2 %<!-- claim NAME -->` or `1 of 100<!-- claim NAME -->`, or one value for each
   seed, `95.3, 93.4<!-- seeds NAME -->`: test_claims.py compares both with docs/claims.json
@@ -33,8 +33,8 @@ WHOLE_PAGES = {
 }
 COMPARED = {
     "README.md": {"demo": "test_documents.py"},
-    "docs/performance.md": dict.fromkeys(("episode", "service"), "test_performance_page.py"),
-    "docs/scale.md": {"workers": "test_scale_page.py", "episodes": "test_volume_page.py"},
+    "benchmarks/performance.md": dict.fromkeys(("episode", "service"), "test_performance_page.py"),
+    "benchmarks/scale.md": {"workers": "test_scale_page.py", "episodes": "test_volume_page.py"},
 }
 COLUMNS = {
     "default": "a setting",

@@ -37,7 +37,14 @@ from eigenfail.values import CampaignSpec
 pytestmark = [pytest.mark.service, pytest.mark.timeout(2 * deadlines.TEST_S)]
 
 ROOT = Path(__file__).parents[2]
-PAGES = ("README.md", *sorted(f"docs/{page.name}" for page in (ROOT / "docs").glob("*.md")))
+PAGES = (
+    "README.md",
+    *(
+        f"{folder}/{page.name}"
+        for folder in ("docs", "benchmarks")
+        for page in sorted((ROOT / folder).glob("*.md"))
+    ),
+)
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 FILE_NAME = re.compile(r"# ([\w./]+\.\w+)\n")
 EPISODES = re.compile(r"(?<=^episodes = )\d+$", re.MULTILINE)

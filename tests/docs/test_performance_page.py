@@ -1,4 +1,7 @@
-"""docs/performance.md shows what the scripts print, and explains every figure of `make bench`."""
+"""benchmarks/performance.md shows what the scripts print, and explains all figures of `make bench`.
+
+docs/performance.md and docs/scale.md state a few of these figures, each with its name.
+"""
 
 import json
 import re
@@ -7,7 +10,11 @@ import sys
 
 import pytest
 
-PAGE = "docs/performance.md"
+PAGE = "benchmarks/performance.md"
+QUOTING = {"docs/performance.md": 5, "docs/scale.md": 5}
+"""Pages that state benchmarks, and how many at least."""
+
+QUOTED = re.compile(r"(\d[\d.]*)(?:\s+\S+)?\s+\(`(\w+)`\)")
 
 
 @pytest.fixture(scope="module")
@@ -68,9 +75,32 @@ def test_every_figure_of_the_benchmarks_is_explained_with_its_target(page, root)
     assert explained == {name: figure.get("target", "") for name, figure in measured.items()}
 
 
-def test_the_page_names_files_and_settings_that_exist(page, root):
-    for name in re.findall(r"(?:benchmarks|workers)/[\w/.]+\w", page):
-        assert (root / name).exists(), name
+@pytest.mark.parametrize("name", QUOTING)
+def test_a_figure_in_a_page_of_the_documents_is_the_benchmark_that_it_names(name, root):
+    text = (root / name).read_text()
+    files = ("latest.json", "volume.json")
+    measured = {}
+    for file in files:
+        measured |= json.loads((root / "benchmarks" / file).read_text())
+    quoted = QUOTED.findall(text)
+    assert len(quoted) >= QUOTING[name]
+    assert len(quoted) == len(re.findall(r"\(`\w+`\)", text)), "a name without its figure"
+    for printed, figure in quoted:
+        digits = len(printed.partition(".")[2])
+        assert float(printed) == round(measured[figure]["value"], digits), figure
+
+
+def test_the_planner_takes_more_than_half_of_an_episode_as_the_documents_say(page, root):
+    assert "more than half of that is the\nplanner" in (root / "docs/performance.md").read_text()
+    rows = {row[0]: row for row in map(cells, table(page, "episode")[2:])}
+    parts = ("planner", "quadratic program", "OSQP itself")
+    assert sum(float(rows[part][2]) for part in parts) > 0.5 * float(rows["all"][2])
+
+
+@pytest.mark.parametrize("name", [PAGE, "docs/performance.md"])
+def test_the_page_names_files_and_settings_that_exist(name, root):
+    for file in re.findall(r"(?:benchmarks|workers)/[\w/.]+\w", (root / name).read_text()):
+        assert (root / file).exists(), file
 
 
 def test_a_part_counts_its_own_time_only(benchmark, monkeypatch):

@@ -1,17 +1,18 @@
 """The formatter of numbers, the same on terminal, page, report and notebook.
 
 Digits: a measured number has three significant digits, between 0.001 and 1,000,000 without a power
-of ten; larger numbers keep all digits before the point. A share is in percent with three
-significant digits (34.3 %, 4.17 %, 0.125 %). An amount of money has three significant digits and at
-least two decimals, and never a power of ten. A count is exact, with its thousands apart. A 95 %
-interval stands in brackets, with the digits of a number each; its ends, and other bounds, are
-rounded outwards, so that what is printed contains what was computed. An unknown value is a dash,
-never a zero. Programs read JSON, CSV and the REST API, which hold the numbers unrounded.
+of ten; larger numbers keep all digits before the point. A half is rounded away from zero. A share
+is in percent with three significant digits (34.3 %, 4.17 %, 0.125 %). An amount of money has three
+significant digits and at least two decimals, and never a power of ten. A count is exact, with its
+thousands apart. A 95 % interval stands in brackets, with the digits of a number each; its ends, and
+other bounds, are rounded outwards, so that what is printed contains what was computed. An unknown
+value is a dash, never a zero. Programs read JSON, CSV and the REST API, which hold the numbers
+unrounded.
 """
 
 import re
 from datetime import UTC, datetime
-from decimal import ROUND_CEILING, ROUND_FLOOR, Decimal
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_UP, Decimal
 from math import floor, isfinite, log10
 from typing import Protocol
 
@@ -50,14 +51,16 @@ def format_number(value: float | None, digits: int = DIGITS) -> str:
         return UNKNOWN
     if value == 0.0:
         return "0"
-    # The first rounding may carry into another power of ten: 0.9996 has the digits of 1.
-    rounded = float(f"{value:.{digits - 1}e}")
+    # The first rounding may carry into another power of ten: 0.9996 has the digits of 1. Python's
+    # own formats round a half to the even digit, which turns 36.25 into 36.2.
+    rounded = _round(value, digits, ROUND_HALF_UP)
     if not SMALLEST_PLAIN <= abs(rounded) < LARGEST_PLAIN:
-        mantissa, exponent = f"{value:.{digits - 1}e}".split("e")
+        mantissa, exponent = f"{rounded:.{digits - 1}e}".split("e")
         raised = str(int(exponent)).translate(_SUPERSCRIPTS)
         return f"{mantissa}×10{raised}".replace("-", "−")
     decimals = max(0, digits - 1 - floor(log10(abs(rounded))))
-    return f"{value:,.{decimals}f}".replace("-", "−")
+    printed = _read_exact(value).quantize(Decimal(1).scaleb(-decimals), ROUND_HALF_UP)
+    return f"{printed:,f}".replace("-", "−")
 
 
 def format_signed(value: float | None, digits: int = DIGITS) -> str:
@@ -97,20 +100,24 @@ def put_unit(text: str, unit: str) -> str:
 
 def round_down(value: float, digits: int = DIGITS) -> float:
     """Return the largest number of these significant digits that is not above the value."""
-    return _round_towards(ROUND_FLOOR, value, digits)
+    return _round(value, digits, ROUND_FLOOR)
 
 
 def round_up(value: float, digits: int = DIGITS) -> float:
     """Return the smallest number of these significant digits that is not below the value."""
-    return _round_towards(ROUND_CEILING, value, digits)
+    return _round(value, digits, ROUND_CEILING)
 
 
-def _round_towards(rounding: str, value: float, digits: int) -> float:
+def _round(value: float, digits: int, rounding: str) -> float:
     if not isfinite(value) or value == 0.0:
         return value
-    # Digits beyond the twelfth are the error of floats: 100 * 0.07 is 7.000000000000001.
-    exact = Decimal(f"{value:.11e}")
+    exact = _read_exact(value)
     return float(exact.quantize(Decimal(1).scaleb(exact.adjusted() - digits + 1), rounding))
+
+
+def _read_exact(value: float) -> Decimal:
+    # Digits beyond the twelfth are the error of floats: 100 * 0.07 is 7.000000000000001.
+    return Decimal(f"{value:.11e}")
 
 
 def format_upper_bound(share: float) -> str:

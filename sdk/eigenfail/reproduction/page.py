@@ -122,6 +122,7 @@ How to read the tables:
 
 - A row is one campaign, with one seed. Another seed may give other numbers, so that the difference
   between two rows may be that of two seeds.
+- Numbers have three digits, the paper's at most three; a half is rounded away from zero.
 - `ast` and `difs` have our defaults. `ast_paper` has the values of the paper's main runs (alpha
   5,000, c_dist 1,000, tau 0.001, learning rate 3e-4, batch size 16, buffer size 10,000), with four
   gradient steps for each decision; `difs_paper` has the paper's schedule. Their other settings are
@@ -200,9 +201,9 @@ def _format_statements(found: PaperReproduction) -> Iterator[str]:
         "rates are compared by the 95 % intervals of independent draws; shares of variance and\n"
         "influence have none. The episodes of the sweep are not independent: there the interval\n"
         "is a rule that passes over small differences, and no test, and another seed may reverse\n"
-        "a verdict. Rank correlations have the 95 % interval of Bonett and Wright (2000). They\n"
-        "are over the failures that one searcher chose, and do not say how rare severe\n"
-        "collisions are under p(x).\n"
+        "a verdict. Rank correlations have the 95 % interval of Bonett and Wright (2000), its\n"
+        "ends rounded outwards. They are over the failures that one searcher chose, and do not\n"
+        "say how rare severe collisions are under p(x).\n"
     )
     yield "| the paper | here | numbers | why |\n|---|---|---|---|"
     for one in found.statements:

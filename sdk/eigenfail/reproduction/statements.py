@@ -12,7 +12,7 @@ from eigenfail.client import Client
 from eigenfail.errors import Conflict
 from eigenfail.intervals import Z, find_interval
 from eigenfail.presentation.figures import format_interval, format_number, format_share
-from eigenfail.reproduction.programme import SWEPT
+from eigenfail.reproduction.programme import SWEPT, USUAL_DISTANCE_M
 from eigenfail.reproduction.tables import (
     AXES,
     MODES,
@@ -256,8 +256,8 @@ def _judge_modes(name: str, result: AnalysisResult) -> PaperStatement:
         f"There are {MODES} distinct failure modes.",
         result.distinct and len(result.modes) == MODES,
         f"{name}, longitudinal noise: {_count_modes(result)}",
-        "Failures known under p(x) by brute force have no groups beyond those of noise, either; "
-        "that does not show that there is one mode.",
+        "All failures come from one policy: another searcher or seed may find another number. The "
+        "cause was not tested.",
     )
 
 
@@ -269,8 +269,15 @@ def _judge_replays(name: str, proof: Proof) -> PaperStatement:
     rate = proof.eigenfailures.rate
     figures = "none was replayed"
     if rate:
-        places = len(proof.scenarios)
-        figures = f"{rate.k} of {rate.n} replays of eigenfailures failed, in {places} scenarios"
+        distances = ", ".join(
+            f"{one.scenario_parameters.get('distance_m', USUAL_DISTANCE_M):g}"
+            for one in proof.scenarios
+        )
+        each = rate.n // len(proof.scenarios)
+        figures = (
+            f"{rate.k} of {rate.n} replays failed, of {each} eigenfailures in `cut_in` with each "
+            f"distance_m of {distances}"
+        )
     return PaperStatement(
         "Eigenfailures reproduce failures in all scenarios tested.",
         None if rate is None else rate.k == rate.n,

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import msgspec
 
 from eigenfail.intervals import find_interval
-from eigenfail.reproduction.programme import LEARNERS, MOVED_M
+from eigenfail.reproduction.programme import LEARNERS, MOVED_M, USUAL_DISTANCE_M
 from eigenfail.values import (
     AnalysisResult,
     AnalysisSettings,
@@ -172,7 +172,8 @@ Read = Callable[[Summary], PaperNumber]
 
 DRAWN = (
     "Failure rate: share of the n episodes that collide. Brackets hold Wilson's 95 % interval of "
-    "independent draws; where none or all failed, an exact one-sided 95 % bound."
+    "independent draws; where none or all failed, an exact one-sided 95 % bound. Ends and bounds "
+    "are rounded outwards."
 )
 ONE_SEARCHER = "That of an evaluation is about its one trained searcher."
 SEARCHED = (
@@ -186,9 +187,12 @@ MEANS = (
     "which does not give its number of steps."
 )
 COST = (
-    "Instance-hours are the active time of this campaign on one instance, in one run; cost is "
-    "their price at 1.20 USD per hour ÷ failures, without that of a training before it. The "
-    "paper's cost is of a GPU instance at that price."
+    "Instance-hours are the time that this campaign was active on one instance, in one run; cost "
+    "is their price at 1.20 USD per hour ÷ failures, without that of a training before it. "
+    "Campaigns of the suite run side by side, four at a time unless the service is told otherwise, "
+    "and share its workers and processor cores; that time is counted in full for each of them, so "
+    "that hours and cost are not those of the campaign alone. The paper's cost is of a GPU "
+    "instance at that price."
 )
 PAPERS = "of its own planner, simulator and settings, also beside our defaults."
 NOT_SWEPT = (
@@ -224,10 +228,12 @@ OF_DISTANCES = (
 OF_SAFETY = (
     "Share of the n episodes of an evaluation with a collision, a MinTTC below 1.5 s, a DRAC "
     "above 7 m/s². Brackets hold Wilson's 95 % interval of independent draws from that one trained "
-    "searcher; where none or all are counted, an exact one-sided 95 % bound. Median and worst "
+    "searcher; where none or all are counted, an exact one-sided 95 % bound. Ends and bounds are "
+    "rounded outwards. Median and worst "
     "(smallest MinTTC, largest DRAC) are over the episodes that have the measure; in one that "
     "collides, up to the last step of 0.1 s before the contact. The paper's are of its 300 "
-    "episodes of DiFS, of which 9 collide; it has none of AST."
+    "episodes of DiFS, of which 9 collide, and it does not say over which of them its medians are; "
+    "it has none of AST."
 )
 OF_COMPONENTS = (
     "Analyses of the n failures of an evaluation by the noise of one axis, aligned at the "
@@ -237,14 +243,17 @@ OF_COMPONENTS = (
     "data without groups (*of noise*) and they are stable; where they are not, one mode is "
     "counted. The adjusted Rand index is the median over "
     f"{AnalysisSettings().bootstrap} bootstrap resamples of these failures, in brackets the range "
-    "of the middle 95 % of the resamples. The paper's numbers are of 300 failures of its AST; it "
-    "does not say of which axis its three modes are."
+    "of the middle 95 % of the resamples, rounded outwards. The paper's numbers are of 300 "
+    "failures of its AST; it does not say of which axis its three modes are."
 )
 OF_REPLAYS = (
-    "Replays that collided, of all, in the named scenario: one eigenfailure (the mean of the "
-    "noise) and one medoid of each group of the failures of an evaluation by the noise of both "
-    "axes, also where the groups are no distinct modes. A replay always has the same result: these "
-    "are counts, no rates. The paper says *all*, and gives no number."
+    "Replays that collided, of all, in the named scenario (*the same* has distance_m "
+    f"{USUAL_DISTANCE_M:g}): one eigenfailure and one medoid of each group of the failures of an "
+    "evaluation by the noise of both axes, aligned at the start, also where the groups are no "
+    "distinct modes. The eigenfailure is the noise that belongs to the mean of the group's scores "
+    f"on the first {AnalysisSettings().components} principal components, without the others; the "
+    "medoid is the noise of the failure whose scores are nearest to that mean. A replay always has "
+    "the same result: these are counts, no rates. The paper says *all*, and gives no number."
 )
 
 

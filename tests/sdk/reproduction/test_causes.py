@@ -194,3 +194,7 @@ def test_replays_are_told_by_scenario():
         f"{NAME}: distance_m 63",
     ]
     assert [row.numbers[0].value for row in rows] == [1.0, 0.75]
+    told = judge("Eigenfailures reproduce", proven=proof(4, 3)).figures
+    assert told.endswith(
+        ": 7 of 8 replays failed, of 4 eigenfailures in `cut_in` with each distance_m of 58, 63"
+    )

@@ -62,7 +62,7 @@ def test_numbers_are_told_in_their_units():
     assert format_our_number(share, number) == "12.3 % [10.0, 15.0]"
     assert format_paper_number(share, number) == " (paper 3.1)"
     assert format_heading(share) == "rate [%]"
-    printed = {-1234.5: "−1,234", -12.345: "−12.3", 2.346: "2.35", 5.5e-5: "5.50×10⁻⁵", 0.0: "0"}
+    printed = {-1234.5: "−1,235", -12.345: "−12.3", 2.346: "2.35", 5.5e-5: "5.50×10⁻⁵", 0.0: "0"}
     assert {value: format_our_number(nat, PaperNumber(value, 3)) for value in printed} == printed
     assert format_our_number(nat, PaperNumber(None, 0)) == "–"
     assert format_paper_number(nat, PaperNumber(1.0, 1)) == ""
