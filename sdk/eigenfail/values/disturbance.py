@@ -159,8 +159,8 @@ class Conversion:
 
 Doubles = NDArray[np.float64]
 
-TRAJECTORIES_AT_A_TIME = 64
-"""Number of trajectories whose densities are computed together: as fast as with more, and their
+TRAJECTORIES_AT_A_TIME = 32
+"""Number of trajectories whose densities are computed together: with more it takes longer, as their
 doubles stay in the cache of the processor."""
 
 

@@ -54,7 +54,7 @@ class CommitQueue:
     Args:
         episodes: the store that they are written to.
         metrics: count the verdicts and measure the durations.
-        meanwhile: runs while the results are committed, and may add others.
+        meanwhile: runs again and again while results are committed, and may add others.
 
     Attributes:
         stuck: whether results wait that the store could not take at the last attempt.
