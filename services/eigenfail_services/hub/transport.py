@@ -169,7 +169,7 @@ class ZapAuthenticator:
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._refusals = RefusalLog()
 
-    def open_router(self) -> "zmq.Socket[bytes]":
+    def open_router(self) -> Router:
         """Return a ROUTER that is not bound yet; closing it ends the authenticator."""
         self._router = router = self._context.socket(zmq.ROUTER, AuthenticatedRouter)
         router.accepted, router.cut_off = frozenset(), set()
@@ -265,10 +265,9 @@ def bind(address: str, keys: HubKeys | None = None) -> Router:
     Raises:
         PortTaken: it cannot be bound.
     """
+    context: Any = zmq.Context.instance()
     router: Router = (
-        ZapAuthenticator(keys).open_router()
-        if keys
-        else zmq.Context.instance().socket(zmq.ROUTER, Router)
+        ZapAuthenticator(keys).open_router() if keys else context.socket(zmq.ROUTER, Router)
     )
     # ZeroMQ allocates a frame as soon as its length is announced, before the peer is authenticated.
     router.setsockopt(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)

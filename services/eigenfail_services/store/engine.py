@@ -163,10 +163,10 @@ class Database:
             raise
 
     def commit_beside(self, meanwhile: Callable[[], None]) -> Commit:
-        """Return a commit in another thread, while `meanwhile` runs in the one that waits for it,
-        again and again.
+        """Return a commit in another thread, while `meanwhile` runs in the one that waits for it.
 
-        The database writes, and waits for its disk, without holding up the interpreter.
+        The database writes, and waits for its disk, without holding up the interpreter. `meanwhile`
+        runs again and again: a disk may take long.
         """
 
         def commit(transaction: Transaction) -> None:
