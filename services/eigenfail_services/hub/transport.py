@@ -166,12 +166,13 @@ class ZapAuthenticator:
 
     def __init__(self, keys: HubKeys) -> None:
         self._keys = keys
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._context: Any = zmq.Context()
         self._refusals = RefusalLog()
 
     def open_router(self) -> Router:
         """Return a ROUTER that is not bound yet; closing it ends the authenticator."""
-        self._router = router = self._context.socket(zmq.ROUTER, AuthenticatedRouter)
+        router: AuthenticatedRouter = self._context.socket(zmq.ROUTER, AuthenticatedRouter)
+        self._router = router
         router.accepted, router.cut_off = frozenset(), set()
         router.setsockopt(zmq.CURVE_SERVER, 1)
         router.setsockopt(zmq.CURVE_SECRETKEY, self._keys.secret)
