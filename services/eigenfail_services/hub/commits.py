@@ -99,9 +99,12 @@ class CommitQueue:
         if not self._pending or not (due or now):
             return []
         by_campaign: defaultdict[int, list[_PendingResult]] = defaultdict(list)
-        for pending in self._pending:
+        # While some are committed, workers bring the next: of all at once, none would be left to
+        # run while the learner waits for the end of its round.
+        count = len(self._pending) if now else MAX_RESULTS
+        for pending in self._pending[:count]:
             by_campaign[pending.campaign].append(pending)
-        groups, self._pending, self.stuck = list(by_campaign.values()), [], False
+        groups, self._pending, self.stuck = list(by_campaign.values()), self._pending[count:], False
         judged: list[JudgedResult] = []
         while groups:
             try:
