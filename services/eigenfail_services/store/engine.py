@@ -85,7 +85,7 @@ ROOM = "Check that its disk has room and can be written; then it goes on by itse
 WAIT_S = 10.0
 """Default time that a statement waits for the lock of another program."""
 
-INTERVAL_S = 0.001
+INTERVAL_S = 0.005
 """Time between two calls of what runs while a transaction is committed."""
 
 CHUNK = 500
