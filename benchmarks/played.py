@@ -51,6 +51,15 @@ class PlayedSocket:
             raise zmq.Again
         return self.inbox.popleft()
 
+    def receive(self) -> tuple[bytes, bytes]:
+        """First and last frame of the next message.
+
+        Raises:
+            zmq.Again: there is none.
+        """
+        parts = self.recv_multipart(zmq.NOBLOCK)
+        return parts[0], parts[-1]
+
     def send_multipart(self, parts: Any, _flags: int) -> None:
         """Keep what is sent."""
         self.outbox.append(parts)

@@ -1,6 +1,5 @@
 """numpy arrays inside frozen values: one dtype in memory, on the wire and on disk."""
 
-from math import prod
 from typing import Any
 
 import msgspec
@@ -41,10 +40,13 @@ def unpack(packed: PackedArray) -> Floats:
         ProtocolError: the shape is absurd, or does not fit the number of bytes.
     """
     shape, data = packed.shape, packed.data
-    is_bounded = not shape or 0 <= min(shape) <= max(shape) <= MAX_ELEMENTS
-    if len(shape) > MAX_DIMENSIONS or not is_bounded:
+    is_bounded, elements = len(shape) <= MAX_DIMENSIONS, 1
+    for size in shape[:MAX_DIMENSIONS]:
+        is_bounded = is_bounded and 0 <= size <= MAX_ELEMENTS
+        elements *= size
+    if not is_bounded:
         raise ProtocolError(f"An array of shape {shape} is outside what may travel.")
-    if prod(shape) * LITTLE_ENDIAN_FLOAT.itemsize != len(data):
+    if elements * LITTLE_ENDIAN_FLOAT.itemsize != len(data):
         raise ProtocolError(f"Shape {shape} does not fit {len(data)} bytes of float32.")
     return np.ndarray(shape, LITTLE_ENDIAN_FLOAT, data)
 

@@ -54,7 +54,7 @@ class CommitQueue:
     Args:
         episodes: the store that they are written to.
         metrics: count the verdicts and measure the durations.
-        meanwhile: runs while the results are committed, and may add others.
+        meanwhile: runs again and again while results are committed, and may add others.
 
     Attributes:
         stuck: whether results wait that the store could not take at the last attempt.
@@ -99,9 +99,12 @@ class CommitQueue:
         if not self._pending or not (due or now):
             return []
         by_campaign: defaultdict[int, list[_PendingResult]] = defaultdict(list)
-        for pending in self._pending:
+        # While some are committed, workers bring the next: of all at once, none would be left to
+        # run while the learner waits for the end of its round.
+        count = len(self._pending) if now else MAX_RESULTS
+        for pending in self._pending[:count]:
             by_campaign[pending.campaign].append(pending)
-        groups, self._pending, self.stuck = list(by_campaign.values()), [], False
+        groups, self._pending, self.stuck = list(by_campaign.values()), self._pending[count:], False
         judged: list[JudgedResult] = []
         while groups:
             try:

@@ -170,6 +170,8 @@ class Scheduler:
         self._durations = DurationEstimates()
         self._pools = {False: _Pool(), True: _Pool()}
         self._on_bridge: set[int] = set()
+        # Between two assignments a worker changes hundreds of times, and its load counts once.
+        self._changed: dict[bytes, WorkerSession] = {}
 
     def set_weight(self, campaign: int, weight: float) -> None:
         """Set the weight of a campaign's share."""
@@ -198,15 +200,21 @@ class Scheduler:
 
     def update_worker(self, worker: bytes, session: WorkerSession) -> None:
         """Note a change of what a worker holds or runs in parallel."""
-        pool = self._pools[session.has_bridge]
-        pool.workers.add(worker)
-        if session.needs_work():
-            pool.needing_work.put(worker, session.load_s / session.parallel)
-        else:
-            pool.needing_work.remove(worker)
+        self._pools[session.has_bridge].workers.add(worker)
+        self._changed[worker] = session
+
+    def _update_loads(self) -> None:
+        for worker, session in self._changed.items():
+            needing_work = self._pools[session.has_bridge].needing_work
+            if session.needs_work():
+                needing_work.put(worker, session.load_s / session.parallel)
+            else:
+                needing_work.remove(worker)
+        self._changed.clear()
 
     def remove_worker(self, worker: bytes, session: WorkerSession) -> None:
         """Assign nothing more to a worker."""
+        self._changed.pop(worker, None)
         pool = self._pools[session.has_bridge]
         pool.workers.discard(worker)
         pool.needing_work.remove(worker)
@@ -248,6 +256,7 @@ class Scheduler:
         self, sessions: dict[bytes, WorkerSession], queue: EpisodeQueue
     ) -> Assignment | None:
         """Take the next assignment from the queue; None if no worker needs work that it can run."""
+        self._update_loads()
         served = [pool for pool in self._pools.values() if self._campaigns_for(pool, queue)]
         entries = [entry for pool in served if (entry := pool.needing_work.first()) is not None]
         if not entries:

@@ -176,18 +176,22 @@ class Hub:
                 self._commands.get_nowait()()
         self._receive()
         self._halt_declined()
+        self._sessions.expire_silent()
+        self._sessions.drain(self._draining)
         with self._tolerate_store_failure():
             self._poll_runs()
+            # Workers run what is leased while the store is busy with what they have brought.
+            self._assign()
             self._commit()
             self._deaths.record()
             self._roster.update()
             self._unrunnable.update(self._runs.keys())
-        self._sessions.expire_silent()
-        self._sessions.drain(self._draining)
-        # New leases would bring results that could not be stored.
+        self._update_status()
+
+    def _assign(self) -> None:
+        # While the store is unavailable, new leases would bring results that could not be stored.
         if not (self._is_store_away or self._commits.stuck):
             self._sessions.assign(self._runs)
-        self._update_status()
 
     def _launch(self, spec: RunSpec) -> None:
         run = CampaignRun(spec, self._store, self._leases, self._learners, self.metrics)
@@ -208,10 +212,10 @@ class Hub:
     def _receive(self) -> None:
         for _ in range(MESSAGES_PER_TURN):
             try:
-                parts = self._router.recv_multipart(zmq.NOBLOCK)
+                worker, data = self._router.receive()
             except zmq.Again:
                 return
-            self._sessions.handle(parts[0], parts[-1])
+            self._sessions.handle(worker, data)
 
     def _halt_declined(self) -> None:
         """Halt what a worker cannot run, before every episode of it errs for the same reason."""

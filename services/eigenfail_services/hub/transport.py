@@ -83,7 +83,27 @@ IsConnected = Callable[[bytes], bool]
 log = structlog.get_logger()
 
 
-class AuthenticatedRouter(zmq.Socket[bytes]):
+class Router(zmq.Socket[bytes]):
+    """A ROUTER whose messages have one frame each, behind the connection that they came by."""
+
+    def receive(self) -> tuple[bytes, bytes]:
+        """Return the connection and the last frame of the next message.
+
+        Raises:
+            zmq.Again: there is none.
+        """
+        connection = self.recv(zmq.NOBLOCK)
+        return connection, self._receive_last().bytes
+
+    def _receive_last(self) -> zmq.Frame:
+        """Return the last frame of a message, whose connection was received."""
+        # A frame knows whether others follow: asking the socket takes as long as receiving it.
+        while (frame := self.recv(zmq.NOBLOCK, copy=False)).more:
+            pass
+        return frame
+
+
+class AuthenticatedRouter(Router):
     """A ROUTER that receives from and sends to workers only while their keys are accepted.
 
     ZeroMQ checks a key in the handshake only, and cannot close a connection. A worker that gets no
@@ -97,17 +117,22 @@ class AuthenticatedRouter(zmq.Socket[bytes]):
     accepted: Collection[str]
     cut_off: set[bytes]
 
-    def recv_multipart(self, flags: int = 0, *_: Any, **__: Any) -> list[bytes]:  # type: ignore[override]
-        """Return the next message, or a goodbye in its place if its sender's key is refused."""
-        frames = super().recv_multipart(flags, copy=False)
-        sender, key = frames[0].bytes, str(frames[-1].get(USER_ID))
+    def receive(self) -> tuple[bytes, bytes]:
+        """Return the next message, or a goodbye in its place if its sender's key is refused.
+
+        Raises:
+            zmq.Again: there is none.
+        """
+        sender = self.recv(zmq.NOBLOCK)
+        frame = self._receive_last()
+        key = str(frame.get(USER_ID))
         if key in self.accepted:
             self.cut_off.discard(sender)
-            return [frame.bytes for frame in frames]
+            return sender, frame.bytes
         if sender not in self.cut_off:
             self.cut_off.add(sender)
             log.warning("worker disconnected", key=key[:KEY_DIGITS])
-        return [sender, CUT_OFF]
+        return sender, CUT_OFF
 
     def send_multipart(self, parts: Sequence[bytes], flags: int = 0, **_: Any) -> None:  # type: ignore[override]
         """Send a message, unless its receiver is cut off."""
@@ -141,12 +166,13 @@ class ZapAuthenticator:
 
     def __init__(self, keys: HubKeys) -> None:
         self._keys = keys
-        self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
+        self._context: Any = zmq.Context()
         self._refusals = RefusalLog()
 
-    def open_router(self) -> "zmq.Socket[bytes]":
+    def open_router(self) -> Router:
         """Return a ROUTER that is not bound yet; closing it ends the authenticator."""
-        self._router = router = self._context.socket(zmq.ROUTER, AuthenticatedRouter)
+        router: AuthenticatedRouter = self._context.socket(zmq.ROUTER, AuthenticatedRouter)
+        self._router = router
         router.accepted, router.cut_off = frozenset(), set()
         router.setsockopt(zmq.CURVE_SERVER, 1)
         router.setsockopt(zmq.CURVE_SECRETKEY, self._keys.secret)
@@ -234,15 +260,15 @@ def load_keys(address: str, folder: Path | None) -> HubKeys | None:
     return None
 
 
-def bind(address: str, keys: HubKeys | None = None) -> "zmq.Socket[bytes]":
+def bind(address: str, keys: HubKeys | None = None) -> Router:
     """Return a ROUTER at the address; with keys, only workers with accepted ones can reach it.
 
     Raises:
         PortTaken: it cannot be bound.
     """
-    router: zmq.Socket[bytes]
-    router = (
-        ZapAuthenticator(keys).open_router() if keys else zmq.Context.instance().socket(zmq.ROUTER)
+    context: Any = zmq.Context.instance()
+    router: Router = (
+        ZapAuthenticator(keys).open_router() if keys else context.socket(zmq.ROUTER, Router)
     )
     # ZeroMQ allocates a frame as soon as its length is announced, before the peer is authenticated.
     router.setsockopt(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)

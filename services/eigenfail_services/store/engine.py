@@ -2,7 +2,7 @@
 
 import sqlite3
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from typing import Protocol
 
@@ -85,6 +85,9 @@ ROOM = "Check that its disk has room and can be written; then it goes on by itse
 WAIT_S = 10.0
 """Default time that a statement waits for the lock of another program."""
 
+INTERVAL_S = 0.005
+"""Time between two calls of what runs while a transaction is committed."""
+
 CHUNK = 500
 """Numbers that one statement names, and rows that are fetched at a time, at most."""
 
@@ -162,13 +165,16 @@ class Database:
     def commit_beside(self, meanwhile: Callable[[], None]) -> Commit:
         """Return a commit in another thread, while `meanwhile` runs in the one that waits for it.
 
-        The database writes, and waits for its disk, without holding up the interpreter.
+        The database writes, and waits for its disk, without holding up the interpreter. `meanwhile`
+        runs again and again: a disk may take long.
         """
 
         def commit(transaction: Transaction) -> None:
             committed = self._threads.submit(transaction.commit)
             try:
                 meanwhile()
+                while not wait([committed], INTERVAL_S).done:
+                    meanwhile()
             finally:
                 committed.result()
 

@@ -355,7 +355,8 @@ class EpisodeStore:
         Args:
             campaign: id of the campaign.
             deliveries: the delivered results.
-            meanwhile: runs while the transaction is committed; it must not use the store.
+            meanwhile: runs again and again while the transaction is committed; it must not use
+                the store.
         """
         with self._database.writing(self._database.commit_beside(meanwhile)) as connection:
             return _store_deliveries(connection, campaign, deliveries)

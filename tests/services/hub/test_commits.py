@@ -54,6 +54,14 @@ def test_a_full_group_does_not_wait(group: CommitQueue) -> None:
     assert len(group.flush()) == commits.MAX_RESULTS
 
 
+def test_a_group_has_a_bound_unless_all_are_to_be_written(group: CommitQueue) -> None:
+    for index in range(3 * commits.MAX_RESULTS):
+        group.add(b"w", "w", 1, result(index))
+    first, rest = group.flush(), group.flush(now=True)
+    assert [len(first), len(rest)] == [commits.MAX_RESULTS, 2 * commits.MAX_RESULTS]
+    assert [c.result.index for c in first + rest] == list(range(3 * commits.MAX_RESULTS))
+
+
 def test_a_due_group_is_written(group: CommitQueue, monkeypatch: pytest.MonkeyPatch) -> None:
     group.add(b"w", "w", 1, result(0))
     now_s = commits.time.monotonic()

@@ -3,11 +3,11 @@ import { isForPaper, onThemeChange } from "./theme.js";
 
 const drawn = new WeakMap();
 const resized = new ResizeObserver((entries) => {
-  for (const { target } of entries) fit(target, window.echarts.getInstanceByDom(target));
+  for (const { target } of entries) fit(window.echarts.getInstanceByDom(target), sizeOf(target));
 });
 const MARGIN_PX = 200;
 const seen = new IntersectionObserver((entries) => {
-  for (const entry of entries) if (entry.isIntersecting) draw(entry.target.closest("figure"));
+  draw(entries.filter((entry) => entry.isIntersecting).map((entry) => entry.target.closest("figure")));
 }, { rootMargin: `${MARGIN_PX}px` });
 
 let kinds = {};
@@ -26,7 +26,7 @@ function drawAll() {
   // The observer tells of what comes into view later. What is in view already is drawn now, before
   // the browser paints a frame without it; what is drawn already may have new values.
   const due = [...figures()].filter((figure) => isInView(plotOf(figure)) || window.echarts.getInstanceByDom(plotOf(figure)));
-  due.forEach(draw);
+  draw(due);
 }
 
 // As the observer sees it: what is not displayed has no height.
@@ -36,11 +36,9 @@ function isInView(plot) {
 }
 
 onThemeChange(() => {
-  for (const figure of figures()) {
-    drawn.delete(plotOf(figure));
-    // A print shows what has not been scrolled to, too.
-    if (isForPaper() || window.echarts.getInstanceByDom(plotOf(figure))) draw(figure);
-  }
+  for (const figure of figures()) drawn.delete(plotOf(figure));
+  // A print shows what has not been scrolled to, too.
+  draw([...figures()].filter((figure) => isForPaper() || window.echarts.getInstanceByDom(plotOf(figure))));
 });
 
 function figures() {
@@ -51,25 +49,36 @@ function plotOf(figure) {
   return figure.querySelector(".plot");
 }
 
-function draw(figure) {
+function sizeOf(plot) {
+  return { width: plot.clientWidth, height: plot.clientHeight };
+}
+
+// All sizes are read before the first chart is drawn: after each, the browser would have to lay out
+// the whole page again to tell the next one.
+function draw(due) {
+  const { fontFamily } = getComputedStyle(document.body);
+  const sizes = due.map((figure) => sizeOf(plotOf(figure)));
+  due.forEach((figure, position) => drawOne(figure, sizes[position], fontFamily));
+}
+
+function drawOne(figure, { width, height: before }, fontFamily) {
   const plot = plotOf(figure);
   if (drawn.get(plot) === figure.dataset.values) return;
   drawn.set(plot, figure.dataset.values);
-  const values = JSON.parse(figure.dataset.values);
-  const { height, ...option } = kinds[figure.dataset.chart](values, plot.clientWidth);
-  if (height) plot.style.height = `${height}px`;
-  const chart = window.echarts.getInstanceByDom(plot) ?? create(plot, figure);
-  fit(plot, chart);
-  chart.setOption({ animation: false, textStyle: { fontFamily: getComputedStyle(document.body).fontFamily }, ...option }, { notMerge: true });
+  const { height = before, ...option } = kinds[figure.dataset.chart](JSON.parse(figure.dataset.values), width);
+  if (height !== before) plot.style.height = `${height}px`;
+  const chart = window.echarts.getInstanceByDom(plot) ?? create(plot, figure, { width, height });
+  fit(chart, { width, height });
+  chart.setOption({ animation: false, textStyle: { fontFamily }, ...option }, { notMerge: true });
 }
 
 // The observer's first word is of the size that the chart was drawn at. On paper the style sheet fits it.
-function fit(plot, chart) {
-  if (chart && !isForPaper() && (chart.getWidth() !== plot.clientWidth || chart.getHeight() !== plot.clientHeight)) chart.resize();
+function fit(chart, { width, height }) {
+  if (chart && !isForPaper() && (chart.getWidth() !== width || chart.getHeight() !== height)) chart.resize({ width, height });
 }
 
-function create(plot, figure) {
-  const chart = window.echarts.init(plot);
+function create(plot, figure, size) {
+  const chart = window.echarts.init(plot, null, size);
   resized.observe(plot);
   chart.on("click", (event) => {
     const target = event.data?.link ?? event.value?.[2];
