@@ -3,8 +3,8 @@
 from math import nan
 
 from eigenfail.values import Observation, Perception, VehicleState
+from eigenfail.values.channels import DELAY, GHOST, MISSED, Channel, split_name
 from eigenfail.values.channels import EGO as EGO_NAME
-from eigenfail.values.channels import GHOST, MISSED, Channel, split_name
 from eigenfail.values.shapes import Row
 from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.values import Point
@@ -13,7 +13,7 @@ NEAREST = -1
 EGO = -2
 """Targets of channels besides the vehicles, which are numbered from 0."""
 
-_MISSED, _GHOST = 6, 7
+_MISSED, _GHOST, _DELAY = 6, 7, 8
 _FIELDS = {
     "longitudinal": 0,
     "lateral": 1,
@@ -23,8 +23,9 @@ _FIELDS = {
     "width": 5,
     MISSED: _MISSED,
     GHOST: _GHOST,
+    DELAY: _DELAY,
 }
-"""Places of the quantities: those of a vehicle's state, then the events."""
+"""Places of the quantities: those of a vehicle's state, then the others."""
 
 LEAST_SIZE_M = 0.1
 """Length and width that a vehicle is perceived with, however large the error is."""
@@ -56,11 +57,14 @@ class SensorErrors:
             for channel in channels
         ]
         self._ahead_m = max([0.0, *[channel.ahead_m or 0.0 for channel in channels]])
+        self._is_delayed = any(field == _DELAY for _, field in self._channels)
         self._ghost: VehicleState | None = None
+        self._seen: list[tuple[VehicleState, ...]] = []
 
     def reset(self) -> None:
         """Begin an episode."""
         self._ghost = None
+        self._seen = []
 
     def perceive(self, now: Observation, dt_s: float, errors: Row) -> tuple[Perception, Point]:
         """Return what the planner perceives, and where it sees the nearest vehicle.
@@ -71,6 +75,7 @@ class SensorErrors:
             errors: a_t of each channel, in its unit.
         """
         actor = find_nearest(now.ego, now.others)
+        others = self._find_delayed(now, dt_s, errors) if self._is_delayed else now.others
         changed: dict[int, list[float]] = {}
         missed: set[int] = set()
         for (target, field), error in zip(self._channels, errors, strict=True):
@@ -78,25 +83,37 @@ class SensorErrors:
             if field == _GHOST:
                 self._ghost = self._follow_ghost(now.ego) if error > 0.5 else None
                 continue
+            if field == _DELAY:
+                continue
             if field == _MISSED:
                 if error > 0.5:
                     missed.add(vehicle)
                 continue
             if vehicle not in changed:
-                true = now.ego if vehicle == EGO else now.others[vehicle]
+                true = now.ego if vehicle == EGO else others[vehicle]
                 changed[vehicle] = list_fields(true)
             changed[vehicle][field] += error
         ego = make_state(changed[EGO]) if EGO in changed else now.ego
         numbers = [number for number in range(len(now.others)) if number not in missed]
         seen = {
-            number: make_state(changed[number]) if number in changed else now.others[number]
+            number: make_state(changed[number]) if number in changed else others[number]
             for number in numbers
         }
         if self._ghost is not None:
             seen[len(now.others)] = self._ghost
-        others, ids = tuple(seen.values()), tuple([number + 1 for number in seen])
+        ids = tuple([number + 1 for number in seen])
         position = (seen[actor].x_m, seen[actor].y_m) if actor in seen else NOWHERE
-        return Perception(now.step * dt_s, ego, others, ids), position
+        return Perception(now.step * dt_s, ego, tuple(seen.values()), ids), position
+
+    def _find_delayed(self, now: Observation, dt_s: float, errors: Row) -> tuple[VehicleState, ...]:
+        """Return the other vehicles as they were before the delay, or at the start."""
+        self._seen.append(now.others)
+        delay_s = sum(
+            abs(error)
+            for (_, field), error in zip(self._channels, errors, strict=True)
+            if field == _DELAY
+        )
+        return self._seen[max(len(self._seen) - 1 - round(delay_s / dt_s), 0)]
 
     def _follow_ghost(self, ego: VehicleState) -> VehicleState:
         """Return the ghost, which stands where it was when its event began."""

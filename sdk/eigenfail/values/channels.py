@@ -2,6 +2,7 @@
 
 `speed` is an error of the speed of the nearest vehicle, `vehicle_2.speed` of the second one of the
 scenario, `every.speed` of each of them, with noise of its own, and `ego.speed` of the ego itself.
+`delay` is how old the other vehicles are perceived, the same for a whole episode.
 `scenario.distance_m` is no error: it makes the draw of that parameter a part of the search.
 """
 
@@ -25,6 +26,9 @@ NEAREST, EGO, EVERY, VEHICLE, SCENARIO = "", "ego", "every", "vehicle_", "scenar
 
 MISSED, GHOST = EVENTS = "missed", "ghost"
 """The events: a vehicle is not detected; something is detected that is not there."""
+
+DELAY = "delay"
+"""How old what is perceived of the other vehicles is."""
 
 
 class Quantity(NamedTuple):
@@ -56,6 +60,7 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
         "width": Quantity("m", 0.1, 0.0, _OTHERS),
         MISSED: Quantity("", None, None, _OTHERS),
         GHOST: Quantity("", None, None, (NEAREST,)),
+        DELAY: Quantity("s", 0.1, 0.0, (NEAREST,)),
     }
 )
 """By name. The defaults of a position are the paper's; the others are round numbers, for which a
@@ -66,7 +71,9 @@ PARAMETER_QUANTITY = Quantity("", None, None, (SCENARIO,))
 
 GHOST_AHEAD_M = 40.0
 
-UNIT_SUFFIXES: Mapping[str, str] = MappingProxyType({"m": "_m", "rad": "_rad", "m/s": "_mps"})
+UNIT_SUFFIXES: Mapping[str, str] = MappingProxyType(
+    {"m": "_m", "rad": "_rad", "m/s": "_mps", "s": "_s"}
+)
 """What the names of columns end in, by unit."""
 
 ALL_CHANNELS = frozenset(
@@ -117,15 +124,22 @@ class ChannelKind(NamedTuple):
     Attributes:
         default_shape: its shape unless a campaign gives one.
         shapes: the shapes that it may have, by their `kind`.
+        has_sigma: whether it has a standard deviation.
     """
 
     default_shape: ChannelShape
     shapes: tuple[str, ...]
+    has_sigma: bool = False
 
 
-ERROR = ChannelKind(White(), ("white", "ar1", "student_t"))
+ERROR = ChannelKind(White(), ("white", "ar1", "student_t"), has_sigma=True)
 EVENT = ChannelKind(Markov(), ("markov",))
+LATENCY = ChannelKind(Once(), ("once",), has_sigma=True)
 PARAMETER = ChannelKind(Once(), ("once",))
+
+
+KINDS: Mapping[str, ChannelKind] = MappingProxyType({MISSED: EVENT, GHOST: EVENT, DELAY: LATENCY})
+"""Kinds of quantities that are no errors at each step."""
 
 
 class ColumnNames(NamedTuple):
@@ -155,8 +169,10 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     the vehicle [m]: along the road for `longitudinal`, across it for `lateral`, in the plane for
     the others, and 0 for the ego itself. While the event of `missed` lasts, the vehicle is absent
     from what the planner perceives. While that of `ghost` lasts, a car is perceived that stands in
-    the ego's lane where it was first seen. A channel of the scenario has one draw for the episode,
-    and its parameter is the Phi(z_0)-quantile of the distribution that the campaign gives it.
+    the ego's lane where it was first seen. The other vehicles are perceived as they were |a_0|
+    before, to the nearest step, with the `delay` a_0, which is drawn once; the ego is not delayed.
+    A channel of the scenario has one draw for the episode, too, and its parameter is the
+    Phi(z_0)-quantile of the distribution that the campaign gives it.
 
     Attributes:
         name: target and quantity; see `QUANTITIES`.
@@ -176,11 +192,11 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def kind(self) -> ChannelKind:
-        """An error, which has a sigma; an event; or a parameter of the scenario."""
+        """An error at each step, an event, a delay, or a parameter of the scenario."""
         target, quantity = split_name(self.name)
         if target == SCENARIO:
             return PARAMETER
-        return EVENT if quantity in EVENTS else ERROR
+        return KINDS.get(quantity, ERROR)
 
     @property
     def unit(self) -> str:
@@ -201,7 +217,7 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def in_words(self) -> str:
         """What people read of a channel that is filled."""
         words = "" if self.shape is None else self.shape.in_words()
-        if self.kind is not ERROR:
+        if not self.kind.has_sigma:
             return words if self.ahead_m is None else f"{self.ahead_m:g} m ahead; {words}"
         growth = f"{self.sigma_per_m:g}·d + " if self.sigma_per_m else ""
         return f"sigma {growth}{self.sigma:g} {self.unit}; {words}"
@@ -272,6 +288,9 @@ def _expand(channel: Channel, vehicles: int) -> list[Channel]:
 
 def _check_model(channel: Channel, field: str) -> None:
     kind, given = channel.kind, channel.sigma is not None or channel.sigma_per_m is not None
+    if kind is LATENCY and channel.sigma_per_m:
+        problem = f"'{channel.name}' is the same for all vehicles, however far they are."
+        raise InvalidValue(f"{field}.sigma_per_m", problem, "Leave it out.")
     if given and kind is PARAMETER:
         problem = f"'{channel.name}' has its distribution from scenario_parameters."
         raise InvalidValue(f"{field}.sigma", problem, "Leave it out.")

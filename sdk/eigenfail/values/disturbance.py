@@ -245,6 +245,11 @@ def _find_log_densities(trajectories: Sequence[NoiseTrajectory]) -> Doubles:
         begin, end = end, end + len(each.z)
         if each.shape != White():  # which has slopes of 1
             density[begin:end] -= each.shape.log_slopes(z[begin:end])
+        if isinstance(each.shape, PerChannel):
+            # What is drawn once has one density, whatever its unit.
+            density[begin + 1 : end, each.shape.once] += np.log(
+                sigma[begin + 1 : end, each.shape.once]
+            )
     if z.shape[1] == len(AXES):  # the usual case, for which numpy's sum takes ten times as long
         pairs: Doubles = density[:, 0] + density[:, 1]
         return pairs
