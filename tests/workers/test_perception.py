@@ -3,7 +3,7 @@
 from math import isnan
 
 import pytest
-from msgspec.structs import asdict
+from msgspec.structs import asdict, replace
 
 from eigenfail.values import Channel, Observation, VehicleState
 from eigenfail.values.channels import QUANTITIES
@@ -93,5 +93,41 @@ def test_a_ghost_does_not_outlive_its_episode() -> None:
     assert seen.others[2].x_m == 27.4
 
 
+def follow(*errors: tuple[str, float], steps: int = 6):
+    """Return what is perceived of a vehicle that moves by a metre in each step."""
+    channels = tuple(Channel(name).filled() for name, _ in errors)
+    sensor = SensorErrors(channels)
+    truths = [
+        Observation(step, EGO, (FAR, replace(NEAR, x_m=30.0 + step))) for step in range(steps)
+    ]
+    values = tuple(error for _, error in errors)
+    return [sensor.perceive(truth, 0.1, values) for truth in truths]
+
+
+@pytest.mark.parametrize(("delay_s", "late"), [(0.0, 0), (0.04, 0), (0.22, 2), (-0.3, 3), (9.0, 5)])
+def test_others_are_perceived_as_they_were_before(delay_s, late) -> None:
+    seen = follow(("delay", delay_s))
+    places = [perception.others[1].x_m for perception, _ in seen]
+    assert places == [30.0 + max(step - late, 0) for step in range(6)]
+    assert {perception.ego for perception, _ in seen} == {EGO}
+    assert [position for _, position in seen] == [(x_m, 3.5) for x_m in places]
+
+
+def test_errors_are_added_to_what_is_late() -> None:
+    seen = follow(("longitudinal", 0.5), ("delay", 0.1))
+    assert [perception.others[1].x_m for perception, _ in seen] == [
+        30.5,
+        *[29.5 + n for n in range(1, 6)],
+    ]
+
+
+def test_nothing_of_an_earlier_episode_is_perceived() -> None:
+    sensor = SensorErrors((Channel("delay").filled(),))
+    sensor.perceive(Observation(0, EGO, (FAR,)), 0.1, (1.0,))
+    sensor.reset()
+    seen, _ = sensor.perceive(Observation(0, EGO, (NEAR,)), 0.1, (1.0,))
+    assert seen.others == (NEAR,)
+
+
 def test_every_quantity_has_its_case_here() -> None:
-    assert {*FIELDS, "missed", "ghost"} == set(QUANTITIES)
+    assert {*FIELDS, "missed", "ghost", "delay"} == set(QUANTITIES)

@@ -39,7 +39,9 @@ SETS = {
         Channel("vehicle_2.speed", shape=HeavyTailed(4.0)),
         Channel("ego.speed"),
         Channel("length"),
+        Channel("delay", 0.3),
     ),
+    "delay": (Channel("delay", 0.5),),
 }
 TASKS = tuple(EpisodeTask(index, 900 + index, PriorSource()) for index in range(6))
 

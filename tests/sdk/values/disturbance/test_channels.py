@@ -1,6 +1,7 @@
 """Channels: events as Markov chains, a shape for each, and what a campaign may name."""
 
 from math import log, pi
+from statistics import NormalDist
 
 import msgspec
 import numpy as np
@@ -105,6 +106,14 @@ def test_what_is_drawn_once_stays_and_counts_once() -> None:
     assert back.injected == pytest.approx(noise.injected[:9], abs=1e-6)
 
 
+def test_a_delay_has_one_density_in_its_own_unit() -> None:
+    z = np.random.default_rng(4).standard_normal((7, 1)).astype(np.float32)
+    noise = NoiseTrajectory(z, np.full((7, 1), 0.25, np.float32), PerChannel((Once(),)))
+    assert noise.injected[:, 0] == pytest.approx(0.25 * z[0, 0])
+    expected = NormalDist(0.0, 0.25).pdf(0.25 * float(z[0, 0]))
+    assert noise.log_probability == pytest.approx(log(expected), rel=1e-6)
+
+
 def test_two_channels_of_one_correlation_are_the_process_of_a_position() -> None:
     one = draw(PerChannel((Autoregressive(0.7), Autoregressive(0.7))), 2)
     other = NoiseTrajectory(one.z, one.sigma, Correlated(0.7, 0.7))
@@ -175,6 +184,8 @@ FIELDS = ("longitudinal", "lateral", "heading", "speed", "length", "width")
         ((Channel("scenario.width"),), UnknownName, "scenario.gap_m"),
         ((Channel("scenario.gap_m", 1.0),), InvalidValue, "its distribution from"),
         ((Channel("scenario.gap_m", shape=White()),), InvalidValue, r"shape.*Take once"),
+        ((Channel("delay", shape=White()),), InvalidValue, r"shape.*Take once"),
+        ((Channel("delay", 0.2, 0.1),), InvalidValue, r"sigma_per_m.*however far"),
         ((Channel("speed", shape=Once()),), InvalidValue, r"shape.*Take white, ar1, student_t"),
     ],
 )
