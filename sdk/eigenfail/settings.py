@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Mapping, Sequence
+from math import isfinite
 from typing import Any, TypeVar
 
 import msgspec
@@ -124,6 +125,8 @@ def _describe_refusal(value: Any, wanted: Any, expected: re.Match[str]) -> str:
     least, most = getattr(wanted, "ge", None), getattr(wanted, "le", None)
     if bound and least is not None and most is not None:
         bound = f" from {least:.12g} to {most:.12g}"
+    if isinstance(value, float) and not isfinite(value):
+        return f"{value} is not {words}{bound}"
     text = "" if value is msgspec.UNSET else msgspec.json.encode(value, enc_hook=repr).decode()
     if not text or len(text) > _LONGEST_VALUE:
         return f"{words}{bound} is expected"

@@ -124,13 +124,23 @@ def test_pages_and_reports_tell_the_requirements(client, failing) -> None:
     pages = {
         f"campaigns/{failing.id}": ("time headway above 0.8 s", "violation"),
         f"campaigns/{failing.id}/measures": ("Violates time_headway", "Violates restored"),
-        f"campaigns/{failing.id}/episodes/{index}": ("violated: time headway above 0.8 s",),
+        f"campaigns/{failing.id}/episodes/{index}": ("Demands: time headway above 0.8 s",),
         f"campaigns/{failing.id}/episodes?filter=violated+%3E%3D+1": ("violation",),
         f"analyses/{client.analyses.create(failing.id).id}": (),
+        "": ("idm in cut_in",),
     }
     for path, words in pages.items():
         text = httpx2.get(f"{client.url}/{path}").raise_for_status().text
         assert all(each in text for each in words), path
+
+
+def test_a_report_counts_violations_beside_collisions(client, failing, tmp_path) -> None:
+    found = client.campaigns.safety(failing.id)
+    assert found.failures.k == failing.counts.failures > found.collisions.k > 0
+    client.report(failing.id, tmp_path / "report")
+    page = (tmp_path / "report" / "report.html").read_text()
+    assert "Violates time_headway" in page
+    assert f"{found.collisions.k:,} of" in page
 
 
 def test_an_importance_leads_a_search_and_changes_no_verdict(client, lasting_worker) -> None:

@@ -36,7 +36,7 @@ from eigenfail.values import (
 from eigenfail.values.analysis import JOINT
 from eigenfail.values.records import EpisodeRow
 from eigenfail.wire.http import PREFIX
-from eigenfail.worlds import world_of
+from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_api.dashboard.charts import Chart, make_parallel_chart, spread
 from eigenfail_api.dashboard.rendering import (
     ANALYSIS_BADGES,
@@ -201,12 +201,11 @@ def make_headings(
 
     The robustness of a function has no unit.
     """
-    has_road = world_of(campaign.spec.simulator).has_road
     return tuple(
         Heading(
             column=column,
             label=label,
-            unit=unit if has_road or column != "robustness_m" else "",
+            unit=unit if column != "robustness_m" else find_robustness_unit(campaign.spec),
             is_minor=is_minor,
             address=make_address(
                 campaign.id, conditions, str(turn_order(SortOrder(column, first), now))

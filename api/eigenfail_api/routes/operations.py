@@ -144,7 +144,7 @@ class CampaignCollector(Collector):
             usd[method] += bill.total_usd
         yield _make_family(GaugeMetricFamily, "campaigns", "Campaigns by state", "state", states)
         yield _make_family(CounterMetricFamily, "episodes", "Episodes ended", "end", ends)
-        yield _make_family(CounterMetricFamily, "failures", "Collisions found", "method", failures)
+        yield _make_family(CounterMetricFamily, "failures", "Failures found", "method", failures)
         yield _make_family(CounterMetricFamily, "instance_hours", "Instance-hours", "method", hours)
         yield _make_family(CounterMetricFamily, "cost_usd", "Total cost", "method", usd)
 

@@ -287,7 +287,7 @@ def tabulate_safety_measures(found: Safety) -> Table:
     ttc, drac = found.ttc, found.drac
     counts = (TableColumn("Episodes"), TableColumn("Share [95 %]"))
     if not found.measures_traffic:
-        failures = ("Failure", *_count_rate(found.collisions))
+        failures = ("Failure", *_count_rate(found.failures))
         return Table("Safety measures", (*name_columns("Measure"), *counts), (failures,))
     columns = (*name_columns("Measure"), *counts, *count_columns("Median", "Worst", "n"))
     rows = (
@@ -301,11 +301,13 @@ def tabulate_safety_measures(found: Safety) -> Table:
 
 def _list_failures(found: Safety) -> Iterator[tuple[Cell, ...]]:
     """Yield the row of the failures, and one for each requirement that is named."""
-    failure = "Failure" if found.requirements else "Collision"
-    yield (failure, *_count_rate(found.collisions), None, None, None)
+    if found.requirements:
+        yield ("Failure", *_count_rate(found.failures), None, None, None)
+    yield ("Collision", *_count_rate(found.collisions), None, None, None)
     for each in found.requirements:
         rate, worst = each.violations, format_quantity(each.worst, each.unit)
-        yield (f"Violates {each.name}", *_count_rate(rate), None, worst, rate and rate.n)
+        robustness = f"robustness {worst}"
+        yield (f"Violates {each.name}", *_count_rate(rate), None, robustness, rate and rate.n)
 
 
 def _count_rate(rate: Rate | None) -> tuple[Cell, Cell]:

@@ -140,7 +140,7 @@ def list_judged(spec: CampaignSpec, values: Sequence[float]) -> Iterator[tuple[s
     for each, value in zip(spec.named_requirements, values, strict=False):
         state = "violated" if value <= 0.0 else "satisfied"
         robustness = format_quantity(value, each.unit)
-        yield each.label, f"{state}: {each.in_words()}; robustness {robustness}"
+        yield each.label, f"{state} with robustness {robustness}. Demands: {each.in_words()}"
 
 
 def format_event(at_s: float | None) -> str:
@@ -244,7 +244,7 @@ READINGS: dict[str, ReadStep] = {
     "Steering": lambda step: step.steering_rad,
 }
 UNITS = (
-    "Times in s, gaps in m, closing speeds in m/s, noise (longitudinal, lateral) in sigma,"
+    "Times in s, gaps in m, closing speeds in m/s, noise of each channel in sigma,"
     " acceleration in m/s², steering in rad; gap and closing are what the planner believes."
 )
 SHOWN_ABOVE = frozenset(

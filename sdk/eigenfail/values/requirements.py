@@ -7,7 +7,7 @@ campaign has a list of them, the most important first; one that names none requi
 
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
-from math import isnan
+from math import isclose, isnan
 from typing import Annotated, Final, NamedTuple
 
 import msgspec
@@ -254,9 +254,9 @@ class TimeHeadway(Requirement, frozen=True, tag="time_headway"):
 class UncausedBraking(Requirement, frozen=True, tag="uncaused_braking"):
     """The ego does not brake hard without cause, as it does for a vehicle that is not there.
 
-    A cause is a true vehicle to which the time to collision is below `cause_ttc_s`, or the headway
-    below `cause_headway_s`, in the step or within `memory_s` before it. Robustness: the smallest
-    acceleration over the steps without a cause, plus `hard_mps2`. [m/s²]
+    A cause is a true vehicle ahead to which the time to collision is below `cause_ttc_s`, or the
+    headway below `cause_headway_s`, in the step or within `memory_s` before it. Robustness: the
+    smallest acceleration over the steps without a cause, plus `hard_mps2`. [m/s²]
 
     Attributes:
         hard_mps2: braking by this or more is hard; as in the measure `hard_brakings`.
@@ -276,15 +276,24 @@ class UncausedBraking(Requirement, frozen=True, tag="uncaused_braking"):
         """Metres per second squared."""
         return "m/s²"
 
+    def check(self, expected: ExpectedCourse, field: str) -> None:
+        """Have the memory be a number of steps."""
+        super().check(expected, field)
+        steps = self.memory_s / expected.dt_s
+        if not isclose(steps, round(steps), abs_tol=1e-6):
+            problem = f"{self.memory_s:g} s is no whole number of steps of {expected.dt_s:g} s."
+            remedy = f"Write {round(steps) * expected.dt_s:g}."
+            raise InvalidValue(f"{field}.memory_s", problem, remedy)
+
     @property
     def signals(self) -> frozenset[str]:
         """The acceleration, and what may cause braking."""
-        return frozenset({"acceleration_mps2", "ttc_s", "headway_s"})
+        return frozenset({"acceleration_mps2", "ttc_ahead_s", "headway_s"})
 
     def find_robustness(self, course: DrivenCourse) -> float:
         """Return how far the hardest braking without a cause is from hard braking."""
         signals = course.signals
-        caused = signals["ttc_s"] < self.cause_ttc_s
+        caused = signals["ttc_ahead_s"] < self.cause_ttc_s
         caused |= signals["headway_s"] < self.cause_headway_s
         # The control of step k was chosen on what was so after step k - 1.
         before = 1 + round(self.memory_s / course.dt_s)
@@ -296,8 +305,9 @@ class UncausedBraking(Requirement, frozen=True, tag="uncaused_braking"):
     def in_words(self) -> str:
         """Say it."""
         return (
-            f"no braking by {self.hard_mps2:g} m/s² without a vehicle within {self.cause_ttc_s:g} s"
-            f" of a collision or {self.cause_headway_s:g} s ahead"
+            f"no braking by {self.hard_mps2:g} m/s² or more without a vehicle ahead: time to "
+            f"collision below {self.cause_ttc_s:g} s or headway below {self.cause_headway_s:g} s, "
+            f"within the last {self.memory_s:g} s"
         )
 
 
@@ -348,6 +358,8 @@ REPORTED = frozenset({"robustness_m", "max_jerk_mps3", "hard_brakings", "clipped
 class MeasureLimit(Requirement, frozen=True, tag="measure"):
     """A measure of the episode stays within limits. Robustness: distance from the nearer limit.
 
+    At a limit itself it is violated; but a count may reach it, and has a robustness of 0.5 there.
+
     Attributes:
         measure: name of the measure.
         at_least: the smallest value that is allowed.
@@ -371,6 +383,9 @@ class MeasureLimit(Requirement, frozen=True, tag="measure"):
             raise UnknownName(f"{field}.measure", self.measure, allowed)
         if self.at_least is None and self.at_most is None:
             raise InvalidValue(field, "has no limit.", "Give at_least or at_most, or both.")
+        if self.at_most is not None and self.at_most <= 0.0 and not MEASURES[self.measure].is_count:
+            problem = f"at_most is {self.at_most:g}, and {self.measure} is never below 0."
+            raise InvalidValue(field, problem, "Give at_most a value above 0.")
         if self.at_least is not None and self.at_most is not None and self.at_least > self.at_most:
             problem = f"at_least is {self.at_least:g}, and at_most {self.at_most:g}."
             raise InvalidValue(field, problem, "Give at_most the larger value.")
@@ -384,11 +399,13 @@ class MeasureLimit(Requirement, frozen=True, tag="measure"):
         value = NO_VALUE[self.measure] if value is None else float(value)
         above = LARGEST if self.at_least is None else value - self.at_least
         below = LARGEST if self.at_most is None else self.at_most - value
-        return min(above, below)
+        return min(above, below) + (0.5 if MEASURES[self.measure].is_count else 0.0)
 
     def in_words(self) -> str:
         """Say it."""
-        limits = (("above", self.at_least), ("below", self.at_most))
+        counts = MEASURES[self.measure].is_count
+        sides = ("at least", "at most") if counts else ("above", "below")
+        limits = zip(sides, (self.at_least, self.at_most), strict=True)
         words = [f"{side} {limit:g}" for side, limit in limits if limit is not None]
         unit = f" {self.unit}" if self.unit else ""
         return f"{MEASURES[self.measure].label} {' and '.join(words)}{unit}"

@@ -173,8 +173,8 @@ class Safety(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
     """The safety measures of a campaign (paper, section on safety measures).
 
     Attributes:
-        collisions: failures ÷ completed episodes; None before the first one, as `near_misses`.
-            Where requirements are named, an episode without a collision may be a failure.
+        failures: failures ÷ completed episodes; None before the first one, as the other shares.
+        collisions: collisions ÷ completed episodes: the same, unless requirements are named.
         near_misses: MinTTC < 1.5 s without a collision ÷ completed episodes; None too where the
             system under test is a function, as the shares of `ttc` and `drac`.
         conflicts: unavoidable versus planner failures, and the mean lead times.
@@ -193,6 +193,7 @@ class Safety(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
     name: str
     method: str
     completed: int
+    failures: Rate | None
     collisions: Rate | None
     near_misses: Rate | None
     conflicts: Conflicts

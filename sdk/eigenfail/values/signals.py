@@ -58,6 +58,11 @@ SIGNALS: Mapping[str, SignalDescription] = MappingProxyType(
         "ttc_s": SignalDescription(
             unit="s", words="smallest time to collision with another vehicle", absent=NEVER_S
         ),
+        "ttc_ahead_s": SignalDescription(
+            unit="s",
+            words="the same with vehicles whose centre is ahead of the ego's",
+            absent=NEVER_S,
+        ),
         "drac_mps2": SignalDescription(
             unit="m/s²", words="largest deceleration required to avoid a crash", absent=0.0
         ),

@@ -297,6 +297,7 @@ def make_safety(
         InvalidValue: the level is not between 0 and 1.
     """
     method, design = campaign.spec.method, SamplingDesign.of([campaign.spec])
+    by_failures = SamplingDesign.of_failures([campaign])
     severity, correlation = tail_risk(totals.severities, level), _correlate(totals.points)
     if not traits_of(method).independent:
         severity, correlation = _drop_intervals(severity), _drop_interval(correlation)
@@ -309,8 +310,11 @@ def make_safety(
         name=campaign.spec.name,
         method=method,
         completed=totals.completed,
+        failures=_make_share(by_failures, totals.failures, totals.completed),
         collisions=_make_share(
-            SamplingDesign.of_failures([campaign]), totals.failures, totals.completed
+            design if campaign.spec.named_requirements else by_failures,
+            conflicts.collisions,
+            totals.completed,
         ),
         near_misses=_make_share(design, conflicts.near_misses, measured),
         conflicts=conflicts,

@@ -196,7 +196,7 @@ def _make_hashable(value: Any) -> Hashable:
     """Return plain data as a key: equal numbers are equal, whether they are written 1 or 1.0."""
     if isinstance(value, dict):
         return frozenset((name, _make_hashable(part)) for name, part in value.items())
-    return tuple(map(_make_hashable, value)) if isinstance(value, list) else value
+    return tuple(map(_make_hashable, value)) if isinstance(value, (list, tuple)) else value
 
 
 def _merge_pools(pools: Sequence[Pool]) -> Pool:

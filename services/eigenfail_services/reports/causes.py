@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.presentation.figures import format_number, format_share
-from eigenfail.values import EpisodeResult, Scene
+from eigenfail.values import EpisodeResult, Outcome, Scene
 from eigenfail.values.report import Cell, ReportPicture, ReportSection
 from eigenfail_services.reports.material import (
     MOST_MODES,
@@ -132,12 +132,12 @@ def make_collisions(material: Material) -> ReportPart | None:
 
 
 def find_crashes(found: Analysed) -> tuple[Crash, ...]:
-    """Return the medoids of the largest modes whose scenes were kept."""
+    """Return the medoids of the largest modes that collided, and whose scenes were kept."""
     medoids = enumerate(found.medoids[:MOST_MODES], start=1)
     return tuple(
         make_crash(mode, medoid, medoid.scene)
         for mode, medoid in medoids
-        if medoid.scene is not None
+        if medoid.scene is not None and medoid.outcome is Outcome.COLLISION
     )
 
 

@@ -92,6 +92,11 @@ def make_safety(material: Material) -> ReportPart:
 
 def choose_figures(material: Material) -> Mapping[str, Callable[[Subject], tuple[str, ...]]]:
     """Return the rows of the table: no measures of traffic where every campaign has a function."""
+    names = [each.name for one in material.subjects for each in one.safety.requirements]
+    if names:
+        violations = {f"Violates {name}": count_violations(name) for name in dict.fromkeys(names)}
+        collisions = {"Collisions": lambda s: format_count(s.safety.collisions)}
+        return {"Failures": count_failures, **collisions, **violations, **TRAFFIC}
     if not material.has_functions:
         return {"Collisions": count_failures, **TRAFFIC}
     measured = {name: _omit_of_functions(figure) for name, figure in TRAFFIC.items()}
@@ -119,11 +124,11 @@ def list_measure_rows(subject: Subject) -> list[tuple[Cell, ...]]:
     """
     found = subject.safety
     if not subject.has_road:
-        return [(subject.id, "failures", *format_safety_share(found.collisions))]
+        return [(subject.id, "failures", *format_safety_share(found.failures))]
     conflicts, collided = found.conflicts, found.conflicts.collisions
-    failures = "failures" if found.requirements else "collisions"
     rows = (
-        (failures, *format_safety_share(found.collisions)),
+        *([("failures", *format_safety_share(found.failures))] if found.requirements else []),
+        ("collisions", *format_safety_share(found.collisions)),
         *(
             (f"violations of {each.name}", *format_safety_share(each.violations))
             for each in found.requirements
@@ -221,7 +226,17 @@ def format_risk(subject: Subject, found: Number | None) -> tuple[str, ...]:
 
 def count_failures(subject: Subject) -> tuple[str, ...]:
     """Return how many of the completed episodes failed."""
-    return format_count(subject.safety.collisions)
+    return format_count(subject.safety.failures)
+
+
+def count_violations(name: str) -> Callable[[Subject], tuple[str, ...]]:
+    """Return what counts the violations of a requirement, by its name."""
+
+    def find(subject: Subject) -> tuple[str, ...]:
+        named = {each.name: each.violations for each in subject.safety.requirements}
+        return format_count(named[name]) if name in named else (UNKNOWN,)
+
+    return find
 
 
 TRAFFIC: Mapping[str, Callable[[Subject], tuple[str, ...]]] = {

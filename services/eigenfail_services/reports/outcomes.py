@@ -73,7 +73,8 @@ RESULTS_COLUMNS = (
 
 
 RATE_ON_ROADS = (
-    "A failure rate is the share of completed episodes with a collision within the horizon."
+    "A failure rate is the share of completed episodes with a failure within the horizon: a "
+    "collision, or the violation of a requirement that its campaign names."
 )
 RATE_OF_FUNCTIONS = (
     "The failure rate of a function is the share of completed episodes in which its answer, the "
@@ -229,7 +230,9 @@ FIGURES: Mapping[str, Callable[[Subject], tuple[str, ...]]] = {
         describe_basis(s),
     ),
     SEVERITY_FIGURE: lambda s: (
-        (format_number(s.summary.mean_severity), describe_basis(s)) if s.has_road else (UNKNOWN,)
+        (format_number(s.summary.mean_severity), f"n = {s.summary.conflicts.collisions:,}")
+        if s.has_road
+        else (UNKNOWN,)
     ),
     "Failure probability under p(x)": lambda s: format_cell(s.summary.estimate).lines,
     "Episodes per second": lambda s: (format_number(s.summary.episodes_per_s),),

@@ -60,6 +60,7 @@ def make_safety(summary, wide=0.01):
         name=summary.name,
         method=summary.method,
         completed=summary.counts.completed,
+        failures=summary.failure_rate,
         collisions=summary.failure_rate,
         near_misses=None,
         conflicts=Conflicts(),

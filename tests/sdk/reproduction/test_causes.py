@@ -86,6 +86,7 @@ def safety(correlation, low=-1.0, high=1.0, failures=30):
         name=NAME,
         method="evaluate",
         completed=300,
+        failures=rate(9, 300),
         collisions=rate(9, 300),
         near_misses=rate(10, 300),
         conflicts=Conflicts(),

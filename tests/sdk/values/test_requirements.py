@@ -83,7 +83,7 @@ def test_time_headway_has_the_smallest_one_minus_its_limit() -> None:
 def test_hard_braking_needs_a_cause(
     acceleration: list[float], ttc: list[float], headway: list[float], robustness: float
 ) -> None:
-    course = drive(acceleration_mps2=acceleration, ttc_s=ttc, headway_s=headway)
+    course = drive(acceleration_mps2=acceleration, ttc_ahead_s=ttc, headway_s=headway)
     assert UncausedBraking().find_robustness(course) == robustness
 
 
@@ -98,7 +98,8 @@ def test_lane_keeping_allows_what_it_says() -> None:
     [
         (MeasureLimit(measure="min_ttc_s", at_least=1.5), Measures(1.0, min_ttc_s=2.0), 0.5),
         (MeasureLimit(measure="min_ttc_s", at_least=1.5), Measures(1.0), NEVER_S - 1.5),
-        (MeasureLimit(measure="hard_brakings", at_most=2), Measures(1.0, hard_brakings=3), -1.0),
+        (MeasureLimit(measure="hard_brakings", at_most=2), Measures(1.0, hard_brakings=3), -0.5),
+        (MeasureLimit(measure="hard_brakings", at_most=0), Measures(1.0, hard_brakings=0), 0.5),
         (
             MeasureLimit(measure="max_jerk_mps3", at_least=1.0, at_most=9.0),
             Measures(1.0, max_jerk_mps3=8.0),
@@ -167,6 +168,12 @@ def test_robustness_stays_finite() -> None:
             "requirements[0]",
             "at_least is 2",
         ),
+        (
+            (MeasureLimit(measure="severity", at_most=0.0),),
+            "requirements[0]",
+            "never below 0",
+        ),
+        ((UncausedBraking(memory_s=0.7),), "requirements[0].memory_s", "whole number of steps"),
         ((Formula(formula="always(gap_m)"),), "requirements[0].formula", "comparison"),
     ],
 )

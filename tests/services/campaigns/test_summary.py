@@ -43,9 +43,12 @@ HOURS = 2 * 40.0 / 3600.0
 """Of the two instances of `campaign`, active for 40 s."""
 
 
+COLLIDED = ConflictTotals(planner_failures=4)
+
+
 def test_a_campaign_with_failures() -> None:
     counts = Counts(planned=100, completed=80, failures=4, errored=2)
-    row = summarise(campaign(counts, active_s=40.0), Totals(4, -600.0, 240, 500.0))
+    row = summarise(campaign(counts, active_s=40.0), Totals(4, -600.0, 240, 500.0, COLLIDED))
     assert (row.campaign, row.name, row.method, row.counts) == (7, "truck", "monte_carlo", counts)
     assert row.failure_rate == rate(4, 80)
     assert row.mean_log_probability == -150.0

@@ -134,11 +134,19 @@ def test_a_course_has_a_value_of_each_signal_for_the_start_and_every_step() -> N
     assert found["gap_m"].tolist() == [26.0, 25.0, 24.0]
     assert found["headway_s"][0] == pytest.approx(1.3)
     assert found["ttc_s"][0] == pytest.approx(2.6)
+    assert found["ttc_ahead_s"].tolist() == found["ttc_s"].tolist()
     assert found["drac_mps2"][0] == pytest.approx(100.0 / 52.0)
     assert found["acceleration_mps2"].tolist() == [0.0, -1.0, -2.0]
     assert found["jerk_mps3"] == pytest.approx([0.0, -10.0, -10.0])
     assert found["lane_margin_m"].tolist() == [1.0, 1.0, 1.0]
     assert found["preventable_distance_m"].tolist() == [26.0, 25.0, 24.0]
+
+
+def test_a_vehicle_behind_is_not_ahead() -> None:
+    behind = Observation(0, EGO, (car(-30.0, 0.0, 30.0),), lane=LANE)
+    found = record(behind, behind, behind).collect(QUIET, ("speed",), DT_S)
+    assert found["ttc_s"][0] == pytest.approx(2.6)
+    assert found["ttc_ahead_s"].tolist() == [NEVER_S] * 3
 
 
 def test_acceleration_follows_from_speed_where_none_is_reported() -> None:

@@ -121,6 +121,12 @@ class SignalRecorder:
         gap_m, leader_mps = find_leader(ego, now.others)
         values["distance_m"].append(0.0 if now.collided else min(distances))
         values["ttc_s"].append(min([NEVER_S, *[each.ttc_s for each in conflicts]]))
+        ahead = [
+            each.conflict.ttc_s
+            for each, other in zip(encounters, now.others, strict=True)
+            if each.conflict is not None and other.x_m > ego.x_m
+        ]
+        values["ttc_ahead_s"].append(min([NEVER_S, *ahead]))
         values["drac_mps2"].append(max([0.0, *[each.drac_mps2 for each in conflicts]]))
         values["gap_m"].append(gap_m)
         values["leader_speed_mps"].append(leader_mps)
