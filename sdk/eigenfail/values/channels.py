@@ -24,7 +24,7 @@ MOST_CHANNELS = 50
 NEAREST, EGO, EVERY, VEHICLE, SCENARIO = "", "ego", "every", "vehicle_", "scenario"
 """Targets of a channel, before the dot; vehicles are numbered from 1."""
 
-MISSED, GHOST = EVENTS = "missed", "ghost"
+MISSED, GHOST = "missed", "ghost"
 """The events: a vehicle is not detected; something is detected that is not there."""
 
 DELAY = "delay"
