@@ -28,10 +28,10 @@ LEARNT, SHOWN, OTHER = "ast", "ast evaluation", "difs evaluation"
 PICTURES = {
     "likelihood-severity": ("", "Likelihood against severity of failures, AST and DiFS"),
     "explained-variance": ("", "Variance explained by each principal component"),
-    "scores": (SHOWN, "Failures of AST by their first two components"),
-    "eigenfailures": (SHOWN, "Eigenfailures of AST, and how far its failures lie from them"),
-    "influence": (SHOWN, "Influence of each step, aligned at the start"),
-    "training": (LEARNT, "Mean disturbance through AST's training, in ten intervals"),
+    "scores": (SHOWN, "Failures of `ast evaluation` by their first two components"),
+    "eigenfailures": (SHOWN, "Eigenfailures of `ast evaluation`, and how far its failures lie off"),
+    "influence": (SHOWN, "Influence of each step of `ast evaluation`, aligned at the start"),
+    "training": (LEARNT, "Mean noise of the failures in each tenth of the training `ast`"),
 }
 """Of a report on three campaigns, with the campaign that a picture is of, if it is of one."""
 
@@ -128,8 +128,17 @@ SEEDS = (
 
 
 MACHINE = "The machine of this run had two cores, and its service two workers."
-NOTES = {"training": MACHINE, "evaluation": f"{MACHINE} {SEEDS}"}
+MEASURED = "All 300 episodes of each evaluation have both measures."
+NOTES = {"training": MACHINE, "evaluation": f"{MACHINE} {SEEDS}", "safety": MEASURED}
 """What is said of the kept run, behind the captions of the program."""
+
+
+OF_PICTURES = """Of the same run: the training `ast`, `ast evaluation` and `difs evaluation`.
+The analyses have the default settings: noise of both axes, aligned at the start; of `ast` the later
+half of the failures, but for the tenths, which are of all. An eigenfailure is the median noise of
+its mode's failures at each step. Influence is the sum over the first three components of their
+share of the variance × the absolute value of their entry.
+"""
 
 
 def illustrated(found: PaperReproduction) -> str:
@@ -140,4 +149,4 @@ def illustrated(found: PaperReproduction) -> str:
     )
     found = msgspec.structs.replace(found, tables=tables)
     pictures = (f"![{title}]({FOLDER}/{name}.svg)\n" for name, (_, title) in PICTURES.items())
-    return "\n".join((format_page(found), "## Pictures\n", *pictures))
+    return "\n".join((format_page(found), "## Pictures\n", OF_PICTURES, *pictures))

@@ -47,7 +47,10 @@ def _draw_parts(found: PaperReproduction) -> Iterator[RenderableType]:
             yield Text(each.note)
     yield Text("\nWhat the paper says", style="bold")
     for statement in found.statements:
-        yield Text(f"{format_verdict(statement)}: {statement.paper}\n  {statement.figures}")
+        yield Text(
+            f"{format_verdict(statement)}: {statement.paper}\n  Holds if: {statement.rule}\n"
+            f"  {statement.figures}"
+        )
 
 
 def _draw_table(of: PaperTable) -> Table:

@@ -122,7 +122,8 @@ How to read the tables:
 
 - A row is one campaign, with one seed. Another seed may give other numbers, so that the difference
   between two rows may be that of two seeds.
-- Numbers have three digits, the paper's at most three; a half is rounded away from zero.
+- Numbers have three significant digits, and no decimals from 1,000 on; the paper's at most that. A
+  half is rounded away from zero.
 - `ast` and `difs` have our defaults. `ast_paper` has the values of the paper's main runs (alpha
   5,000, c_dist 1,000, tau 0.001, learning rate 3e-4, batch size 16, buffer size 10,000), with four
   gradient steps for each decision; `difs_paper` has the paper's schedule. Their other settings are
@@ -196,19 +197,29 @@ def _format_statements(found: PaperReproduction) -> Iterator[str]:
     yield "## Statements of the paper\n"
     yield (
         "Every campaign was run with one seed, so that no verdict is final: it is about these\n"
-        "runs. The numbers are those of the tables above: failures of episodes (a count; of a\n"
-        "search no rate), log p per step [nat] and mean severity of these failures. Means and\n"
-        "rates are compared by the 95 % intervals of independent draws; shares of variance and\n"
-        "influence have none. The episodes of the sweep are not independent: there the interval\n"
-        "is a rule that passes over small differences, and no test, and another seed may reverse\n"
-        "a verdict. Rank correlations have the 95 % interval of Bonett and Wright (2000), its\n"
-        "ends rounded outwards. They are over the failures that one searcher chose, and do not\n"
-        "say how rare severe collisions are under p(x).\n"
+        "runs. *Holds if* says what was compared. Of several parts, a single false one makes\n"
+        "the statement false. Where the paper leaves a choice open (what a value is compared\n"
+        "with, the axis, the alignment, the component), all choices named in that column are\n"
+        "judged, and the statement cannot be decided unless they agree.\n"
+        "\n"
+        "*Failed* counts episodes with a collision (of a search it is no rate); intervals of\n"
+        "failure rates are those of the tables above. *Likelier* is a higher log p per step\n"
+        "[nat]: an episode ends at its collision, so that sums are over different numbers of\n"
+        "steps. Where the paper's measure, mean log p, has another order, that part is open.\n"
+        "Severity is the mean over the failures. A difference of failures, log p or severity\n"
+        "counts only where its 95 % interval of independent draws excludes 0 (Newcombe's of\n"
+        "shares, Welch's of means over ten failures or more). The episodes of the sweep are not\n"
+        "independent: there the interval is a rule that passes over small differences, and no\n"
+        "test. Shares of variance, largest entries and modes have no interval. Rank\n"
+        "correlations have the 95 % interval of Bonett and Wright (2000), its ends rounded\n"
+        "outwards. They are over the failures that one searcher chose, and do not say how rare\n"
+        "severe collisions are under p(x).\n"
     )
-    yield "| the paper | here | numbers | why |\n|---|---|---|---|"
+    yield "| the paper | here | holds if | numbers | why |\n|---|---|---|---|---|"
     for one in found.statements:
         why = "" if one.holds else one.why
-        yield f"| {one.paper} | {format_verdict(one)} | {one.figures} | {why} |"
+        verdict = format_verdict(one)
+        yield f"| {one.paper} | {verdict} | {one.rule} | {one.figures} | {why} |"
     yield ""
 
 

@@ -18,6 +18,8 @@ GRADIENT_STEPS = 4
 episode with one step each learn too little at its learning rates."""
 
 USUAL_DISTANCE_M = 58.0
+STEP_S = 0.1
+"""Of `cut_in`."""
 MOVED_M = MappingProxyType({"plus5": 5.0, "minus5": -5.0})
 
 SWEPT: Mapping[str, Any] = MappingProxyType(

@@ -11,11 +11,16 @@ import msgspec
 from eigenfail.client import Client
 from eigenfail.errors import Conflict
 from eigenfail.intervals import Z, find_interval
-from eigenfail.presentation.figures import format_interval, format_number, format_share
-from eigenfail.reproduction.programme import SWEPT, USUAL_DISTANCE_M
+from eigenfail.presentation.figures import (
+    format_count,
+    format_interval,
+    format_number,
+    format_share,
+)
+from eigenfail.reproduction.programme import MOVED_M, STEP_S, SWEPT, USUAL_DISTANCE_M
 from eigenfail.reproduction.tables import (
-    AXES,
     MODES,
+    READINGS,
     Analyses,
     PaperReproduction,
     PaperStatement,
@@ -73,31 +78,43 @@ FEWEST_FAILURES = 10
 """Means over fewer failures are not compared, as the interval below needs large samples; fewer have
 no rank correlation, either."""
 
+SUFFIXES = ("", "_paper")
+"""Of learners with our defaults, and with the paper's settings."""
+
+AXES = ("longitudinal", "lateral")
+ALIGNMENTS = ("collision", "start")
+WORDS = {"longitudinal": "longitudinal", "lateral": "lateral", "joint": "both axes"}
+"""What the axes of an analysis are called in figures."""
+
+JUST_BEFORE_S = 1.0
+"""What counts as just before the collision; the paper gives no number."""
+
 
 def judge_campaigns(
     summaries: Summaries, safeties: Safeties, compare: Compare
 ) -> Iterator[PaperStatement]:
     """Judge the statements that summaries, failures and comparisons decide."""
     yield _judge_planners(summaries)
-    yield _judge_monte_carlo(summaries)
+    for suffix in SUFFIXES:
+        yield _judge_monte_carlo(suffix, summaries)
     yield _judge_batch_size(summaries, safeties, compare)
     yield _judge_alpha(summaries, safeties, compare)
     yield _judge_c_dist(summaries, safeties, compare)
     yield _leave_target_and_buffer_open()
-    for suffix in ("", "_paper"):
+    for suffix in SUFFIXES:
         yield _judge_difs(suffix, summaries, safeties)
-    yield _judge_distances(summaries)
+    for suffix in SUFFIXES:
+        yield _judge_distances(suffix, summaries)
 
 
 def judge_causes(
     analyses: Analyses, proofs: Mapping[str, Proof], safeties: Safeties
 ) -> Iterator[PaperStatement]:
     """Judge the statements that analyses, proofs and safety measures decide, by evaluation."""
+    for judge in (_judge_components, _judge_largest_entries, _judge_modes):
+        for name in proofs:
+            yield judge(name, {reading: analyses[name, *reading] for reading in READINGS})
     for name, proof in proofs.items():
-        longitudinal, lateral = (analyses[name, axis] for axis in AXES)
-        yield _judge_components(name, longitudinal, lateral)
-        yield _judge_late_influence(name, longitudinal, lateral)
-        yield _judge_modes(name, longitudinal)
         yield _judge_replays(name, proof)
     for name, safety in safeties.items():
         yield _judge_severity(name, safety)
@@ -105,76 +122,93 @@ def judge_causes(
 
 def _judge_planners(summaries: Summaries) -> PaperStatement:
     ours, idm = (summaries[f"monte_carlo {name}"] for name in ("rulebook", "idm"))
-    holds = None
-    if ours.failure_rate and idm.failure_rate:
-        one, other = (find_interval(r.k, r.n) for r in (ours.failure_rate, idm.failure_rate))
-        holds = one.high < other.low
+    holds = is_rarer(ours.failure_rate, idm.failure_rate)
     return PaperStatement(
         "Under Monte Carlo the planner fails less often than IDM.",
         holds,
         f"rulebook: {_count(ours)}; idm: {_count(idm)}",
-        "The intervals of both rates overlap in this run, or their order is reversed.",
+        "The intervals overlap." if holds is None else REVERSED,
+        "The interval of `rulebook`'s failure rate lies below that of `idm` (does not hold: above)",
     )
 
 
-def _judge_monte_carlo(summaries: Summaries) -> PaperStatement:
+def _judge_monte_carlo(suffix: str, summaries: Summaries) -> PaperStatement:
     monte_carlo = summaries["monte_carlo rulebook"]
-    searches = {
-        name: summaries[f"{name} evaluation"] for name in ("ast_paper", "difs_paper", "difs")
-    }
-    holds = not monte_carlo.counts.failures and all(s.counts.failures for s in searches.values())
-    figures = "; ".join(
-        f"{name} evaluation: {_count(summary)}" for name, summary in searches.items()
+    names = (f"ast{suffix} evaluation", f"difs{suffix} evaluation")
+    found = all(summaries[name].counts.failures for name in names)
+    figures = _list_figures(summaries, names)
+    why = (
+        "A possible cause, not tested: `difs_paper` trains twice, on 500 draws from p(x) and on "
+        "500 conditioned ones, with few failures or none among them; `difs` trains every few "
+        "episodes."
+        if suffix
+        else "Monte Carlo found a failure, or one of the evaluations found none."
     )
     return PaperStatement(
         "Monte Carlo finds no failure where AST and DiFS both do.",
-        holds,
+        not monte_carlo.counts.failures and found,
         f"Monte Carlo: {_count(monte_carlo)}; {figures}",
-        "Judged by the evaluations. A possible cause, not tested: `difs_paper` trains twice, on "
-        "500 draws from p(x) and on 500 conditioned ones, with few failures or none among them; "
-        "`difs` trains every few episodes.",
+        why,
+        "No failure of Monte Carlo, and at least one in the evaluation of each (otherwise does "
+        "not hold)",
     )
 
 
 def _judge_batch_size(summaries: Summaries, safeties: Safeties, compare: Compare) -> PaperStatement:
-    a, b = names = ("sweep batch_size=256", "sweep batch_size=16")
-    parts = (
-        fails_more_often(compare(a, b)),
-        is_likelier(safeties[a], safeties[b]),
-        is_more_severe(safeties[a], safeties[b]),
-    )
-    return _combine(
+    small, others = "sweep batch_size=16", ("sweep base", "sweep batch_size=256")
+    comparisons = [
+        _combine(
+            fails_more_often(compare(other, small)),
+            _is_likelier_in_both(summaries, safeties, other, small),
+            is_more_severe(safeties[other], safeties[small]),
+        )
+        for other in others
+    ]
+    return PaperStatement(
         "A small batch improves failure rate, log p and severity.",
-        _list_figures(summaries, names, Means.LOG_P, Means.SEVERITY),
-        parts,
+        _agree(comparisons),
+        f"{_list_figures(summaries, (small, *others), Means.LOG_P, Means.SEVERITY)} (the base has "
+        f"a batch of {SWEPT['batch_size']:,})",
         "A possible cause, not tested: 300 episodes have at most 3,000 decisions here, and "
         "gradients over 16 of them are noisy.",
+        "16 against the base and against 256: more failures, likelier, more severe",
     )
 
 
 def _judge_alpha(summaries: Summaries, safeties: Safeties, compare: Compare) -> PaperStatement:
-    a, b = names = ("sweep base", "sweep alpha=500")
-    parts = (fails_more_often(compare(b, a)), is_likelier(safeties[a], safeties[b]))
-    figures = _list_figures(summaries, names, Means.LOG_P)
-    return _combine(
+    base, small = names = ("sweep base", "sweep alpha=500")
+    return PaperStatement(
         "A small alpha makes failures likelier and fewer.",
-        f"{figures} (the base has an alpha of {SWEPT['alpha']:,})",
-        parts,
+        _combine(
+            fails_more_often(compare(small, base)),
+            _is_likelier_in_both(summaries, safeties, base, small),
+        ),
+        f"{_list_figures(summaries, names, Means.LOG_P)} (the base has an alpha of "
+        f"{SWEPT['alpha']:,})",
         "A possible cause, not tested: the paper's log p is thousands below zero, beside which an "
         "alpha of 500 is small; here it is a few hundred below zero, so that this alpha may still "
         "dominate.",
+        "The smallest against the base, which is the largest: likelier, fewer",
     )
 
 
 def _judge_c_dist(summaries: Summaries, safeties: Safeties, compare: Compare) -> PaperStatement:
-    a, b = names = ("sweep c_dist=100", "sweep c_dist=5000")
-    parts = (fails_more_often(compare(a, b)), is_more_severe(safeties[a], safeties[b]))
-    return _combine(
+    large, others = "sweep c_dist=5000", ("sweep base", "sweep c_dist=100")
+    comparisons = [
+        _combine(
+            fails_more_often(compare(other, large)),
+            is_more_severe(safeties[other], safeties[large]),
+        )
+        for other in others
+    ]
+    return PaperStatement(
         "A large c_dist makes failures more frequent and more severe.",
-        _list_figures(summaries, names, Means.SEVERITY),
-        parts,
+        _agree(comparisons),
+        f"{_list_figures(summaries, (large, *others), Means.SEVERITY)} (the base has a c_dist of "
+        f"{SWEPT['c_dist']:,})",
         "A possible cause, not tested: c_dist scales the returns, and critics with the same "
         "learning rate learn larger returns more slowly.",
+        "5,000 against the base and against 100: more failures, more severe",
     )
 
 
@@ -187,82 +221,120 @@ def _leave_target_and_buffer_open() -> PaperStatement:
         "`hold` 10), and the rewards of 10 decisions are summed (`n_step`), so that the target "
         "critics are never used; 300 episodes have at most 3,000 decisions, so that a buffer of "
         "10,000 never drops one.",
+        "Not judged",
     )
 
 
 def _judge_difs(suffix: str, summaries: Summaries, safeties: Safeties) -> PaperStatement:
     a, b = names = (f"ast{suffix} evaluation", f"difs{suffix} evaluation")
-    return _combine(
+    holds = _is_likelier_in_both(summaries, safeties, a, b)
+    return PaperStatement(
         "DiFS finds likelier failures than AST.",
+        holds,
         _list_figures(summaries, names, Means.LOG_P),
-        (is_likelier(safeties[a], safeties[b]),),
-        f"`difs{suffix}` found too few failures for a comparison of means.",
+        _explain_likelihood(holds, safeties, names),
+        "Evaluations: the failures of DiFS are likelier (does not hold: less likely)",
     )
 
 
-def _judge_distances(summaries: Summaries) -> PaperStatement:
-    names = tuple(f"ast {place}" for place in ("evaluation", "plus5", "minus5"))
-    return _combine(
+def _explain_likelihood(holds: Judgement, safeties: Safeties, names: Sequence[str]) -> str:
+    for name in names:
+        if len(safeties[name].scatter.points) < FEWEST_FAILURES:
+            return f"{name}: too few failures (fewer than {FEWEST_FAILURES}) for a mean."
+    return "The difference is uncertain." if holds is None else REVERSED
+
+
+def _judge_distances(suffix: str, summaries: Summaries) -> PaperStatement:
+    names = tuple(f"ast{suffix} {place}" for place in ("evaluation", *MOVED_M))
+    return PaperStatement(
         "AST's policy fails the planner at other distances of the cut-in, too.",
+        _combine(*(is_above_half(summaries[name].failure_rate) for name in names)),
         _list_figures(summaries, names),
-        tuple(is_above_half(summaries[name].failure_rate) for name in names),
         "The policy was trained at one distance only.",
+        "At each of the three distances the interval of the failure rate lies above one half "
+        "(does not hold: at one it lies below)",
     )
 
 
-def _judge_components(
-    name: str, longitudinal: AnalysisResult, lateral: AnalysisResult
-) -> PaperStatement:
-    along, across = (float(one.explained.sum()) for one in (longitudinal, lateral))
+Readings = Mapping[tuple[str, str], AnalysisResult]
+"""Of one evaluation, by axes and alignment."""
+
+REVERSED = "In this run the order is reversed."
+OF_ONE_POLICY = "All failures come from one policy; another may give another verdict."
+CHOICES_DIFFER = "The choices that the paper leaves open give different answers."
+
+
+def _explain_choices(holds: Judgement) -> str:
+    return CHOICES_DIFFER if holds is None else f"{OF_ONE_POLICY} The cause was not tested."
+
+
+def _judge_components(name: str, readings: Readings) -> PaperStatement:
+    explained = {
+        align: [float(readings[axis, align].explained.sum()) for axis in AXES]
+        for align in ALIGNMENTS
+    }
+    holds = _agree([along < across for along, across in explained.values()])
+    figures = "; ".join(
+        f"aligned at the {align}: {format_share(along)} of the longitudinal variance, "
+        f"{format_share(across)} of the lateral"
+        for align, (along, across) in explained.items()
+    )
     return PaperStatement(
         "Longitudinal noise needs more components than lateral noise.",
-        along < across,
-        f"{name}: the first three explain {format_share(along)} of the variance of the noise along "
-        f"the road, {format_share(across)} of that across it",
-        "All failures come from one policy: other searchers may find the opposite. The cause was "
-        "not tested.",
-    )
-
-
-def _judge_late_influence(
-    name: str, longitudinal: AnalysisResult, lateral: AnalysisResult
-) -> PaperStatement:
-    claim = "The largest entries of the components lie just before the collision."
-    along, across = (
-        one.before_collision[0] if one.before_collision else None for one in (longitudinal, lateral)
-    )
-    if not along or not across or along.longitudinal is None or across.lateral is None:
-        return PaperStatement(claim, None, f"{name}: there is no influence")
-    above = {along.longitudinal > along.time, across.lateral > across.time}
-    holds = None if len(above) > 1 else above.pop()
-    why = (
-        "On one axis the influence there is above its share of the time, on the other below."
-        if holds is None
-        else "A possible cause, not tested: `rulebook` collides after its tracker has lost the "
-        "other car, and the noise that causes this comes earlier."
-    )
-    return PaperStatement(
-        claim,
         holds,
-        f"{name}: the last {along.seconds:g} s hold {format_share(along.longitudinal)} of the "
-        f"longitudinal and {format_share(across.lateral)} of the lateral influence in "
-        f"{format_share(along.time)} of the time",
-        why,
+        f"{name}, {figures}",
+        _explain_choices(holds),
+        "The first three components explain less of the longitudinal than of the lateral variance, "
+        "aligned at the collision and at the start (does not hold: more with both)",
     )
 
 
-def _judge_modes(name: str, result: AnalysisResult) -> PaperStatement:
+def _judge_largest_entries(name: str, readings: Readings) -> PaperStatement:
+    before_s = {axis: _time_largest_entries(readings[axis, "collision"], axis) for axis in AXES}
+    late = [time <= JUST_BEFORE_S for times in before_s.values() for time in times]
+    figures = "; ".join(
+        f"{axis} {', '.join(f'{time:g}' for time in times)} s" for axis, times in before_s.items()
+    )
+    holds = _agree(late)
+    return PaperStatement(
+        "The largest entries of the components lie just before the collision.",
+        holds,
+        f"{name}: {sum(late)} of {len(late)} components ({figures} before the collision)"
+        if late
+        else f"{name}: there is no component",
+        _explain_choices(holds),
+        "The largest entry (by its absolute value) of each of the first three components of either "
+        f"axis, aligned at the collision, lies in the last {JUST_BEFORE_S:g} s, our choice (does "
+        "not hold: none does). Aligned at the start, entries have no one time before the collision",
+    )
+
+
+def _time_largest_entries(result: AnalysisResult, axis: str) -> list[float]:
+    """Return how long before the collision each component is largest. [s]"""
+    entries = abs(result.components[:, :, result.channels.index(axis)])
+    steps = entries.shape[1]
+    return [round((steps - int(course.argmax())) * STEP_S, 9) for course in entries if course.any()]
+
+
+def _judge_modes(name: str, readings: Readings) -> PaperStatement:
+    holds = _agree([result.distinct and len(result.modes) == MODES for result in readings.values()])
+    counts = "; ".join(
+        f"aligned at the {align}: "
+        + ", ".join(f"{WORDS[axes]} {_count_modes(readings[axes, align])}" for axes in WORDS)
+        for align in ALIGNMENTS
+    )
     return PaperStatement(
         f"There are {MODES} distinct failure modes.",
-        result.distinct and len(result.modes) == MODES,
-        f"{name}, longitudinal noise: {_count_modes(result)}",
-        "All failures come from one policy: another searcher or seed may find another number. The "
-        "cause was not tested.",
+        holds,
+        f"{name}, {counts}",
+        _explain_choices(holds),
+        f"{MODES} distinct modes in each of six analyses: of the noise of each axis and of both, "
+        "aligned at the collision and at the start (does not hold: in none)",
     )
 
 
 def _count_modes(result: AnalysisResult) -> str:
-    return f"{len(result.modes)} distinct modes" if result.distinct else result.verdict
+    return str(len(result.modes)) if result.distinct else "none distinct"
 
 
 def _judge_replays(name: str, proof: Proof) -> PaperStatement:
@@ -275,13 +347,15 @@ def _judge_replays(name: str, proof: Proof) -> PaperStatement:
         )
         each = rate.n // len(proof.scenarios)
         figures = (
-            f"{rate.k} of {rate.n} replays failed, of {each} eigenfailures in `cut_in` with each "
+            f"{rate.k} of {rate.n} replays collided, of {each} eigenfailures in `cut_in` with each "
             f"distance_m of {distances}"
         )
     return PaperStatement(
         "Eigenfailures reproduce failures in all scenarios tested.",
         None if rate is None else rate.k == rate.n,
         f"{name}: {figures}",
+        "Not every replay collided." if rate else "There was no eigenfailure to replay.",
+        "Every replay of an eigenfailure in the table above collides (otherwise does not hold)",
     )
 
 
@@ -296,6 +370,8 @@ def _judge_severity(name: str, safety: Safety) -> PaperStatement:
         holds,
         f"{name}: {_describe_correlation(safety.scatter)}",
         _explain_severity(safety.scatter, holds),
+        "The interval of Spearman's rank correlation of log p per step and severity, over the "
+        "failures of one evaluation, lies below 0 (does not hold: above)",
     )
 
 
@@ -304,11 +380,7 @@ def _describe_correlation(scatter: Scatter) -> str:
     if correlation is None:
         return f"no rank correlation {over}"
     bounds = f" {format_interval(correlation.interval)}" if correlation.interval else ""
-    return (
-        "Spearman's rank correlation of log p per step and severity, "
-        f"{format_number(correlation.value)}{bounds} {over} (below 0: the severe ones are the "
-        "rarer)"
-    )
+    return f"rank correlation {format_number(correlation.value)}{bounds} {over}"
 
 
 def _explain_severity(scatter: Scatter, holds: Judgement) -> str:
@@ -322,6 +394,19 @@ def _explain_severity(scatter: Scatter, holds: Judgement) -> str:
     if len(scatter.points) < FEWEST_FAILURES:
         return "There are fewer than ten failures."
     return "All failures have the same likelihood or the same severity."
+
+
+def _is_likelier_in_both(summaries: Summaries, safeties: Safeties, a: str, b: str) -> Judgement:
+    """Whether B's failures are likelier per step; None also if their sums have another order.
+
+    The paper sums over the steps; an episode ends at its collision, so that sums are over different
+    numbers of steps.
+    """
+    one, other = (summaries[name].mean_log_probability for name in (a, b))
+    per_step = is_likelier(safeties[a], safeties[b])
+    if per_step is None or one is None or other is None:
+        return None
+    return per_step if (other > one) is per_step else None
 
 
 def is_likelier(a: Safety, b: Safety) -> Judgement:
@@ -348,6 +433,15 @@ def is_greater(a: Sequence[float], b: Sequence[float]) -> Judgement:
     return None if abs(difference) <= Z * error else difference > 0.0
 
 
+def is_rarer(a: Rate | None, b: Rate | None) -> Judgement:
+    """Whether A's rate is the lower one; None where the intervals overlap."""
+    if a is None or b is None:
+        return None
+    one, other = (find_interval(rate.k, rate.n) for rate in (a, b))
+    below, above = one.high < other.low, one.low > other.high
+    return below if below or above else None
+
+
 def is_above_half(rate: Rate | None) -> Judgement:
     """Whether more than half of the draws fail; None where the interval includes one half."""
     if rate is None:
@@ -364,13 +458,16 @@ def fails_more_often(comparison: Comparison) -> Judgement:
     return difference.value > 0.0
 
 
-def _combine(
-    paper: str, figures: str, parts: tuple[Judgement, ...], why: str = ""
-) -> PaperStatement:
+def _combine(*parts: Judgement) -> Judgement:
     """Judge a statement of several parts: false if one is, open if one is open and none false."""
     open_or_true = None if None in parts else True
-    holds = False if False in parts else open_or_true
-    return PaperStatement(paper, holds, figures, why)
+    return False if False in parts else open_or_true
+
+
+def _agree(choices: Sequence[Judgement]) -> Judgement:
+    """Return what all choices that the paper leaves open give; None where they differ."""
+    first, *others = choices or (None,)
+    return first if all(other is first for other in others) else None
 
 
 def _list_figures(summaries: Summaries, names: Sequence[str], *means: Means) -> str:
@@ -379,13 +476,16 @@ def _list_figures(summaries: Summaries, names: Sequence[str], *means: Means) -> 
 
 def _count(summary: Summary) -> str:
     counts = summary.counts
-    return f"{counts.failures} of {counts.completed} failed"
+    return f"{format_count(counts.failures)} of {format_count(counts.completed)} failed"
 
 
 def _describe(summary: Summary, means: Collection[Means]) -> str:
     words = [_count(summary)]
     if Means.LOG_P in means and summary.log_probability_per_step is not None:
-        words.append(f"{Means.LOG_P} {format_number(summary.log_probability_per_step)}")
+        total = format_number(summary.mean_log_probability)
+        words.append(
+            f"{Means.LOG_P} {format_number(summary.log_probability_per_step)} (mean log p {total})"
+        )
     if Means.SEVERITY in means and summary.mean_severity is not None:
         words.append(f"{Means.SEVERITY} {format_number(summary.mean_severity)} m²/s²")
     return ", ".join(words)
@@ -395,6 +495,9 @@ ANALYSED = ("ast evaluation", "ast_paper evaluation")
 
 
 MEASURED = ("ast evaluation", "difs evaluation", "difs_paper evaluation")
+"""Evaluations in the table of safety measures."""
+
+CORRELATED = ("ast evaluation", "ast_paper evaluation", "difs evaluation", "difs_paper evaluation")
 
 
 class Evidence(msgspec.Struct, frozen=True):
@@ -448,9 +551,9 @@ def _gather_evidence(client: Client, suite: Suite) -> Evidence:
         summaries,
         {name: client.campaigns.safety(summaries[name].campaign) for name in NEEDED},
         {
-            (name, axis): _analyze(client, campaign, settings)[1]
+            (name, *reading): _analyze(client, campaign, settings)[1]
             for name, campaign in diagnosed.items()
-            for axis, settings in AXES.items()
+            for reading, settings in READINGS.items()
         },
         {name: _prove(client, campaign) for name, campaign in diagnosed.items()},
     )
@@ -458,7 +561,7 @@ def _gather_evidence(client: Client, suite: Suite) -> Evidence:
 
 def _prove(client: Client, campaign: int) -> Proof:
     """Return the replays of a campaign's eigenfailures in its scenario and in similar ones."""
-    analysis, _ = _analyze(client, campaign, AnalysisSettings(centre="mean"))
+    analysis, _ = _analyze(client, campaign, READINGS["joint", "start"])
     # Asked for again after their end, they are followed by a search that no statement needs.
     if not client.analyses.proof(analysis).done:
         client.analyses.prove(analysis)
@@ -491,8 +594,8 @@ def _build_tables(evidence: Evidence) -> Iterator[PaperTable]:
 def _judge_statements(client: Client, evidence: Evidence) -> Iterator[PaperStatement]:
     compare = partial(_compare, client, evidence)
     yield from judge_campaigns(evidence.summaries, evidence.safeties, compare)
-    measured = {name: evidence.safeties[name] for name in MEASURED}
-    yield from judge_causes(evidence.analyses, evidence.proofs, measured)
+    correlated = {name: evidence.safeties[name] for name in CORRELATED}
+    yield from judge_causes(evidence.analyses, evidence.proofs, correlated)
 
 
 def _compare(client: Client, evidence: Evidence, a: str, b: str) -> Comparison:

@@ -50,7 +50,7 @@ def test_run_again_it_does_nothing_twice(eigenfail, store):
     again = eigenfail("reproduce", "--json")
     assert first.stdout == again.stdout
     assert len(store.campaigns.page(100).items) == campaigns
-    assert len(store.analyses.page(100).items) == analyses == 6
+    assert len(store.analyses.page(100).items) == analyses == 12
     found = msgspec.json.decode(first.stdout, type=PaperReproduction)
     assert found.scale == "small"
     assert found.tables[-1].rows[0].numbers[0].value is not None, "eigenfailures were replayed"

@@ -33,7 +33,7 @@ def found():
         "monte_carlo rulebook", (PaperNumber(0.0, 2000, paper=0.0), PaperNumber(None, 0))
     )
     table = PaperTable("evaluation", "Evaluation", columns, (row, none), "By step.")
-    statement = PaperStatement("AST fails more.", None, "nobody knows")
+    statement = PaperStatement("AST fails more.", None, "nobody knows", rule="more often")
     return PaperReproduction("full", 5, (table,), (statement,))
 
 
@@ -61,6 +61,6 @@ def test_the_page_marks_each_number_and_sets_the_papers_beside_it(found):
     )
     assert "| monte_carlo rulebook | 2,000 | 0 %<!-- claim " in text
     assert text.count("| – |") == 1
-    assert "| AST fails more. | cannot be decided | nobody knows |" in text
+    assert "| AST fails more. | cannot be decided | more often | nobody knows |" in text
     caption = "seed 5 of Monte Carlo and training, 1005 of evaluations. By step.\n\n| | n |"
     assert caption in text, "what a table shows is said above it"

@@ -4,8 +4,9 @@ import pytest
 
 from eigenfail.errors import UnknownName
 from eigenfail.reproduction import tables
-from eigenfail.reproduction.programme import CHOSEN, SCALES, SWEEP, build_suite
+from eigenfail.reproduction.programme import CHOSEN, SCALES, STEP_S, SWEEP, build_suite
 from eigenfail.suites import Suite
+from eigenfail.worlds import world_of
 
 
 def by_name(suite: Suite):
@@ -45,6 +46,11 @@ def test_evaluations_draw_from_a_seed_of_their_own_and_name_what_they_evaluate()
     assert found["ast minus5"].seed == 1007
     assert found["ast minus5"].settings == {"campaign": "ast"}
     assert found["ast minus5"].scenario_parameters == {"distance_m": 53.0}
+
+
+def test_each_step_lasts_as_long_as_is_said():
+    for spec in by_name(build_suite("small")).values():
+        assert world_of(spec.simulator).step_s(spec) == STEP_S
 
 
 def test_each_scale_has_a_seed_of_its_own():

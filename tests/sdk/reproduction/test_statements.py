@@ -1,5 +1,6 @@
 """The paper's statements, held against numbers that make them true, false, or open."""
 
+import msgspec
 import pytest
 
 from eigenfail.reproduction.statements import NEEDED, is_greater, judge_campaigns
@@ -39,10 +40,10 @@ def comparing(summaries):
 def judged(summaries, safety):
     """What becomes of the statement with these words."""
 
-    def judge(of):
+    def judge(of, name=""):
         safeties = {name: safety(summaries[name]) for name in NEEDED}
         found = judge_campaigns(summaries, safeties, comparing(summaries))
-        return next(statement for statement in found if of in statement.paper)
+        return next(one for one in found if of in one.paper and name in one.figures)
 
     return judge
 
@@ -50,12 +51,21 @@ def judged(summaries, safety):
 def test_planners_and_rare_failures_hold_as_in_the_paper(judged):
     assert judged("less often than IDM").holds is True
     assert judged("Monte Carlo finds no failure").holds is True
-    assert "0 of 2000" in judged("Monte Carlo finds no failure").figures
+    assert "0 of 2,000" in judged("Monte Carlo finds no failure").figures
 
 
-def test_a_search_that_finds_nothing_refutes(judged, summaries, summary):
+def test_planners_whose_intervals_overlap_are_open(judged, summaries, summary):
+    for failures, expected in ((850, False), (750, None), (600, True)):
+        summaries["monte_carlo rulebook"] = summary(1, "monte_carlo", failures, 2000)
+        summaries["monte_carlo idm"] = summary(2, "monte_carlo", 725, 2000)
+        assert judged("less often than IDM").holds is expected
+
+
+def test_a_search_that_finds_nothing_refutes_for_its_settings(judged, summaries, summary):
     summaries["difs_paper evaluation"] = summary(9, "", 0)
-    assert judged("Monte Carlo finds no failure").holds is False
+    words = "Monte Carlo finds no failure"
+    assert judged(words).holds is True
+    assert judged(words, "difs_paper").holds is False
 
 
 @pytest.mark.parametrize(
@@ -72,6 +82,34 @@ def test_a_small_batch_must_be_better_in_all_three(judged, summaries, summary, s
     failures = small.pop("failures")
     summaries["sweep batch_size=16"] = summary(9, "", failures, **small)
     assert judged("small batch").holds is expected
+
+
+def test_a_small_batch_is_compared_with_both_larger_ones(judged, summaries, summary):
+    """Better than the largest alone decides nothing."""
+    summaries["sweep batch_size=16"] = summary(9, "", 150, per_step=-1.5, severity=150.0)
+    summaries["sweep batch_size=256"] = summary(9, "", 60)
+    summaries["sweep base"] = summary(9, "", 280)
+    assert judged("small batch").holds is None
+    summaries["sweep base"] = summary(9, "", 60)
+    assert judged("small batch").holds is True
+
+
+def test_a_large_c_dist_is_compared_with_both_smaller_ones(judged, summaries, summary):
+    summaries["sweep c_dist=5000"] = summary(9, "", 250, severity=150.0)
+    assert judged("large c_dist").holds is True
+    summaries["sweep base"] = summary(9, "", 290)
+    assert judged("large c_dist").holds is None
+
+
+def test_sums_in_another_order_leave_the_likelihood_open(judged, summaries, summary):
+    likelier = summary(9, "", 30, per_step=-1.9)
+    summaries["difs evaluation"] = msgspec.structs.replace(likelier, mean_log_probability=-170.0)
+    assert judged("likelier failures than AST").holds is None
+
+
+def test_each_statement_says_its_rule(summaries, safety):
+    safeties = {name: safety(summaries[name]) for name in NEEDED}
+    assert all(one.rule for one in judge_campaigns(summaries, safeties, comparing(summaries)))
 
 
 def test_a_small_alpha_trades_failures_for_likelihood(judged, summaries, summary):
@@ -113,6 +151,7 @@ def test_a_policy_that_moves_badly_is_told(judged, summaries, summary):
     assert judged("other distances").holds is False
     summaries["ast minus5"] = summary(9, "", 150, 300)
     assert judged("other distances").holds is None
+    assert judged("other distances", "ast_paper").holds is None
 
 
 def test_a_difference_within_its_interval_is_none():
