@@ -45,6 +45,11 @@ MOST_CHANNELS = 4
 WAYS = {"longitudinal": ("ahead", "back"), "lateral": ("to the left", "to the right")}
 """Of positive and of negative noise of a position: where the vehicle seems to be."""
 
+ABSENT = (
+    " An event is absent at the centre of a group unless most of its failures have it at the same "
+    "step."
+)
+
 WHITE = White()
 
 
@@ -122,7 +127,8 @@ def describe(
         each._replace(level=_choose_level(each.noise))
         for each in _list_columns(z[: clock.impact], channels, shape)
     ]
-    return _describe_columns(columns, clock, MOST_PUSHES)
+    absent = any(each.is_event and not each.noise.any() for each in columns)
+    return f"{_describe_columns(columns, clock, MOST_PUSHES)}{ABSENT * absent}"
 
 
 def _list_columns(z: Floats, channels: Sequence[str], shape: NoiseShape) -> list[ChannelNoise]:

@@ -28,6 +28,7 @@ from eigenfail.values import (
     ExplainedEpisode,
     Explanation,
     FailureMode,
+    Outcome,
     Scene,
     StopRules,
     TrajectorySource,
@@ -263,10 +264,12 @@ def _describe_mode(
     """
     campaign = mode.medoid_campaign or campaign
     medoid = store.episodes.get(campaign, mode.medoid)
-    clock = Clock(medoid.steps, step_s, "its medoid's impact")
     shown = f"Its medoid is episode {campaign}/{mode.medoid}"
     spec = store.campaigns.get(campaign).spec
-    account = _describe_account(spec.setup(), medoid, Clock(medoid.steps, step_s), until_s)
+    end = "impact" if medoid.outcome is Outcome.COLLISION else "end"
+    clock = Clock(medoid.steps, step_s, f"its medoid's {end}")
+    acted = clock._replace(event=f"the {end}")
+    account = _describe_account(spec.setup(), medoid, acted, until_s)
     text = f"{shown}; {account}" if account else f"{shown}."
     channels = list_channels(spec)
     words = describe(mode.eigenfailure, clock, channels, spec.disturbance.noise_shape)

@@ -202,6 +202,7 @@ def test_events_are_told_by_when_they_last():
     told = describe(z, IN_STEPS, channels, shape)
     assert "missed during 32 … 28 steps, during 20 … 17 steps before the impact" in told.lower()
     assert "ghost does not occur" in told
+    assert told.endswith("unless most of its failures have it at the same step.")
     assert "scenario.gap_m +1.2 sigma during 40 … 0 steps before the impact" in told.lower()
     assert "missed -2.0 sigma" in describe(z, IN_STEPS, channels).lower()
 
