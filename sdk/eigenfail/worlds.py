@@ -20,9 +20,11 @@ from eigenfail.values.channels import CHANNELS_FIELD, SCENARIO
 from eigenfail.values.requirements import (
     COLLISION_ALONE,
     FIELD,
-    ExpectedCourse,
     Requirements,
     check_requirements,
+)
+from eigenfail.values.signals import (
+    ExpectedCourse,
     list_signals,
 )
 from eigenfail.values.variation import Variation, read_variation

@@ -14,8 +14,8 @@ import msgspec
 import numpy as np
 
 from eigenfail.errors import InvalidValue, SimulatorError, UnknownName
-from eigenfail.values.measures import MEASURES, Measures
-from eigenfail.values.signals import ERROR, NEVER_S, SIGNALS, Samples
+from eigenfail.values.measures import MEASURES
+from eigenfail.values.signals import NEVER_S, DrivenCourse, ExpectedCourse
 from eigenfail.values.temporal_logic import (
     check_formula,
     evaluate_formula,
@@ -32,34 +32,6 @@ FIELD: Final = "requirements"
 
 Name = Annotated[str, msgspec.Meta(max_length=60, pattern="^[a-z0-9_]*$")]
 Scale = Annotated[float, msgspec.Meta(gt=0.0, le=LARGEST)]
-
-
-class DrivenCourse(NamedTuple):
-    """What an episode showed, for its requirements.
-
-    Attributes:
-        dt_s: time between two steps.
-        signals: values of the signals that the requirements need, by name.
-        measures: of the whole episode.
-    """
-
-    dt_s: float
-    signals: Mapping[str, Samples]
-    measures: Measures
-
-
-class ExpectedCourse(NamedTuple):
-    """What all episodes of a campaign will show.
-
-    Attributes:
-        signals: names of the signals that are told.
-        dt_s: time between two steps.
-        duration_s: duration of a full episode.
-    """
-
-    signals: tuple[str, ...]
-    dt_s: float
-    duration_s: float
 
 
 class Requirement(
@@ -460,17 +432,6 @@ Requirements = Annotated[
 
 COLLISION_ALONE: Final = (NoCollision(),)
 """The requirements of a campaign that names none."""
-
-
-def list_signals(channels: Sequence[str], *, tells_lane: bool) -> tuple[str, ...]:
-    """Return the names of the signals of a campaign on a road.
-
-    Args:
-        channels: names of the channels of its noise.
-        tells_lane: whether the simulator tells the lane of the ego.
-    """
-    drive = [name for name, each in SIGNALS.items() if tells_lane or not each.needs_lane]
-    return *drive, *[f"{ERROR}.{channel}" for channel in channels]
 
 
 def check_requirements(requirements: Sequence[AnyRequirement], expected: ExpectedCourse) -> None:

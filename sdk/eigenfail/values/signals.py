@@ -5,13 +5,15 @@ robustness of any requirement does: where a quantity has no value, as the time t
 vehicles that do not close in, the signal has the value of its `absent`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Final
+from typing import Final, NamedTuple
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
+
+from eigenfail.values.measures import Measures
 
 Samples = NDArray[np.float64]
 """The values of a signal, shape (steps + 1,)."""
@@ -97,3 +99,42 @@ SIGNALS: Mapping[str, SignalDescription] = MappingProxyType(
 )
 """The signals of every drive by name, beside `error.CHANNEL` of each channel of its noise: what is
 perceived minus what is true, in the unit of the channel."""
+
+
+def list_signals(channels: Sequence[str], *, tells_lane: bool) -> tuple[str, ...]:
+    """Return the names of the signals of a campaign on a road.
+
+    Args:
+        channels: names of the channels of its noise.
+        tells_lane: whether the simulator tells the lane of the ego.
+    """
+    drive = [name for name, each in SIGNALS.items() if tells_lane or not each.needs_lane]
+    return *drive, *[f"{ERROR}.{channel}" for channel in channels]
+
+
+class ExpectedCourse(NamedTuple):
+    """What all episodes of a campaign will show.
+
+    Attributes:
+        signals: names of the signals that are told.
+        dt_s: time between two steps.
+        duration_s: duration of a full episode.
+    """
+
+    signals: tuple[str, ...]
+    dt_s: float
+    duration_s: float
+
+
+class DrivenCourse(NamedTuple):
+    """What an episode showed, for its requirements.
+
+    Attributes:
+        dt_s: time between two steps.
+        signals: values of the signals that the requirements need, by name.
+        measures: of the whole episode.
+    """
+
+    dt_s: float
+    signals: Mapping[str, Samples]
+    measures: Measures

@@ -13,9 +13,7 @@ from eigenfail.values.requirements import (
     COLLISION_ALONE,
     LARGEST,
     AnyRequirement,
-    DrivenCourse,
     EpisodeJudge,
-    ExpectedCourse,
     Formula,
     KeptLane,
     MeasureLimit,
@@ -25,9 +23,15 @@ from eigenfail.values.requirements import (
     TimeHeadway,
     UncausedBraking,
     check_requirements,
+)
+from eigenfail.values.signals import (
+    NEVER_S,
+    NOBODY_M,
+    SIGNALS,
+    DrivenCourse,
+    ExpectedCourse,
     list_signals,
 )
-from eigenfail.values.signals import NEVER_S, NOBODY_M, SIGNALS
 
 EXPECTED = ExpectedCourse(tuple(SIGNALS), 0.5, 10.0)
 

@@ -18,8 +18,14 @@ from eigenfail.values import (
     VehicleState,
 )
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
-from eigenfail.values.requirements import DrivenCourse, EpisodeJudge, RequirementVerdict
+from eigenfail.values.requirements import (
+    EpisodeJudge,
+    RequirementVerdict,
+)
 from eigenfail.values.shapes import Row
+from eigenfail.values.signals import (
+    DrivenCourse,
+)
 from eigenfail_workers.measures.conflict import find_conflict
 from eigenfail_workers.measures.geometry import distance_lower_bound, separation, velocity
 from eigenfail_workers.measures.importance import Approach, compute_importance
