@@ -14,14 +14,21 @@ depends_on = None
 def upgrade() -> None:
     op.add_column("episodes", sa.Column("nearest_m", sa.Double()))
     op.add_column("episodes", sa.Column("violated", sa.Integer()))
+    op.create_index(
+        "ix_episodes_campaign_violated_index",
+        "episodes",
+        ["campaign", "violated", "index"],
+        sqlite_where=sa.text("violated IS NOT NULL"),
+        postgresql_where=sa.text("violated IS NOT NULL"),
+    )
     number = sa.BigInteger().with_variant(sa.Integer(), "sqlite")
     op.create_table(
         "requirement_values",
         sa.Column("campaign", number, nullable=False),
-        sa.Column("requirement", sa.Integer(), nullable=False, autoincrement=False),
         sa.Column("index", number, nullable=False, autoincrement=False),
+        sa.Column("requirement", sa.Integer(), nullable=False, autoincrement=False),
         sa.Column("robustness", sa.Double(), nullable=False),
-        sa.PrimaryKeyConstraint("campaign", "requirement", "index", name="pk_requirement_values"),
+        sa.PrimaryKeyConstraint("campaign", "index", "requirement", name="pk_requirement_values"),
         sa.ForeignKeyConstraint(
             ["campaign", "index"],
             ["episodes.campaign", "episodes.index"],
@@ -40,5 +47,6 @@ def downgrade() -> None:
             "Restore a backup from before the first of them: eigenfail db restore.",
         )
     op.drop_table("requirement_values")
+    op.drop_index("ix_episodes_campaign_violated_index", "episodes")
     op.drop_column("episodes", "violated")
     op.drop_column("episodes", "nearest_m")

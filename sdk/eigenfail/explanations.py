@@ -133,7 +133,10 @@ def _describe_violation(result: EpisodeResult) -> str:
 
 def _describe_safe_end(result: EpisodeResult) -> str:
 
-    nearest_m = result.measures.distance_m if result.measures else None
+    measures = result.measures
+    if measures is not None and measures.collided_s is not None:
+        return f"{_describe_collision(result)}, which no requirement forbids"
+    nearest_m = measures.distance_m if measures else None
     return f"No collision: smallest distance {_format_number(nearest_m, 1)} m"
 
 

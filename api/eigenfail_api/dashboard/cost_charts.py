@@ -177,6 +177,8 @@ def describe_shared(peers: Peers) -> str:
         "scenario": peers.scenario_parameters,
     }
     settings = [describe_settings(name, settings) for name, settings in given.items() if settings]
+    named = peers.requirements or ()
+    settings += [f"requirement {each.label}: {each.in_words()}" for each in named]
     return f"In common: {', '.join([f'simulator {peers.simulator}', *settings])}."
 
 

@@ -31,7 +31,7 @@ class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     repeated to the episode.
 
     Attributes:
-        failures: number of collisions. The failure rate is estimated without bias, and its
+        failures: number of failures. The failure rate is estimated without bias, and its
             interval is exact for this rule.
         half_width: half the width of the 95 % confidence sequence of failures ÷ completed episodes
             fell to this. That interval, which is also the one shown, may be looked at after every
@@ -343,7 +343,7 @@ FINAL_STATES = frozenset({CampaignState.CANCELLED, CampaignState.DONE, CampaignS
 class Counts(msgspec.Struct, frozen=True):
     """planned = completed + errored + cancelled + open, at every commit.
 
-    `failures` counts the collisions among the completed episodes; `errored` counts the episodes
+    `failures` counts the failures among the completed episodes; `errored` counts the episodes
     that could not be completed, which no rate counts ("failed" where it is stored or sent);
     `cancelled` counts those that were left unrun when the
     campaign ended, by whatever cause: a user, a stop rule, or a method with no more to propose;

@@ -32,7 +32,7 @@ class Side(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         campaigns: their ids, one for each seed.
         completed: episodes.
-        failures: collisions among them.
+        failures: failures among them.
         failure_rate: failure rate with its interval; None before the first episode.
         rates: the failure rate of each campaign; None before its first episode.
         log_probability_per_step: log-probability per step of the failures: sum of log p over all
@@ -169,7 +169,7 @@ class Pool(msgspec.Struct, frozen=True, kw_only=True):
         campaigns: how many there are.
         newest: the id of the newest one.
         completed: episodes.
-        failures: collisions among them.
+        failures: failures among them.
         judges_failures: whether a stop rule of one of the campaigns judges failures.
         instance_hours: instance-hours of all campaigns. [h]
         total_usd: total cost of all campaigns. [USD]

@@ -213,15 +213,20 @@ class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False, gc=False):
         """SHA-256 of what happened: the same for an episode and for its replay, bit for bit.
 
         It covers the outcome, steps, noise and measures; not the index, the source or the time.
+        Requirements that are named add to it.
         A shape adds to it where there is noise that does not follow from z and sigma alone.
         """
-        packed = (self.measures or Measures(float("nan"))).packed()
+        measures = self.measures or Measures(float("nan"))
+        packed = measures.packed()
         parts = (self.outcome.encode(), struct.pack("<q", self.steps), packed)
         arrays = (self.noise.z.tobytes(), self.noise.sigma.tobytes())
         fault = self.fault.kind.encode() if self.fault else b""
         plain = self.noise.shape == White() or not self.noise.z.size
         shape = () if plain else (msgspec.json.encode(self.noise.shape),)
-        return hashlib.sha256(b"\x00".join((*parts, *arrays, fault, *shape))).hexdigest()
+        judged: tuple[bytes, ...] = ()
+        if measures.nearest_m is not None:
+            judged = (struct.pack("<dq", measures.nearest_m, measures.violated or 0),)
+        return hashlib.sha256(b"\x00".join((*parts, *arrays, fault, *shape, *judged))).hexdigest()
 
 
 def unrunnable(task: EpisodeTask, fault: EpisodeFault) -> EpisodeResult:

@@ -94,7 +94,7 @@ class WorkerShare(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         worker: its name, as registered with the hub.
         episodes: results of it that were stored.
-        failures: collisions among them.
+        failures: failures among them.
         errored: episodes among them that errored.
         wall_s: time that it spent in them. [s]
         last_ms: when the last of them was stored; milliseconds since 1970.

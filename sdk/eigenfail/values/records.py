@@ -103,6 +103,8 @@ def assess(outcome: Outcome, measures: Measures | None) -> Assessment:
     """
     if measures is None or outcome is Outcome.ERRORED:
         return Assessment(unresolved=False)
+    if outcome is not Outcome.COLLISION and measures.collided_s is not None:
+        return Assessment(unresolved=False)  # no requirement forbids the collision
     if outcome is not Outcome.COLLISION:
         near = measures.min_ttc_s is not None and measures.min_ttc_s < NEAR_MISS_TTC_S
         conflict = ConflictClass.NEAR_MISS if near else ConflictClass.NONE
@@ -124,8 +126,6 @@ def is_unresolved(measures: Measures) -> bool | None:
     velocities. None where the last step's DRAC is not known and the largest does not settle it.
     """
     if measures.max_drac_mps2 is None or measures.max_drac_mps2 <= PEAK_BRAKING_MPS2:
-        return False
-    if measures.collided_s is not None:  # where no requirement forbids it
         return False
     last_mps2 = measures.final_drac_mps2
     return None if last_mps2 is None else last_mps2 > PEAK_BRAKING_MPS2

@@ -119,8 +119,8 @@ class PreventableCollision(Requirement, frozen=True, tag="r157_cut_in"):
     The system shall avoid a collision with a vehicle that cuts in, where its time to collision, as
     it is 0.3 m inside the lane, exceeds v_rel / (2 · 6 m/s²) + 0.35 s. Vehicles that cut in later
     than that do not count while they stay in the lane; all others do. That the lateral movement was
-    visible for 0.72 s (paragraph 5.2.5.2 b) is taken to be so. Robustness: the smallest distance to
-    the vehicles that count. [m]
+    visible for 0.72 s, and that the vehicle keeps its speed (5.2.5.2 a and b), is taken to be so.
+    Robustness: the smallest distance to the vehicles that count. [m]
     """
 
     @property
@@ -353,7 +353,11 @@ class MeasureLimit(Requirement, frozen=True, tag="measure"):
         allowed = sorted(NO_VALUE.keys() | REPORTED)
         if self.measure not in allowed:
             raise UnknownName(f"{field}.measure", self.measure, allowed)
-        if self.at_least is None and self.at_most is None:
+        limits = [limit for limit in (self.at_least, self.at_most) if limit is not None]
+        if MEASURES[self.measure].is_count and not all(map(_is_whole, limits)):
+            problem = f"{self.measure} is a count."
+            raise InvalidValue(field, problem, "Give whole numbers of 0 or more as its limits.")
+        if not limits:
             raise InvalidValue(field, "has no limit.", "Give at_least or at_most, or both.")
         if self.at_most is not None and self.at_most <= 0.0 and not MEASURES[self.measure].is_count:
             problem = f"at_most is {self.at_most:g}, and {self.measure} is never below 0."
@@ -381,6 +385,10 @@ class MeasureLimit(Requirement, frozen=True, tag="measure"):
         words = [f"{side} {limit:g}" for side, limit in limits if limit is not None]
         unit = f" {self.unit}" if self.unit else ""
         return f"{MEASURES[self.measure].label} {' and '.join(words)}{unit}"
+
+
+def _is_whole(limit: float) -> bool:
+    return limit >= 0.0 and limit == round(limit)
 
 
 class Formula(Requirement, frozen=True, tag="formula"):
@@ -494,10 +502,10 @@ class EpisodeJudge(NamedTuple):
             return RequirementVerdict(values, 0.0, violated[0])
         if self.importance is not None:
             followed = _find_robustness(self.importance, course) / self.importance.scale
-            return RequirementVerdict(values, _make_positive(followed), None)
+            return RequirementVerdict(values, _make_positive(min(followed, LARGEST)), None)
         scales = [each.scale for each in self.requirements]
         smallest = min(value / scale for value, scale in zip(values, scales, strict=True))
-        return RequirementVerdict(values, smallest, None)
+        return RequirementVerdict(values, min(smallest, LARGEST), None)
 
 
 def _find_robustness(requirement: AnyRequirement, course: DrivenCourse) -> float:

@@ -174,7 +174,8 @@ class Safety(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         failures: failures ÷ completed episodes; None before the first one, as the other shares.
-        collisions: collisions ÷ completed episodes: the same, unless requirements are named.
+        collisions: collisions that violate a requirement ÷ completed episodes: the same, unless
+            requirements are named.
         near_misses: MinTTC < 1.5 s without a collision ÷ completed episodes; None too where the
             system under test is a function, as the shares of `ttc` and `drac`.
         conflicts: unavoidable versus planner failures, and the mean lead times.

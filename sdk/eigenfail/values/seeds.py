@@ -70,7 +70,7 @@ class SeedSpread(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=Tru
         campaigns: ids in the order of their seeds, of campaigns with a completed episode.
         seeds: seeds of these campaigns, each once.
         completed: episodes of all of them.
-        failures: collisions among these.
+        failures: failures among these.
         share: share of the episodes that failed.
         worst: the seed with the lowest share; of equal ones that with the latest first failure.
         log_probability_per_step: log-probability per step of the failures, over seeds with one.

@@ -44,7 +44,7 @@ class SuiteStanding(msgspec.Struct, frozen=True, kw_only=True):
         campaigns: number of campaigns of the suite, including earlier runs.
         states: number of campaigns by state.
         planned: episodes of all of them; `completed` likewise.
-        failures: collisions among the completed ones.
+        failures: failures among the completed ones.
         errored: how many of the campaigns that are done are errored: no episode was completed.
     """
 

@@ -174,7 +174,7 @@ class BlockTotals(msgspec.Struct, frozen=True):
     Attributes:
         first: a multiple of the block's length.
         completed: at least one.
-        failures: collisions among them.
+        failures: failures among them.
         log_probability: sum of log p over all steps of the failures.
         steps: steps of the failures.
         smallest_robustness_m: None if nothing was measured.
@@ -251,7 +251,7 @@ class StoredProgress(msgspec.Struct, frozen=True):
     Attributes:
         at_ms: when that was, since 1970.
         completed: episodes until then, this one included.
-        failures: collisions among them.
+        failures: failures among them.
     """
 
     at_ms: int
@@ -281,7 +281,7 @@ class CostPoint(msgspec.Struct, frozen=True, kw_only=True):
         usd: price per instance-hour × instance-hours until then.
         active_s: time during which the campaign had been running.
         completed: episodes.
-        failures: collisions among them.
+        failures: failures among them.
         modes: distinct modes of which a failure was among them; None where none are known.
     """
 
@@ -327,7 +327,7 @@ class CampaignCost(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=T
         price_usd_per_hour: price of one instance.
         instances: how many it occupied while it ran.
         completed: episodes.
-        failures: collisions among them.
+        failures: failures among them.
         cost: cost, total and per failure, with its interval or lower bound.
         analysis: the newest of this campaign that is done; None without one.
         modes: distinct modes that it has failures of; None where none are known.

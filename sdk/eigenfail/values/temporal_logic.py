@@ -3,6 +3,8 @@
 Robustness is that of Donzé and Maler (Robust Satisfaction of Temporal Logic over Real-Valued
 Signals, 2010, definition 3), at the steps of a course: a comparison has the difference of its
 sides, `not` its negative, `and` and `always` the smallest value, `or` and `eventually` the largest.
+The first part of `until` need not hold at the step at which the second does, as in linear temporal
+logic over steps.
 TimeBounds are in seconds. Steps before the start and behind the end of a course do not count.
 
     formula      = disjunction [ "implies" formula ]
@@ -33,6 +35,9 @@ from eigenfail.values.signals import Samples
 
 LONGEST: Final = 1_000
 """Characters of a formula."""
+
+LARGEST: Final = 1e12
+"""Number in a formula."""
 
 DEEPEST: Final = 50
 """Operators and parentheses of a formula inside each other."""
@@ -151,14 +156,14 @@ class Window(Node):
 
 
 class Until(Node):
-    """`until`: the second part holds at some step, and the first up to it; `since`: mirrored."""
+    """`until`: the second part holds at some step, the first before it; `since`: mirrored."""
 
     def __init__(self, word: str, bounds: TimeBounds, left: Node, right: Node) -> None:
         self.parts, self.bounds = (left, right), bounds
         self.looks_ahead = word == "until"
 
     def evaluate(self, signals: Signals, dt_s: float) -> Samples:
-        """Return the best step to reach: the second part there, and the first part up to it."""
+        """Return the best step to reach: the second part there, the first part before it."""
         left, right = (_spread(part.evaluate(signals, dt_s), signals) for part in self.parts)
         if not self.looks_ahead:
             left, right = left[::-1], right[::-1]
@@ -327,7 +332,11 @@ class FormulaParser:
     def _read_number(self, wanted: str) -> float:
         if not _NUMBER.fullmatch(self._tokens[self._place].text):
             raise self._make_error(wanted)
-        return float(self._take(self._tokens[self._place].text))
+        number = float(self._take(self._tokens[self._place].text))
+        if number > LARGEST:
+            problem = f"holds a number above {LARGEST:g}."
+            raise InvalidValue(self._field, problem, "Take a smaller one.")
+        return number
 
     def _read_comparison(self) -> Node:
         left = self._read_sum()
@@ -339,17 +348,17 @@ class FormulaParser:
         return Combination(np.subtract, larger, smaller)
 
     def _read_sum(self) -> Node:
-        found = self._read_product()
+        parts = [self._read_product()]
         while sign := self._take("+", "-"):
-            combine = np.add if sign == "+" else np.subtract
-            found = Combination(combine, found, self._read_product())
-        return found
+            part = self._read_product()
+            parts.append(part if sign == "+" else Combination(np.negative, part))
+        return Combination(np.add, *parts) if len(parts) > 1 else parts[0]
 
     def _read_product(self) -> Node:
-        found = self._read_factor()
+        parts = [self._read_factor()]
         while self._take("*"):
-            found = Combination(np.multiply, found, self._read_factor())
-        return found
+            parts.append(self._read_factor())
+        return Combination(np.multiply, *parts) if len(parts) > 1 else parts[0]
 
     def _read_factor(self) -> Node:
         text = self._tokens[self._place].text

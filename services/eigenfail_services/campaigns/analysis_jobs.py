@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import NamedTuple, Self
+from typing import Any, NamedTuple, Self
 
 import msgspec
 from msgspec.structs import replace
@@ -165,7 +165,12 @@ def list_notes(found: AnalysisBasis) -> tuple[str, ...]:
 
 
 def _differ(name: str, one: CampaignSpec, other: CampaignSpec) -> bool:
-    return bool(getattr(one, name) != getattr(other, name))
+    return bool(read_world_field(one, name) != read_world_field(other, name))
+
+
+def read_world_field(spec: CampaignSpec, name: str) -> Any:
+    """Return one of `WORLD_FIELDS`; the requirements also where they are the default."""
+    return spec.all_requirements if name == "requirements" else getattr(spec, name)
 
 
 LEASE_S = 30.0

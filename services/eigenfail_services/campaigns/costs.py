@@ -23,6 +23,7 @@ from eigenfail.values import (
 from eigenfail.values.campaign import Settings
 from eigenfail.values.comparison import MethodCost, PeerCosts, Peers, Pool
 from eigenfail.values.operations import WorkerShare
+from eigenfail.values.requirements import COLLISION_ALONE
 from eigenfail.worlds import PluginField, world_of
 from eigenfail_services.analysis.campaign_figures import (
     BY_CLOCK,
@@ -163,6 +164,7 @@ def _leave_out_defaults(peers: Peers) -> Peers:
     fields = world_of(peers.simulator).plugin_fields
     return msgspec.structs.replace(
         peers,
+        requirements=None if peers.requirements == COLLISION_ALONE else peers.requirements,
         **{
             each.settings: _leave_out_default_settings(peers, name, each)
             for name, each in fields.items()

@@ -12,6 +12,7 @@ from eigenfail.values import (
     EpisodeResult,
     Floats,
     MinimalFailure,
+    Outcome,
 )
 from eigenfail.worlds import list_channels
 from eigenfail_services.analysis.words import Clock, describe_needed
@@ -35,7 +36,8 @@ def find_minimal_failure(store: Store, campaign: Campaign) -> MinimalFailure:
         raise _make_conflict(campaign)
     found = store.episodes.get(campaign.id, facts.best)
     full = _find_first_failure(store, campaign, facts.best)
-    clock = Clock(found.steps, _find_step_s(found))
+    end = "the impact" if found.outcome is Outcome.COLLISION else "the end"
+    clock = Clock(found.steps, _find_step_s(found), end)
     channels = list_channels(campaign.spec)
     return MinimalFailure(
         campaign=campaign.id,

@@ -202,7 +202,14 @@ def _find_chosen_paths(specs: Sequence[CampaignSpec]) -> set[str]:
     """Return the settings of plug-ins to which a campaign gives another value than the default."""
     found = set()
     for spec in specs:
-        bare = replace(spec, settings={}, planner_settings={}, scenario_parameters={})
+        bare = replace(
+            spec,
+            settings={},
+            planner_settings={},
+            scenario_parameters={},
+            requirements=msgspec.UNSET,
+            importance=msgspec.UNSET,
+        )
         given, default = flatten_spec(spec), flatten_spec(bare)
         found |= {path for path, value in given.items() if default.get(path) != value}
     return found
@@ -210,7 +217,8 @@ def _find_chosen_paths(specs: Sequence[CampaignSpec]) -> set[str]:
 
 def flatten_spec(spec: CampaignSpec) -> dict[str, str]:
     """Return every value of a spec, defaults included, as text by dotted path."""
-    values = list_leaves(msgspec.to_builtins(fill_defaults(spec)))
+    whole = replace(fill_defaults(spec), requirements=spec.all_requirements)
+    values = list_leaves(msgspec.to_builtins(whole))
     return {".".join(path): str(value) for path, value in values if value != {}}
 
 

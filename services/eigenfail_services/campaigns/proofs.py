@@ -29,7 +29,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.campaign import LONGEST_NAME
 from eigenfail.worlds import drawn_for, list_channels, world_of
-from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS
+from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS, read_world_field
 from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.validation import check_spec, is_distribution, list_drawn
 from eigenfail_services.methods.nearest import MOST_EPISODES, place_trials
@@ -106,7 +106,7 @@ def _describe_world(spec: CampaignSpec) -> dict[str, Any]:
     defaults = world_of(spec.simulator).default_parameters(spec)
     parameters = defaults | spec.scenario_parameters
     return {
-        **{name: getattr(spec, name) for name in WORLD_FIELDS},
+        **{name: read_world_field(spec, name) for name in WORLD_FIELDS},
         "scenario_parameters": parameters,
     }
 

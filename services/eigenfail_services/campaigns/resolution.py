@@ -311,6 +311,7 @@ def _find_data(campaign: ResolvedCampaign, store: "Store") -> tuple[Campaign, ..
         named = tuple(find_ended(number, field, store) for number in sorted(set(numbers)))
         for before in named:
             _check_data(before, field, campaign.horizon)
+            _check_question(before, field, campaign.spec)
             check_channels(before, field, campaign.channels)
             _refuse_pruned(before, field, store)
         if (count := sum(before.counts.completed for before in named)) > MOST_READ:
@@ -327,6 +328,18 @@ def _check_data(before: Campaign, field: str, steps: int) -> None:
         problem = f"campaign {before.id} has not completed a single episode."
         raise InvalidValue(field, problem, "Name one that has.")
     check_horizon(before, field, steps)
+
+
+def _check_question(before: Campaign, field: str, spec: CampaignSpec) -> None:
+    """Make sure that robustness means the same in an earlier campaign as here.
+
+    Raises:
+        InvalidValue: its requirements, or its importance, are others.
+    """
+    asked, here = ((each.all_requirements, each.importance) for each in (before.spec, spec))
+    if asked != here:
+        problem = f"campaign {before.id} has other requirements, or another importance."
+        raise InvalidValue(field, problem, "Name campaigns that have the same.")
 
 
 def check_horizon(before: Campaign, field: str, steps: int) -> None:

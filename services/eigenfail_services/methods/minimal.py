@@ -185,10 +185,10 @@ def _refuse_safe_replay(result: EpisodeResult) -> None:
     """
     if result.outcome is not Outcome.SAFE:
         return
-    nearest = f"{result.measures.robustness_m:.2f} m" if result.measures else "something"
+    nearest = f"{result.measures.distance_m:.2f} m" if result.measures else "something"
     raise LearnerFailed(
-        f"The failure does not reproduce at full strength: its replay stayed {nearest} from a "
-        "collision, so there is nothing to shrink.",
+        "The failure does not reproduce at full strength: its replay did not fail, and stayed "
+        f"{nearest} from other vehicles, so there is nothing to shrink.",
         "Shrink it in the scenario, and with the planner and the noise, of its own campaign.",
     )
 

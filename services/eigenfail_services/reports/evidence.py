@@ -100,7 +100,7 @@ def make_proof(material: Material) -> ReportPart | None:
         ("robustness_m", "Robustness", unit),
         *LIKELIHOOD_COLUMNS,
     )
-    failure = "failure" if material.has_functions else "collision"
+    failure = "collision" if material.robustness_unit == "m" else "failure"
     section = ReportSection(
         name="proof",
         title="Replays of modes",

@@ -169,6 +169,11 @@ def to_noise_form(spec: str) -> NoiseForm:
     return find_noise_form(_specs.decode(spec))
 
 
+def names_requirements(spec: str | None) -> bool:
+    """Return whether a campaign names requirements; one that does not exist names none."""
+    return spec is not None and bool(_specs.decode(spec).named_requirements)
+
+
 def _state_width(found: RowMapping, channels: int) -> int:
     rows = found["steps"] * LITTLE_ENDIAN_FLOAT.itemsize
     return len(found["states"]) // rows if rows else count_state(channels)

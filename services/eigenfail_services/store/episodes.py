@@ -72,6 +72,7 @@ from eigenfail_services.store.campaigns import (
 )
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import (
+    names_requirements,
     pack,
     to_blob,
     to_counted_z,
@@ -114,6 +115,7 @@ _HOPELESS = or_(_c.drac_at_warning_mps2.is_(None), _c.drac_at_warning_mps2 > PEA
 
 _CLASS = case(
     (_c.robustness_m.is_(None), null()),
+    (has_no_collision & _c.collided_s.is_not(None), null()),
     (has_no_collision & (_c.min_ttc_s < NEAR_MISS_TTC_S), ConflictClass.NEAR_MISS.value),
     (has_no_collision, ConflictClass.NONE.value),
     (_c.collided_s.is_(None), null()),
@@ -156,8 +158,11 @@ def _bind(value: Value) -> Any:
 
 def _has_index(condition: Condition, sort: SortOrder) -> bool:
     """Return whether an index holds the rows of a condition in the wanted order."""
+    if condition.column == sort.column:
+        return True
+    # Violations are few, or all that there is: they are sorted, and not looked for row by row.
     of_one_outcome = condition.column == "outcome" and condition.operator is Operator.EQUAL
-    return condition.column == sort.column or (sort.column == "index" and of_one_outcome)
+    return sort.column == "index" and (of_one_outcome or condition.column == "violated")
 
 
 INDEXED = {
@@ -275,7 +280,7 @@ def _insert_results(connection: Connection, campaign: int, kept: Sequence[Kept])
     if seen:
         _insert_rows(connection, scenes, seen)
     judged = [
-        (campaign, number, one.result.index, value)
+        (campaign, one.result.index, number, value)
         for one in kept
         for number, value in enumerate(one.result.requirements, start=1)
     ]
@@ -452,15 +457,18 @@ class EpisodeStore:
 
         Values of z that had no effect are 0.
         """
-        query = (
-            select(episode_index, trajectories.c.z)
-            .join(trajectories, _SAME_TRAJECTORY)
-            .where(episodes.c.campaign == campaign, is_failure)
-            .order_by(episode_index)
-            .execution_options(yield_per=PORTION)
-        )
         with self._database.reading() as connection:
             spec = connection.execute(_SPEC, {"campaign": campaign}).scalar()
+            # Of one outcome, an index has the failures in order.
+            collided = episodes.c.outcome == Outcome.COLLISION
+            query = (
+                select(episode_index, trajectories.c.z)
+                .join(trajectories, _SAME_TRAJECTORY)
+                .where(episodes.c.campaign == campaign)
+                .where(is_failure if names_requirements(spec) else collided)
+                .order_by(episode_index)
+                .execution_options(yield_per=PORTION)
+            )
             for rows_ in connection.execute(query).partitions():
                 yield Failures(
                     tuple(index for index, _ in rows_),

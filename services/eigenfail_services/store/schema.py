@@ -22,6 +22,7 @@ from sqlalchemy import (
     Text,
     TypeDecorator,
     UniqueConstraint,
+    text,
 )
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.compiler import SQLCompiler
@@ -178,6 +179,12 @@ episodes = Table(
     Index(None, "campaign", "severity", "index"),
     Index(None, "campaign", "min_ttc_s", "index", "outcome"),
     Index(None, "campaign", "max_drac_mps2", "index", "outcome"),
+    Index(
+        None,
+        *("campaign", "violated", "index"),
+        sqlite_where=text("violated IS NOT NULL"),
+        postgresql_where=text("violated IS NOT NULL"),
+    ),
 )
 
 episode_index = episodes.c["index"]
@@ -194,8 +201,8 @@ requirement_values = Table(
     "requirement_values",
     metadata,
     Column("campaign", Number, primary_key=True),
-    Column("requirement", Integer, primary_key=True, autoincrement=False),
     Column("index", Number, primary_key=True, autoincrement=False),
+    Column("requirement", Integer, primary_key=True, autoincrement=False),
     Column("robustness", Double, nullable=False),
     ForeignKeyConstraint(["campaign", "index"], ["episodes.campaign", "episodes.index"]),
 )

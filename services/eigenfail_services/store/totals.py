@@ -417,6 +417,7 @@ def count_near_misses(connection: Connection, chosen: Sequence[int]) -> dict[int
             episodes.c.campaign.in_(chosen),
             has_no_collision,
             episodes.c.min_ttc_s < NEAR_MISS_TTC_S,
+            episodes.c.collided_s.is_(None),
         )
         .group_by(episodes.c.campaign)
     )

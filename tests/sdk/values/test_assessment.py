@@ -139,7 +139,9 @@ def test_collisions_and_the_others_never_share_a_class(
 ) -> None:
     found = assess(outcome, measures)
     crashed = {None, ConflictClass.UNAVOIDABLE, ConflictClass.PLANNER_FAILURE}
-    assert (found.conflict in crashed) == (outcome in {Outcome.COLLISION, Outcome.ERRORED})
+    allowed = outcome is not Outcome.COLLISION and measures.collided_s is not None
+    unclassed = allowed or outcome in {Outcome.COLLISION, Outcome.ERRORED}
+    assert (found.conflict in crashed) == unclassed
     if outcome is not Outcome.COLLISION:
         assert (found.ttc_lead_s, found.drac_lead_s) == (None, None)
 
@@ -181,8 +183,14 @@ def test_the_digest_covers_every_measure(name: str) -> None:
 def test_what_was_measured_since_leaves_digests_as_they_were() -> None:
     names = Measures.__struct_fields__[DIGESTED_MEASURES:]
     assert names[0] == "final_drac_mps2"
-    later = replace(CRASH, **dict.fromkeys(names, 22.0))
+    later = replace(CRASH, **dict.fromkeys(names[:1], 22.0))
     assert result(later).digest() == result().digest()
+
+
+def test_the_digest_covers_what_requirements_say() -> None:
+    judged = replace(CRASH, nearest_m=0.0, violated=1)
+    others = (CRASH, judged, replace(judged, violated=2), replace(judged, nearest_m=1.0))
+    assert len({result(each).digest() for each in others}) == len(others)
 
 
 def test_results_of_the_first_release_keep_their_digests() -> None:

@@ -156,6 +156,11 @@ def test_with_an_importance_safe_episodes_have_its_order(drac: float, followed: 
     assert judge.judge(drive(Measures(0.0, max_drac_mps2=1.0))).smallest == 0.0
 
 
+def test_what_is_followed_stays_finite() -> None:
+    tiny = NoCollision(scale=1e-308)
+    assert EpisodeJudge((tiny,)).judge(drive(Measures(100.0))).smallest == LARGEST
+
+
 def test_robustness_stays_finite() -> None:
     far = Formula(formula="gap_m * 1000000 > 0")
     judged = EpisodeJudge((far,)).judge(drive(gap_m=[NOBODY_M]))
@@ -176,6 +181,11 @@ def test_robustness_stays_finite() -> None:
             (MeasureLimit(measure="severity", at_most=0.0),),
             "requirements[0]",
             "never below 0",
+        ),
+        (
+            (MeasureLimit(measure="hard_brakings", at_most=0.9),),
+            "requirements[0]",
+            "whole numbers",
         ),
         ((UncausedBraking(memory_s=0.7),), "requirements[0].memory_s", "whole number of steps"),
         ((Formula(formula="always(gap_m)"),), "requirements[0].formula", "comparison"),

@@ -134,6 +134,7 @@ def test_a_formula_is_evaluated_anew_for_each_course() -> None:
         ("(a > 1", "in place of '.'"),
         ("a > 1)", "in place of the end"),
         ("always[1](a > 1)", "in place of ':'"),
+        (f"always[1:{'9' * 400}](a > 1)", "a number above"),
         ("always[0:0.7](a > 1)", "whole number of steps"),
         ("always[2:1](a > 1)", "ends before it begins"),
         ("always[a:1](a > 1)", "in place of a time"),
@@ -169,6 +170,13 @@ def test_operators_bind_as_the_manual_says(formula: str, same: str) -> None:
 def test_an_unknown_signal_is_named_with_the_near_one() -> None:
     with pytest.raises(InputError, match=r"Did you mean 'error\.c'"):
         check_formula("error.d > 1", KNOWN, DT_S, 10.0)
+
+
+def test_sums_and_products_may_be_as_long_as_a_formula() -> None:
+    signals = {"a": np.array([2.0])}
+    assert evaluate_formula("a" + "+a" * 490 + ">0", DT_S, signals) == 982.0
+    assert evaluate_formula("a" + "-a" * 490 + ">0", DT_S, signals) == -978.0
+    assert evaluate_formula("1" + "*a" * 30 + ">0", DT_S, signals) == 2.0**30
 
 
 def test_the_names_are_those_of_its_signals() -> None:

@@ -23,6 +23,7 @@ from eigenfail.values import (
     RateDesign,
     StopRules,
 )
+from eigenfail.values.requirements import NoCollision, TimeHeadway
 from eigenfail_services.campaigns.comparison import compare
 from eigenfail_services.campaigns.pairing import (
     THINGS,
@@ -324,3 +325,13 @@ def test_a_side_whose_every_episode_errored_has_nothing_to_compare(store: Store)
     assert "Every episode of B errored (10): there is nothing to compare." in found.warnings
     assert "B has completed no episode" in found.sentences[0]
     assert found.difference is None
+
+
+def test_what_one_side_alone_requires_or_follows_is_a_difference():
+    (found,) = find_distinctions([spec()], [spec(importance=TimeHeadway())])[:1]
+    assert found.thing.startswith("importance")
+    told = [
+        each.thing for each in find_distinctions([spec()], [spec(requirements=(TimeHeadway(),))])
+    ]
+    assert any(thing.startswith("requirements") for thing in told)
+    assert find_distinctions([spec()], [spec(requirements=(NoCollision(),))]) == ()

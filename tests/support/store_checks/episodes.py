@@ -120,14 +120,15 @@ def keeps_the_first_of_one_delivery(store: Store) -> None:
 
 
 def runs_other_work_while_it_commits(store: Store) -> None:
-    """The other work runs once, in the thread that commits, and the results are there after it."""
+    """The other work runs in the thread that waits, and the results are there after it."""
     campaign = running(store)
     threads: list[int] = []
     verdicts = store.episodes.commit(
         campaign.id, [Delivery(result(0), WORKER)], lambda: threads.append(get_ident())
     )
     equal(verdicts, [KEPT], "Verdicts")
-    equal(threads, [get_ident()], "Threads in which the other work ran")
+    # A slow disk lets it run several times.
+    equal(set(threads), {get_ident()}, "Threads in which the other work ran")
     equal(counts(store, campaign), Counts(10, completed=1), "Counts")
 
 

@@ -79,6 +79,12 @@ def test_a_vehicle_counts_until_it_is_inside_the_lane_too_late() -> None:
     assert not cut_ins.find_excused(EGO, (car(30.0, 4.0, 10.0),), LANE)
 
 
+def test_a_vehicle_that_wavers_at_the_threshold_has_not_cut_in_anew() -> None:
+    cut_ins = CutIns()
+    slow = [car(15.5, y_m, 5.0) for y_m in (2.65, 2.75, 2.65)]
+    assert [cut_ins.find_excused(EGO, (each,), LANE) for each in slow] == [set()] * 3
+
+
 def test_vehicles_in_the_lane_at_the_start_have_not_cut_in() -> None:
     cut_ins = CutIns()
     assert not cut_ins.find_excused(EGO, (car(6.0, 0.0, 10.0),), LANE)

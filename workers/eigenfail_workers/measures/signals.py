@@ -41,10 +41,11 @@ class CutIns:
         self._centre_m = centre_m
         for number, other in enumerate(others):
             reach_m = half_width_across_road(other) - abs(other.y_m - centre_m)
-            if 0.5 * lane.width_m + reach_m < R157_INSIDE_M:
+            inside_m = 0.5 * lane.width_m + reach_m
+            if inside_m <= 0.0:
                 self._inside.discard(number)
                 self._excused.discard(number)
-            elif number not in self._inside:
+            elif inside_m >= R157_INSIDE_M and number not in self._inside:
                 self._inside.add(number)
                 if same_lane and not is_preventable(ego, other):
                     self._excused.add(number)
