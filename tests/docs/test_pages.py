@@ -351,6 +351,7 @@ AFTER_DEMO = {
     "docs/cli.md": (r"monte_carlo",),
     "docs/planner.md": (),
     "docs/noise.md": (),
+    "docs/requirements.md": (),
     "docs/reliability.md": (r"sound|holds|checked",),
     "docs/scale.md": (r"episodes lost their noise",),
 }
