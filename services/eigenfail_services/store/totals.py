@@ -54,6 +54,7 @@ from eigenfail_services.store.schema import (
     has_no_collision,
     is_failure,
     requirement_values,
+    spec_field,
 )
 
 _CHUNK = 10_000
@@ -410,18 +411,26 @@ def _to_totals(found: Row[*tuple[object, ...]] | None, near: int, ended: _Ended)
 
 
 def count_near_misses(connection: Connection, chosen: Sequence[int]) -> dict[int, int]:
-    """Count near misses by campaign; an index holds just these."""
-    query = (
+    """Count near misses by campaign; an index holds just these.
+
+    Collisions that no requirement forbids are taken off: only campaigns that name requirements can
+    have some.
+    """
+    near = (
         select(episodes.c.campaign, func.count())
-        .where(
-            episodes.c.campaign.in_(chosen),
-            has_no_collision,
-            episodes.c.min_ttc_s < NEAR_MISS_TTC_S,
-            episodes.c.collided_s.is_(None),
-        )
+        .where(has_no_collision, episodes.c.min_ttc_s < NEAR_MISS_TTC_S)
         .group_by(episodes.c.campaign)
     )
-    return {row[0]: row[1] for row in connection.execute(query)}
+    of_chosen = near.where(episodes.c.campaign.in_(chosen))
+    found = {row[0]: row[1] for row in connection.execute(of_chosen)}
+    if not found:
+        return {}
+    naming = select(campaigns.c.id).where(
+        campaigns.c.id.in_(list(found)), spec_field("requirements").is_not(None)
+    )
+    collided = near.where(episodes.c.campaign.in_(naming), episodes.c.collided_s.is_not(None))
+    allowed = {row[0]: row[1] for row in connection.execute(collided)}
+    return {campaign: count - allowed.get(campaign, 0) for campaign, count in found.items()}
 
 
 def count_unresolved(connection: Connection, chosen: Sequence[int]) -> dict[int, _Ended]:
