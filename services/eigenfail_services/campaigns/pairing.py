@@ -217,8 +217,9 @@ def _find_chosen_paths(specs: Sequence[CampaignSpec]) -> set[str]:
 
 def flatten_spec(spec: CampaignSpec) -> dict[str, str]:
     """Return every value of a spec, defaults included, as text by dotted path."""
-    whole = replace(fill_defaults(spec), requirements=spec.all_requirements)
-    values = list_leaves(msgspec.to_builtins(whole))
+    plain = msgspec.to_builtins(fill_defaults(spec))
+    named = [f"{each.in_words()} (scale {each.scale:g})" for each in spec.all_requirements]
+    values = list_leaves(plain | {"requirements": "; ".join(named)})
     return {".".join(path): str(value) for path, value in values if value != {}}
 
 
