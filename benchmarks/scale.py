@@ -1,7 +1,7 @@
 """How fast a service is with many workers: predicted from what a result costs, and measured.
 
 `python benchmarks/scale.py` prints the table of benchmarks/scale.md from benchmarks/latest.json;
-with `measure` it takes the figures anew before that, with `write` it puts the table into the page.
+with `measure` it measures the figures first, with `write` it puts the table into the page.
 """
 
 import sys

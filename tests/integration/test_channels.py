@@ -2,15 +2,15 @@
 
 from statistics import NormalDist
 
-import deadlines
 import httpx2
 import numpy as np
 import pytest
 from pyarrow import parquet
+from short_searches import wait_until_done
 
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values import AnalysisState, CampaignState, Outcome
+from eigenfail.values import AnalysisState, Outcome
 
 pytestmark = pytest.mark.service
 
@@ -44,17 +44,11 @@ def create(client, channels, method, episodes, settings, **fields):
     )
 
 
-def wait(client, campaign):
-    ended = client.campaigns.wait(campaign.id, timeout_s=deadlines.CAMPAIGN_S)
-    assert ended.state is CampaignState.DONE, ended.stopped_because
-    return ended
-
-
 @pytest.mark.parametrize("channels", [CHANNELS[:1], ("a", "b", "c", "d", "e")], ids=len)
 def test_every_search_works_in_all_channels(client, lasting_worker, channels) -> None:
     started = [create(client, channels, name, *given) for name, given in SEARCHES.items()]
     for campaign in started:
-        ended = wait(client, campaign)
+        ended = wait_until_done(client, campaign)
         rows = [*client.episodes.list(campaign.id)]
         assert ended.counts.errored == 0
         stored = client.episodes.get(campaign.id, rows[-1].index)
@@ -75,7 +69,7 @@ def test_every_search_works_in_all_channels(client, lasting_worker, channels) ->
 def failing(service, lasting_worker):
     """A search in three channels that is done; no test changes it."""
     with Client(service.address.url) as client:
-        return wait(client, create(client, CHANNELS, "cem", 300, {}))
+        return wait_until_done(client, create(client, CHANNELS, "cem", 300, {}))
 
 
 def test_tables_of_noise_have_the_channels_of_the_campaign(client, failing, tmp_path) -> None:
@@ -110,9 +104,9 @@ def test_pages_name_the_channels(client, failing) -> None:
 
 def test_a_failure_is_replayed_and_shrunk(client, failing) -> None:
     index = next(iter(client.episodes.list(failing.id, outcome=Outcome.COLLISION))).index
-    replayed = wait(client, client.episodes.replay(failing.id, index))
+    replayed = wait_until_done(client, client.episodes.replay(failing.id, index))
     assert replayed.counts.failures == 1
-    shrunk = wait(client, client.campaigns.shrink(failing.id, index))
+    shrunk = wait_until_done(client, client.campaigns.shrink(failing.id, index))
     minimal = client.campaigns.minimal(shrunk.id)
     assert minimal.because.startswith("No step of one channel can be left out.")
     assert minimal.words.startswith("Bias")

@@ -3,10 +3,11 @@
 import deadlines
 import httpx2
 import pytest
+from short_searches import SEARCHES, wait_until_done
 
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values import AnalysisState, CampaignState, Outcome
+from eigenfail.values import AnalysisState, Outcome
 
 pytestmark = pytest.mark.service
 
@@ -18,17 +19,6 @@ RESTORED = {
     "formula": "always (headway_s < 0.6 implies eventually[0:2] headway_s > 0.6)",
 }
 NAMED = ({"kind": "no_collision"}, HEADWAY, RESTORED)
-SEARCHES = {
-    "monte_carlo": (40, {}),
-    "held": (40, {}),
-    "cem": (40, {"batch": 20}),
-    "cma": (40, {}),
-    "ast": (70, {}),
-    "difs": (40, {"round_size": 20}),
-    "ensemble": (40, {"method": "held", "members": 2}),
-    "subset": (300, {}),
-    "mixture": (500, {}),
-}
 
 
 def create(client, method, episodes, settings, requirements=NAMED, **fields):
@@ -44,16 +34,10 @@ def create(client, method, episodes, settings, requirements=NAMED, **fields):
     )
 
 
-def wait(client, campaign):
-    ended = client.campaigns.wait(campaign.id, timeout_s=deadlines.CAMPAIGN_S)
-    assert ended.state is CampaignState.DONE, ended.stopped_because
-    return ended
-
-
 def test_every_search_finds_violations(client, lasting_worker) -> None:
     started = [create(client, name, *given, (HEADWAY,)) for name, given in SEARCHES.items()]
     for campaign in started:
-        ended = wait(client, campaign)
+        ended = wait_until_done(client, campaign)
         assert ended.counts.errored == 0
         assert ended.counts.failures > 0, ended.spec.method
 
@@ -62,7 +46,7 @@ def test_every_search_finds_violations(client, lasting_worker) -> None:
 def failing(service, lasting_worker):
     """A Monte Carlo campaign that is done; no test changes it."""
     with Client(service.address.url) as client:
-        return wait(client, create(client, "monte_carlo", 120, {}, scene_every=1))
+        return wait_until_done(client, create(client, "monte_carlo", 120, {}, scene_every=1))
 
 
 def find_violation(client, campaign) -> int:
@@ -99,7 +83,7 @@ def test_violations_of_each_are_counted(client, failing) -> None:
 
 def test_an_episode_is_replayed_and_explained(client, failing) -> None:
     index = find_violation(client, failing)
-    replayed = wait(client, client.episodes.replay(failing.id, index))
+    replayed = wait_until_done(client, client.episodes.replay(failing.id, index))
     again, stored = client.episodes.get(replayed.id, 0), client.episodes.get(failing.id, index)
     assert replayed.counts.failures == 1
     assert (again.digest(), again.requirements) == (stored.digest(), stored.requirements)
@@ -144,8 +128,8 @@ def test_a_report_counts_violations_beside_collisions(client, failing, tmp_path)
 
 
 def test_an_importance_leads_a_search_and_changes_no_verdict(client, lasting_worker) -> None:
-    plain = wait(client, create(client, "monte_carlo", 30, {}))
-    led = wait(
+    plain = wait_until_done(client, create(client, "monte_carlo", 30, {}))
+    led = wait_until_done(
         client,
         create(
             client,
@@ -163,8 +147,10 @@ def test_an_importance_leads_a_search_and_changes_no_verdict(client, lasting_wor
 
 
 def test_the_one_that_is_always_there_changes_nothing(client, lasting_worker) -> None:
-    named = wait(client, create(client, "monte_carlo", 10, {}, ({"kind": "no_collision"},)))
-    plain = wait(
+    named = wait_until_done(
+        client, create(client, "monte_carlo", 10, {}, ({"kind": "no_collision"},))
+    )
+    plain = wait_until_done(
         client,
         client.campaigns.create(
             name="plain", method="monte_carlo", episodes=10, seed=5, planner="idm"

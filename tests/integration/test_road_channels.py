@@ -5,11 +5,12 @@ import httpx2
 import numpy as np
 import pytest
 from pyarrow import parquet
+from short_searches import SEARCHES, wait_until_done
 
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.suites import Suite
-from eigenfail.values import AnalysisState, CampaignState, Outcome
+from eigenfail.values import AnalysisState, Outcome
 from eigenfail.worlds import drawn_for, placed_for
 
 pytestmark = pytest.mark.service
@@ -24,17 +25,6 @@ SIX = (
     {"name": "ghost", "shape": {"kind": "markov", "rate": 0.02}},
     MISSED,
 )
-SEARCHES = {
-    "monte_carlo": (40, {}),
-    "held": (40, {}),
-    "cem": (40, {"batch": 20}),
-    "cma": (40, {}),
-    "ast": (70, {}),
-    "difs": (40, {"round_size": 20}),
-    "ensemble": (40, {"method": "held", "members": 2}),
-    "subset": (300, {}),
-    "mixture": (500, {}),
-}
 
 
 def create(client, channels, method, episodes, settings, **fields):
@@ -51,17 +41,11 @@ def create(client, channels, method, episodes, settings, **fields):
     )
 
 
-def wait(client, campaign):
-    ended = client.campaigns.wait(campaign.id, timeout_s=deadlines.CAMPAIGN_S)
-    assert ended.state is CampaignState.DONE, ended.stopped_because
-    return ended
-
-
 @pytest.mark.parametrize("channels", [ONE, SIX], ids=len)
 def test_every_search_works_in_all_channels(client, lasting_worker, channels) -> None:
     started = [create(client, channels, name, *given) for name, given in SEARCHES.items()]
     for campaign in started:
-        ended = wait(client, campaign)
+        ended = wait_until_done(client, campaign)
         assert ended.counts.errored == 0
         stored = client.episodes.get(campaign.id, ended.counts.completed - 1)
         assert stored.noise.z.shape == (stored.steps, len(channels))
@@ -74,7 +58,7 @@ def test_every_search_works_in_all_channels(client, lasting_worker, channels) ->
 def failing(service, lasting_worker):
     """A search in six channels that is done; no test changes it."""
     with Client(service.address.url) as client:
-        return wait(client, create(client, SIX, "held", 120, {}, scene_every=1))
+        return wait_until_done(client, create(client, SIX, "held", 120, {}, scene_every=1))
 
 
 def first_failure(client, campaign) -> int:
@@ -100,7 +84,7 @@ def test_tables_of_noise_have_the_channels_with_their_units(client, failing, tmp
 
 def test_an_episode_is_replayed_bit_for_bit_and_explained(client, failing) -> None:
     index = first_failure(client, failing)
-    replayed = wait(client, client.episodes.replay(failing.id, index))
+    replayed = wait_until_done(client, client.episodes.replay(failing.id, index))
     again, stored = client.episodes.get(replayed.id, 0), client.episodes.get(failing.id, index)
     assert again.noise.injected.tobytes() == stored.noise.injected.tobytes()
     assert replayed.counts.failures == 1

@@ -231,19 +231,15 @@ def _list_findings(summary: Summary) -> FactTable:
 def _list_conflicts(campaign: Campaign, conflicts: Conflicts) -> FactTable:
     counts = campaign.counts
     found = f"{format_count(conflicts.collisions)} of {format_count(counts.completed)}"
+    alone = counts.failures - conflicts.collisions
     leads = (format_line(conflicts.ttc_lead), format_line(conflicts.drac_lead))
     rows = (
         ("collisions", f"{found}: {describe_classes(conflicts)}"),
-        *_list_violations_alone(counts.failures - conflicts.collisions),
+        *([("violations", f"{format_count(alone)} without a collision")] if alone else []),
         ("near misses", f"{format_count(conflicts.near_misses)} with MinTTC < 1.5 s"),
         ("mean lead time", f"{leads[0]} MinTTC, {leads[1]} DRAC"),
     )
     return FactTable("Conflicts", rows)
-
-
-def _list_violations_alone(count: int) -> Iterator[tuple[str, str]]:
-    if count:
-        yield "violations", f"{format_count(count)} without a collision"
 
 
 def describe_classes(conflicts: Conflicts) -> str:

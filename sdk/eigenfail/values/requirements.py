@@ -8,7 +8,7 @@ campaign has a list of them, the most important first; one that names none requi
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from math import isclose, isnan
-from typing import Annotated, Final, NamedTuple
+from typing import Annotated, ClassVar, Final, NamedTuple
 
 import msgspec
 import numpy as np
@@ -99,17 +99,14 @@ class Requirement(
 class NoCollision(Requirement, frozen=True, tag="no_collision"):
     """The ego touches no other vehicle. Robustness: the smallest distance of footprints. [m]"""
 
-    @property
-    def unit(self) -> str:
-        """The metre."""
-        return "m"
+    unit: ClassVar[str] = "m"
 
     def find_robustness(self, course: DrivenCourse) -> float:
         """Return the smallest distance; 0 on a collision."""
         return course.measures.robustness_m
 
     def in_words(self) -> str:
-        """Say it."""
+        """Return what it requires."""
         return "no collision"
 
 
@@ -123,22 +120,15 @@ class PreventableCollision(Requirement, frozen=True, tag="r157_cut_in"):
     Robustness: the smallest distance to the vehicles that count. [m]
     """
 
-    @property
-    def unit(self) -> str:
-        """The metre."""
-        return "m"
-
-    @property
-    def signals(self) -> frozenset[str]:
-        """The distance to the vehicles that count."""
-        return frozenset({"preventable_distance_m"})
+    unit: ClassVar[str] = "m"
+    signals: ClassVar[frozenset[str]] = frozenset({"preventable_distance_m"})
 
     def find_robustness(self, course: DrivenCourse) -> float:
         """Return the smallest distance."""
         return float(course.signals["preventable_distance_m"].min())
 
     def in_words(self) -> str:
-        """Say it."""
+        """Return what it requires."""
         return "no collision that was preventable by UN R157 (5.2.5.2)"
 
 
@@ -162,15 +152,8 @@ class SafeDistance(Requirement, frozen=True, tag="rss_distance"):
     brake_mps2: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] = 4.0
     brake_ahead_mps2: Annotated[float, msgspec.Meta(gt=0.0, le=20.0)] = 8.0
 
-    @property
-    def unit(self) -> str:
-        """The metre."""
-        return "m"
-
-    @property
-    def signals(self) -> frozenset[str]:
-        """The gap to the vehicle ahead, and both speeds."""
-        return frozenset({"gap_m", "speed_mps", "leader_speed_mps"})
+    unit: ClassVar[str] = "m"
+    signals: ClassVar[frozenset[str]] = frozenset({"gap_m", "speed_mps", "leader_speed_mps"})
 
     def find_robustness(self, course: DrivenCourse) -> float:
         """Return the smallest gap minus the safe distance."""
@@ -183,7 +166,7 @@ class SafeDistance(Requirement, frozen=True, tag="rss_distance"):
         return float((course.signals["gap_m"] - safe_m).min())
 
     def in_words(self) -> str:
-        """Say it."""
+        """Return what it requires."""
         return (
             f"gap above the RSS distance (response {self.response_s:g} s, acceleration "
             f"{self.accelerate_mps2:g} m/s², braking {self.brake_mps2:g} m/s², ahead "
@@ -204,22 +187,15 @@ class TimeHeadway(Requirement, frozen=True, tag="time_headway"):
     scale: Scale = 0.1
     at_least_s: Annotated[float, msgspec.Meta(gt=0.0, lt=NEVER_S)] = 0.8
 
-    @property
-    def unit(self) -> str:
-        """The second."""
-        return "s"
-
-    @property
-    def signals(self) -> frozenset[str]:
-        """The headway."""
-        return frozenset({"headway_s"})
+    unit: ClassVar[str] = "s"
+    signals: ClassVar[frozenset[str]] = frozenset({"headway_s"})
 
     def find_robustness(self, course: DrivenCourse) -> float:
         """Return the smallest headway minus the limit."""
         return float(course.signals["headway_s"].min()) - self.at_least_s
 
     def in_words(self) -> str:
-        """Say it."""
+        """Return what it requires."""
         return f"time headway above {self.at_least_s:g} s"
 
 
@@ -231,7 +207,8 @@ class UncausedBraking(Requirement, frozen=True, tag="uncaused_braking"):
     smallest acceleration over the steps without a cause, plus `hard_mps2`. [m/s²]
 
     Attributes:
-        hard_mps2: braking by this or more is hard; as in the measure `hard_brakings`.
+        hard_mps2: braking by this or more is hard; the measure `hard_brakings` counts what is above
+            3 m/s².
         cause_ttc_s: own choice: far above the 1.5 s of a near miss.
         cause_headway_s: own choice.
         memory_s: own choice: how long a planner may go on braking once the cause is gone.
@@ -243,10 +220,8 @@ class UncausedBraking(Requirement, frozen=True, tag="uncaused_braking"):
     cause_headway_s: Annotated[float, msgspec.Meta(ge=0.0, lt=NEVER_S)] = 1.5
     memory_s: Annotated[float, msgspec.Meta(ge=0.0, le=NEVER_S)] = 1.0
 
-    @property
-    def unit(self) -> str:
-        """Metres per second squared."""
-        return "m/s²"
+    unit: ClassVar[str] = "m/s²"
+    signals: ClassVar[frozenset[str]] = frozenset({"acceleration_mps2", "ttc_ahead_s", "headway_s"})
 
     def check(self, expected: ExpectedCourse, field: str) -> None:
         """Have the memory be a number of steps."""
@@ -256,11 +231,6 @@ class UncausedBraking(Requirement, frozen=True, tag="uncaused_braking"):
             problem = f"{self.memory_s:g} s is no whole number of steps of {expected.dt_s:g} s."
             remedy = f"Write {round(steps) * expected.dt_s:g}."
             raise InvalidValue(f"{field}.memory_s", problem, remedy)
-
-    @property
-    def signals(self) -> frozenset[str]:
-        """The acceleration, and what may cause braking."""
-        return frozenset({"acceleration_mps2", "ttc_ahead_s", "headway_s"})
 
     def find_robustness(self, course: DrivenCourse) -> float:
         """Return how far the hardest braking without a cause is from hard braking."""
@@ -275,7 +245,7 @@ class UncausedBraking(Requirement, frozen=True, tag="uncaused_braking"):
         return float(braking.min()) + self.hard_mps2
 
     def in_words(self) -> str:
-        """Say it."""
+        """Return what it requires."""
         return (
             f"no braking by {self.hard_mps2:g} m/s² or more without a vehicle ahead: time to "
             f"collision below {self.cause_ttc_s:g} s or headway below {self.cause_headway_s:g} s, "
@@ -296,22 +266,15 @@ class KeptLane(Requirement, frozen=True, tag="lane_keeping"):
     scale: Scale = 0.1
     beyond_m: Annotated[float, msgspec.Meta(ge=0.0, le=100.0)] = 0.0
 
-    @property
-    def unit(self) -> str:
-        """The metre."""
-        return "m"
-
-    @property
-    def signals(self) -> frozenset[str]:
-        """The distance from the border."""
-        return frozenset({"lane_margin_m"})
+    unit: ClassVar[str] = "m"
+    signals: ClassVar[frozenset[str]] = frozenset({"lane_margin_m"})
 
     def find_robustness(self, course: DrivenCourse) -> float:
         """Return the smallest distance from the border that is allowed."""
         return float(course.signals["lane_margin_m"].min()) + self.beyond_m
 
     def in_words(self) -> str:
-        """Say it."""
+        """Return what it requires."""
         return f"no more than {self.beyond_m:g} m out of the lane"
 
 
@@ -353,17 +316,18 @@ class MeasureLimit(Requirement, frozen=True, tag="measure"):
         allowed = sorted(NO_VALUE.keys() | REPORTED)
         if self.measure not in allowed:
             raise UnknownName(f"{field}.measure", self.measure, allowed)
+        is_count = MEASURES[self.measure].is_count
         limits = [limit for limit in (self.at_least, self.at_most) if limit is not None]
-        if MEASURES[self.measure].is_count and not all(map(_is_whole, limits)):
+        if is_count and not all(map(_is_whole, limits)):
             problem = f"{self.measure} is a count."
             raise InvalidValue(field, problem, "Give whole numbers of 0 or more as its limits.")
         if not limits:
             raise InvalidValue(field, "has no limit.", "Give at_least or at_most, or both.")
-        if self.at_most is not None and self.at_most <= 0.0 and not MEASURES[self.measure].is_count:
+        if not is_count and self.at_most is not None and self.at_most <= 0.0:
             problem = f"at_most is {self.at_most:g}, and {self.measure} is never below 0."
             raise InvalidValue(field, problem, "Give at_most a value above 0.")
-        if self.at_least is not None and self.at_most is not None and self.at_least > self.at_most:
-            problem = f"at_least is {self.at_least:g}, and at_most {self.at_most:g}."
+        if limits[0] > limits[-1]:
+            problem = f"at_least is {limits[0]:g}, and at_most {limits[-1]:g}."
             raise InvalidValue(field, problem, "Give at_most the larger value.")
 
     def find_robustness(self, course: DrivenCourse) -> float:
@@ -378,7 +342,7 @@ class MeasureLimit(Requirement, frozen=True, tag="measure"):
         return min(above, below) + (0.5 if MEASURES[self.measure].is_count else 0.0)
 
     def in_words(self) -> str:
-        """Say it."""
+        """Return what it requires."""
         counts = MEASURES[self.measure].is_count
         sides = ("at least", "at most") if counts else ("above", "below")
         limits = zip(sides, (self.at_least, self.at_most), strict=True)
@@ -400,10 +364,7 @@ class Formula(Requirement, frozen=True, tag="formula"):
 
     formula: Annotated[str, msgspec.Meta(min_length=1)]
 
-    @property
-    def unit(self) -> str:
-        """Unknown: a formula may compare signals of several units."""
-        return ""
+    unit: ClassVar[str] = ""  # A formula may compare signals of several units.
 
     @property
     def signals(self) -> frozenset[str]:
@@ -419,7 +380,7 @@ class Formula(Requirement, frozen=True, tag="formula"):
         return evaluate_formula(self.formula, course.dt_s, course.signals)
 
     def in_words(self) -> str:
-        """Say it."""
+        """Return what it requires."""
         return self.formula
 
 

@@ -4,8 +4,8 @@ Robustness is that of Donzé and Maler (Robust Satisfaction of Temporal Logic ov
 Signals, 2010, definition 3), at the steps of a course: a comparison has the difference of its
 sides, `not` its negative, `and` and `always` the smallest value, `or` and `eventually` the largest.
 The first part of `until` need not hold at the step at which the second does, as in linear temporal
-logic over steps.
-TimeBounds are in seconds. Steps before the start and behind the end of a course do not count.
+logic over steps. Bounds are in seconds. Steps before the start and behind the end of a course do
+not count.
 
     formula      = disjunction [ "implies" formula ]
     disjunction  = conjunction { "or" conjunction }
@@ -22,7 +22,8 @@ TimeBounds are in seconds. Steps before the start and behind the end of a course
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from functools import lru_cache, reduce
 from math import inf, isclose
 from typing import Final, NamedTuple
@@ -286,16 +287,22 @@ class FormulaParser:
         return left
 
     def _read_unary(self) -> Node:
-        self._depth += 1
-        if self._depth > DEEPEST:
-            problem = f"has more than {DEEPEST} operators and parentheses inside each other."
-            raise InvalidValue(self._field, problem, "Split it into several requirements.")
-        try:
+        with self._nest():
             if self._take("not"):
                 return Combination(np.negative, self._read_unary())
             if word := self._take(*_WINDOWS):
                 return Window(word, self._read_bounds(), self._read_unary())
             return self._read_group() if self._begins_group() else self._read_comparison()
+
+    @contextmanager
+    def _nest(self) -> Iterator[None]:
+        """Count one more operator or parenthesis inside the others, and refuse too many."""
+        self._depth += 1
+        if self._depth > DEEPEST:
+            problem = f"has more than {DEEPEST} operators and parentheses inside each other."
+            raise InvalidValue(self._field, problem, "Split it into several requirements.")
+        try:
+            yield
         finally:
             self._depth -= 1
 
@@ -362,19 +369,13 @@ class FormulaParser:
 
     def _read_factor(self) -> Node:
         text = self._tokens[self._place].text
-        self._depth += 1
-        if self._depth > DEEPEST:
-            problem = f"has more than {DEEPEST} operators and parentheses inside each other."
-            raise InvalidValue(self._field, problem, "Split it into several requirements.")
-        try:
+        with self._nest():
             if self._take("-"):
                 return Combination(np.negative, self._read_factor())
             if self._take("abs"):
                 return Combination(np.absolute, self._read_inner_sum())
             if self._at("("):
                 return self._read_inner_sum()
-        finally:
-            self._depth -= 1
         if _NUMBER.fullmatch(text):
             return Constant(self._read_number("a number"))
         if _NAME.fullmatch(text) and text not in _WORDS:

@@ -163,16 +163,14 @@ def _finite_measures(measures: Measures | None) -> Measures | None:
     if measures is None:
         return None
     values = msgspec.structs.astuple(measures)
-    for value, largest in zip(values, _LARGEST, strict=True):
-        if value is not None and not 0 <= value <= largest:
-            break
-    else:
-        return measures
     # Distances, times, counts, and magnitudes of speed, deceleration and jerk are never negative.
-    found: dict[str, Any] = {
-        name: value if value is not None and 0 <= value <= largest else None
-        for name, value, largest in zip(MEASURES, values, _LARGEST, strict=True)
-    }
+    valid = tuple(
+        value if value is not None and 0 <= value <= largest else None
+        for value, largest in zip(values, _LARGEST, strict=True)
+    )
+    if valid == values:
+        return measures
+    found: dict[str, Any] = dict(zip(MEASURES, valid, strict=True))
     return None if found["robustness_m"] is None else Measures(**found)
 
 

@@ -362,8 +362,8 @@ def sum_campaigns(connection: Connection, chosen: Sequence[int]) -> dict[int, To
         func.coalesce(func.sum(failures.steps), 0).label("steps"),
         func.sum(failures.severity).label("severity"),
         func.count().filter(and_(classified, hopeless)).label("unavoidable"),
+        func.count().filter(and_(classified, ~hopeless)).label("planner_failures"),
         func.count().filter(and_(collided, ~classified)).label("unclassified"),
-        func.count().filter(~collided).label("violations"),
         func.coalesce(func.sum(ttc_lead_s), 0.0).label("ttc_lead_s"),
         func.count(ttc_lead_s).label("ttc_leads"),
         func.coalesce(func.sum(drac_lead_s), 0.0).label("drac_lead_s"),
@@ -398,9 +398,7 @@ def _to_totals(found: Row[*tuple[object, ...]] | None, near: int, ended: _Ended)
         conflicts=replace(
             safe,
             unavoidable=found.unavoidable,
-            planner_failures=(
-                found.failures - found.violations - found.unavoidable - found.unclassified
-            ),
+            planner_failures=found.planner_failures,
             unclassified=found.unclassified,
             ttc_lead_s=found.ttc_lead_s,
             ttc_leads=found.ttc_leads,

@@ -1,0 +1,25 @@
+"""Searches for failures of `idm` on a road that find some in few episodes, and their end."""
+
+import deadlines
+
+from eigenfail.values import CampaignState
+
+SEARCHES = {
+    "monte_carlo": (40, {}),
+    "held": (40, {}),
+    "cem": (40, {"batch": 20}),
+    "cma": (40, {}),
+    "ast": (70, {}),
+    "difs": (40, {"round_size": 20}),
+    "ensemble": (40, {"method": "held", "members": 2}),
+    "subset": (300, {}),
+    "mixture": (500, {}),
+}
+"""Episodes and settings by method."""
+
+
+def wait_until_done(client, campaign):
+    """Return a campaign once its whole budget was run."""
+    ended = client.campaigns.wait(campaign.id, timeout_s=deadlines.CAMPAIGN_S)
+    assert ended.state is CampaignState.DONE, ended.stopped_because
+    return ended
