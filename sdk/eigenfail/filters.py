@@ -22,6 +22,7 @@ from eigenfail.values.campaign import CampaignSpec
 from eigenfail.values.episode import Outcome
 from eigenfail.values.measures import MEASURES, Measure
 from eigenfail.values.records import LEAD_TIMES, ConflictClass, EpisodeRow
+from eigenfail.values.requirements import MOST_REQUIREMENTS
 
 Value = int | float | str | bool
 
@@ -101,6 +102,43 @@ _COLUMNS = (
 )
 
 COLUMNS = {column.name: column for column in _COLUMNS}
+"""Columns of every campaign, by name; see `find_column` for those of requirements."""
+
+_REQUIREMENT = re.compile(r"requirement_([1-9][0-9]?)")
+_KNOWN = (*COLUMNS, "requirement_1")
+"""Names that an error offers; the last one stands for all requirements."""
+
+
+def find_requirement(column: str) -> int | None:
+    """Return the number of the requirement, from 1, whose robustness a column has; else None."""
+    found = _REQUIREMENT.fullmatch(column)
+    number = int(found[1]) if found else 0
+    return number if 1 <= number <= MOST_REQUIREMENTS else None
+
+
+def find_column(name: str, field: str) -> Column:
+    """Return a column by its name.
+
+    Args:
+        name: one of `COLUMNS`, or `requirement_` and the number of a requirement, from 1.
+        field: where the name stands, for the error.
+
+    Raises:
+        UnknownName: there is no such column.
+    """
+    if name in COLUMNS:
+        return COLUMNS[name]
+    if (number := find_requirement(name)) is None:
+        raise UnknownName(field, name, _KNOWN)
+    words = f"robustness of requirement {number} of the campaign, in the unit of that requirement"
+    return Column(name, N, words)
+
+
+def list_columns(spec: CampaignSpec) -> tuple[str, ...]:
+    """Return the names of all columns that the episodes of a campaign have."""
+    judged = range(1, len(spec.named_requirements) + 1)
+    return (*COLUMNS, *(f"requirement_{number}" for number in judged))
+
 
 _VALUE_READERS: dict[str, Callable[[EpisodeRow], Value | None]] = {
     "class": lambda row: row.assessed.conflict,
@@ -116,6 +154,8 @@ def read_value(row: EpisodeRow, column: str) -> Value | None:
     """Return the value of a column in a row; None if it was not measured."""
     if column in _VALUE_READERS:
         return _VALUE_READERS[column](row)
+    if (number := find_requirement(column)) is not None:
+        return row.requirements[number - 1] if number <= len(row.requirements) else None
     value: Value | None = getattr(row, column)
     return value
 
@@ -309,14 +349,13 @@ class _FilterReader:
             raise self._make_error(
                 f"the name of a column is missing before {self._show_rest()}.", remedy
             )
-        if name not in COLUMNS:
-            raise UnknownName(self._place(name).field, name, COLUMNS)
+        column = find_column(name, self._place(name).field)
         sign = self._operator(name)
         word = self._take(VALUE)
         if word is None:
             remedy = "Write a number, a word, or text in quotes."
             raise self._make_error(f"{name} {sign} lacks its value.", remedy)
-        value = _read_operand(COLUMNS[name], sign, word, self._place(word))
+        value = _read_operand(column, sign, word, self._place(word))
         return Condition(name, sign, value)
 
     def _operator(self, name: str) -> Operator:
@@ -379,7 +418,7 @@ def parse_sort(text: str) -> SortOrder:
         UnknownName: the column does not exist, or has no order.
     """
     name = text.strip().removeprefix("-")
-    if name not in ORDERED:
+    if name not in ORDERED and find_requirement(name) is None:
         raise UnknownName("sort", name, ORDERED)
     return SortOrder(name, text.strip().startswith("-"))
 
@@ -394,8 +433,7 @@ def parse_fields(text: str | Sequence[str]) -> tuple[str, ...]:
     parts = text.split(",") if isinstance(text, str) else text
     names = tuple(name for part in parts if (name := part.strip()))
     for name in names:
-        if name not in COLUMNS:
-            raise UnknownName("fields", name, COLUMNS)
+        find_column(name, "fields")
         if names.count(name) > 1:
             raise InvalidValue("fields", f"{name} is named twice.")
     return names

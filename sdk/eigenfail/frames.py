@@ -28,7 +28,7 @@ from eigenfail.values import (
     Safety,
 )
 from eigenfail.values.channels import name_columns
-from eigenfail.values.records import EpisodeDetail
+from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.showing import Shown, Tabular
 from eigenfail.values.suite import SuiteTable
 
@@ -137,7 +137,10 @@ def result_of(analysis: Analysis) -> AnalysisResult:
 
 
 def flat(row: object) -> Record:
-    """Return the fields of a value, nested fields as `outer_inner`; arrays are left out."""
+    """Return the fields of a value, nested fields as `outer_inner`; arrays are left out.
+
+    The requirements of an episode are numbered, as in filters and files.
+    """
     if not isinstance(row, msgspec.Struct):
         return dict(row) if isinstance(row, Mapping) else {"value": row}
     found: Record = {}
@@ -147,6 +150,9 @@ def flat(row: object) -> Record:
             found |= {f"{name}_{inner}": each for inner, each in flat(content).items()}
         elif not isinstance(content, np.ndarray):
             found[name] = content.value if isinstance(content, Enum) else content
+    if isinstance(row, EpisodeRow):
+        judged = found.pop("requirements")
+        found |= {f"requirement_{number}": each for number, each in enumerate(judged, start=1)}
     return found
 
 

@@ -461,5 +461,14 @@ def describe_disturbance(spec: CampaignSpec) -> dict[str, str]:
     return {"sigma": f"{spec.disturbance.scale:g} at every step", "shape": words["shape"]}
 
 
+def describe_requirements(spec: CampaignSpec) -> dict[str, str]:
+    """Return the requirements that a campaign names, and its importance, as people read them."""
+    words = {
+        f"requirement {each.label}": f"{each.in_words()}; scale {each.scale:g} {each.unit}".rstrip()
+        for each in spec.named_requirements
+    }
+    return words | ({"importance": spec.importance.in_words()} if spec.importance else {})
+
+
 def _match_type(value: Any, default: Any) -> Any:
     return float(value) if type(value) is int and isinstance(default, float) else value

@@ -17,11 +17,13 @@ import msgspec
 from eigenfail import __version__
 from eigenfail.errors import InvalidValue
 from eigenfail.filters import (
-    COLUMNS,
+    Column,
     ColumnKind,
     Conditions,
     SortOrder,
     Value,
+    find_column,
+    list_columns,
     parse_fields,
     parse_filter,
     parse_sort,
@@ -37,21 +39,24 @@ Cells = list[Value | None]
 
 
 class Selection(msgspec.Struct, frozen=True):
-    """Which episodes, in which order, and which columns of them."""
+    """Which episodes, in which order, and which columns of them.
+
+    Columns are names that `find_column` knows.
+    """
 
     where: Conditions
     sort: SortOrder
     columns: tuple[str, ...]
 
 
-def parse_selection(request: ExportRequest) -> Selection:
-    """What a request asks for.
+def parse_selection(request: ExportRequest, spec: CampaignSpec) -> Selection:
+    """Return what a request for episodes of a campaign selects.
 
     Raises:
         UnknownName: a column or a value that there is not.
         InvalidValue: anything else that is wrong with it.
     """
-    columns = parse_fields(request.fields) or tuple(COLUMNS)
+    columns = parse_fields(request.fields) or list_columns(spec)
     return Selection(parse_filter(request.filter), parse_sort(request.sort), columns)
 
 
@@ -61,6 +66,10 @@ class ExportSource(NamedTuple):
     store: Store
     campaign: int
     wanted: Selection
+
+
+def _describe(columns: tuple[str, ...]) -> list[Column]:
+    return [find_column(name, "fields") for name in columns]
 
 
 def read_batches(source: ExportSource) -> Iterator[tuple[EpisodeRow, ...]]:
@@ -101,7 +110,7 @@ def write_ndjson(source: ExportSource) -> Iterator[bytes]:
 def write_csv(source: ExportSource) -> Iterator[bytes]:
     """Yield a header, then one line for each episode; missing values are empty."""
     columns = source.wanted.columns
-    texts = [COLUMNS[column].kind is ColumnKind.TEXT for column in columns]
+    texts = [each.kind is ColumnKind.TEXT for each in _describe(columns)]
     yield _encode_lines([list(columns)])
     for rows in read_batches(source):
         found = (zip(read_cells(row, columns), texts, strict=True) for row in rows)
@@ -166,7 +175,7 @@ def _hash_spec(spec: CampaignSpec) -> str:
 
 def _find_units(columns: tuple[str, ...]) -> dict[str, str]:
     """The units that columns say at the end of their words, by name."""
-    found = {name: UNIT.search(COLUMNS[name].words) for name in columns}
+    found = {each.name: UNIT.search(each.words) for each in _describe(columns)}
     return {name: unit[1] for name, unit in found.items() if unit}
 
 
@@ -222,7 +231,8 @@ def write_parquet(
 
 def _choose_encodings(columns: tuple[str, ...], noise: tuple[str, ...]) -> dict[str, list[str]]:
     """How columns become bytes: texts that repeat once each, floats split into their bytes."""
-    of = {kind: [name for name in columns if COLUMNS[name].kind is kind] for kind in ColumnKind}
+    described = _describe(columns)
+    of = {kind: [each.name for each in described if each.kind is kind] for kind in ColumnKind}
     inside_lists = [f"{name}.list.element" for name in noise]
     return {
         "use_dictionary": of[ColumnKind.TEXT],
@@ -240,8 +250,10 @@ def _make_schema(columns: tuple[str, ...], noise: tuple[str, ...], origin: Expor
         ColumnKind.TEXT: pa.string(),
         ColumnKind.FLAG: pa.bool_(),
     }
-    described = [COLUMNS[name] for name in columns]
-    fields = [pa.field(c.name, types[c.kind], metadata={"words": c.words}) for c in described]
+    fields = [
+        pa.field(each.name, types[each.kind], metadata={"words": each.words})
+        for each in _describe(columns)
+    ]
     each = pa.list_(pa.field("element", pa.float32()))
     fields += [pa.field(name, each, metadata={"words": "z_t [sigma]"}) for name in noise]
     said = msgspec.json.encode(origin)

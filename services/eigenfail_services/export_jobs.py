@@ -223,9 +223,8 @@ class ExportJobs:
             InvalidValue: the request is invalid, or pyarrow is not installed.
             ServiceError: too many exports are running, or the folder belongs to another user.
         """
-        parse_selection(request)
+        parse_selection(request, self._store.campaigns.get(campaign).spec)
         require_pyarrow()
-        self._store.campaigns.get(campaign)
         export = Export(
             id=uuid4().hex,
             campaign=campaign,
@@ -293,6 +292,8 @@ class ExportJobs:
         def report_progress(rows: int) -> None:
             self._rows[export.id] = rows
 
-        source = ExportSource(self._store, export.campaign, parse_selection(export.request))
+        spec = self._store.campaigns.get(export.campaign).spec
+        wanted = parse_selection(export.request, spec)
+        source = ExportSource(self._store, export.campaign, wanted)
         with open_draft(self._shelf.home(export.id) / EPISODES_FILE) as part:
             write_parquet(part, source, report_progress, noise=export.request.noise)

@@ -1,5 +1,7 @@
 """Campaigns that name requirements, from the request to the page."""
 
+import csv
+
 import deadlines
 import httpx2
 import pytest
@@ -62,6 +64,22 @@ def test_collisions_and_violations_are_failures(client, failing) -> None:
     assert all((row.robustness_m == 0.0) == row.outcome.is_failure for row in rows)
     listed = client.episodes.list(failing.id, filter="violated = 2")
     assert {row.index for row in listed} == {row.index for row in rows if row.violated == 2}
+
+
+def test_episodes_are_listed_and_exported_with_each_requirement(client, failing, tmp_path) -> None:
+    rows = list(client.episodes.list(failing.id))
+    wanted = [row for row in rows if row.requirements[1] <= 0.0]
+    found = list(client.episodes.list(failing.id, filter="requirement_2 <= 0"))
+    assert 0 < len(found) == len(wanted)
+    names = [f"requirement_{number}" for number in (1, 2, 3)]
+    assert client.episodes.list(failing.id).to_pandas()[names[1]].min() == min(
+        row.requirements[1] for row in rows
+    )
+    client.episodes.export(failing.id, tmp_path / "episodes.csv", sort="requirement_2")
+    lines = list(csv.DictReader((tmp_path / "episodes.csv").read_text().splitlines()))
+    assert list(lines[0])[-3:] == names
+    values = [float(line["requirement_2"]) for line in lines]
+    assert values == sorted(row.requirements[1] for row in rows)
 
 
 def test_violations_of_each_are_counted(client, failing) -> None:

@@ -39,7 +39,13 @@ from eigenfail.values.records import EpisodeRow
 from eigenfail.values.summary import EpisodeSample
 from eigenfail.values.variation import in_words
 from eigenfail.versions import describe_mixed
-from eigenfail.worlds import describe_disturbance, find_robustness_unit, list_channels, world_of
+from eigenfail.worlds import (
+    describe_disturbance,
+    describe_requirements,
+    find_robustness_unit,
+    list_channels,
+    world_of,
+)
 from eigenfail_api.dashboard.charts import (
     MOST_FAILURES,
     Chart,
@@ -342,17 +348,8 @@ def group_settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str]
         (f"Scenario {spec.scenario}", list_pairs(in_words(spec.scenario_parameters))),
         (f"Planner {spec.planner}", list_pairs(spec.planner_settings)),
         ("Disturbance model", list_pairs(describe_disturbance(spec))),
-        *([("Requirements", named)] if (named := list_requirements(spec)) else []),
+        *([("Requirements", list_pairs(named))] if (named := describe_requirements(spec)) else []),
     )
-
-
-def list_requirements(spec: CampaignSpec) -> tuple[tuple[str, str], ...]:
-    """Return the requirements that are named, in words, with what they are weighted by."""
-    named = tuple(
-        (each.label, f"{each.in_words()}; scale {each.scale:g} {each.unit}".rstrip())
-        for each in spec.named_requirements
-    )
-    return (*named, *([("importance", spec.importance.in_words())] if spec.importance else []))
 
 
 def list_pairs(values: dict[str, Any]) -> tuple[tuple[str, str], ...]:

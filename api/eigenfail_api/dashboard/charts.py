@@ -162,7 +162,7 @@ def make_robustness_chart(
         data={
             "index": [row.index for row in measured],
             "robustness": round_values(row.robustness_m for row in measured),
-            "collision": [row.outcome.is_failure for row in measured],
+            "failure": [row.outcome.is_failure for row in measured],
             "unit": unit,
         },
         columns=(
@@ -217,7 +217,7 @@ def make_parallel_chart(rows: Sequence[EpisodeRow], *, is_all: bool) -> Chart:
             "columns": list(AXES),
             "names": list(AXES.values()),
             "values": [round_values(values[name]) for name in AXES],
-            "collision": [row.outcome.is_failure for row in rows],
+            "failure": [row.outcome.is_failure for row in rows],
         },
         columns=("Episode", "Outcome", *AXES.values()),
         rows=tuple(

@@ -104,6 +104,7 @@ class EpisodeList(msgspec.Struct, frozen=True):
 
     Attributes:
         every: where all episodes can be searched.
+        worst: address of the failures, the worst first.
         next: cursor of the next ones, if there are any already.
         last: cursor behind which new ones will appear.
         is_open: whether any may still appear.
@@ -112,6 +113,7 @@ class EpisodeList(msgspec.Struct, frozen=True):
 
     campaign: int
     every: str
+    worst: str
     headings: tuple[Heading, ...]
     lines: tuple[EpisodeLine, ...]
     next: int | None
@@ -139,6 +141,7 @@ def make_episode_list(
     return EpisodeList(
         campaign=campaign.id,
         every=make_address(campaign.id, failures),
+        worst=make_address(campaign.id, failures, find_worst_order(campaign.spec)),
         headings=make_headings(campaign, failures, None),
         lines=tuple(map(make_episode_line, page.items)),
         next=page.next,
@@ -192,6 +195,12 @@ def make_address(
     given = {name: value for name, value in asked.items() if value != usual[name]}
     path = f"/campaigns/{campaign}/episodes"
     return f"{path}?{urlencode(given)}" if given else path
+
+
+def find_worst_order(spec: CampaignSpec) -> str:
+    """Return the order that has the worst failures of a campaign first."""
+    # A violation without a collision has no severity.
+    return "robustness_m" if spec.named_requirements else "-severity"
 
 
 def make_headings(

@@ -186,7 +186,7 @@ def make_tiles(
     return (
         ("Campaigns", Tile(format_count(len(campaigns)), (f"{running} running",))),
         ("Episodes", Tile(format_count(completed), ("completed",))),
-        ("Failures", Tile(format_count(failures), ("collisions",))),
+        ("Failures", Tile(format_count(failures), ("collisions or violations",))),
         ("Spent", Tile(f"{format_usd(spent)} USD", ("instance-hours × price",))),
     )
 

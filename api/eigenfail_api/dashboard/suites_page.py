@@ -191,7 +191,7 @@ def make_tiles(table: SuiteTable) -> tuple[tuple[str, Tile], ...]:
     return (
         ("Members", Tile(format_count(len(counts)), (f"{running} running",))),
         ("Episodes", Tile(completed, (f"of {planned}",))),
-        ("Failures", Tile(failures, ("collisions found",))),
+        ("Failures", Tile(failures, ("collisions or violations",))),
         ("Spent", Tile(f"{format_usd(spent)} USD", ("instance-hours × price",))),
     )
 

@@ -8,10 +8,10 @@ from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 
 from eigenfail.filters import (
-    COLUMNS,
     LONGEST,
     Conditions,
     SortOrder,
+    list_columns,
     make_outcome_condition,
     parse_fields,
     parse_filter,
@@ -232,8 +232,8 @@ def stream_ndjson(store: Stored, campaign: CampaignId, query: QueriedEpisodes) -
 def _stream(
     store: Store, campaign: int, query: EpisodeQuery, lines: Lines, kind: str
 ) -> StreamingResponse:
-    store.campaigns.get(campaign)
-    selection = Selection(query.where, query.sort, query.columns or tuple(COLUMNS))
+    spec = store.campaigns.get(campaign).spec
+    selection = Selection(query.where, query.sort, query.columns or list_columns(spec))
     source = ExportSource(store, campaign, selection)
     suffix = {CSV: "csv", NDJSON: "ndjson"}[kind]
     named = {"Content-Disposition": f'attachment; filename="campaign-{campaign}.{suffix}"'}

@@ -46,7 +46,7 @@ from eigenfail.values import (
 from eigenfail.values.operations import WorkerShare
 from eigenfail.values.variation import in_words
 from eigenfail.versions import describe_mixed
-from eigenfail.worlds import describe_disturbance, world_of
+from eigenfail.worlds import describe_disturbance, describe_requirements, world_of
 
 ID = TableColumn("Id")
 RATE = TableColumn("Failed [95 %]")
@@ -150,8 +150,7 @@ def list_campaign_facts(campaign: Campaign) -> FactTable:
         ("planner", f"{spec.planner} {spec.planner_settings or ''}"),
         ("simulator", f"{spec.simulator}, seed {spec.seed}"),
         ("disturbance", "; ".join(map(" ".join, describe_disturbance(spec).items()))),
-        *((f"requirement {each.label}", each.in_words()) for each in spec.named_requirements),
-        *([("importance", spec.importance.in_words())] if spec.importance else []),
+        *describe_requirements(spec).items(),
         ("budget", f"{format_count(spec.episodes)} episodes{_format_stop_rules(spec)}"),
         ("priority", spec.priority),
         ("episodes", ", ".join(_list_ended(campaign))),

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
-from eigenfail.filters import COLUMNS, Value
+from eigenfail.filters import Value, find_column
 from eigenfail.presentation.figures import (
     UNKNOWN,
     format_count,
@@ -64,7 +64,8 @@ def _list_episode(row: EpisodeRow) -> tuple[Cell, ...]:
 
 def tabulate_fields(names: Sequence[str], rows: Iterable[Mapping[str, Value | None]]) -> Table:
     """Return some columns of episodes, under the names that filters have for them."""
-    columns = tuple(TableColumn(name, is_figure=COLUMNS[name].is_ordered) for name in names)
+    described = (find_column(name, "fields") for name in names)
+    columns = tuple(TableColumn(each.name, is_figure=each.is_ordered) for each in described)
     cells = tuple(tuple(_read_field(row[name]) for name in names) for row in rows)
     return Table("Episodes", columns, cells)
 

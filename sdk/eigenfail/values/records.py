@@ -192,6 +192,7 @@ class EpisodeRow(_EpisodeIdentity, frozen=True, kw_only=True):
         assessed: what outcome and measures say together.
         problem: why it errored, as "kind: message"; empty unless the outcome is `failed`.
         noise_pruned_ms: when its noise and scene were taken away; None if they are kept.
+        requirements: robustness of each requirement that its campaign names, in their order.
     """
 
     wall_s: float
@@ -201,6 +202,7 @@ class EpisodeRow(_EpisodeIdentity, frozen=True, kw_only=True):
     assessed: Assessment = Assessment()
     problem: str = ""
     noise_pruned_ms: int | None = None
+    requirements: tuple[float, ...] = ()
 
 
 class EpisodeDetail(Tabular, EpisodeResult, frozen=True, eq=False, kw_only=True):

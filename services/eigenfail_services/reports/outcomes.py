@@ -22,7 +22,7 @@ from eigenfail.presentation.tables import OWN_EPISODES, format_cell, format_cost
 from eigenfail.settings import defaults_of
 from eigenfail.values import Campaign, CampaignSpec, Rate
 from eigenfail.values.report import Cell, ReportSection
-from eigenfail.worlds import describe_disturbance, world_of
+from eigenfail.worlds import describe_disturbance, describe_requirements, world_of
 from eigenfail_services.campaigns.comparison import warn_of_seeds
 from eigenfail_services.reports.material import Material, Subject
 from eigenfail_services.reports.page import (
@@ -321,10 +321,8 @@ def list_campaign_settings(campaign: Campaign) -> Iterator[Setting]:
     yield Setting("Simulator", spec.simulator)
     for name, value in describe_disturbance(spec).items():
         yield Setting(f"Disturbance: {name}", value)
-    for each in spec.named_requirements:
-        yield Setting(f"Requirement: {each.label}", each.in_words())
-    if spec.importance:
-        yield Setting("Importance", spec.importance.in_words())
+    for name, value in describe_requirements(spec).items():
+        yield Setting(name.capitalize(), value)
     yield Setting("Method", spec.method)
     yield from list_given_settings("Method", spec.settings)
     yield Setting("Seed", str(spec.seed))

@@ -127,8 +127,8 @@ def to_campaign(found: RowMapping) -> Campaign:
     )
 
 
-def to_row(found: RowMapping) -> EpisodeRow:
-    """Return a line of a list of episodes from an episode's row."""
+def to_row(found: RowMapping, requirements: tuple[float, ...] = ()) -> EpisodeRow:
+    """Return a line of a list of episodes from its row and the robustness of its requirements."""
     values: dict[str, Any] = dict(found)
     fault = _fault(values.pop("fault_kind"), values.pop("fault_message"))
     outcome = Outcome(values.pop("outcome"))
@@ -136,6 +136,7 @@ def to_row(found: RowMapping) -> EpisodeRow:
         outcome=outcome,
         assessed=assess(outcome, _measures(found)),
         problem=f"{fault.kind}: {fault.message}" if fault else "",
+        requirements=requirements,
         **values,
     )
 

@@ -3,6 +3,7 @@
 Results enter the database by a fixed number of statements, however many there are.
 """
 
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cache
 from typing import Any
@@ -39,6 +40,7 @@ from eigenfail.filters import (
     Operator,
     SortOrder,
     Value,
+    find_requirement,
 )
 from eigenfail.values import (
     BlockTotals,
@@ -137,7 +139,20 @@ _DERIVED: dict[str, _Expression] = {
 
 
 def _expression(column: str) -> _Expression:
+    if (number := find_requirement(column)) is not None:
+        return _select_requirement(number)
     return _DERIVED[column] if column in _DERIVED else _c[column]
+
+
+def _select_requirement(number: int) -> _Expression:
+    """Return the robustness of a requirement, of the episode of an enclosing query."""
+    value = requirement_values.c
+    query = select(value.robustness).where(
+        value.campaign == episodes.c.campaign,
+        value["index"] == episode_index,
+        value.requirement == number,
+    )
+    return query.correlate(episodes).scalar_subquery()
 
 
 def _filter_conditions(where: Conditions, sort: SortOrder) -> Iterator[_Expression]:
@@ -391,18 +406,10 @@ class EpisodeStore:
         with self._database.reading() as connection:
             read_campaign(connection, campaign)
             found = connection.execute(query).mappings().one_or_none()
-            values = connection.execute(
-                select(requirement_values.c.robustness)
-                .where(
-                    requirement_values.c.campaign == campaign,
-                    requirement_values.c["index"] == index,
-                )
-                .order_by(requirement_values.c.requirement)
-            ).scalars()
-            judged = tuple(values)
+            judged = _read_requirements(connection, campaign, [index])[index]
         if found is None or not _has_result(found):
             raise make_episode_error(campaign, index)
-        return replace(to_result(found, found["scene"]), requirements=judged)
+        return replace(to_result(found, found["scene"]), requirements=tuple(judged))
 
     def page(
         self,
@@ -543,9 +550,25 @@ def _select_indices(indices: set[int]) -> Iterator[_Expression]:
 
 def _rows(connection: Connection, campaign: int, indices: Sequence[int]) -> list[EpisodeRow]:
     query = _ROWS.where(episodes.c.campaign == campaign)
-    found = {
-        row["index"]: to_row(row)
-        for chunk in chunks(set(indices))
-        for row in connection.execute(query.where(episode_index.in_(chunk))).mappings()
-    }
+    found: dict[int, EpisodeRow] = {}
+    for chunk in chunks(set(indices)):
+        judged = _read_requirements(connection, campaign, chunk)
+        for row in connection.execute(query.where(episode_index.in_(chunk))).mappings():
+            found[row["index"]] = to_row(row, tuple(judged[row["index"]]))
     return [found[index] for index in indices]
+
+
+def _read_requirements(
+    connection: Connection, campaign: int, indices: Sequence[int]
+) -> defaultdict[int, list[float]]:
+    """Return the robustness of the requirements by the index of the episode, in their order."""
+    value = requirement_values.c
+    query = (
+        select(value["index"], value.robustness)
+        .where(value.campaign == campaign, value["index"].in_(indices))
+        .order_by(value["index"], value.requirement)
+    )
+    judged: defaultdict[int, list[float]] = defaultdict(list)
+    for index, robustness in connection.execute(query):
+        judged[index].append(robustness)
+    return judged

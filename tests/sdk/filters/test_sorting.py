@@ -1,10 +1,21 @@
 """Orders and columns, as they are written."""
 
 import pytest
+from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.filters import BY_INDEX, COLUMNS, SortOrder, parse_fields, parse_sort
+from eigenfail.filters import (
+    BY_INDEX,
+    COLUMNS,
+    SortOrder,
+    find_column,
+    list_columns,
+    parse_fields,
+    parse_sort,
+)
+from eigenfail.testing.examples import spec
 from eigenfail.values.records import EpisodeRow
+from eigenfail.values.requirements import NoCollision, TimeHeadway
 
 
 @pytest.mark.parametrize("text", ["severity", "-severity", "index", "-log_probability_per_step"])
@@ -39,4 +50,21 @@ def test_wrong_fields_are_refused():
 
 
 def test_everything_in_a_row_is_a_column():
-    assert {*EpisodeRow.__struct_fields__} - {"assessed", "noise_pruned_ms"} <= {*COLUMNS}
+    elsewhere = {"assessed", "noise_pruned_ms", "requirements"}
+    assert {*EpisodeRow.__struct_fields__} - elsewhere <= {*COLUMNS}
+
+
+def test_requirements_are_columns_by_their_number():
+    assert str(parse_sort("-requirement_20")) == "-requirement_20"
+    assert parse_fields("index,requirement_2") == ("index", "requirement_2")
+    assert find_column("requirement_2", "fields").is_ordered
+    for wrong in ("requirement_0", "requirement_21", "requirement_", "requirement_01"):
+        with pytest.raises(UnknownName, match="Did you mean 'requirement_1'"):
+            parse_fields(wrong)
+
+
+def test_a_campaign_has_a_column_for_each_requirement_that_it_names():
+    plain = spec()
+    assert list_columns(plain) == tuple(COLUMNS)
+    judged = replace(plain, requirements=(NoCollision(), TimeHeadway()))
+    assert list_columns(judged)[len(COLUMNS) :] == ("requirement_1", "requirement_2")

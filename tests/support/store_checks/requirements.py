@@ -4,9 +4,10 @@ from typing import Any
 
 from msgspec.structs import replace
 
+from eigenfail.filters import parse_filter, parse_sort
 from eigenfail.testing.examples import collision, make_errored_result, result
 from eigenfail.values import EpisodeResult, Measures, Outcome, RequirementTotals
-from eigenfail.values.records import Delivery, Verdict
+from eigenfail.values.records import Delivery, EpisodeRow, Verdict
 from eigenfail.values.requirements import NoCollision, TimeHeadway
 from eigenfail_services.store import Store
 from store_checks.examples import WORKER, deliver, equal, running
@@ -65,7 +66,29 @@ def refuses_what_is_not_judged(store: Store) -> None:
     equal(verdicts, [Verdict.UNWANTED], "Verdicts of a campaign that names none")
 
 
+def finds_episodes_by_a_requirement(store: Store) -> None:
+    """Episodes are filtered and sorted by the robustness of one; missing values come last."""
+    campaign = running(store, requirements=NAMED)
+    deliver(store, campaign, judged(0, 4.0, 0.5), judged(1, -1.0, -2.0), judged(2, 3.0, -0.25))
+    deliver(store, campaign, make_errored_result(3))
+
+    def list_rows(text: str, sort: str = "index") -> tuple[EpisodeRow, ...]:
+        order = parse_sort(sort)
+        return store.episodes.page(campaign.id, 10, None, parse_filter(text), order).items
+
+    rows = list_rows("")
+    equal([row.requirements for row in rows], [(4.0, 0.5), (-1.0, -2.0), (3.0, -0.25), ()], "All")
+    equal([row.index for row in list_rows("requirement_2 <= 0")], [1, 2], "Violated")
+    equal([row.index for row in list_rows("requirement_3 > -9")], [], "A third one")
+    found = list_rows("requirement_1 > -9", "-requirement_2")
+    equal([row.index for row in found], [0, 2, 1], "Sorted")
+    equal([row.index for row in list_rows("", "requirement_1")], [1, 2, 0, 3], "All, sorted")
+    after = store.episodes.page(campaign.id, 1, 2, (), parse_sort("requirement_1"))
+    equal(([row.index for row in after.items], after.next), ([0], 0), "The page behind one")
+
+
 CHECKS = (
+    finds_episodes_by_a_requirement,
     keeps_the_robustness_of_each_requirement,
     counts_violations_as_failures,
     refuses_what_is_not_judged,

@@ -24,10 +24,10 @@ export function curve({ middle, span, rate, low, high }) {
   };
 }
 
-export function robustness({ index, robustness: distance, collision, unit }) {
+export function robustness({ index, robustness: distance, failure, unit }) {
   const points = index.map((episode, row) => [episode, distance[row], episode]);
   const series = (name, wanted, look) => ({
-    name, type: "scatter", ...MANY, data: points.filter((_, row) => collision[row] === wanted), ...look,
+    name, type: "scatter", ...MANY, data: points.filter((_, row) => failure[row] === wanted), ...look,
   });
   return {
     grid: grid(),
@@ -37,7 +37,7 @@ export function robustness({ index, robustness: distance, collision, unit }) {
     tooltip: tooltip(({ data, seriesName }) => tip(`Episode ${data[0]}`, [seriesName, `${compact(data[1])} ${unit}`.trim()])),
     series: [
       series("safe", false, { symbol: "circle", symbolSize: 5, itemStyle: { color: colour("safe"), opacity: 0.75 } }),
-      series("collision", true, { symbol: "diamond", symbolSize: 9, itemStyle: { color: colour("mark-1") } }),
+      series("failure", true, { symbol: "diamond", symbolSize: 9, itemStyle: { color: colour("mark-1") } }),
     ],
   };
 }

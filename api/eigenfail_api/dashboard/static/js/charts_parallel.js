@@ -8,14 +8,14 @@ const WIDE_SPREAD = 1000;
 const ABOVE_LINES = 10;
 const AT_THE_END = { align: "right", verticalAlign: "bottom", padding: [0, 0, 4, 0] };
 
-export function parallel({ columns, names, values, collision }, width) {
+export function parallel({ columns, names, values, failure }, width) {
   const narrow = width < NARROW;
-  const lines = collision.map((_, row) => values.map((axisValues) => axisValues[row] ?? "-"));
+  const lines = failure.map((_, row) => values.map((axisValues) => axisValues[row] ?? "-"));
   const side = narrow ? 24 : 56;
   const series = (name, wanted, mark) => ({
     name,
     type: "parallel",
-    data: lines.filter((_, row) => collision[row] === wanted),
+    data: lines.filter((_, row) => failure[row] === wanted),
     lineStyle: { width: 1, opacity: lines.length > MANY ? 0.25 : 0.5, color: colour(mark) },
     inactiveOpacity: 0.03,
     activeOpacity: 0.6,
@@ -46,7 +46,7 @@ export function parallel({ columns, names, values, collision }, width) {
     })),
     series: [
       series("safe", false, "safe"),
-      series("collision", true, "mark-1"),
+      series("failure", true, "mark-1"),
     ].filter(({ data }) => data.length),
   };
 }
