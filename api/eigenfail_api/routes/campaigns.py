@@ -284,7 +284,7 @@ def get_chain_mixing(store: Stored, campaign: CampaignId) -> Json:
 
 @router.get("/{campaign}/digest", **document_route(Digest))
 def get_digest(store: Stored, campaign: CampaignId) -> Json:
-    """Get the SHA-256 of a campaign's results: equal for equal campaigns."""
+    """Get the SHA-256 of a campaign's results, by which repeated campaigns are compared."""
     seen = store.campaigns.get(campaign)
     digest = seen.digest or store.episodes.digest(campaign)
     episodes = seen.counts.completed + seen.counts.errored

@@ -85,7 +85,7 @@ def describe_episode_loop() -> Iterator[Finding]:
     if file.endswith(tuple(EXTENSION_SUFFIXES)):
         yield Finding("episode loop", "compiled")
     else:
-        yield Finding("episode loop", "interpreted", remedy=f"twice as fast: {COMPILE}")
+        yield Finding("episode loop", "interpreted", remedy=f"to compile it: {COMPILE}")
 
 
 def check_data_folder(data: Path) -> Finding:

@@ -291,8 +291,9 @@ def gate(
     """Check a new version of a planner against the failures of an earlier one.
 
     Replays the baseline's known failures and runs its campaigns again, with the planners of the
-    suite. Exits with 1 if a failure is new, or an episode errors now. The same command resumes
-    an interrupted gate. Where it runs is decided as by `eigenfail run`.
+    suite. Exits with 1 if a failure is new, judged as --by says, or an episode errors now; with
+    --strict also if a known failure persists. The same command resumes an interrupted gate. Where
+    it runs is decided as by `eigenfail run`.
     """
     suite = Suite.read(file)
     version = _check_version(planner_version) or _find_own_version(suite, url)

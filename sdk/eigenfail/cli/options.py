@@ -70,14 +70,16 @@ StopHalfWidth = Annotated[
     float | None,
     typer.Option(
         "--stop-half-width",
-        help="Stop when the failure rate is known to ± this (95 %). [stop.half_width]",
+        help="Stop when half the width of the 95 % confidence sequence of failures ÷ completed "
+        "episodes is at most this. [stop.half_width]",
     ),
 ]
 StopCv = Annotated[
     float | None,
     typer.Option(
         "--stop-cv",
-        help="Stop when the failure probability's coefficient of variation is this. [stop.cv]",
+        help="Stop when the coefficient of variation of the estimated failure probability, or of "
+        "its lower bound, is at most this. [stop.cv]",
     ),
 ]
 StopWall = Annotated[

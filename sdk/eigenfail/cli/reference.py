@@ -78,7 +78,7 @@ def _describe_default(parameter: Any) -> str:
     value = parameter.default
     if parameter.required:
         return " Required."
-    if value is None or isinstance(value, bool) or callable(value) or value == ():
+    if value is None or isinstance(value, bool) or callable(value) or value in ((), [], ""):
         return ""
     return f" Default: `{getattr(value, 'value', value)}`."
 
