@@ -42,6 +42,10 @@ SETS = {
         Channel("delay", 0.3),
     ),
     "delay": (Channel("delay", 0.5),),
+    "missed by distance": (
+        *POSITION,
+        Channel("vehicle_2.missed", shape=Markov(0.01, 3.0, 0.002)),
+    ),
 }
 TASKS = tuple(EpisodeTask(index, 900 + index, PriorSource()) for index in range(6))
 
@@ -50,7 +54,7 @@ MakeEngine = Callable[..., Any]
 
 def run(engine: Any, tasks: tuple[EpisodeTask, ...] = TASKS) -> list[Any]:
     results = list(engine.run(tasks))
-    assert all(each.outcome is not Outcome.ERRORED for each in results)
+    assert [each.fault for each in results if each.outcome is Outcome.ERRORED] == []
     return results
 
 
@@ -90,6 +94,21 @@ def test_the_scene_says_where_the_nearest_vehicle_was_not_perceived(make_engine)
     for result in run(make_engine(disturbance=model, scene_every=1)):
         missed = result.noise.injected[:, 0] > 0.5
         assert np.isnan(result.scene.perceived[:, 0]).tolist() == missed.tolist()
+
+
+def test_a_vehicle_is_missed_at_the_rate_of_its_distance(make_engine, steady) -> None:
+    chains = Markov(0.01, 3.0, 0.002), Markov(0.02, 3.0, 0.02)
+    channels = tuple(Channel(f"vehicle_{n}.missed", shape=one) for n, one in enumerate(chains, 1))
+    model = DisturbanceModel(channels=channels, scale=2.0)
+    largest = 0.0
+    for result in run(make_engine(steady, disturbance=model, scene_every=1)):
+        course = result.scene.vehicles[: result.steps]
+        apart = np.hypot(*np.moveaxis(course[:, 1:, :2] - course[:, :1, :2], -1, 0))
+        rates = np.minimum([0.01, 0.02] + apart * [0.002, 0.02], 0.5)
+        assert result.noise.sigma == pytest.approx(rates, rel=1e-4)
+        assert set(result.noise.injected.ravel().tolist()) <= {0.0, 1.0}
+        largest = max(largest, float(result.noise.sigma.max()))
+    assert largest == 0.5
 
 
 def test_a_channel_that_there_is_not_is_refused_at_the_engine(make_engine) -> None:
