@@ -41,6 +41,7 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         shape: makes the standardised noise u of z, in unit variance.
         channels: all channels of the noise, in place of the two of the position of the nearest
             vehicle that the other fields describe.
+        occlusion: whether vehicles that others hide from the ego are not detected.
     """
 
     longitudinal_slope: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
@@ -55,6 +56,12 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Annotated[tuple[Channel, ...], msgspec.Meta(min_length=1, max_length=MOST_CHANNELS)]
         | msgspec.UnsetType
     ) = msgspec.UNSET
+    occlusion: bool | msgspec.UnsetType = msgspec.UNSET
+
+    @property
+    def is_occluding(self) -> bool:
+        """Whether vehicles that others hide are not detected."""
+        return self.occlusion is True
 
     def list_channels(self) -> tuple[Channel, ...]:
         """Return the channels of the noise, in the order of the columns of z."""
@@ -88,7 +95,8 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """
         if isinstance(self.channels, msgspec.UnsetType):
             return self
-        if replace(self, scale=1.0, channels=msgspec.UNSET) != DisturbanceModel():
+        plain = replace(self, scale=1.0, channels=msgspec.UNSET, occlusion=msgspec.UNSET)
+        if plain != DisturbanceModel():
             raise InvalidValue(
                 "disturbance",
                 "slopes, bases and shape of the position do not apply where channels are named.",
@@ -116,6 +124,10 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def in_words(self) -> dict[str, str]:
         """What people read, by name."""
+        occlusion = {"occlusion": "vehicles that others hide are not detected"}
+        return self._describe_errors() | (occlusion if self.is_occluding else {})
+
+    def _describe_errors(self) -> dict[str, str]:
         if not isinstance(self.channels, msgspec.UnsetType):
             words = {channel.name: channel.in_words() for channel in self.list_channels()}
             return {**words, "scale": f"every sigma × {self.scale:g}"}

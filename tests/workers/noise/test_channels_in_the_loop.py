@@ -4,10 +4,13 @@ from collections.abc import Callable
 from statistics import NormalDist
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.plugins import SCENARIOS, SIMULATORS
 from eigenfail.values import (
     Autoregressive,
     CampaignSpec,
@@ -109,6 +112,52 @@ def test_a_vehicle_is_missed_at_the_rate_of_its_distance(make_engine, steady) ->
         assert set(result.noise.injected.ravel().tolist()) <= {0.0, 1.0}
         largest = max(largest, float(result.noise.sigma.max()))
     assert largest == 0.5
+
+
+def test_what_others_hide_is_not_detected(make_engine, plug_in, small_cut_in, steady) -> None:
+    class File(type(small_cut_in)):
+        def __call__(self, parameters: Any, seed: int) -> Any:
+            staged = super().__call__(parameters, seed)
+            first = staged.actors[0]
+            # It stands on the line from the front of the truck to the first one, which drives on.
+            second = replace(first, x_m=first.x_m + 20.0, y_m=5.65, speed_mps=0.0)
+            return replace(staged, actors=(first, second))
+
+    class Watching(steady):
+        def reset(self, mission: Any) -> None:
+            super().reset(mission)
+            seen.clear()
+
+        def act(self, perception: Any) -> Any:
+            seen.append(perception.ids)
+            return super().act(perception)
+
+    seen: list[tuple[int, ...]] = []
+    plug_in(SCENARIOS, "file", File)
+    hiding = DisturbanceModel(occlusion=True)
+    (hid,) = run(make_engine(Watching, disturbance=hiding, scenario="file"), TASKS[:1])
+    assert seen[0] == (1,)
+    assert set(seen) == {(1,), (1, 2)}
+    (free,) = run(make_engine(Watching, scenario="file"), TASKS[:1])
+    assert set(seen) == {(1, 2)}
+    assert hid.noise.z.tobytes() == free.noise.z.tobytes()
+
+
+def test_only_simulators_that_offer_it_hide_vehicles(make_engine, plug_in) -> None:
+    class Open:
+        channels = ALL_CHANNELS
+
+    hiding = DisturbanceModel(occlusion=True)
+    fields = {"name": "x", "method": "held", "episodes": 5}
+    plug_in(SIMULATORS, "open", Open)
+    for simulator in ("bridge", "function", "open"):
+        spec = CampaignSpec(**fields, simulator=simulator, disturbance=hiding)
+        with pytest.raises(InvalidValue, match="does not know what vehicles hide") as refused:
+            resolve_disturbance(spec)
+        assert refused.value.field == "disturbance.occlusion"
+    off = CampaignSpec(**fields, disturbance=DisturbanceModel(occlusion=False))
+    assert resolve_disturbance(off) == DisturbanceModel()
+    assert b"occlusion" not in msgspec.json.encode(resolve_disturbance(off))
 
 
 def test_a_channel_that_there_is_not_is_refused_at_the_engine(make_engine) -> None:
