@@ -111,10 +111,26 @@ class CampaignWorld(ABC):
             UnknownName: a channel that the world does not have.
             InvalidValue: its model is not one, or the world has only the channels of a position.
         """
-        if described.disturbance.channels is not msgspec.UNSET:
+        model = described.disturbance
+        if model.channels is not msgspec.UNSET:
             problem = f"the simulator '{described.simulator}' has no channels to choose from."
             raise InvalidValue(CHANNELS_FIELD, problem, self.channels_remedy)
-        return described.disturbance
+        return self._resolve_occlusion(described, offered=False)
+
+    def _resolve_occlusion(self, described: Described, *, offered: bool) -> DisturbanceModel:
+        """Return the disturbance model, without an occlusion that is off.
+
+        Raises:
+            InvalidValue: it is on, and the simulator does not offer it.
+        """
+        model = described.disturbance
+        if not model.is_occluding:
+            return replace(model, occlusion=msgspec.UNSET)
+        if not offered:
+            problem = f"the simulator '{described.simulator}' does not know what vehicles hide."
+            remedy = "Leave it out, or take the simulator highway or point_mass."
+            raise InvalidValue("disturbance.occlusion", problem, remedy)
+        return model
 
     def resolve_requirements(self, spec: CampaignSpec) -> Requirements | msgspec.UnsetType:
         """Return the requirements of a campaign; absent where they are no collision alone.
@@ -216,7 +232,9 @@ class PluginWorld(CampaignWorld):
 
     def resolve_disturbance(self, described: Described) -> DisturbanceModel:
         """Write out the channels that simulator and scenario have."""
-        model = described.disturbance
+        simulator = plugins.load(plugins.SIMULATORS, described.simulator)
+        offers_occlusion = getattr(simulator, "occludes", False)
+        model = self._resolve_occlusion(described, offered=offers_occlusion)
         if model.channels is msgspec.UNSET:
             return model
         variation = read_variation(
@@ -228,7 +246,6 @@ class PluginWorld(CampaignWorld):
         if len(counts) > 1:
             problem = "the number of vehicles varies with the parameters of the scenario."
             raise InvalidValue(CHANNELS_FIELD, problem, "Fix the parameter that it depends on.")
-        simulator = plugins.load(plugins.SIMULATORS, described.simulator)
         offered: frozenset[str] | None = getattr(simulator, "channels", None)
         if offered is None:
             problem = f"the simulator '{described.simulator}' does not say which it offers."

@@ -10,6 +10,7 @@ import pytest
 from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
 from eigenfail.values import POSITION, Control, Mission, Perception, VehicleState
 from eigenfail_workers.closed_loop import DrivenSimulation, validate_control
+from eigenfail_workers.perception import SensorErrors
 from eigenfail_workers.values import GroundTruth
 
 
@@ -47,7 +48,9 @@ class Watcher:
 
 
 def loop(scenario: Any, planner: Any, *truths: GroundTruth) -> DrivenSimulation:
-    return DrivenSimulation(Film(truths), scenario, scenario.Parameters(), planner, POSITION)
+    return DrivenSimulation(
+        Film(truths), scenario, scenario.Parameters(), planner, SensorErrors(POSITION)
+    )
 
 
 FREE = GroundTruth(car(0.0), (car(30.0, 3.5), car(-40.0)), False)
@@ -127,7 +130,9 @@ def test_numpys_numbers_become_plain_ones() -> None:
 
 def test_what_was_asked_for_and_what_was_applied_are_told(small_cut_in: Any) -> None:
     planner, world = Watcher(), Film((FREE, FREE, FREE, FREE))
-    simulation = DrivenSimulation(world, small_cut_in, small_cut_in.Parameters(), planner, POSITION)
+    simulation = DrivenSimulation(
+        world, small_cut_in, small_cut_in.Parameters(), planner, SensorErrors(POSITION)
+    )
     start = simulation.reset(0)
     assert (start.control, start.applied) == (None, None)
     for asked, applied in (

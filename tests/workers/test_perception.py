@@ -66,6 +66,31 @@ def test_a_missed_vehicle_is_absent_and_the_others_keep_their_numbers() -> None:
     assert seen.ids == (1, 2)
 
 
+LINE = Observation(4, EGO, (replace(NEAR, x_m=54.0, y_m=7.0), NEAR, FAR))
+"""The first is on the line from the centre of the ego's front to the second."""
+
+
+def test_a_vehicle_that_another_hides_is_absent() -> None:
+    sensor = SensorErrors((Channel("longitudinal").filled(),), occlusion=True)
+    seen, position = sensor.perceive(LINE, 0.1, (0.5,))
+    assert (seen.ids, position) == ((2, 3), (30.5, 3.5))
+    assert SensorErrors(()).perceive(LINE, 0.1, ())[0].ids == (1, 2, 3)
+
+
+def test_a_vehicle_is_absent_if_it_is_missed_or_hidden() -> None:
+    channels = (Channel("vehicle_1.missed").filled(), Channel("vehicle_3.missed").filled())
+    sensor = SensorErrors(channels, occlusion=True)
+    assert sensor.perceive(LINE, 0.1, (1.0, 1.0))[0].ids == (2,)
+    assert sensor.perceive(LINE, 0.1, (0.0, 0.0))[0].ids == (2, 3)
+
+
+def test_a_missed_vehicle_hides_others_all_the_same() -> None:
+    sensor = SensorErrors((Channel("missed").filled(),), occlusion=True)
+    seen, position = sensor.perceive(LINE, 0.1, (1.0,))
+    assert seen.ids == (3,)
+    assert all(map(isnan, position))
+
+
 def test_no_vehicle_is_perceived_without_a_size() -> None:
     seen, _ = perceive(("length", -30.0), ("width", -30.0))
     assert (seen.others[1].length_m, seen.others[1].width_m) == (LEAST_SIZE_M, LEAST_SIZE_M)

@@ -6,7 +6,6 @@ from typing import Any, Protocol
 from eigenfail.contracts import Planner, Scenario, Situation
 from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
 from eigenfail.values import Control, Mission, Observation, Perception
-from eigenfail.values.channels import Channel
 from eigenfail.values.shapes import Row
 from eigenfail_workers.faults import wrap_errors
 from eigenfail_workers.motion import clip_control, find_lane, is_off_road
@@ -36,9 +35,9 @@ class DrivenSimulation:
         scenario: Scenario,
         parameters: Any,
         planner: Planner,
-        channels: tuple[Channel, ...],
+        errors: SensorErrors,
     ) -> None:
-        self._errors = SensorErrors(channels)
+        self._errors = errors
         self._world = world
         self._scenario = scenario
         self._parameters = parameters

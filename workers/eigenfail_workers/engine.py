@@ -145,8 +145,9 @@ class Engine:
             self._discard()
         if self._simulation is None:
             planner = self._new_planner()
+            occlusion = {"occlusion": True} if self._model.is_occluding else {}
             self._simulation = self._simulator.open(
-                self._scenario, parameters, planner, self._perceived
+                self._scenario, parameters, planner, self._perceived, **occlusion
             )
             self._parameters = parameters
         varies = self._variation.varied or self._variation.searched

@@ -6,7 +6,7 @@ from eigenfail.values import Observation, Perception, VehicleState
 from eigenfail.values.channels import DELAY, GHOST, MISSED, Channel, split_name
 from eigenfail.values.channels import EGO as EGO_NAME
 from eigenfail.values.shapes import Row
-from eigenfail_workers.measures.geometry import find_nearest
+from eigenfail_workers.measures.geometry import find_hidden, find_nearest
 from eigenfail_workers.values import Point
 
 NEAREST = -1
@@ -49,9 +49,11 @@ class SensorErrors:
 
     Args:
         channels: the channels, in the order of the errors.
+        occlusion: whether vehicles that others hide are not detected.
     """
 
-    def __init__(self, channels: tuple[Channel, ...]) -> None:
+    def __init__(self, channels: tuple[Channel, ...], occlusion: bool = False) -> None:
+        self._occlusion = occlusion
         self._channels = [
             (find_target(channel.name), _FIELDS[split_name(channel.name).quantity])
             for channel in channels
@@ -77,7 +79,7 @@ class SensorErrors:
         actor = find_nearest(now.ego, now.others)
         others = self._find_delayed(now, dt_s, errors) if self._is_delayed else now.others
         changed: dict[int, list[float]] = {}
-        missed: set[int] = set()
+        missed = find_hidden(now.ego, now.others) if self._occlusion else set()
         for (target, field), error in zip(self._channels, errors, strict=True):
             vehicle = actor if target == NEAREST else target
             if field == _GHOST:

@@ -122,6 +122,7 @@ class Simulator(Protocol):
     Attributes:
         channels: the channels that it can inject, in the terms of `values.channels.ALL_CHANNELS`;
             those of `AXES` at least, which campaigns have unless they name others.
+        occludes: optional; True where it takes `occlusion`.
     """
 
     channels: ClassVar[frozenset[str]]
@@ -138,6 +139,9 @@ class Simulator(Protocol):
             channels: channels of each disturbance, in order, with their defaults filled in. Their
                 names are some of `channels`, and `vehicle_1.speed` and so on where these have
                 `every.speed`. Channels of the scenario's parameters are not among them.
+
+        A simulator with `occludes` takes a further argument, `occlusion`: whether vehicles that
+        others hide are not detected. It is given only where it is True.
         """
 
 

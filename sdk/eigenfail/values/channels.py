@@ -206,11 +206,15 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def filled(self) -> "Channel":
         """Return the channel with the defaults of its quantity written out."""
         quantity = find_quantity(self.name)
+        shape = self.kind.default_shape if self.shape is None else self.shape
+        if isinstance(shape, Markov) and not shape.growth_per_m:
+            # A rate that grows by nothing is written as it was before it could grow.
+            shape = replace(shape, rate_per_m=msgspec.UNSET)
         return Channel(
             self.name,
             quantity.sigma if self.sigma is None else self.sigma,
             quantity.sigma_per_m if self.sigma_per_m is None else self.sigma_per_m,
-            self.kind.default_shape if self.shape is None else self.shape,
+            shape,
             GHOST_AHEAD_M if self.name == GHOST and self.ahead_m is None else self.ahead_m,
         )
 
@@ -300,6 +304,10 @@ def _check_model(channel: Channel, field: str) -> None:
     if channel.ahead_m is not None and channel.name != GHOST:
         problem = f"'{channel.name}' is no ghost."
         raise InvalidValue(f"{field}.ahead_m", problem, "Leave it out.")
+    grows = isinstance(channel.shape, Markov) and bool(channel.shape.growth_per_m)
+    if grows and split_name(channel.name).quantity != MISSED:
+        problem = f"'{channel.name}' is at no vehicle whose distance it could grow with."
+        raise InvalidValue(f"{field}.shape.rate_per_m", problem, "Leave it out.")
     if channel.shape is not None and channel.shape.__struct_config__.tag not in kind.shapes:
         problem = f"the noise of '{channel.name}' cannot have this shape."
         raise InvalidValue(f"{field}.shape", problem, f"Take {', '.join(kind.shapes)}.")

@@ -41,6 +41,7 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         shape: makes the standardised noise u of z, in unit variance.
         channels: all channels of the noise, in place of the two of the position of the nearest
             vehicle that the other fields describe.
+        occlusion: whether vehicles that others hide from the ego are not detected.
     """
 
     longitudinal_slope: Annotated[float, msgspec.Meta(ge=0.0, le=1.0)] = 0.02
@@ -55,6 +56,12 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         Annotated[tuple[Channel, ...], msgspec.Meta(min_length=1, max_length=MOST_CHANNELS)]
         | msgspec.UnsetType
     ) = msgspec.UNSET
+    occlusion: bool | msgspec.UnsetType = msgspec.UNSET
+
+    @property
+    def is_occluding(self) -> bool:
+        """Whether vehicles that others hide are not detected."""
+        return self.occlusion is True
 
     def list_channels(self) -> tuple[Channel, ...]:
         """Return the channels of the noise, in the order of the columns of z."""
@@ -88,7 +95,8 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """
         if isinstance(self.channels, msgspec.UnsetType):
             return self
-        if replace(self, scale=1.0, channels=msgspec.UNSET) != DisturbanceModel():
+        plain = replace(self, scale=1.0, channels=msgspec.UNSET, occlusion=msgspec.UNSET)
+        if plain != DisturbanceModel():
             raise InvalidValue(
                 "disturbance",
                 "slopes, bases and shape of the position do not apply where channels are named.",
@@ -116,6 +124,10 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def in_words(self) -> dict[str, str]:
         """What people read, by name."""
+        occlusion = {"occlusion": "vehicles that others hide are not detected"}
+        return self._describe_errors() | (occlusion if self.is_occluding else {})
+
+    def _describe_errors(self) -> dict[str, str]:
         if not isinstance(self.channels, msgspec.UnsetType):
             words = {channel.name: channel.in_words() for channel in self.list_channels()}
             return {**words, "scale": f"every sigma × {self.scale:g}"}
@@ -141,20 +153,31 @@ class Conversion:
 
     def __init__(self, shape: NoiseShape) -> None:
         self._shape = shape
+        self._rated = frozenset(shape.rated) if isinstance(shape, PerChannel) else frozenset()
         self._before: Row | None = None
 
     def inject(self, z: Row, sigma: Row) -> Row:
         """a_t = sigma_t · u_t, on a road in the units of the channels."""
-        u = self._shape.step(z, self._before)
-        self._before = u
-        return tuple([each * at for each, at in zip(u, sigma, strict=True)])
+        u = self.standardise(z, sigma)
+        return tuple([each * at for each, at in zip(u, self._get_scales(sigma), strict=True)])
+
+    def standardise(self, z: Row, sigma: Row) -> Row:
+        """u_t of z_t."""
+        self._before = self._shape.step(z, self._before, sigma)
+        return self._before
 
     def to_z(self, a: Row, sigma: Row) -> Row:
         """z_t of what was injected at that sigma."""
-        u = tuple([each / at for each, at in zip(a, sigma, strict=True)])
-        z = self._shape.step_back(u, self._before)
+        u = tuple([each / at for each, at in zip(a, self._get_scales(sigma), strict=True)])
+        z = self._shape.step_back(u, self._before, sigma)
         self._before = u
         return z
+
+    def _get_scales(self, sigma: Row) -> Row:
+        """What u_t is multiplied by: 1 where sigma holds the probability of an event."""
+        if not self._rated:
+            return sigma
+        return tuple([1.0 if way in self._rated else each for way, each in enumerate(sigma)])
 
 
 Doubles = NDArray[np.float64]
@@ -170,7 +193,8 @@ class NoiseTrajectory(Brief, Tabular, msgspec.Struct, frozen=True, eq=False, dic
     Attributes:
         z: the standard normal draws behind the noise, shape (steps, channels).
         sigma: standard deviations at each step, in the units of the channels, shape (steps,
-            channels); 1 for an event.
+            channels). Of an event it is 1, or the probability that it begins where that depends on
+            the distance.
         shape: how the noise came of z.
     """
 
@@ -193,8 +217,8 @@ class NoiseTrajectory(Brief, Tabular, msgspec.Struct, frozen=True, eq=False, dic
 
     @cached_property
     def standardised(self) -> Doubles:
-        """u_t = a_t / sigma_t, of mean 0 and variance 1, shape (steps, channels). [sigma]"""
-        return _convert(Conversion(self.shape).inject, self.z, np.ones_like(self.z))
+        """u_t, in a continuous channel of mean 0 and variance 1, shape (steps, channels)."""
+        return _convert(Conversion(self.shape).standardise, self.z, self.sigma)
 
     @property
     def counted_z(self) -> Floats:
@@ -238,13 +262,14 @@ def sum_log_densities(trajectories: Sequence[NoiseTrajectory]) -> list[float]:
 def _find_log_densities(trajectories: Sequence[NoiseTrajectory]) -> Doubles:
     """log p of every step of the trajectories, one after the other, shape (all steps,)."""
     z = np.concatenate([each.z for each in trajectories], dtype=np.float64)
-    sigma = np.concatenate([each.sigma for each in trajectories], dtype=np.float64)
+    scales = [_get_scales(each) for each in trajectories]
+    sigma = np.concatenate(scales, dtype=np.float64)
     density: Doubles = -0.5 * z**2 - np.log(sigma) - LOG_SQRT_TWO_PI
     end = 0
     for each in trajectories:
         begin, end = end, end + len(each.z)
         if each.shape != White():  # which has slopes of 1
-            density[begin:end] -= each.shape.log_slopes(z[begin:end])
+            density[begin:end] -= each.shape.log_slopes(z[begin:end], each.sigma)
         if isinstance(each.shape, PerChannel):
             # What is drawn once has one density, whatever its unit.
             density[begin + 1 : end, each.shape.once] += np.log(
@@ -255,6 +280,15 @@ def _find_log_densities(trajectories: Sequence[NoiseTrajectory]) -> Doubles:
         return pairs
     total: Doubles = density.sum(axis=1)
     return total
+
+
+def _get_scales(noise: NoiseTrajectory) -> Floats:
+    """The sigma of noise, with 1 in place of the probabilities of events."""
+    if not isinstance(noise.shape, PerChannel) or not (rated := noise.shape.rated):
+        return noise.sigma
+    scales = noise.sigma.copy()
+    scales[:, list(rated)] = 1.0
+    return scales
 
 
 def _convert(

@@ -3,7 +3,8 @@
 z is independent and standard normal. A shape is a frozen struct that TOML and JSON name by its
 `kind`, and gives u_t from z_t and u_{t-1} (`step`), the inverse (`step_back`), and the slope
 (`log_slopes`). Every u_t of a continuous shape has mean 0 and variance 1, so that sigma means the
-same under every shape; u_t of an event is 1 while it lasts, and else 0.
+same under every shape; u_t of an event is 1 while it lasts, and else 0. Only events whose rate
+depends on the distance use the sigma of the step: theirs is the probability that they begin.
 """
 
 from functools import lru_cache
@@ -31,21 +32,24 @@ Row = tuple[float, ...]
 
 Slopes = NDArray[np.float64]
 
+MOST_LIKELY = 0.5
+"""Largest probability that an event begins at a step."""
+
 Correlation = Annotated[float, msgspec.Meta(ge=0.0, lt=1.0)]
 
 
 class White(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="white"):
     """The paper's noise: normal, and independent at every step. u = z."""
 
-    def step(self, z: Row, _before: Row | None) -> Row:
+    def step(self, z: Row, _before: Row | None, _sigma: Row) -> Row:
         """u_t of z_t."""
         return z
 
-    def step_back(self, u: Row, _before: Row | None) -> Row:
+    def step_back(self, u: Row, _before: Row | None, _sigma: Row) -> Row:
         """z_t of u_t."""
         return u
 
-    def log_slopes(self, z: Slopes) -> Slopes:
+    def log_slopes(self, z: Slopes, _sigma: Floats) -> Slopes:
         """log |du_t / dz_t|, shape (steps, channels)."""
         return np.zeros(z.shape)
 
@@ -69,21 +73,21 @@ class Correlated(
     longitudinal_correlation: Correlation = 0.8
     lateral_correlation: Correlation = 0.8
 
-    def step(self, z: Row, before: Row | None) -> Row:
+    def step(self, z: Row, before: Row | None, _sigma: Row) -> Row:
         """u_t of z_t and u_{t-1}; None stands before the first step."""
         if before is None:
             return z
         (phi_x, phi_y), (new_x, new_y) = self._kept, self._new
         return phi_x * before[0] + new_x * z[0], phi_y * before[1] + new_y * z[1]
 
-    def step_back(self, u: Row, before: Row | None) -> Row:
+    def step_back(self, u: Row, before: Row | None, _sigma: Row) -> Row:
         """z_t of u_t and u_{t-1}."""
         if before is None:
             return u
         (phi_x, phi_y), (new_x, new_y) = self._kept, self._new
         return (u[0] - phi_x * before[0]) / new_x, (u[1] - phi_y * before[1]) / new_y
 
-    def log_slopes(self, z: Slopes) -> Slopes:
+    def log_slopes(self, z: Slopes, _sigma: Floats) -> Slopes:
         """log |du_t / dz_t| = log sqrt(1 - phi²) after the first step, shape (steps, 2)."""
         slopes = np.zeros_like(z)
         slopes[1:] = [0.5 * log1p(-phi * phi) for phi in self._kept]
@@ -119,17 +123,17 @@ class HeavyTailed(
 
     degrees_of_freedom: Annotated[float, msgspec.Meta(gt=2.0, le=1000.0)] = 5.0
 
-    def step(self, z: Row, _before: Row | None) -> Row:
+    def step(self, z: Row, _before: Row | None, _sigma: Row) -> Row:
         """u_t of z_t."""
         nu, unit = self.degrees_of_freedom, self._unit
         return tuple([unit * map_normal_to_t(each, nu) for each in z])
 
-    def step_back(self, u: Row, _before: Row | None) -> Row:
+    def step_back(self, u: Row, _before: Row | None, _sigma: Row) -> Row:
         """z_t of u_t."""
         nu, unit = self.degrees_of_freedom, self._unit
         return tuple([map_t_to_normal(each / unit, nu) for each in u])
 
-    def log_slopes(self, z: Slopes) -> Slopes:
+    def log_slopes(self, z: Slopes, _sigma: Floats) -> Slopes:
         """log |du_t / dz_t|, shape (steps, channels)."""
         slopes = [log_t_slope(each, self.degrees_of_freedom) for each in z.ravel().tolist()]
         return np.array(slopes).reshape(z.shape) + log(self._unit)
@@ -159,21 +163,21 @@ class Autoregressive(
 
     correlation: Correlation = 0.8
 
-    def step(self, z: Row, before: Row | None) -> Row:
+    def step(self, z: Row, before: Row | None, _sigma: Row) -> Row:
         """u_t of z_t and u_{t-1}; None stands before the first step."""
         if before is None:
             return z
         phi, new = self.correlation, self._new
         return tuple([phi * last + new * each for each, last in zip(z, before, strict=True)])
 
-    def step_back(self, u: Row, before: Row | None) -> Row:
+    def step_back(self, u: Row, before: Row | None, _sigma: Row) -> Row:
         """z_t of u_t and u_{t-1}."""
         if before is None:
             return u
         phi, new = self.correlation, self._new
         return tuple([(each - phi * last) / new for each, last in zip(u, before, strict=True)])
 
-    def log_slopes(self, z: Slopes) -> Slopes:
+    def log_slopes(self, z: Slopes, _sigma: Floats) -> Slopes:
         """log |du_t / dz_t| = log sqrt(1 - phi²) after the first step, shape (steps, channels)."""
         slopes = np.zeros_like(z)
         slopes[1:] = log(self._new)
@@ -191,68 +195,103 @@ class Autoregressive(
 class Markov(
     msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="markov"
 ):
-    """An event that begins and ends: a stationary Markov chain of two states (Norris 1997, 1.1).
+    """An event that begins and ends: a Markov chain of two states (Norris 1997, 1.1).
 
     u_t = 1, the event lasts, where z_t > Phi⁻¹(1 - P(u_t = 1 | u_{t-1})), else 0. So u is
     distributed as the chain is, and a larger z makes the event more likely, whatever was before.
+    At the first step, P is the share of the steps at which the event lasts in the long run at the
+    rate of that step, so that the chain is stationary where the rate is constant.
+
+    With `rate_per_m`, the event begins with probability min(0.5, rate + rate_per_m · d) at a step
+    at which the vehicle is at the distance d [m]. That probability is what stands in the place of
+    the sigma of its channel.
 
     Attributes:
         rate: probability that the event begins at a step before which it was absent.
         mean_steps: mean number of steps that it lasts.
+        rate_per_m: by how much `rate` grows with each metre of distance.
     """
 
-    rate: Annotated[float, msgspec.Meta(gt=0.0, le=0.5)] = 0.01
+    rate: Annotated[float, msgspec.Meta(gt=0.0, le=MOST_LIKELY)] = 0.01
     mean_steps: Annotated[float, msgspec.Meta(ge=1.0, le=1000.0)] = 5.0
+    # Where it is not given it is absent from texts, keys and digests: they stay as they were before
+    # there was such a field.
+    rate_per_m: Annotated[float, msgspec.Meta(ge=0.0, le=MOST_LIKELY)] | msgspec.UnsetType = (
+        msgspec.UNSET
+    )
 
-    def step(self, z: Row, before: Row | None) -> Row:
+    @property
+    def growth_per_m(self) -> float:
+        """By how much the rate grows with each metre of distance; 0 where it is constant."""
+        return 0.0 if isinstance(self.rate_per_m, msgspec.UnsetType) else self.rate_per_m
+
+    def step(self, z: Row, before: Row | None, sigma: Row) -> Row:
         """u_t of z_t and u_{t-1}; None stands before the first step."""
-        likely = self._probabilities(len(z), before)
+        likely = self._probabilities(before, sigma)
         pairs = zip(z, likely, strict=True)
         return tuple([1.0 if each > _find_threshold(p) else 0.0 for each, p in pairs])
 
-    def step_back(self, u: Row, before: Row | None) -> Row:
+    def step_back(self, u: Row, before: Row | None, sigma: Row) -> Row:
         """The mean of z_t where u_t, rounded to an event or none, follows u_{t-1}."""
-        likely = self._probabilities(len(u), before)
+        likely = self._probabilities(before, sigma)
         return tuple([_find_mean_z(each, p) for each, p in zip(u, likely, strict=True)])
 
-    def log_slopes(self, z: Slopes) -> Slopes:
+    def log_slopes(self, z: Slopes, sigma: Floats) -> Slopes:
         """log of the density of z_t ÷ P(u_t | u_{t-1}), shape (steps, channels).
 
         The counterpart of log |du_t / dz_t| for an event: what the log density of z exceeds the log
         probability of u by.
         """
         slopes, before = [], None
-        for row in z.tolist():
-            u = self.step(tuple(row), before)
-            likely = self._probabilities(len(u), before)
+        for row, at in zip(z.tolist(), sigma.tolist(), strict=True):
+            u = self.step(tuple(row), before, at)
+            likely = self._probabilities(before, at)
             masses = [p if each else 1.0 - p for each, p in zip(u, likely, strict=True)]
-            slopes.append([-0.5 * at * at - log(m) for at, m in zip(row, masses, strict=True)])
+            slopes.append([-0.5 * to * to - log(m) for to, m in zip(row, masses, strict=True)])
             before = u
         return np.array(slopes).reshape(z.shape) - LOG_SQRT_TWO_PI
 
-    def mean_log_probabilities(self) -> tuple[float, float]:
-        """Mean of log P(u_t | u_{t-1}) under the chain: at the first step, and at a later one."""
-        share, ends = self._share, 1.0 / self.mean_steps
-        stays, begins = _negative_entropy(1.0 - ends), _negative_entropy(self.rate)
-        return _negative_entropy(share), share * stays + (1.0 - share) * begins
+    def mean_log_probabilities(self, sigma: Row) -> list[float]:
+        """Mean of log P(u_t | u_{t-1}) over the chain, at each step of one channel.
 
-    @property
-    def _share(self) -> float:
-        """Share of the steps at which the event lasts."""
-        return self.rate / (self.rate + 1.0 / self.mean_steps)
+        Args:
+            sigma: sigma of that channel at each step, of which there is one at least.
+        """
+        rates, stays = self._find_rates(sigma), 1.0 - 1.0 / self.mean_steps
+        lasting = self._find_share(rates[0])
+        means = [_negative_entropy(lasting)]
+        for begins in rates[1:]:
+            entropies = _negative_entropy(stays), _negative_entropy(begins)
+            means.append(lasting * entropies[0] + (1.0 - lasting) * entropies[1])
+            lasting = lasting * stays + (1.0 - lasting) * begins
+        return means
 
-    def _probabilities(self, channels: int, before: Row | None) -> Row:
+    def _find_share(self, begins: float) -> float:
+        """Share of the steps at which the event lasts, where it begins with that probability."""
+        return begins / (begins + 1.0 / self.mean_steps)
+
+    def _find_rates(self, sigma: Row) -> Row:
+        """The probability that the event begins, of each channel."""
+        if not self.growth_per_m:
+            return (self.rate,) * len(sigma)
+        # Within its bounds also where a worker reported anything else.
+        return tuple([min(max(self.rate, each), MOST_LIKELY) for each in sigma])
+
+    def _probabilities(self, before: Row | None, sigma: Row) -> Row:
         """P(u_t = 1 | u_{t-1}) of each channel; at the first step the stationary probability."""
+        rates = self._find_rates(sigma)
         if before is None:
-            return (self._share,) * channels
+            return tuple([self._find_share(begins) for begins in rates])
         ends = 1.0 / self.mean_steps
-        return tuple([1.0 - ends if last >= 0.5 else self.rate for last in before])
+        pairs = zip(before, rates, strict=True)
+        return tuple([1.0 - ends if last >= 0.5 else begins for last, begins in pairs])
 
     def in_words(self) -> str:
         """What people read."""
+        growth = f" + {self.growth_per_m:g}·d" if self.growth_per_m else ""
         return (
-            f"markov: begins with probability {self.rate:g} a step, lasts {self.mean_steps:g} "
-            "steps on average"
+            f"markov: begins with probability {self.rate:g}{growth} a step, lasts "
+            f"{self.mean_steps:g} steps on average"
         )
 
 
@@ -278,15 +317,15 @@ def _find_mean_z(u: float, probability: float) -> float:
 class Once(msgspec.Struct, frozen=True, forbid_unknown_fields=True, tag_field="kind", tag="once"):
     """One draw for the whole episode: u_t = z_0. Later z are without effect."""
 
-    def step(self, z: Row, before: Row | None) -> Row:
+    def step(self, z: Row, before: Row | None, _sigma: Row) -> Row:
         """u_t of z_t and u_{t-1}; None stands before the first step."""
         return z if before is None else before
 
-    def step_back(self, u: Row, before: Row | None) -> Row:
+    def step_back(self, u: Row, before: Row | None, _sigma: Row) -> Row:
         """z_t of u_t and u_{t-1}: of the values that z_t may have after the first step, 0."""
         return u if before is None else (0.0,) * len(u)
 
-    def log_slopes(self, z: Slopes) -> Slopes:
+    def log_slopes(self, z: Slopes, _sigma: Floats) -> Slopes:
         """log of the density of z_t ÷ that of u_t | u_{t-1}, shape (steps, channels).
 
         After the first step nothing is random, so that the density of z alone remains.
@@ -311,33 +350,45 @@ class PerChannel(
 
     shapes: tuple[ChannelShape, ...]
 
-    def step(self, z: Row, before: Row | None) -> Row:
+    def step(self, z: Row, before: Row | None, sigma: Row) -> Row:
         """u_t of z_t and u_{t-1}; None stands before the first step."""
         return tuple(
             [
-                shape.step((z[way],), None if before is None else (before[way],))[0]
+                shape.step((z[way],), None if before is None else (before[way],), (sigma[way],))[0]
                 for way, shape in enumerate(self.shapes)
             ]
         )
 
-    def step_back(self, u: Row, before: Row | None) -> Row:
+    def step_back(self, u: Row, before: Row | None, sigma: Row) -> Row:
         """z_t of u_t and u_{t-1}."""
+        befores = [None] * len(u) if before is None else [(each,) for each in before]
         return tuple(
             [
-                shape.step_back((u[way],), None if before is None else (before[way],))[0]
+                shape.step_back((u[way],), befores[way], (sigma[way],))[0]
                 for way, shape in enumerate(self.shapes)
             ]
         )
 
-    def log_slopes(self, z: Slopes) -> Slopes:
+    def log_slopes(self, z: Slopes, sigma: Floats) -> Slopes:
         """log |du_t / dz_t|, or what `Markov.log_slopes` is, shape (steps, channels)."""
-        columns = [shape.log_slopes(z[:, [way]]) for way, shape in enumerate(self.shapes)]
+        columns = [
+            shape.log_slopes(z[:, [way]], sigma[:, [way]]) for way, shape in enumerate(self.shapes)
+        ]
         return np.concatenate(columns, axis=1)
 
     @property
     def once(self) -> list[int]:
         """Columns of what is drawn once."""
         return [way for way, shape in enumerate(self.shapes) if isinstance(shape, Once)]
+
+    @property
+    def rated(self) -> dict[int, Markov]:
+        """Events that have a probability in the place of a sigma, by their column."""
+        return {
+            way: shape
+            for way, shape in enumerate(self.shapes)
+            if isinstance(shape, Markov) and shape.growth_per_m
+        }
 
     def drop_uncounted(self, z: Floats) -> Floats:
         """z with 0 in place of the values without effect: the later ones of what is drawn once."""

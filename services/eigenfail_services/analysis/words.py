@@ -136,7 +136,8 @@ def _list_columns(z: Floats, channels: Sequence[str], shape: NoiseShape) -> list
     if not isinstance(shape, PerChannel):
         pairs = zip(channels, z.T, strict=True)
         return [ChannelNoise(name, noise, 0.0, is_event=False) for name, noise in pairs]
-    u = NoiseTrajectory(z, np.ones_like(z), shape).standardised
+    # A mode has no distances: the rate of an event that depends on them is that at no distance.
+    u = NoiseTrajectory(z, np.zeros_like(z), shape).standardised
     told = [isinstance(one, Markov | Once) for one in shape.shapes]
     columns = zip(channels, np.where(told, u, z).T, shape.shapes, strict=True)
     return [ChannelNoise(name, noise, 0.0, isinstance(one, Markov)) for name, noise, one in columns]

@@ -374,4 +374,4 @@ def _describe_noise_of_function(file: Path, model: DisturbanceModel) -> Sequence
 def _find_quantile(shape: Shape | ChannelShape, share: float) -> float:
     """Return the size below which this share of standardised errors lies. [sigma]"""
     upper = float(stats.norm.ppf(0.5 + 0.5 * share))
-    return shape.step((upper,), None)[0]
+    return shape.step((upper,), None, (1.0,))[0]

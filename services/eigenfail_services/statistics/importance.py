@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.values import IMPORTANCE_SAMPLING, ONE_REGION, Estimate, NoiseTrajectory
-from eigenfail.values.shapes import ChannelShape, Markov, NoiseShape, PerChannel
+from eigenfail.values.shapes import ChannelShape, Markov, NoiseShape, PerChannel, Row
 from eigenfail.values.student_t import LOG_SQRT_TWO_PI
 
 Array = NDArray[np.float64]
@@ -152,13 +152,19 @@ def expected_log_probability(noise: NoiseTrajectory) -> float:
     """
     z = noise.z.astype(np.float64)
     expected = expected_slopes(noise.shape, z.shape[1])[np.minimum(np.arange(len(z)), 1)]
-    known = 0.5 * z**2 + noise.shape.log_slopes(z)
+    if isinstance(noise.shape, PerChannel) and len(z):
+        for way, chain in noise.shape.rated.items():
+            expected[:, way] = _average_events(chain, noise.sigma[:, way].tolist())
+    known = 0.5 * z**2 + noise.shape.log_slopes(z, noise.sigma)
     return float(noise.log_probability + np.sum(known - 0.5 - expected))
 
 
 @lru_cache(maxsize=256)
 def expected_slopes(shape: NoiseShape | ChannelShape, channels: int) -> NDArray[np.float64]:
-    """E[log |du_t / dz_t|] at the first step and at any later one, shape (2, channels)."""
+    """E[log |du_t / dz_t|] at the first step and at any later one, shape (2, channels).
+
+    Of an event whose rate depends on the distance it is that at no distance.
+    """
     expected = _average_slopes(shape, channels)
     expected.setflags(write=False)
     return expected
@@ -166,16 +172,23 @@ def expected_slopes(shape: NoiseShape | ChannelShape, channels: int) -> NDArray[
 
 @singledispatch
 def _average_slopes(shape: NoiseShape | ChannelShape, channels: int) -> NDArray[np.float64]:
-    slopes = [shape.log_slopes(np.full((2, channels), node)) for node in NODES]
+    one = np.ones((2, channels), np.float32)
+    slopes = [shape.log_slopes(node * one.astype(np.float64), one) for node in NODES]
     expected: NDArray[np.float64] = np.tensordot(WEIGHTS, slopes, 1) / sqrt(2.0 * pi)
     return expected
 
 
 @_average_slopes.register
 def _(shape: Markov, channels: int) -> NDArray[np.float64]:
+    slopes = _average_events(shape, (shape.rate, shape.rate))
+    return np.repeat(slopes[:, None], channels, axis=1)
+
+
+def _average_events(chain: Markov, sigma: Row) -> NDArray[np.float64]:
+    """The mean of `Markov.log_slopes` at each step of one channel, shape (steps,)."""
     # An event is no smooth function of z, but its mean log probability has a closed form.
-    likely = np.array([[each] * channels for each in shape.mean_log_probabilities()])
-    return -0.5 - LOG_SQRT_TWO_PI - likely
+    means: NDArray[np.float64] = np.array(chain.mean_log_probabilities(sigma))
+    return -0.5 - LOG_SQRT_TWO_PI - means
 
 
 @_average_slopes.register

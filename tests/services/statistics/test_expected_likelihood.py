@@ -72,3 +72,19 @@ def test_of_events_it_is_the_mean_over_many_draws(chain):
     error = np.std(found) / np.sqrt(len(found))
     assert expected_log_probability(drawn[0]) == pytest.approx(np.mean(found), abs=4.0 * error)
     assert len({round(expected_log_probability(each), 6) for each in drawn[:5]}) == 1
+
+
+def test_of_events_with_a_rate_of_each_step_it_is_the_mean_over_many_draws():
+    shape = PerChannel((White(), Markov(0.01, 4.0, 0.001)))
+    rng = np.random.default_rng(5)
+    sigma = np.ones((STEPS, 2), np.float32)
+    sigma[:, 1] = np.linspace(0.4, 0.01, STEPS)
+    drawn = [
+        NoiseTrajectory(rng.normal(size=(STEPS, 2)).astype(np.float32), sigma, shape)
+        for _ in range(1_500)
+    ]
+    found = [noise.log_probability for noise in drawn]
+    error = np.std(found) / np.sqrt(len(found))
+    assert expected_log_probability(drawn[0]) == pytest.approx(np.mean(found), abs=4.0 * error)
+    assert len({round(expected_log_probability(each), 6) for each in drawn[:5]}) == 1
+    assert expected_log_probability(NoiseTrajectory(sigma[:0], sigma[:0], shape)) == 0.0

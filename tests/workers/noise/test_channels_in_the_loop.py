@@ -4,10 +4,13 @@ from collections.abc import Callable
 from statistics import NormalDist
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.plugins import SCENARIOS, SIMULATORS
 from eigenfail.values import (
     Autoregressive,
     CampaignSpec,
@@ -42,6 +45,10 @@ SETS = {
         Channel("delay", 0.3),
     ),
     "delay": (Channel("delay", 0.5),),
+    "missed by distance": (
+        *POSITION,
+        Channel("vehicle_2.missed", shape=Markov(0.01, 3.0, 0.002)),
+    ),
 }
 TASKS = tuple(EpisodeTask(index, 900 + index, PriorSource()) for index in range(6))
 
@@ -50,7 +57,7 @@ MakeEngine = Callable[..., Any]
 
 def run(engine: Any, tasks: tuple[EpisodeTask, ...] = TASKS) -> list[Any]:
     results = list(engine.run(tasks))
-    assert all(each.outcome is not Outcome.ERRORED for each in results)
+    assert [each.fault for each in results if each.outcome is Outcome.ERRORED] == []
     return results
 
 
@@ -90,6 +97,67 @@ def test_the_scene_says_where_the_nearest_vehicle_was_not_perceived(make_engine)
     for result in run(make_engine(disturbance=model, scene_every=1)):
         missed = result.noise.injected[:, 0] > 0.5
         assert np.isnan(result.scene.perceived[:, 0]).tolist() == missed.tolist()
+
+
+def test_a_vehicle_is_missed_at_the_rate_of_its_distance(make_engine, steady) -> None:
+    chains = Markov(0.01, 3.0, 0.002), Markov(0.02, 3.0, 0.02)
+    channels = tuple(Channel(f"vehicle_{n}.missed", shape=one) for n, one in enumerate(chains, 1))
+    model = DisturbanceModel(channels=channels, scale=2.0)
+    largest = 0.0
+    for result in run(make_engine(steady, disturbance=model, scene_every=1)):
+        course = result.scene.vehicles[: result.steps]
+        apart = np.hypot(*np.moveaxis(course[:, 1:, :2] - course[:, :1, :2], -1, 0))
+        rates = np.minimum([0.01, 0.02] + apart * [0.002, 0.02], 0.5)
+        assert result.noise.sigma == pytest.approx(rates, rel=1e-4)
+        assert set(result.noise.injected.ravel().tolist()) <= {0.0, 1.0}
+        largest = max(largest, float(result.noise.sigma.max()))
+    assert largest == 0.5
+
+
+def test_what_others_hide_is_not_detected(make_engine, plug_in, small_cut_in, steady) -> None:
+    class File(type(small_cut_in)):
+        def __call__(self, parameters: Any, seed: int) -> Any:
+            staged = super().__call__(parameters, seed)
+            first = staged.actors[0]
+            # It stands on the line from the front of the truck to the first one, which drives on.
+            second = replace(first, x_m=first.x_m + 20.0, y_m=5.65, speed_mps=0.0)
+            return replace(staged, actors=(first, second))
+
+    class Watching(steady):
+        def reset(self, mission: Any) -> None:
+            super().reset(mission)
+            seen.clear()
+
+        def act(self, perception: Any) -> Any:
+            seen.append(perception.ids)
+            return super().act(perception)
+
+    seen: list[tuple[int, ...]] = []
+    plug_in(SCENARIOS, "file", File)
+    hiding = DisturbanceModel(occlusion=True)
+    (hid,) = run(make_engine(Watching, disturbance=hiding, scenario="file"), TASKS[:1])
+    assert seen[0] == (1,)
+    assert set(seen) == {(1,), (1, 2)}
+    (free,) = run(make_engine(Watching, scenario="file"), TASKS[:1])
+    assert set(seen) == {(1, 2)}
+    assert hid.noise.z.tobytes() == free.noise.z.tobytes()
+
+
+def test_only_simulators_that_offer_it_hide_vehicles(make_engine, plug_in) -> None:
+    class Open:
+        channels = ALL_CHANNELS
+
+    hiding = DisturbanceModel(occlusion=True)
+    fields = {"name": "x", "method": "held", "episodes": 5}
+    plug_in(SIMULATORS, "open", Open)
+    for simulator in ("bridge", "function", "open"):
+        spec = CampaignSpec(**fields, simulator=simulator, disturbance=hiding)
+        with pytest.raises(InvalidValue, match="does not know what vehicles hide") as refused:
+            resolve_disturbance(spec)
+        assert refused.value.field == "disturbance.occlusion"
+    off = CampaignSpec(**fields, disturbance=DisturbanceModel(occlusion=False))
+    assert resolve_disturbance(off) == DisturbanceModel()
+    assert b"occlusion" not in msgspec.json.encode(resolve_disturbance(off))
 
 
 def test_a_channel_that_there_is_not_is_refused_at_the_engine(make_engine) -> None:

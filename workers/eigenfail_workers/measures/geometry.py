@@ -1,7 +1,8 @@
 """Footprints: oriented rectangles in the road's plane, and how far they are apart."""
 
 from collections.abc import Sequence
-from math import cos, hypot, inf, sin
+from math import atan2, cos, hypot, inf, pi, sin
+from typing import NamedTuple
 
 from eigenfail.values import VehicleState
 from eigenfail_workers.values import Point, Separation
@@ -85,6 +86,118 @@ def _corners_in_frame(
         (centre_x - along_x + across_x, centre_y - along_y + across_y),
         (centre_x - along_x - across_x, centre_y - along_y - across_y),
     )
+
+
+class _View(NamedTuple):
+    """A footprint as the sensor sees it.
+
+    Attributes:
+        towards_rad: direction of its centre in the road's plane.
+        first_rad: where the footprint begins, from `towards_rad`, below 0; `last_rad` where it
+            ends, above 0.
+    """
+
+    towards_rad: float
+    first_rad: float
+    last_rad: float
+
+
+def find_hidden(ego: VehicleState, others: Sequence[VehicleState]) -> set[int]:
+    """Return the indexes of the vehicles of which the ego's sensor sees nothing.
+
+    The sensor is at the centre of the ego's front and looks in all directions. A vehicle is hidden
+    if every ray to its footprint first meets another one; the ego itself hides nothing. Footprints
+    that do not overlap do not change their order along the rays that meet both, so that one ray
+    tells which of two is in front. A vehicle at the sensor itself is seen, and hides nothing.
+    """
+    half_length = 0.5 * ego.length_m
+    x = ego.x_m + half_length * cos(ego.heading_rad)
+    y = ego.y_m + half_length * sin(ego.heading_rad)
+    views = [_view(x, y, other) for other in others]
+    hidden = set()
+    for number, view in enumerate(views):
+        if view is None:
+            continue
+        covered = [
+            interval
+            for place, cover in enumerate(views)
+            if place != number and cover is not None
+            for interval in _cover(x, y, (others[number], view), (others[place], cover))
+        ]
+        if _is_covered(view, covered):
+            hidden.add(number)
+    return hidden
+
+
+def _view(x: float, y: float, vehicle: VehicleState) -> _View | None:
+    """Return how a footprint is seen from a point; None from within or at its edge."""
+    cos_v, sin_v = cos(vehicle.heading_rad), sin(vehicle.heading_rad)
+    dx, dy = vehicle.x_m - x, vehicle.y_m - y
+    along, across = abs(cos_v * dx + sin_v * dy), abs(cos_v * dy - sin_v * dx)
+    if along <= 0.5 * vehicle.length_m and across <= 0.5 * vehicle.width_m:
+        return None
+    towards_rad = atan2(dy, dx)
+    turns = []
+    for ahead in (0.5 * vehicle.length_m, -0.5 * vehicle.length_m):
+        for left in (0.5 * vehicle.width_m, -0.5 * vehicle.width_m):
+            corner_x = dx + cos_v * ahead - sin_v * left
+            corner_y = dy + sin_v * ahead + cos_v * left
+            turns.append(_wrap(atan2(corner_y, corner_x) - towards_rad))
+    return _View(towards_rad, min(turns), max(turns))
+
+
+def _wrap(angle_rad: float) -> float:
+    """Return an angle between two directions as -pi … pi."""
+    if angle_rad > pi:
+        return angle_rad - 2.0 * pi
+    return angle_rad + 2.0 * pi if angle_rad < -pi else angle_rad
+
+
+def _cover(
+    x: float, y: float, back: tuple[VehicleState, _View], front: tuple[VehicleState, _View]
+) -> list[Point]:
+    """Return the part of a view that another vehicle hides, from the direction of its centre."""
+    view, cover = back[1], front[1]
+    turn = _wrap(cover.towards_rad - view.towards_rad)
+    found = []
+    # Two views may meet on the far side, too, where one of them is wide.
+    for around in (-2.0 * pi, 0.0, 2.0 * pi):
+        begin = max(view.first_rad, turn + around + cover.first_rad)
+        end = min(view.last_rad, turn + around + cover.last_rad)
+        if begin >= end:
+            continue
+        ray = view.towards_rad + 0.5 * (begin + end)
+        if _measure_ray(x, y, ray, front[0]) < _measure_ray(x, y, ray, back[0]):
+            found.append((begin, end))
+    return found
+
+
+def _measure_ray(x: float, y: float, ray_rad: float, vehicle: VehicleState) -> float:
+    """Return the distance from a point to where a ray enters a footprint that it meets. [m]"""
+    turn, dx, dy = ray_rad - vehicle.heading_rad, x - vehicle.x_m, y - vehicle.y_m
+    cos_v, sin_v = cos(vehicle.heading_rad), sin(vehicle.heading_rad)
+    return max(
+        _measure_slab(cos_v * dx + sin_v * dy, cos(turn), 0.5 * vehicle.length_m),
+        _measure_slab(cos_v * dy - sin_v * dx, sin(turn), 0.5 * vehicle.width_m),
+    )
+
+
+def _measure_slab(start: float, speed: float, half: float) -> float:
+    """Return when a point that moves along an axis enters the range from -half to half."""
+    if speed == 0.0:
+        return -inf
+    edge = -half if speed > 0.0 else half
+    return (edge - start) / speed
+
+
+def _is_covered(view: _View, intervals: list[Point]) -> bool:
+    """Return whether intervals leave nothing of a view."""
+    reached = view.first_rad
+    for begin, end in sorted(intervals):
+        if begin > reached:
+            return False
+        reached = max(reached, end)
+    return reached >= view.last_rad
 
 
 def half_width_across_road(vehicle: VehicleState) -> float:

@@ -1,11 +1,11 @@
 """Standard deviations of the disturbances at the true distances."""
 
-from math import hypot
+from math import hypot, inf
 from struct import Struct
 
 from eigenfail.values import DisturbanceModel, Observation
 from eigenfail.values.channels import Channel, split_name
-from eigenfail.values.shapes import Row
+from eigenfail.values.shapes import MOST_LIKELY, Markov, Row
 from eigenfail_workers.perception import EGO, find_target
 
 _SINGLE = Struct("<f")
@@ -31,31 +31,39 @@ class Deviations:
     """
 
     def __init__(self, model: DisturbanceModel) -> None:
-        self._scale = model.scale
-        self._terms = [_make_term(channel) for channel in model.list_channels()]
+        self._terms = [_make_term(channel, model.scale) for channel in model.list_channels()]
 
     def compute(self, observation: Observation, actor: int) -> Row:
-        """Return sigma at the true distances between centres; of an event it is 1.
+        """Return sigma at the true distances between centres.
+
+        Of an event it is 1, or the probability that it begins where that depends on the distance.
 
         Args:
             observation: the truth.
             actor: index of the nearest vehicle.
         """
-        ego, others, scale = observation.ego, observation.others, self._scale
+        ego, others = observation.ego, observation.others
         found = []
-        for target, distance, slope, base in self._terms:
+        for target, distance, slope, base, scale, most in self._terms:
             if base == 0.0:
                 found.append(1.0)
                 continue
             other = ego if target == EGO else others[actor if target < 0 else target]
             dx, dy = abs(other.x_m - ego.x_m), abs(other.y_m - ego.y_m)
             apart_m = dx if distance == _ALONG else dy if distance == _ACROSS else hypot(dx, dy)
-            found.append(to_float32(scale * (slope * apart_m + base)))
+            found.append(to_float32(min(scale * (slope * apart_m + base), most)))
         return tuple(found)
 
 
-def _make_term(channel: Channel) -> tuple[int, int, float, float]:
-    """Return target, kind of distance, slope and base of a channel; no base for an event."""
+def _make_term(channel: Channel, scale: float) -> tuple[int, int, float, float, float, float]:
+    """Return target, kind of distance, slope, base, scale and largest value of a channel.
+
+    There is no base for an event with a constant rate.
+    """
     _, quantity = split_name(channel.name)
     distance = _DISTANCES.get(quantity, _APART)
-    return find_target(channel.name), distance, channel.sigma_per_m or 0.0, channel.sigma or 0.0
+    target, shape = find_target(channel.name), channel.shape
+    if isinstance(shape, Markov) and shape.growth_per_m:
+        return target, distance, shape.growth_per_m, shape.rate, 1.0, MOST_LIKELY
+    slope, base = channel.sigma_per_m or 0.0, channel.sigma or 0.0
+    return target, distance, slope, base, scale, inf

@@ -14,6 +14,7 @@ from eigenfail.contracts import Planner, Scenario, Simulation
 from eigenfail.values import Control, VehicleState
 from eigenfail.values.channels import ALL_CHANNELS, Channel
 from eigenfail_workers.closed_loop import DrivenSimulation
+from eigenfail_workers.perception import SensorErrors
 from eigenfail_workers.simulators.scripted_world import ScriptedWorld
 
 MAX_SPEED_MPS: Final = 40.0
@@ -46,9 +47,16 @@ class HighwaySimulator:
     """Opens simulations with the physics of highway-env."""
 
     channels: ClassVar = ALL_CHANNELS
+    occludes: ClassVar = True
 
     def open(
-        self, scenario: Scenario, parameters: Any, planner: Planner, channels: tuple[Channel, ...]
+        self,
+        scenario: Scenario,
+        parameters: Any,
+        planner: Planner,
+        channels: tuple[Channel, ...],
+        occlusion: bool = False,
     ) -> Simulation:
         """Return a simulation of the planner in the scenario."""
-        return DrivenSimulation(ScriptedWorld(drive), scenario, parameters, planner, channels)
+        errors = SensorErrors(channels, occlusion)
+        return DrivenSimulation(ScriptedWorld(drive), scenario, parameters, planner, errors)

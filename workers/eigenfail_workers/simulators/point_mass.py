@@ -7,6 +7,7 @@ from eigenfail.contracts import Planner, Scenario, Simulation
 from eigenfail.values import Control, VehicleState
 from eigenfail.values.channels import ALL_CHANNELS, Channel
 from eigenfail_workers.closed_loop import DrivenSimulation
+from eigenfail_workers.perception import SensorErrors
 from eigenfail_workers.simulators.scripted_world import ScriptedWorld
 
 
@@ -32,9 +33,16 @@ class PointMassSimulator:
     """Opens simulations that need nothing but this package."""
 
     channels: ClassVar = ALL_CHANNELS
+    occludes: ClassVar = True
 
     def open(
-        self, scenario: Scenario, parameters: Any, planner: Planner, channels: tuple[Channel, ...]
+        self,
+        scenario: Scenario,
+        parameters: Any,
+        planner: Planner,
+        channels: tuple[Channel, ...],
+        occlusion: bool = False,
     ) -> Simulation:
         """Return a simulation of the planner in the scenario."""
-        return DrivenSimulation(ScriptedWorld(drive), scenario, parameters, planner, channels)
+        errors = SensorErrors(channels, occlusion)
+        return DrivenSimulation(ScriptedWorld(drive), scenario, parameters, planner, errors)

@@ -1,6 +1,7 @@
 """Channels: events as Markov chains, a shape for each, and what a campaign may name."""
 
-from math import log, pi
+from itertools import product
+from math import exp, log, pi
 from statistics import NormalDist
 
 import msgspec
@@ -48,7 +49,7 @@ def test_an_event_begins_and_lasts_as_its_chain_says(chain: Markov) -> None:
 def test_an_event_is_stationary_from_its_first_step(chain: Markov) -> None:
     z = np.random.default_rng(2).standard_normal((20_000, 1))
     share = chain.rate / (chain.rate + 1.0 / chain.mean_steps)
-    first = np.array([chain.step((each,), None)[0] for each in z[:, 0].tolist()])
+    first = np.array([chain.step((each,), None, (1.0,))[0] for each in z[:, 0].tolist()])
     assert first.mean() == pytest.approx(share, abs=0.012)
 
 
@@ -64,6 +65,65 @@ def test_log_p_is_the_mass_of_the_events(chain: Markov) -> None:
     assert noise.log_probability_per_step[:300] == pytest.approx(expected, abs=1e-9)
 
 
+RATED = Markov(0.02, 4.0, 0.002)
+RATES = np.array([[0.05], [0.2], [0.5], [0.02]], np.float32)
+
+
+def draw_rated(count: int) -> list[NoiseTrajectory]:
+    z = np.random.default_rng(7).standard_normal((count, *RATES.shape), dtype=np.float32)
+    return [NoiseTrajectory(each, RATES, PerChannel((RATED,))) for each in z]
+
+
+def test_a_rate_that_depends_on_the_distance_is_that_of_each_step() -> None:
+    lasts = np.array([noise.injected[:, 0] for noise in draw_rated(20_000)]) > 0.5
+    assert lasts[:, 0].mean() == pytest.approx(0.05 / (0.05 + 0.25), abs=0.012)
+    for step, rate in enumerate(RATES[1:, 0].tolist(), 1):
+        before, now = lasts[:, step - 1], lasts[:, step]
+        assert now[~before].mean() == pytest.approx(rate, abs=0.015)
+        assert now[before].mean() == pytest.approx(0.75, abs=0.015)
+
+
+def test_log_p_is_the_mass_at_the_rate_of_each_step() -> None:
+    for noise in draw_rated(40):
+        before, expected = None, []
+        for u, rate in zip(noise.injected[:, 0].tolist(), RATES[:, 0].tolist(), strict=True):
+            likely = {None: rate / (rate + 0.25), 0.0: rate, 1.0: 0.75}[before]
+            expected.append(log(likely if u else 1.0 - likely))
+            before = u
+        assert noise.log_probability_per_step == pytest.approx(expected, abs=1e-9)
+        back = NoiseTrajectory.from_injected(noise.injected, noise.sigma, noise.shape)
+        assert back.injected.tolist() == noise.injected.tolist() == noise.standardised.tolist()
+
+
+def test_the_masses_of_all_courses_of_an_event_add_up_to_one() -> None:
+    masses = []
+    for course in product((0.0, 1.0), repeat=len(RATES)):
+        injected = np.array(course)[:, None]
+        noise = NoiseTrajectory.from_injected(injected, RATES, PerChannel((RATED,)))
+        assert noise.injected.tolist() == injected.tolist()
+        masses.append(exp(noise.log_probability))
+    assert sum(masses) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("reported", [0.0, -1.0, 7.0, np.nan, np.inf])
+def test_whatever_rate_is_reported_log_p_is_a_number(reported: float) -> None:
+    z = np.zeros((3, 1), np.float32)
+    noise = NoiseTrajectory(z, np.full_like(z, reported), PerChannel((RATED,)))
+    assert np.isfinite(noise.log_probability)
+
+
+def test_a_constant_rate_is_written_as_before_it_could_grow() -> None:
+    for chain in (Markov(), Markov(rate_per_m=0.0)):
+        stored = Channel("missed", shape=chain).filled()
+        assert stored.shape == Markov()
+        assert b"rate_per_m" not in msgspec.json.encode(stored)
+        assert stored.in_words().startswith("markov: begins with probability 0.01 a step")
+    grown = Channel("missed", shape=Markov(rate_per_m=0.002)).filled()
+    assert "probability 0.01 + 0.002·d a step" in grown.in_words()
+    again = msgspec.json.decode(msgspec.json.encode(grown), type=Channel)
+    assert again == grown
+
+
 @settings(deadline=None, derandomize=True, max_examples=200)
 @given(
     st.floats(-6.0, 6.0),
@@ -72,7 +132,7 @@ def test_log_p_is_the_mass_of_the_events(chain: Markov) -> None:
     st.sampled_from(CHAINS),
 )
 def test_a_larger_z_never_ends_an_event(z, more, before, chain) -> None:
-    assert chain.step((z + more,), before) >= chain.step((z,), before)
+    assert chain.step((z + more,), before, (1.0,)) >= chain.step((z,), before, (1.0,))
 
 
 @pytest.mark.parametrize("chain", CHAINS, ids=str)
@@ -180,6 +240,7 @@ FIELDS = ("longitudinal", "lateral", "heading", "speed", "length", "width")
         ((Channel("missed", sigma_per_m=1.0),), InvalidValue, "no standard deviation"),
         ((Channel("missed", shape=White()),), InvalidValue, r"shape.*Take markov"),
         ((Channel("speed", shape=Markov()),), InvalidValue, r"shape.*white, ar1, student_t"),
+        ((Channel("ghost", shape=RATED),), InvalidValue, r"shape.rate_per_m.*no vehicle"),
         ((Channel("speed", ahead_m=3.0),), InvalidValue, "ahead_m"),
         ((Channel("scenario.width"),), UnknownName, "scenario.gap_m"),
         ((Channel("scenario.gap_m", 1.0),), InvalidValue, "its distribution from"),
@@ -227,11 +288,19 @@ def test_fields_of_the_position_do_not_go_with_channels(fields) -> None:
         '{"channels": [{"name": "speed", "shape": {"kind": "per_channel", "shapes": []}}]}',
         '{"channels": [{"name": "missed", "shape": {"kind": "markov", "rate": 0}}]}',
         '{"channels": [{"name": "missed", "shape": {"kind": "markov", "mean_steps": 0.5}}]}',
+        '{"channels": [{"name": "missed", "shape": {"kind": "markov", "rate_per_m": -0.1}}]}',
+        '{"channels": [{"name": "missed", "shape": {"kind": "markov", "rate_per_m": 0.6}}]}',
     ],
 )
 def test_what_is_no_model_is_not_read(wrong: str) -> None:
     with pytest.raises((msgspec.ValidationError, msgspec.DecodeError)):
         msgspec.json.decode(wrong, type=DisturbanceModel)
+
+
+@pytest.mark.parametrize("name", ["rate", "mean_steps", "rate_per_m"])
+def test_no_number_of_an_event_is_nan(name: str) -> None:
+    with pytest.raises(msgspec.ValidationError, match=name):
+        msgspec.convert({"kind": "markov", name: float("nan")}, Markov)
 
 
 def test_models_are_alike_with_their_channels_written_out() -> None:
