@@ -37,6 +37,8 @@ class Deviations:
     def compute(self, observation: Observation, actor: int) -> Row:
         """Return sigma at the true distances between centres; of an event it is 1.
 
+        A vehicle that is not there has the sigma of no distance.
+
         Args:
             observation: the truth.
             actor: index of the nearest vehicle.
@@ -47,11 +49,19 @@ class Deviations:
             if base == 0.0:
                 found.append(1.0)
                 continue
-            other = ego if target == EGO else others[actor if target < 0 else target]
+            place = actor if target < 0 else target
+            if target >= 0 and observation.ids is not None:
+                place = _find_place(observation.ids, target + 1)
+            other = ego if target == EGO or place < 0 else others[place]
             dx, dy = abs(other.x_m - ego.x_m), abs(other.y_m - ego.y_m)
             apart_m = dx if distance == _ALONG else dy if distance == _ACROSS else hypot(dx, dy)
             found.append(to_float32(scale * (slope * apart_m + base)))
         return tuple(found)
+
+
+def _find_place(ids: tuple[int, ...], number: int) -> int:
+    """Return the place of a vehicle by its number, from 1; -1 if it is not there."""
+    return ids.index(number) if number in ids else -1
 
 
 def _make_term(channel: Channel) -> tuple[int, int, float, float]:
