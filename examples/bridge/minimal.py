@@ -4,8 +4,9 @@ python minimal.py tcp://127.0.0.1:9000
 """
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from math import isnan
 from time import monotonic
 from typing import Any
 
@@ -17,10 +18,12 @@ from eigenfail import plugins
 from eigenfail.contracts import Simulation
 from eigenfail.errors import InputError
 from eigenfail.settings import read_settings
-from eigenfail.values import POSITION, Observation
+from eigenfail.values import POSITION, Channel, Observation
+from eigenfail.values.channels import ALL_CHANNELS
 
 Open = Callable[[dict[str, Any]], Simulation]
 Act = Callable[[dict[int, Any], dict[str, Any]], dict[str, Any]]
+OF_VERSION_2 = ("channels", "signals", "seed_text")
 MOST_SESSIONS = 64
 SILENT_S = 60.0
 
@@ -39,7 +42,10 @@ class Session:
 
 
 class Bridge:
-    """Answers requests. `open_simulation` makes what one slot needs, from the map of a reset."""
+    """Answers requests. `open_simulation` makes what one slot needs, from the map of a reset.
+
+    It speaks the protocol of its welcome, and each version before that.
+    """
 
     def __init__(self, welcome: dict[str, Any], open_simulation: Open) -> None:
         self.welcome, self.open = welcome, open_simulation
@@ -48,7 +54,8 @@ class Bridge:
     def answer(self, request: dict[str, Any]) -> dict[str, Any]:
         """One message for one message."""
         if request["type"] == "hello":
-            return self.let_in(request["protocol"], request["session"])
+            versions = request.get("protocols") or [request["protocol"]]
+            return self.let_in(versions, request["session"])
         if request["session"] not in self.sessions:
             told = {"fault": "simulator", "message": "I do not know this session.", "lost": True}
             return {"type": "error", "id": request["id"], **told}
@@ -60,10 +67,12 @@ class Bridge:
         slots = [self.acted(act, session, each) for each in request["slots"]]
         return {"type": "observations", "id": request["id"], "slots": slots}
 
-    def let_in(self, protocol: int, name: str) -> dict[str, Any]:
+    def let_in(self, versions: Sequence[int], name: str) -> dict[str, Any]:
         """Begin a session; if there is no room, one ends that is idle, idle for longest."""
-        if protocol != self.welcome["protocol"]:
-            return {"type": "refusal", "reason": "I speak protocol 1."}
+        newest = self.welcome["protocol"]
+        protocol = max((each for each in versions if 1 <= each <= newest), default=None)
+        if protocol is None:
+            return {"type": "refusal", "reason": f"I speak protocol {newest}."}
         self.sessions.pop(name, None)
         if len(self.sessions) >= MOST_SESSIONS:
             left = [each for each, session in self.sessions.items() if session.may_go()]
@@ -71,7 +80,9 @@ class Bridge:
                 return {"type": "refusal", "reason": "All sessions are in use.", "full": True}
             del self.sessions[min(left, key=lambda each: len(self.sessions[each].running) > 0)]
         self.sessions[name] = Session()
-        return self.welcome
+        left_out = OF_VERSION_2 if protocol == 1 else ()
+        told = {key: value for key, value in self.welcome.items() if key not in left_out}
+        return told | {"protocol": protocol}
 
     def acted(self, act: Act, session: Session, asked: dict[str, Any]) -> dict[str, Any]:
         """What came of it in one slot, and whether an episode runs there now."""
@@ -87,7 +98,7 @@ class Bridge:
         try:
             if slot not in held or held[slot][0] != asked:
                 held[slot] = asked, self.open(asked)
-            return shown(held[slot][1].reset(seed))
+            return shown(held[slot][1].reset(int(seed)))
         except Exception as error:  # noqa: BLE001 - whatever it is, its slot alone fails
             held.pop(slot, None)
             return fault(error)
@@ -95,22 +106,42 @@ class Bridge:
     def step(self, held: dict[int, Any], asked: dict[str, Any]) -> dict[str, Any]:
         """Move one slot by one step."""
         try:
-            longitudinal, lateral = asked["disturbance"]
-            return shown(held[asked["slot"]][1].step((longitudinal, lateral)))
+            begun, simulation = held[asked["slot"]]
+            seen = shown(simulation.step(disturbances(begun, asked)))
+            return seen | (explained(simulation) if begun.get("explain") else {})
         except Exception as error:  # noqa: BLE001 - the same
             held.pop(asked["slot"], None)
             return fault(error)
 
 
+def disturbances(begun: dict[str, Any], asked: dict[str, Any]) -> tuple[float, ...]:
+    """Those of a step, in the order of the channels of the reset; in version 1 of the position."""
+    if "channels" not in begun:
+        longitudinal, lateral = asked["disturbance"]
+        return longitudinal, lateral
+    return tuple(asked["disturbances"][channel["name"]] for channel in begun["channels"])
+
+
+def explained(simulation: Any) -> dict[str, Any]:
+    """What the planner says of the step just taken, if there is one that says something."""
+    planner = getattr(simulation, "planner", None)
+    account = getattr(planner, "explain", dict)()
+    path = getattr(planner, "path", tuple)()
+    return {"account": dict(account), "path": [[float(x), float(y)] for x, y in path]}
+
+
 def shown(seen: Observation) -> dict[str, Any]:
     """An observation as a map."""
-    return {
+    missed = seen.perceived is None or isnan(seen.perceived[0])
+    optional = {"ids": seen.ids, "signals": seen.signals}
+    told = {key: value for key, value in optional.items() if value is not None}
+    return told | {
         "step": seen.step,
         "ego": astuple(seen.ego),
         "others": [astuple(other) for other in seen.others],
         "collided": seen.collided,
         "ended": seen.ended,
-        "perceived": seen.perceived,
+        "perceived": None if missed else seen.perceived,
         "control": astuple(seen.control) if seen.control else None,
         "applied": astuple(seen.applied) if seen.applied else None,
         "off_road": seen.off_road,
@@ -142,16 +173,32 @@ def answered(bridge: Bridge, data: bytes) -> dict[str, Any]:
         return {"type": "error", "id": number or 0, **fault(error)}
 
 
-def built_in(asked: dict[str, Any]) -> Simulation:
+class Driven:
+    """A simulation, with the planner that drives in it."""
+
+    def __init__(self, simulation: Simulation, planner: Any) -> None:
+        self.planner = planner
+        self.reset, self.step = simulation.reset, simulation.step
+
+
+def built_in(asked: dict[str, Any]) -> Driven:
     """highway-env with the scenario and the planner of that name; yours goes here."""
     scenario = plugins.load(plugins.SCENARIOS, asked["scenario"])
     planner = plugins.load(plugins.PLANNERS, asked["planner"])
     parameters = read_settings(scenario.Parameters, asked["parameters"], "parameters")
     settings = read_settings(planner.Settings, asked["settings"], "settings")
+    driver = planner(settings)
     simulator = plugins.load(plugins.SIMULATORS, "highway")()
-    simulation: Simulation = simulator.open(scenario(), parameters, planner(settings), POSITION)
+    simulation: Any = simulator.open(scenario(), parameters, driver, read_channels(asked))
     simulation.steps = asked["steps"]
-    return simulation
+    return Driven(simulation, driver)
+
+
+def read_channels(asked: dict[str, Any]) -> tuple[Channel, ...]:
+    """Those that a reset names; in version 1, which names none, those of the position."""
+    if "channels" not in asked:
+        return POSITION
+    return tuple(Channel(**channel) for channel in asked["channels"])
 
 
 def told(scenario: str) -> dict[str, Any]:
@@ -174,12 +221,13 @@ def welcome(slots: int = 32) -> dict[str, Any]:
     """What this bridge is."""
     return {
         "type": "welcome",
-        "protocol": 1,
+        "protocol": 2,
         "name": "minimal",
         "version": "1",
         "slots": slots,
         "scenarios": [told(name) for name in ("cut_in", "lead_brake", "merge_in")],
         "planners": [of_planner(name) for name in ("idm", "rulebook")],
+        "channels": sorted(ALL_CHANNELS),
     }
 
 

@@ -6,7 +6,7 @@ the bridge is, a campaign cannot say: the user who starts a worker does.
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from math import isfinite
 from typing import Annotated, Any
 
@@ -66,7 +66,7 @@ def check(spec: CampaignSpec) -> Variation:
             are too many.
     """
     read_plain(spec.planner_settings, "planner_settings")
-    return variation(spec.scenario_parameters)
+    return variation(spec.scenario_parameters, searched=spec.disturbance.searched_parameters)
 
 
 def horizon(spec: CampaignSpec) -> int:
@@ -79,8 +79,10 @@ def step_s(spec: CampaignSpec) -> float:
     return max(float(parameters.dt_s) for parameters in check(spec).corners())
 
 
-def variation(given: Mapping[str, Any], field: str = "scenario_parameters") -> Variation:
-    """Scenario parameters as a user gave them, each fixed or drawn.
+def variation(
+    given: Mapping[str, Any], field: str = "scenario_parameters", searched: Iterable[str] = ()
+) -> Variation:
+    """Scenario parameters as a user gave them, each fixed or drawn, or chosen by a search.
 
     Raises:
         InvalidValue: as `check` does.
@@ -89,7 +91,7 @@ def variation(given: Mapping[str, Any], field: str = "scenario_parameters") -> V
         remedy = "Give the horizon of the scenario, as `eigenfail doctor --bridge ADDRESS` shows."
         raise InvalidValue(f"{field}.steps", "is missing.", remedy)
     refuse_too_many(given, field)
-    found = read_variation(parameters_kind(given), given, field)
+    found = read_variation(parameters_kind(given), given, field, searched)
     for corner in found.corners():
         read_plain(msgspec.structs.asdict(corner), field)
     return found

@@ -4,6 +4,7 @@ A campaign names its world by `simulator`. All that differs between worlds is an
 nothing else compares names of simulators.
 """
 
+import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, NamedTuple
@@ -16,14 +17,23 @@ from eigenfail.contracts import Scenario
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import defaults_of, read_settings
 from eigenfail.values import CampaignSpec, DisturbanceModel, EpisodeSetup, NoiseTrajectory
-from eigenfail.values.channels import CHANNELS_FIELD, SCENARIO
+from eigenfail.values.channels import (
+    ALL_CHANNELS,
+    CHANNELS_FIELD,
+    EVERY,
+    SCENARIO,
+    VEHICLE,
+    split_name,
+)
 from eigenfail.values.requirements import (
     COLLISION_ALONE,
     FIELD,
+    Formula,
     Requirements,
     check_requirements,
 )
 from eigenfail.values.signals import (
+    BRIDGE,
     ExpectedCourse,
     list_signals,
 )
@@ -152,12 +162,17 @@ class CampaignWorld(ABC):
             problem = f"the simulator '{spec.simulator}' has no drive to judge."
             raise InvalidValue(FIELD, problem, "Have the function return what is to stay above 0.")
         told = list_signals(self.channels(spec), tells_lane=self.tells_lane)
+        told = *told, *self.list_own_signals(spec)
         expected = ExpectedCourse(told, step_s, self.horizon(spec) * step_s)
         check_requirements(named, expected)
         if not isinstance(spec.importance, msgspec.UnsetType):
             spec.importance.check(expected, "importance")
             return named
         return msgspec.UNSET if named == COLLISION_ALONE else named
+
+    def list_own_signals(self, _spec: CampaignSpec) -> tuple[str, ...]:
+        """Return the names of the simulator's own signals that a campaign may name."""
+        return ()
 
     def step_s(self, _spec: CampaignSpec) -> float | None:
         """Return the duration of a step; None where steps have none. [s]
@@ -368,20 +383,48 @@ class FunctionWorld(CampaignWorld):
         return True
 
 
+_BRIDGE_SIGNAL = re.compile(rf"\b{BRIDGE}\.[A-Za-z_0-9]+")
+
+
 class BridgeWorld(CampaignWorld):
     """A process behind a bridge, simulator and planner in one; see `eigenfail.bridges`."""
 
     needs_bridge = True
-    unexplained = "a bridge explains nothing: it does not report what its planner computes."
-    channels_remedy = "Leave `channels` out: a bridge disturbs the position of the nearest vehicle."
 
     def check(self, spec: CampaignSpec) -> None:
         """Read the parameters; whether the bridge knows them it says later."""
         bridges.check(spec)
 
+    def resolve_disturbance(self, described: Described) -> DisturbanceModel:
+        """Read the channels; whether the bridge can disturb them it says later."""
+        model = described.disturbance
+        if isinstance(model.channels, msgspec.UnsetType):
+            return model
+        numbers = [1]
+        for place, channel in enumerate(model.channels):
+            name = split_name(channel.name)
+            if name.target == EVERY:
+                problem = "the number of vehicles behind a bridge is not known in advance."
+                remedy = f"Name them one by one, such as {VEHICLE}1.{name.quantity}."
+                raise InvalidValue(f"{CHANNELS_FIELD}[{place}].name", problem, remedy)
+            numbers.append(name.vehicle or 1)
+        varied = bridges.variation(described.scenario_parameters).varied
+        return model.resolve(max(numbers), ALL_CHANNELS, tuple(varied))
+
+    def list_own_signals(self, spec: CampaignSpec) -> tuple[str, ...]:
+        """Return those that the campaign names; whether the bridge reports them it says later."""
+        followed = () if isinstance(spec.importance, msgspec.UnsetType) else (spec.importance,)
+        named = {
+            name
+            for each in (*spec.all_requirements, *followed)
+            if isinstance(each, Formula)
+            for name in _BRIDGE_SIGNAL.findall(each.formula)
+        }
+        return tuple(sorted(named))
+
     def variation(self, spec: CampaignSpec) -> Variation:
         """Return the parameters that a bridge can receive."""
-        return bridges.variation(spec.scenario_parameters)
+        return bridges.check(spec)
 
     def horizon(self, spec: CampaignSpec) -> int:
         """Return the largest number of steps that the campaign sets."""

@@ -20,14 +20,13 @@ from eigenfail.errors import (
 from eigenfail.process_state import ProcessState
 from eigenfail.settings import read_settings
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
-from eigenfail.values.channels import PARAMETER, split_name
 from eigenfail.values.variation import read_variation
 from eigenfail.worlds import resolve_disturbance
 from eigenfail_workers.episode import make_errored_result, make_result, run_episode
 from eigenfail_workers.faults import make_fault, make_state_change_error, wrap_errors
 from eigenfail_workers.measures.recorder import Recorder
-from eigenfail_workers.noise import sources
-from eigenfail_workers.noise.policy import store_policy
+from eigenfail_workers.noise.campaign_noise import CampaignNoise
+from eigenfail_workers.noise.sources import NoiseSource
 
 
 class Engine:
@@ -58,26 +57,17 @@ class Engine:
             self._planner_class.Settings, setup.planner_settings, "planner_settings"
         )
         self._model = resolve_disturbance(setup)
-        self._channels = self._model.list_channels()
-        self._perceived = tuple(
-            channel for channel in self._channels if channel.kind is not PARAMETER
-        )
-        self._once = {
-            place: split_name(channel.name).quantity
-            for place, channel in enumerate(self._channels)
-            if channel.kind is PARAMETER
-        }
+        self._noise = CampaignNoise(self._model)
         self._variation = read_variation(
-            scenario.Parameters, setup.scenario_parameters, searched=self._once.values()
+            scenario.Parameters, setup.scenario_parameters, searched=self._noise.searched
         )
-        self._policies: dict[int, Policy] = {}
         self._simulation: Simulation | None = None
         # Taken after the imports: what they change is the same for each episode in each process.
         self._process_state = ProcessState()
 
     def add_policy(self, policy: Policy) -> None:
         """Store a copy of a policy version; the oldest versions are dropped."""
-        store_policy(self._policies, policy)
+        self._noise.add_policy(policy)
 
     def run(self, tasks: Sequence[EpisodeTask]) -> Iterator[EpisodeResult]:
         """Yield the results in the order of the tasks."""
@@ -121,23 +111,15 @@ class Engine:
             run_episode(simulation, task.seed, self._model, noise, recorder)
             return make_result(self._setup, task, noise, recorder, simulation.dt_s)
 
-    def _begin(self, task: EpisodeTask) -> tuple[sources.NoiseSource, Simulation]:
+    def _begin(self, task: EpisodeTask) -> tuple[NoiseSource, Simulation]:
         """Return the noise of an episode, and the simulation for its parameters.
 
-        The noise comes first where it chooses parameters; for an episode of the longest horizon,
-        which changes neither its first step nor, drawn row by row, any other.
+        Where noise chooses parameters, it is needed first.
         """
-        once = tuple(self._once)
-        longest = self._horizon if once else 0
-        context = sources.NoiseContext(
-            task.seed, longest, self._policies, len(self._channels), once
-        )
-        z: dict[str, float] = {}
-        if once:
-            first = sources.begin(task.source, context).first()
-            z = {name: first[place] for place, name in self._once.items()}
+        noise = self._noise
+        z = noise.choose(task, self._horizon) if noise.searched else {}
         simulation = self._open(self._variation.draw(task.seed, z))
-        return sources.begin(task.source, context._replace(horizon=simulation.steps)), simulation
+        return noise.begin(task, simulation.steps), simulation
 
     def _open(self, parameters: Any) -> Simulation:
         """Return the simulation for these parameters, opened with a new planner if necessary."""
@@ -147,7 +129,7 @@ class Engine:
             planner = self._new_planner()
             occlusion = {"occlusion": True} if self._model.is_occluding else {}
             self._simulation = self._simulator.open(
-                self._scenario, parameters, planner, self._perceived, **occlusion
+                self._scenario, parameters, planner, self._noise.perceived, **occlusion
             )
             self._parameters = parameters
         varies = self._variation.varied or self._variation.searched

@@ -1,14 +1,16 @@
 """One episode with the planner's own explanation of each step. Registered as an explainer."""
 
+import os
 from collections.abc import Callable, Mapping, Sequence
-from typing import NamedTuple
+from contextlib import closing
+from math import isnan
 
 import msgspec
 
+from eigenfail import bridges
 from eigenfail.contracts import Planner
-from eigenfail.errors import InvalidValue, PlannerError, read_text
+from eigenfail.errors import InvalidValue, PlannerError
 from eigenfail.values import (
-    Account,
     Control,
     EpisodeResult,
     EpisodeSetup,
@@ -16,28 +18,21 @@ from eigenfail.values import (
     ExplainedEpisode,
     ExplainedStep,
     Mission,
-    Path,
     Perception,
     Scene,
     VehicleState,
 )
 from eigenfail.worlds import world_of
+from eigenfail_workers.accounts import RecordedStep, read_account, thin_path
+from eigenfail_workers.bridge.connection import SharedConnection
+from eigenfail_workers.bridge.engine import BridgeEngine
+from eigenfail_workers.bridge.messages import CHANNEL_PROTOCOL
 from eigenfail_workers.closed_loop import validate_control
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.faults import wrap_errors
 from eigenfail_workers.measures.geometry import find_nearest, velocity
 
-MAX_POINTS = 20
-"""Most points that are kept of a path, evenly chosen."""
-
-
-class RecordedStep(NamedTuple):
-    """The planner's decision in a step, and its explanation."""
-
-    time_s: float
-    control: Control
-    account: Account
-    path: Path
+REPLAY = "Run it again with `eigenfail episode replay`."
 
 
 class RecordingPlanner:
@@ -65,45 +60,52 @@ class RecordingPlanner:
         """Return the planner's control, after recording its explanation."""
         control = validate_control(self._planner.act(perception))
         with wrap_errors(PlannerError, "The planner's account", "Look into its `explain`."):
-            account = {read_text(name): _to_plain(value) for name, value in self._explain().items()}
+            account = read_account(self._explain())
         with wrap_errors(PlannerError, "The planner's path", "Look into its `path`."):
-            path = _thin_path(self._path())
+            path = thin_path(self._path())
         self._steps.append(RecordedStep(perception.time_s, control, account, path))
         return control
-
-
-def _to_plain(value: object) -> str | float:
-    return float(value) if isinstance(value, (int, float)) else read_text(value)
-
-
-def _thin_path(path: Sequence[tuple[float, float]]) -> Path:
-    """Return at most MAX_POINTS points of a path, its ends included."""
-    last = len(path) - 1
-    kept: Sequence[int] = range(last + 1)
-    if last >= MAX_POINTS:
-        kept = [place * last // (MAX_POINTS - 1) for place in range(MAX_POINTS)]
-    return tuple((float(path[place][0]), float(path[place][1])) for place in kept)
 
 
 def explain(setup: EpisodeSetup, task: EpisodeTask) -> ExplainedEpisode:
     """Run an episode and record the planner's explanations; see `Explainer`.
 
     Raises:
-        InvalidValue: the campaign has no planner in this process that could explain anything.
+        InvalidValue: the campaign has no planner that could explain anything here.
+        EpisodeError: the bridge of the campaign cannot be reached.
     """
     if why := world_of(setup.simulator).unexplained:
-        raise InvalidValue("episode", why, "Run it again with `eigenfail episode replay`.")
+        raise InvalidValue("episode", why, REPLAY)
+    run = _run_on_bridge if world_of(setup.simulator).needs_bridge else _run_here
     recorded: list[RecordedStep] = []
-    engine = Engine(
-        msgspec.structs.replace(setup, scene_every=1),
-        lambda planner: RecordingPlanner(planner, recorded),
-    )
-    try:
-        (result,) = engine.run([task])
-    finally:
-        engine.close()
+    result = run(msgspec.structs.replace(setup, scene_every=1), task, recorded)
     steps = (_make_step(number, step, result) for number, step in enumerate(recorded))
     return ExplainedEpisode(result, tuple(steps))
+
+
+def _run_here(
+    setup: EpisodeSetup, task: EpisodeTask, recorded: list[RecordedStep]
+) -> EpisodeResult:
+    with closing(Engine(setup, lambda planner: RecordingPlanner(planner, recorded))) as engine:
+        return next(engine.run([task]))
+
+
+def _run_on_bridge(
+    setup: EpisodeSetup, task: EpisodeTask, recorded: list[RecordedStep]
+) -> EpisodeResult:
+    """Run an episode in a session of its own: a worker of this process may have another one."""
+    address = os.environ.get(bridges.ADDRESS_VARIABLE)
+    if not address:
+        problem = "this process knows no bridge that could explain the episode."
+        remedy = f"Set {bridges.ADDRESS_VARIABLE} to its address where the services are started."
+        raise InvalidValue("episode", problem, remedy)
+    with closing(SharedConnection(address)) as connection:
+        welcome = connection.get(connection.timeouts.hello_s).welcome
+        if welcome.protocol < CHANNEL_PROTOCOL:
+            problem = f"the bridge '{welcome.name}' speaks version 1, which explains nothing."
+            raise InvalidValue("episode", problem, REPLAY)
+        with closing(BridgeEngine(setup, connection, recorded)) as engine:
+            return next(engine.run([task]))
 
 
 def _make_step(number: int, step: RecordedStep, result: EpisodeResult) -> ExplainedStep:
@@ -123,7 +125,7 @@ def _make_step(number: int, step: RecordedStep, result: EpisodeResult) -> Explai
 def _measure_gap(scene: Scene, step: int) -> tuple[float, float]:
     """Return the true gap to the nearest vehicle [m], and its closing speed [m/s]."""
     poses = zip(scene.vehicles[step].tolist(), scene.sizes.tolist(), strict=True)
-    ego, *others = (VehicleState(*pose, *size) for pose, size in poses)
+    ego, *others = (VehicleState(*pose, *size) for pose, size in poses if not isnan(pose[0]))
     actor = others[find_nearest(ego, others)]
     gap_m = actor.x_m - ego.x_m - (ego.length_m + actor.length_m) / 2.0
     return gap_m, velocity(ego)[0] - velocity(actor)[0]

@@ -178,7 +178,7 @@ def find_nearest_actors(scene: Scene) -> list[int]:
     """Return for each step the vehicle whose centre is nearest to the ego's."""
     places = scene.vehicles[:, :, :2].astype(np.float64)
     apart = np.hypot(*np.moveaxis(places[:, 1:] - places[:, :1], -1, 0))
-    return [1 + int(nearest) for nearest in apart.argmin(axis=1)]
+    return [1 + int(nearest) for nearest in np.nanargmin(apart, axis=1)]
 
 
 def make_scene_row(scene: Scene, step: int, actor: int, apart: Floats) -> tuple[str, ...]:

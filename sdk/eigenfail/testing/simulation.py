@@ -17,7 +17,7 @@ from eigenfail.contracts import Planner, Simulation
 from eigenfail.errors import EpisodeError, PlannerError
 from eigenfail.testing import expect, expect_error
 from eigenfail.values import Control, Mission, Observation, Perception, VehicleState
-from eigenfail.values.shapes import Pair
+from eigenfail.values.shapes import Pair, Row
 
 OpenSimulation = Callable[[Planner], Simulation]
 
@@ -72,7 +72,7 @@ def calm(_step: int) -> Pair:
 
 
 def course(
-    simulation: Simulation, disturb: Callable[[int], Pair] = wave, seed: int = SEED
+    simulation: Simulation, disturb: Callable[[int], Row] = wave, seed: int = SEED
 ) -> list[Observation]:
     """Return the observations of one episode."""
     observations = [simulation.reset(seed)]
@@ -115,14 +115,18 @@ def shows_finite_numbers(open_simulation: OpenSimulation) -> None:
     """Every pose and speed is a finite number; footprints have a size and keep it."""
     with closing(open_simulation(Follower())) as simulation:
         seen = course(simulation)
+    known: dict[int, tuple[float, float]] = {}
     for observation in seen:
         for vehicle in (observation.ego, *observation.others):
             finite = isfinite(sum(msgspec.structs.astuple(vehicle)))
             expect(finite, f"Step {observation.step} shows {vehicle}.")
             expect(min(_size(vehicle)) > 0.0, f"{vehicle} has no footprint.")
-        sizes = [_size(vehicle) for vehicle in observation.others]
-        kept = sizes == [_size(vehicle) for vehicle in seen[0].others]
-        expect(kept, f"At step {observation.step} the others are not those of the start.")
+        numbered = zip(observation.numbers, observation.others, strict=True)
+        sizes = {number: _size(vehicle) for number, vehicle in numbered}
+        kept = sizes == {number: known.setdefault(number, sizes[number]) for number in sizes}
+        same = observation.ids is not None or len(sizes) == len(known)
+        said = f"At step {observation.step} the others are not those of the start."
+        expect(kept and same, said)
 
 
 def repeats_itself(open_simulation: OpenSimulation) -> None:

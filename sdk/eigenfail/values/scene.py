@@ -1,5 +1,7 @@
 """What the simulator shows: vehicles at one moment, and the whole course of an episode."""
 
+from collections.abc import Mapping, Sequence
+
 import msgspec
 
 from eigenfail.values.arrays import Floats
@@ -73,7 +75,7 @@ class Observation(msgspec.Struct, frozen=True):
 
     Attributes:
         step: number of steps taken so far.
-        others: every other vehicle; never empty.
+        others: every other vehicle that is there; never empty.
         collided: whether the simulator's own test saw the ego touch another vehicle.
         ended: whether the episode is over, by a collision or at its horizon.
         perceived: position at which the ego saw the nearest vehicle in the step just taken [m]; NaN
@@ -82,6 +84,9 @@ class Observation(msgspec.Struct, frozen=True):
         applied: the part of it that the truck could do; None if the simulator does not report it.
         off_road: whether the ego is beyond the edge or the end of its road.
         lane: where the ego is in its lane; None if the simulator does not tell.
+        ids: number of each other vehicle, from 1, which it keeps for the whole episode; None where
+            all of them are there throughout, in the same order.
+        signals: signals of the simulator's own, by name; None without any.
     """
 
     step: int
@@ -94,6 +99,13 @@ class Observation(msgspec.Struct, frozen=True):
     applied: Control | None = None
     off_road: bool = False
     lane: LanePosition | None = None
+    ids: tuple[int, ...] | None = None
+    signals: Mapping[str, float] | None = None
+
+    @property
+    def numbers(self) -> Sequence[int]:
+        """Number of each other vehicle, from 1."""
+        return range(1, len(self.others) + 1) if self.ids is None else self.ids
 
 
 class Scene(Brief, msgspec.Struct, frozen=True, eq=False):
@@ -102,7 +114,7 @@ class Scene(Brief, msgspec.Struct, frozen=True, eq=False):
     Attributes:
         dt_s: time between two steps.
         vehicles: x [m], y [m], heading [rad], speed [m/s], shape (steps + 1, vehicles, 4);
-            vehicle 0 is the ego.
+            vehicle 0 is the ego. NaN while a vehicle is not there.
         sizes: length and width [m], shape (vehicles, 2).
         perceived: position at which the ego saw the nearest vehicle [m], shape (steps, 2); NaN
             where that was missed.

@@ -27,6 +27,9 @@ NOBODY_M: Final = 1_000.0
 ERROR: Final = "error"
 """First part of the names of the signals of channels: `error.longitudinal`."""
 
+BRIDGE: Final = "bridge"
+"""First part of the names of the signals that a bridge reports: `bridge.planned_gap_m`."""
+
 
 class SignalDescription(msgspec.Struct, frozen=True, kw_only=True):
     """Description of a signal.

@@ -52,13 +52,15 @@ def measure_clearances(scene: Scene) -> Array:
     Two rectangles that do not overlap are nearest at a corner of one of them.
 
     Returns:
-        Shape (steps + 1, vehicles - 1); 0 where they touch or overlap. [m]
+        Shape (steps + 1, vehicles - 1); 0 where they touch or overlap, and infinite while a vehicle
+        is not there. [m]
     """
     vehicles, sizes = scene.vehicles.astype(np.float64), scene.sizes.astype(np.float64)
     ego, others = vehicles[:, :1, :3], vehicles[:, 1:, :3]
     one_apart, one_m = _measure_beside(ego, sizes[:1], others, sizes[1:])
     two_apart, two_m = _measure_beside(others, sizes[1:], ego, sizes[:1])
-    return np.where(one_apart | two_apart, np.minimum(one_m, two_m), 0.0)
+    apart_m = np.where(one_apart | two_apart, np.minimum(one_m, two_m), 0.0)
+    return np.where(np.isnan(others[..., 0]), np.inf, apart_m)
 
 
 def _measure_beside(

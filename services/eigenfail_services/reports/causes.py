@@ -145,7 +145,7 @@ def make_crash(mode: int, medoid: EpisodeResult, scene: Scene) -> Crash:
     """Return the end of an episode."""
     gaps = np.linalg.norm(scene.vehicles[-1, 1:, :2] - scene.vehicles[-1, 0, :2], axis=1)
     first = max(0, medoid.steps - round(SHOWN_S / scene.dt_s))
-    return Crash(mode, medoid.index, scene, 1 + int(np.argmin(gaps)), first)
+    return Crash(mode, medoid.index, scene, 1 + int(np.nanargmin(gaps)), first)
 
 
 def list_moment_rows(found: Analysed, of: Crash) -> Iterator[tuple[Cell, ...]]:
@@ -180,9 +180,10 @@ def describe_collisions_picture(found: Analysed, of: tuple[Crash, ...]) -> Repor
 def describe_collisions(of: Crash) -> str:
     """Where the vehicles were, and how far off they were seen."""
     truck, actor = of.scene.vehicles[-1, 0], of.scene.vehicles[-1, of.struck]
-    begin, end = of.actor[0], of.actor[-1]
-    detected = ~np.isnan(of.perceived[:, 0])
-    seen = (of.perceived - of.actor[: len(of.perceived)])[detected]
+    there = of.actor[~np.isnan(of.actor[:, 0])]
+    begin, end = there[0], there[-1]
+    off_m = of.perceived - of.actor[: len(of.perceived)]
+    seen = off_m[~np.isnan(off_m[:, 0])]
     off = np.sqrt(np.mean(np.square(seen), axis=0)) if len(seen) else np.zeros(2)
     seen_off = (
         f"it was seen {off[0]:.1f} m off along and {off[1]:.1f} m across (root mean square)."
@@ -215,7 +216,7 @@ def strip(axes: "Axes", of: Crash) -> None:
     draw_footprint(axes, of.box(0), MARKS[0], "truck")
     draw_footprint(axes, of.box(of.struck), MARKS[1], "vehicle struck")
     for other in range(1, len(of.scene.sizes)):
-        if other != of.struck:
+        if other != of.struck and not np.isnan(of.box(other)).any():
             axes.fill(*of.box(other).T, facecolor="none", edgecolor=MUTED, linestyle=":")
     axes.plot(*of.actor.T, color=INK, linewidth=1.4, label="its way")
     axes.plot(

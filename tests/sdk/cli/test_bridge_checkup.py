@@ -90,6 +90,8 @@ def test_the_reference_bridge_does_all_that_it_should(eigenfail, start) -> None:
     assert found["cut_in", "scenario"][1].startswith("steps = 100, dt_s = 0.1, distance_m = 58.0")
     assert ("cut_in, idm", "keeps slots apart") in found
     assert ("merge_in, idm", "counts steps") in found
+    assert ("cut_in, idm", "disturbs each channel") in found
+    assert "delay, ego.heading" in found[address, "channels"][1]
 
 
 def test_what_a_bridge_does_wrong_is_named(eigenfail, start) -> None:
@@ -112,9 +114,9 @@ def test_a_bridge_that_disconnects_is_not_asked_for_ever(eigenfail, start, monke
     )
     assert told.exit_code == 3
     checks = list(verdicts(told).values())
-    assert [verdict for verdict, _ in checks[:4]] == ["passed", "passed", "passed", "broken"]
-    assert "went away" in checks[3][1]
-    assert {verdict for verdict, _ in checks[4:]} == {"skipped"}
+    assert [verdict for verdict, _ in checks[:5]] == ["passed"] * 4 + ["broken"]
+    assert "went away" in checks[4][1]
+    assert {verdict for verdict, _ in checks[5:]} == {"skipped"}
     assert len(checks) > 10
 
 

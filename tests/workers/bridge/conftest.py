@@ -40,8 +40,11 @@ def serving(minimal) -> Callable[..., Any]:
     """Serves the reference bridge from a thread, with other simulations in it if need be."""
 
     @contextmanager
-    def serve(open_simulation: Callable[..., Simulation] | None = None, slots: int = 64):
-        bridge = minimal.Bridge(minimal.welcome(slots), open_simulation or minimal.built_in)
+    def serve(
+        open_simulation: Callable[..., Simulation] | None = None, slots: int = 64, **changes: Any
+    ):
+        welcome = minimal.welcome(slots) | changes
+        bridge = minimal.Bridge(welcome, open_simulation or minimal.built_in)
         server, over = zmq.Context.instance().socket(zmq.REP), Event()
         port = server.bind_to_random_port("tcp://127.0.0.1")
 

@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from msgspec import convert
 from msgspec.msgpack import decode
 from msgspec.msgpack import encode as pack
+from msgspec.structs import replace
 
 from eigenfail.errors import PlannerError, SimulatorError
-from eigenfail.values import Control, Observation, VehicleState
+from eigenfail.values import POSITION, Control, Observation, VehicleState
 from eigenfail_workers.bridge import messages as said
-from eigenfail_workers.bridge.episode import disturb_position, read_start, read_step
+from eigenfail_workers.bridge.episode import ObservationReader
 from eigenfail_workers.bridge.messages import encode, read_answer
 
 GOLDEN = Path(__file__).parent / "golden"
@@ -27,6 +28,7 @@ STARTS = (
     said.SlotStart(1, 2**63 - 1, "cut_in", {}, "idm", {}, 100),
 )
 PUSHES = (said.SlotStep(0, (0.5, -0.25)), said.SlotStep(1, (-1.0, 0.125)))
+CHANNELS = (said.InjectedChannel("lateral"), said.InjectedChannel("ghost", 30.0))
 REQUESTS = {
     "hello": said.BridgeHello(1, SESSION),
     "hello_of_protocol_2": said.BridgeHello(2, SESSION),
@@ -34,6 +36,23 @@ REQUESTS = {
     "step": said.StepRequest(SESSION, 2, PUSHES),
     "step_of_another_session": said.StepRequest("f" * 32, 3, PUSHES),
     "close": said.CloseRequest(SESSION, 4),
+    "hello_with_choice": said.BridgeHello(1, SESSION, (1, 2)),
+    "reset_2": said.ResetRequest(
+        SESSION,
+        1,
+        (
+            replace(STARTS[0], channels=CHANNELS, explain=True),
+            replace(STARTS[1], channels=CHANNELS),
+        ),
+    ),
+    "step_2": said.StepRequest(
+        SESSION,
+        2,
+        (
+            said.SlotStep(0, disturbances={"lateral": -0.25, "ghost": 1.0}),
+            said.SlotStep(1, disturbances={"lateral": 0.125, "ghost": 0.0}),
+        ),
+    ),
 }
 ego, other, moved = (0.0, 0.0, 0.0, 24.0, 16.5, 2.5), (100.0, 4.0, 0.0, 12.5, 4.5, 1.8), 2.375
 ANSWERS = {
@@ -70,12 +89,69 @@ ANSWERS = {
     "error": said.BridgeError(3, "simulator", "I do not know this session.", lost=True),
     "closed": said.Closed(4),
 }
+SCENARIOS, PLANNERS = ANSWERS["welcome"].scenarios, ANSWERS["welcome"].planners
+ANSWERS_2 = {
+    "welcome_2": said.ChannelWelcome(
+        2,
+        "stub",
+        "1.0",
+        2,
+        SCENARIOS,
+        PLANNERS,
+        channels=("lateral", "ghost"),
+        signals=(said.BridgeSignal("planned_gap_m", "m", "gap that the planner keeps"),),
+        seed_text=False,
+    ),
+    "observations_2_at_start": said.Observations(
+        1,
+        (
+            said.DetailedObservation(
+                0,
+                ego,
+                (other,),
+                False,
+                False,
+                off_road=False,
+                ids=(1,),
+                signals={"planned_gap_m": 20.0},
+            ),
+        )
+        * 2,
+    ),
+    "observations_2_after_step": said.Observations(
+        2,
+        (
+            said.DetailedObservation(
+                step=1,
+                ego=(moved, *ego[1:]),
+                others=(other, other),
+                collided=True,
+                ended=True,
+                perceived=(100.0, 3.75),
+                control=(-7.5, 0.01),
+                applied=(-7.0, 0.01),
+                off_road=True,
+                ids=(2, 1),
+                signals={"planned_gap_m": 19.5},
+                account={"heeds": "lead", "gap_m": 81.0},
+                path=((moved, 0.0), (26.0, 0.0)),
+            ),
+            said.DetailedObservation(fault="planner", message="It looked away."),
+        ),
+    ),
+}
 DIALOGUE = (
     ("hello_of_protocol_2", "refusal"),
     ("hello", "welcome"),
     ("reset", "observations_at_start"),
     ("step", "observations_after_step"),
     ("step_of_another_session", "error"),
+    ("close", "closed"),
+)
+DIALOGUE_2 = (
+    ("hello_with_choice", "welcome_2"),
+    ("reset_2", "observations_2_at_start"),
+    ("step_2", "observations_2_after_step"),
     ("close", "closed"),
 )
 
@@ -105,12 +181,36 @@ class Stub:
         )
 
 
+class StubOfVersion2(Stub):
+    """The same with a vehicle that enters, a signal, and a planner that explains itself."""
+
+    @property
+    def planner(self) -> "StubOfVersion2":
+        return self
+
+    def explain(self) -> dict[str, object]:
+        return {"heeds": "lead", "gap_m": 81.0}
+
+    def path(self) -> list[tuple[float, float]]:
+        return [(moved, 0.0), (26.0, 0.0)]
+
+    def reset(self, seed: int) -> Observation:
+        start = super().reset(seed)
+        return replace(start, ids=(1,), signals={"planned_gap_m": 20.0})
+
+    def step(self, disturbance: tuple[float, ...]) -> Observation:
+        lateral_m, ghost = disturbance
+        assert ghost == 1.0 or self.asked["planner"] == "idm"
+        seen = super().step((0.0, lateral_m))
+        return replace(seen, ids=(2, 1), signals={"planned_gap_m": 19.5})
+
+
 def golden(name: str) -> bytes:
     return (GOLDEN / f"{name}.msgpack").read_bytes()
 
 
 def test_every_file_is_a_message_and_every_message_a_file() -> None:
-    assert {file.stem for file in GOLDEN.iterdir()} == {*REQUESTS, *ANSWERS}
+    assert {file.stem for file in GOLDEN.iterdir()} == {*REQUESTS, *ANSWERS, *ANSWERS_2}
 
 
 @pytest.mark.parametrize("name", REQUESTS)
@@ -121,6 +221,60 @@ def test_workers_ask_by_the_byte(name: str) -> None:
 @pytest.mark.parametrize("name", ANSWERS)
 def test_workers_understand_every_answer(name: str) -> None:
     assert read_answer(golden(name)) == ANSWERS[name]
+
+
+@pytest.mark.parametrize("name", ANSWERS_2)
+def test_workers_understand_every_answer_of_version_2(name: str) -> None:
+    assert read_answer(golden(name), 2) == ANSWERS_2[name]
+
+
+def test_the_version_of_a_welcome_is_the_one_that_it_announces() -> None:
+    assert type(said.read_hello_answer(golden("welcome"))) is said.BridgeWelcome
+    assert said.read_hello_answer(golden("welcome_2")) == ANSWERS_2["welcome_2"]
+    # To a worker that reads version 1 the keys of version 2 are keys that it does not know.
+    changed = decode(golden("welcome_2")) | {"protocol": 1, "channels": 7}
+    assert type(said.read_hello_answer(pack(changed))) is said.BridgeWelcome
+
+
+def test_the_reference_bridge_answers_by_the_byte_in_version_2(minimal) -> None:
+    bridge = minimal.Bridge(decode(golden("welcome_2")), StubOfVersion2)
+    for request, answer in DIALOGUE_2:
+        assert decode(pack(bridge.answer(decode(golden(request))))) == decode(golden(answer))
+
+
+def test_a_bridge_of_version_2_speaks_version_1_to_a_worker_of_version_1(minimal) -> None:
+    bridge = minimal.Bridge(decode(golden("welcome_2")), Stub)
+    for request, answer in DIALOGUE[1:]:
+        assert pack(bridge.answer(decode(golden(request)))) == golden(answer), request
+
+
+SPOILT = {
+    "NaN": {"ego": [float("nan")] * 6},
+    "no number": {"signals": {"gap_m": float("inf")}},
+    "long account": {"account": {"text": "x" * 4096}},
+    "long text": {"account": "x" * 4100},
+    "nested account": {"account": {"a": {"b": 1}}},
+    "path of one number": {"path": [[1.0]]},
+    "no text": {"message": 7},
+}
+
+
+@pytest.mark.parametrize("name", SPOILT)
+def test_a_spoilt_observation_of_version_2_is_the_fault_of_its_slot_alone(name: str) -> None:
+    answer = decode(golden("observations_2_at_start"))
+    answer["slots"][0] = answer["slots"][0] | SPOILT[name]
+    first, second = read_answer(pack(answer), 2).slots
+    assert first.fault == "simulator"
+    assert ("The account has" if name.startswith("long") else "cannot be read") in first.message
+    assert second == ANSWERS_2["observations_2_at_start"].slots[1]
+
+
+def test_an_account_of_exactly_the_most_bytes_is_read() -> None:
+    text = "x" * (4096 - 3)
+    answer = decode(golden("observations_2_at_start"))
+    answer["slots"][0]["account"] = text
+    assert len(pack(text)) == 4096
+    assert read_answer(pack(answer), 2).slots[0].account == text
 
 
 def test_the_reference_bridge_answers_by_the_byte(minimal) -> None:
@@ -159,9 +313,13 @@ def test_the_session_on_the_page_is_one() -> None:
         assert encode(convert(request, kinds[request["type"]])) == pack(request)
     answers = [read_answer(pack(answer)) for answer in words[1::2]]
     began, went = (answer.slots[0] for answer in answers[1:3])
-    start = read_start(began)
-    read_step(went, start, tuple(words[4]["slots"][0]["disturbance"]), 0.1)
-    assert went.perceived == disturb_position(start, (0.5, -0.25))
+    reader = ObservationReader(POSITION, 0.1)
+    start = reader.read(began, ())
+    disturbance = tuple(words[4]["slots"][0]["disturbance"])
+    assert disturbance == (0.5, -0.25)
+    reader.read(went, disturbance)
+    (seen,) = start.others
+    assert went.perceived == (seen.x_m + 0.5, seen.y_m - 0.25)
     assert [answer.id for answer in answers[1:]] == [request["id"] for request in words[2::2]]
 
 

@@ -10,7 +10,7 @@ from eigenfail.testing.simulation import SIMULATION_CHECKS, Cruise
 from eigenfail.values import POSITION, Control, Observation, VehicleState
 from eigenfail_workers.bridge.checks import BridgeSimulation
 from eigenfail_workers.bridge.connection import Connection
-from eigenfail_workers.bridge.episode import read_start, read_step
+from eigenfail_workers.bridge.episode import ObservationReader
 from eigenfail_workers.bridge.messages import SlotObservation, SlotStart
 
 START = SlotStart(0, 0, "cut_in", {}, "idm", {}, 100)
@@ -62,9 +62,10 @@ EGO, OTHER = (0.0, 0.0, 0.0, 20.0, 16.0, 2.5), (30.0, 1.0, 0.0, 12.0, 4.5, 1.8)
 
 
 def test_what_a_bridge_does_not_tell_is_seen_from_outside() -> None:
-    before = read_start(SlotObservation(0, EGO, (OTHER, (90.0, *OTHER[1:]))))
+    reader = ObservationReader(POSITION, 0.1)
+    reader.read(SlotObservation(0, EGO, (OTHER, (90.0, *OTHER[1:]))), ())
     slower = SlotObservation(1, (2.0, 0.0, 0.0, 19.5, 16.0, 2.5), (OTHER, OTHER))
-    assert read_step(slower, before, (0.5, -0.25), 0.1) == Observation(
+    assert reader.read(slower, (0.5, -0.25)) == Observation(
         step=1,
         ego=VehicleState(2.0, 0.0, 0.0, 19.5, 16.0, 2.5),
         others=(VehicleState(*OTHER),) * 2,
@@ -86,6 +87,7 @@ def test_what_a_bridge_does_not_tell_is_seen_from_outside() -> None:
     ],
 )
 def test_what_is_no_observation_is_the_simulators_fault(seen: SlotObservation, said: str) -> None:
-    before = read_start(SlotObservation(0, EGO, (OTHER,)))
+    reader = ObservationReader(POSITION, 0.1)
+    reader.read(SlotObservation(0, EGO, (OTHER,)), ())
     with pytest.raises(SimulatorError, match=said):
-        read_step(seen, before, (0.0, 0.0), 0.1)
+        reader.read(seen, (0.0, 0.0))

@@ -128,11 +128,11 @@ def test_an_episode_that_takes_too_long_is_given_up(whose: str, serving, on_brid
     [
         ({"type": "refusal", "reason": "We are\nfull."}, "refuses: We are full."),
         ({"type": "closed", "id": 0}, "answered a hello with closed"),
-        ("welcome 2", "speaks protocol 2, and not 1"),
+        ("welcome 3", "speaks protocol 3, and not 1 or 2"),
     ],
 )
 def test_who_does_not_let_us_in_says_why(answer, said, minimal) -> None:
-    given = {**minimal.welcome(), "protocol": 2} if answer == "welcome 2" else answer
+    given = {**minimal.welcome(), "protocol": 3} if answer == "welcome 3" else answer
     with zmq.Context.instance().socket(zmq.ROUTER) as server:
         port = server.bind_to_random_port("tcp://127.0.0.1")
         server.linger = 0

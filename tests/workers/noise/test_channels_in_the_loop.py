@@ -165,12 +165,9 @@ def test_a_channel_that_there_is_not_is_refused_at_the_engine(make_engine) -> No
         make_engine(disturbance=DisturbanceModel(channels=(Channel("vehicle_3.speed"),)))
 
 
-def test_only_a_road_of_plug_ins_has_channels_to_name() -> None:
+def test_a_function_has_no_channels_to_name_here() -> None:
     fields = {"name": "x", "method": "held", "episodes": 5}
     model = DisturbanceModel(channels=(Channel("speed"),))
-    bridged = CampaignSpec(**fields, simulator="bridge", disturbance=model)
-    with pytest.raises(InvalidValue, match="a bridge disturbs the position"):
-        resolve_disturbance(bridged)
     function = CampaignSpec(**fields, simulator="function", disturbance=model)
     with pytest.raises(InvalidValue, match="scenario_parameters"):
         resolve_disturbance(function)

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from eigenfail.bridges import Plain, check_address
 from eigenfail.cli.plugin_checks import SKIPPED, CheckResult, CheckVerdict
-from eigenfail.errors import EigenfailError, EpisodeError, SimulatorError
+from eigenfail.errors import EigenfailError, EpisodeError, SimulatorError, suggest_name
 from eigenfail.testing import expect
 from eigenfail.testing.simulation import (
     SEED,
@@ -23,14 +23,31 @@ from eigenfail.testing.simulation import (
     starts_at_step_zero,
     wave,
 )
-from eigenfail.values import Observation
+from eigenfail.values import POSITION, Observation
+from eigenfail.values.channels import (
+    ALL_CHANNELS,
+    EVENT,
+    EVERY,
+    LATENCY,
+    VEHICLE,
+    Channel,
+    find_quantity,
+    split_name,
+)
 from eigenfail.values.shapes import Row
 from eigenfail_workers.bridge.connection import BridgeTimeouts, Connection
-from eigenfail_workers.bridge.episode import disturb_position, find_scenario, read_start, read_step
+from eigenfail_workers.bridge.episode import (
+    ObservationReader,
+    find_scenario,
+    list_injected,
+    make_step,
+)
 from eigenfail_workers.bridge.messages import (
+    CHANNEL_PROTOCOL,
     BridgePlanner,
     BridgeScenario,
     BridgeWelcome,
+    InjectedChannel,
     ResetRequest,
     SlotObservation,
     SlotStart,
@@ -38,6 +55,7 @@ from eigenfail_workers.bridge.messages import (
     StepRequest,
     match_answer,
 )
+from eigenfail_workers.perception import SensorErrors
 
 HELLO = "says hello"
 PACE = "keeps pace"
@@ -53,13 +71,18 @@ class BridgeSimulation:
     Args:
         connection: used by nothing else at the same time; it stays open.
         start: what to begin; the seed is that of each reset.
+        channels: the channels, in the order of the disturbances.
     """
 
-    def __init__(self, connection: Connection, start: SlotStart) -> None:
+    def __init__(
+        self, connection: Connection, start: SlotStart, channels: tuple[Channel, ...] = POSITION
+    ) -> None:
         self._connection = connection
         self._start = start
+        self._channels = channels
         self.dt_s = find_scenario(connection.welcome, start.scenario).dt_s
         self.steps = start.steps
+        self._reader = ObservationReader(channels, self.dt_s)
         self._now: Observation | None = None
         self._closed = False
 
@@ -68,19 +91,20 @@ class BridgeSimulation:
         if self._closed:
             raise SimulatorError("The simulation is closed.", "Open another one.")
         self._now = None
-        (seen,) = _reset(self._connection, replace(self._start, seed=seed))
-        self._now = read_start(seen)
+        (seen,) = _reset(self._connection, replace(self._start, seed=seed), channels=self._channels)
+        self._reader = ObservationReader(self._channels, self.dt_s)
+        self._now = self._reader.read(seen, ())
         return self._now
 
     def step(self, disturbance: Row) -> Observation:
-        """Disturb the nearest vehicle's position and step; see `Simulation.step`."""
+        """Disturb each channel and step; see `Simulation.step`."""
         now = self._now
         if now is None or now.ended or self._closed:
             raise SimulatorError("There is no episode to go on with.", "Reset the simulation.")
         self._now = None
-        position = disturbance[0], disturbance[1]
-        (seen,) = _step(self._connection, SlotStep(self._start.slot, position))
-        self._now = read_step(seen, now, position, self.dt_s)
+        welcome, slot = self._connection.welcome, self._start.slot
+        (seen,) = _step(self._connection, make_step(welcome, slot, self._channels, disturbance))
+        self._now = self._reader.read(seen, disturbance)
         return self._now
 
     def close(self) -> None:
@@ -89,7 +113,16 @@ class BridgeSimulation:
         self._now = None
 
 
-def _reset(connection: Connection, *starts: SlotStart) -> tuple[SlotObservation, ...]:
+def _reset(
+    connection: Connection, *starts: SlotStart, channels: tuple[Channel, ...] = POSITION
+) -> tuple[SlotObservation, ...]:
+    """Reset slots, in the version of the protocol that was agreed on."""
+    welcome = connection.welcome
+    if welcome.wants_text_seeds:
+        starts = tuple(replace(start, seed=str(start.seed)) for start in starts)
+    if welcome.protocol >= CHANNEL_PROTOCOL:
+        injected = list_injected(channels)
+        starts = tuple(replace(start, channels=injected) for start in starts)
     return _request(connection, ResetRequest(connection.session, connection.next_id(), starts))
 
 
@@ -120,8 +153,9 @@ def disturbs_the_nearest(connection: Connection, start: SlotStart) -> None:
     """A disturbance moves the nearest vehicle as the planner perceives it."""
     with closing(BridgeSimulation(connection, start)) as simulation:
         disturbed, undisturbed = course(simulation, wave), course(simulation, calm)
+    errors = SensorErrors(POSITION)
     for before, after in pairwise(disturbed):
-        due = disturb_position(before, wave(after.step))
+        due = errors.perceive(before, simulation.dt_s, wave(after.step))[1]
         said = f"Step {after.step} reports {after.perceived} as the perceived position, not {due}."
         expect(after.perceived == due, said)
     moved = [each.ego for each in disturbed] != [each.ego for each in undisturbed]
@@ -143,19 +177,22 @@ def _run_side_by_side(
 ) -> list[list[Observation]]:
     """Run an episode for each seed in a separate slot, with all steps in one request."""
     starts = (replace(start, slot=slot, seed=seed) for slot, seed in enumerate(seeds))
-    courses = [[read_start(seen)] for seen in _reset(connection, *starts)]
-    dt_s = find_scenario(connection.welcome, start.scenario).dt_s
+    welcome = connection.welcome
+    dt_s = find_scenario(welcome, start.scenario).dt_s
+    readers = [ObservationReader(POSITION, dt_s) for _ in seeds]
+    shown = zip(readers, _reset(connection, *starts), strict=True)
+    courses = [[reader.read(seen, ())] for reader, seen in shown]
     while running := [slot for slot, course in enumerate(courses) if not course[-1].ended]:
-        steps = tuple(SlotStep(slot, wave(len(courses[slot]))) for slot in running)
-        for step, seen in zip(steps, _step(connection, *steps), strict=True):
-            so_far = courses[step.slot]
-            so_far.append(read_step(seen, so_far[-1], step.disturbance, dt_s))
+        waves = {slot: wave(len(courses[slot])) for slot in running}
+        steps = (make_step(welcome, slot, POSITION, waves[slot]) for slot in running)
+        for slot, seen in zip(running, _step(connection, *steps), strict=True):
+            courses[slot].append(readers[slot].read(seen, waves[slot]))
     return courses
 
 
 def refuses_what_is_over(connection: Connection, start: SlotStart) -> None:
     """A step before a reset or after the end is answered with a fault."""
-    step = SlotStep(start.slot, (0.0, 0.0))
+    step = make_step(connection.welcome, start.slot, POSITION, (0.0, 0.0))
     (seen,) = _step(connection, step)
     expect(seen.fault is not None, "A step before any reset must be answered with a fault.")
     with closing(BridgeSimulation(connection, start)) as simulation:
@@ -166,10 +203,50 @@ def refuses_what_is_over(connection: Connection, start: SlotStart) -> None:
 
 def refuses_unknown_names(connection: Connection, start: SlotStart) -> None:
     """An unknown scenario is a fault of the input, and the next episode begins as usual."""
-    unknown = replace(start, seed=SEED, scenario="no such scenario", parameters={}, settings={})
+    unknown = replace(start, scenario="no such scenario", parameters={}, settings={})
     (seen,) = _reset(connection, unknown)
     said = "A scenario that it does not have must be answered with the fault 'input'."
     expect(seen.fault == "input", said)
+    with closing(BridgeSimulation(connection, start)) as simulation:
+        simulation.reset(SEED)
+
+
+def offers_known_channels(connection: Connection, _start: SlotStart) -> None:
+    """Each channel that the bridge offers is one that campaigns can name."""
+    for name in sorted(connection.welcome.offered_channels):
+        numbered, quantity = split_name(name).vehicle is not None, split_name(name).quantity
+        known = name in ALL_CHANNELS or (numbered and f"{EVERY}.{quantity}" in ALL_CHANNELS)
+        expect(known, f"'{name}' is no channel. {suggest_name(name, ALL_CHANNELS)}")
+
+
+def disturbs_each_channel(connection: Connection, start: SlotStart) -> None:
+    """With each channel that the bridge offers disturbed, episodes end, and repeat themselves."""
+    for name in sorted(connection.welcome.offered_channels):
+        target, quantity = split_name(name)
+        one = f"{VEHICLE}1.{quantity}" if target == EVERY else name
+        channel = Channel(one).filled()
+        with closing(BridgeSimulation(connection, start, (channel,))) as simulation:
+            first, again = (course(simulation, _make_wave(channel)) for _ in range(2))
+        expect(repr(first) == repr(again), f"With '{one}' disturbed, the second episode differs.")
+
+
+def _make_wave(channel: Channel) -> Callable[[int], Row]:
+    """Return disturbances of one channel: for events on and off, for a delay always the same."""
+    if channel.kind is EVENT:
+        return lambda step: (float(step % 10 < 3),)
+    if channel.kind is LATENCY:
+        return lambda _step: (0.2,)
+    amplitude = find_quantity(channel.name).sigma or 1.0
+    return lambda step: (amplitude * wave(step)[0],)
+
+
+def refuses_unknown_channels(connection: Connection, start: SlotStart) -> None:
+    """An unknown channel is a fault of its slot, and the next episode begins as usual."""
+    if connection.welcome.protocol >= CHANNEL_PROTOCOL:
+        unknown = replace(start, channels=(InjectedChannel("no such channel"),))
+        request = ResetRequest(connection.session, connection.next_id(), (unknown,))
+        (seen,) = _request(connection, request)
+        expect(seen.fault is not None, "A channel that it does not offer must be a fault.")
     with closing(BridgeSimulation(connection, start)) as simulation:
         simulation.reset(SEED)
 
@@ -187,6 +264,13 @@ CHECKS: tuple[Check, ...] = (
     refuses_what_is_over,
     refuses_unknown_names,
 )
+
+CHANNEL_CHECKS: tuple[Check, ...] = (
+    offers_known_channels,
+    disturbs_each_channel,
+    refuses_unknown_channels,
+)
+"""Checks of a bridge that speaks version 2."""
 
 
 class BridgePace(msgspec.Struct, frozen=True):
@@ -266,7 +350,8 @@ def check_bridge(address: str) -> list[CheckResult]:
 
 def _describe(address: str, welcome: BridgeWelcome) -> Iterator[CheckResult]:
     """Yield what a bridge offers, with the defaults of parameters and settings."""
-    said = f"{welcome.name} {welcome.version}: up to {welcome.slots} episodes side by side."
+    named = f"{welcome.name} {welcome.version}, protocol {welcome.protocol}"
+    said = f"{named}: up to {welcome.slots} episodes side by side."
     yield CheckResult(address, HELLO, CheckVerdict.PASSED, said)
     for each in welcome.scenarios:
         known = {"steps": each.steps, "dt_s": each.dt_s, **(each.parameters or {})}
@@ -274,6 +359,9 @@ def _describe(address: str, welcome: BridgeWelcome) -> Iterator[CheckResult]:
     for planner in welcome.planners:
         defaults = _format_defaults(planner.settings or {})
         yield CheckResult(planner.name, "planner", CheckVerdict.PASSED, defaults)
+    if welcome.protocol >= CHANNEL_PROTOCOL:
+        offered = ", ".join(sorted(welcome.offered_channels))
+        yield CheckResult(address, "channels", CheckVerdict.PASSED, offered)
 
 
 def _format_defaults(defaults: Mapping[str, Plain]) -> str:
@@ -297,7 +385,8 @@ def _run_checks(address: str, welcome: BridgeWelcome) -> Iterator[CheckResult]:
 def _plan_checks(welcome: BridgeWelcome) -> Iterator[tuple[SlotStart, Check]]:
     scenario, *scenarios = welcome.scenarios
     planner, *planners = welcome.planners
-    for check in CHECKS:
+    by_channel = welcome.protocol >= CHANNEL_PROTOCOL
+    for check in (*CHECKS, *(CHANNEL_CHECKS if by_channel else ())):
         yield _make_start(scenario, planner), check
     for each in scenarios:
         yield _make_start(each, planner), counts_each_step

@@ -17,6 +17,7 @@ from eigenfail.errors import BridgeLost, EpisodeError, InvalidValue, SimulatorEr
 from eigenfail_workers.bridge.messages import (
     MAX_MESSAGE_BYTES,
     PROTOCOL,
+    PROTOCOLS,
     Answer,
     BridgeError,
     BridgeHello,
@@ -29,6 +30,7 @@ from eigenfail_workers.bridge.messages import (
     encode,
     make_error,
     read_answer,
+    read_hello_answer,
     sanitize,
 )
 from eigenfail_workers.limits import read_episode_limit
@@ -144,17 +146,18 @@ class Connection:
             raise self._make_error(f"refuses: {sanitize(answer.reason)}")
         if not isinstance(answer, BridgeWelcome):
             raise self._make_error(f"answered a hello with {answer.__struct_config__.tag}")
-        if answer.protocol != PROTOCOL:
-            raise self._make_error(f"speaks protocol {answer.protocol}, and not {PROTOCOL}")
+        if answer.protocol not in PROTOCOLS:
+            known = " or ".join(map(str, PROTOCOLS))
+            raise self._make_error(f"speaks protocol {answer.protocol}, and not {known}")
         return answer
 
     def _say_hello(self, left_s: float) -> Answer:
         within_s = max(0.0, min(self.timeouts.hello_s, left_s))
-        self.send(BridgeHello(PROTOCOL, self.session))
-        answer = self._receive(within_s)
-        if answer is None:
+        self.send(BridgeHello(PROTOCOL, self.session, PROTOCOLS))
+        data = self._receive(within_s)
+        if data is None:
             raise self._make_loss(f"did not answer within {within_s:.3g} s")
-        return answer
+        return read_hello_answer(data)
 
     @property
     def is_alive(self) -> bool:
@@ -189,12 +192,13 @@ class Connection:
             InvalidValue: the answer is an error that the campaign has caused.
         """
         answer_s = self.timeouts.answer_s
-        answer = self._receive(min(within_s, answer_s))
-        if answer is None and within_s < answer_s:
+        data = self._receive(min(within_s, answer_s))
+        if data is None and within_s < answer_s:
             raise self.make_timeout()
-        if answer is None:
+        if data is None:
             problem = f"The bridge at {self.address} did not answer within {answer_s:g} s."
             raise SimulatorError(problem, self.timeouts.remedy)
+        answer = read_answer(data, self.welcome.protocol)
         if isinstance(answer, BridgeError):
             if answer.lost:
                 raise self._make_loss(f"knows nothing of this session: {sanitize(answer.message)}")
@@ -204,14 +208,14 @@ class Connection:
             raise self._make_error(f"said {tag} in the middle of episodes")
         return answer
 
-    def _receive(self, within_s: float) -> Answer | None:
-        """Return the next answer, or None if none comes in time."""
+    def _receive(self, within_s: float) -> bytes | None:
+        """Return the bytes of the next answer, or None if none comes in time."""
         until_s = time.monotonic() + within_s
         while (left_s := until_s - time.monotonic()) > 0.0:
             ready = dict(self._poller.poll(int(left_s * 1000.0) + 1))
             if self._socket in ready:
                 *_, data = self._socket.recv_multipart()
-                return read_answer(data)
+                return data
             if self._monitor in ready:
                 recv_monitor_message(self._monitor)
                 raise self._make_loss("went away")

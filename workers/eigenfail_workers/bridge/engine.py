@@ -8,12 +8,14 @@ from typing import NamedTuple
 from eigenfail import bridges
 from eigenfail.errors import BridgeLost, EpisodeError, InputError, UnknownName
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy, unrunnable
+from eigenfail.worlds import resolve_disturbance
+from eigenfail_workers.accounts import RecordedStep
 from eigenfail_workers.bridge.connection import (
     Connection,
     SharedConnection,
     connect_from_environment,
 )
-from eigenfail_workers.bridge.episode import BridgeEpisode, check_start
+from eigenfail_workers.bridge.episode import BridgeCampaign, BridgeEpisode
 from eigenfail_workers.bridge.messages import (
     Closed,
     Observations,
@@ -22,7 +24,7 @@ from eigenfail_workers.bridge.messages import (
     match_answer,
 )
 from eigenfail_workers.faults import make_fault
-from eigenfail_workers.noise.policy import store_policy
+from eigenfail_workers.noise.campaign_noise import CampaignNoise
 
 MAX_LOSSES = 3
 
@@ -179,6 +181,8 @@ class BridgeEngine:
     Args:
         setup: setup of the campaign; `scenario` and `planner` are names that the bridge offers.
         connection: connection to the bridge; opened with the first episode.
+        recorded: list that is filled with the steps of the last episode, as the bridge explains
+            them; None where it is not asked to.
 
     Attributes:
         declined: why no episode of the campaign can run on this bridge, which does not offer one of
@@ -188,12 +192,22 @@ class BridgeEngine:
         InvalidValue: the horizon is missing, or a parameter or setting cannot be sent to a bridge.
     """
 
-    def __init__(self, setup: EpisodeSetup, connection: SharedConnection) -> None:
-        self._setup = setup
+    def __init__(
+        self,
+        setup: EpisodeSetup,
+        connection: SharedConnection,
+        recorded: list[RecordedStep] | None = None,
+    ) -> None:
+        model = resolve_disturbance(setup)
+        settings = bridges.read_plain(setup.planner_settings, "planner_settings")
+        self._campaign = BridgeCampaign(
+            setup, settings, model, CampaignNoise(model), setup.make_judge(), recorded
+        )
         self._connection = connection
-        self._variation = bridges.variation(setup.scenario_parameters)
-        self._settings = bridges.read_plain(setup.planner_settings, "planner_settings")
-        self._policies: dict[int, Policy] = {}
+        self._variation = bridges.variation(
+            setup.scenario_parameters, searched=self._campaign.noise.searched
+        )
+        self._horizon = self._variation.largest(lambda parameters: int(parameters.steps))
         self._slots = SlotTable()
         self._retries = RetryQueue()
         self._done: list[EpisodeResult] = []
@@ -202,7 +216,7 @@ class BridgeEngine:
 
     def add_policy(self, policy: Policy) -> None:
         """Store a copy of a policy version; the oldest versions are dropped."""
-        store_policy(self._policies, policy)
+        self._campaign.noise.add_policy(policy)
 
     @property
     def room(self) -> int:
@@ -236,14 +250,14 @@ class BridgeEngine:
             self._done.append(unrunnable(task, make_fault(error)))
 
     def _start(self, task: EpisodeTask) -> None:
-        parameters = self._variation.draw(task.seed)
-        episode = BridgeEpisode(self._setup, task, parameters, self._settings, self._policies)
+        z = self._campaign.noise.choose(task, self._horizon)
+        parameters = self._variation.draw(task.seed, z)
         if not self._slots:
             self._connection.drop_if_dead()
         slot = self._slots.find_free()
         try:
             welcome = self._connection.get(self._left_s).welcome
-            check_start(welcome, episode.make_start(slot), episode.dt_s)
+            episode = BridgeEpisode(self._campaign, task, parameters, welcome)
         except UnknownName as error:
             self.declined = str(error)
             raise

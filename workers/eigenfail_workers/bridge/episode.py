@@ -1,27 +1,39 @@
 """One episode of a campaign in a slot of a bridge: its requests, observations and result."""
 
-from collections.abc import Mapping
 from time import perf_counter
+from typing import NamedTuple
 
 import msgspec
+from msgspec import UNSET
 from msgspec.structs import replace
 
 from eigenfail.bridges import Plain, foreign
 from eigenfail.errors import EpisodeError, InputError, InvalidValue, SimulatorError, UnknownName
 from eigenfail.values import (
+    AXES,
+    Account,
     Control,
+    DisturbanceModel,
     EpisodeResult,
     EpisodeSetup,
     EpisodeTask,
     Observation,
-    Policy,
+    Path,
     VehicleState,
 )
+from eigenfail.values.channels import CHANNELS_FIELD, EVERY, Channel, split_name
+from eigenfail.values.requirements import EpisodeJudge
+from eigenfail.values.shapes import Row
+from eigenfail.values.signals import BRIDGE
+from eigenfail_workers.accounts import RecordedStep, read_account, thin_path
 from eigenfail_workers.bridge.connection import Connection
 from eigenfail_workers.bridge.messages import (
+    CHANNEL_PROTOCOL,
+    MAX_VEHICLES,
     BridgeScenario,
     BridgeWelcome,
-    Pair,
+    DetailedObservation,
+    InjectedChannel,
     SlotObservation,
     SlotStart,
     SlotStep,
@@ -29,69 +41,105 @@ from eigenfail_workers.bridge.messages import (
 )
 from eigenfail_workers.episode import EpisodeDriver, make_errored_result, make_result
 from eigenfail_workers.faults import make_fault, wrap_errors
-from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.measures.recorder import Recorder
-from eigenfail_workers.noise import sources
+from eigenfail_workers.noise.campaign_noise import CampaignNoise
+from eigenfail_workers.perception import NOWHERE, SensorErrors
+from eigenfail_workers.values import Point
+
+
+class BridgeCampaign(NamedTuple):
+    """What the episodes of a campaign on a bridge share.
+
+    Attributes:
+        setup: setup of the campaign.
+        settings: settings of the planner.
+        model: model of the disturbances, with its channels written out.
+        noise: begins the noise of each episode.
+        judge: what judges the episodes; None where only no collision is required.
+        recorded: list that is filled with the steps of the last episode, as the bridge explains
+            them; None where it is not asked to.
+    """
+
+    setup: EpisodeSetup
+    settings: dict[str, Plain]
+    model: DisturbanceModel
+    noise: CampaignNoise
+    judge: EpisodeJudge | None
+    recorded: list[RecordedStep] | None
 
 
 class BridgeEpisode:
     """An episode from its request to its result.
 
     Args:
-        setup: setup of the campaign.
+        campaign: campaign of the episode.
         task: task of the episode.
         parameters: parameters of its scenario, with `steps` and `dt_s`.
-        settings: settings of the planner.
-        policies: policies by version, for a task that names one.
+        welcome: what the bridge offers.
 
     Attributes:
         task: task of the episode.
-        dt_s: duration of a step according to the campaign. [s]
+
+    Raises:
+        UnknownName: the bridge does not know the scenario, the planner, a parameter, a setting, a
+            channel or a signal.
+        InvalidValue: the scenario has fewer steps, or steps of another duration; or the noise of
+            the episode cannot be provided.
     """
 
     def __init__(
         self,
-        setup: EpisodeSetup,
+        campaign: BridgeCampaign,
         task: EpisodeTask,
         parameters: msgspec.Struct,
-        settings: dict[str, Plain],
-        policies: Mapping[int, Policy],
+        welcome: BridgeWelcome,
     ) -> None:
         self.task = task
-        self._setup = setup
-        self._settings = settings
+        self._campaign = campaign
+        self._welcome = welcome
         self._foreign = foreign(parameters)
         named = msgspec.structs.asdict(parameters)
-        self._steps, self.dt_s = int(named["steps"]), float(named["dt_s"])
+        self._steps, self._dt_s = int(named["steps"]), float(named["dt_s"])
+        check_start(welcome, self.make_start(0), self._dt_s)
+        check_channels(welcome, campaign.noise.perceived)
+        if campaign.judge is not None:
+            check_signals(welcome, campaign.judge.signals)
         self._wall_s, self._measured_s = 0.0, perf_counter()
-        self._recorder = Recorder(setup.disturbance, task.importance, setup.make_judge())
-        context = sources.NoiseContext(task.seed, self._steps, policies)
-        self._noise = sources.begin(task.source, context)
-        self._driver = EpisodeDriver(setup.disturbance, self._noise, self._recorder, self._steps)
-        self._last: Observation | None = None
-        self._disturbance: Pair = (0.0, 0.0)
+        model = campaign.model
+        self._recorder = Recorder(model, task.importance, campaign.judge)
+        self._noise = campaign.noise.begin(task, self._steps)
+        self._driver = EpisodeDriver(model, self._noise, self._recorder, self._steps)
+        self._reader = ObservationReader(campaign.noise.perceived, self._dt_s)
+        self._disturbance: Row = ()
+        if campaign.recorded is not None:
+            campaign.recorded.clear()
 
     @property
     def has_begun(self) -> bool:
         """Whether the bridge has reported the start of the episode."""
-        return self._last is not None
+        return self._reader.has_begun
 
     def make_start(self, slot: int) -> SlotStart:
         """Return what a reset asks for in a slot."""
-        setup = self._setup
-        return SlotStart(
+        setup, seed = self._campaign.setup, self.task.seed
+        start = SlotStart(
             slot,
-            self.task.seed,
+            str(seed) if self._welcome.wants_text_seeds else seed,
             setup.scenario,
             self._foreign,
             setup.planner,
-            self._settings,
+            self._campaign.settings,
             self._steps,
         )
+        if self._welcome.protocol < CHANNEL_PROTOCOL:
+            return start
+        explain = True if self._campaign.recorded is not None else UNSET
+        injected = list_injected(self._campaign.noise.perceived)
+        return replace(start, channels=injected, explain=explain)
 
     def make_step(self, slot: int) -> SlotStep:
         """Return what the next step asks for in a slot."""
-        return SlotStep(slot, self._disturbance)
+        return make_step(self._welcome, slot, self._campaign.noise.perceived, self._disturbance)
 
     def advance(
         self, seen: SlotObservation, beside: int, connection: Connection
@@ -112,17 +160,17 @@ class BridgeEpisode:
     def _advance(
         self, seen: SlotObservation, beside: int, connection: Connection
     ) -> EpisodeResult | None:
-        before, wall_s = self._last, self._measure_wall_s(beside)
-        if before is None:
-            now = read_start(seen)
-        else:
-            now = read_step(seen, before, self._disturbance, self.dt_s)
-        self._last = now
+        wall_s = self._measure_wall_s(beside)
+        now = self._reader.read(seen, self._disturbance)
+        if self._campaign.recorded is not None and now.step:
+            self._campaign.recorded.append(record_step(seen, now, self._dt_s))
         disturbance = self._driver.disturb(now)
         if disturbance is None:
-            done = make_result(self._setup, self.task, self._noise, self._recorder, self.dt_s)
+            done = make_result(
+                self._campaign.setup, self.task, self._noise, self._recorder, self._dt_s
+            )
             return replace(done, wall_s=wall_s)
-        self._disturbance = disturbance[0], disturbance[1]
+        self._disturbance = disturbance
         if wall_s > connection.timeouts.episode_s:
             raise connection.make_timeout()
         return None
@@ -140,52 +188,144 @@ class BridgeEpisode:
         return self._wall_s
 
 
-def read_start(seen: SlotObservation) -> Observation:
-    """Return the start of an episode.
+def list_injected(channels: tuple[Channel, ...]) -> tuple[InjectedChannel, ...]:
+    """Return what a reset says of the channels of an episode."""
+    return tuple(InjectedChannel(channel.name, channel.ahead_m) for channel in channels)
 
-    Raises:
-        EpisodeError: the episode did not begin.
-        InvalidValue: the bridge cannot do what the campaign asks for.
+
+def make_step(
+    welcome: BridgeWelcome, slot: int, channels: tuple[Channel, ...], disturbance: Row
+) -> SlotStep:
+    """Return what a step asks for in a slot, in the version of the protocol that was agreed on."""
+    values = {channel.name: each for channel, each in zip(channels, disturbance, strict=True)}
+    if welcome.protocol >= CHANNEL_PROTOCOL:
+        return SlotStep(slot, disturbances=values)
+    longitudinal, lateral = (values.get(name, 0.0) for name in AXES)
+    return SlotStep(slot, (longitudinal, lateral))
+
+
+class ObservationReader:
+    """Reads the observations of one episode, in their order.
+
+    Args:
+        channels: the channels, in the order of the disturbances.
+        dt_s: duration of a step.
     """
-    ego = _read_ego(seen, 0)
-    return Observation(
-        0,
-        ego,
-        _read_others(seen),
-        bool(seen.collided),
-        bool(seen.ended),
-        off_road=bool(seen.off_road),
-    )
+
+    def __init__(self, channels: tuple[Channel, ...], dt_s: float) -> None:
+        self._channels = channels
+        self._errors = SensorErrors(channels)
+        self._dt_s = dt_s
+        self._last: Observation | None = None
+        self._vehicles: dict[int | str, tuple[int, Point]] = {}
+
+    @property
+    def has_begun(self) -> bool:
+        """Whether the start has been read."""
+        return self._last is not None
+
+    def read(self, seen: SlotObservation, disturbance: Row) -> Observation:
+        """Return the true state at the start, or after a step with the planner's control.
+
+        Where the bridge does not report the perceived position, it is the one that follows from
+        the disturbance, and NaN where vehicles come and go; where it does not report the control,
+        that follows from the change of speed, without steering.
+
+        Args:
+            seen: what the bridge shows.
+            disturbance: a_t of each channel in the step just taken; of no effect at the start.
+
+        Raises:
+            EpisodeError: the episode did not begin, or cannot go on.
+            InvalidValue: the bridge cannot do what the campaign asks for.
+        """
+        before = self._last
+        now = self._read_start(seen) if before is None else self._go_on(seen, before, disturbance)
+        self._last = now
+        return now
+
+    def _read_start(self, seen: SlotObservation) -> Observation:
+        ego, others = _read_ego(seen, 0), _read_others(seen)
+        ids = self._register(seen, others)
+        for channel in self._channels:
+            vehicle = split_name(channel.name).vehicle
+            if ids is None and vehicle is not None and vehicle > len(others):
+                problem = f"'{channel.name}' is of vehicle {vehicle}, and there are {len(others)}."
+                raise InvalidValue(CHANNELS_FIELD, problem, "Vehicles are numbered from 1.")
+        return Observation(
+            0,
+            ego,
+            others,
+            bool(seen.collided),
+            bool(seen.ended),
+            off_road=bool(seen.off_road),
+            ids=ids,
+            signals=_read_signals(seen),
+        )
+
+    def _go_on(self, seen: SlotObservation, before: Observation, disturbance: Row) -> Observation:
+        ego, others = _read_ego(seen, before.step + 1), _read_others(seen)
+        ids = self._register(seen, others)
+        if (ids is None) is not (before.ids is None):
+            problem = "Some observations of the episode have `ids`, and some do not."
+            raise SimulatorError(problem, "Give them in each, or in none.")
+        if ids is None and len(others) != len(before.others):
+            problem = f"There were {len(before.others)} other vehicles, and now {len(others)}."
+            remedy = "Without `ids`, a bridge shows all of them in every observation."
+            raise SimulatorError(problem, remedy)
+        position = NOWHERE
+        if ids is None:
+            _, position = self._errors.perceive(before, self._dt_s, disturbance)
+        faster_mps = ego.speed_mps - before.ego.speed_mps
+        return Observation(
+            before.step + 1,
+            ego,
+            others,
+            bool(seen.collided),
+            bool(seen.ended),
+            seen.perceived or position,
+            Control(*(seen.control or (faster_mps / self._dt_s, 0.0))),
+            Control(*seen.applied) if seen.applied else None,
+            bool(seen.off_road),
+            ids=ids,
+            signals=_read_signals(seen),
+        )
+
+    def _register(
+        self, seen: SlotObservation, others: tuple[VehicleState, ...]
+    ) -> tuple[int, ...] | None:
+        """Return the number of each other vehicle, in the order in which they were first seen."""
+        ids = seen.ids if isinstance(seen, DetailedObservation) else None
+        if ids is None:
+            return None
+        if len(ids) != len(others) or len(set(ids)) != len(ids):
+            problem = f"The {len(others)} other vehicles have the ids {list(ids)}."
+            raise SimulatorError(problem, "Each vehicle has an id of its own.")
+        for name, other in zip(ids, others, strict=True):
+            size = other.length_m, other.width_m
+            known = self._vehicles.setdefault(name, (len(self._vehicles) + 1, size))
+            if known[1] != size:
+                problem = f"Vehicle {name!r} had another footprint before."
+                raise SimulatorError(problem, "Give each new vehicle an id that was not used.")
+        if len(self._vehicles) > MAX_VEHICLES:
+            problem = f"There were more than {MAX_VEHICLES} other vehicles in one episode."
+            raise SimulatorError(problem, "Shorten the episode, or show those near the ego alone.")
+        return tuple([self._vehicles[name][0] for name in ids])
 
 
-def read_step(
-    seen: SlotObservation, before: Observation, disturbance: Pair, dt_s: float
-) -> Observation:
-    """Return the true state after a step, with the planner's control.
+def _read_signals(seen: SlotObservation) -> dict[str, float] | None:
+    return seen.signals if isinstance(seen, DetailedObservation) else None
 
-    Where the bridge does not report the perceived position, it is the requested one; where it does
-    not report the control, it follows from the change of speed over `dt_s`, without steering.
 
-    Raises:
-        EpisodeError: the episode cannot go on.
-        InvalidValue: the bridge cannot do what the campaign asks for.
-    """
-    ego = _read_ego(seen, before.step + 1)
-    if len(seen.others) != len(before.others):
-        problem = f"There were {len(before.others)} other vehicles, and now {len(seen.others)}."
-        raise SimulatorError(problem, "A bridge shows all of them in every observation.")
-    control = seen.control or ((ego.speed_mps - before.ego.speed_mps) / dt_s, 0.0)
-    return Observation(
-        before.step + 1,
-        ego,
-        _read_others(seen),
-        bool(seen.collided),
-        bool(seen.ended),
-        seen.perceived or disturb_position(before, disturbance),
-        Control(*control),
-        Control(*seen.applied) if seen.applied else None,
-        bool(seen.off_road),
-    )
+def record_step(seen: SlotObservation, now: Observation, dt_s: float) -> RecordedStep:
+    """Return what the bridge says of the planner's decision in the step just taken."""
+    account: Account = {}
+    path: Path = ()
+    if isinstance(seen, DetailedObservation):
+        given = {"account": seen.account} if isinstance(seen.account, str) else seen.account
+        account, path = read_account(given or {}), thin_path(seen.path or ())
+    control = now.control or Control(0.0, 0.0)
+    return RecordedStep((now.step - 1) * dt_s, control, account, path)
 
 
 def _read_ego(seen: SlotObservation, step: int) -> VehicleState:
@@ -204,12 +344,6 @@ def _read_ego(seen: SlotObservation, step: int) -> VehicleState:
 
 def _read_others(seen: SlotObservation) -> tuple[VehicleState, ...]:
     return tuple([VehicleState(*vehicle) for vehicle in seen.others])
-
-
-def disturb_position(before: Observation, disturbance: Pair) -> Pair:
-    """Return the position at which the planner must perceive the nearest vehicle. [m]"""
-    actor = before.others[find_nearest(before.ego, before.others)]
-    return actor.x_m + disturbance[0], actor.y_m + disturbance[1]
 
 
 def find_scenario(welcome: BridgeWelcome, name: str) -> BridgeScenario:
@@ -254,3 +388,29 @@ def check_start(welcome: BridgeWelcome, start: SlotStart, dt_s: float) -> None:
         problem = f"a step of '{scenario.name}' takes {scenario.dt_s:g} s, and not {dt_s:g} s."
         remedy = f"Write dt_s = {scenario.dt_s:g}."
         raise InvalidValue("scenario_parameters.dt_s", problem, remedy)
+
+
+def check_channels(welcome: BridgeWelcome, channels: tuple[Channel, ...]) -> None:
+    """Check that a bridge can disturb the channels of a campaign.
+
+    Raises:
+        UnknownName: it cannot disturb one of them.
+    """
+    offered = welcome.offered_channels
+    for channel in channels:
+        name = split_name(channel.name)
+        each = f"{EVERY}.{name.quantity}"
+        if channel.name not in offered and not (name.vehicle and each in offered):
+            raise UnknownName(CHANNELS_FIELD, channel.name, offered)
+
+
+def check_signals(welcome: BridgeWelcome, needed: frozenset[str]) -> None:
+    """Check that a bridge reports the signals of its own that requirements need.
+
+    Raises:
+        UnknownName: it does not report one of them.
+    """
+    offered = {f"{BRIDGE}.{name}" for name in welcome.offered_signals}
+    for name in sorted(needed):
+        if name.startswith(f"{BRIDGE}.") and name not in offered:
+            raise UnknownName("signal in requirements", name, offered)

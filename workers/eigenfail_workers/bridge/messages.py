@@ -1,14 +1,19 @@
-"""Messages between a worker and a bridge. docs/bridge.md describes the protocol.
+"""Messages between a worker and a bridge. docs/bridge.md describes both versions of the protocol.
 
 Unknown keys are ignored, so that either side may know more than the other. A message that cannot be
-decoded is a SimulatorError: no message can run code, and no number in it is NaN or infinite.
+decoded is a SimulatorError: no message can run code, and no number in it is NaN or infinite. Of
+version 2, an observation that cannot be decoded is the fault of its slot alone.
+
+Fields of version 2 are absent from requests in version 1, whose bytes are as they were before there
+was another version.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 import msgspec
-from msgspec import Meta
+from msgspec import UNSET, Meta, UnsetType
 
 from eigenfail.bridges import Plain, Steps, StepTime
 from eigenfail.errors import (
@@ -19,12 +24,23 @@ from eigenfail.errors import (
     SimulatorError,
     SolverError,
 )
+from eigenfail.values import AXES
 
 PROTOCOL = 1
+"""Version that every bridge knows."""
+
+CHANNEL_PROTOCOL = 2
+"""Version in which disturbances go by channel."""
+
+PROTOCOLS = (PROTOCOL, CHANNEL_PROTOCOL)
 MAX_MESSAGE_BYTES = 16 * 1024 * 1024
 MAX_SLOTS = 256
 MAX_VEHICLES = 256
 MAX_TEXT_CHARACTERS = 500
+MAX_CHANNELS = 1_000
+MAX_SIGNALS = 100
+MAX_ACCOUNT_BYTES = 4096
+MAX_PATH_POINTS = 1_000
 
 Number = Annotated[float, Meta(ge=-1e9, le=1e9)]
 Size = Annotated[float, Meta(gt=0.0, le=1e9)]
@@ -41,22 +57,49 @@ class BridgeMessage(msgspec.Struct, frozen=True, tag_field="type"):
 
 
 class BridgeHello(BridgeMessage, frozen=True, tag="hello"):
-    """Request to open a session (worker to bridge)."""
+    """Request to open a session (worker to bridge).
+
+    Attributes:
+        protocol: version of a bridge that knows no other.
+        session: text that the worker made up.
+        protocols: versions among which a bridge that knows several chooses.
+    """
 
     protocol: int
     session: str
+    protocols: tuple[int, ...] | UnsetType = UNSET
+
+
+class InjectedChannel(msgspec.Struct, frozen=True, omit_defaults=True):
+    """Channel that is disturbed in an episode.
+
+    Attributes:
+        name: its name.
+        ahead_m: of a ghost alone: how far ahead of the ego's centre it is first seen.
+    """
+
+    name: str
+    ahead_m: float | None = None
 
 
 class SlotStart(msgspec.Struct, frozen=True):
-    """Episode that a reset begins in one slot."""
+    """Episode that a reset begins in one slot.
+
+    Attributes:
+        seed: as text where the bridge asks for that.
+        channels: channels of which each step has a value (version 2).
+        explain: whether the bridge is to say what its planner computes (version 2).
+    """
 
     slot: int
-    seed: int
+    seed: int | str
     scenario: str
     parameters: dict[str, Plain]
     planner: str
     settings: dict[str, Plain]
     steps: int
+    channels: tuple[InjectedChannel, ...] | UnsetType = UNSET
+    explain: bool | UnsetType = UNSET
 
 
 class ResetRequest(BridgeMessage, frozen=True, tag="reset"):
@@ -68,10 +111,17 @@ class ResetRequest(BridgeMessage, frozen=True, tag="reset"):
 
 
 class SlotStep(msgspec.Struct, frozen=True):
-    """Disturbance of one slot in a step. [m]"""
+    """Disturbance of one slot in a step.
+
+    Attributes:
+        disturbance: of the position of the nearest vehicle [m] (version 1).
+        disturbances: of each channel by name, in its unit; of an event 1 while it lasts, and
+            otherwise 0 (version 2).
+    """
 
     slot: int
-    disturbance: tuple[float, float]
+    disturbance: tuple[float, float] | UnsetType = UNSET
+    disturbances: dict[str, float] | UnsetType = UNSET
 
 
 class StepRequest(BridgeMessage, frozen=True, tag="step"):
@@ -115,6 +165,59 @@ class BridgeWelcome(BridgeMessage, frozen=True, tag="welcome"):
     scenarios: Annotated[tuple[BridgeScenario, ...], Meta(min_length=1, max_length=1000)]
     planners: Annotated[tuple[BridgePlanner, ...], Meta(min_length=1, max_length=1000)]
 
+    @property
+    def offered_channels(self) -> frozenset[str]:
+        """Names of the channels that the bridge can disturb."""
+        return frozenset(AXES)
+
+    @property
+    def offered_signals(self) -> frozenset[str]:
+        """Names of the signals that each observation has a value of."""
+        return frozenset()
+
+    @property
+    def wants_text_seeds(self) -> bool:
+        """Whether seeds are sent as text."""
+        return False
+
+
+class BridgeSignal(msgspec.Struct, frozen=True):
+    """Named number that the bridge reports of each step."""
+
+    name: Annotated[str, Meta(max_length=100, pattern="^[A-Za-z_][A-Za-z_0-9]*$")]
+    unit: Annotated[str, Meta(max_length=20)] = ""
+    words: Annotated[str, Meta(max_length=200)] = ""
+
+
+class ChannelWelcome(BridgeWelcome, frozen=True, tag="welcome"):
+    """Acceptance of a session in version 2.
+
+    Attributes:
+        channels: names of the channels that the bridge can disturb; default: those of the position
+            of the nearest vehicle. `every.` stands for each vehicle.
+        signals: signals that each observation has a value of.
+        seed_text: whether seeds are to be sent as text.
+    """
+
+    channels: Annotated[tuple[Name, ...], Meta(max_length=MAX_CHANNELS)] | None = None
+    signals: Annotated[tuple[BridgeSignal, ...], Meta(max_length=MAX_SIGNALS)] = ()
+    seed_text: bool | None = None
+
+    @property
+    def offered_channels(self) -> frozenset[str]:
+        """Names of the channels that the bridge can disturb."""
+        return frozenset(AXES if self.channels is None else self.channels)
+
+    @property
+    def offered_signals(self) -> frozenset[str]:
+        """Names of the signals that each observation has a value of."""
+        return frozenset(signal.name for signal in self.signals)
+
+    @property
+    def wants_text_seeds(self) -> bool:
+        """Whether seeds are sent as text."""
+        return bool(self.seed_text)
+
 
 class BridgeRefusal(BridgeMessage, frozen=True, tag="refusal"):
     """Refusal of a session, with the reason; `full` means that the worker may ask again."""
@@ -139,11 +242,37 @@ class SlotObservation(msgspec.Struct, frozen=True):
     message: str = ""
 
 
+PlannerAccount = dict[Name, bool | Number | str]
+
+
+class DetailedObservation(SlotObservation, frozen=True):
+    """True state of the episode in one slot, in version 2.
+
+    Attributes:
+        ids: of each other vehicle; those that come and go are known again by it.
+        signals: values of the signals of the welcome, by name.
+        account: what the planner believed in the step just taken.
+        path: where it means to drive, the present position first. [m]
+    """
+
+    ids: Annotated[tuple[int | Name, ...], Meta(max_length=MAX_VEHICLES)] | None = None
+    signals: Annotated[dict[Name, Number], Meta(max_length=MAX_SIGNALS)] | None = None
+    account: PlannerAccount | str | None = None
+    path: Annotated[tuple[Pair, ...], Meta(max_length=MAX_PATH_POINTS)] | None = None
+
+
 class Observations(BridgeMessage, frozen=True, tag="observations"):
     """Answer to a reset or a step: one observation a slot, in the order of the request."""
 
     id: int
     slots: Annotated[tuple[SlotObservation, ...], Meta(max_length=MAX_SLOTS)]
+
+
+class RawObservations(BridgeMessage, frozen=True, tag="observations"):
+    """The same with the bytes of each observation, so that each is read by itself."""
+
+    id: int
+    slots: Annotated[tuple[msgspec.Raw, ...], Meta(max_length=MAX_SLOTS)]
 
 
 class Closed(BridgeMessage, frozen=True, tag="closed"):
@@ -164,8 +293,25 @@ class BridgeError(BridgeMessage, frozen=True, tag="error"):
 Request = BridgeHello | ResetRequest | StepRequest | CloseRequest
 Answer = BridgeWelcome | BridgeRefusal | Observations | Closed | BridgeError
 
+
+class AnnouncedProtocol(msgspec.Struct, frozen=True):
+    """Version that an answer to a hello announces."""
+
+    protocol: int = PROTOCOL
+
+
 _encoder = msgspec.msgpack.Encoder()
-_decoder: msgspec.msgpack.Decoder[Any] = msgspec.msgpack.Decoder(Answer)
+_protocol_decoder = msgspec.msgpack.Decoder(AnnouncedProtocol)
+_slot_decoder = msgspec.msgpack.Decoder(DetailedObservation)
+_decoders: Mapping[int, msgspec.msgpack.Decoder[Any]] = MappingProxyType(
+    {
+        PROTOCOL: msgspec.msgpack.Decoder(Answer),
+        CHANNEL_PROTOCOL: msgspec.msgpack.Decoder(
+            ChannelWelcome | BridgeRefusal | RawObservations | Closed | BridgeError
+        ),
+    }
+)
+_UNREADABLE = msgspec.DecodeError, UnicodeDecodeError, RecursionError
 
 _ERRORS: dict[Fault, Callable[[str], EpisodeError | InputError]] = {
     "simulator": SimulatorError,
@@ -180,18 +326,55 @@ def encode(message: BridgeMessage) -> bytes:
     return _encoder.encode(message)
 
 
-def read_answer(data: bytes) -> Answer:
+def read_answer(data: bytes, protocol: int = PROTOCOL) -> Answer:
     """Return the answer of a bridge that some bytes hold.
+
+    Args:
+        data: the bytes.
+        protocol: version of the protocol that was agreed on.
 
     Raises:
         SimulatorError: the bytes do not follow the protocol.
     """
     try:
-        answer: Answer = _decoder.decode(data)
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-        problem = f"The bridge's answer cannot be read: {sanitize(str(error))}"
-        raise SimulatorError(problem, "docs/bridge.md has the protocol.") from None
-    return answer
+        answer = _decoders[protocol].decode(data)
+    except _UNREADABLE as error:
+        raise _make_unreadable(error) from None
+    if isinstance(answer, RawObservations):
+        return Observations(answer.id, tuple(map(_read_slot, answer.slots)))
+    found: Answer = answer
+    return found
+
+
+def read_hello_answer(data: bytes) -> Answer:
+    """Return the answer to a hello, in the version of the protocol that it announces.
+
+    Raises:
+        SimulatorError: the bytes do not follow the protocol.
+    """
+    try:
+        protocol = _protocol_decoder.decode(data).protocol
+    except _UNREADABLE as error:
+        raise _make_unreadable(error) from None
+    return read_answer(data, protocol if protocol in PROTOCOLS else PROTOCOL)
+
+
+def _read_slot(data: msgspec.Raw) -> DetailedObservation:
+    """Return an observation; one that cannot be read is a fault of the simulator."""
+    try:
+        seen = _slot_decoder.decode(data)
+    except _UNREADABLE as error:
+        return DetailedObservation(fault="simulator", message=_make_unreadable(error).problem)
+    size = 0 if seen.account is None else len(_encoder.encode(seen.account))
+    if size > MAX_ACCOUNT_BYTES:
+        problem = f"The account has {size} bytes; {MAX_ACCOUNT_BYTES} are the most."
+        return DetailedObservation(fault="simulator", message=problem)
+    return seen
+
+
+def _make_unreadable(error: Exception) -> SimulatorError:
+    problem = f"The bridge's answer cannot be read: {sanitize(str(error))}"
+    return SimulatorError(problem, "docs/bridge.md has the protocol.")
 
 
 def match_answer(

@@ -230,7 +230,7 @@ class Recorder:
         self._robustness_m = min(self._robustness_m, between.distance_m)
         conflict = find_conflict(ego, other, between)
         if conflict is not None:
-            self._violations.add(observation.step, vehicle, conflict)
+            self._violations.add(observation.step, observation.numbers[vehicle], conflict)
             self._last_drac_mps2 = max(self._last_drac_mps2, conflict.drac_mps2)
         return Encounter(between.distance_m, conflict)
 
@@ -243,7 +243,9 @@ class Recorder:
         """Return the measures of the episode; on a collision, robustness is exactly 0."""
         last, found, ride = self._course[-1], self._violations, self._ride
         collided = self.collided
-        first = found.of_vehicle(find_struck_vehicle(last)) if collided else found.of_any_vehicle()
+        first = found.of_any_vehicle()
+        if collided:
+            first = found.of_vehicle(last.numbers[find_struck_vehicle(last)])
         return Measures(
             robustness_m=0.0 if collided else self._robustness_m,
             severity=compute_severity(last) if collided else None,
@@ -282,14 +284,13 @@ class Recorder:
 
     def scene(self, dt_s: float) -> Scene:
         """Return the course of the episode."""
-        start, *rest = self._course
-        vehicles = [[_pose(v) for v in (seen.ego, *seen.others)] for seen in self._course]
-        sizes = [(v.length_m, v.width_m) for v in (start.ego, *start.others)]
+        rest = self._course[1:]
+        vehicles, sizes = _place_vehicles(self._course)
         controls = [seen.control for seen in rest if seen.control is not None]
         return Scene(
             dt_s=dt_s,
-            vehicles=np.array(vehicles, np.float32),
-            sizes=np.array(sizes, np.float32),
+            vehicles=vehicles,
+            sizes=sizes,
             perceived=_to_array([seen.perceived for seen in rest if seen.perceived is not None], 2),
             controls=_to_array([(c.acceleration_mps2, c.steering_rad) for c in controls], 2),
         )
@@ -305,6 +306,21 @@ def _check(observation: Observation) -> None:
                 f"After step {observation.step} the simulator shows {vehicle}.",
                 "Every position, heading and speed must be a finite float.",
             )
+
+
+def _place_vehicles(course: Sequence[Observation]) -> tuple[Floats, Floats]:
+    """Return poses, shape (observations, vehicles, 4), and sizes, shape (vehicles, 2), of a course.
+
+    Vehicle 0 is the ego. NaN where a vehicle is not there; its size is that of its first moment.
+    """
+    last = max([max(seen.numbers) for seen in course])
+    vehicles = np.full((len(course), last + 1, 4), np.nan, np.float32)
+    sizes: dict[int, tuple[float, float]] = {}
+    for row, seen in zip(vehicles, course, strict=True):
+        for number, vehicle in zip((0, *seen.numbers), (seen.ego, *seen.others), strict=True):
+            row[number] = _pose(vehicle)
+            sizes.setdefault(number, (vehicle.length_m, vehicle.width_m))
+    return vehicles, np.array([sizes[number] for number in range(last + 1)], np.float32)
 
 
 def find_struck_vehicle(observation: Observation) -> int:

@@ -8,7 +8,7 @@ import numpy as np
 
 from eigenfail.errors import SimulatorError
 from eigenfail.values import LanePosition, NoiseTrajectory, Observation, VehicleState
-from eigenfail.values.signals import ERROR, NEVER_S, NOBODY_M, SIGNALS, Samples
+from eigenfail.values.signals import BRIDGE, ERROR, NEVER_S, NOBODY_M, SIGNALS, Samples
 from eigenfail_workers.measures.geometry import half_width_across_road, velocity
 from eigenfail_workers.values import Encounter
 
@@ -29,17 +29,27 @@ class CutIns:
         self._centre_m = nan
 
     def find_excused(
-        self, ego: VehicleState, others: Sequence[VehicleState], lane: LanePosition
+        self,
+        ego: VehicleState,
+        others: Sequence[VehicleState],
+        lane: LanePosition,
+        numbers: Sequence[int] | None = None,
     ) -> set[int]:
         """Return the vehicles that do not count after a step; call it in the order of the steps.
 
         Vehicles that are in the lane at the start, or that the ego changes lanes to, have not cut
         in.
+
+        Args:
+            ego: the ego.
+            others: every other vehicle that is there.
+            lane: lane of the ego.
+            numbers: number of each of them, by which it is known again; default: its place.
         """
         centre_m = ego.y_m - lane.offset_m
         same_lane = abs(centre_m - self._centre_m) < 0.5 * lane.width_m
         self._centre_m = centre_m
-        for number, other in enumerate(others):
+        for number, other in zip(numbers or range(len(others)), others, strict=True):
             reach_m = half_width_across_road(other) - abs(other.y_m - centre_m)
             inside_m = 0.5 * lane.width_m + reach_m
             if inside_m <= 0.0:
@@ -102,7 +112,8 @@ class SignalRecorder:
     def __init__(self, wanted: frozenset[str]) -> None:
         self._wanted = wanted
         self._needs_lane = any(SIGNALS[name].needs_lane for name in wanted if name in SIGNALS)
-        self._values: dict[str, list[float]] = {name: [] for name in SIGNALS}
+        self._reported = sorted(name for name in wanted if name.startswith(f"{BRIDGE}."))
+        self._values: dict[str, list[float]] = {name: [] for name in (*SIGNALS, *self._reported)}
         self._cut_ins = CutIns()
         self._was_moving = True
 
@@ -114,7 +125,7 @@ class SignalRecorder:
             encounters: the ego with each other vehicle, in their order.
 
         Raises:
-            SimulatorError: the lane of the ego is needed, and not told.
+            SimulatorError: the lane of the ego or a signal of a bridge is needed, and not told.
         """
         values, ego = self._values, now.ego
         distances = [each.distance_m for each in encounters]
@@ -140,6 +151,17 @@ class SignalRecorder:
         values["acceleration_mps2"].append(self._find_acceleration(now))
         if self._needs_lane:
             self._observe_lane(now, distances)
+        for name in self._reported:
+            self._observe_reported(name, now)
+
+    def _observe_reported(self, name: str, now: Observation) -> None:
+        value = (now.signals or {}).get(name.removeprefix(f"{BRIDGE}."))
+        if value is None:
+            raise SimulatorError(
+                f"After step {now.step} the simulator does not tell the signal '{name}'.",
+                "Report it at the start and after every step.",
+            )
+        self._values[name].append(value)
 
     def _find_acceleration(self, now: Observation) -> float:
         """Return the acceleration that was applied; NaN where it is not reported. [m/s²]
@@ -162,8 +184,12 @@ class SignalRecorder:
                 "Set `lane` of the observation, or take a requirement that needs none.",
             )
         values, ego = self._values, now.ego
-        excused = self._cut_ins.find_excused(ego, now.others, lane)
-        counted = [each for number, each in enumerate(distances) if number not in excused]
+        excused = self._cut_ins.find_excused(ego, now.others, lane, now.numbers)
+        counted = [
+            each
+            for number, each in zip(now.numbers, distances, strict=True)
+            if number not in excused
+        ]
         nearest_m = min([NOBODY_M, *counted])
         struck = now.collided and nearest_m == min(distances)
         values["preventable_distance_m"].append(0.0 if struck else nearest_m)

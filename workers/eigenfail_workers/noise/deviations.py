@@ -38,6 +38,8 @@ class Deviations:
 
         Of an event it is 1, or the probability that it begins where that depends on the distance.
 
+        A vehicle that is not there has the sigma of no distance.
+
         Args:
             observation: the truth.
             actor: index of the nearest vehicle.
@@ -48,11 +50,19 @@ class Deviations:
             if base == 0.0:
                 found.append(1.0)
                 continue
-            other = ego if target == EGO else others[actor if target < 0 else target]
+            place = actor if target < 0 else target
+            if target >= 0 and observation.ids is not None:
+                place = _find_place(observation.ids, target + 1)
+            other = ego if target == EGO or place < 0 else others[place]
             dx, dy = abs(other.x_m - ego.x_m), abs(other.y_m - ego.y_m)
             apart_m = dx if distance == _ALONG else dy if distance == _ACROSS else hypot(dx, dy)
             found.append(to_float32(min(scale * (slope * apart_m + base), most)))
         return tuple(found)
+
+
+def _find_place(ids: tuple[int, ...], number: int) -> int:
+    """Return the place of a vehicle by its number, from 1; -1 if it is not there."""
+    return ids.index(number) if number in ids else -1
 
 
 def _make_term(channel: Channel, scale: float) -> tuple[int, int, float, float, float, float]:

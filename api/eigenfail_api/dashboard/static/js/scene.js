@@ -17,7 +17,9 @@ export function drawScene(canvas, scene, step, plan) {
   drawRoad(pen, view, scene);
   if (plan) drawPath(pen, view, plan);
   if (seen) drawSeen(pen, view, scene.sizes[actor], vehicles[actor], seen);
-  vehicles.forEach((vehicle, number) => drawVehicle(pen, view, scene.sizes[number], vehicle, number));
+  vehicles.forEach((vehicle, number) => {
+    if (isThere(vehicle)) drawVehicle(pen, view, scene.sizes[number], vehicle, number);
+  });
   if (isContact(scene, whole)) drawContact(pen, view, scene.sizes[0], vehicles[0]);
   drawScale(pen, view);
 }
@@ -32,6 +34,9 @@ function perceivedAt(scene, step) {
   const seen = scene.perceived[step];
   return seen && seen[0] !== null ? seen : null;
 }
+
+// Vehicles may enter and leave: while one is not there it has no position.
+const isThere = (vehicle) => vehicle[0] !== null;
 
 export function wordsOf(scene, step) {
   const whole = Math.floor(step);
@@ -56,9 +61,11 @@ function between(scene, step) {
   const to = Math.min(from + 1, scene.vehicles.length - 1);
   const share = step - from;
   if (share === 0) return scene.vehicles[from];
-  return scene.vehicles[from].map((vehicle, number) => vehicle.map((value, part) => (
-    value + share * (scene.vehicles[to][number][part] - value)
-  )));
+  return scene.vehicles[from].map((vehicle, number) => {
+    const next = scene.vehicles[to][number];
+    if (!isThere(vehicle) || !isThere(next)) return vehicle;
+    return vehicle.map((value, part) => value + share * (next[part] - value));
+  });
 }
 
 // The bitmap is made anew only where its size changed: that is what costs most.
