@@ -83,9 +83,12 @@ def to_settings(text: str) -> AnalysisSettings:
     return msgspec.convert(EARLIER_ANALYSES | msgspec.json.decode(text), AnalysisSettings)
 
 
-def to_blob(array: Floats) -> bytes:
-    """Return an array as row-major little-endian float32."""
-    return np.ascontiguousarray(array, LITTLE_ENDIAN_FLOAT).tobytes()
+def to_blob(array: Floats) -> bytearray:
+    """Return an array as row-major little-endian float32.
+
+    In a bytearray, which the driver of SQLite binds at once: for bytes it looks for an adapter.
+    """
+    return bytearray(array.astype(LITTLE_ENDIAN_FLOAT, copy=False).tobytes())
 
 
 def to_floats(blob: bytes, columns: int) -> Floats:

@@ -162,16 +162,14 @@ def make_storable(result: EpisodeResult, form: NoiseForm) -> EpisodeResult:
 def _finite_measures(measures: Measures | None) -> Measures | None:
     if measures is None:
         return None
-    values = msgspec.structs.astuple(measures)
+    values = zip(MEASURES, _LARGEST, msgspec.structs.astuple(measures), strict=True)
     # Distances, times, counts, and magnitudes of speed, deceleration and jerk are never negative.
-    valid = tuple(
-        value if value is not None and 0 <= value <= largest else None
-        for value, largest in zip(values, _LARGEST, strict=True)
-    )
-    if valid == values:
-        return measures
-    found: dict[str, Any] = dict(zip(MEASURES, valid, strict=True))
-    return None if found["robustness_m"] is None else Measures(**found)
+    invalid = [
+        name for name, largest, value in values if value is not None and not 0 <= value <= largest
+    ]
+    if "robustness_m" in invalid:
+        return None
+    return msgspec.structs.replace(measures, **dict.fromkeys(invalid)) if invalid else measures
 
 
 def keep_finite(number: float | None) -> float | None:
