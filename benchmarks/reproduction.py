@@ -129,14 +129,22 @@ SEEDS = (
 
 MACHINE = "The machine of this run had two cores, and its service two workers."
 MEASURED = "All 300 episodes of each evaluation have both measures."
-NOTES = {"training": MACHINE, "evaluation": f"{MACHINE} {SEEDS}", "safety": MEASURED}
+UNTUNED = "Nothing was tuned to the seed."
+NOTES = {
+    **dict.fromkeys(
+        ("planners", "sweep", "generalisation", "components", "eigenfailures"), UNTUNED
+    ),
+    "training": f"{UNTUNED} {MACHINE}",
+    "evaluation": f"{UNTUNED} {MACHINE} {SEEDS}",
+    "safety": f"{UNTUNED} {MEASURED}",
+}
 """What is said of the kept run, behind the captions of the program."""
 
 
 OF_PICTURES = """Of the same run: the training `ast`, `ast evaluation` and `difs evaluation`.
 The analyses have the default settings: noise of both axes, aligned at the start; of `ast` the later
-half of the failures, but for the tenths, which are of all. An eigenfailure is the median noise of
-its mode's failures at each step. Influence is the sum over the first three components of their
+half of the failures, but for the tenths, which are of all. An eigenfailure is here the median noise
+of its mode's failures at each step. Influence is the sum over the first three components of their
 share of the variance × the absolute value of their entry.
 """
 

@@ -120,10 +120,10 @@ Finding Failures in Commercial Autonomous Vehicles*.
 
 How to read the tables:
 
-- A row is one campaign, with one seed. Another seed may give other numbers, so that the difference
-  between two rows may be that of two seeds.
-- Numbers have three significant digits, and no decimals from 1,000 on; the paper's at most that. A
-  half is rounded away from zero.
+- A row is of one campaign, with one seed. Another seed may give other numbers, so that the
+  difference between two rows may be that of two seeds.
+- Numbers have three significant digits, and no decimals from 1,000 on; the paper's have as many as
+  it prints, and at most that. A half is rounded away from zero.
 - `ast` and `difs` have our defaults. `ast_paper` has the values of the paper's main runs (alpha
   5,000, c_dist 1,000, tau 0.001, learning rate 3e-4, batch size 16, buffer size 10,000), with four
   gradient steps for each decision; `difs_paper` has the paper's schedule. Their other settings are
@@ -131,7 +131,7 @@ How to read the tables:
 - The scenarios were tuned so that `idm` fails often and `rulebook` seldom under p(x), and so that
   `rulebook` crashes under noise that is held; the defaults of `ast` were tuned on `cut_in` and
   `rulebook`. Statements that compare planners, or methods by what they find, hold partly by that
-  choice. The seed took no part in it.
+  choice. The seed 20261122 took no part in it.
 """
 
 
@@ -153,14 +153,17 @@ def _format_tables(found: PaperReproduction) -> Iterator[str]:
         yield ""
 
 
+WORLD = "Scenario `cut_in`, simulator `highway` and p(x) (white noise) with default parameters"
+
+
 def _format_seeds(table: PaperTable, seed: int) -> str:
     if table.name == "planners":
-        return f"Scenario `cut_in`, seed {seed}."
+        return f"{WORLD}, seed {seed}."
     if table.name in {"sweep", "training"}:
-        return f"Planner `rulebook`, scenario `cut_in`, seed {seed}."
+        return f"Planner `rulebook`. {WORLD}, seed {seed}."
     return (
-        f"Planner `rulebook`, scenario `cut_in`; seed {seed} of Monte Carlo and training, "
-        f"{seed + FRESH} of evaluations."
+        f"Planner `rulebook`. {WORLD}; seed {seed} of Monte Carlo and training, {seed + FRESH} of "
+        "evaluations."
     )
 
 
@@ -200,11 +203,12 @@ def _format_claim(
 def _format_statements(found: PaperReproduction) -> Iterator[str]:
     yield "## Statements of the paper\n"
     yield (
-        "Every campaign was run with one seed, so that no verdict is final: it is about these\n"
-        "runs. *Holds if* says what was compared. Of several parts, a single false one makes\n"
-        "the statement false. Where the paper leaves a choice open (what a value is compared\n"
-        "with, the axis, the alignment, the component), all choices named in that column are\n"
-        "judged, and the statement cannot be decided unless they agree.\n"
+        "Planner (but for `idm`) is `rulebook`; the campaigns are those of the tables above, each\n"
+        "with one seed, so that no verdict is final: it is about these runs. *Holds if* says what\n"
+        "was compared. Of several parts, a single false one makes the statement false. Where the\n"
+        "paper leaves a choice open (what a value is compared with, the axis, the alignment, the\n"
+        "component), all choices named in that column are judged, and the statement cannot be\n"
+        "decided unless they agree.\n"
         "\n"
         "*Failed* counts episodes with a collision (of a search it is no rate); intervals of\n"
         "failure rates are those of the tables above. *Likelier* is a higher log p per step\n"
@@ -212,12 +216,13 @@ def _format_statements(found: PaperReproduction) -> Iterator[str]:
         "steps. Where the paper's measure, mean log p, has another order, that part is open.\n"
         "Severity is the mean over the failures. A difference of failures, log p or severity\n"
         "counts only where its 95 % interval of independent draws excludes 0 (Newcombe's of\n"
-        "shares, Welch's of means over ten failures or more). The episodes of the sweep are not\n"
-        "independent: there the interval is a rule that passes over small differences, and no\n"
-        "test. Shares of variance, largest entries and modes have no interval. Rank\n"
-        "correlations have the 95 % interval of Bonett and Wright (2000), its ends rounded\n"
-        "outwards. They are over the failures that one searcher chose, and do not say how rare\n"
-        "severe collisions are under p(x).\n"
+        "shares; of means over ten failures or more that of two normal means with unequal\n"
+        "variances, log p being the mean over failures of each one's log p per step). The\n"
+        "episodes of the sweep are not independent: there the interval is a rule that passes\n"
+        "over small differences, and no test. Shares of variance, largest entries and modes have\n"
+        "no interval. Rank correlations have the 95 % interval of Bonett and Wright (2000), its\n"
+        "ends rounded outwards. They are over the failures that one searcher chose, and do not\n"
+        "say how rare severe collisions are under p(x).\n"
     )
     yield "| the paper | here | holds if | numbers | why |\n|---|---|---|---|---|"
     for one in found.statements:

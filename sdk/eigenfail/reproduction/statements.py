@@ -139,8 +139,8 @@ def _judge_monte_carlo(suffix: str, summaries: Summaries) -> PaperStatement:
     figures = _list_figures(summaries, names)
     why = (
         "A possible cause, not tested: `difs_paper` trains twice, on 500 draws from p(x) and on "
-        "500 conditioned ones, with few failures or none among them; `difs` trains every few "
-        "episodes."
+        "500 conditioned ones, with few failures or none among them; `difs` trains after each of "
+        "many small rounds."
         if suffix
         else "Monte Carlo found a failure, or one of the evaluations found none."
     )
