@@ -11,7 +11,7 @@ import typer
 from eigenfail.cli.main import COMMANDS, DeferredCommand, defer
 
 BEGIN, END = "<!-- commands -->\n", "<!-- /commands -->\n"
-EVERYWHERE = frozenset({"--url", "--json", "--help"})
+EVERYWHERE = frozenset({"--url", "--json", "--help", "--data", "--database"})
 """Options that the page describes once."""
 
 
@@ -61,7 +61,7 @@ def _list_words(command: Any) -> Iterator[str]:
 
 
 def _describe_parameter(parameter: Any, context: typer.Context) -> Iterator[str]:
-    """The row of a parameter; none of those that every command has."""
+    """The row of a parameter; none of those that the page describes once."""
     if not EVERYWHERE.isdisjoint(parameter.opts):
         return
     shown = ", ".join(parameter.opts)
