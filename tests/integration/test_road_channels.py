@@ -15,7 +15,8 @@ from eigenfail.worlds import drawn_for, placed_for
 
 pytestmark = pytest.mark.service
 
-MISSED = {"name": "missed", "shape": {"kind": "markov", "rate": 0.05, "mean_steps": 8}}
+CHAIN = {"kind": "markov", "rate": 0.05, "mean_steps": 8, "rate_per_m": 0.0005}
+MISSED = {"name": "missed", "shape": CHAIN}
 ONE = (MISSED,)
 SIX = (
     {"name": "scenario.distance_m"},
@@ -71,7 +72,7 @@ def test_a_stored_campaign_says_what_each_channel_is(client, failing) -> None:
     assert names[2:] == ["lateral", "heading", "ghost", "missed"]
     assert failing.spec.disturbance.channels[3].sigma == 0.02
     page = httpx2.get(f"{client.url}/campaigns/{failing.id}").raise_for_status().text
-    assert "begins with probability 0.05 a step" in page
+    assert "begins with probability 0.05 + 0.0005·d a step" in page
 
 
 def test_tables_of_noise_have_the_channels_with_their_units(client, failing, tmp_path) -> None:
@@ -123,6 +124,7 @@ def test_failures_are_grouped_in_all_channels_or_in_one(client, failing) -> None
         ({"name": "sped"}, UnknownName, "Did you mean 'speed'"),
         ({"name": "scenario.ego_speed_mps"}, UnknownName, "scenario.distance_m"),
         ({"name": "scenario.distance_m", "sigma": 1.0}, InvalidValue, "its distribution from"),
+        ({"name": "swapped"}, InvalidValue, "two vehicles"),
         ({"name": "missed", "sigma": 1.0}, InvalidValue, "no standard deviation"),
         ({"name": "speed", "shape": {"kind": "markov"}}, InvalidValue, "white, ar1, student_t"),
     ],

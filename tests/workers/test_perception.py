@@ -91,6 +91,25 @@ def test_a_missed_vehicle_hides_others_all_the_same() -> None:
     assert all(map(isnan, position))
 
 
+NEXT = VehicleState(20.0, -30.0, 0.0, 20.0, 5.0, 2.0)
+
+
+def test_while_they_are_swapped_the_two_nearest_have_each_others_number() -> None:
+    truth = Observation(4, EGO, (FAR, NEAR, NEXT))
+    seen, position = perceive(("swapped", 1.0), truth=truth)
+    assert (seen.others, seen.ids, position) == (truth.others, (1, 3, 2), (30.0, 3.5))
+    assert perceive(("swapped", 0.0), truth=truth)[0].ids == (1, 2, 3)
+    assert perceive(("swapped", 1.0))[0].ids == (2, 1)
+
+
+def test_a_swapped_vehicle_may_be_missed_and_errors_stay_with_the_vehicle() -> None:
+    truth = Observation(4, EGO, (FAR, NEAR, NEXT))
+    seen, _ = perceive(("swapped", 1.0), ("missed", 1.0), truth=truth)
+    assert (seen.others, seen.ids) == ((FAR, NEXT), (1, 2))
+    seen, _ = perceive(("vehicle_2.longitudinal", 1.0), ("swapped", 1.0), ("ghost", 1.0))
+    assert (seen.others[1].x_m, seen.ids) == (31.0, (2, 1, 3))
+
+
 def test_no_vehicle_is_perceived_without_a_size() -> None:
     seen, _ = perceive(("length", -30.0), ("width", -30.0))
     assert (seen.others[1].length_m, seen.others[1].width_m) == (LEAST_SIZE_M, LEAST_SIZE_M)
@@ -155,4 +174,4 @@ def test_nothing_of_an_earlier_episode_is_perceived() -> None:
 
 
 def test_every_quantity_has_its_case_here() -> None:
-    assert {*FIELDS, "missed", "ghost", "delay"} == set(QUANTITIES)
+    assert {*FIELDS, "missed", "ghost", "delay", "swapped"} == set(QUANTITIES)

@@ -1,9 +1,9 @@
 """What a planner perceives: the truth, disturbed by the channels of a campaign."""
 
-from math import nan
+from math import hypot, nan
 
 from eigenfail.values import Observation, Perception, VehicleState
-from eigenfail.values.channels import DELAY, GHOST, MISSED, Channel, split_name
+from eigenfail.values.channels import DELAY, GHOST, MISSED, SWAPPED, Channel, split_name
 from eigenfail.values.channels import EGO as EGO_NAME
 from eigenfail.values.shapes import Row
 from eigenfail_workers.measures.geometry import find_hidden, find_nearest
@@ -13,19 +13,8 @@ NEAREST = -1
 EGO = -2
 """Targets of channels besides the vehicles, which are numbered from 0."""
 
-_MISSED, _GHOST, _DELAY = 6, 7, 8
-_FIELDS = {
-    "longitudinal": 0,
-    "lateral": 1,
-    "heading": 2,
-    "speed": 3,
-    "length": 4,
-    "width": 5,
-    MISSED: _MISSED,
-    GHOST: _GHOST,
-    DELAY: _DELAY,
-}
-"""Places of the quantities: those of a vehicle's state, then the others."""
+_FIELDS = {"longitudinal": 0, "lateral": 1, "heading": 2, "speed": 3, "length": 4, "width": 5}
+"""Places of the quantities in a vehicle's state; events and a delay have none."""
 
 LEAST_SIZE_M = 0.1
 """Length and width that a vehicle is perceived with, however large the error is."""
@@ -54,12 +43,16 @@ class SensorErrors:
 
     def __init__(self, channels: tuple[Channel, ...], occlusion: bool = False) -> None:
         self._occlusion = occlusion
-        self._channels = [
-            (find_target(channel.name), _FIELDS[split_name(channel.name).quantity])
-            for channel in channels
+        named = [(place, split_name(one.name).quantity) for place, one in enumerate(channels)]
+        targets = [find_target(channel.name) for channel in channels]
+        self._errors = [
+            (place, targets[place], _FIELDS[name]) for place, name in named if name in _FIELDS
         ]
+        self._misses = [(place, targets[place]) for place, name in named if name == MISSED]
+        self._ghosts = [place for place, name in named if name == GHOST]
+        self._swaps = [place for place, name in named if name == SWAPPED]
+        self._delays = [place for place, name in named if name == DELAY]
         self._ahead_m = max([0.0, *[channel.ahead_m or 0.0 for channel in channels]])
-        self._is_delayed = any(field == _DELAY for _, field in self._channels)
         self._ghost: VehicleState | None = None
         self._seen: list[tuple[VehicleState, ...]] = []
 
@@ -77,44 +70,44 @@ class SensorErrors:
             errors: a_t of each channel, in its unit.
         """
         actor = find_nearest(now.ego, now.others)
-        others = self._find_delayed(now, dt_s, errors) if self._is_delayed else now.others
-        changed: dict[int, list[float]] = {}
+        others = self._find_delayed(now, dt_s, errors) if self._delays else now.others
+        changed = self._disturb(now.ego, others, actor, errors)
         missed = find_hidden(now.ego, now.others) if self._occlusion else set()
-        for (target, field), error in zip(self._channels, errors, strict=True):
-            vehicle = actor if target == NEAREST else target
-            if field == _GHOST:
-                self._ghost = self._follow_ghost(now.ego) if error > 0.5 else None
-                continue
-            if field == _DELAY:
-                continue
-            if field == _MISSED:
-                if error > 0.5:
-                    missed.add(vehicle)
-                continue
-            if vehicle not in changed:
-                true = now.ego if vehicle == EGO else others[vehicle]
-                changed[vehicle] = list_fields(true)
-            changed[vehicle][field] += error
-        ego = make_state(changed[EGO]) if EGO in changed else now.ego
-        numbers = [number for number in range(len(now.others)) if number not in missed]
+        for place, target in self._misses:
+            if errors[place] > 0.5:
+                missed.add(actor if target == NEAREST else target)
         seen = {
-            number: make_state(changed[number]) if number in changed else others[number]
-            for number in numbers
+            number: changed.get(number, other)
+            for number, other in enumerate(others)
+            if number not in missed
         }
+        position = (seen[actor].x_m, seen[actor].y_m) if actor in seen else NOWHERE
+        for place in self._ghosts:
+            self._ghost = self._follow_ghost(now.ego) if errors[place] > 0.5 else None
         if self._ghost is not None:
             seen[len(now.others)] = self._ghost
-        ids = tuple([number + 1 for number in seen])
-        position = (seen[actor].x_m, seen[actor].y_m) if actor in seen else NOWHERE
+        swapped = any(errors[place] > 0.5 for place in self._swaps)
+        exchanged = _exchange_nearest(now) if swapped else {}
+        ids = tuple([exchanged.get(number, number) + 1 for number in seen])
+        ego = changed.get(EGO, now.ego)
         return Perception(now.step * dt_s, ego, tuple(seen.values()), ids), position
+
+    def _disturb(
+        self, ego: VehicleState, others: tuple[VehicleState, ...], actor: int, errors: Row
+    ) -> dict[int, VehicleState]:
+        """Return the vehicles, and the ego, whose state is perceived with errors."""
+        changed: dict[int, list[float]] = {}
+        for place, target, field in self._errors:
+            vehicle = actor if target == NEAREST else target
+            if vehicle not in changed:
+                changed[vehicle] = list_fields(ego if vehicle == EGO else others[vehicle])
+            changed[vehicle][field] += errors[place]
+        return {vehicle: make_state(fields) for vehicle, fields in changed.items()}
 
     def _find_delayed(self, now: Observation, dt_s: float, errors: Row) -> tuple[VehicleState, ...]:
         """Return the other vehicles as they were before the delay, or at the start."""
         self._seen.append(now.others)
-        delay_s = sum(
-            abs(error)
-            for (_, field), error in zip(self._channels, errors, strict=True)
-            if field == _DELAY
-        )
+        delay_s = sum(abs(errors[place]) for place in self._delays)
         return self._seen[max(len(self._seen) - 1 - round(delay_s / dt_s), 0)]
 
     def _follow_ghost(self, ego: VehicleState) -> VehicleState:
@@ -123,6 +116,14 @@ class SensorErrors:
             return self._ghost
         x_m = ego.x_m + self._ahead_m
         return VehicleState(x_m, ego.y_m, 0.0, 0.0, GHOST_LENGTH_M, GHOST_WIDTH_M)
+
+
+def _exchange_nearest(now: Observation) -> dict[int, int]:
+    """Return the two vehicles whose centres are nearest to the ego's, each with the other one."""
+    ego, others = now.ego, now.others
+    apart = [hypot(other.x_m - ego.x_m, other.y_m - ego.y_m) for other in others]
+    first, second = sorted(range(len(others)), key=apart.__getitem__)[:2]
+    return {first: second, second: first}
 
 
 def list_fields(vehicle: VehicleState) -> list[float]:

@@ -24,8 +24,9 @@ MOST_CHANNELS = 50
 NEAREST, EGO, EVERY, VEHICLE, SCENARIO = "", "ego", "every", "vehicle_", "scenario"
 """Targets of a channel, before the dot; vehicles are numbered from 1."""
 
-MISSED, GHOST = "missed", "ghost"
-"""The events: a vehicle is not detected; something is detected that is not there."""
+MISSED, GHOST, SWAPPED = "missed", "ghost", "swapped"
+"""The events: a vehicle is not detected; something is detected that is not there; the numbers of
+two vehicles are exchanged."""
 
 DELAY = "delay"
 """How old what is perceived of the other vehicles is."""
@@ -60,6 +61,7 @@ QUANTITIES: Mapping[str, Quantity] = MappingProxyType(
         "width": Quantity("m", 0.1, 0.0, _OTHERS),
         MISSED: Quantity("", None, None, _OTHERS),
         GHOST: Quantity("", None, None, (NEAREST,)),
+        SWAPPED: Quantity("", None, None, (NEAREST,)),
         DELAY: Quantity("s", 0.1, 0.0, (NEAREST,)),
     }
 )
@@ -138,7 +140,9 @@ LATENCY = ChannelKind(Once(), ("once",), has_sigma=True)
 PARAMETER = ChannelKind(Once(), ("once",))
 
 
-KINDS: Mapping[str, ChannelKind] = MappingProxyType({MISSED: EVENT, GHOST: EVENT, DELAY: LATENCY})
+KINDS: Mapping[str, ChannelKind] = MappingProxyType(
+    {MISSED: EVENT, GHOST: EVENT, SWAPPED: EVENT, DELAY: LATENCY}
+)
 """Kinds of quantities that are no errors at each step."""
 
 
@@ -169,7 +173,8 @@ class Channel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     the vehicle [m]: along the road for `longitudinal`, across it for `lateral`, in the plane for
     the others, and 0 for the ego itself. While the event of `missed` lasts, the vehicle is absent
     from what the planner perceives. While that of `ghost` lasts, a car is perceived that stands in
-    the ego's lane where it was first seen. The other vehicles are perceived as they were |a_0|
+    the ego's lane where it was first seen. While that of `swapped` lasts, the two vehicles that are
+    nearest to the ego have each other's number. The other vehicles are perceived as they were |a_0|
     before, to the nearest step, with the `delay` a_0, which is drawn once; the ego is not delayed.
     A channel of the scenario has one draw for the episode, too, and its parameter is the
     Phi(z_0)-quantile of the distribution that the campaign gives it.
@@ -244,8 +249,8 @@ def resolve_channels(
     Raises:
         UnknownName: the simulator offers no such channel, there is no such vehicle, or no such
             parameter with a distribution.
-        InvalidValue: a channel is named twice, has the shape of another kind of channel, or is an
-            event with a sigma; or there are more than `MOST_CHANNELS`.
+        InvalidValue: a channel is named twice, has the shape of another kind of channel, is an
+            event with a sigma, or needs more vehicles; or there are more than `MOST_CHANNELS`.
     """
     of_scenario = (f"{SCENARIO}.{name}" for name in parameters)
     known = [*list_names(vehicles, offered), *of_scenario]
@@ -253,6 +258,10 @@ def resolve_channels(
         if channel.name not in known:
             raise UnknownName(f"{CHANNELS_FIELD}[{place}].name", channel.name, known)
         _check_model(channel, f"{CHANNELS_FIELD}[{place}]")
+        if channel.name == SWAPPED and vehicles < 2:
+            problem = f"'{SWAPPED}' exchanges the numbers of two vehicles, of which there is one."
+            remedy = "Leave it out, or take a scenario with more vehicles."
+            raise InvalidValue(f"{CHANNELS_FIELD}[{place}].name", problem, remedy)
     resolved = write_out(channels, vehicles)
     if len(resolved) > MOST_CHANNELS:
         problem = f"{len(resolved)} channels, one by one, are more than {MOST_CHANNELS}."

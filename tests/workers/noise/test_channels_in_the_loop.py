@@ -43,6 +43,7 @@ SETS = {
         Channel("ego.speed"),
         Channel("length"),
         Channel("delay", 0.3),
+        Channel("swapped", shape=Markov(0.1, 3.0)),
     ),
     "delay": (Channel("delay", 0.5),),
     "missed by distance": (

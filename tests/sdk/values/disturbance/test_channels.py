@@ -240,6 +240,9 @@ FIELDS = ("longitudinal", "lateral", "heading", "speed", "length", "width")
         ((Channel("missed", sigma_per_m=1.0),), InvalidValue, "no standard deviation"),
         ((Channel("missed", shape=White()),), InvalidValue, r"shape.*Take markov"),
         ((Channel("speed", shape=Markov()),), InvalidValue, r"shape.*white, ar1, student_t"),
+        ((Channel("every.swapped"),), UnknownName, "every.swapped"),
+        ((Channel("swapped", sigma=1.0),), InvalidValue, "no standard deviation"),
+        ((Channel("swapped", shape=RATED),), InvalidValue, r"shape.rate_per_m.*no vehicle"),
         ((Channel("ghost", shape=RATED),), InvalidValue, r"shape.rate_per_m.*no vehicle"),
         ((Channel("speed", ahead_m=3.0),), InvalidValue, "ahead_m"),
         ((Channel("scenario.width"),), UnknownName, "scenario.gap_m"),
@@ -253,6 +256,13 @@ FIELDS = ("longitudinal", "lateral", "heading", "speed", "length", "width")
 def test_what_cannot_be_is_refused(channels, kind, words) -> None:
     with pytest.raises(kind, match=words):
         resolve(*channels)
+
+
+def test_numbers_are_swapped_where_there_are_two_vehicles() -> None:
+    assert resolve(Channel("swapped"))[0].shape == Markov()
+    with pytest.raises(InvalidValue, match="two vehicles, of which there is one") as refused:
+        resolve(Channel("speed"), Channel("swapped"), vehicles=1)
+    assert refused.value.field == "disturbance.channels[1].name"
 
 
 def test_there_are_not_too_many_channels_one_by_one() -> None:
