@@ -16,11 +16,12 @@ from msgspec.structs import replace
 
 from eigenfail.errors import PlannerError, SimulatorError
 from eigenfail.values import POSITION, Control, Observation, VehicleState
+from eigenfail_workers import bridge
 from eigenfail_workers.bridge import messages as said
 from eigenfail_workers.bridge.episode import ObservationReader
 from eigenfail_workers.bridge.messages import encode, read_answer
 
-GOLDEN = Path(__file__).parent / "golden"
+GOLDEN = Path(bridge.__file__).parent / "golden"
 SESSION = "0123456789abcdef0123456789abcdef"
 OF_TRUCK = {"distance_m": 55.0, "wet": True, "kind": "truck", "lanes": 2}
 STARTS = (
@@ -237,15 +238,15 @@ def test_the_version_of_a_welcome_is_the_one_that_it_announces() -> None:
 
 
 def test_the_reference_bridge_answers_by_the_byte_in_version_2(minimal) -> None:
-    bridge = minimal.Bridge(decode(golden("welcome_2")), StubOfVersion2)
+    served = minimal.Bridge(decode(golden("welcome_2")), StubOfVersion2)
     for request, answer in DIALOGUE_2:
-        assert decode(pack(bridge.answer(decode(golden(request))))) == decode(golden(answer))
+        assert decode(pack(served.answer(decode(golden(request))))) == decode(golden(answer))
 
 
 def test_a_bridge_of_version_2_speaks_version_1_to_a_worker_of_version_1(minimal) -> None:
-    bridge = minimal.Bridge(decode(golden("welcome_2")), Stub)
+    served = minimal.Bridge(decode(golden("welcome_2")), Stub)
     for request, answer in DIALOGUE[1:]:
-        assert pack(bridge.answer(decode(golden(request)))) == golden(answer), request
+        assert pack(served.answer(decode(golden(request)))) == golden(answer), request
 
 
 SPOILT = {
@@ -279,9 +280,9 @@ def test_an_account_of_exactly_the_most_bytes_is_read() -> None:
 
 def test_the_reference_bridge_answers_by_the_byte(minimal) -> None:
     welcome = decode(golden("welcome"))
-    bridge = minimal.Bridge(welcome, Stub)
+    served = minimal.Bridge(welcome, Stub)
     for request, answer in DIALOGUE:
-        assert pack(bridge.answer(decode(golden(request)))) == golden(answer), request
+        assert pack(served.answer(decode(golden(request)))) == golden(answer), request
 
 
 def test_an_answer_may_leave_out_what_is_optional_and_hold_what_nobody_knows() -> None:
@@ -356,35 +357,35 @@ def test_a_spoilt_answer_is_read_or_refused_and_nothing_else(name, place, byte, 
 
 @pytest.mark.parametrize("data", [b"", b"\xc1", b"\x01", b"\x80"])
 def test_what_makes_no_sense_does_not_end_the_reference_bridge(minimal, data) -> None:
-    bridge = minimal.Bridge(minimal.welcome(), minimal.built_in)
-    told = minimal.answered(bridge, data)
+    served = minimal.Bridge(minimal.welcome(), minimal.built_in)
+    told = minimal.answered(served, data)
     assert (told["type"], told["id"], told["fault"]) == ("error", 0, "simulator")
     assert told["message"]
 
 
 def test_a_session_in_use_does_not_go_unless_its_worker_is_silent(minimal, monkeypatch) -> None:
-    bridge = minimal.Bridge(decode(golden("welcome")), Stub)
+    served = minimal.Bridge(decode(golden("welcome")), Stub)
     reset = decode(golden("reset"))
     for number in range(minimal.MOST_SESSIONS):
-        bridge.answer({"type": "hello", "protocol": 1, "session": str(number)})
+        served.answer({"type": "hello", "protocol": 1, "session": str(number)})
         slots = [{**each} for each in reset["slots"]]
         if number != 1:
-            bridge.answer({**reset, "session": str(number), "slots": slots})
+            served.answer({**reset, "session": str(number), "slots": slots})
     hello = {"type": "hello", "protocol": 1}
-    assert bridge.answer({**hello, "session": "a"})["type"] == "welcome"
-    assert "0" in bridge.sessions
-    assert "1" not in bridge.sessions
-    bridge.answer({**reset, "session": "a"})
-    assert bridge.answer({**hello, "session": "b"})["full"]
+    assert served.answer({**hello, "session": "a"})["type"] == "welcome"
+    assert "0" in served.sessions
+    assert "1" not in served.sessions
+    served.answer({**reset, "session": "a"})
+    assert served.answer({**hello, "session": "b"})["full"]
     monkeypatch.setattr(minimal, "SILENT_S", -1.0)
-    assert bridge.answer({**hello, "session": "b"})["type"] == "welcome"
-    assert "0" not in bridge.sessions
+    assert served.answer({**hello, "session": "b"})["type"] == "welcome"
+    assert "0" not in served.sessions
 
 
 def test_the_session_goes_that_has_not_asked_for_longest(minimal) -> None:
-    bridge = minimal.Bridge(minimal.welcome(), minimal.built_in)
+    served = minimal.Bridge(minimal.welcome(), minimal.built_in)
     for number in range(minimal.MOST_SESSIONS):
-        bridge.answer({"type": "hello", "protocol": 1, "session": str(number)})
-    bridge.answer({"type": "step", "session": "0", "id": 1, "slots": []})
-    bridge.answer({"type": "hello", "protocol": 1, "session": "new"})
-    assert {*map(str, range(minimal.MOST_SESSIONS)), "new"} - {*bridge.sessions} == {"1"}
+        served.answer({"type": "hello", "protocol": 1, "session": str(number)})
+    served.answer({"type": "step", "session": "0", "id": 1, "slots": []})
+    served.answer({"type": "hello", "protocol": 1, "session": "new"})
+    assert {*map(str, range(minimal.MOST_SESSIONS)), "new"} - {*served.sessions} == {"1"}
