@@ -115,9 +115,9 @@ def test_a_bridge_that_disconnects_is_not_asked_for_ever(eigenfail, start, monke
     )
     assert told.exit_code == 3
     checks = list(verdicts(told).values())
-    assert [verdict for verdict, _ in checks[:5]] == ["passed"] * 4 + ["broken"]
-    assert "went away" in checks[4][1]
-    assert {verdict for verdict, _ in checks[5:]} == {"skipped"}
+    assert [verdict for verdict, _ in checks[:6]] == ["passed"] * 5 + ["broken"]
+    assert "went away" in checks[5][1]
+    assert {verdict for verdict, _ in checks[6:]} == {"skipped"}
     assert len(checks) > 10
 
 

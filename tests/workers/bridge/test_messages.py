@@ -15,10 +15,10 @@ from msgspec.msgpack import encode as pack
 from msgspec.structs import replace
 
 from eigenfail.errors import PlannerError, SimulatorError
-from eigenfail.values import POSITION, Control, Observation, VehicleState
+from eigenfail.values import POSITION, Channel, Control, Observation, VehicleState
 from eigenfail_workers import bridge
 from eigenfail_workers.bridge import messages as said
-from eigenfail_workers.bridge.episode import ObservationReader
+from eigenfail_workers.bridge.episode import ObservationReader, check_channels, record_step
 from eigenfail_workers.bridge.messages import encode, read_answer
 
 GOLDEN = Path(bridge.__file__).parent / "golden"
@@ -294,15 +294,15 @@ def test_an_answer_may_leave_out_what_is_optional_and_hold_what_nobody_knows() -
     assert read_answer(data) == said.Observations(5, (whole,))
 
 
-def told_on_its_page() -> list[tuple[str, dict[str, Any]]]:
-    """What each side says in the session on docs/bridge.md."""
+def told_on_its_page(protocol: int) -> list[tuple[str, dict[str, Any]]]:
+    """What each side says in the session of a version on docs/bridge.md."""
     page = (Path(__file__).parents[3] / "docs" / "bridge.md").read_text()
-    block = page.split("```json\n")[1].split("```")[0]
+    block = page.split("```json\n")[protocol].split("```")[0]
     return [(line[0], json.loads(line[1:])) for line in re.split(r"\n(?=[→←])", block)]
 
 
 def test_the_session_on_the_page_is_one() -> None:
-    sides, words = zip(*told_on_its_page(), strict=True)
+    sides, words = zip(*told_on_its_page(1), strict=True)
     assert "".join(sides) == "→←" * 4
     kinds = {
         "hello": said.BridgeHello,
@@ -322,6 +322,24 @@ def test_the_session_on_the_page_is_one() -> None:
     (seen,) = start.others
     assert went.perceived == (seen.x_m + 0.5, seen.y_m - 0.25)
     assert [answer.id for answer in answers[1:]] == [request["id"] for request in words[2::2]]
+
+
+def test_the_session_of_version_2_on_the_page_is_one() -> None:
+    sides, words = zip(*told_on_its_page(2), strict=True)
+    assert "".join(sides) == "→←" * 3
+    kinds = {"hello": said.BridgeHello, "reset": said.ResetRequest, "step": said.StepRequest}
+    for request in words[::2]:
+        assert encode(convert(request, kinds[request["type"]])) == pack(request)
+    welcome = said.read_hello_answer(pack(words[1]))
+    assert welcome.offered_signals == {"planned_gap_m"}
+    channels = (Channel("missed"), Channel("vehicle_1.speed"))
+    check_channels(welcome, channels)
+    (began,), (went,) = (read_answer(pack(answer), 2).slots for answer in words[3::2])
+    reader = ObservationReader(channels, 0.1)
+    reader.read(began, ())
+    now = reader.read(went, (1.0, -0.5))
+    assert now.ids == (1, 2)
+    assert record_step(went, now, 0.1).account == {"heeds": "nobody", "gap_m": 29.5}
 
 
 WRONG = {

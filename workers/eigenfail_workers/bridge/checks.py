@@ -385,8 +385,12 @@ def _describe(address: str, welcome: BridgeWelcome) -> Iterator[CheckResult]:
         defaults = _format_defaults(planner.settings or {})
         yield CheckResult(planner.name, "planner", CheckVerdict.PASSED, defaults)
     if welcome.protocol >= CHANNEL_PROTOCOL:
-        offered = ", ".join(sorted(welcome.offered_channels))
-        yield CheckResult(address, "channels", CheckVerdict.PASSED, offered)
+        for what, names in (
+            ("channels", welcome.offered_channels),
+            ("signals", welcome.offered_signals),
+        ):
+            said = ", ".join(sorted(names)) or "none"
+            yield CheckResult(address, what, CheckVerdict.PASSED, said)
 
 
 def _format_defaults(defaults: Mapping[str, Plain]) -> str:
