@@ -1,4 +1,4 @@
-"""Bent messages by the hundred thousand: at the hub's turn, at the worker's, and over sockets.
+"""Bent messages by the hundred thousand: at the hub, the worker, an engine, and over sockets.
 
 `python benchmarks/fuzzing.py --messages 1000000` says what escaped, and how memory grew.
 """
@@ -11,6 +11,7 @@ from random import Random
 from threading import Thread
 from typing import Annotated, NamedTuple
 
+import fuzzing_bridge
 import typer
 import zmq
 from crew import Crew
@@ -220,6 +221,13 @@ def is_last_result(said: m.Message) -> bool:
     return said.results[0].outcome is Outcome.SAFE
 
 
+def at_the_engine(n: int = MESSAGES, seed: int = SEED) -> Fuzzed:
+    """An engine on a bridge, and n bent answers of the bridge in version 2 of its protocol."""
+    before = resident_bytes()
+    escapes, answered = fuzzing_bridge.at_the_engine(n, seed)
+    return Fuzzed(n, escapes, resident_bytes() - before, answered)
+
+
 def at_the_hub_s_socket(n: int = OVER_SOCKETS, seed: int = SEED) -> Fuzzed:
     """The same over ZeroMQ, and strangers that speak no ZeroMQ at all."""
     before = resident_bytes()
@@ -294,13 +302,14 @@ def wait_for_last(router: "zmq.Socket[bytes]") -> bool:
 PLACES: dict[str, tuple[Callable[[int, int], Fuzzed], int]] = {
     "the hub": (at_the_hub, MESSAGES),
     "the worker": (at_the_worker, MESSAGES),
+    "the bridge's worker": (at_the_engine, MESSAGES),
     "the hub's socket": (at_the_hub_s_socket, OVER_SOCKETS),
     "the worker's socket": (at_the_worker_s_socket, OVER_SOCKETS),
 }
 
 
 def everywhere(n: int = MESSAGES, seed: int = SEED) -> dict[str, Fuzzed]:
-    """What came of n messages at the hub, n at the worker, and of some over their sockets."""
+    """What came of n messages at the hub, the worker and an engine, and of some over sockets."""
     return {
         place: fuzz(n if most == MESSAGES else most, seed) for place, (fuzz, most) in PLACES.items()
     }

@@ -38,6 +38,25 @@ OWN = ("steps", "dt_s")
 """Of `scenario_parameters`, those that eigenfail reads itself; all others are the bridge's."""
 
 
+class BridgeCheck(msgspec.Struct, frozen=True, tag=True):
+    """Question to a process that can talk to bridges: does this one keep to the protocol?
+
+    Attributes:
+        address: address of the bridge, checked.
+        campaign: campaign of which one episode is to run on it; None for none.
+    """
+
+    address: str
+    campaign: CampaignSpec | None = None
+
+
+class GoldenMessages(msgspec.Struct, frozen=True, tag=True):
+    """Question to the same: what are the messages of the protocol, byte for byte?"""
+
+
+BridgeQuestion = BridgeCheck | GoldenMessages
+
+
 def check_address(address: str) -> str:
     """The address, if a worker may connect to it.
 

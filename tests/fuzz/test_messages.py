@@ -1,17 +1,25 @@
 """Bent messages at the hub's loop and the worker's: nothing escapes, hangs, or stays in memory."""
 
-from unittest.mock import patch
+from itertools import chain, repeat
+from random import Random
+from unittest.mock import DEFAULT, patch
 
 import pytest
 from fuzzing import MESSAGES, OVER_SOCKETS, PLACES, SEED, at_the_hub, at_the_worker
-from invalid_messages import words
+from fuzzing_bridge import WELCOME, at_the_engine, observe
+from invalid_messages import BENDS, words
+from msgspec.msgpack import encode
 
+from eigenfail.errors import SimulatorError
 from eigenfail.wire.messages import PROTOCOL, Heartbeat, Hello
 from eigenfail_services.hub.worker_sessions import WorkerSessions
+from eigenfail_workers.bridge import engine
+from eigenfail_workers.bridge.messages import DetailedObservation, Observations, read_answer
 from eigenfail_workers.worker.parent import Parent
 
 BOUND_BYTES = 48 * 2**20
 FEW = 2_000
+MANY = 20_000
 
 IN_PROCESS = ("the hub", "the worker")
 OVER_ZMQ = ("the hub's socket", "the worker's socket")
@@ -46,7 +54,37 @@ def test_some_thousands_come_over_a_true_socket(place: str) -> None:
     assert fuzzed.grown_bytes < BOUND_BYTES
 
 
+@pytest.mark.fault(
+    "malformed, nested or false answers of a bridge",
+    group="messages",
+    outcome="In version 2 of the protocol an observation that cannot be read is a fault of its "
+    "episode alone; any other answer that cannot be read ends the episodes of that worker as "
+    "errored. No exception leaves the engine, which serves the next episode.",
+)
+def test_some_thousands_of_bent_answers_of_a_bridge_let_nothing_escape() -> None:
+    assert at_the_engine(FEW) == ((), True)
+
+
+def test_bent_answers_are_read_or_refused() -> None:
+    slots = [observe(0), observe(1), observe(2), {"fault": "planner", "message": "No."}]
+    true = [encode({"type": "observations", "id": 1, "slots": slots}), encode(dict(WELCOME))]
+    random, read = Random(SEED), 0
+    for _ in range(MANY):
+        try:
+            answer = read_answer(random.choice(BENDS)(random, random.choice(true)), 2)
+        except SimulatorError:
+            continue
+        read += 1
+        if isinstance(answer, Observations):
+            assert all(isinstance(each, DetailedObservation) for each in answer.slots)
+    assert MANY / 10 < read < MANY
+
+
 def test_what_escapes_is_counted() -> None:
+    planted = [RuntimeError("planted")] * 2
+    with patch.object(engine, "match_answer", wraps=engine.match_answer) as match:
+        match.side_effect = chain(planted, repeat(DEFAULT))
+        assert at_the_engine(FEW // 100) == (("RuntimeError: planted",) * 2, True)
     with patch.object(WorkerSessions, "_handle_heartbeat", side_effect=RuntimeError("planted")):
         assert set(at_the_hub(FEW).escapes) == {"RuntimeError: planted"}
     with patch.object(Parent, "_handle_ack", side_effect=RuntimeError("planted")):

@@ -13,12 +13,19 @@ from rich.markup import escape
 from rich.table import Table
 
 from eigenfail import plugins, processes
-from eigenfail.bridges import check_address
+from eigenfail.bridges import (
+    SIMULATOR,
+    BridgeCheck,
+    BridgeQuestion,
+    GoldenMessages,
+    check_address,
+)
 from eigenfail.cli import completion
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, Data, Database, Repair, Replay, Url
 from eigenfail.cli.plugin_checks import CheckResult, CheckVerdict, check_plugins, draw_checks
 from eigenfail.cli.render import show
+from eigenfail.cli.specs import read_spec
 from eigenfail.client import Client
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceUnreachable, StoreUnavailable
 from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL, DataFolder
@@ -227,6 +234,20 @@ BridgeAddress = Annotated[
     str | None,
     typer.Option("--bridge", metavar="ADDRESS", help="Check the bridge at this address."),
 ]
+BridgeCampaign = Annotated[
+    Path | None,
+    typer.Option(
+        "--campaign", metavar="FILE", help="Only run one episode of this campaign on the bridge."
+    ),
+]
+GoldenFolder = Annotated[
+    Path | None,
+    typer.Option(
+        "--golden",
+        metavar="FOLDER",
+        help="Write the messages of the bridge protocol to this folder.",
+    ),
+]
 
 
 @app.command()
@@ -240,19 +261,31 @@ def doctor(
     planner: PlannerPlugin = None,
     scenario: ScenarioPlugin = None,
     bridge: BridgeAddress = None,
+    campaign: BridgeCampaign = None,
+    golden: GoldenFolder = None,
     as_json: AsJson = False,
 ) -> None:
     """Check the installation, the service and the database.
 
     Exits with 3 if something is wrong. --database also runs `eigenfail db verify`, and repairs with
     --repair. --planner or --scenario checks only that plug-in, and exits with 1 if it breaks its
-    contract. --bridge runs episodes on that bridge, and checks that it keeps to the protocol.
+    contract. --bridge runs episodes on that bridge, and checks that it keeps to the protocol. With
+    --campaign it only runs an episode of that campaign. --golden writes one file for each kind of
+    message between worker and bridge, as bytes and as JSON, and checks nothing.
     """
     of_database: dict[str, object] = {"--replay": replay, "--repair": repair}
-    if bridge:
-        _refuse_besides("--bridge", {"--planner": planner, "--scenario": scenario, **of_database})
-        _check_bridge(bridge, as_json)
+    of_plugins: dict[str, object] = {"--planner": planner, "--scenario": scenario}
+    if golden:
+        of_bridge: dict[str, object] = {"--bridge": bridge, "--campaign": campaign}
+        _refuse_besides("--golden", {**of_bridge, **of_plugins, **of_database})
+        _write_golden_messages(golden, as_json)
         return
+    if bridge:
+        _refuse_besides("--bridge", {**of_plugins, **of_database})
+        _check_bridge(bridge, campaign, as_json)
+        return
+    if campaign:
+        raise InvalidValue("--campaign", "needs a bridge.", "Give its address with --bridge.")
     if planner or scenario:
         _refuse_besides("--planner" if planner else "--scenario", of_database)
         _check_plugins(planner, scenario, as_json)
@@ -290,10 +323,31 @@ def _check_plugins(planner: str | None, scenario: str | None, as_json: bool) -> 
         raise typer.Exit(BROKEN)
 
 
-def _check_bridge(address: str, as_json: bool) -> None:
+def _check_bridge(address: str, campaign: Path | None, as_json: bool) -> None:
     """Hold a bridge against its protocol, in a process that has what it takes to talk to it."""
-    answer = processes.ask(BRIDGE_CHECK, check_address(address).encode(), BRIDGE_PATIENCE_S)
+    spec = None if campaign is None else read_spec(campaign)
+    if spec is not None and spec.simulator != SIMULATOR:
+        problem = f"the campaign runs on '{spec.simulator}', and on no bridge."
+        raise InvalidValue("simulator", problem, f'Write simulator = "{SIMULATOR}".')
+    answer = _ask_about_bridges(BridgeCheck(check_address(address), spec))
     checks = msgspec.json.decode(answer, type=list[CheckResult])
     show(checks, as_json, lambda: draw_checks(checks))
     if any(check.verdict is CheckVerdict.BROKEN for check in checks):
         raise typer.Exit(TROUBLE)
+
+
+def _ask_about_bridges(question: BridgeQuestion) -> bytes:
+    return processes.ask(BRIDGE_CHECK, msgspec.json.encode(question), BRIDGE_PATIENCE_S)
+
+
+def _write_golden_messages(folder: Path, as_json: bool) -> None:
+    """Write each golden message as bytes, and as JSON for people."""
+    answer = _ask_about_bridges(GoldenMessages())
+    messages = msgspec.json.decode(answer, type=dict[str, bytes])
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, data in messages.items():
+        text = msgspec.json.format(msgspec.json.encode(msgspec.msgpack.decode(data)))
+        (folder / f"{name}.msgpack").write_bytes(data)
+        (folder / f"{name}.json").write_bytes(text + b"\n")
+    said = f"Wrote {len(messages)} messages to {folder}, each as .msgpack and as .json."
+    show(sorted(messages), as_json, lambda: said)

@@ -11,10 +11,12 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from msgspec.msgpack import decode, encode
 
+from eigenfail_workers import bridge
+
 HERE = Path(__file__).parent
 GOLDEN = {
     file.stem: file.read_bytes()
-    for file in sorted((HERE.parents[1] / "workers" / "bridge" / "golden").iterdir())
+    for file in sorted((Path(bridge.__file__).parent / "golden").iterdir())
 }
 DIALOGUE = (
     ("hello_of_protocol_2", "refusal"),

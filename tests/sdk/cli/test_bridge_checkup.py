@@ -8,6 +8,7 @@ from pathlib import Path
 from threading import Thread
 
 import pytest
+from msgspec.msgpack import decode
 
 from eigenfail.bridges import EPISODE_VARIABLE
 
@@ -114,9 +115,9 @@ def test_a_bridge_that_disconnects_is_not_asked_for_ever(eigenfail, start, monke
     )
     assert told.exit_code == 3
     checks = list(verdicts(told).values())
-    assert [verdict for verdict, _ in checks[:5]] == ["passed"] * 4 + ["broken"]
-    assert "went away" in checks[4][1]
-    assert {verdict for verdict, _ in checks[5:]} == {"skipped"}
+    assert [verdict for verdict, _ in checks[:6]] == ["passed"] * 5 + ["broken"]
+    assert "went away" in checks[5][1]
+    assert {verdict for verdict, _ in checks[6:]} == {"skipped"}
     assert len(checks) > 10
 
 
@@ -167,3 +168,59 @@ def test_a_bridge_elsewhere_is_wrong_usage(eigenfail) -> None:
     told = eigenfail("doctor", "--bridge", "tcp://192.0.2.1:9000")
     assert told.exit_code == 2
     assert "EIGENFAIL_TRUST_NETWORK" in told.output
+
+
+CAMPAIGN = """
+name = "c"
+method = "monte_carlo"
+episodes = 10
+simulator = "bridge"
+scenario = "cut_in"
+planner = "idm"
+scenario_parameters = {{ steps = 20, {parameter} }}
+"""
+
+
+@pytest.mark.parametrize(
+    ("parameter", "code", "verdict", "said"),
+    [
+        ("distance_m = 58.0", 0, "passed", "It is safe after 20 steps."),
+        ("distance = 58.0", 3, "broken", "Did you mean 'distance_m'?"),
+        ("distance_m = -1.0", 3, "broken", "distance_m"),
+    ],
+)
+def test_a_campaign_is_held_against_the_bridge(
+    parameter, code, verdict, said, eigenfail, start, tmp_path
+) -> None:
+    file = tmp_path / "c.toml"
+    file.write_text(CAMPAIGN.format(parameter=parameter))
+    address = start(BRIDGES / "minimal.py")
+    told = eigenfail("doctor", "--bridge", address, "--campaign", str(file), "--json")
+    assert told.exit_code == code, told.output
+    found = verdicts(told)["cut_in, idm", "runs an episode of the campaign"]
+    assert found[0] == verdict
+    assert said in found[1]
+
+
+def test_a_campaign_without_a_bridge_is_wrong_usage(eigenfail, tmp_path) -> None:
+    file = tmp_path / "c.toml"
+    file.write_text('name = "c"\nmethod = "monte_carlo"\nepisodes = 10\n')
+    told = eigenfail("doctor", "--campaign", str(file))
+    assert (told.exit_code, "Give its address with --bridge" in told.output) == (2, True)
+    told = eigenfail("doctor", "--bridge", "ipc:///tmp/none", "--campaign", str(file))
+    assert (told.exit_code, 'simulator = "bridge"' in told.output) == (2, True)
+
+
+def test_the_messages_of_the_protocol_are_written_without_a_bridge(eigenfail, tmp_path) -> None:
+    folder = tmp_path / "golden"
+    told = eigenfail("doctor", "--golden", str(folder), "--json")
+    assert told.exit_code == 0, told.output
+    names = json.loads(told.stdout)
+    assert {"hello", "welcome", "step_2", "observations_2_after_step"} <= set(names)
+    assert {file.name for file in folder.iterdir()} == {
+        f"{name}.{kind}" for name in names for kind in ("msgpack", "json")
+    }
+    for name in names:
+        text = json.loads((folder / f"{name}.json").read_text())
+        assert decode((folder / f"{name}.msgpack").read_bytes()) == text
+    assert eigenfail("doctor", "--golden", str(folder), "--bridge", "ipc:///tmp/b").exit_code == 2

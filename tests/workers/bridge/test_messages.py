@@ -15,12 +15,13 @@ from msgspec.msgpack import encode as pack
 from msgspec.structs import replace
 
 from eigenfail.errors import PlannerError, SimulatorError
-from eigenfail.values import POSITION, Control, Observation, VehicleState
+from eigenfail.values import POSITION, Channel, Control, Observation, VehicleState
+from eigenfail_workers import bridge
 from eigenfail_workers.bridge import messages as said
-from eigenfail_workers.bridge.episode import ObservationReader
+from eigenfail_workers.bridge.episode import ObservationReader, check_channels, record_step
 from eigenfail_workers.bridge.messages import encode, read_answer
 
-GOLDEN = Path(__file__).parent / "golden"
+GOLDEN = Path(bridge.__file__).parent / "golden"
 SESSION = "0123456789abcdef0123456789abcdef"
 OF_TRUCK = {"distance_m": 55.0, "wet": True, "kind": "truck", "lanes": 2}
 STARTS = (
@@ -237,15 +238,15 @@ def test_the_version_of_a_welcome_is_the_one_that_it_announces() -> None:
 
 
 def test_the_reference_bridge_answers_by_the_byte_in_version_2(minimal) -> None:
-    bridge = minimal.Bridge(decode(golden("welcome_2")), StubOfVersion2)
+    served = minimal.Bridge(decode(golden("welcome_2")), StubOfVersion2)
     for request, answer in DIALOGUE_2:
-        assert decode(pack(bridge.answer(decode(golden(request))))) == decode(golden(answer))
+        assert decode(pack(served.answer(decode(golden(request))))) == decode(golden(answer))
 
 
 def test_a_bridge_of_version_2_speaks_version_1_to_a_worker_of_version_1(minimal) -> None:
-    bridge = minimal.Bridge(decode(golden("welcome_2")), Stub)
+    served = minimal.Bridge(decode(golden("welcome_2")), Stub)
     for request, answer in DIALOGUE[1:]:
-        assert pack(bridge.answer(decode(golden(request)))) == golden(answer), request
+        assert pack(served.answer(decode(golden(request)))) == golden(answer), request
 
 
 SPOILT = {
@@ -279,9 +280,9 @@ def test_an_account_of_exactly_the_most_bytes_is_read() -> None:
 
 def test_the_reference_bridge_answers_by_the_byte(minimal) -> None:
     welcome = decode(golden("welcome"))
-    bridge = minimal.Bridge(welcome, Stub)
+    served = minimal.Bridge(welcome, Stub)
     for request, answer in DIALOGUE:
-        assert pack(bridge.answer(decode(golden(request)))) == golden(answer), request
+        assert pack(served.answer(decode(golden(request)))) == golden(answer), request
 
 
 def test_an_answer_may_leave_out_what_is_optional_and_hold_what_nobody_knows() -> None:
@@ -293,15 +294,15 @@ def test_an_answer_may_leave_out_what_is_optional_and_hold_what_nobody_knows() -
     assert read_answer(data) == said.Observations(5, (whole,))
 
 
-def told_on_its_page() -> list[tuple[str, dict[str, Any]]]:
-    """What each side says in the session on docs/bridge.md."""
+def told_on_its_page(protocol: int) -> list[tuple[str, dict[str, Any]]]:
+    """What each side says in the session of a version on docs/bridge.md."""
     page = (Path(__file__).parents[3] / "docs" / "bridge.md").read_text()
-    block = page.split("```json\n")[1].split("```")[0]
+    block = page.split("```json\n")[protocol].split("```")[0]
     return [(line[0], json.loads(line[1:])) for line in re.split(r"\n(?=[→←])", block)]
 
 
 def test_the_session_on_the_page_is_one() -> None:
-    sides, words = zip(*told_on_its_page(), strict=True)
+    sides, words = zip(*told_on_its_page(1), strict=True)
     assert "".join(sides) == "→←" * 4
     kinds = {
         "hello": said.BridgeHello,
@@ -321,6 +322,24 @@ def test_the_session_on_the_page_is_one() -> None:
     (seen,) = start.others
     assert went.perceived == (seen.x_m + 0.5, seen.y_m - 0.25)
     assert [answer.id for answer in answers[1:]] == [request["id"] for request in words[2::2]]
+
+
+def test_the_session_of_version_2_on_the_page_is_one() -> None:
+    sides, words = zip(*told_on_its_page(2), strict=True)
+    assert "".join(sides) == "→←" * 3
+    kinds = {"hello": said.BridgeHello, "reset": said.ResetRequest, "step": said.StepRequest}
+    for request in words[::2]:
+        assert encode(convert(request, kinds[request["type"]])) == pack(request)
+    welcome = said.read_hello_answer(pack(words[1]))
+    assert welcome.offered_signals == {"planned_gap_m"}
+    channels = (Channel("missed"), Channel("vehicle_1.speed"))
+    check_channels(welcome, channels)
+    (began,), (went,) = (read_answer(pack(answer), 2).slots for answer in words[3::2])
+    reader = ObservationReader(channels, 0.1)
+    reader.read(began, ())
+    now = reader.read(went, (1.0, -0.5))
+    assert now.ids == (1, 2)
+    assert record_step(went, now, 0.1).account == {"heeds": "nobody", "gap_m": 29.5}
 
 
 WRONG = {
@@ -356,35 +375,35 @@ def test_a_spoilt_answer_is_read_or_refused_and_nothing_else(name, place, byte, 
 
 @pytest.mark.parametrize("data", [b"", b"\xc1", b"\x01", b"\x80"])
 def test_what_makes_no_sense_does_not_end_the_reference_bridge(minimal, data) -> None:
-    bridge = minimal.Bridge(minimal.welcome(), minimal.built_in)
-    told = minimal.answered(bridge, data)
+    served = minimal.Bridge(minimal.welcome(), minimal.built_in)
+    told = minimal.answered(served, data)
     assert (told["type"], told["id"], told["fault"]) == ("error", 0, "simulator")
     assert told["message"]
 
 
 def test_a_session_in_use_does_not_go_unless_its_worker_is_silent(minimal, monkeypatch) -> None:
-    bridge = minimal.Bridge(decode(golden("welcome")), Stub)
+    served = minimal.Bridge(decode(golden("welcome")), Stub)
     reset = decode(golden("reset"))
     for number in range(minimal.MOST_SESSIONS):
-        bridge.answer({"type": "hello", "protocol": 1, "session": str(number)})
+        served.answer({"type": "hello", "protocol": 1, "session": str(number)})
         slots = [{**each} for each in reset["slots"]]
         if number != 1:
-            bridge.answer({**reset, "session": str(number), "slots": slots})
+            served.answer({**reset, "session": str(number), "slots": slots})
     hello = {"type": "hello", "protocol": 1}
-    assert bridge.answer({**hello, "session": "a"})["type"] == "welcome"
-    assert "0" in bridge.sessions
-    assert "1" not in bridge.sessions
-    bridge.answer({**reset, "session": "a"})
-    assert bridge.answer({**hello, "session": "b"})["full"]
+    assert served.answer({**hello, "session": "a"})["type"] == "welcome"
+    assert "0" in served.sessions
+    assert "1" not in served.sessions
+    served.answer({**reset, "session": "a"})
+    assert served.answer({**hello, "session": "b"})["full"]
     monkeypatch.setattr(minimal, "SILENT_S", -1.0)
-    assert bridge.answer({**hello, "session": "b"})["type"] == "welcome"
-    assert "0" not in bridge.sessions
+    assert served.answer({**hello, "session": "b"})["type"] == "welcome"
+    assert "0" not in served.sessions
 
 
 def test_the_session_goes_that_has_not_asked_for_longest(minimal) -> None:
-    bridge = minimal.Bridge(minimal.welcome(), minimal.built_in)
+    served = minimal.Bridge(minimal.welcome(), minimal.built_in)
     for number in range(minimal.MOST_SESSIONS):
-        bridge.answer({"type": "hello", "protocol": 1, "session": str(number)})
-    bridge.answer({"type": "step", "session": "0", "id": 1, "slots": []})
-    bridge.answer({"type": "hello", "protocol": 1, "session": "new"})
-    assert {*map(str, range(minimal.MOST_SESSIONS)), "new"} - {*bridge.sessions} == {"1"}
+        served.answer({"type": "hello", "protocol": 1, "session": str(number)})
+    served.answer({"type": "step", "session": "0", "id": 1, "slots": []})
+    served.answer({"type": "hello", "protocol": 1, "session": "new"})
+    assert {*map(str, range(minimal.MOST_SESSIONS)), "new"} - {*served.sessions} == {"1"}

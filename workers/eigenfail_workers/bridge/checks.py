@@ -23,7 +23,14 @@ from eigenfail.testing.simulation import (
     starts_at_step_zero,
     wave,
 )
-from eigenfail.values import POSITION, Observation
+from eigenfail.values import (
+    POSITION,
+    CampaignSpec,
+    EpisodeTask,
+    Observation,
+    PriorSource,
+    episode_seed,
+)
 from eigenfail.values.channels import (
     ALL_CHANNELS,
     EVENT,
@@ -35,7 +42,8 @@ from eigenfail.values.channels import (
     split_name,
 )
 from eigenfail.values.shapes import Row
-from eigenfail_workers.bridge.connection import BridgeTimeouts, Connection
+from eigenfail_workers.bridge.connection import BridgeTimeouts, Connection, SharedConnection
+from eigenfail_workers.bridge.engine import BridgeEngine
 from eigenfail_workers.bridge.episode import (
     ObservationReader,
     find_scenario,
@@ -59,6 +67,7 @@ from eigenfail_workers.perception import SensorErrors
 
 HELLO = "says hello"
 PACE = "keeps pace"
+EPISODE = "runs an episode of the campaign"
 MAX_BESIDE = 7
 """Most episodes that the checks run side by side: more slots would only take longer."""
 
@@ -329,13 +338,15 @@ def _measure_step_s(connection: Connection, start: SlotStart, beside: int) -> fl
     return (perf_counter() - began_s) / max(1, *(len(course) - 1 for course in courses))
 
 
-def check_bridge(address: str) -> list[CheckResult]:
+def check_bridge(address: str, campaign: CampaignSpec | None = None) -> list[CheckResult]:
     """Run all checks with the first scenario and planner that the bridge offers.
 
-    Every other scenario and planner must run one episode to its end.
+    Every other scenario and planner must run one episode to its end. Of a campaign, one episode is
+    run in place of the checks.
 
     Raises:
-        InvalidValue: the address is not valid, or nothing may connect to it.
+        InvalidValue: the address is not valid, or nothing may connect to it; or the campaign cannot
+            be sent to a bridge.
     """
     try:
         with closing(Connection(check_address(address))) as connection:
@@ -345,7 +356,21 @@ def check_bridge(address: str) -> list[CheckResult]:
             CheckResult(address, _name(check), CheckVerdict.SKIPPED, SKIPPED) for check in CHECKS
         )
         return [CheckResult(address, HELLO, CheckVerdict.BROKEN, str(error)), *rest]
+    if campaign is not None:
+        return [*_describe(address, welcome), _check_campaign(address, campaign)]
     return [*_describe(address, welcome), *_run_checks(address, welcome)]
+
+
+def _check_campaign(address: str, campaign: CampaignSpec) -> CheckResult:
+    """Run the first episode of a campaign under ordinary noise."""
+    task = EpisodeTask(0, episode_seed(campaign.seed, 0), PriorSource())
+    with closing(SharedConnection(address)) as connection:
+        result = next(BridgeEngine(campaign.setup(), connection).run([task]))
+    what = f"{campaign.scenario}, {campaign.planner}"
+    if result.fault is not None:
+        return CheckResult(what, EPISODE, CheckVerdict.BROKEN, result.fault.message)
+    said = f"It is {result.outcome.word} after {result.steps} steps."
+    return CheckResult(what, EPISODE, CheckVerdict.PASSED, said)
 
 
 def _describe(address: str, welcome: BridgeWelcome) -> Iterator[CheckResult]:
@@ -360,8 +385,12 @@ def _describe(address: str, welcome: BridgeWelcome) -> Iterator[CheckResult]:
         defaults = _format_defaults(planner.settings or {})
         yield CheckResult(planner.name, "planner", CheckVerdict.PASSED, defaults)
     if welcome.protocol >= CHANNEL_PROTOCOL:
-        offered = ", ".join(sorted(welcome.offered_channels))
-        yield CheckResult(address, "channels", CheckVerdict.PASSED, offered)
+        for what, names in (
+            ("channels", welcome.offered_channels),
+            ("signals", welcome.offered_signals),
+        ):
+            said = ", ".join(sorted(names)) or "none"
+            yield CheckResult(address, what, CheckVerdict.PASSED, said)
 
 
 def _format_defaults(defaults: Mapping[str, Plain]) -> str:
