@@ -16,6 +16,7 @@ from scale_costs import cost_figures
 from scale_table import CREWS, EPISODE_S, method_of, predicted, table
 from sqlalchemy import text
 from stage import Stage
+from tails import TAIL, tail_figures
 
 LATEST = ROOT / "benchmarks" / "latest.json"
 PAGE = ROOT / "benchmarks" / "scale.md"
@@ -39,9 +40,6 @@ SETTLED = {
 }
 """Number of episodes after which the rate of a campaign is steady."""
 
-TAIL = 0.5
-"""Standard deviation of log durations: one episode in a hundred takes 2.8 times the mean."""
-
 WARM_S, SPAN_S = 4.0, 12.0
 LEAST_ROUNDS = 3
 
@@ -64,7 +62,8 @@ def scale_figures(hub: Mapping[str, Figure]) -> dict[str, Figure]:
         for workers in crews
     }
     tail = measured("ast_parallel", 100, {**hub, **costs}, tail=TAIL)
-    return costs | rates | {"rate_ast_parallel_100_tail": tail}
+    played = tail_figures({**hub, **costs})
+    return costs | rates | played | {"rate_ast_parallel_100_tail": tail}
 
 
 def measured(name: str, workers: int, figures: Mapping[str, Figure], **durations: float) -> Figure:

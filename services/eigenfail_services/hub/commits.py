@@ -140,11 +140,11 @@ class CommitQueue:
         now_s = time.monotonic()
         for verdict, count in Counter(verdicts).items():
             self._metrics.results.labels(verdict).inc(count)
+        self._metrics.result_s.observe([now_s - pending.arrived_s for pending in group])
+        walls_s = [pending.delivery.result.believed_wall_s for pending in group]
+        self._metrics.episode_s.observe([wall_s for wall_s in walls_s if wall_s])
         for pending in group:
-            self._metrics.result_s.observe(now_s - pending.arrived_s)
             result = pending.delivery.result
-            if result.believed_wall_s:
-                self._metrics.episode_s.observe(result.believed_wall_s)
             if result.fault:
                 log.warning(
                     "episode errored",

@@ -3,9 +3,11 @@
 from types import SimpleNamespace
 
 import pytest
+from prometheus_client import CollectorRegistry, Histogram
 
 from eigenfail_services.hub.metrics import (
     CampaignLoad,
+    DurationHistogram,
     HubStatus,
     Metrics,
     Work,
@@ -54,6 +56,27 @@ def test_a_block_that_breaks_off_is_not_timed():
     with pytest.raises(ZeroDivisionError), observe_duration(metrics.commit_s):
         raise ZeroDivisionError
     assert value(metrics, "commit_seconds_count") == 1
+
+
+def test_durations_are_counted_as_prometheus_itself_counts_them():
+    registry = CollectorRegistry()
+    bounds_s = (0.01, 0.5, 2.0)
+    one_by_one = Histogram("single", "", buckets=bounds_s, registry=registry)
+    together = DurationHistogram("together", "", bounds_s)
+    registry.register(together)
+    for durations_s in ([], [0.0, 0.01, 0.011, 0.5], [2.0, 2.1, 1e6, 0.3]):
+        together.observe(durations_s)
+        for duration_s in durations_s:
+            one_by_one.observe(duration_s)
+        for bound in ("0.01", "0.5", "2.0", "+Inf"):
+            counts = [
+                registry.get_sample_value(f"{name}_bucket", {"le": bound})
+                for name in ("single", "together")
+            ]
+            assert counts[0] == counts[1], bound
+        for part in ("count", "sum"):
+            sums = [registry.get_sample_value(f"{name}_{part}") for name in ("single", "together")]
+            assert sums[0] == pytest.approx(sums[1]), part
 
 
 def test_what_has_not_happened_is_counted_as_0_times():
