@@ -68,7 +68,10 @@ class Engine:
             if channel.kind is PARAMETER
         }
         self._variation = read_variation(
-            scenario.Parameters, setup.scenario_parameters, searched=self._once.values()
+            scenario.Parameters,
+            setup.scenario_parameters,
+            searched=self._once.values(),
+            correlations=self._model.parameter_correlations,
         )
         self._policies: dict[int, Policy] = {}
         self._simulation: Simulation | None = None
