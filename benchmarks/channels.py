@@ -31,8 +31,14 @@ SETS: dict[str, tuple[Channel, ...]] = {
     "missed": (*POSITION, Channel("missed", shape=Markov(0.02, 5.0))),
     "ghost": (*POSITION, Channel("ghost", shape=Markov(0.01, 5.0))),
     "motion": (*POSITION, Channel("heading"), Channel("speed"), Channel("ego.speed")),
+    "far": (*POSITION, Channel("missed", shape=Markov(0.005, 5.0, 0.0005))),
+    "delay": (*POSITION, Channel("delay")),
+    "occlusion": POSITION,
 }
-"""Channels by the name of their set in figures. `cut_in` has one vehicle: `every` is `position`."""
+"""Channels by the name of their set in figures; that of `occlusion` is searched with it."""
+
+OF_SEVERAL = {"every", "occlusion"}
+"""Sets that are as `position` where there is one vehicle, as in `cut_in`."""
 
 METHODS = ("monte_carlo", "held", "cem", "cma", "ast", "difs")
 
@@ -53,13 +59,19 @@ SEARCHING = (*METHODS, "ensemble", "subset", "mixture", "splitting")
 
 def find(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     """Failures, log p and severity of each method with each set, in each scenario."""
-    places = [each for each in product(SCENARIOS, SETS, METHODS) if each[:2] != ("cut_in", "every")]
+    places = list_places()
     specs = [make_spec(*place, seed + n) for place in places for n in range(SEEDS)]
     founds = crew.each(search, specs)
     for number, place in enumerate(places):
         scenario, channels, method = place
         own = founds[number * SEEDS : (number + 1) * SEEDS]
         yield from describe(f"channels.{scenario}.{channels}.{method}", own)
+
+
+def list_places() -> list[tuple[str, str, str]]:
+    """Return scenario, set of channels and method of each figure."""
+    alike = {("cut_in", name) for name in OF_SEVERAL}
+    return [each for each in product(SCENARIOS, SETS, METHODS) if each[:2] not in alike]
 
 
 def make_spec(scenario: str, channels: str, method: str, seed: int) -> CampaignSpec:
@@ -71,7 +83,7 @@ def make_spec(scenario: str, channels: str, method: str, seed: int) -> CampaignS
         episodes=EPISODES,
         seed=seed,
         scenario=scenario,
-        disturbance=DisturbanceModel(channels=SETS[channels]),
+        disturbance=DisturbanceModel(channels=SETS[channels], occlusion=channels == "occlusion"),
     )
     return msgspec.structs.replace(spec, disturbance=resolve_disturbance(spec))
 

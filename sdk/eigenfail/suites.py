@@ -17,6 +17,7 @@ import msgspec
 
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.files import read_toml
+from eigenfail.samples import include_samples
 from eigenfail.settings import convert, read_settings
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, DisturbanceModel
 from eigenfail.values.campaign import Name
@@ -369,7 +370,7 @@ class Suite(msgspec.Struct, frozen=True):
             raise InvalidValue(file.name, "this is a campaign, not a suite.", remedy)
         base = table.get("base")
         if isinstance(base, dict):
-            table = {**table, "base": include_disturbance(base, file)}
+            table = {**table, "base": include_samples(include_disturbance(base, file), file)}
         written = read_settings(SuiteFile, table, file.name)
         return cls._written(written, written.name or file.stem, file.name)
 

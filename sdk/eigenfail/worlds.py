@@ -125,21 +125,24 @@ class CampaignWorld(ABC):
         if model.channels is not msgspec.UNSET:
             problem = f"the simulator '{described.simulator}' has no channels to choose from."
             raise InvalidValue(CHANNELS_FIELD, problem, self.channels_remedy)
-        return self._resolve_occlusion(described, offered=False)
+        return self._resolve_options(described, offered=False)
 
-    def _resolve_occlusion(self, described: Described, *, offered: bool) -> DisturbanceModel:
+    def _resolve_options(self, described: Described, *, offered: bool) -> DisturbanceModel:
         """Return the disturbance model, without an occlusion that is off.
 
         Raises:
-            InvalidValue: it is on, and the simulator does not offer it.
+            UnknownName: a correlation names a channel that is not one of a scenario parameter.
+            InvalidValue: occlusion is on, and the simulator does not offer it; or the correlations
+                cannot be.
         """
         model = described.disturbance
         if not model.is_occluding:
-            return replace(model, occlusion=msgspec.UNSET)
-        if not offered:
+            model = replace(model, occlusion=msgspec.UNSET)
+        elif not offered:
             problem = f"the simulator '{described.simulator}' does not know what vehicles hide."
             remedy = "Leave it out, or take the simulator highway or point_mass."
             raise InvalidValue("disturbance.occlusion", problem, remedy)
+        model.check_correlations()
         return model
 
     def resolve_requirements(self, spec: CampaignSpec) -> Requirements | msgspec.UnsetType:
@@ -249,7 +252,7 @@ class PluginWorld(CampaignWorld):
         """Write out the channels that simulator and scenario have."""
         simulator = plugins.load(plugins.SIMULATORS, described.simulator)
         offers_occlusion = getattr(simulator, "occludes", False)
-        model = self._resolve_occlusion(described, offered=offers_occlusion)
+        model = self._resolve_options(described, offered=offers_occlusion)
         if model.channels is msgspec.UNSET:
             return model
         variation = read_variation(
@@ -273,6 +276,7 @@ class PluginWorld(CampaignWorld):
             self.parameters_type(spec),
             spec.scenario_parameters,
             searched=spec.disturbance.searched_parameters,
+            correlations=spec.disturbance.parameter_correlations,
         )
 
     def horizon(self, spec: CampaignSpec) -> int:

@@ -59,7 +59,10 @@ class Engine:
         self._model = resolve_disturbance(setup)
         self._noise = CampaignNoise(self._model)
         self._variation = read_variation(
-            scenario.Parameters, setup.scenario_parameters, searched=self._noise.searched
+            scenario.Parameters,
+            setup.scenario_parameters,
+            searched=self._noise.searched,
+            correlations=self._model.parameter_correlations,
         )
         self._simulation: Simulation | None = None
         # Taken after the imports: what they change is the same for each episode in each process.

@@ -10,6 +10,7 @@ from rich.text import Text
 from eigenfail import plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.files import read_toml
+from eigenfail.samples import include_samples
 from eigenfail.settings import convert, read_settings
 from eigenfail.suites import (
     describes_suite,
@@ -55,7 +56,8 @@ def read_spec(
     if describes_suite(table):
         remedy = f"Run it with `eigenfail suite run {file}`."
         raise InvalidValue(file.name, "this is a suite, not a campaign.", remedy)
-    fields = {"name": file.stem, **include_disturbance(table, file), **_drop_missing(instead)}
+    written = include_samples(include_disturbance(table, file), file)
+    fields = {"name": file.stem, **written, **_drop_missing(instead)}
     if _drop_missing(stop):
         fields["stop"] = {**_read_stop_rules(fields.get("stop", {}), file), **_drop_missing(stop)}
     for name, kind in TABLES.items():

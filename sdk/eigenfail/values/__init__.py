@@ -54,6 +54,7 @@ from eigenfail.values.disturbance import (
     Conversion,
     DisturbanceModel,
     NoiseTrajectory,
+    ScenarioCorrelation,
 )
 from eigenfail.values.episode import (
     EpisodeFault,
@@ -255,6 +256,7 @@ __all__ = [
     "Safety",
     "SafetyTotals",
     "Scatter",
+    "ScenarioCorrelation",
     "Scene",
     "SeverityRisk",
     "Shape",

@@ -10,7 +10,7 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values.arrays import Floats
 from eigenfail.values.channels import (
     MOST_CHANNELS,
@@ -23,10 +23,33 @@ from eigenfail.values.channels import (
 from eigenfail.values.shapes import NoiseShape, PerChannel, Row, Shape, White
 from eigenfail.values.showing import Brief, Tabular
 from eigenfail.values.student_t import LOG_SQRT_TWO_PI
+from eigenfail.values.variation import make_correlation_matrix
 
 AXES = ("longitudinal", "lateral")
 """The channels of a campaign on a road that names none: the components of the noise of the position
 of the nearest vehicle. z has a column for each channel, in this order."""
+
+
+SMALLEST_EIGENVALUE = 1e-9
+"""Of a matrix of correlations that has a Cholesky factor in doubles, with some to spare."""
+
+
+class ScenarioCorrelation(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Two channels of scenario parameters that depend on each other, by a Gaussian copula.
+
+    z of both stays independent. The parameters are the quantiles at Phi of two standard normal
+    values that correlate by the coefficient.
+
+    Attributes:
+        channels: the names of both.
+        coefficient: correlation of these values.
+    """
+
+    channels: tuple[str, str]
+    coefficient: Annotated[float, msgspec.Meta(gt=-1.0, lt=1.0)]
+
+
+CORRELATIONS_FIELD = "disturbance.correlations"
 
 
 class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -41,6 +64,8 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         shape: makes the standardised noise u of z, in unit variance.
         channels: all channels of the noise, in place of the two of the position of the nearest
             vehicle that the other fields describe.
+        correlations: correlations between channels of scenario parameters; all others are
+            independent.
         occlusion: whether vehicles that others hide from the ego are not detected.
     """
 
@@ -54,6 +79,10 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     # there was such a field.
     channels: (
         Annotated[tuple[Channel, ...], msgspec.Meta(min_length=1, max_length=MOST_CHANNELS)]
+        | msgspec.UnsetType
+    ) = msgspec.UNSET
+    correlations: (
+        Annotated[tuple[ScenarioCorrelation, ...], msgspec.Meta(min_length=1, max_length=100)]
         | msgspec.UnsetType
     ) = msgspec.UNSET
     occlusion: bool | msgspec.UnsetType = msgspec.UNSET
@@ -84,6 +113,48 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         names = map(split_name, (channel.name for channel in self.list_channels()))
         return tuple(quantity for target, quantity in names if target == SCENARIO)
 
+    @property
+    def parameter_correlations(self) -> dict[tuple[str, str], float]:
+        """The coefficients between parameters of the scenario, by the names of both."""
+        if isinstance(self.correlations, msgspec.UnsetType):
+            return {}
+        pairs = ((each.channels, each.coefficient) for each in self.correlations)
+        return {
+            (split_name(one).quantity, split_name(other).quantity): value
+            for (one, other), value in pairs
+        }
+
+    def check_correlations(self) -> None:
+        """Check that correlations are between channels of scenario parameters, and can be.
+
+        Raises:
+            UnknownName: one names a channel that is not among those of scenario parameters.
+            InvalidValue: one names a channel twice, or a pair that an earlier one names, or the
+                matrix of all of them is not positive definite.
+        """
+        if isinstance(self.correlations, msgspec.UnsetType):
+            return
+        known = tuple(f"{SCENARIO}.{name}" for name in self.searched_parameters)
+        pairs: list[frozenset[str]] = []
+        for place, each in enumerate(self.correlations):
+            field, pair = f"{CORRELATIONS_FIELD}[{place}].channels", frozenset(each.channels)
+            if unknown := [name for name in each.channels if name not in known]:
+                raise UnknownName(field, unknown[0], known)
+            if len(pair) == 1 or pair in pairs:
+                problem = f"{' and '.join(each.channels)} cannot be correlated here."
+                raise InvalidValue(field, problem, "Name two channels, and each pair once.")
+            pairs.append(pair)
+        parameters = self.searched_parameters
+        matrix = make_correlation_matrix(parameters, self.parameter_correlations)
+        smallest = float(np.linalg.eigvalsh(matrix)[0])
+        if smallest < SMALLEST_EIGENVALUE:
+            raise InvalidValue(
+                CORRELATIONS_FIELD,
+                f"the matrix of the coefficients of {', '.join(parameters)} is not positive "
+                f"definite: its smallest eigenvalue is {smallest:.3g}.",
+                "Take coefficients nearer to 0, or give the missing pairs one.",
+            )
+
     def resolve(
         self, vehicles: int, offered: frozenset[str], parameters: Sequence[str] = ()
     ) -> "DisturbanceModel":
@@ -95,7 +166,13 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         """
         if isinstance(self.channels, msgspec.UnsetType):
             return self
-        plain = replace(self, scale=1.0, channels=msgspec.UNSET, occlusion=msgspec.UNSET)
+        plain = DisturbanceModel(
+            self.longitudinal_slope,
+            self.longitudinal_base_m,
+            self.lateral_slope,
+            self.lateral_base_m,
+            shape=self.shape,
+        )
         if plain != DisturbanceModel():
             raise InvalidValue(
                 "disturbance",
@@ -125,7 +202,15 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     def in_words(self) -> dict[str, str]:
         """What people read, by name."""
         occlusion = {"occlusion": "vehicles that others hide are not detected"}
-        return self._describe_errors() | (occlusion if self.is_occluding else {})
+        correlations = {
+            f"correlation of {one} and {other}": f"{value:g}"
+            for (one, other), value in self.parameter_correlations.items()
+        }
+        return {
+            **self._describe_errors(),
+            **correlations,
+            **(occlusion if self.is_occluding else {}),
+        }
 
     def _describe_errors(self) -> dict[str, str]:
         if not isinstance(self.channels, msgspec.UnsetType):

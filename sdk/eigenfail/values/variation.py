@@ -2,13 +2,16 @@
 
 In place of a value a parameter may have a distribution: `{"uniform": [52.0, 70.0]}`, both ends
 included, of whole numbers where the parameter is one; `{"choice": [1.9, 2.0, 2.1]}`, each as
-likely; or `{"normal": [58.0, 3.0], "within": [52.0, 70.0]}`, a normal distribution by mean and
-standard deviation, cut off at the ends of `within`. A value is drawn from the episode's own seed,
-so that nothing has to travel or be kept; or, where a channel `scenario.NAME` makes the parameter
-a part of the search, it is the quantile that belongs to the channel's z.
+likely; `{"normal": [58.0, 3.0], "within": [52.0, 70.0]}`, a normal distribution by mean and
+standard deviation, cut off at the ends of `within`; or `{"empirical": [57.1, 60.4, 58.8]}`, the
+distribution of a sample. A value is drawn from the episode's own seed, so that nothing has to
+travel or be kept; or, where a channel `scenario.NAME` makes the parameter a part of the search, it
+is the quantile that belongs to the channel's z. Parameters that are searched may be correlated, by
+a Gaussian copula.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 from itertools import product
 from math import erfc, inf, isfinite, prod, sqrt
 from statistics import NormalDist
@@ -17,6 +20,7 @@ from typing import Annotated, Any
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import convert, read_settings
@@ -108,13 +112,54 @@ class Normal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         )
 
 
+MOST_SAMPLES = 10_000
+
+
+class Empirical(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """As in a sample: between neighbouring values of n, in order, there is a share of 1 / (n - 1).
+
+    Its quantile is linear between the sorted values, the first at p = 0 and the last at p = 1
+    (definition 7 of Hyndman and Fan 1996, The American Statistician 50, 361-365).
+    """
+
+    empirical: Annotated[tuple[Number, ...], msgspec.Meta(min_length=2, max_length=MOST_SAMPLES)]
+
+    def ends(self) -> tuple[Any, ...]:
+        """What has to be within the parameter's bounds."""
+        return min(self.empirical), max(self.empirical)
+
+    def draw(self, random: np.random.Generator, like: Any) -> Number:
+        """A value of the kind that `like` has."""
+        return self.find_quantile(float(random.random()), like)
+
+    def find_quantile(self, p: float, like: Any) -> Number:
+        """The value of the kind that `like` has below which lies a share p."""
+        ordered = _sort(self.empirical)
+        place = min(max(p, 0.0), 1.0) * (len(ordered) - 1)
+        below = min(int(place), len(ordered) - 2)
+        low, high = ordered[below], ordered[below + 1]
+        value = min(max(low + (place - below) * (high - low), low), high)
+        return round(value) if isinstance(like, int) else float(value)
+
+
+@lru_cache(maxsize=64)
+def _sort(values: tuple[Number, ...]) -> list[Number]:
+    """Return values in order; cached, as each episode asks for a quantile of them."""
+    return sorted(values)
+
+
 STANDARD = NormalDist()
 
 FARTHEST = 30.0
 """Beyond it, between two ends on one side of the mean, there is no share to speak of. [sd]"""
 
-Distribution = Uniform | Choice | Normal
-KINDS: dict[str, type[Distribution]] = {"uniform": Uniform, "choice": Choice, "normal": Normal}
+Distribution = Uniform | Choice | Normal | Empirical
+KINDS: dict[str, type[Distribution]] = {
+    "uniform": Uniform,
+    "choice": Choice,
+    "normal": Normal,
+    "empirical": Empirical,
+}
 
 
 class Variation(msgspec.Struct, frozen=True, eq=False):
@@ -126,6 +171,7 @@ class Variation(msgspec.Struct, frozen=True, eq=False):
         fixed: the values that all episodes share.
         varied: distributions in the order of their names, which is the order of the draws.
         searched: distributions of the parameters whose quantiles a search chooses, by name.
+        correlations: coefficients of the Gaussian copula of these, by two of their names.
     """
 
     kind: type[msgspec.Struct]
@@ -133,6 +179,7 @@ class Variation(msgspec.Struct, frozen=True, eq=False):
     fixed: Mapping[str, Any]
     varied: Mapping[str, Distribution]
     searched: Mapping[str, Distribution] = MappingProxyType({})
+    correlations: Mapping[tuple[str, str], float] = MappingProxyType({})
 
     def draw(self, seed: int, z: Mapping[str, float] = MappingProxyType({})) -> Any:
         """The parameters of an episode.
@@ -151,12 +198,24 @@ class Variation(msgspec.Struct, frozen=True, eq=False):
         return self._drawn(seed, self._like())
 
     def place(self, z: Mapping[str, float]) -> dict[str, Any]:
-        """The values of parameters that are searched, from the standard normal z of each."""
+        """The values of parameters that are searched, from the standard normal z of each.
+
+        A correlated parameter is the quantile of what the Cholesky factor of the correlations makes
+        of its z and of those before it, which is standard normal, too.
+        """
         like = self._like() if z else None
         return {
             name: self.searched[name].find_quantile(STANDARD.cdf(each), getattr(like, name))
-            for name, each in z.items()
+            for name, each in self._correlate(z).items()
         }
+
+    def _correlate(self, z: Mapping[str, float]) -> Mapping[str, float]:
+        if not self.correlations:
+            return z
+        names = tuple(self.searched)
+        factor = np.linalg.cholesky(make_correlation_matrix(names, self.correlations))
+        correlated = factor @ np.array([z[name] for name in names])
+        return dict(zip(names, correlated.tolist(), strict=True))
 
     def table(self, seeds: Iterable[int]) -> Iterator[dict[str, Any]]:
         """All parameters of the episodes with these seeds, but those that are searched, by name."""
@@ -213,6 +272,7 @@ def read_variation(
     given: Mapping[str, Any],
     field: str = "scenario_parameters",
     searched: Iterable[str] = (),
+    correlations: Mapping[tuple[str, str], float] = MappingProxyType({}),
 ) -> Variation:
     """A scenario's parameters as a user gave them, checked at the ends of all distributions.
 
@@ -221,6 +281,7 @@ def read_variation(
         given: for each name a value, or a distribution.
         field: where they stood, for the error.
         searched: names of the parameters whose quantiles a search chooses.
+        correlations: coefficients of the Gaussian copula of these, by two of their names.
 
     Raises:
         UnknownName: no such parameter, or no such distribution.
@@ -237,10 +298,21 @@ def read_variation(
     if prod(len(one.ends()) for one in (*varied.values(), *chosen.values())) > MAX_CORNERS:
         problem = f"the distributions have more than {MAX_CORNERS} combinations of ends."
         raise InvalidValue(field, problem, "Vary fewer parameters, or choose from fewer values.")
-    variation = Variation(kind, field, fixed, varied, chosen)
+    variation = Variation(kind, field, fixed, varied, chosen, correlations)
     for _ in variation.corners():
         pass
     return variation
+
+
+def make_correlation_matrix(
+    names: Sequence[str], correlations: Mapping[tuple[str, str], float]
+) -> NDArray[np.float64]:
+    """Return the matrix of coefficients between pairs of names, in their order; others are 0."""
+    matrix = np.eye(len(names))
+    for (one, other), coefficient in correlations.items():
+        row, column = names.index(one), names.index(other)
+        matrix[row, column] = matrix[column, row] = coefficient
+    return matrix
 
 
 def read_distribution(given: Mapping[str, Any], field: str) -> Distribution:
@@ -256,6 +328,8 @@ def read_distribution(given: Mapping[str, Any], field: str) -> Distribution:
         if not (isfinite(low) and isfinite(high) and low <= high):
             problem = f"[{low}, {high}] is not an interval from a smaller to a larger number."
             raise InvalidValue(f"{field}.{name}", problem)
+    if isinstance(found, Empirical) and not all(map(isfinite, found.empirical)):
+        raise InvalidValue(f"{field}.empirical", "all values must be finite numbers.")
     if isinstance(found, Normal):
         if not all(map(isfinite, found.normal)):
             problem = "mean and standard deviation must be finite numbers."
@@ -286,6 +360,8 @@ def _value_in_words(value: Any) -> str:
             return f"uniform {low} … {high}"
         case {"normal": [mean, deviation], "within": [low, high]}:
             return f"normal {mean} ± {deviation}, within {low} … {high}"
+        case {"empirical": [*values]}:
+            return f"as in {len(values)} values, {min(values)} … {max(values)}"
         case {"choice": [*values]}:
             return f"one of {', '.join(map(str, values))}"
         case [*values]:

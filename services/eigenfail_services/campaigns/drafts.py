@@ -43,6 +43,7 @@ COMPANIONS = {
 
 WHOLE = (
     *(("scenario_parameters", 2), ("disturbance.shape", 2), ("disturbance.channels", 2)),
+    ("disturbance.correlations", 2),
     *(("requirements", 1), ("importance", 1)),
 )
 """Fields, with a depth below which a value is taken out whole, as a part of it is not valid."""

@@ -12,7 +12,7 @@ from msgspec import Meta
 
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values import episode_seed
-from eigenfail.values.variation import MAX_CORNERS, read_variation
+from eigenfail.values.variation import MAX_CORNERS, Empirical, in_words, read_variation
 
 SEEDS = [episode_seed(0, index) for index in range(400)]
 
@@ -102,6 +102,12 @@ def test_the_largest_is_looked_for_at_all_combinations_of_ends():
         ({"distance_m": {"uniform": [0, float("inf")]}}, "distance_m.uniform", "inf"),
         ({"distance_m": {"choice": []}}, "distance_m.choice", "length of at least 1"),
         ({"distance_m": {"choice": [1.0], "uniform": [1, 2]}}, "distance_m", "unknown field"),
+        ({"distance_m": {"empirical": [1.0]}}, "distance_m.empirical", "length of at least 2"),
+        ({"distance_m": {"empirical": [1.0, 12.0]}}, "distance_m", "12.0 is not a number"),
+        ({"distance_m": {"empirical": [1.0, float("nan")]}}, "distance_m.empirical", "finite"),
+        ({"distance_m": {"empirical": [1.0, "2"]}}, "distance_m.empirical[1]", "or a number"),
+        ({"distance_m": {"empirical": "gaps.csv"}}, "distance_m.empirical", "not a list"),
+        ({"distance_m": {"empirical": [1, 2], "within": [0, 1]}}, "distance_m", "unknown field"),
         ({"distance_m": 11.0}, "distance_m", "11.0 is not a number"),
     ],
 )
@@ -157,15 +163,24 @@ def test_a_normal_parameter_is_normal_within_its_ends():
         ),
         ("cars", {"uniform": [1, 4]}, {-9.0: 1, -0.1: 2, 0.1: 3, 9.0: 4}),
         ("cars", {"normal": [2.0, 1.0], "within": [1, 4]}, {-40.0: 1, 0.05: 2, 40.0: 4}),
+        ("distance_m", {"empirical": [4, -1.0, 1.0]}, {-40.0: -1.0, 0.0: 1.0, 40.0: 4.0}),
+        # Phi(0.67449) is 0.75: half-way from the second to the third of the sorted values.
+        (
+            "distance_m",
+            {"empirical": [4, -1.0, 1.0]},
+            {-0.6744897501960817: 0.0, 0.6744897501960817: 2.5},
+        ),
+        ("cars", {"empirical": [4, 1]}, {-40.0: 1, -0.1: 2, 0.1: 3, 40.0: 4}),
         ("side", {"choice": ["left", "right"]}, {-0.1: "left", 0.1: "right", 40.0: "right"}),
     ],
 )
 def test_a_searched_parameter_is_its_quantile(name, given, values):
     variation = read_variation(Parameters, {name: given, "speed_mps": 20.0}, searched=(name,))
     assert variation.drawn(7) == {}
-    for z, value in values.items():
-        assert variation.place({name: z}) == {name: pytest.approx(value)}
-        assert getattr(variation.draw(7, {name: z}), name) == pytest.approx(value)
+    for z, exact in values.items():
+        value = exact if isinstance(exact, str) else pytest.approx(exact, rel=1e-6, abs=1e-12)
+        assert variation.place({name: z}) == {name: value}
+        assert getattr(variation.draw(7, {name: z}), name) == value
     assert name not in next(variation.table([7]))
 
 
@@ -203,3 +218,67 @@ def test_a_normal_that_is_none_is_refused(given, field):
     with pytest.raises(InvalidValue) as refused:
         varied(distance_m=given)
     assert field in refused.value.field
+
+
+@given(st.lists(st.floats(-10.0, 10.0), min_size=2, max_size=9), st.floats(0.0, 1.0))
+def test_an_empirical_quantile_is_numpys(values, p):
+    found = Empirical(tuple(values)).find_quantile(p, 1.0)
+    assert found == pytest.approx(np.quantile(values, p), abs=1e-12)
+
+
+def test_an_empirical_parameter_is_drawn_from_its_sample():
+    values = (-3.0, 0.0, 1.0, 7.0)
+    drawn = draws("distance_m", distance_m={"empirical": values}, speed_mps=20.0)
+    counts, _ = np.histogram(drawn, bins=values)
+    assert all(abs(count - 400 / 3) < 38 for count in counts)  # four standard deviations of 9.4
+    assert len(list(varied(distance_m={"empirical": values}).corners())) == 2
+    assert in_words({"a": {"empirical": [3, 1, 2]}}) == {"a": "as in 3 values, 1 … 3"}
+
+
+class Pair(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    a: float = 0.0
+    b: float = 0.0
+    c: float = 0.0
+
+
+STANDARD_NORMAL = {"normal": [0.0, 1.0], "within": [-30.0, 30.0]}
+
+
+def correlated(**coefficients):
+    pairs = {tuple(pair): value for pair, value in coefficients.items()}
+    given_ = dict.fromkeys("abc", STANDARD_NORMAL)
+    return read_variation(Pair, given_, searched=tuple("abc"), correlations=pairs)
+
+
+@pytest.mark.parametrize("coefficient", [-0.8, 0.0, 0.3, 0.95])
+def test_correlated_parameters_are_the_cholesky_factor_of_their_z(coefficient):
+    placed = correlated(ab=coefficient).place({"a": 1.5, "b": -0.5, "c": 0.25})
+    expected = coefficient * 1.5 + np.sqrt(1.0 - coefficient**2) * -0.5
+    assert list(placed.values()) == pytest.approx([1.5, expected, 0.25], abs=1e-6)
+
+
+@pytest.mark.parametrize("coefficient", [-0.6, 0.0, 0.6])
+def test_a_half_space_of_correlated_parameters_has_its_probability(coefficient):
+    variation, draws_ = correlated(ab=coefficient, bc=0.3), 4_000
+    z = np.random.default_rng(3).standard_normal((draws_, 3))
+    placed = [variation.place(dict(zip("abc", row, strict=True))) for row in z.tolist()]
+    values = np.array([list(each.values()) for each in placed])
+    # The sum of a and b is normal with variance 2 + 2 rho, and each of them stays standard normal.
+    border = 2.0
+    probability = scipy.stats.norm.sf(border / np.sqrt(2.0 + 2.0 * coefficient))
+    failed = int((values[:, 0] + values[:, 1] > border).sum())
+    assert scipy.stats.binomtest(failed, draws_, probability).pvalue > 0.001
+    for column in values.T:
+        assert scipy.stats.kstest(column, "norm").pvalue > 0.001
+    expected = [[1.0, coefficient, 0.0], [coefficient, 1.0, 0.3], [0.0, 0.3, 1.0]]
+    assert np.corrcoef(values.T) == pytest.approx(np.array(expected), abs=0.06)
+
+
+def test_marginal_distributions_stay_where_parameters_are_correlated():
+    given_ = {"distance_m": {"uniform": [-4.0, 4.0]}, "cars": {"choice": [1, 3]}}
+    pairs = {("distance_m", "cars"): 0.999}
+    variation = read_variation(
+        Parameters, given_, searched=("distance_m", "cars"), correlations=pairs
+    )
+    assert variation.place({"distance_m": 9.0, "cars": 0.0}) == {"distance_m": 4.0, "cars": 3}
+    assert variation.place({"distance_m": -9.0, "cars": 0.0}) == {"distance_m": -4.0, "cars": 1}

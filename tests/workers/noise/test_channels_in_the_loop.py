@@ -1,6 +1,7 @@
 """Channels in whole episodes: recorded, replayed bit for bit, and none for the position's sake."""
 
 from collections.abc import Callable
+from math import log, pi
 from statistics import NormalDist
 from typing import Any
 
@@ -20,10 +21,12 @@ from eigenfail.values import (
     HeavyTailed,
     Layer,
     Markov,
+    NoiseTrajectory,
     Outcome,
     Policy,
     PolicySource,
     PriorSource,
+    ScenarioCorrelation,
     TrajectorySource,
 )
 from eigenfail.values.channels import ALL_CHANNELS
@@ -198,6 +201,47 @@ def test_a_searched_parameter_is_the_quantile_of_its_first_z(make_engine) -> Non
     expected = [25.0 + 10.0 * NormalDist().cdf(float(each.noise.z[0, 2])) for each in results]
     assert gaps(results) == pytest.approx(expected, abs=1e-4)
     assert len(set(gaps(results))) == len(results)
+
+
+def test_searched_parameters_are_correlated_before_their_quantiles(make_engine) -> None:
+    channels = (Channel("scenario.gap_m"), *POSITION, Channel("scenario.slower_mps"))
+    pair = ScenarioCorrelation(("scenario.slower_mps", "scenario.gap_m"), -0.6)
+    sample = [4.0, 8.0, 6.0]
+    engine = make_engine(
+        disturbance=DisturbanceModel(channels=channels, correlations=(pair,)),
+        scene_every=1,
+        scenario_parameters={"gap_m": VARIED["gap_m"], "slower_mps": {"empirical": sample}},
+    )
+    results = run(engine)
+    for each in results:
+        first, second = each.noise.z[0, [0, 3]].tolist()
+        share = NormalDist().cdf(-0.6 * first + 0.8 * second)
+        slower = 20.0 - float(each.scene.vehicles[0, 1, 3])
+        assert slower == pytest.approx(np.quantile(sample, share), abs=1e-4)
+    expected = [25.0 + 10.0 * NormalDist().cdf(float(each.noise.z[0, 0])) for each in results]
+    assert gaps(results) == pytest.approx(expected, abs=1e-4)
+    z = results[0].noise.counted_z
+    assert results[0].noise.log_probability == pytest.approx(
+        NoiseTrajectory(z[:, 1:3], results[0].noise.sigma[:, 1:3]).log_probability
+        - 0.5 * float(z[0, 0] ** 2 + z[0, 3] ** 2)
+        - log(2.0 * pi),
+        rel=1e-6,
+    )
+
+
+def test_correlations_need_channels_of_the_scenario() -> None:
+    pair = ScenarioCorrelation(("scenario.distance_m", "scenario.ego_speed_mps"), 0.5)
+    for simulator in ("highway", "bridge", "function"):
+        spec = CampaignSpec(
+            name="x",
+            method="held",
+            episodes=5,
+            simulator=simulator,
+            disturbance=DisturbanceModel(correlations=(pair,)),
+        )
+        with pytest.raises(UnknownName) as refused:
+            resolve_disturbance(spec)
+        assert refused.value.field == "disturbance.correlations[0].channels"
 
 
 def test_later_z_of_a_searched_parameter_are_without_effect(make_engine) -> None:

@@ -22,6 +22,7 @@ from eigenfail.values import (
     NoiseTrajectory,
     Once,
     PerChannel,
+    ScenarioCorrelation,
     White,
 )
 from eigenfail.values.channels import ALL_CHANNELS, PARAMETER, QUANTITIES, list_names
@@ -263,6 +264,56 @@ def test_numbers_are_swapped_where_there_are_two_vehicles() -> None:
     with pytest.raises(InvalidValue, match="two vehicles, of which there is one") as refused:
         resolve(Channel("speed"), Channel("swapped"), vehicles=1)
     assert refused.value.field == "disturbance.channels[1].name"
+
+
+def correlate(*pairs: tuple[str, str, float], channels: bool = True) -> DisturbanceModel:
+    names = [f"scenario.{name}" for name in ("a", "b", "c")]
+    return DisturbanceModel(
+        channels=tuple(map(Channel, (*names, "speed"))) if channels else msgspec.UNSET,
+        correlations=tuple(ScenarioCorrelation((one, other), r) for one, other, r in pairs),
+    )
+
+
+A, B, C = "scenario.a", "scenario.b", "scenario.c"
+
+
+def test_correlations_are_those_of_parameters_in_the_order_of_their_channels() -> None:
+    model = correlate((B, A, 0.5), (B, C, -0.25))
+    model.check_correlations()
+    assert model.parameter_correlations == {("b", "a"): 0.5, ("b", "c"): -0.25}
+    assert model.in_words()["correlation of b and a"] == "0.5"
+    again = msgspec.json.decode(msgspec.json.encode(model), type=DisturbanceModel)
+    assert again == model
+    assert b"correlations" not in msgspec.json.encode(DisturbanceModel())
+
+
+@pytest.mark.parametrize(
+    ("model", "kind", "field", "words"),
+    [
+        (correlate((A, "scenario.d", 0.5)), UnknownName, "[0].channels", "scenario.d"),
+        (correlate((A, B, 0.5), (A, "speed", 0.5)), UnknownName, "[1].channels", "speed"),
+        (correlate((A, B, 0.5), channels=False), UnknownName, "[0].channels", A),
+        (correlate((A, A, 0.5)), InvalidValue, "[0].channels", "cannot be correlated"),
+        (correlate((A, B, 0.5), (B, A, 0.1)), InvalidValue, "[1].channels", "each pair once"),
+        (
+            correlate((A, B, 0.9), (B, C, 0.9), (A, C, -0.9)),
+            InvalidValue,
+            "",
+            r"not positive definite: its smallest eigenvalue is -0\.8",
+        ),
+    ],
+)
+def test_correlations_that_cannot_be_are_refused_by_field(model, kind, field, words) -> None:
+    with pytest.raises(kind, match=words) as refused:
+        model.check_correlations()
+    assert refused.value.field == f"disturbance.correlations{field}"
+
+
+@pytest.mark.parametrize("coefficient", [1.0, -1.0, float("nan"), 3.0])
+def test_a_coefficient_is_between_minus_one_and_one(coefficient: float) -> None:
+    given_ = {"correlations": [{"channels": [A, B], "coefficient": coefficient}]}
+    with pytest.raises(msgspec.ValidationError, match="coefficient"):
+        msgspec.convert(given_, DisturbanceModel)
 
 
 def test_there_are_not_too_many_channels_one_by_one() -> None:
