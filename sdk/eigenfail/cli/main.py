@@ -30,7 +30,7 @@ COMMANDS = {
     "episode": "Show, export, replay and explain episodes.",
     "analyze": "Group the failures of a campaign into failure modes.",
     "noise": "Fit the disturbance model p(x) to the log of a sensor, and show what a model means.",
-    "margin": "Find the noise scale at which a planner starts to fail, by bisection.",
+    "requirement": "Find the largest errors of the sensor at which failures stay rare enough.",
     "compare": "Compare two campaigns, or several seeds of each.",
     "gate": "Check a new version of a planner against the failures of an earlier one.",
     "report": "Write a report on campaigns: one self-contained HTML file, and its data.",

@@ -115,6 +115,8 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
             failures is a failure rate.
         independent: whether its episodes are independent draws of one distribution, p(x) or
             another one, so that means over them have an interval.
+        bounds_probability: whether its estimate is one of P(failure) itself, with a log-normal
+            interval, where `draws_from_prior` is false.
         learns: whether its proposals improve with the results of earlier episodes.
         observes: whether its learner uses the results of episodes. One that does not gets
             index, seed, source, outcome and steps of each, without measures and noise.
@@ -136,6 +138,7 @@ class MethodTraits(msgspec.Struct, frozen=True, kw_only=True):
 
     draws_from_prior: bool = False
     independent: bool = False
+    bounds_probability: bool = False
     learns: bool = True
     observes: bool = True
     finds_new: bool = True

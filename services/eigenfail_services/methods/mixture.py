@@ -71,7 +71,7 @@ class MixtureMethod(BatchLearner[MixtureSampling]):
     """
 
     Settings = MixtureSettings
-    traits = MethodTraits(chart_mark=11, references={})
+    traits = MethodTraits(bounds_probability=True, chart_mark=11, references={})
     kind = "mixture"
 
     def __init__(self, context: LearnerContext, settings: MixtureSettings) -> None:

@@ -94,7 +94,9 @@ class MultilevelSplitting:
     """
 
     Settings = SplittingSettings
-    traits = MethodTraits(learns=False, needs_course=True, chart_mark=13, references={})
+    traits = MethodTraits(
+        bounds_probability=True, learns=False, needs_course=True, chart_mark=13, references={}
+    )
     kind = "splitting"
     lookahead = 0
 

@@ -74,6 +74,7 @@ class SubsetMethod(BatchLearner[SubsetSimulation]):
     Settings = SubsetMethodSettings
     traits = MethodTraits(
         tolerates_delay=True,
+        bounds_probability=True,
         learns=False,
         mode_probability=ModeProbability.LEVELS,
         chart_mark=4,
