@@ -15,6 +15,7 @@ import parallel
 import processors
 import reproduction
 import requirements
+import sensor_limits
 import splitting
 import subset_parallel
 import transfer
@@ -109,6 +110,8 @@ TRIALS = (
     Trial(("channels.conformance",), channels.find_conformance),
     Trial(("channels.cut_in.", "channels.merge_in."), channels.find),
     Trial(("importance.",), requirements.find_importance),
+    Trial(("requirement.covered",), sensor_limits.find_covered),
+    Trial(("requirement.cut_in.",), sensor_limits.find_frontier),
     Trial(("requirements.closed_form.",), requirements.find_closed_form),
     Trial(("requirements.merge_in.uncaused_braking.",), requirements.find_searches),
     Trial(
