@@ -2,8 +2,8 @@
 
 On half spaces of the noise P(failure) is known in closed form. `requirement.covered` is the share
 of searches of which no stated limit lies beyond the true one, the smallest over methods and numbers
-of values, and `limit_over_truth` behind the name of one how much of the true limit is stated. On `cut_in` the
-points of a frontier are confirmed by new episodes of Monte Carlo.
+of values, and `limit_over_truth` behind the name of one how much of the true limit is stated. On
+`cut_in` the points of a frontier are confirmed by new episodes of Monte Carlo.
 """
 
 from collections.abc import Callable, Iterator
@@ -195,11 +195,10 @@ RUNS: dict[str, Callable[[Toy, Robustness, int], Run]] = {
 }
 
 
-PLACE = "cut_in.requirement"
 ASKED = RequirementQuestion(
-    target=1e-2, channels=CHANNELS, within=MultipleRange(0.5, 2.0, 0.1), points=3
+    target=5e-2, channels=CHANNELS, within=MultipleRange(0.5, 3.0, 0.15), points=3
 )
-ANCHOR_EPISODES, CONFIRMING = 1_200, 6_000
+ANCHOR_EPISODES, CONFIRMING = 300, 2_000
 BATCH = 100
 
 
