@@ -45,10 +45,7 @@ from eigenfail.values import (
     Estimate,
     Interval,
 )
-from eigenfail_services.methods.mixture import judge_result
-from eigenfail_services.statistics.batches import answer_requests
 from eigenfail_services.statistics.intervals import rate
-from eigenfail_services.statistics.mixture_sampling import MixtureSampling
 from eigenfail_services.statistics.pooled_estimate import explain_missing_runs, pool_simulations
 from eigenfail_services.statistics.subset_simulation import SubsetSettings, simulate_subsets
 
@@ -87,7 +84,6 @@ TOYS = (
     Toy("monte_carlo", 1, 1e-2, 4_000, ("scale",)),
     Toy("monte_carlo", 1, 1e-2, 4_000, CHANNELS),
     *(Toy("subset", steps, 1e-3, 4_000, ("scale",)) for steps in (1, 20)),
-    Toy("mixture", 1, 1e-3, 2_000, ("scale",)),
 )
 
 
@@ -177,34 +173,22 @@ def run_subset(toy: Toy, robustness: Robustness, seed: int) -> Run:
     return Counts(toy.episodes, ran, failures), told
 
 
-def run_mixture(toy: Toy, robustness: Robustness, seed: int) -> Run:
-    """Run mixture sampling."""
-    sampling = MixtureSampling((toy.steps, 2), toy.episodes, 8, (seed,))
-    answer_requests(sampling.run(), robustness)
-    ran, values = sampling.episodes_run, 2 * toy.steps
-    counts = Counts(toy.episodes, ran, sampling.found_failures or 0)
-    if sampling.result is None:
-        return counts, Estimate(by="mixture sampling", episodes=ran, problem="It ended early.")
-    return counts, judge_result(sampling.result, ran, values)
-
-
 RUNS: dict[str, Callable[[Toy, Robustness, int], Run]] = {
     "monte_carlo": run_monte_carlo,
     "subset": run_subset,
-    "mixture": run_mixture,
 }
 
 
 ASKED = RequirementQuestion(
-    target=5e-2, channels=CHANNELS, within=MultipleRange(0.5, 3.0, 0.15), points=3
+    target=2e-2, channels=CHANNELS, within=MultipleRange(0.3, 1.2, 0.15), points=3
 )
-ANCHOR_EPISODES, CONFIRMING = 300, 2_000
+ANCHOR_EPISODES, CONFIRMING = 400, 2_000
 BATCH = 100
 
 
 def find_frontier(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
-    """The frontier of `rulebook` in `cut_in`, and P(failure) there by new episodes."""
-    setup = staged("cut_in", "rulebook")
+    """The frontier of `idm` in `cut_in`, and P(failure) there by new episodes."""
+    setup = staged("cut_in", "idm")
     confirmed = []
     for limit in search_frontier(crew, setup, seed).frontier:
         (kept,) = limit.beside.values()

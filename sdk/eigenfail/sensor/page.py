@@ -87,10 +87,8 @@ def _format_answer(spec: CampaignSpec, answer: RequirementAnswer) -> Iterator[st
         for sentence in describe_limit(spec, answer, limit):
             yield f"<p>{escape(sentence)}</p>"
     yield "</section>"
-    yield (
-        "<p>All other errors are as in the campaign. d is the true distance between the centres of "
-        "the ego and the vehicle [m].</p>"
-    )
+    road = " d is the true distance between the centres of the ego and the vehicle [m]."
+    yield f"<p>All other errors are as in the campaign.{road * _has_road(spec)}</p>"
 
 
 def _format_frontier(spec: CampaignSpec, answer: RequirementAnswer) -> Iterator[str]:
@@ -119,7 +117,7 @@ def _format_channel(
 
 def _format_basis(spec: CampaignSpec, answer: RequirementAnswer) -> Iterator[str]:
     yield "<h2>What it rests on</h2>"
-    noise = spec.disturbance.in_words() if world_of(spec.simulator).has_road else {}
+    noise = spec.disturbance.in_words() if _has_road(spec) else {}
     facts = {
         "planner": spec.planner,
         "scenario": spec.scenario,
@@ -131,10 +129,14 @@ def _format_basis(spec: CampaignSpec, answer: RequirementAnswer) -> Iterator[str
         **{f"noise: {name}": words for name, words in noise.items()},
         **{f"parameter {name}": str(value) for name, value in spec.scenario_parameters.items()},
     }
-    yield _format_table(("", ""), facts.items())
+    yield _format_table(("setting", "value"), facts.items())
     for sentence in describe_basis(answer):
         yield f"<p>{escape(sentence)}</p>"
     yield _format_table(ANCHOR_COLUMNS, map(list_anchor_row, answer.anchors))
+
+
+def _has_road(spec: CampaignSpec) -> bool:
+    return world_of(spec.simulator).has_road
 
 
 def _format_figure(picture: str, caption: str) -> str:

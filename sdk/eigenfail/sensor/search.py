@@ -31,6 +31,9 @@ from eigenfail.values import Interval
 GRID_DIGITS = 4
 """Significant digits of the multiples of a grid, so that they can be quoted in full."""
 
+FEW_FAILING = 0.1
+"""Share of failures up to which a campaign without a number leads to larger errors."""
+
 NARROWEST = 1.01
 """Ratio of the ends of a range, at least."""
 
@@ -138,9 +141,11 @@ class Anchor(msgspec.Struct, frozen=True, kw_only=True):
     def leads_up(self) -> bool:
         """Whether the search goes on at larger errors.
 
-        Where not a single failure was found, there is no number because failures are too rare.
+        Where few episodes failed of a method that looks for failures, there is no number because
+        failures are too rare.
         """
-        unseen = self.verdict is AnchorVerdict.UNKNOWN and not self.failures
+        is_rare = self.failures <= FEW_FAILING * self.episodes
+        unseen = self.verdict is AnchorVerdict.UNKNOWN and is_rare
         return unseen or self.verdict is AnchorVerdict.MET
 
     def is_within(self, other: "Anchor") -> bool:

@@ -123,16 +123,16 @@ def test_where_failures_are_too_rare_for_a_number_larger_errors_are_tried():
     def measure(multiples, error):
         at = multiples["a"]
         verdict = UNKNOWN if at < 3.0 else MET if at < 5.0 else NOT_MET
-        return make_anchor(multiples, verdict)
+        return make_anchor(multiples, verdict, failures=10)
 
     answer = find_limits(ask(within=MultipleRange(1.0, 16.0, 1.0)), measure)
     assert answer.limits[0].largest == 4.0
 
 
-def test_without_a_number_and_with_failures_smaller_errors_are_tried():
+def test_without_a_number_and_with_many_failures_smaller_errors_are_tried():
     def measure(multiples, error):
         verdict = UNKNOWN if multiples["a"] > 3.0 else MET
-        return make_anchor(multiples, verdict, failures=9)
+        return make_anchor(multiples, verdict, failures=11)
 
     answer = find_limits(ask(within=MultipleRange(1.0, 16.0, 1.0)), measure)
     assert answer.limits[0].largest == 2.0
