@@ -1,5 +1,6 @@
 """The course of an episode as a table and a player, of whatever a simulator told."""
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -26,3 +27,16 @@ def test_steps_of_which_nothing_was_perceived_or_done_are_shown(perceived, contr
     known = [row[6] != UNKNOWN for row in chart.rows]
     told = min(perceived, controls)
     assert known == [True] * told + [False] * (STEPS + 1 - told)
+
+
+def test_a_vehicle_that_is_not_there_has_no_position_and_is_not_the_nearest():
+    told = scene(STEPS, STEPS)
+    vehicles = np.concatenate([told.vehicles, told.vehicles[:, 1:] + 50.0], axis=1)
+    vehicles[2:, 1] = np.nan
+    sizes = np.full((3, 2), 2.0, np.float32)
+    comes_and_goes = msgspec.structs.replace(told, vehicles=vehicles, sizes=sizes)
+    chart = make_scene_chart(comes_and_goes, None, Outcome.SAFE)
+    assert chart.data["nearest"] == [1, 1, 2, 2, 2]
+    assert np.isnan(chart.data["vehicles"][2][1]).all()  # null in JSON
+    assert None not in chart.data["apart"]
+    assert UNKNOWN not in {row[4] for row in chart.rows}

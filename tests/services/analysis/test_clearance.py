@@ -44,3 +44,12 @@ def test_they_are_those_that_episodes_are_measured_by():
     wanted = [[separation(row[0], other).distance_m for other in row[1:]] for row in states]
     assert 0 < np.count_nonzero(found) < found.size
     assert found == pytest.approx(np.array(wanted), abs=1e-6)
+
+
+def test_a_vehicle_that_is_not_there_is_infinitely_far():
+    absent = (np.nan,) * 4
+    moments = [
+        [(0.0, 0.0, 0.0, 20.0), absent, (30.0, 0.0, 0.0, 20.0)],
+        [(0.0, 0.0, 0.0, 20.0), (20.0, 0.0, 0.0, 20.0), absent],
+    ]
+    assert measure_clearances(scene(moments)).tolist() == [[np.inf, 20.0], [9.5, np.inf]]
