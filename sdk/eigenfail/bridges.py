@@ -6,7 +6,7 @@ the bridge is, a campaign cannot say: the user who starts a worker does.
 
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from math import isfinite
 from typing import Annotated, Any
 
@@ -15,7 +15,7 @@ from msgspec import Meta
 
 from eigenfail.addresses import TRUST_VARIABLE, is_own_endpoint
 from eigenfail.errors import InvalidValue
-from eigenfail.values import CampaignSpec
+from eigenfail.values import CampaignSpec, DisturbanceModel
 from eigenfail.values.variation import Variation, read_variation
 
 SIMULATOR = "bridge"
@@ -33,6 +33,9 @@ MOST_PARAMETERS = 64
 Plain = bool | int | float | str
 Steps = Annotated[int, Meta(ge=1, le=10_000)]
 StepTime = Annotated[float, Meta(gt=0.0, le=10.0)]
+
+POSITION_NOISE = DisturbanceModel()
+"""Noise on the position of the nearest vehicle, which chooses no parameter."""
 
 OWN = ("steps", "dt_s")
 """Of `scenario_parameters`, those that eigenfail reads itself; all others are the bridge's."""
@@ -85,7 +88,7 @@ def check(spec: CampaignSpec) -> Variation:
             are too many.
     """
     read_plain(spec.planner_settings, "planner_settings")
-    return variation(spec.scenario_parameters, searched=spec.disturbance.searched_parameters)
+    return variation(spec.scenario_parameters, model=spec.disturbance)
 
 
 def horizon(spec: CampaignSpec) -> int:
@@ -99,9 +102,16 @@ def step_s(spec: CampaignSpec) -> float:
 
 
 def variation(
-    given: Mapping[str, Any], field: str = "scenario_parameters", searched: Iterable[str] = ()
+    given: Mapping[str, Any],
+    field: str = "scenario_parameters",
+    model: DisturbanceModel = POSITION_NOISE,
 ) -> Variation:
-    """Scenario parameters as a user gave them, each fixed or drawn, or chosen by a search.
+    """Scenario parameters as a user gave them, each fixed, drawn, or chosen by a search.
+
+    Args:
+        given: for each name a value, or a distribution.
+        field: where they stood, for the error.
+        model: disturbance model, whose channels name the parameters that a search chooses.
 
     Raises:
         InvalidValue: as `check` does.
@@ -110,7 +120,8 @@ def variation(
         remedy = "Give the horizon of the scenario, as `eigenfail doctor --bridge ADDRESS` shows."
         raise InvalidValue(f"{field}.steps", "is missing.", remedy)
     refuse_too_many(given, field)
-    found = read_variation(parameters_kind(given), given, field, searched)
+    kind, searched = parameters_kind(given), model.searched_parameters
+    found = read_variation(kind, given, field, searched, model.parameter_correlations)
     for corner in found.corners():
         read_plain(msgspec.structs.asdict(corner), field)
     return found

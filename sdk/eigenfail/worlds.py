@@ -401,7 +401,7 @@ class BridgeWorld(CampaignWorld):
 
     def resolve_disturbance(self, described: Described) -> DisturbanceModel:
         """Read the channels; whether the bridge can disturb them it says later."""
-        model = self._resolve_occlusion(described, offered=False)
+        model = self._resolve_options(described, offered=False)
         if isinstance(model.channels, msgspec.UnsetType):
             return model
         numbers = [1]

@@ -83,7 +83,8 @@ def _scale_one(model: DisturbanceModel, name: str, multiple: float) -> Disturban
 
 def _scale_channel(channel: Channel, multiple: float) -> Channel:
     if isinstance(channel.shape, Markov):
-        return replace(channel, shape=replace(channel.shape, rate=channel.shape.rate * multiple))
+        rate, growth_per_m = channel.shape.rate * multiple, channel.shape.growth_per_m * multiple
+        return replace(channel, shape=replace(channel.shape, rate=rate, rate_per_m=growth_per_m))
     sigma, growth = channel.sigma or 0.0, channel.sigma_per_m or 0.0
     return replace(channel, sigma=sigma * multiple, sigma_per_m=growth * multiple)
 
@@ -94,7 +95,12 @@ def describe_size(model: DisturbanceModel, name: str) -> str:
         return "every sigma up to {} × its own"
     channel = next(one for one in model.list_channels() if one.name == name)
     if isinstance(channel.shape, Markov):
-        return f"{name} rate up to {{}} × {channel.shape.rate:g} a step"
+        rate = _describe_growth(f"{channel.shape.rate:g}", channel.shape.growth_per_m)
+        return f"{name} rate up to {{}} × {rate} a step"
     sigma, growth = (model.scale * (each or 0.0) for each in (channel.sigma, channel.sigma_per_m))
-    size = put_unit(f"{sigma:g}", channel.unit)
-    return f"{name} sigma up to {{}} × {f'({size} + {growth:g}·d)' if growth else size}"
+    size = _describe_growth(put_unit(f"{sigma:g}", channel.unit), growth)
+    return f"{name} sigma up to {{}} × {size}"
+
+
+def _describe_growth(size: str, per_m: float) -> str:
+    return f"({size} + {per_m:g}·d)" if per_m else size

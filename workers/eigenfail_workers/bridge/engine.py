@@ -204,9 +204,7 @@ class BridgeEngine:
             setup, settings, model, CampaignNoise(model), setup.make_judge(), recorded
         )
         self._connection = connection
-        self._variation = bridges.variation(
-            setup.scenario_parameters, searched=self._campaign.noise.searched
-        )
+        self._variation = bridges.variation(setup.scenario_parameters, model=model)
         self._horizon = self._variation.largest(lambda parameters: int(parameters.steps))
         self._slots = SlotTable()
         self._retries = RetryQueue()
