@@ -88,7 +88,7 @@ def to_blob(array: Floats) -> bytearray:
 
     In a bytearray, which the driver of SQLite binds at once: for bytes it looks for an adapter.
     """
-    return bytearray(array.astype(LITTLE_ENDIAN_FLOAT, copy=False).tobytes())
+    return bytearray(np.ascontiguousarray(array, LITTLE_ENDIAN_FLOAT))
 
 
 def to_floats(blob: bytes, columns: int) -> Floats:
