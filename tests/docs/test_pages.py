@@ -6,10 +6,9 @@ the first line of a block, is written. Only four things differ from what a reade
 of a service or bridge; who starts the one worker, which is Ray on one page and the test on the
 others; an episode whose line says "a number from the list", which is the first that a line before
 has listed; and budgets: 8 episodes instead of the 200 of the suites and the gate, 20 of the
-sensor's, half of those of a campaign in a file that a page has its reader write, 3 episodes instead of the 20
-that are replayed in a check of a database, and, but for the quickstart, one gradient step of AST
-for each decision.
-Blocks that cannot run here stand in `NOT_RUN`, each with its reason.
+sensor's, half of those of a campaign in a file that a page has its reader write, 3 episodes instead
+of the 20 that are replayed in a check of a database, and, but for the quickstart, one gradient step
+of AST for each decision. Blocks that cannot run here stand in `NOT_RUN`, each with its reason.
 """
 
 import os
