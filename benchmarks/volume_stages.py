@@ -20,7 +20,7 @@ from eigenfail.values.report import ExportRequest
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.export_formats import (
     ExportSource,
-    parse_selection,
+    make_export_source,
     write_csv,
     write_parquet,
 )
@@ -69,7 +69,7 @@ def analysed(address: str, _folder: Path) -> float:
 
 def source(store: Store, *, noise: bool) -> ExportSource:
     """All episodes of the largest campaign."""
-    return ExportSource(store, LARGEST, parse_selection(ExportRequest(noise=noise)))
+    return make_export_source(store, LARGEST, ExportRequest(noise=noise))
 
 
 def as_csv(address: str, folder: Path) -> float:

@@ -49,23 +49,26 @@ class Selection(msgspec.Struct, frozen=True):
     columns: tuple[str, ...]
 
 
-def parse_selection(request: ExportRequest, spec: CampaignSpec) -> Selection:
-    """Return what a request for episodes of a campaign selects.
-
-    Raises:
-        UnknownName: a column or a value that there is not.
-        InvalidValue: anything else that is wrong with it.
-    """
-    columns = parse_fields(request.fields) or list_columns(spec)
-    return Selection(parse_filter(request.filter), parse_sort(request.sort), columns)
-
-
 class ExportSource(NamedTuple):
     """The episodes of a campaign that are wanted."""
 
     store: Store
     campaign: int
     wanted: Selection
+
+
+def make_export_source(store: Store, campaign: int, request: ExportRequest) -> ExportSource:
+    """Return the episodes of a campaign that a request selects.
+
+    Raises:
+        NotFound: the campaign does not exist.
+        UnknownName: a column or a value that does not exist.
+        InvalidValue: anything else that is wrong with the request.
+    """
+    spec = store.campaigns.get(campaign).spec
+    columns = parse_fields(request.fields) or list_columns(spec)
+    wanted = Selection(parse_filter(request.filter), parse_sort(request.sort), columns)
+    return ExportSource(store, campaign, wanted)
 
 
 def _describe(columns: tuple[str, ...]) -> list[Column]:

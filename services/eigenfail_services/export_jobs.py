@@ -26,8 +26,7 @@ from eigenfail.errors import (
 from eigenfail.files import make_private_folder, open_private
 from eigenfail.values.report import Export, ExportRequest, ExportState
 from eigenfail_services.export_formats import (
-    ExportSource,
-    parse_selection,
+    make_export_source,
     require_pyarrow,
     write_parquet,
 )
@@ -223,7 +222,7 @@ class ExportJobs:
             InvalidValue: the request is invalid, or pyarrow is not installed.
             ServiceError: too many exports are running, or the folder belongs to another user.
         """
-        parse_selection(request, self._store.campaigns.get(campaign).spec)
+        make_export_source(self._store, campaign, request)
         require_pyarrow()
         export = Export(
             id=uuid4().hex,
@@ -292,8 +291,6 @@ class ExportJobs:
         def report_progress(rows: int) -> None:
             self._rows[export.id] = rows
 
-        spec = self._store.campaigns.get(export.campaign).spec
-        wanted = parse_selection(export.request, spec)
-        source = ExportSource(self._store, export.campaign, wanted)
+        source = make_export_source(self._store, export.campaign, export.request)
         with open_draft(self._shelf.home(export.id) / EPISODES_FILE) as part:
             write_parquet(part, source, report_progress, noise=export.request.noise)

@@ -23,7 +23,7 @@ from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.pairing import pair_episodes
 from eigenfail_services.campaigns.resolution import resolve_campaign
 from eigenfail_services.campaigns.validation import check_references
-from eigenfail_services.export_formats import ExportSource, parse_selection, write_parquet
+from eigenfail_services.export_formats import make_export_source, write_parquet
 from eigenfail_services.store import Store, open_store
 from eigenfail_services.upkeep.maintenance import PruneSelection, prune
 from eigenfail_services.upkeep.verify import verify
@@ -53,7 +53,7 @@ def test_an_export_with_noise_leaves_it_out_where_it_is_gone(sqlite_url, tmp_pat
         fill(store)
         prune(sqlite_url, FIFTHS, EVERYTHING)
         request = ExportRequest(fields=("index",), noise=True)
-        source = ExportSource(store, 1, parse_selection(request))
+        source = make_export_source(store, 1, request)
         write_parquet(tmp_path / "a.parquet", source, lambda _: None, noise=True)
     found = pq.read_table(tmp_path / "a.parquet").to_pydict()
     noise = dict(zip(found["index"], found["longitudinal_z"], strict=True))
