@@ -191,7 +191,8 @@ class ExportFolder:
         restrict_folder(self._folder)
         if self._folder.exists():
             homes = [home for home in self._folder.iterdir() if home.name not in busy]
-            for home in sorted(homes, key=_last_change_s)[: -(MAX_EXPORTS - 1)]:
+            surplus = max(0, len(homes) - (MAX_EXPORTS - 1 - len(busy)))
+            for home in sorted(homes, key=_last_change_s)[:surplus]:
                 shutil.rmtree(home, ignore_errors=True)
 
 

@@ -34,8 +34,8 @@ def compare(
 
     Failure rates and their difference, with 95 % intervals where both drew noise from p(x); cost
     per failure and log p per step; where both saw the same noise (Monte Carlo or replay from the
-    same seed) McNemar's exact test on pairs of episodes; over two or more seeds the
-    Vargha-Delaney effect size.
+    same seed) McNemar's exact test on pairs of episodes; over seeds, where there are enough of
+    them, the Vargha-Delaney effect size of the failure rates.
     """
     sides = _parse_campaign_ids("A", a), _parse_campaign_ids("B", b)
     with connect_to(context, url) as client:

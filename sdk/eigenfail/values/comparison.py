@@ -58,7 +58,7 @@ class Difference(msgspec.Struct, frozen=True):
         interval: Newcombe's hybrid score interval; of searches as if their episodes were a
             sample, which they are not: a rule of the gate, and not to be quoted.
         n_a: completed episodes of A.
-        n_b: number of episodes of B.
+        n_b: campaigns of B.
     """
 
     value: float
@@ -103,7 +103,7 @@ class EffectSize(msgspec.Struct, frozen=True):
         a12: the probability that a campaign of B has a higher failure rate than one of A, ties
             counted half.
         n_a: campaigns of A.
-        n_b: number of episodes of B.
+        n_b: campaigns of B.
     """
 
     a12: float
