@@ -12,7 +12,12 @@ from fastapi.responses import HTMLResponse
 from eigenfail import plugins
 from eigenfail.errors import EigenfailError, NoisePruned, NotFound, ServiceBusy
 from eigenfail.filters import parse_filter, write_failure_filter
-from eigenfail.presentation.episodes import format_event, list_judged, tabulate_thresholds
+from eigenfail.presentation.episodes import (
+    format_event,
+    list_channel_likelihoods,
+    list_judged,
+    tabulate_thresholds,
+)
 from eigenfail.presentation.figures import (
     UNKNOWN,
     count_noun,
@@ -34,6 +39,7 @@ from eigenfail.values import (
     Mission,
     assess,
 )
+from eigenfail.values.disturbance import find_channel_likelihoods
 from eigenfail.values.variation import read_variation
 from eigenfail.versions import differences
 from eigenfail.worlds import drawn_for, placed_for, world_of
@@ -66,7 +72,9 @@ Facts = tuple[tuple[str, str], ...]
 NOT_CLASSIFIED = "not classified"
 
 
-def list_facts(result: EpisodeResult, dt_s: float | None, *, has_road: bool) -> Facts:
+def list_facts(
+    result: EpisodeResult, channels: Sequence[str], dt_s: float | None, *, has_road: bool
+) -> Facts:
     """Return the facts on an episode: its outcome, origin and versions.
 
     Of a function robustness alone was measured, which has no unit.
@@ -82,15 +90,15 @@ def list_facts(result: EpisodeResult, dt_s: float | None, *, has_road: bool) -> 
             if measures and not has_road
             else []
         ),
-        *list_likelihood(result),
+        *list_likelihood(result, channels),
         ("Disturbance source", result.source),
         ("Seed", str(result.seed)),
         ("Computed in", format_duration(result.wall_s)),
     )
 
 
-def list_likelihood(result: EpisodeResult) -> Facts:
-    """Return log p of the noise and of typical noise; nothing before the first step."""
+def list_likelihood(result: EpisodeResult, channels: Sequence[str]) -> Facts:
+    """Return log p of the noise, of each channel and of typical noise; nothing without a step."""
     held_against = make_reference([result.noise])
     if held_against is None:
         return ()
@@ -103,6 +111,7 @@ def list_likelihood(result: EpisodeResult) -> Facts:
             "Typical log p per step",
             f"{format_number(typical)} nats, {format_number(none)} without noise",
         ),
+        *list_channel_likelihoods(find_channel_likelihoods(result.noise, channels)),
     )
 
 
@@ -298,7 +307,7 @@ def make_episode_view(
         badge=make_outcome_badge(
             result.outcome, is_unresolved=assess(result.outcome, measures).unresolved
         ),
-        facts=list_facts(result, dt_s, has_road=has_road),
+        facts=list_facts(result, channels, dt_s, has_road=has_road),
         varied=list_drawn_parameters(campaign, result),
         ride=list_ride(result) if has_road else (),
         requirements=tuple(list_judged(campaign.spec, result.requirements)),

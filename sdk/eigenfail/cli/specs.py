@@ -10,12 +10,12 @@ from rich.text import Text
 from eigenfail import plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.files import read_toml
-from eigenfail.samples import include_samples
 from eigenfail.settings import convert, read_settings
 from eigenfail.suites import (
     describes_suite,
     format_value,
     include_disturbance,
+    include_samples,
     list_leaves,
     set_path,
 )

@@ -30,6 +30,7 @@ from eigenfail.values import (
     MinimalFailure,
 )
 from eigenfail.values.campaign import CampaignSpec
+from eigenfail.values.disturbance import ChannelLikelihood
 from eigenfail.values.records import LEAD_TIMES, EpisodeDetail, EpisodeRow
 from eigenfail.worlds import world_of
 
@@ -96,6 +97,7 @@ def list_episode_facts(
         ("steps", str(result.steps)),
         *(("scenario", f"{name} = {value}") for name, value in drawn.items()),
         ("disturbances", f"from {result.source}, log p {likelihood}"),
+        *list_channel_likelihoods(result.likelihoods),
         *((f"requirement {name}", words) for name, words in list_judged(spec, result.requirements)),
         *_list_measured(result, has_road=has_road),
         ("scene", "stored" if result.scene else "not stored"),
@@ -104,6 +106,16 @@ def list_episode_facts(
     if result.fault:
         rows.append(("problem", f"{result.fault.kind}: {result.fault.message}"))
     return FactTable("Episode", tuple(rows))
+
+
+def list_channel_likelihoods(
+    likelihoods: Sequence[ChannelLikelihood],
+) -> Iterator[tuple[str, str]]:
+    """Return log p of the noise of each channel, and the same relative to that of z = 0."""
+    for each in likelihoods:
+        of_channel = format_number(each.log_probability, LOG_P_DIGITS)
+        relative = format_number(each.relative, LOG_P_DIGITS)
+        yield f"log p of {each.name}", f"{of_channel}, {relative} relative to z = 0"
 
 
 def _list_measured(result: EpisodeDetail, *, has_road: bool) -> Iterator[tuple[str, str]]:

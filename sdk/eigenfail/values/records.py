@@ -6,7 +6,7 @@ from typing import Annotated, Generic, TypeVar
 import msgspec
 
 from eigenfail.values.arrays import Floats
-from eigenfail.values.disturbance import AXES
+from eigenfail.values.disturbance import AXES, ChannelLikelihood, find_channel_likelihoods
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.measures import LaterMeasures, Measure, Measures, read_declarations
 from eigenfail.values.showing import Tabular
@@ -212,17 +212,20 @@ class EpisodeDetail(Tabular, EpisodeResult, frozen=True, eq=False, kw_only=True)
 
     Attributes:
         channels: names of the channels of the noise, in the order of the columns of z.
+        likelihoods: how likely the noise of each channel was; none of an episode without a step.
     """
 
     assessed: Assessment = Assessment()
     channels: tuple[str, ...] = AXES
+    likelihoods: tuple[ChannelLikelihood, ...] = ()
 
 
 def make_episode_detail(result: EpisodeResult, channels: tuple[str, ...]) -> EpisodeDetail:
     """Return the result with its assessment and the names of the channels of its noise."""
     assessed = assess(result.outcome, result.measures)
     fields = msgspec.structs.asdict(result)
-    return EpisodeDetail(**fields, assessed=assessed, channels=channels)
+    likelihoods = find_channel_likelihoods(result.noise, channels)
+    return EpisodeDetail(**fields, assessed=assessed, channels=channels, likelihoods=likelihoods)
 
 
 class ConflictTotals(msgspec.Struct, frozen=True):

@@ -46,6 +46,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.analysis import AnalysedCampaign, Diversity, InfluenceShare, Moment, Stability
 from eigenfail.values.comparison import Box
+from eigenfail.values.disturbance import ChannelLikelihood
 from eigenfail.values.proof import ExplainedStep
 from eigenfail.values.records import Assessment, EpisodeDetail
 from eigenfail.values.summary import Errored, TimeSplit
@@ -421,12 +422,16 @@ def test_an_episode_of_a_function_lists_its_robustness_alone():
         noise=NoiseTrajectory(z, np.ones_like(z)),
         source="prior",
         measures=Measures(0.0),
+        likelihoods=(ChannelLikelihood("gust", -2.7568, -0.25), ChannelLikelihood("x", None, None)),
     )
     driven = spec()
     called = spec(simulator="function", scenario="function", planner="m:f")
     names = [dict(list_episode_facts(1, each, result, {}).rows) for each in (driven, called)]
     assert "severity [m²/s²]" in names[0]
     assert set(names[1]) == {
-        *("episode", "outcome", "steps", "disturbances", "robustness", "scene", "digest")
+        *("episode", "outcome", "steps", "disturbances", "robustness", "scene", "digest"),
+        *("log p of gust", "log p of x"),
     }
+    assert names[1]["log p of gust"] == "−2.7568, −0.25000 relative to z = 0"
+    assert names[1]["log p of x"] == "–, – relative to z = 0"
     assert names[1]["robustness"] == "0"

@@ -26,6 +26,7 @@ from eigenfail.values import (
     White,
 )
 from eigenfail.values.channels import ALL_CHANNELS, PARAMETER, QUANTITIES, list_names
+from eigenfail.values.disturbance import find_channel_likelihoods
 
 CHAINS = (Markov(0.02, 8.0), Markov(0.5, 1.0), Markov(0.1, 2.5))
 STEPS = 60_000
@@ -385,3 +386,39 @@ def test_an_event_that_is_rounded_stays_rounded() -> None:
     half = np.array([[0.3], [0.7], [0.3]])
     back = NoiseTrajectory.from_injected(half, np.ones((3, 1), np.float32), chain)
     assert back.injected.tolist() == [[0.0], [1.0], [0.0]]
+
+
+def test_the_parts_of_the_channels_are_those_of_each_alone_and_add_up_to_log_p() -> None:
+    shapes = (Autoregressive(0.9), HeavyTailed(3.0), Markov(0.05, 4.0), RATED, Once(), White())
+    z = np.random.default_rng(3).standard_normal((40, len(shapes)), dtype=np.float32)
+    sigma = np.full_like(z, 0.25)
+    sigma[:, 2] = 1.0
+    names = [f"channel_{number}" for number in range(len(shapes))]
+    noise = NoiseTrajectory(z, sigma, PerChannel(shapes))
+    found = find_channel_likelihoods(noise, names)
+    assert [each.name for each in found] == names
+    total = sum(each.log_probability or 0.0 for each in found)
+    assert total == pytest.approx(noise.log_probability, rel=1e-12)
+    for way, (shape, each) in enumerate(zip(shapes, found, strict=True)):
+        alone = NoiseTrajectory(z[:, [way]], sigma[:, [way]], PerChannel((shape,)))
+        assert each.log_probability == pytest.approx(alone.log_probability, rel=1e-9)
+        counted = z[:1, way] if isinstance(shape, Once) else z[:, way]
+        assert each.relative == pytest.approx(-0.5 * float((counted.astype(float) ** 2).sum()))
+    assert find_channel_likelihoods(NoiseTrajectory(z[:0], sigma[:0], noise.shape), names) == ()
+
+
+def test_of_white_noise_it_is_relative_to_the_most_likely_noise_of_the_same_steps() -> None:
+    z = np.random.default_rng(4).standard_normal((30, 2), dtype=np.float32)
+    sigma = np.full_like(z, 0.4)
+    found = find_channel_likelihoods(NoiseTrajectory(z, sigma), ("x", "y"))
+    none = find_channel_likelihoods(NoiseTrajectory(0.0 * z, sigma), ("x", "y"))
+    for each, likeliest in zip(found, none, strict=True):
+        gain = each.log_probability - likeliest.log_probability
+        assert each.relative == pytest.approx(gain, rel=1e-9)
+        assert likeliest.relative == 0.0
+
+
+def test_noise_without_a_density_has_no_likelihood() -> None:
+    z = np.full((2, 1), np.inf, np.float32)
+    (found,) = find_channel_likelihoods(NoiseTrajectory(z, np.ones_like(z)), ("x",))
+    assert (found.log_probability, found.relative) == (None, None)
