@@ -126,7 +126,11 @@ TRIALS = (
     Trial(("analysis.planted.",), planted),
     Trial(("analysis.one_cloud.",), clouds),
     Trial(("two_corners.",), corners),
-    Trial(("fit.",), noise_fit.find_figures),
+    Trial(
+        ("fit.covered", "fit.shape", "fit.false_alarms", "fit.misfits_found"),
+        noise_fit.find_figures,
+    ),
+    Trial(("fit.channels.",), noise_fit.find_channel_figures),
     Trial(("difs.network.",), difs_network.find),
     *(
         Trial((f"search.{place}.{name}.",), partial(compare, place, name))

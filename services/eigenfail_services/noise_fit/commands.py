@@ -1,6 +1,6 @@
-"""`eigenfail noise`: a disturbance model from a sensor's log, and what a model means."""
+"""`eigenfail noise`: a model from a sensor's log or another simulator, and what a model means."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -17,6 +17,7 @@ from eigenfail.hosting.service import require_installed
 from eigenfail.presentation.figures import (
     format_interval,
     format_number,
+    format_percent_interval,
     format_share,
     format_signed,
     format_signed_interval,
@@ -24,25 +25,26 @@ from eigenfail.presentation.figures import (
 from eigenfail.presentation.tables import Block, FactTable, Table, TableColumn
 from eigenfail.presentation.terminal import render
 from eigenfail.suites import LIKE_MODEL, read_disturbance
-from eigenfail.values import AXES, DisturbanceModel, Interval
-from eigenfail.values.channels import EGO, Channel, split_name
+from eigenfail.values import AXES, DisturbanceModel, White
+from eigenfail.values.channels import EGO, GHOST, Channel, split_name
 from eigenfail.values.shapes import ChannelShape, Shape
 from eigenfail.worlds import describe_disturbance, list_channels, world_of
-from eigenfail_services.noise_fit.checks import ModelCheck, check_fit
-from eigenfail_services.noise_fit.fitting import (
-    Fit,
-    Parameter,
-    choose_fit,
-    find_parameters,
-    fit_shapes,
+from eigenfail_services.noise_fit.events import MissBand
+from eigenfail_services.noise_fit.log_file import read_log
+from eigenfail_services.noise_fit.report import (
+    SHARES,
+    USUAL_STEP_S,
+    CandidateScore,
+    FitReport,
+    describe_misses,
+    describe_step,
+    fit_log,
+    format_channels,
+    format_model,
 )
-from eigenfail_services.noise_fit.sensor_log import SensorLog, read_log
+from eigenfail_services.noise_fit.tier4 import import_noise
 
 DISTANCES_M = {"longitudinal": (0.0, 10.0, 20.0, 50.0, 100.0), "lateral": (0.0, 2.0, 4.0, 8.0)}
-SHARES = {"50 %": 0.5, "95 %": 0.95, "99.9 %": 0.999}
-
-USUAL_STEP_S = 0.1
-"""Time step of the built-in scenarios. [s]"""
 
 app = typer.Typer(
     add_completion=False,
@@ -55,7 +57,9 @@ LogFile = Annotated[
     typer.Argument(
         metavar="LOG",
         help="CSV or Parquet: track, time_s [s], true position dx_m, dy_m and reported position "
-        "seen_dx_m, seen_dy_m of a vehicle from the ego [m]; 30 tracks or more.",
+        "seen_dx_m, seen_dy_m of a vehicle from the ego [m]; heading_rad, speed_mps, length_m and "
+        "width_m if known, each with what was reported as seen_heading_rad and so on; 30 tracks or "
+        "more.",
     ),
 ]
 Step = Annotated[
@@ -70,7 +74,15 @@ Step = Annotated[
 Output = Annotated[
     Path | None,
     typer.Option(
-        "--output", help="TOML file for the model, which must not exist yet (default: print only)."
+        "--output",
+        "-o",
+        help="TOML file for the model, which must not exist yet (default: print only).",
+    ),
+]
+Pictures = Annotated[
+    Path | None,
+    typer.Option(
+        "--pictures", help="Folder for pictures of each channel as SVG, which must not exist yet."
     ),
 ]
 ModelFile = Annotated[
@@ -78,41 +90,25 @@ ModelFile = Annotated[
 ]
 
 
-class Misses(msgspec.Struct, frozen=True):
-    """Steps at which the sensor did not see the vehicle.
-
-    Attributes:
-        share: of all steps of the tracks.
-        mean_steps: mean length of their runs; None where there are none.
-        ghosts: number of measurements without a vehicle.
-    """
-
-    share: float
-    mean_steps: float | None
-    ghosts: int
-
-
-class ShapeScore(msgspec.Struct, frozen=True):
-    """How well a shape describes tracks that it was not fitted to; see `Fit`."""
-
-    kind: str
-    held_out: float
-    gain: float | None
-    interval: Interval | None
-
-
-class FitReport(msgspec.Struct, frozen=True):
-    """What `noise fit` found: the model, what speaks for it, and what it leaves out."""
-
-    model: DisturbanceModel
-    parameters: tuple[Parameter, ...]
-    shapes: tuple[ShapeScore, ...]
-    checks: tuple[ModelCheck, ...]
-    misses: Misses
-    tracks: int
-    measurements: int
-    distances_m: dict[str, tuple[float, float]]
-    step_s: float
+ParameterFile = Annotated[
+    Path,
+    typer.Argument(metavar="FILE", help="ROS 2 parameter file (YAML) of scenario_simulator_v2."),
+]
+Farthest = Annotated[
+    float,
+    typer.Option(
+        "--farthest",
+        min=1.0,
+        max=1000.0,
+        help="Distance [m] up to which lines are fitted to the steps of the parameters.",
+    ),
+]
+Config = Annotated[
+    str | None,
+    typer.Option(
+        "--config", metavar="NAME", help="Noise configuration, if noise.v3 or noise.v4 has several."
+    ),
+]
 
 
 @app.callback()
@@ -122,87 +118,104 @@ def _require_server() -> None:
 
 @app.command()
 def fit(
-    log: LogFile, step: Step = USUAL_STEP_S, output: Output = None, as_json: AsJson = False
+    log: LogFile,
+    step: Step = USUAL_STEP_S,
+    output: Output = None,
+    pictures: Pictures = None,
+    as_json: AsJson = False,
 ) -> None:
     """Fit a disturbance model to a sensor's log, with intervals and checks."""
-    if output is not None and output.exists():
-        remedy = "Choose another file, or remove this one."
-        raise InvalidValue("--output", f"'{output}' exists already.", remedy)
-    errors = read_log(log, step)
-    report = make_report(errors, fit_shapes(errors))
+    _refuse_existing("--output", output)
+    _refuse_existing("--pictures", pictures)
+    fitted, report = fit_log(read_log(log, step))
     if output is not None:
         write_new(output, format_model(report, log.name), "--output")
-    show(report, as_json, lambda: render(*_list_blocks(report, output)))
+    blocks = [*_list_blocks(report, output)]
+    if pictures is not None:
+        # Their style is that of reports, which takes longer to import than most fits take.
+        from eigenfail_services.noise_fit.pictures import draw_fit
+
+        blocks.append(_write_pictures(draw_fit(fitted), pictures))
+    show(report, as_json, lambda: render(*blocks))
 
 
 @app.command(name="show")
-def show_model(file: ModelFile, as_json: AsJson = False) -> None:
+def show_model(file: ModelFile, pictures: Pictures = None, as_json: AsJson = False) -> None:
     """Show the errors that a disturbance model draws, on a road at several distances."""
+    _refuse_existing("--pictures", pictures)
     model = read_disturbance(file)
-    blocks = tuple(_describe_noise_of_function(file, model) or _describe_model(model))
+    of_function = _describe_noise_of_function(file, model)
+    blocks = [*(of_function or _describe_model(model))]
+    if pictures is not None:
+        if of_function:
+            problem = "noise of a function is not drawn."
+            raise InvalidValue("--pictures", problem, "Leave the option out.")
+        from eigenfail_services.noise_fit.pictures import draw_model
+
+        blocks.append(_write_pictures(draw_model(model), pictures))
     show(model, as_json, lambda: render(*blocks))
 
 
-def make_report(log: SensorLog, fits: Sequence[Fit]) -> FitReport:
-    """Return what was found of a log, given the fits of all shapes."""
-    best = choose_fit(fits)
-    return FitReport(
-        model=best.model,
-        parameters=find_parameters(best, log),
-        shapes=tuple(map(_score, fits)),
-        checks=tuple(check_fit(log, best)),
-        misses=Misses(
-            share=log.missed / (log.missed + len(log.track)),
-            mean_steps=log.missed / log.misses if log.misses else None,
-            ghosts=log.ghosts,
-        ),
-        tracks=log.tracks,
-        measurements=len(log.track),
-        distances_m={
-            axis: (float(values.min()), float(values.max()))
-            for axis, values in zip(AXES, log.distance_m.T, strict=True)
-        },
-        step_s=log.step_s,
-    )
+@app.command(name="import")
+def import_model(  # noqa: PLR0913, PLR0917 - typer makes an option of each argument
+    file: ParameterFile,
+    output: Output = None,
+    step: Step = USUAL_STEP_S,
+    farthest: Farthest = 100.0,
+    config: Config = None,
+    as_json: AsJson = False,
+) -> None:
+    """Import the perception noise of TIER IV's scenario_simulator_v2 as channels.
 
-
-def _score(one: Fit) -> ShapeScore:
-    gain, interval = one.gain or (None, None)
-    return ShapeScore(one.candidate.kind, one.held_out, gain, interval)
-
-
-def format_model(report: FitReport, source: str) -> str:
-    """Return the TOML file of a fitted model, which a campaign names as its `disturbance`."""
-    along, across = (report.distances_m[axis] for axis in AXES)
-    failed = [check for check in report.checks if not check.holds]
-    lines = [
-        (
-            f"# Fitted by `eigenfail noise fit` to {source!a}: {report.tracks} tracks, "
-            f"{report.measurements} measurements, {report.step_s:g} s apart."
-        ),
-        (
-            f"# Distances in the log: {along[0]:.3g} to {along[1]:.3g} m along the road, "
-            f"{across[0]:.3g} to {across[1]:.3g} m across. Beyond them the model extrapolates."
-        ),
-        *(f"# Does not hold: {check.name}, {check.value:.3g}." for check in failed),
-        *([f"# {_describe_step(report.step_s)}"] if report.step_s != USUAL_STEP_S else []),
+    Not all of it has a counterpart: what is left out is listed, and stands in the file as comments.
+    """
+    _refuse_existing("--output", output)
+    imported = import_noise(file, step, farthest, config)
+    if output is not None:
+        lines = [
+            (
+                f"# Imported by `eigenfail noise import` from {file.name!a}, for steps of "
+                f"{step:g} s and distances up to {farthest:g} m."
+            ),
+            *(f"# {sentence}" for sentence in imported.mapped),
+            *(f"# Left out: {sentence}" for sentence in imported.left_out),
+        ]
+        text = "\n".join([*lines, "", format_channels(imported.channels)])
+        write_new(output, text, "--output")
+    model = DisturbanceModel(channels=imported.channels)
+    blocks: list[Block] = [
+        FactTable("Model", tuple(model.in_words().items())),
+        *imported.mapped,
+        *(f"Left out: {sentence}" for sentence in imported.left_out),
     ]
-    for parameter in report.parameters:
-        low, high = parameter.interval.low, parameter.interval.high
-        lines.append(f"# {parameter.name}: 95 % interval {low:.4g} to {high:.4g}")
-    table = msgspec.toml.encode(_round(report.model)).decode()
-    return "\n".join([*lines, "", table])
+    if output is not None:
+        blocks.append(f"Written to {output}.")
+    show(imported._asdict(), as_json, lambda: render(*blocks))
 
 
-def _round(model: DisturbanceModel) -> dict[str, object]:
-    """Return the fields of a model with six significant digits."""
-    fields = msgspec.to_builtins(model)
-    shape = {name: _round_number(value) for name, value in fields.pop("shape").items()}
-    return {**{name: _round_number(value) for name, value in fields.items()}, "shape": shape}
+def _refuse_existing(option: str, path: Path | None) -> None:
+    if path is not None and path.exists():
+        what = "file" if option == "--output" else "folder"
+        remedy = f"Choose another {what}, or remove this one."
+        raise InvalidValue(option, f"'{path}' exists already.", remedy)
 
 
-def _round_number(value: object) -> object:
-    return float(f"{value:.6g}") if isinstance(value, float) else value
+def _write_pictures(pictures: Iterable[tuple[str, str]], folder: Path) -> str:
+    """Write pictures, given by name and SVG, into a new folder; return a sentence that names them.
+
+    Raises:
+        InvalidValue: the folder cannot be made, or a file in it.
+    """
+    try:
+        folder.mkdir(parents=True)
+    except OSError as error:
+        problem = f"'{folder}' cannot be made: {error.strerror}."
+        raise InvalidValue("--pictures", problem, "Choose another folder.") from error
+    names = []
+    for name, svg in pictures:
+        names.append(f"{name}.svg")
+        write_new(folder / names[-1], svg, "--pictures")
+    return f"Pictures in {folder}: {', '.join(names)}."
 
 
 def _list_blocks(report: FitReport, output: Path | None) -> Iterator[Block]:
@@ -214,19 +227,22 @@ def _list_blocks(report: FitReport, output: Path | None) -> Iterator[Block]:
             ("measurements", f"{report.measurements:,}, {report.step_s:g} s apart"),
             ("distances along the road", f"{along[0]:.3g} to {along[1]:.3g} m"),
             ("distances across it", f"{across[0]:.3g} to {across[1]:.3g} m"),
-            ("missed", _describe_misses(report.misses)),
+            ("missed", describe_misses(report)),
             ("ghosts", f"{report.misses.ghosts:,} measurements without a vehicle"),
-            ("shape chosen", str(report.model.shape.__struct_config__.tag)),
+            ("shape chosen", _name_shapes(report.model)),
         ),
     )
     yield _draw_parameters(report)
     yield _draw_shapes(report)
+    if report.bands:
+        yield _draw_bands(report.bands)
     yield _draw_checks(report)
     failed = sum(not check.holds for check in report.checks)
     if failed:
         yield f"{failed} of {len(report.checks)} checks do not hold: the log is not of this model."
+    yield from report.remarks or ()
     if report.step_s != USUAL_STEP_S:
-        yield _describe_step(report.step_s)
+        yield describe_step(report.step_s)
     if output is not None:
         yield (
             f"Written to {output}. A campaign in the same folder uses it with disturbance = "
@@ -234,21 +250,20 @@ def _list_blocks(report: FitReport, output: Path | None) -> Iterator[Block]:
         )
 
 
-def _describe_step(step_s: float) -> str:
-    return (
-        f"The model is of steps of {step_s:g} s: use it in scenarios with this time step alone. "
-        f"Those that come with eigenfail have {USUAL_STEP_S:g} s."
+def _name_shapes(model: DisturbanceModel) -> str:
+    """Return the kind of the shape of a position, or of each channel."""
+    if isinstance(model.channels, msgspec.UnsetType):
+        return str(model.shape.__struct_config__.tag)
+    return ", ".join(
+        f"{channel.name} {(channel.shape or White()).__struct_config__.tag}"
+        for channel in model.channels
     )
 
 
-def _describe_misses(misses: Misses) -> str:
-    share = f"{format_share(misses.share)} of the steps"
-    if misses.mean_steps is None:
-        return share
-    return f"{share}, in runs of {misses.mean_steps:.2g} steps on average; not part of the model"
-
-
 def _draw_parameters(report: FitReport) -> Table:
+    note = "Intervals are of the jackknife over tracks."
+    if any(one.name.startswith(f"{GHOST}.") for one in report.parameters):
+        note = "Intervals are of the jackknife over tracks, of ghosts over stretches of time."
     return Table(
         "Parameters",
         (
@@ -260,20 +275,25 @@ def _draw_parameters(report: FitReport) -> Table:
             (one.name, format_number(one.value), format_interval(one.interval))
             for one in report.parameters
         ),
-        ("Intervals are of the jackknife over tracks.",),
+        (note,),
     )
 
 
 def _draw_shapes(report: FitReport) -> Table:
+    by_channel = not isinstance(report.model.channels, msgspec.UnsetType)
+    channel = TableColumn("Channel", is_figure=False)
+    simplest = "the first one" if by_channel else "white"
     return Table(
         "Shapes",
         (
+            *([channel] if by_channel else []),
             TableColumn("Shape", is_figure=False),
             TableColumn("Log density"),
-            TableColumn("More than white [95 %]"),
+            TableColumn(f"More than {simplest} [95 %]"),
         ),
         tuple(
             (
+                *([str(one.channel)] if by_channel else []),
                 one.kind,
                 format_number(one.held_out, 4),
                 _format_gain(one),
@@ -284,10 +304,36 @@ def _draw_shapes(report: FitReport) -> Table:
     )
 
 
-def _format_gain(one: ShapeScore) -> str:
+def _format_gain(one: CandidateScore) -> str:
     if one.gain is None or one.interval is None:
         return ""
     return f"{format_signed(one.gain)} {format_signed_interval(one.interval)}"
+
+
+def _draw_bands(bands: Sequence[MissBand]) -> Table:
+    return Table(
+        "Misses by distance",
+        (
+            TableColumn("Distance", "m", is_figure=False),
+            TableColumn("Steps"),
+            TableColumn("Missed"),
+            TableColumn("95 % interval"),
+            TableColumn("Runs begun"),
+            TableColumn("Mean steps"),
+        ),
+        tuple(
+            (
+                f"{band.distance_m[0]:.3g} to {band.distance_m[1]:.3g}",
+                band.steps,
+                format_share(band.share),
+                format_percent_interval(band.interval),
+                band.begun,
+                band.mean_steps,
+            )
+            for band in bands
+        ),
+        ("Distances are in the plane. The first step of each track is not counted.",),
+    )
 
 
 def _draw_checks(report: FitReport) -> Table:

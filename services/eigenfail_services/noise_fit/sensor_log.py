@@ -1,9 +1,7 @@
-"""A log of the positions that a sensor reported of other vehicles, and of their true ones."""
+"""A log of what a sensor reported of other vehicles, and of what was true."""
 
-import csv
-from collections.abc import Iterator, Mapping, Sequence
-from math import isfinite, isnan, nan
-from pathlib import Path
+from collections.abc import Sequence
+from math import isnan, nan, pi
 from typing import NamedTuple
 
 import msgspec
@@ -11,22 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue
+from eigenfail.values import AXES
+from eigenfail.values.channels import QUANTITIES, UNIT_SUFFIXES
+from eigenfail_services.noise_fit.jackknife import Array, Integers
 
-Array = NDArray[np.float64]
-Integers = NDArray[np.int64]
+Booleans = NDArray[np.bool_]
 
-COLUMNS = {
-    "track": "name or number of one vehicle from when the sensor first saw it until it lost it",
-    "time_s": "time of the measurement [s]",
-    "dx_m": "true position of the vehicle's centre from the ego's, along the road [m]",
-    "dy_m": "the same across the road, positive to the left [m]",
-    "seen_dx_m": "position that the sensor reported, along the road [m]; empty where it missed",
-    "seen_dy_m": "the same across the road [m]; empty where it missed",
-}
-"""Columns that a log must have, in any order. Others are ignored."""
-
-POSITIONS = ("dx_m", "dy_m", "seen_dx_m", "seen_dy_m")
 TRUE, SEEN = slice(0, 2), slice(2, 4)
+
+POSITION_COLUMNS = ("dx_m", "dy_m")
+
+MEASURED = ("heading", "speed", "length", "width")
+"""Quantities that a log may have besides the position."""
 
 FEWEST_TRACKS = 30
 """Intervals rest on the differences between tracks; with fewer of them they are too narrow."""
@@ -38,167 +32,213 @@ LEAST_CONSECUTIVE = 0.5
 """Share of the measurements that must come one step after another, to tell how errors last."""
 
 LEAST_RANGE_M = 0.1
-"""Least difference between the distances of an axis, to tell a slope from a base. [m]"""
+"""Least difference between the distances of a channel, to tell a slope from a base. [m]"""
+
+GHOST_BLOCKS = 40
+"""Stretches of time over which ghosts are counted, in place of tracks."""
+
+
+def name_columns(channel: str) -> tuple[str, str]:
+    """Return the columns of a channel's true value and of the reported one."""
+    position = dict(zip(AXES, POSITION_COLUMNS, strict=True))
+    column = position.get(channel, f"{channel}{UNIT_SUFFIXES[QUANTITIES[channel].unit]}")
+    return column, f"seen_{column}"
 
 
 class Row(NamedTuple):
-    """One measurement: positions are NaN where the log has none."""
+    """One measurement. Values are NaN where the log has none.
+
+    Attributes:
+        positions: dx, dy, seen dx, seen dy. [m]
+        others: true and reported value of each further quantity, one after the other.
+    """
 
     track: str
     time_s: float
     positions: tuple[float, ...]
+    others: tuple[float, ...] = ()
+
+
+class ErrorSeries(msgspec.Struct, frozen=True, eq=False):
+    """Errors of some channels at the steps at which all of them were measured.
+
+    Attributes:
+        channels: their names.
+        row: row of the log of each measurement, shape (n,).
+        track: number of its track among those with measurements, from 0 on, shape (n,).
+        follows: whether the measurement one step earlier is the one before it, shape (n,).
+        distance_m: true distance that sigma depends on, shape (n, channels). [m]
+        error: reported less true value, shape (n, channels).
+        tracks: number of tracks with measurements.
+    """
+
+    channels: tuple[str, ...]
+    row: Integers
+    track: Integers
+    follows: Booleans
+    distance_m: Array
+    error: Array
+    tracks: int
+
+
+class EventSteps(msgspec.Struct, frozen=True, eq=False):
+    """Steps of an event that follow another step of the log, with what was before.
+
+    Attributes:
+        block: number of the block of each step, shape (n,).
+        before: whether the event lasted at the step before, shape (n,).
+        now: whether it lasts, shape (n,).
+        age: how many steps what was before had lasted; 0 where the log does not hold its beginning.
+        distance_m: true distance at the step in the plane, shape (n,); 0 for ghosts. [m]
+        blocks: number of blocks.
+    """
+
+    block: Integers
+    before: Booleans
+    now: Booleans
+    age: Integers
+    distance_m: Array
+    blocks: int
+
+
+class Ghosts(msgspec.Struct, frozen=True, eq=False):
+    """Measurements without a vehicle.
+
+    Attributes:
+        measurements: their number.
+        first: dx and dy where each ghost ahead was first seen, shape (ghosts, 2). [m]
+        behind: number of ghosts that were first seen next to or behind the ego's centre.
+        apart: number of measurements at times at which the log has no vehicle.
+        steps: whether a ghost ahead was seen, at the times at which the log has a vehicle; None
+            where it was at none of them.
+    """
+
+    measurements: int
+    first: Array
+    behind: int
+    apart: int
+    steps: EventSteps | None
 
 
 class SensorLog(msgspec.Struct, frozen=True, eq=False):
-    """Errors of a sensor at the steps at which it saw a vehicle, ordered by track and time.
+    """The rows of vehicles of a log, ordered by track and time.
 
     Attributes:
-        track: number of the track of each measurement, from 0 on, shape (n,).
-        follows: whether the measurement one step earlier is the one before it, shape (n,).
-        distance_m: |dx| and |dy| of the true position, shape (n, 2). [m]
-        speed_mps: rate at which dx and dy change, shape (n, 2); NaN at the first of a track. [m/s]
-        error_m: seen less true position, shape (n, 2). [m]
-        step_s: time between measurements. [s]
-        tracks: number of tracks.
-        missed: number of rows in which a vehicle was not seen.
-        misses: number of runs of such rows.
-        ghosts: number of measurements without a vehicle.
+        channels: names of the channels whose errors were measured, the position's first.
+        track: number of the track of each row, shape (n,).
+        step: number of the step of each row, from the first of its track, shape (n,).
+        distance_m: true distance that each channel's sigma depends on, shape (n, channels). [m]
+        plane_m: true distance in the plane, shape (n,). [m]
+        rate_mps: rate at which dx and dy change, shape (n, 2); NaN at the first of a track. [m/s]
+        error: reported less true value, shape (n, channels); NaN where it was not measured.
+        step_s: time between two steps. [s]
+        ghosts: measurements without a vehicle.
     """
 
+    channels: tuple[str, ...]
     track: Integers
-    follows: NDArray[np.bool_]
+    step: Integers
     distance_m: Array
-    speed_mps: Array
-    error_m: Array
+    plane_m: Array
+    rate_mps: Array
+    error: Array
     step_s: float
-    tracks: int
-    missed: int
-    misses: int
-    ghosts: int
+    ghosts: Ghosts
 
-    def sum_by_track(self, values: Array) -> Array:
-        """Return the sums of values of the measurements, shape (n,), over each track."""
-        return np.bincount(self.track, values, self.tracks).astype(np.float64)
+    @property
+    def is_missed(self) -> Booleans:
+        """Whether the sensor missed the vehicle, shape (n,)."""
+        return np.isnan(self.error[:, 0])
+
+    @property
+    def has_events(self) -> bool:
+        """Whether a vehicle was missed, or a ghost seen."""
+        return bool(self.is_missed.any()) or self.ghosts.measurements > 0
+
+    def select(self, *channels: str) -> ErrorSeries:
+        """Return the errors of some channels."""
+        columns = [self.channels.index(name) for name in channels]
+        row = np.flatnonzero(np.isfinite(self.error[:, columns]).all(axis=1))
+        _, track = np.unique(self.track[row], return_inverse=True)
+        follows = np.zeros(len(row), bool)
+        follows[1:] = (np.diff(self.track[row]) == 0) & (np.diff(self.step[row]) == 1)
+        return ErrorSeries(
+            channels=channels,
+            row=row,
+            track=track,
+            follows=follows,
+            distance_m=np.ascontiguousarray(self.distance_m[row][:, columns]),
+            error=np.ascontiguousarray(self.error[row][:, columns]),
+            tracks=int(track.max(initial=-1)) + 1,
+        )
+
+    def list_miss_steps(self) -> EventSteps:
+        """Return the steps at which vehicles were missed, or not; blocks are tracks."""
+        follows = (np.diff(self.track) == 0) & (np.diff(self.step) == 1)
+        return _list_steps(self.is_missed, follows, self.track, self.plane_m)
+
+    def count_misses(self) -> int:
+        """Return the number of runs of misses."""
+        missed = self.is_missed
+        begins = missed.copy()
+        begins[1:] &= ~(missed[:-1] & (np.diff(self.track) == 0))
+        return int(begins.sum())
 
 
-def read_log(file: Path, step_s: float) -> SensorLog:
-    """Read a log of CSV, or of Parquet where pyarrow is installed.
+def make_log(rows: Sequence[Row], step_s: float, quantities: Sequence[str] = ()) -> SensorLog:
+    """Return the errors of some measurements.
 
     Args:
-        file: table with the columns `COLUMNS`.
-        step_s: time between two measurements, which is that between two steps of a scenario. [s]
-
-    Raises:
-        InvalidValue: the file cannot be read, lacks a column, holds a value that is no number, has
-            too few tracks, times that are not a whole number of steps apart, or distances that do
-            not differ.
-    """
-    read = _read_parquet if file.suffix.lower() == ".parquet" else _read_csv
-    rows = [_parse(values, file.name, line) for line, values in read(file)]
-    if not rows:
-        raise InvalidValue(file.name, "contains no rows.", "Give a row for each track and step.")
-    return make_log(rows, step_s)
-
-
-def make_log(rows: Sequence[Row], step_s: float) -> SensorLog:
-    """Return the errors of some measurements.
+        rows: measurements in any order.
+        step_s: time between two steps. [s]
+        quantities: quantities besides the position that the rows have.
 
     Raises:
         InvalidValue: as `read_log`.
     """
-    ghosts = sum(isnan(row.positions[0]) and not isnan(row.positions[2]) for row in rows)
     by_track: dict[str, list[Row]] = {}
     for row in rows:
         if not isnan(row.positions[0]):
             by_track.setdefault(row.track, []).append(row)
-    everything = [_measure_track(name, track, step_s) for name, track in by_track.items()]
-    parts = [part for part in everything if part.error_m.size]
-    if len(parts) < FEWEST_TRACKS:
+    ordered = [sorted(track, key=lambda row: row.time_s) for track in by_track.values()]
+    seen = sum(any(not isnan(row.positions[2]) for row in track) for track in ordered)
+    if seen < FEWEST_TRACKS:
         raise InvalidValue(
             "track",
-            f"{len(parts)} tracks contain measurements of a vehicle; at least {FEWEST_TRACKS} are "
+            f"{seen} tracks contain measurements of a vehicle; at least {FEWEST_TRACKS} are "
             "required, as intervals rest on the differences between tracks.",
             "Log more vehicles. A track starts where the sensor first sees a vehicle, and ends "
             "where it loses it.",
         )
+    steps = [
+        _count_steps(name, np.array([row.time_s for row in track]), step_s)
+        for name, track in zip(by_track, ordered, strict=True)
+    ]
+    vehicles = [row for track in ordered for row in track]
+    track = np.repeat(np.arange(len(ordered)), [len(track) for track in ordered])
+    step = np.concatenate(steps)
+    positions = np.array([row.positions for row in vehicles])
+    true = positions[:, TRUE]
+    plane_m = np.hypot(true[:, 0], true[:, 1])
+    rate = np.full_like(true, nan)
+    is_later = np.diff(track) == 0
+    rate[1:][is_later] = (
+        np.diff(true, axis=0)[is_later] / (np.diff(step)[is_later] * step_s)[:, None]
+    )
+    others = np.array([row.others for row in vehicles]).reshape(len(vehicles), -1)
     log = SensorLog(
-        track=np.repeat(np.arange(len(parts)), [len(part.error_m) for part in parts]),
-        follows=np.concatenate([part.follows for part in parts]),
-        distance_m=np.concatenate([part.distance_m for part in parts]),
-        speed_mps=np.concatenate([part.speed_mps for part in parts]),
-        error_m=np.concatenate([part.error_m for part in parts]),
+        channels=(*AXES, *quantities),
+        track=track,
+        step=step,
+        distance_m=np.column_stack([np.abs(true), *[plane_m] * len(quantities)]),
+        plane_m=plane_m,
+        rate_mps=rate,
+        error=np.column_stack([positions[:, SEEN] - true, _find_errors(others, quantities)]),
         step_s=step_s,
-        tracks=len(parts),
-        missed=sum(part.missed for part in everything),
-        misses=sum(part.misses for part in everything),
-        ghosts=ghosts,
+        ghosts=_find_ghosts(rows, step_s),
     )
     _refuse_uninformative(log)
     return log
-
-
-def _refuse_uninformative(log: SensorLog) -> None:
-    """Refuse a log from which a parameter cannot be told.
-
-    Raises:
-        InvalidValue: few measurements are one step apart, or the distances or the errors of an axis
-            are all equal.
-    """
-    consecutive = float(log.follows.mean())
-    if consecutive < LEAST_CONSECUTIVE:
-        raise InvalidValue(
-            "time_s",
-            f"only {100.0 * consecutive:.3g} % of the measurements come one step of "
-            f"{log.step_s:g} s after another of their track.",
-            "Give times in seconds. If the sensor is slower, give its period as --step.",
-        )
-    for name, distance in zip(("dx_m", "dy_m"), log.distance_m.T, strict=True):
-        if np.ptp(distance) < LEAST_RANGE_M:
-            raise InvalidValue(
-                name,
-                f"all distances are about {float(distance.mean()):.3g} m, so that it cannot be "
-                "told how errors grow with the distance.",
-                "Log vehicles at different distances along the road, and in other lanes.",
-            )
-    for name, error in zip(("seen_dx_m", "seen_dy_m"), log.error_m.T, strict=True):
-        if not np.ptp(error):
-            raise InvalidValue(
-                name,
-                f"all errors are {float(error[0]):.3g} m.",
-                "Give the position that the sensor reported, not the true one.",
-            )
-
-
-class _Part(NamedTuple):
-    """What a track adds to a log; see `SensorLog`."""
-
-    follows: NDArray[np.bool_]
-    distance_m: Array
-    speed_mps: Array
-    error_m: Array
-    missed: int
-    misses: int
-
-
-def _measure_track(name: str, rows: Sequence[Row], step_s: float) -> _Part:
-    rows = sorted(rows, key=lambda row: row.time_s)
-    steps = _count_steps(name, np.array([row.time_s for row in rows]), step_s)
-    positions = np.array([row.positions for row in rows])
-    true, seen = positions[:, TRUE], positions[:, SEEN]
-    is_seen = ~np.isnan(seen[:, 0])
-    speed = np.full_like(true, nan)
-    speed[1:] = np.diff(true, axis=0) / (np.diff(steps)[:, None] * step_s)
-    is_next = np.zeros(len(rows), bool)
-    is_next[1:] = (np.diff(steps) == 1) & is_seen[:-1]
-    begins = ~is_seen & np.concatenate([[True], is_seen[:-1]])
-    return _Part(
-        follows=is_next[is_seen],
-        distance_m=np.abs(true[is_seen]),
-        speed_mps=speed[is_seen],
-        error_m=(seen - true)[is_seen],
-        missed=int((~is_seen).sum()),
-        misses=int(begins.sum()),
-    )
 
 
 def _count_steps(name: str, time_s: Array, step_s: float) -> Integers:
@@ -226,84 +266,137 @@ def _count_steps(name: str, time_s: Array, step_s: float) -> Integers:
     return steps
 
 
-def _parse(values: Mapping[str, object], name: str, line: int) -> Row:
-    """Return a row of a table.
+def _find_errors(others: Array, quantities: Sequence[str]) -> Array:
+    """Return reported less true values, of headings as the smaller of both turns."""
+    errors: Array = others[:, 1::2] - others[:, ::2]
+    turns = [place for place, name in enumerate(quantities) if name == "heading"]
+    errors[:, turns] = (errors[:, turns] + pi) % (2.0 * pi) - pi
+    return errors
+
+
+def _list_steps(
+    lasts: Booleans, follows: Booleans, block: Integers, distance_m: Array
+) -> EventSteps:
+    """Return the steps of an event.
+
+    Args:
+        lasts: whether the event lasts at each record, shape (n,).
+        follows: whether each record but the first is one step after the one before, shape (n − 1,).
+        block: number of the block of each record, shape (n,).
+        distance_m: distance at each record, shape (n,). [m]
+    """
+    age = np.zeros(len(lasts), np.int64)
+    for place in range(1, len(lasts)):
+        if not follows[place - 1]:
+            continue
+        if lasts[place] != lasts[place - 1]:
+            age[place] = 1
+        elif age[place - 1]:
+            age[place] = age[place - 1] + 1
+    before, now = np.flatnonzero(follows), np.flatnonzero(follows) + 1
+    return EventSteps(
+        block=block[now],
+        before=lasts[before],
+        now=lasts[now],
+        age=age[before],
+        distance_m=distance_m[now],
+        blocks=int(block.max()) + 1,
+    )
+
+
+def _find_ghosts(rows: Sequence[Row], step_s: float) -> Ghosts:
+    """Return the measurements without a vehicle.
 
     Raises:
-        InvalidValue: a value is missing, or no number.
+        InvalidValue: all tracks of vehicles begin at the same time, so that they have no common
+            clock.
     """
-    track = values["track"]
-    if track is None or track == "" or track != track:  # noqa: PLR0124 - NaN is an empty value
-        raise InvalidValue(f"{name}, row {line}: track", "is empty.", "Name the vehicle.")
-    time_s = _parse_number(values["time_s"], f"{name}, row {line}: time_s")
-    positions = [_parse_number(values[one], f"{name}, row {line}: {one}") for one in POSITIONS]
-    for one in (TRUE, SEEN):
-        if isnan(positions[one][0]) != isnan(positions[one][1]):
-            raise InvalidValue(
-                f"{name}, row {line}",
-                f"only one of {' and '.join(POSITIONS[one])} is given.",
-                "Give both, or leave both empty.",
-            )
-    if isnan(time_s):
-        raise InvalidValue(f"{name}, row {line}: time_s", "is empty.", "Give a time in seconds.")
-    return Row(str(track), time_s, tuple(positions))
-
-
-def _parse_number(value: object, field: str) -> float:
-    """Return a finite number, or NaN for an empty value."""
-    if value is None or value == "" or value != value:  # noqa: PLR0124 - NaN is an empty value
-        return nan
-    try:
-        number = float(str(value))
-    except ValueError:
-        number = nan
-    if not isfinite(number):
-        remedy = "Correct it, or leave the field empty where there is no measurement."
-        raise InvalidValue(field, f"'{value}' is not a finite number.", remedy)
-    return number
-
-
-def _read_csv(file: Path) -> Iterator[tuple[int, Mapping[str, object]]]:
-    try:
-        with file.open(encoding="utf-8-sig", newline="") as text:
-            table = csv.DictReader(text)
-            _check_columns(table.fieldnames or (), file.name)
-            for values in table:
-                yield table.line_num, values
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise _make_unreadable(file, error) from error
-
-
-def _read_parquet(file: Path) -> Iterator[tuple[int, Mapping[str, object]]]:
-    try:
-        import pyarrow.parquet
-    except ModuleNotFoundError as error:
+    ghosts = [row for row in rows if isnan(row.positions[0]) and not isnan(row.positions[2])]
+    first: dict[str, Row] = {}
+    for row in ghosts:
+        if row.track not in first or row.time_s < first[row.track].time_s:
+            first[row.track] = row
+    ahead = {name for name, row in first.items() if row.positions[2] > 0.0}
+    begins: dict[str, float] = {}
+    for row in rows:
+        if not isnan(row.positions[0]):
+            begins[row.track] = min(begins.get(row.track, row.time_s), row.time_s)
+    if ghosts and len(set(begins.values())) == 1:
         raise InvalidValue(
-            file.name, "Parquet needs pyarrow.", "Install eigenfail[export], or give CSV."
-        ) from error
-    try:
-        schema = pyarrow.parquet.read_schema(file)
-        _check_columns(schema.names, file.name)
-        table = pyarrow.parquet.read_table(file, columns=list(COLUMNS))
-    except (OSError, pyarrow.ArrowException) as error:
-        raise _make_unreadable(file, error) from error
-    columns = [table[name].to_pylist() for name in COLUMNS]
-    for row, values in enumerate(zip(*columns, strict=True), 1):
-        yield row, dict(zip(COLUMNS, values, strict=True))
-
-
-def _check_columns(given: Sequence[str], name: str) -> None:
-    """Refuse a table that lacks a column."""
-    if missing := [column for column in COLUMNS if column not in given]:
-        known = f"its columns are {', '.join(given)}" if given else "it has none"
-        raise InvalidValue(
-            name,
-            f"columns {', '.join(missing)} are missing; {known}.",
-            f"The first line of a CSV file names the columns, with commas between them: "
-            f"{', '.join(COLUMNS)}.",
+            "time_s",
+            "all tracks begin at the same time, so that it cannot be told at which steps no ghost "
+            "was seen.",
+            "Give times of one clock for all tracks. Where there are several drives, add another "
+            "offset to the times of each.",
         )
+    times = np.unique(
+        [_find_step(row.time_s, step_s) for row in rows if not isnan(row.positions[0])]
+    )
+    at = np.array([_find_step(row.time_s, step_s) for row in ghosts], np.int64)
+    is_ahead = np.array([row.track in ahead for row in ghosts], bool)
+    lasts = np.isin(times, at[is_ahead])
+    steps = None
+    if lasts.any():
+        block = np.arange(len(times)) * GHOST_BLOCKS // len(times)
+        steps = _list_steps(lasts, np.diff(times) == 1, block, np.zeros(len(times)))
+    return Ghosts(
+        measurements=len(ghosts),
+        first=np.array([first[name].positions[SEEN] for name in first if name in ahead]).reshape(
+            -1, 2
+        ),
+        behind=len(first) - len(ahead),
+        apart=int((~np.isin(at, times)).sum()),
+        steps=steps,
+    )
 
 
-def _make_unreadable(file: Path, error: Exception) -> InvalidValue:
-    why = getattr(error, "strerror", None) or str(error)
-    return InvalidValue(file.name, f"cannot be read: {why}.", "Name a file of CSV or Parquet.")
+def _find_step(time_s: float, step_s: float) -> int:
+    """Return the number of the step of the log's clock that a time belongs to."""
+    return round(time_s / step_s)
+
+
+def _refuse_uninformative(log: SensorLog) -> None:
+    """Refuse a log from which a parameter cannot be told.
+
+    Raises:
+        InvalidValue: few measurements are one step apart, or the distances or the errors of a
+            channel are all equal, or a quantity was measured on too few tracks.
+    """
+    consecutive = float(log.select(*AXES).follows.mean())
+    if consecutive < LEAST_CONSECUTIVE:
+        raise InvalidValue(
+            "time_s",
+            f"only {100.0 * consecutive:.3g} % of the measurements come one step of "
+            f"{log.step_s:g} s after another of their track.",
+            "Give times in seconds. If the sensor is slower, give its period as --step.",
+        )
+    for name, distance in zip(POSITION_COLUMNS, log.select(*AXES).distance_m.T, strict=True):
+        if np.ptp(distance) < LEAST_RANGE_M:
+            raise InvalidValue(
+                name,
+                f"all distances are about {float(distance.mean()):.3g} m, so that it cannot be "
+                "told how errors grow with the distance.",
+                "Log vehicles at different distances along the road, and in other lanes.",
+            )
+    for name in log.channels:
+        _refuse_uninformative_channel(log.select(name))
+
+
+def _refuse_uninformative_channel(errors: ErrorSeries) -> None:
+    (name,) = errors.channels
+    _, column = name_columns(name)
+    if errors.tracks < FEWEST_TRACKS:
+        raise InvalidValue(
+            column,
+            f"{errors.tracks} tracks contain it next to the true value; at least {FEWEST_TRACKS} "
+            "are required.",
+            "Log more of them, or leave out the column.",
+        )
+    if not np.ptp(errors.error):
+        unit = QUANTITIES[name].unit
+        raise InvalidValue(
+            column,
+            f"all errors are {float(errors.error[0, 0]):.3g} {unit}.",
+            f"Give the {'position' if name in AXES else name} that the sensor reported, not the "
+            "true one.",
+        )

@@ -2,7 +2,6 @@
 
 from itertools import pairwise
 from math import nan
-from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -13,6 +12,7 @@ from scipy import stats
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import (
+    AXES,
     Conversion,
     Correlated,
     DisturbanceModel,
@@ -20,29 +20,25 @@ from eigenfail.values import (
     NoiseTrajectory,
     White,
 )
-from eigenfail_services.noise_fit.checks import check_fit
+from eigenfail_services.noise_fit.checks import check_position
 from eigenfail_services.noise_fit.fitting import (
     CANDIDATES,
     Fit,
     choose_fit,
     compute_density,
     find_parameters,
-    find_ratio_interval,
     fit_shapes,
+    make_likelihood,
+)
+from eigenfail_services.noise_fit.jackknife import (
+    Score,
+    find_ratio_interval,
     maximize_likelihood,
 )
-from eigenfail_services.noise_fit.sensor_log import FEWEST_TRACKS, Row, make_log, read_log
+from eigenfail_services.noise_fit.log_file import read_log
+from eigenfail_services.noise_fit.sensor_log import FEWEST_TRACKS, Row, make_log
 
 SHAPES = {"white": White(), "ar1": Correlated(0.8, 0.4), "student_t": HeavyTailed(4.0)}
-
-
-@pytest.fixture(scope="module")
-def benchmark():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(Path(__file__).parents[3] / "benchmarks")
-        import noise_fit
-
-        yield noise_fit
 
 
 def draw(benchmark, kind, bend=None):
@@ -69,25 +65,25 @@ def list_parameters(model):
 def fitted(request, benchmark):
     """A log of a model of each shape, the model, and the chosen fit."""
     log, model = draw(benchmark, request.param)
-    return log, model, choose_fit(fit_shapes(log))
+    return log, model, choose_fit(fit_shapes(log.select(*AXES)))
 
 
 def test_the_shape_is_chosen_and_most_intervals_hold_what_was_planted(fitted, benchmark):
     log, model, best = fitted
     assert type(best.model.shape) is type(model.shape)
-    found = find_parameters(best, log)
+    found = find_parameters(best, log.select(*AXES))
     covered = benchmark.list_covered(model, found)
     assert sum(covered) >= len(covered) - 1
     for one in found:
         planted = benchmark.find_parameter(model, one.name)
         reach = one.interval.high - one.interval.low
         assert abs(one.value - planted) < reach < 0.6 * planted, one.name
-    assert all(check.holds for check in check_fit(log, best))
+    assert all(check.holds for check in check_position(log, best))
 
 
 def test_z_is_standard_normal_under_the_chosen_model(fitted):
     log, _, best = fitted
-    for axis in best.find_z(log).T:
+    for axis in best.find_z(log.select(*AXES)).T:
         assert stats.kstest(axis, "norm").pvalue > 1e-3
 
 
@@ -112,18 +108,22 @@ def test_density_and_z_are_those_of_the_product(candidate, seed):
         ],
         0.1,
     )
-    parameters = list_parameters(model)
-    density = log.sum_by_track(compute_density(candidate, log, parameters))
+    errors, parameters = log.select(*AXES), list_parameters(model)
+    density = np.bincount(errors.track, compute_density(candidate, errors, parameters))
     assert density == pytest.approx([one.log_probability for one in noise], rel=1e-4, abs=1e-2)
-    u = log.error_m / sigma.reshape(-1, 2)
-    found = candidate.find_z(log, u, parameters[4:])
+    u = errors.error / sigma.reshape(-1, 2)
+    found = candidate.find_z(errors, u, parameters[4:])
     assert found == pytest.approx(z.reshape(-1, 2), abs=2e-3)
 
 
 def test_every_misfit_is_found(benchmark):
     for name, bend in benchmark.BENDS.items():
         log, _ = draw(benchmark, "white", bend)
-        failed = [one for one in check_fit(log, choose_fit(fit_shapes(log))) if not one.holds]
+        failed = [
+            one
+            for one in check_position(log, choose_fit(fit_shapes(log.select(*AXES))))
+            if not one.holds
+        ]
         assert failed, name
 
 
@@ -138,11 +138,12 @@ def test_a_step_that_was_missed_breaks_the_correlation():
         see(track, step, is_seen=step != 2) for track in range(FEWEST_TRACKS) for step in range(5)
     ]
     log = make_log(rows, 0.1)
-    assert log.follows[:4].tolist() == [False, True, False, True]
-    assert (log.missed, log.misses) == (FEWEST_TRACKS, FEWEST_TRACKS)
+    errors = log.select(*AXES)
+    assert errors.follows[:4].tolist() == [False, True, False, True]
+    assert (log.is_missed.sum(), log.count_misses()) == (FEWEST_TRACKS, FEWEST_TRACKS)
     ar1 = next(one for one in CANDIDATES if one.kind == "ar1")
-    u = np.tile([[1.0, 0.5]], (len(log.track), 1))
-    z = ar1.find_z(log, u, np.array([0.6, 0.0]))[:4]
+    u = np.tile([[1.0, 0.5]], (len(errors.track), 1))
+    z = ar1.find_z(errors, u, np.array([0.6, 0.0]))[:4]
     assert z[:, 0] == pytest.approx([1.0, 0.5, 1.0, 0.5])
     assert z[:, 1] == pytest.approx([0.5] * 4)
 
@@ -150,14 +151,19 @@ def test_a_step_that_was_missed_breaks_the_correlation():
 def test_runs_of_misses_and_ghosts_are_counted():
     seen = [True, True, False, False, True, True, False]
     rows = [
-        see(track, step, is_seen)
+        see(track, step, is_seen, time_s=track + 0.1 * step)
         for track in range(FEWEST_TRACKS)
         for step, is_seen in enumerate(seen)
     ]
-    ghosts = [Row("0", 7.0, (nan, nan, 3.0, 0.0))]
+    ghosts = [Row("g", 0.3, (nan, nan, 3.0, 0.0)), Row("h", 0.9, (nan, nan, 5.0, 0.0))]
     log = make_log([*rows, *ghosts], 0.1)
-    assert (log.missed, log.misses, log.ghosts) == (3 * FEWEST_TRACKS, 2 * FEWEST_TRACKS, 1)
-    assert len(log.track) == 4 * FEWEST_TRACKS
+    assert (log.is_missed.sum(), log.count_misses()) == (3 * FEWEST_TRACKS, 2 * FEWEST_TRACKS)
+    assert (log.ghosts.measurements, log.ghosts.apart) == (2, 1)
+    assert len(log.select(*AXES).track) == 4 * FEWEST_TRACKS
+    steps = log.list_miss_steps()
+    assert steps.before[:6].tolist() == [False, False, True, True, False, False]
+    assert steps.now[:6].tolist() == [False, True, True, False, False, True]
+    assert steps.age[:6].tolist() == [0, 0, 1, 2, 1, 2]
 
 
 @pytest.mark.parametrize(
@@ -208,8 +214,9 @@ def test_distances_that_hardly_differ_give_a_wide_interval():
         for dx, dy in [(20.0 + track + step, 3.5 + 0.12 * ((track + step) % 2) * (track == 0))]
     ]
     log = make_log(rows, 0.1)
-    white = fit_shapes(log)[0]
-    found = {one.name: one.interval for one in find_parameters(white, log)}
+    errors = log.select(*AXES)
+    white = fit_shapes(errors)[0]
+    found = {one.name: one.interval for one in find_parameters(white, errors)}
     assert found["lateral_slope"].low == 0.0
     assert found["lateral_slope"].high > 0.1
 
@@ -237,8 +244,9 @@ def test_checks_of_short_logs_raise_no_false_alarms():
             for dx, dy in [(20.0 + 2.0 * track + step, 0.1 * track)]
         ]
         log = make_log(rows, 0.1)
-        fit = Fit(white, maximize_likelihood(white, log), 0.0, None)
-        alarms += any(not one.holds for one in check_fit(log, fit))
+        best = maximize_likelihood(make_likelihood(white, log.select(*AXES)))
+        fit = Fit(white, AXES, best, Score(0.0, None))
+        alarms += any(not one.holds for one in check_position(log, fit))
     assert alarms <= 4
 
 
@@ -266,6 +274,11 @@ HEAD = "track,time_s,dx_m,dy_m,seen_dx_m,seen_dy_m"
         ("", "are missing; it has none"),
         (f"{HEAD}\n", "log.csv: contains no rows"),
         (f"{HEAD}\n".replace(",", ";"), "with commas between them"),
+        (f"{HEAD},speed_mps\n", "column speed_mps is given, and column seen_speed_mps is missing"),
+        (
+            f"{HEAD},speed_mps,seen_speed_mps\n1,0.0,10,0,,,20,21\n",
+            "row 2: seen_speed_mps: is given, and seen_dx_m is empty",
+        ),
     ],
 )
 def test_a_table_that_is_no_log_is_refused_with_the_place(tmp_path, text, problem):
@@ -294,15 +307,19 @@ def test_csv_and_parquet_hold_the_same(tmp_path):
             "dy_m": np.tile([0.0, 1.0, 2.0], FEWEST_TRACKS),
             "seen_dx_m": np.tile([10.5, 11.0, nan], FEWEST_TRACKS),
             "seen_dy_m": np.tile([0.5, 0.0, nan], FEWEST_TRACKS),
+            "speed_mps": 20.0,
+            "seen_speed_mps": np.tile([20.5, 21.0, nan], FEWEST_TRACKS),
             "sensor": "front",
         }
     )
     table.to_csv(tmp_path / "log.csv", index=False)
     table.to_parquet(tmp_path / "log.parquet")
     logs = [read_log(tmp_path / f"log.{kind}", 0.1) for kind in ("csv", "parquet")]
+    assert logs[0].channels == ("longitudinal", "lateral", "speed")
     for one, other in pairwise(logs):
         for field in msgspec.structs.fields(one):
-            np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
+            if field.name != "ghosts":
+                np.testing.assert_array_equal(getattr(one, field.name), getattr(other, field.name))
 
 
 def test_conversion_of_the_planted_model_is_that_of_episodes(benchmark):
