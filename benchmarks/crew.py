@@ -28,7 +28,7 @@ from eigenfail.values import (
     TrajectorySource,
 )
 from eigenfail_workers.engine import Engine
-from eigenfail_workers.explain import RecordedStep, RecordingPlanner
+from eigenfail_workers.accounts import RecordedStep, RecordingPlanner
 
 T = TypeVar("T")
 

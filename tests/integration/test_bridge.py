@@ -63,13 +63,23 @@ def test_the_failures_are_those_of_the_same_world_built_in(client, start_worker,
     failure = next(row for row in client.episodes.list(behind.id) if row.outcome == "collision")
     stored = client.episodes.get(behind.id, failure.index)
     assert replay_episode(behind.spec, stored).same
-
     analysis = client.analyses.wait(client.analyses.create(behind.id).id)
     assert analysis.state is AnalysisState.DONE, analysis.problem
     client.analyses.prove(analysis.id)
     proof = client.analyses.wait_for_proof(analysis.id, timeout_s=deadlines.CAMPAIGN_S)
     (scenario,) = proof.scenarios
     assert scenario.medoids.rate.value == 1.0
+
+
+def test_the_services_have_an_episode_explained_by_the_bridge(bridge, client, start_worker) -> None:
+    start_worker()
+    fields = {"planner": "rulebook", "episodes": 2, "scene_every": 1}
+    behind = finish(client, **fields, **ON_BRIDGE)
+    built_in = finish(client, **fields)
+    found, expected = (client.episodes.explanation(each.id, 1) for each in (behind, built_in))
+    assert found.replayed.same
+    assert found.story == expected.story
+    assert found.steps == expected.steps
 
 
 def test_the_adversary_learns_on_a_bridge(client, start_worker, bridge) -> None:

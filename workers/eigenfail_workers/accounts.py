@@ -1,10 +1,13 @@
 """What planners say of their decisions, step by step, as explanations keep it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
-from eigenfail.errors import read_text
-from eigenfail.values import Account, Control, Path
+from eigenfail.contracts import Planner
+from eigenfail.errors import PlannerError, read_text
+from eigenfail.values import Account, Control, Mission, Path, Perception
+from eigenfail_workers.closed_loop import validate_control
+from eigenfail_workers.faults import wrap_errors
 
 MAX_POINTS = 20
 """Most points that are kept of a path, evenly chosen."""
@@ -35,3 +38,35 @@ def thin_path(path: Sequence[tuple[float, float]]) -> Path:
     if last >= MAX_POINTS:
         kept = [place * last // (MAX_POINTS - 1) for place in range(MAX_POINTS)]
     return tuple((float(path[place][0]), float(path[place][1])) for place in kept)
+
+
+class RecordingPlanner:
+    """Drives as its planner does, and records the explanation of each step. Implements `Planner`.
+
+    Args:
+        planner: any planner; those with `explain` or `path` are asked for them.
+        steps: list that is filled with the steps of the last episode.
+    """
+
+    def __init__(self, planner: Planner, steps: list[RecordedStep]) -> None:
+        self._planner = planner
+        self._explain: Callable[[], Mapping[str, str | float]]
+        self._explain = getattr(planner, "explain", dict)
+        self._path: Callable[[], Sequence[tuple[float, float]]]
+        self._path = getattr(planner, "path", tuple)
+        self._steps = steps
+
+    def reset(self, mission: Mission) -> None:
+        """Begin a new episode."""
+        self._steps.clear()
+        self._planner.reset(mission)
+
+    def act(self, perception: Perception) -> Control:
+        """Return the planner's control, after recording its explanation."""
+        control = validate_control(self._planner.act(perception))
+        with wrap_errors(PlannerError, "The planner's account", "Look into its `explain`."):
+            account = read_account(self._explain())
+        with wrap_errors(PlannerError, "The planner's path", "Look into its `path`."):
+            path = thin_path(self._path())
+        self._steps.append(RecordedStep(perception.time_s, control, account, path))
+        return control

@@ -1,70 +1,31 @@
 """One episode with the planner's own explanation of each step. Registered as an explainer."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from math import isnan
 
 import msgspec
 
 from eigenfail import bridges
-from eigenfail.contracts import Planner
-from eigenfail.errors import InvalidValue, PlannerError
+from eigenfail.errors import InvalidValue
 from eigenfail.values import (
-    Control,
     EpisodeResult,
     EpisodeSetup,
     EpisodeTask,
     ExplainedEpisode,
     ExplainedStep,
-    Mission,
-    Perception,
     Scene,
     VehicleState,
 )
 from eigenfail.worlds import world_of
-from eigenfail_workers.accounts import RecordedStep, read_account, thin_path
+from eigenfail_workers.accounts import RecordedStep, RecordingPlanner
 from eigenfail_workers.bridge.connection import SharedConnection
 from eigenfail_workers.bridge.engine import BridgeEngine
 from eigenfail_workers.bridge.messages import CHANNEL_PROTOCOL
-from eigenfail_workers.closed_loop import validate_control
 from eigenfail_workers.engine import Engine
-from eigenfail_workers.faults import wrap_errors
 from eigenfail_workers.measures.geometry import find_nearest, velocity
 
 REPLAY = "Run it again with `eigenfail episode replay`."
-
-
-class RecordingPlanner:
-    """Drives as its planner does, and records the explanation of each step. Implements `Planner`.
-
-    Args:
-        planner: any planner; those with `explain` or `path` are asked for them.
-        steps: list that is filled with the steps of the last episode.
-    """
-
-    def __init__(self, planner: Planner, steps: list[RecordedStep]) -> None:
-        self._planner = planner
-        self._explain: Callable[[], Mapping[str, str | float]]
-        self._explain = getattr(planner, "explain", dict)
-        self._path: Callable[[], Sequence[tuple[float, float]]]
-        self._path = getattr(planner, "path", tuple)
-        self._steps = steps
-
-    def reset(self, mission: Mission) -> None:
-        """Begin a new episode."""
-        self._steps.clear()
-        self._planner.reset(mission)
-
-    def act(self, perception: Perception) -> Control:
-        """Return the planner's control, after recording its explanation."""
-        control = validate_control(self._planner.act(perception))
-        with wrap_errors(PlannerError, "The planner's account", "Look into its `explain`."):
-            account = read_account(self._explain())
-        with wrap_errors(PlannerError, "The planner's path", "Look into its `path`."):
-            path = thin_path(self._path())
-        self._steps.append(RecordedStep(perception.time_s, control, account, path))
-        return control
 
 
 def explain(setup: EpisodeSetup, task: EpisodeTask) -> ExplainedEpisode:

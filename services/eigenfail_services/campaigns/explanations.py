@@ -35,7 +35,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.campaign import LONGEST_NAME
 from eigenfail.values.channels import name_columns
-from eigenfail.worlds import drawn_for, list_channels
+from eigenfail.worlds import drawn_for, list_channels, world_of
 from eigenfail_services.analysis.words import Clock, describe, describe_account
 from eigenfail_services.campaigns.validation import check_spec
 from eigenfail_services.store import Store
@@ -300,7 +300,8 @@ def _describe_account(
             accounts.append(describe_account(explained, clock))
 
     left_s = until_s - time.monotonic()
-    if left_s > 0.0:
+    # A bridge may serve one session at a time, that of a worker, and is asked by users alone.
+    if left_s > 0.0 and not world_of(setup.simulator).needs_bridge:
         before = ProcessState()
         asking = Thread(target=ask, daemon=True)
         asking.start()
