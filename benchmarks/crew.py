@@ -27,8 +27,8 @@ from eigenfail.values import (
     Measures,
     TrajectorySource,
 )
-from eigenfail_workers.engine import Engine
 from eigenfail_workers.accounts import RecordedStep, RecordingPlanner
+from eigenfail_workers.engine import Engine
 
 T = TypeVar("T")
 
