@@ -74,7 +74,7 @@ PUBLIC = [
     *("costs_by_method", "simulators", "from_injected", "cumulative"),
     *("LearnerSuite", "SIMULATION_CHECKS", "analysis_result"),
     # Fields and choices that are only read from JSON, or set from it.
-    *("began_ms", "size_bytes", "left_road_s", "spec_sha256", "data_from"),
+    *("began_ms", "size_bytes", "left_road_s", "spec_sha256", "data_from", "protocols"),
     *("LONGITUDINAL", "LATERAL", "GAUSSIAN_MIXTURE"),
     # Imported by name, or by position.
     *("FastTrainer", "SacTrainer", "to_html", "env"),

@@ -96,7 +96,12 @@ Watched = Annotated[
     bool, typer.Option("--watch", help="Refresh until no campaign shown is running.")
 ]
 Limit = Annotated[int, typer.Option(min=1, help="Maximum number of rows.")]
-Workers = Annotated[int, typer.Option(min=0, help="Number of workers; 0: one per core.")]
+Workers = Annotated[
+    int,
+    typer.Option(
+        min=0, help="Number of workers of the service that this command starts; 0: one per core."
+    ),
+]
 Database = Annotated[
     str | None,
     typer.Option(

@@ -128,10 +128,10 @@ How to read the tables:
   5,000, c_dist 1,000, tau 0.001, learning rate 3e-4, batch size 16, buffer size 10,000), with four
   gradient steps for each decision; `difs_paper` has the paper's schedule. Their other settings are
   our defaults.
-- The scenarios were tuned so that `idm` fails often and `rulebook` seldom under p(x), and so that
+- `cut_in` was tuned so that `idm` fails often and `rulebook` seldom under p(x), and so that
   `rulebook` crashes under noise that is held; the defaults of `ast` were tuned on `cut_in` and
   `rulebook`. Statements that compare planners, or methods by what they find, hold partly by that
-  choice. The seed 20261122 took no part in it.
+  choice. The seed 20261122 took no part in either choice.
 """
 
 

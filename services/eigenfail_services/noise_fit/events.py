@@ -19,7 +19,7 @@ from eigenfail_services.noise_fit.jackknife import (
     FreeParameter,
     Likelihood,
     Parameter,
-    Score,
+    ShapeScore,
     compare_candidates,
     estimate_parameters,
     find_ratio_interval,
@@ -62,7 +62,7 @@ class ChainFit(msgspec.Struct, frozen=True, eq=False):
     kind: str
     name: str
     best: Array
-    score: Score
+    score: ShapeScore
 
     @property
     def shape(self) -> Markov:

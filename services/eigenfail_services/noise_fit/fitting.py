@@ -27,7 +27,7 @@ from eigenfail_services.noise_fit.jackknife import (
     FreeParameter,
     Likelihood,
     Parameter,
-    Score,
+    ShapeScore,
     compare_candidates,
     estimate_parameters,
     maximize_likelihood,
@@ -181,7 +181,7 @@ class Fit(msgspec.Struct, frozen=True, eq=False):
     candidate: Candidate
     channels: tuple[str, ...]
     best: Array
-    score: Score
+    score: ShapeScore
 
     @property
     def model(self) -> DisturbanceModel:

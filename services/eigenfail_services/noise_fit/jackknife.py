@@ -207,7 +207,7 @@ def _differentiate(likelihood: Likelihood, at: Array) -> tuple[Array, Array]:
     return slopes, curvatures
 
 
-class Score(msgspec.Struct, frozen=True):
+class ShapeScore(msgspec.Struct, frozen=True):
     """How well a candidate describes blocks that it was not fitted to.
 
     Attributes:
@@ -224,13 +224,13 @@ class Score(msgspec.Struct, frozen=True):
         return self.gain is not None and self.gain[1].low > 0.0
 
 
-def compare_candidates(likelihoods: Sequence[Likelihood]) -> list[Score]:
+def compare_candidates(likelihoods: Sequence[Likelihood]) -> list[ShapeScore]:
     """Return the scores of candidates for the same records; the first one is the simplest."""
     first = likelihoods[0]
     counts = first.sum_by_block(np.ones(len(first.block)))
     scores = [cross_validate(one) for one in likelihoods]
     return [
-        Score(
+        ShapeScore(
             float(score.sum() / counts.sum()),
             None if score is scores[0] else find_ratio_interval(score - scores[0], counts),
         )

@@ -19,7 +19,7 @@ from eigenfail_services.noise_fit.events import (
     list_bands,
 )
 from eigenfail_services.noise_fit.fitting import Fit, choose_fit, find_parameters, fit_shapes
-from eigenfail_services.noise_fit.jackknife import Parameter, Score
+from eigenfail_services.noise_fit.jackknife import Parameter, ShapeScore
 from eigenfail_services.noise_fit.sensor_log import EventSteps, SensorLog
 
 USUAL_STEP_S = 0.1
@@ -51,7 +51,7 @@ class Misses(msgspec.Struct, frozen=True):
 
 
 class CandidateScore(msgspec.Struct, frozen=True):
-    """How well a shape describes tracks that it was not fitted to; see `Score`.
+    """How well a shape describes tracks that it was not fitted to; see `ShapeScore`.
 
     Attributes:
         channel: the channel that it was fitted to; absent where it is of the whole position.
@@ -192,7 +192,7 @@ def _list_channels(
 
 
 def _describe_score(
-    kind: str, score: Score, channel: str | msgspec.UnsetType = msgspec.UNSET
+    kind: str, score: ShapeScore, channel: str | msgspec.UnsetType = msgspec.UNSET
 ) -> CandidateScore:
     gain, interval = score.gain or (None, None)
     return CandidateScore(kind, score.held_out, gain, interval, channel)

@@ -31,7 +31,7 @@ from eigenfail_services.noise_fit.fitting import (
     make_likelihood,
 )
 from eigenfail_services.noise_fit.jackknife import (
-    Score,
+    ShapeScore,
     find_ratio_interval,
     maximize_likelihood,
 )
@@ -245,7 +245,7 @@ def test_checks_of_short_logs_raise_no_false_alarms():
         ]
         log = make_log(rows, 0.1)
         best = maximize_likelihood(make_likelihood(white, log.select(*AXES)))
-        fit = Fit(white, AXES, best, Score(0.0, None))
+        fit = Fit(white, AXES, best, ShapeScore(0.0, None))
         alarms += any(not one.holds for one in check_position(log, fit))
     assert alarms <= 4
 
