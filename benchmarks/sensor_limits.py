@@ -182,7 +182,7 @@ RUNS: dict[str, Callable[[Toy, Robustness, int], Run]] = {
 ASKED = RequirementQuestion(
     target=2e-2, channels=CHANNELS, within=MultipleRange(0.3, 1.2, 0.15), points=3
 )
-ANCHOR_EPISODES, CONFIRMING = 400, 2_000
+ANCHOR_EPISODES, CONFIRMING = 400, 500
 BATCH = 100
 
 
