@@ -181,18 +181,16 @@ scenario_parameters = {{ steps = 20, {parameter} }}
 """
 
 
-@pytest.mark.parametrize(
-    ("parameter", "wanted"),
-    [
-        ("distance_m = 58.0", (0, "passed", "It is safe after 20 steps.")),
-        ("distance = 58.0", (3, "broken", "Did you mean 'distance_m'?")),
-        ("distance_m = -1.0", (3, "broken", "distance_m")),
-    ],
-)
-def test_a_campaign_is_held_against_the_bridge(
-    parameter, wanted, eigenfail, start, tmp_path
-) -> None:
-    code, verdict, said = wanted
+HELD = {
+    "distance_m = 58.0": (0, "passed", "It is safe after 20 steps."),
+    "distance = 58.0": (3, "broken", "Did you mean 'distance_m'?"),
+    "distance_m = -1.0": (3, "broken", "distance_m"),
+}
+
+
+@pytest.mark.parametrize("parameter", HELD)
+def test_a_campaign_is_held_against_the_bridge(parameter, eigenfail, start, tmp_path) -> None:
+    code, verdict, said = HELD[parameter]
     file = tmp_path / "c.toml"
     file.write_text(CAMPAIGN.format(parameter=parameter))
     address = start(BRIDGES / "minimal.py")
