@@ -44,7 +44,7 @@ def get(http, campaign, status=200, **asked):
 
 def test_all_episodes_are_listed_and_drawn(http, filled, check_page):
     drawn = lines(get(http, filled))
-    assert len(drawn["collision"]) == 9
+    assert len(drawn["failure"]) == 9
     assert drawn["values"][drawn["columns"].index("severity")][:2] == [1.0, 11.0]
     check_page("dashboard/episodes/all", f"/campaigns/{filled}/episodes")
 
@@ -54,7 +54,7 @@ def test_filter_and_sort_are_in_the_address(http, filled, check_page):
     check_page("dashboard/episodes/filtered", f"/campaigns/{filled}/episodes?{asked}")
     page = http.get(f"/campaigns/{filled}/episodes?{asked}", headers=HTML).text
     assert listed(page) == [4, 3, 2]
-    assert len(lines(page)["collision"]) == 3
+    assert len(lines(page)["failure"]) == 3
 
 
 def test_pages_follow_each_other(http, filled, monkeypatch):
