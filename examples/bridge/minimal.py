@@ -16,10 +16,10 @@ from msgspec.structs import asdict, astuple
 
 from eigenfail import plugins
 from eigenfail.contracts import Simulation
-from eigenfail.errors import InputError
+from eigenfail.errors import InputError, UnknownName
 from eigenfail.settings import read_settings
 from eigenfail.values import POSITION, Channel, Observation
-from eigenfail.values.channels import ALL_CHANNELS
+from eigenfail.values.channels import ALL_CHANNELS, EVERY, VEHICLE, split_name
 
 Open = Callable[[dict[str, Any]], Simulation]
 Act = Callable[[dict[int, Any], dict[str, Any]], dict[str, Any]]
@@ -198,6 +198,11 @@ def read_channels(asked: dict[str, Any]) -> tuple[Channel, ...]:
     """Those that a reset names; in version 1, which names none, those of the position."""
     if "channels" not in asked:
         return POSITION
+    for channel in asked["channels"]:
+        target, quantity = split_name(channel["name"])
+        offered = f"{EVERY}.{quantity}" if target.startswith(VEHICLE) else channel["name"]
+        if offered not in ALL_CHANNELS:
+            raise UnknownName("channels", channel["name"], ALL_CHANNELS)
     return tuple(Channel(**channel) for channel in asked["channels"])
 
 

@@ -219,6 +219,7 @@ class SolverError(EpisodeError):
 class BridgeLost(EpisodeError):
     """The bridge went away, forgot who asks, or has no room: no episode is to blame."""
 
+    http_status = 503
     kind = "infrastructure"
 
 

@@ -404,7 +404,7 @@ class BridgeWorld(CampaignWorld):
         model = self._resolve_options(described, offered=False)
         if isinstance(model.channels, msgspec.UnsetType):
             return model
-        numbers = [1]
+        numbers = [2]  # How many there are is not known: `swapped`, which needs two, may be named.
         for place, channel in enumerate(model.channels):
             name = split_name(channel.name)
             if name.target == EVERY:

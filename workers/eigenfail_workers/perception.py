@@ -119,8 +119,13 @@ class SensorErrors:
 
 
 def _exchange_nearest(now: Observation) -> dict[int, int]:
-    """Return the two vehicles whose centres are nearest to the ego's, each with the other one."""
+    """Return the two vehicles whose centres are nearest to the ego's, each with the other one.
+
+    Nothing where there is one vehicle, as behind a bridge, whose vehicles a campaign does not know.
+    """
     ego, others = now.ego, now.others
+    if len(others) < 2:
+        return {}
     apart = [hypot(other.x_m - ego.x_m, other.y_m - ego.y_m) for other in others]
     first, second = sorted(range(len(others)), key=apart.__getitem__)[:2]
     return {first: second, second: first}

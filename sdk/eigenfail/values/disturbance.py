@@ -191,7 +191,10 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             for model in (self, other)
             for channel in model.list_channels()
         ]
-        mine, theirs = (model.write_out(max(numbers)) for model in (self, other))
+        mine, theirs = (
+            replace(model.write_out(max(numbers)), occlusion=model.is_occluding)
+            for model in (self, other)
+        )
         return mine == theirs
 
     def write_out(self, vehicles: int) -> "DisturbanceModel":

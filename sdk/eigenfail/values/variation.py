@@ -328,8 +328,8 @@ def read_distribution(given: Mapping[str, Any], field: str) -> Distribution:
         if not (isfinite(low) and isfinite(high) and low <= high):
             problem = f"[{low}, {high}] is not an interval from a smaller to a larger number."
             raise InvalidValue(f"{field}.{name}", problem)
-    if isinstance(found, Empirical) and not all(map(isfinite, found.empirical)):
-        raise InvalidValue(f"{field}.empirical", "all values must be finite numbers.")
+    if isinstance(found, Empirical):
+        return _unify_sample(found, field)
     if isinstance(found, Normal):
         if not all(map(isfinite, found.normal)):
             problem = "mean and standard deviation must be finite numbers."
@@ -338,6 +338,20 @@ def read_distribution(given: Mapping[str, Any], field: str) -> Distribution:
             problem = "both ends are more than 30 standard deviations off the mean."
             raise InvalidValue(f"{field}.within", problem)
     return found
+
+
+def _unify_sample(found: Empirical, field: str) -> Empirical:
+    """Return a sample whose values are all whole numbers, or all floats.
+
+    Raises:
+        InvalidValue: one is not finite.
+    """
+    if not all(map(isfinite, found.empirical)):
+        raise InvalidValue(f"{field}.empirical", "all values must be finite numbers.")
+    if all(isinstance(each, int) for each in found.empirical):
+        return found
+    # Whether draws are rounded follows from the smallest value: 56 beside 57.3 stands for 56.0.
+    return Empirical(tuple(map(float, found.empirical)))
 
 
 def _list_intervals(found: Distribution) -> Iterator[tuple[str, tuple[Number, Number]]]:

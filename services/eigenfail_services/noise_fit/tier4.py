@@ -271,7 +271,7 @@ def _list_other(topic: Table, version: int) -> Iterator[str]:
     if "range" in topic:
         yield f"range: beyond {topic['range']} m vehicles are not detected; here they are."
     if topic.get("occlusionless") is False:
-        yield "occlusionless: is false; no channel hides a vehicle behind another one."
+        yield "occlusionless: is false; set `occlusion = true`, whose sensor is the ego's front."
 
 
 def _read_yaml(file: Path) -> Any:

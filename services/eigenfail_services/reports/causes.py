@@ -155,8 +155,13 @@ def list_moment_rows(found: Analysed, of: Crash) -> Iterator[tuple[Cell, ...]]:
     for step in range(of.first, last + 1):
         seen = _read_position(perceived[step]) if step < len(perceived) else (None, None)
         before_s = (last - step) * of.scene.dt_s
-        pair = (*vehicles[step, 0].tolist(), *vehicles[step, of.struck].tolist())
+        pair = map(_read_number, (*vehicles[step, 0].tolist(), *vehicles[step, of.struck].tolist()))
         yield (found.subject.id, of.mode, of.episode, before_s, *pair, *seen)
+
+
+def _read_number(value: float) -> float | None:
+    """Return a number of a vehicle's state; None while the vehicle is not there."""
+    return None if isnan(value) else value
 
 
 def _read_position(seen: NDArray[np.float32]) -> tuple[float | None, float | None]:

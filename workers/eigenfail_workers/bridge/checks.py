@@ -80,15 +80,18 @@ class BridgeSimulation:
     Args:
         connection: used by nothing else at the same time; it stays open.
         start: what to begin; the seed is that of each reset.
-        channels: the channels, in the order of the disturbances.
+        channels: the channels, in the order of the disturbances; default: those of the position
+            that the bridge offers, of disturbances of both.
     """
 
     def __init__(
-        self, connection: Connection, start: SlotStart, channels: tuple[Channel, ...] = POSITION
+        self, connection: Connection, start: SlotStart, channels: tuple[Channel, ...] | None = None
     ) -> None:
         self._connection = connection
         self._start = start
-        self._channels = channels
+        self._is_position = channels is None
+        self._channels = list_position(connection.welcome) if channels is None else channels
+        channels = self._channels
         self.dt_s = find_scenario(connection.welcome, start.scenario).dt_s
         self.steps = start.steps
         self._reader = ObservationReader(channels, self.dt_s)
@@ -112,6 +115,8 @@ class BridgeSimulation:
             raise SimulatorError("There is no episode to go on with.", "Reset the simulation.")
         self._now = None
         welcome, slot = self._connection.welcome, self._start.slot
+        if self._is_position:
+            disturbance = select_offered(welcome, disturbance)
         (seen,) = _step(self._connection, make_step(welcome, slot, self._channels, disturbance))
         self._now = self._reader.read(seen, disturbance)
         return self._now
@@ -122,11 +127,24 @@ class BridgeSimulation:
         self._now = None
 
 
+def list_position(welcome: BridgeWelcome) -> tuple[Channel, ...]:
+    """Return the channels of the position of the nearest vehicle that a bridge offers."""
+    return tuple(channel for channel in POSITION if channel.name in welcome.offered_channels)
+
+
+def select_offered(welcome: BridgeWelcome, disturbance: Row) -> Row:
+    """Return the components of a disturbance of the position that a bridge offers."""
+    offered = welcome.offered_channels
+    pairs = zip(POSITION, disturbance, strict=True)
+    return tuple(each for channel, each in pairs if channel.name in offered)
+
+
 def _reset(
-    connection: Connection, *starts: SlotStart, channels: tuple[Channel, ...] = POSITION
+    connection: Connection, *starts: SlotStart, channels: tuple[Channel, ...] | None = None
 ) -> tuple[SlotObservation, ...]:
     """Reset slots, in the version of the protocol that was agreed on."""
     welcome = connection.welcome
+    channels = list_position(welcome) if channels is None else channels
     if welcome.wants_text_seeds:
         starts = tuple(replace(start, seed=str(start.seed)) for start in starts)
     if welcome.protocol >= CHANNEL_PROTOCOL:
@@ -160,6 +178,8 @@ def _adapt(check: Callable[..., None]) -> Check:
 
 def disturbs_the_nearest(connection: Connection, start: SlotStart) -> None:
     """A disturbance moves the nearest vehicle as the planner perceives it."""
+    if len(list_position(connection.welcome)) < len(POSITION):
+        return  # `disturbs_each_channel` tries what the bridge offers in their place.
     with closing(BridgeSimulation(connection, start)) as simulation:
         disturbed, undisturbed = course(simulation, wave), course(simulation, calm)
     errors = SensorErrors(POSITION)
@@ -188,12 +208,13 @@ def _run_side_by_side(
     starts = (replace(start, slot=slot, seed=seed) for slot, seed in enumerate(seeds))
     welcome = connection.welcome
     dt_s = find_scenario(welcome, start.scenario).dt_s
-    readers = [ObservationReader(POSITION, dt_s) for _ in seeds]
+    channels = list_position(welcome)
+    readers = [ObservationReader(channels, dt_s) for _ in seeds]
     shown = zip(readers, _reset(connection, *starts), strict=True)
     courses = [[reader.read(seen, ())] for reader, seen in shown]
     while running := [slot for slot, course in enumerate(courses) if not course[-1].ended]:
-        waves = {slot: wave(len(courses[slot])) for slot in running}
-        steps = (make_step(welcome, slot, POSITION, waves[slot]) for slot in running)
+        waves = {slot: select_offered(welcome, wave(len(courses[slot]))) for slot in running}
+        steps = (make_step(welcome, slot, channels, waves[slot]) for slot in running)
         for slot, seen in zip(running, _step(connection, *steps), strict=True):
             courses[slot].append(readers[slot].read(seen, waves[slot]))
     return courses
@@ -201,7 +222,8 @@ def _run_side_by_side(
 
 def refuses_what_is_over(connection: Connection, start: SlotStart) -> None:
     """A step before a reset or after the end is answered with a fault."""
-    step = make_step(connection.welcome, start.slot, POSITION, (0.0, 0.0))
+    channels = list_position(connection.welcome)
+    step = make_step(connection.welcome, start.slot, channels, (0.0,) * len(channels))
     (seen,) = _step(connection, step)
     expect(seen.fault is not None, "A step before any reset must be answered with a fault.")
     with closing(BridgeSimulation(connection, start)) as simulation:

@@ -1,7 +1,7 @@
 """The record of one episode: disturbances, observations and measures."""
 
 from collections.abc import Iterable, Sequence
-from math import inf, isfinite
+from math import inf, isfinite, nan
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -320,7 +320,8 @@ def _place_vehicles(course: Sequence[Observation]) -> tuple[Floats, Floats]:
         for number, vehicle in zip((0, *seen.numbers), (seen.ego, *seen.others), strict=True):
             row[number] = _pose(vehicle)
             sizes.setdefault(number, (vehicle.length_m, vehicle.width_m))
-    return vehicles, np.array([sizes[number] for number in range(last + 1)], np.float32)
+    # A simulator may leave out numbers: NaN is the size of a vehicle that was never there.
+    return vehicles, np.array([sizes.get(each, (nan, nan)) for each in range(last + 1)], np.float32)
 
 
 def find_struck_vehicle(observation: Observation) -> int:
