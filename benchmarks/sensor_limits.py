@@ -190,7 +190,7 @@ def find_frontier(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     """The frontier of `idm` in `cut_in`, and P(failure) there by new episodes."""
     setup = staged("cut_in", "idm")
     confirmed = []
-    for limit in search_frontier(crew, setup, seed).frontier:
+    for place, limit in enumerate(search_frontier(crew, setup, seed).frontier, start=1):
         (kept,) = limit.beside.values()
         name = f"requirement.cut_in.at_{kept:g}"
         tests = f"lateral beside {kept:g} × longitudinal; {ANCHOR_EPISODES} episodes an anchor"
@@ -201,7 +201,7 @@ def find_frontier(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
         if limit.largest is None:
             continue
         multiples = {**limit.beside, limit.channel: limit.largest}
-        k = count_failures(crew, scale_setup(setup, multiples), seed + 1, CONFIRMING, inf)
+        k = count_failures(crew, scale_setup(setup, multiples), seed + place, CONFIRMING, inf)
         found = share([True] * k + [False] * (CONFIRMING - k), "new episodes at the limit")
         yield f"{name}.failure_rate", found
         confirmed.append(found.interval is not None and found.interval[1] <= ASKED.target)

@@ -97,7 +97,6 @@ TARGETS = {
     "channels.white_digest_equal": Target(low=1.0),
     "channels.conformance": Target(low=1.0),
     "requirement.covered": Target(low=0.93),
-    "requirement.cut_in.confirmed": Target(low=1.0),
     "requirements.closed_form.subset_over_truth": Target(low=0.8, high=1.2),
     "requirements.closed_form.covered": Target(low=0.88),
     "joint.interval_cover": Target(low=0.9),

@@ -62,7 +62,7 @@ def test_its_filters_are_read_and_its_refusal_is_the_one_that_comes(page):
 def test_what_it_says_of_indices_and_files_is_so(page):
     sentence = page.split("The database keeps")[1].split("sorted")[0]
     assert set(re.findall(r"`(\w+)`", sentence)) == INDEXED | {"index"}
-    assert f"keeps {MAX_EXPORTS} Parquet files" in " ".join(page.split())
+    assert f"keeps at most {MAX_EXPORTS} exports" in " ".join(page.split())
 
 
 def test_its_addresses_are_routes(page):

@@ -73,6 +73,7 @@ NOT_RUN = {
     "make setup": INSTALLS,
     "make demo": "It takes minutes; tests/docs/test_pages.py runs the same searches, smaller.",
     "eigenfail requirement examples/sensor_requirement.toml": "It takes an hour or more.",
+    "eigenfail noise import": "The reader has the file: tests/services/noise_fit/test_tier4.py.",
     "make ": SUITE,
     "EIGENFAIL_REQUIRE_PROOFS": SUITE,
     "eigenfail db vacuum": "The service must be stopped: tests/services/store/test_vacuum.py.",

@@ -123,9 +123,8 @@ def requirement(
     question = convert(given, RequirementQuestion)
     spec = read_spec(file, episodes=budget, seed=seed)
     check_question(spec, question)
-    if output is not None and output.exists() and not force:
-        remedy = "Choose another file, or give --force to replace it."
-        raise InvalidValue("--output", f"'{output}' exists already.", remedy)
+    if output is not None:
+        _check_output(output, force=force)
     with connect_for_campaign(context, spec, url, Plan(data, 0, workers)) as (client, place):
 
         def run(suite: Suite) -> Campaign:
@@ -135,10 +134,22 @@ def requirement(
         answer = find_sensor_requirement(client, spec, question, run)
     conclusions = describe_answer(spec, answer)
     if output is not None:
-        output.unlink(missing_ok=True)
-        write_new(output, format_page(spec, answer), "--output")
+        draft = output.with_name(f".{output.name}.new")
+        draft.unlink(missing_ok=True)
+        write_new(draft, format_page(spec, answer), "--output")
+        draft.replace(output)
     report = RequirementReport(spec.planner, spec.scenario, spec.method, answer, conclusions)
     show(report, as_json, lambda: _draw_report(report, output))
+
+
+def _check_output(output: Path, *, force: bool) -> None:
+    """Refuse a page that cannot be written, before the campaigns run."""
+    if output.is_dir() or not output.parent.is_dir():
+        problem = f"'{output}' is a folder." if output.is_dir() else "its folder does not exist."
+        raise InvalidValue("--output", problem, "Choose another file.")
+    if output.exists() and not force:
+        remedy = "Choose another file, or give --force to replace it."
+        raise InvalidValue("--output", f"'{output}' exists already.", remedy)
 
 
 def _draw_report(report: RequirementReport, output: Path | None) -> RenderableType:

@@ -34,6 +34,9 @@ METHODS = "Take subset or mixture for rare failures, monte_carlo for frequent on
 
 HALVINGS = 60
 
+LONGEST_ORIGIN = 80
+"""Characters of a campaign's name in those of its anchors, which may have no more than 200."""
+
 Run = Callable[[Suite], Campaign]
 """Runs the only campaign of a suite, or goes on with it, and returns it when it is at rest."""
 
@@ -115,7 +118,7 @@ def make_anchor_suite(
         error: error of each bound.
     """
     member = ", ".join(f"{name} × {multiple:g}" for name, multiple in multiples.items())
-    name = f"sensor of {spec.name}: {member}"
+    name = f"sensor of {spec.name[:LONGEST_ORIGIN]}: {member}"
     decisive = None
     if describe_method(spec.method).traits.draws_from_prior:
         decisive = find_fewest_failures(target, spec.episodes, error)

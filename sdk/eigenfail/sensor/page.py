@@ -130,7 +130,7 @@ def _format_basis(spec: CampaignSpec, answer: RequirementAnswer) -> Iterator[str
         **{f"parameter {name}": str(value) for name, value in spec.scenario_parameters.items()},
     }
     yield _format_table(("setting", "value"), facts.items())
-    for sentence in describe_basis(answer):
+    for sentence in describe_basis(spec, answer):
         yield f"<p>{escape(sentence)}</p>"
     yield _format_table(ANCHOR_COLUMNS, map(list_anchor_row, answer.anchors))
 

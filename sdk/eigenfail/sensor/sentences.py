@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
+from eigenfail.methods import describe_method
 from eigenfail.presentation.figures import (
     UNKNOWN,
     format_count,
@@ -23,16 +24,25 @@ def describe_answer(spec: CampaignSpec, answer: RequirementAnswer) -> list[str]:
     """Return the limits with what is undecided, and what they rest on."""
     limits = (*answer.limits, *answer.frontier)
     found = [each for limit in limits for each in describe_limit(spec, answer, limit)]
-    return found + describe_basis(answer)
+    return found + describe_basis(spec, answer)
 
 
-def describe_basis(answer: RequirementAnswer) -> list[str]:
+def describe_basis(spec: CampaignSpec, answer: RequirementAnswer) -> list[str]:
     """Return why numbers are missing, contradictions, and what the confidence is of."""
     return [
         *_describe_unknown(answer),
         *_describe_contradictions(answer),
         _describe_confidence(answer),
+        *_describe_method(spec),
     ]
+
+
+def _describe_method(spec: CampaignSpec) -> Iterator[str]:
+    if not describe_method(spec.method).traits.draws_from_prior:
+        yield (
+            f"The confidence is that of the intervals of '{spec.method}', which is approximate. "
+            "Failures that no sample came near are not in it, and errored episodes count as none."
+        )
 
 
 def describe_limit(
@@ -58,12 +68,16 @@ def _describe_beyond(limit: ErrorLimit, target: str) -> Iterator[str]:
         yield f"{limit.largest:g} × is the high end of the search: more may be allowed (--high)."
     elif limit.undecided:
         above = limit.undecided[-1] if limit.not_met_from is None else limit.not_met_from
-        at = f"at {limit.tests[0]:g} ×, the low end of the search"
-        between = f"between {limit.largest:g} × and {above:g} ×" if limit.largest else at
+        below = limit.tests[0] if limit.largest is None else limit.largest
+        only = f"at {below:g} ×, the low end of the search"
+        between = f"between {below:g} × and {above:g} ×" if above > below else only
         yield f"It is undecided {between}. {MORE}"
     if limit.not_met_from is not None:
         lower = " Search lower (--low)." if limit.not_met_from == limit.tests[0] else ""
-        yield f"From {limit.not_met_from:g} × on, P(failure) is above {target}.{lower}"
+        yield (
+            f"From {limit.not_met_from:g} × on, P(failure) is above {target}, by the bounds at "
+            f"this error alone.{lower}"
+        )
 
 
 def _format_beside(beside: Mapping[str, float]) -> str:
@@ -71,17 +85,17 @@ def _format_beside(beside: Mapping[str, float]) -> str:
 
 
 def format_target(target: float) -> str:
-    """Return a target with as many digits as it has, three at most."""
-    texts = (format_number(target, digits) for digits in (1, 2))
+    """Return a target with as many digits as it has: fewer would state more than was shown."""
+    texts = (format_number(target, digits) for digits in (1, 2, 3))
     exact = (
         text for digits, text in enumerate(texts, 1) if float(f"{target:.{digits}g}") == target
     )
-    return next(exact, format_number(target))
+    return next(exact, f"{target:.12g}")
 
 
 def format_confidence(confidence: float) -> str:
     """Return a confidence as it was given, in percent."""
-    return f"{100.0 * confidence:g} %"
+    return f"{100.0 * confidence:.12g} %"
 
 
 def _describe_unknown(answer: RequirementAnswer) -> Iterator[str]:
@@ -106,9 +120,10 @@ def _describe_confidence(answer: RequirementAnswer) -> str:
     of_points = ", and so do all on the frontier together" if answer.frontier else ""
     confidence = format_confidence(question.confidence)
     return (
-        f"It is assumed that P(failure) does not fall as errors grow{checked}. Each statement on "
+        f"It is assumed that P(failure) does not fall as errors grow{checked}. Each limit of "
         f"one channel holds with {confidence} confidence{of_points}: the error is divided by the "
-        f"number of tests of a search, up to {question.tests}."
+        f"number of tests of a search, up to {question.tests}. That of the errors that do not meet "
+        "the target is not part of this: more tests may look for the smallest of them."
     )
 
 

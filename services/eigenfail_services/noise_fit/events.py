@@ -13,6 +13,7 @@ from scipy import special
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Interval, Markov
+from eigenfail.values.channels import GHOST
 from eigenfail.values.shapes import MOST_LIKELY
 from eigenfail_services.noise_fit.jackknife import (
     Array,
@@ -38,6 +39,9 @@ MOST_ENDING = 1.0 - 1e-6
 
 RATE, DURATION, GROWTH = 0, 1, 2
 """Places of the parameters: the rate, 1 ÷ the mean duration, and the growth of the rate."""
+
+FEWEST_BLOCKS = 2
+"""Blocks with a run of an event: without the only one, the jackknife knows no duration."""
 
 BANDS = 5
 """Most bands of distance, with as many steps in each."""
@@ -142,6 +146,14 @@ def _refuse_endless(name: str, steps: EventSteps) -> None:
             f"{'its rate' if not begins else 'how long it lasts'} cannot be told.",
             "Log vehicles for longer, or leave out the rows without a measurement at the ends of "
             "tracks.",
+        )
+    if len(np.unique(steps.block[steps.before])) < FEWEST_BLOCKS:
+        where = "stretch of time" if name == GHOST else "track"
+        raise InvalidValue(
+            "track",
+            f"runs of '{name}' lie in a single {where}, so that it cannot be told how much their "
+            "duration differs.",
+            f"Log vehicles for longer, or leave out the rows of '{name}'.",
         )
 
 

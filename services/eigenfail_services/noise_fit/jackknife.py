@@ -35,6 +35,10 @@ MOST_SPREADS = 50.0
 """Most widths of its interval, as logarithms, by which a positive parameter may be wrong."""
 
 
+LEAST_GAIN = 1e-6
+"""Smallest gain in log density that counts: below it, it is the rounding of the optimizer."""
+
+
 class FreeParameter(NamedTuple):
     """A parameter that is fitted.
 
@@ -220,8 +224,8 @@ class ShapeScore(msgspec.Struct, frozen=True):
 
     @property
     def is_better(self) -> bool:
-        """Whether the interval of the gain is above 0."""
-        return self.gain is not None and self.gain[1].low > 0.0
+        """Whether the interval of the gain is above 0, by more than rounding errors."""
+        return self.gain is not None and self.gain[1].low > LEAST_GAIN
 
 
 def compare_candidates(likelihoods: Sequence[Likelihood]) -> list[ShapeScore]:

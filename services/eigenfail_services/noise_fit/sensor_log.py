@@ -329,10 +329,11 @@ def _find_ghosts(rows: Sequence[Row], step_s: float) -> Ghosts:
             "Give times of one clock for all tracks. Where there are several drives, add another "
             "offset to the times of each.",
         )
-    times = np.unique(
-        [_find_step(row.time_s, step_s) for row in rows if not isnan(row.positions[0])]
-    )
-    at = np.array([_find_step(row.time_s, step_s) for row in ghosts], np.int64)
+    # Times halfway between two steps of the clock's zero would be rounded up or down by chance.
+    start_s = min(begins.values(), default=0.0)
+    seen = [row.time_s for row in rows if not isnan(row.positions[0])]
+    times = np.unique(np.array([_find_step(at_s - start_s, step_s) for at_s in seen], np.float64))
+    at = np.array([_find_step(row.time_s - start_s, step_s) for row in ghosts], np.float64)
     is_ahead = np.array([row.track in ahead for row in ghosts], bool)
     lasts = np.isin(times, at[is_ahead])
     steps = None

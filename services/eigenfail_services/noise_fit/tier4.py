@@ -6,15 +6,17 @@ ellipse around the ego, errors are autoregressive, and detection is a Markov cha
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from math import exp, isfinite
+from math import exp
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import msgspec
 import numpy as np
 from scipy import optimize
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values import Autoregressive, Markov, White
+from eigenfail.settings import convert
+from eigenfail.values import Autoregressive, DisturbanceModel, Markov, White
 from eigenfail.values.channels import EVERY, MISSED, Channel
 from eigenfail.values.shapes import MOST_LIKELY
 from eigenfail_services.noise_fit.jackknife import Array
@@ -25,6 +27,7 @@ RADII_M = (10.0, 20.0, 40.0, 60.0, 80.0, 120.0, 150.0, 180.0, 1000.0)
 MOST_CORRELATION = 0.999
 LEAST_SIGMA = 1e-4
 LEAST_RATE = 1e-6
+LARGEST = 1e300
 
 LIKE_PARAMETERS = (
     "Give the ROS 2 parameter file of scenario_simulator_v2 with "
@@ -150,7 +153,7 @@ def import_noise(file: Path, step_s: float, farthest_m: float, config: str | Non
     topic = _find_topic(_read_yaml(file), file)
     noise = _read_table(topic, "noise", "")
     version = _read_table(noise, "model", "noise").get("version", 1)
-    if version not in READERS:
+    if type(version) is not int or version not in READERS:
         known = ", ".join(map(str, READERS))
         raise InvalidValue(
             "noise.model.version", f"'{version}' is not known.", f"Versions are {known}."
@@ -169,9 +172,14 @@ def import_noise(file: Path, step_s: float, farthest_m: float, config: str | Non
             "all of its noise is 0, or nothing that a channel can be.",
             "; ".join(collected.left_out) or LIKE_PARAMETERS,
         )
-    return ImportedNoise(
-        tuple(collected.channels), tuple(collected.mapped), tuple(collected.left_out)
+    model = msgspec.to_builtins(DisturbanceModel(channels=tuple(collected.channels)))
+    convert(model, DisturbanceModel, where)
+    # Names and texts of the file may hold line breaks, which would end a comment of the model.
+    mapped, left_out = (
+        tuple(" ".join(sentence.split()) for sentence in sentences)
+        for sentences in (collected.mapped, collected.left_out)
     )
+    return ImportedNoise(tuple(collected.channels), mapped, left_out)
 
 
 def _read_v1(collected: _Import, table: Table, where: str) -> None:
@@ -253,7 +261,9 @@ def _choose_config(table: Table, where: str, config: str | None) -> str:
         return config
     if len(table) != 1:
         raise InvalidValue(
-            where, f"has {len(table)} configurations: {', '.join(table)}.", "Choose with --config."
+            where,
+            f"has {len(table)} configurations: {', '.join(map(str, table))}.",
+            "Choose with --config.",
         )
     return next(iter(table))
 
@@ -290,11 +300,13 @@ def _read_yaml(file: Path) -> Any:
 
 def _find_topic(content: Any, file: Path) -> Table:
     """Return the innermost table that has the noise of detected objects."""
-    waiting = [content]
+    # Aliases may make a table part of itself.
+    waiting, seen = [content], set[int]()
     while waiting:
         table = waiting.pop(0)
-        if not isinstance(table, dict):
+        if not isinstance(table, dict) or id(table) in seen:
             continue
+        seen.add(id(table))
         if isinstance(table.get("noise"), dict) and "model" in table["noise"]:
             return table
         waiting += table.values()
@@ -323,8 +335,9 @@ def _read_number(table: Table, name: str, where: str, default: float) -> float:
 
 
 def _is_number(value: Any) -> bool:
+    # A comparison, as no whole number is too large for it.
     is_number = isinstance(value, int | float) and not isinstance(value, bool)
-    return is_number and isfinite(value)
+    return is_number and -LARGEST < value < LARGEST
 
 
 def _read_steps(noise: Table, name: str, where: str, default: float, distance_m: Array) -> Array:
@@ -344,6 +357,8 @@ def _read_steps(noise: Table, name: str, where: str, default: float, distance_m:
         raise InvalidValue(f"{place}.values", problem, "Give one for each radius.")
     if name != "mean" and min(values) < 0.0:
         raise InvalidValue(f"{place}.values", "has a negative value.", LIKE_PARAMETERS)
+    if sorted(radii) != radii:
+        raise InvalidValue(f"{where}: ellipse_y_radii", "do not grow.", "Sort the radii.")
     ratio = _read_number(table, "ellipse_normalized_x_radius", place, 1.0)
     if not ratio:
         field = f"{place}.ellipse_normalized_x_radius"
