@@ -107,7 +107,7 @@ def test_a_server_that_is_far_away_notices_that_this_host_is_gone(prepared_postg
 HANDS_OVER = """
 import os, signal, sys
 from eigenfail_services.store import postgres
-postgres.LIMITS.update({"idle_in_transaction_session_timeout": "1s", "transaction_timeout": "3s"})
+postgres.LIMITS.update({"idle_in_transaction_session_timeout": "1s", "transaction_timeout": "8s"})
 from eigenfail_services.store.campaigns import lock_campaign
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.postgres import limit_statement
