@@ -312,7 +312,13 @@ def _place_vehicles(course: Sequence[Observation]) -> tuple[Floats, Floats]:
     """Return poses, shape (observations, vehicles, 4), and sizes, shape (vehicles, 2), of a course.
 
     Vehicle 0 is the ego. NaN where a vehicle is not there; its size is that of its first moment.
+
+    Raises:
+        SimulatorError: vehicles without numbers come or go.
     """
+    if len({len(seen.others) for seen in course if seen.ids is None}) > 1:
+        problem = "The number of vehicles changes during the episode."
+        raise SimulatorError(problem, "Give each a number that it keeps: `Observation.ids`.")
     last = max([max(seen.numbers) for seen in course])
     vehicles = np.full((len(course), last + 1, 4), np.nan, np.float32)
     sizes: dict[int, tuple[float, float]] = {}
