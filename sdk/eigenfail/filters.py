@@ -154,10 +154,12 @@ def read_value(row: EpisodeRow, column: str) -> Value | None:
     """Return the value of a column in a row; None if it was not measured."""
     if column in _VALUE_READERS:
         return _VALUE_READERS[column](row)
-    if (number := find_requirement(column)) is not None:
-        return row.requirements[number - 1] if number <= len(row.requirements) else None
-    value: Value | None = getattr(row, column)
-    return value
+    if column in COLUMNS:  # before a pattern is matched: files have thirty cells a row
+        value: Value | None = getattr(row, column)
+        return value
+    number = find_requirement(column)
+    judged = row.requirements
+    return judged[number - 1] if number is not None and number <= len(judged) else None
 
 
 class Operator(StrEnum):
