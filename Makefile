@@ -16,7 +16,7 @@ PROCESSES ?= 3
 REQUESTS ?= 25000
 
 .DEFAULT_GOAL := help
-.PHONY: help image-steps setup compiled chromium headers tools demo test quick coverage lint format bench volume claims intervals pictures site openapi faults screens vendor soak explore hostile overload lock clean
+.PHONY: help image-steps setup compiled chromium headers javascript tools demo test quick coverage lint format bench volume claims intervals pictures site openapi faults screens vendor soak explore hostile overload lock clean
 
 help: ## this list
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-11s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -48,6 +48,10 @@ headers: ## Debian's g++ and ZeroMQ for C++, for the tests of the C++ bridge
 		|| $(call apt,g++ libzmq3-dev) \
 		|| echo "No g++ with zmq.h: the tests of the C++ bridge are skipped, and told at the end."
 
+javascript: ## the npm packages of the JavaScript bridge, for its tests
+	@{ command -v npm >/dev/null && npm ci --prefix examples/bridge/javascript --ignore-scripts --silent; } \
+		|| echo "No npm: the tests of the JavaScript bridge are skipped, and told at the end."
+
 tools: ## Debian's strace, iproute2 and curl, for the tests of faults and of texts to copy
 	@{ command -v strace && command -v ip && command -v curl; } >/dev/null \
 		|| $(call apt,strace iproute2 curl) \
@@ -56,14 +60,14 @@ tools: ## Debian's strace, iproute2 and curl, for the tests of faults and of tex
 demo: setup compiled ## a short campaign of each method, analysed, replayed, priced
 	$(BIN)/python examples/demo.py
 
-test: setup compiled chromium headers tools lint ## every check and every test
+test: setup compiled chromium headers javascript tools lint ## every check and every test
 	$(BIN)/python -m pytest -q tests/test_full_loop.py
 	$(BIN)/python -m pytest tests $(SPREAD)
 
 quick: setup compiled ## the tests that start no services and no browser; a third of the time
 	$(BIN)/python -m pytest tests -m "not service and not browser" $(SPREAD)
 
-coverage: setup chromium headers tools ## which lines the tests reach; takes half as long again
+coverage: setup chromium headers javascript tools ## which lines the tests reach; takes half as long again
 	$(BIN)/coverage erase
 	$(BIN)/coverage run -m pytest tests $(SPREAD)
 	@$(BIN)/coverage combine --quiet

@@ -332,7 +332,8 @@ def sample(schema: dict[str, Any], document: dict[str, Any], depth: int) -> Any:
         fields = schema.get("properties", {}).items() if depth else ()
         return {name: sample(shape, document, depth - 1) for name, shape in fields}
     if kind == "array":
-        return [sample(schema.get("items", {}), document, depth - 1)] if depth else []
+        items = schema.get("prefixItems") or [schema.get("items", {})]
+        return [sample(each, document, depth - 1) for each in items] if depth else []
     return {"integer": schema.get("minimum", 1), "number": 1.0, "boolean": True}.get(kind, "a")
 
 
