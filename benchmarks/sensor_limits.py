@@ -31,7 +31,6 @@ from eigenfail.sensor.scaling import Multiples, scale_model
 from eigenfail.sensor.search import (
     Anchor,
     ErrorLimit,
-    MultipleRange,
     RequirementAnswer,
     RequirementQuestion,
     find_limits,
@@ -179,16 +178,14 @@ RUNS: dict[str, Callable[[Toy, Robustness, int], Run]] = {
 }
 
 
-ASKED = RequirementQuestion(
-    target=2e-2, channels=CHANNELS, within=MultipleRange(0.3, 1.2, 0.15), points=3
-)
-ANCHOR_EPISODES, CONFIRMING = 400, 500
+ASKED = RequirementQuestion(target=1e-2, channels=CHANNELS, points=3)
+ANCHOR_EPISODES, CONFIRMING = 3_000, 20_000
 BATCH = 100
 
 
 def find_frontier(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
-    """The frontier of `idm` in `cut_in`, and P(failure) there by new episodes."""
-    setup = staged("cut_in", "idm")
+    """The frontier of `rulebook` in `cut_in`, and P(failure) there by new episodes."""
+    setup = staged("cut_in", "rulebook")
     confirmed = []
     for place, limit in enumerate(search_frontier(crew, setup, seed).frontier, start=1):
         (kept,) = limit.beside.values()
