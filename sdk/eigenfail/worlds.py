@@ -177,6 +177,20 @@ class CampaignWorld(ABC):
         """Return the names of the simulator's own signals that a campaign may name."""
         return ()
 
+    def check_offer(  # noqa: B027 - only bridges offer anything
+        self, spec: CampaignSpec, offer: bridges.BridgeOffer
+    ) -> None:
+        """Refuse a campaign that needs what a bridge does not offer.
+
+        Args:
+            spec: the campaign, with its channels written out.
+            offer: what the bridge offers.
+
+        Raises:
+            UnknownName: a name that the bridge does not know; the known ones are listed.
+            InvalidValue: the scenario has fewer steps, or steps of another duration.
+        """
+
     def step_s(self, _spec: CampaignSpec) -> float | None:
         """Return the duration of a step; None where steps have none. [s]
 
@@ -390,6 +404,19 @@ class FunctionWorld(CampaignWorld):
 _BRIDGE_SIGNAL = re.compile(rf"\b{BRIDGE}\.[A-Za-z_0-9]+")
 
 
+def _list_judged(spec: CampaignSpec) -> Iterator[tuple[str, object]]:
+    """Yield the requirements of a campaign and its importance, each with its field."""
+    for place, each in enumerate(spec.all_requirements):
+        yield f"{FIELD}[{place}]", each
+    if not isinstance(spec.importance, msgspec.UnsetType):
+        yield "importance", spec.importance
+
+
+def _find_bridge_signals(judged: object) -> set[str]:
+    """Return the names of the signals of a bridge in a formula; none where it is no formula."""
+    return {*_BRIDGE_SIGNAL.findall(judged.formula)} if isinstance(judged, Formula) else set()
+
+
 class BridgeWorld(CampaignWorld):
     """A process behind a bridge, simulator and planner in one; see `eigenfail.bridges`."""
 
@@ -417,14 +444,14 @@ class BridgeWorld(CampaignWorld):
 
     def list_own_signals(self, spec: CampaignSpec) -> tuple[str, ...]:
         """Return those that the campaign names; whether the bridge reports them it says later."""
-        followed = () if isinstance(spec.importance, msgspec.UnsetType) else (spec.importance,)
-        named = {
-            name
-            for each in (*spec.all_requirements, *followed)
-            if isinstance(each, Formula)
-            for name in _BRIDGE_SIGNAL.findall(each.formula)
-        }
-        return tuple(sorted(named))
+        named = (_find_bridge_signals(each) for _, each in _list_judged(spec))
+        return tuple(sorted(set().union(*named)))
+
+    def check_offer(self, spec: CampaignSpec, offer: bridges.BridgeOffer) -> None:
+        """Check scenario, planner, parameters, settings, channels and signals."""
+        bridges.check_offer(offer, spec)
+        for field, each in _list_judged(spec):
+            bridges.check_signals(offer, _find_bridge_signals(each), field)
 
     def variation(self, spec: CampaignSpec) -> Variation:
         """Return the parameters that a bridge can receive."""

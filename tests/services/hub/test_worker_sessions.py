@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from structlog.testing import capture_logs
 
+from eigenfail.bridges import BridgeOffer, BridgePlanner, BridgeScenario
 from eigenfail.values import (
     CampaignSpec,
     EpisodeFault,
@@ -25,6 +26,7 @@ from eigenfail.wire.messages import (
     MAX_HOLDINGS,
     PROTOCOL,
     Ack,
+    BridgeReport,
     Drop,
     Goodbye,
     Heartbeat,
@@ -38,6 +40,7 @@ from eigenfail.wire.messages import (
     Welcome,
     encode,
     fingerprint_task,
+    split,
 )
 from eigenfail_services.hub import worker_sessions
 from eigenfail_services.hub.commits import CommitQueue
@@ -251,6 +254,24 @@ def test_whatever_bytes_come_the_hub_answers_or_ignores(data: bytes) -> None:
     room.join(b"a")
     room.sessions.handle(b"a", data)
     assert b"a" in room.leases.sessions
+
+
+def offer(parameters: int) -> BridgeOffer:
+    """The offer of a bridge whose scenario has some parameters with long names."""
+    names = {f"{number:0200}": 0.5 for number in range(parameters)}
+    return BridgeOffer("b", "1", (BridgeScenario("s", 0.1, 9, names),), (BridgePlanner("p"),))
+
+
+def test_what_a_bridge_offers_is_kept_with_the_session_of_its_worker(room: Room) -> None:
+    room.join(b"a")
+    session = room.leases.sessions[b"a"]
+    assert session.offer is None
+    for said, kept in ((offer(3), True), (None, False), (offer(3), True), (offer(2_000), False)):
+        for frame in split(BridgeReport(said)):
+            room.sessions.handle(b"a", frame)
+        assert (session.offer is not None) is kept
+    room.sessions.handle(b"b", encode(BridgeReport(offer(1))))
+    assert b"b" not in room.leases.sessions
 
 
 @given(st.integers(0, 400), st.integers(0, 255))

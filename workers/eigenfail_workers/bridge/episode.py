@@ -7,8 +7,15 @@ import msgspec
 from msgspec import UNSET
 from msgspec.structs import replace
 
-from eigenfail.bridges import Plain, foreign
-from eigenfail.errors import EpisodeError, InputError, InvalidValue, SimulatorError, UnknownName
+from eigenfail.bridges import (
+    EpisodeDemand,
+    Plain,
+    check_channels,
+    check_demand,
+    check_signals,
+    foreign,
+)
+from eigenfail.errors import EpisodeError, InputError, InvalidValue, SimulatorError
 from eigenfail.values import (
     AXES,
     Account,
@@ -21,16 +28,14 @@ from eigenfail.values import (
     Path,
     VehicleState,
 )
-from eigenfail.values.channels import CHANNELS_FIELD, EVERY, Channel, split_name
+from eigenfail.values.channels import CHANNELS_FIELD, Channel, split_name
 from eigenfail.values.requirements import EpisodeJudge
 from eigenfail.values.shapes import Row
-from eigenfail.values.signals import BRIDGE
 from eigenfail_workers.accounts import RecordedStep, read_account, thin_path
 from eigenfail_workers.bridge.connection import Connection
 from eigenfail_workers.bridge.messages import (
     CHANNEL_PROTOCOL,
     MAX_VEHICLES,
-    BridgeScenario,
     BridgeWelcome,
     DetailedObservation,
     InjectedChannel,
@@ -100,10 +105,11 @@ class BridgeEpisode:
         self._foreign = foreign(parameters)
         named = msgspec.structs.asdict(parameters)
         self._steps, self._dt_s = int(named["steps"]), float(named["dt_s"])
-        check_start(welcome, self.make_start(0), self._dt_s)
-        check_channels(welcome, campaign.noise.perceived)
+        offer = welcome.offer
+        check_demand(offer, self._make_demand())
+        check_channels(offer, [channel.name for channel in campaign.noise.perceived])
         if campaign.judge is not None:
-            check_signals(welcome, campaign.judge.signals)
+            check_signals(offer, campaign.judge.signals)
         self._wall_s, self._measured_s = 0.0, perf_counter()
         model = campaign.model
         self._recorder = Recorder(model, task.importance, campaign.judge)
@@ -118,6 +124,17 @@ class BridgeEpisode:
     def has_begun(self) -> bool:
         """Whether the bridge has reported the start of the episode."""
         return self._reader.has_begun
+
+    def _make_demand(self) -> EpisodeDemand:
+        setup = self._campaign.setup
+        return EpisodeDemand(
+            setup.scenario,
+            setup.planner,
+            self._foreign,
+            self._campaign.settings,
+            self._steps,
+            self._dt_s,
+        )
 
     def make_start(self, slot: int) -> SlotStart:
         """Return what a reset asks for in a slot."""
@@ -344,73 +361,3 @@ def _read_ego(seen: SlotObservation, step: int) -> VehicleState:
 
 def _read_others(seen: SlotObservation) -> tuple[VehicleState, ...]:
     return tuple([VehicleState(*vehicle) for vehicle in seen.others])
-
-
-def find_scenario(welcome: BridgeWelcome, name: str) -> BridgeScenario:
-    """Return the scenario of a bridge by its name.
-
-    Raises:
-        UnknownName: the bridge does not offer that scenario.
-    """
-    for scenario in welcome.scenarios:
-        if scenario.name == name:
-            return scenario
-    raise UnknownName("scenario", name, (each.name for each in welcome.scenarios))
-
-
-def check_start(welcome: BridgeWelcome, start: SlotStart, dt_s: float) -> None:
-    """Check that a bridge offers what an episode needs.
-
-    Args:
-        welcome: what the bridge offers.
-        start: what the episode needs.
-        dt_s: duration of a step according to the campaign.
-
-    Raises:
-        UnknownName: the bridge does not know the scenario, the planner, a parameter or a setting.
-        InvalidValue: the scenario has fewer steps, or steps of another duration.
-    """
-    scenario = find_scenario(welcome, start.scenario)
-    planners = {each.name: each.settings or {} for each in welcome.planners}
-    if start.planner not in planners:
-        raise UnknownName("planner", start.planner, planners)
-    for field, given, known in (
-        ("scenario_parameters", start.parameters, scenario.parameters or {}),
-        ("planner_settings", start.settings, planners[start.planner]),
-    ):
-        for name in given:
-            if name not in known:
-                raise UnknownName(field, name, known)
-    if start.steps > scenario.steps:
-        problem = f"'{scenario.name}' has no more than {scenario.steps} steps."
-        raise InvalidValue("scenario_parameters.steps", problem, "Ask for no more.")
-    if dt_s != scenario.dt_s:
-        problem = f"a step of '{scenario.name}' takes {scenario.dt_s:g} s, and not {dt_s:g} s."
-        remedy = f"Write dt_s = {scenario.dt_s:g}."
-        raise InvalidValue("scenario_parameters.dt_s", problem, remedy)
-
-
-def check_channels(welcome: BridgeWelcome, channels: tuple[Channel, ...]) -> None:
-    """Check that a bridge can disturb the channels of a campaign.
-
-    Raises:
-        UnknownName: it cannot disturb one of them.
-    """
-    offered = welcome.offered_channels
-    for channel in channels:
-        name = split_name(channel.name)
-        each = f"{EVERY}.{name.quantity}"
-        if channel.name not in offered and not (name.vehicle and each in offered):
-            raise UnknownName(CHANNELS_FIELD, channel.name, offered)
-
-
-def check_signals(welcome: BridgeWelcome, needed: frozenset[str]) -> None:
-    """Check that a bridge reports the signals of its own that requirements need.
-
-    Raises:
-        UnknownName: it does not report one of them.
-    """
-    offered = {f"{BRIDGE}.{name}" for name in welcome.offered_signals}
-    for name in sorted(needed):
-        if name.startswith(f"{BRIDGE}.") and name not in offered:
-            raise UnknownName("signal in requirements", name, offered)

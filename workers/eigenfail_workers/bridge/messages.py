@@ -15,7 +15,13 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
-from eigenfail.bridges import Plain, Steps, StepTime
+from eigenfail.bridges import (
+    BridgeOffer,
+    BridgePlanner,
+    BridgeScenario,
+    Name,
+    Plain,
+)
 from eigenfail.errors import (
     EpisodeError,
     InputError,
@@ -45,10 +51,8 @@ MAX_PATH_POINTS = 1_000
 Number = Annotated[float, Meta(ge=-1e9, le=1e9)]
 Size = Annotated[float, Meta(gt=0.0, le=1e9)]
 Count = Annotated[int, Meta(ge=0)]
-Name = Annotated[str, Meta(min_length=1, max_length=200)]
 Pair = tuple[Number, Number]
 Vehicle = tuple[Number, Number, Number, Number, Size, Size]
-Defaults = dict[Name, Plain]
 Fault = Literal["simulator", "planner", "solver", "input"]
 
 
@@ -139,22 +143,6 @@ class CloseRequest(BridgeMessage, frozen=True, tag="close"):
     id: int
 
 
-class BridgeScenario(msgspec.Struct, frozen=True):
-    """Scenario that the bridge offers, with the defaults of its parameters by name."""
-
-    name: Name
-    dt_s: StepTime
-    steps: Steps
-    parameters: Defaults | None = None
-
-
-class BridgePlanner(msgspec.Struct, frozen=True):
-    """Planner that the bridge offers, with the defaults of its settings by name."""
-
-    name: Name
-    settings: Defaults | None = None
-
-
 class BridgeWelcome(BridgeMessage, frozen=True, tag="welcome"):
     """Acceptance of a session: what the bridge offers, and its number of slots."""
 
@@ -179,6 +167,18 @@ class BridgeWelcome(BridgeMessage, frozen=True, tag="welcome"):
     def wants_text_seeds(self) -> bool:
         """Whether seeds are sent as text."""
         return False
+
+    @property
+    def offer(self) -> BridgeOffer:
+        """What the bridge offers to campaigns."""
+        return BridgeOffer(
+            self.name,
+            self.version,
+            self.scenarios,
+            self.planners,
+            tuple(sorted(self.offered_channels)),
+            tuple(sorted(self.offered_signals)),
+        )
 
 
 class BridgeSignal(msgspec.Struct, frozen=True):
