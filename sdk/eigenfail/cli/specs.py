@@ -129,11 +129,14 @@ def check_local_bridge(specs: Collection[CampaignSpec]) -> None:
     on_bridge = [spec for spec in specs if world_of(spec.simulator).needs_bridge]
     if not (address and on_bridge):
         return
-    question, offer = OfferQuestion(check_address(address)), None
+    offer: BridgeOffer | None = None
+    question = OfferQuestion(check_address(address))
     with suppress(ServiceError):
         answer = ask_about_bridges(question, OFFER_PATIENCE_S)
         offer = msgspec.json.decode(answer, type=BridgeOffer | None)
-    for spec in on_bridge if offer else ():
+    if offer is None:
+        return
+    for spec in on_bridge:
         world = world_of(spec.simulator)
         world.check_offer(replace(spec, disturbance=world.resolve_disturbance(spec)), offer)
 

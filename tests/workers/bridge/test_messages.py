@@ -120,6 +120,21 @@ ANSWERS_2 = {
         )
         * 2,
     ),
+    "observations_2_with_road": said.Observations(
+        1,
+        (
+            said.DetailedObservation(
+                0,
+                ego,
+                (other,),
+                False,
+                False,
+                off_road=False,
+                kinds=("van",),
+                road=(((0.0, -2.0), (200.0, -2.0)), ((0.0, 6.0), (100.0, 6.0), (200.0, 8.0))),
+            ),
+        ),
+    ),
     "observations_2_after_step": said.Observations(
         2,
         (

@@ -4,7 +4,8 @@ from time import perf_counter
 from typing import NamedTuple
 
 import msgspec
-from msgspec import UNSET
+import numpy as np
+from msgspec import UNSET, UnsetType
 from msgspec.structs import replace
 
 from eigenfail.bridges import (
@@ -24,12 +25,15 @@ from eigenfail.values import (
     EpisodeResult,
     EpisodeSetup,
     EpisodeTask,
+    Floats,
     Observation,
     Path,
+    Scene,
     VehicleState,
 )
 from eigenfail.values.channels import CHANNELS_FIELD, Channel, split_name
 from eigenfail.values.requirements import EpisodeJudge
+from eigenfail.values.scene import UNKNOWN_KIND, VEHICLE_KINDS
 from eigenfail.values.shapes import Row
 from eigenfail_workers.accounts import RecordedStep, read_account, thin_path
 from eigenfail_workers.bridge.connection import Connection
@@ -186,7 +190,8 @@ class BridgeEpisode:
             done = make_result(
                 self._campaign.setup, self.task, self._noise, self._recorder, self._dt_s
             )
-            return replace(done, wall_s=wall_s)
+            scene = done.scene and self._reader.complete_scene(done.scene)
+            return replace(done, wall_s=wall_s, scene=scene)
         self._disturbance = disturbance
         if wall_s > connection.timeouts.episode_s:
             raise connection.make_timeout()
@@ -235,6 +240,8 @@ class ObservationReader:
         self._dt_s = dt_s
         self._last: Observation | None = None
         self._vehicles: dict[int | str, tuple[int, Point]] = {}
+        self._kinds: dict[int, str] = {}
+        self._road: tuple[Floats, ...] | UnsetType = UNSET
 
     @property
     def has_begun(self) -> bool:
@@ -258,8 +265,28 @@ class ObservationReader:
         """
         before = self._last
         now = self._read_start(seen) if before is None else self._go_on(seen, before, disturbance)
+        self._note_kinds(seen, now)
         self._last = now
         return now
+
+    def complete_scene(self, scene: Scene) -> Scene:
+        """Return the scene of the episode with the road and the kinds that the bridge has told."""
+        kinds: tuple[str, ...] | UnsetType = UNSET
+        if self._kinds:
+            numbers = range(len(scene.sizes))
+            kinds = tuple([self._kinds.get(number, UNKNOWN_KIND) for number in numbers])
+        return replace(scene, road=self._road, kinds=kinds)
+
+    def _note_kinds(self, seen: SlotObservation, now: Observation) -> None:
+        """Keep the first kind that the bridge tells of each vehicle."""
+        kinds = seen.kinds if isinstance(seen, DetailedObservation) else None
+        if kinds is None:
+            return
+        if len(kinds) != len(now.others):
+            problem = f"The {len(now.others)} other vehicles have {len(kinds)} kinds."
+            raise SimulatorError(problem, "Give one for each, in their order, or leave them out.")
+        for number, kind in zip(now.numbers, kinds, strict=True):
+            self._kinds.setdefault(number, kind if kind in VEHICLE_KINDS else UNKNOWN_KIND)
 
     def _read_start(self, seen: SlotObservation) -> Observation:
         ego, others = _read_ego(seen, 0), _read_others(seen)
@@ -269,6 +296,8 @@ class ObservationReader:
             if ids is None and vehicle is not None and vehicle > len(others):
                 problem = f"'{channel.name}' is of vehicle {vehicle}, and there are {len(others)}."
                 raise InvalidValue(CHANNELS_FIELD, problem, "Vehicles are numbered from 1.")
+        if isinstance(seen, DetailedObservation) and seen.road:
+            self._road = tuple([np.array(border, np.float32) for border in seen.road])
         return Observation(
             0,
             ego,
