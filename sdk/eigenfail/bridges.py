@@ -6,7 +6,7 @@ the bridge is, a campaign cannot say: the user who starts a worker does.
 
 import os
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from math import isfinite
 from typing import Annotated, Any, NamedTuple
 
@@ -37,7 +37,6 @@ MAX_OFFER_BYTES = 256 * 1024
 
 Plain = bool | int | float | str
 Name = Annotated[str, Meta(min_length=1, max_length=LONGEST_TEXT)]
-Defaults = dict[Name, Plain]
 Steps = Annotated[int, Meta(ge=1, le=10_000)]
 StepTime = Annotated[float, Meta(gt=0.0, le=10.0)]
 
@@ -77,20 +76,20 @@ class OfferQuestion(msgspec.Struct, frozen=True, tag=True):
 BridgeQuestion = BridgeCheck | GoldenMessages | OfferQuestion
 
 
-class BridgeScenario(msgspec.Struct, frozen=True):
-    """Scenario that a bridge offers, with the defaults of its parameters by name."""
+class OfferedScenario(msgspec.Struct, frozen=True):
+    """Scenario that a bridge offers, with the names of its parameters."""
 
     name: Name
     dt_s: StepTime
     steps: Steps
-    parameters: Defaults | None = None
+    parameters: tuple[Name, ...] = ()
 
 
-class BridgePlanner(msgspec.Struct, frozen=True):
-    """Planner that a bridge offers, with the defaults of its settings by name."""
+class OfferedPlanner(msgspec.Struct, frozen=True):
+    """Planner that a bridge offers, with the names of its settings."""
 
     name: Name
-    settings: Defaults | None = None
+    settings: tuple[Name, ...] = ()
 
 
 class BridgeOffer(msgspec.Struct, frozen=True):
@@ -105,8 +104,8 @@ class BridgeOffer(msgspec.Struct, frozen=True):
 
     name: Name
     version: Name
-    scenarios: tuple[BridgeScenario, ...]
-    planners: tuple[BridgePlanner, ...]
+    scenarios: tuple[OfferedScenario, ...]
+    planners: tuple[OfferedPlanner, ...]
     channels: tuple[Name, ...] = ()
     signals: tuple[Name, ...] = ()
 
@@ -268,12 +267,12 @@ def check_demand(offer: BridgeOffer, demand: EpisodeDemand) -> None:
         UnknownName: the bridge does not know the scenario, the planner, a parameter or a setting.
         InvalidValue: the scenario has fewer steps, or steps of another duration.
     """
-    scenario = find_scenario(offer.scenarios, demand.scenario)
-    planners = {each.name: each.settings or {} for each in offer.planners}
+    scenario = find_scenario(offer, demand.scenario)
+    planners = {each.name: each.settings for each in offer.planners}
     if demand.planner not in planners:
         raise UnknownName("planner", demand.planner, planners)
     for field, given, known in (
-        ("scenario_parameters", demand.parameters, scenario.parameters or {}),
+        ("scenario_parameters", demand.parameters, scenario.parameters),
         ("planner_settings", demand.settings, planners[demand.planner]),
     ):
         for name in given:
@@ -283,21 +282,22 @@ def check_demand(offer: BridgeOffer, demand: EpisodeDemand) -> None:
         problem = f"'{scenario.name}' has no more than {scenario.steps} steps."
         raise InvalidValue("scenario_parameters.steps", problem, "Ask for no more.")
     if demand.dt_s != scenario.dt_s:
-        problem = f"a step of '{scenario.name}' takes {scenario.dt_s:g} s, not {demand.dt_s:g} s."
-        remedy = f"Write dt_s = {scenario.dt_s:g}."
+        asked_s, dt_s = demand.dt_s, scenario.dt_s
+        problem = f"a step of '{scenario.name}' takes {dt_s:g} s, and not {asked_s:g} s."
+        remedy = f"Write dt_s = {dt_s:g}."
         raise InvalidValue("scenario_parameters.dt_s", problem, remedy)
 
 
-def find_scenario(scenarios: Sequence[BridgeScenario], name: str) -> BridgeScenario:
+def find_scenario(offer: BridgeOffer, name: str) -> OfferedScenario:
     """Return the scenario of a bridge by its name.
 
     Raises:
         UnknownName: the bridge does not offer that scenario.
     """
-    for scenario in scenarios:
+    for scenario in offer.scenarios:
         if scenario.name == name:
             return scenario
-    raise UnknownName("scenario", name, (each.name for each in scenarios))
+    raise UnknownName("scenario", name, (each.name for each in offer.scenarios))
 
 
 def check_channels(offer: BridgeOffer, names: Collection[str]) -> None:

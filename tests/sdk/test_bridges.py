@@ -75,7 +75,7 @@ def test_what_no_bridge_can_be_told_is_refused(parameters, said: str) -> None:
 
 def test_settings_of_the_planner_are_plain_too() -> None:
     with pytest.raises(InvalidValue, match=r"planner_settings\.speed: is not a finite number"):
-        bridges.read_plain({"speed": {"a": 1}}, "planner_settings")
+        bridges.read_plain({"speed": ("a",)}, "planner_settings")
 
 
 def test_a_foreign_planner_has_no_code_here() -> None:
@@ -123,8 +123,8 @@ def test_what_is_no_address_is_refused(address: str) -> None:
 OFFER = bridges.BridgeOffer(
     "theirs",
     "2.1",
-    (bridges.BridgeScenario("crossing, wet", 0.1, 80, {"gap_m": 9.0, "wet": True}),),
-    (bridges.BridgePlanner("theirs 2.1", {"speed": 9.0, "bold": False, "map": "b"}),),
+    (bridges.OfferedScenario("crossing, wet", 0.1, 80, ("gap_m", "wet")),),
+    (bridges.OfferedPlanner("theirs 2.1", ("speed", "bold", "map")),),
     ("longitudinal", "lateral", "every.speed", "ego.heading"),
     ("planned_gap_m",),
 )

@@ -3,7 +3,7 @@
 import msgspec
 import pytest
 
-from eigenfail.bridges import BridgeOffer, BridgePlanner, BridgeScenario
+from eigenfail.bridges import BridgeOffer, OfferedPlanner, OfferedScenario
 from eigenfail.errors import StoreUnavailable
 from eigenfail.wire.messages import PROTOCOL, Hello
 from eigenfail_services.hub import worker_table
@@ -109,7 +109,7 @@ def test_what_could_not_be_written_is_written_later(table, monkeypatch):
 
 
 OFFER = BridgeOffer(
-    "b", "1", (BridgeScenario("road", 0.1, 10),), (BridgePlanner("p", {"a": 1}),), ("speed",)
+    "b", "1", (OfferedScenario("road", 0.1, 10),), (OfferedPlanner("p", ("a",)),), ("speed",)
 )
 
 

@@ -17,10 +17,12 @@ from msgspec import UNSET, Meta, UnsetType
 
 from eigenfail.bridges import (
     BridgeOffer,
-    BridgePlanner,
-    BridgeScenario,
     Name,
+    OfferedPlanner,
+    OfferedScenario,
     Plain,
+    Steps,
+    StepTime,
 )
 from eigenfail.errors import (
     EpisodeError,
@@ -55,6 +57,7 @@ Size = Annotated[float, Meta(gt=0.0, le=1e9)]
 Count = Annotated[int, Meta(ge=0)]
 Pair = tuple[Number, Number]
 Vehicle = tuple[Number, Number, Number, Number, Size, Size]
+Defaults = dict[Name, Plain]
 Border = Annotated[tuple[Pair, ...], Meta(min_length=2, max_length=MAX_ROAD_POINTS)]
 Fault = Literal["simulator", "planner", "solver", "input"]
 
@@ -146,6 +149,22 @@ class CloseRequest(BridgeMessage, frozen=True, tag="close"):
     id: int
 
 
+class BridgeScenario(msgspec.Struct, frozen=True):
+    """Scenario that the bridge offers, with the defaults of its parameters by name."""
+
+    name: Name
+    dt_s: StepTime
+    steps: Steps
+    parameters: Defaults | None = None
+
+
+class BridgePlanner(msgspec.Struct, frozen=True):
+    """Planner that the bridge offers, with the defaults of its settings by name."""
+
+    name: Name
+    settings: Defaults | None = None
+
+
 class BridgeWelcome(BridgeMessage, frozen=True, tag="welcome"):
     """Acceptance of a session: what the bridge offers, and its number of slots."""
 
@@ -173,12 +192,19 @@ class BridgeWelcome(BridgeMessage, frozen=True, tag="welcome"):
 
     @property
     def offer(self) -> BridgeOffer:
-        """What the bridge offers to campaigns."""
+        """What the bridge offers to campaigns: names, without the defaults."""
         return BridgeOffer(
             self.name,
             self.version,
-            self.scenarios,
-            self.planners,
+            tuple(
+                [
+                    OfferedScenario(each.name, each.dt_s, each.steps, tuple(each.parameters or ()))
+                    for each in self.scenarios
+                ]
+            ),
+            tuple(
+                [OfferedPlanner(each.name, tuple(each.settings or ())) for each in self.planners]
+            ),
             tuple(sorted(self.offered_channels)),
             tuple(sorted(self.offered_signals)),
         )
