@@ -34,6 +34,7 @@ from eigenfail.values.requirements import (
 )
 from eigenfail.values.signals import (
     BRIDGE,
+    PLANNER,
     ExpectedCourse,
     list_signals,
 )
@@ -174,7 +175,7 @@ class CampaignWorld(ABC):
         return msgspec.UNSET if named == COLLISION_ALONE else named
 
     def list_own_signals(self, _spec: CampaignSpec) -> tuple[str, ...]:
-        """Return the names of the simulator's own signals that a campaign may name."""
+        """Return the names of the simulator's or planner's own signals that it may name."""
         return ()
 
     def check_offer(  # noqa: B027 - only bridges offer anything
@@ -283,6 +284,11 @@ class PluginWorld(CampaignWorld):
             problem = f"the simulator '{described.simulator}' does not say which it offers."
             raise InvalidValue(CHANNELS_FIELD, problem, "Leave them out, or give it `channels`.")
         return model.resolve(counts.pop(), offered, tuple(variation.varied))
+
+    def list_own_signals(self, spec: CampaignSpec) -> tuple[str, ...]:
+        """Return the names of the signals that the planner reports."""
+        planner = plugins.load(plugins.PLANNERS, spec.planner)
+        return tuple(f"{PLANNER}.{name}" for name in getattr(planner, "signal_names", ()))
 
     def variation(self, spec: CampaignSpec) -> Variation:
         """Return the parameters as the scenario's annotations bound them."""
