@@ -155,7 +155,7 @@ def make_scene_chart(
             "collides": outcome is Outcome.COLLISION,
             "lanes": mission.lanes if mission else 0,
             "lane": mission.lane_width_m if mission else CONVENTIONAL_LANE_M,
-            **list_shown(scene),
+            **_list_optional_values(scene),
         },
         columns=(
             "Time [s]",
@@ -176,7 +176,7 @@ def make_scene_chart(
     )
 
 
-def list_shown(scene: Scene) -> dict[str, object]:
+def _list_optional_values(scene: Scene) -> dict[str, object]:
     """Return the borders of the lanes and the kinds of the vehicles, where the simulator told any.
 
     A vehicle of an unknown kind has an empty text.
