@@ -21,6 +21,7 @@ from played import LAYER, PlayedSocket, context_of, played_hub, played_learners,
 from played_worker import PlayedWorker
 from undisturbed import number
 
+from eigenfail.bridges import BridgeOffer, OfferedPlanner, OfferedScenario
 from eigenfail.testing.examples import collision, floats, make_errored_result, result, spec
 from eigenfail.values import (
     EpisodeTask,
@@ -63,6 +64,14 @@ HOLDINGS = (
     Holding(9, 99, b"another"),
 )
 LONG = m.encode(m.Results(2, (collision(1),)))
+OFFER = BridgeOffer(
+    "b",
+    "1",
+    (OfferedScenario("road", 0.1, 50, ("gap_m", "wet")),),
+    (OfferedPlanner("driver", ("headway_s",)),),
+    ("missed", "every.speed"),
+    ("gap_m",),
+)
 WHOLE = m.encode(m.Ack(1, (0, 1)))
 TO_HUB: tuple[m.Message, ...] = (
     m.Hello(m.PROTOCOL, "w", 8, "host", 7),
@@ -72,6 +81,8 @@ TO_HUB: tuple[m.Message, ...] = (
     m.Heartbeat(),
     m.Results(1, (result(0), make_errored_result(2))),
     m.Results(2, (collision(1),)),
+    m.BridgeReport(None),
+    m.BridgeReport(OFFER),
     m.Goodbye("stopped"),
     m.Piece(1, 0, len(LONG), LONG[:40]),
     m.Piece(1, 40, len(LONG), LONG[40:]),

@@ -77,6 +77,7 @@ def observe(step: int) -> dict[str, Any]:
         "ego": [at_m, 0.0, 0.0, 20.0, 12.0, 2.5],
         "others": others[:present],
         "ids": ["a", "b"][:present],
+        "kinds": ["car", "pedestrian"][:present],
         "signals": {"gap_m": 11.75 - step},
         "ended": step == STEPS,
     }
@@ -87,7 +88,8 @@ def observe(step: int) -> dict[str, Any]:
         "account": {"heeds": "lead", "gap_m": 11.75, "sure": True},
         "path": [[at_m, 0.0], [at_m + 20.0, 0.0]],
     }
-    return seen | (decided if step else {})
+    road = {"road": [[[0.0, 2.0], [50.0, 2.0], [90.0, 9.0]], [[0.0, -2.0], [90.0, 5.0]]]}
+    return seen | (decided if step else road)
 
 
 class PlayedConnection(Connection):

@@ -6,16 +6,18 @@ the bridge is, a campaign cannot say: the user who starts a worker does.
 
 import os
 import re
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from math import isfinite
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import msgspec
 from msgspec import Meta
 
 from eigenfail.addresses import TRUST_VARIABLE, is_own_endpoint
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values import CampaignSpec, DisturbanceModel
+from eigenfail.values.channels import CHANNELS_FIELD, EVERY, SCENARIO, split_name
+from eigenfail.values.signals import BRIDGE
 from eigenfail.values.variation import Variation, read_variation
 
 SIMULATOR = "bridge"
@@ -30,7 +32,11 @@ ADDRESS = re.compile(r"tcp://(\[[0-9a-fA-F:.]+\]|[\w.-]+):[1-9]\d{0,4}|ipc:///?[
 LONGEST_TEXT = 200
 MOST_PARAMETERS = 64
 
+MAX_OFFER_BYTES = 256 * 1024
+"""Longest offer of a bridge, as JSON, that workers report and services keep."""
+
 Plain = bool | int | float | str
+Name = Annotated[str, Meta(min_length=1, max_length=LONGEST_TEXT)]
 Steps = Annotated[int, Meta(ge=1, le=10_000)]
 StepTime = Annotated[float, Meta(gt=0.0, le=10.0)]
 
@@ -57,7 +63,69 @@ class GoldenMessages(msgspec.Struct, frozen=True, tag=True):
     """Question to the same: what are the messages of the protocol, byte for byte?"""
 
 
-BridgeQuestion = BridgeCheck | GoldenMessages
+class OfferQuestion(msgspec.Struct, frozen=True, tag=True):
+    """Question to the same: what does this bridge offer? The answer is null if none answers.
+
+    Attributes:
+        address: address of the bridge, checked.
+    """
+
+    address: str
+
+
+BridgeQuestion = BridgeCheck | GoldenMessages | OfferQuestion
+
+
+class OfferedScenario(msgspec.Struct, frozen=True):
+    """Scenario that a bridge offers, with the names of its parameters."""
+
+    name: Name
+    dt_s: StepTime
+    steps: Steps
+    parameters: tuple[Name, ...] = ()
+
+
+class OfferedPlanner(msgspec.Struct, frozen=True):
+    """Planner that a bridge offers, with the names of its settings."""
+
+    name: Name
+    settings: tuple[Name, ...] = ()
+
+
+class BridgeOffer(msgspec.Struct, frozen=True):
+    """What a bridge offers to campaigns.
+
+    Attributes:
+        name: name of the bridge.
+        version: version of the bridge.
+        channels: names of the channels that it can disturb; `every.` stands for each vehicle.
+        signals: names of the signals that it reports of each step.
+    """
+
+    name: Name
+    version: Name
+    scenarios: tuple[OfferedScenario, ...]
+    planners: tuple[OfferedPlanner, ...]
+    channels: tuple[Name, ...] = ()
+    signals: tuple[Name, ...] = ()
+
+
+class EpisodeDemand(NamedTuple):
+    """What an episode needs of a bridge.
+
+    Attributes:
+        parameters: parameters of the scenario, without those that eigenfail reads itself.
+        settings: settings of the planner.
+        steps: horizon.
+        dt_s: duration of a step according to the campaign.
+    """
+
+    scenario: str
+    planner: str
+    parameters: Mapping[str, Plain]
+    settings: Mapping[str, Plain]
+    steps: int
+    dt_s: float
 
 
 def check_address(address: str) -> str:
@@ -172,3 +240,93 @@ def refuse_too_many(given: Mapping[str, Any], field: str) -> None:
     if len(given) > MOST_PARAMETERS:
         problem = f"there are {len(given)}."
         raise InvalidValue(field, problem, f"A bridge receives at most {MOST_PARAMETERS}.")
+
+
+def check_offer(offer: BridgeOffer, spec: CampaignSpec) -> None:
+    """Check that a bridge offers what the episodes of a campaign need, but for its signals.
+
+    Raises:
+        UnknownName: the bridge does not know the scenario, the planner, a parameter, a setting or a
+            channel; the known names are listed.
+        InvalidValue: the scenario has fewer steps, or steps of another duration.
+    """
+    settings = read_plain(spec.planner_settings, "planner_settings")
+    for corner in check(spec).corners():
+        named = msgspec.structs.asdict(corner)
+        steps, dt_s = int(named["steps"]), float(named["dt_s"])
+        demand = EpisodeDemand(spec.scenario, spec.planner, foreign(corner), settings, steps, dt_s)
+        check_demand(offer, demand)
+    names = (channel.name for channel in spec.disturbance.list_channels())
+    check_channels(offer, [name for name in names if split_name(name).target != SCENARIO])
+
+
+def check_demand(offer: BridgeOffer, demand: EpisodeDemand) -> None:
+    """Check that a bridge offers what an episode needs.
+
+    Raises:
+        UnknownName: the bridge does not know the scenario, the planner, a parameter or a setting.
+        InvalidValue: the scenario has fewer steps, or steps of another duration.
+    """
+    scenario = find_scenario(offer, demand.scenario)
+    planners = {each.name: each.settings for each in offer.planners}
+    if demand.planner not in planners:
+        raise UnknownName("planner", demand.planner, planners)
+    for field, given, known in (
+        ("scenario_parameters", demand.parameters, scenario.parameters),
+        ("planner_settings", demand.settings, planners[demand.planner]),
+    ):
+        for name in given:
+            if name not in known:
+                raise UnknownName(field, name, known)
+    if demand.steps > scenario.steps:
+        problem = f"'{scenario.name}' has no more than {scenario.steps} steps."
+        raise InvalidValue("scenario_parameters.steps", problem, "Ask for no more.")
+    if demand.dt_s != scenario.dt_s:
+        asked_s, dt_s = demand.dt_s, scenario.dt_s
+        problem = f"a step of '{scenario.name}' takes {dt_s:g} s, and not {asked_s:g} s."
+        remedy = f"Write dt_s = {dt_s:g}."
+        raise InvalidValue("scenario_parameters.dt_s", problem, remedy)
+
+
+def find_scenario(offer: BridgeOffer, name: str) -> OfferedScenario:
+    """Return the scenario of a bridge by its name.
+
+    Raises:
+        UnknownName: the bridge does not offer that scenario.
+    """
+    for scenario in offer.scenarios:
+        if scenario.name == name:
+            return scenario
+    raise UnknownName("scenario", name, (each.name for each in offer.scenarios))
+
+
+def check_channels(offer: BridgeOffer, names: Collection[str]) -> None:
+    """Check that a bridge can disturb the channels of these names.
+
+    Raises:
+        UnknownName: it cannot disturb one of them.
+    """
+    for name in names:
+        _, quantity = split_name(name)
+        is_numbered = split_name(name).vehicle is not None
+        if name not in offer.channels and not (
+            is_numbered and f"{EVERY}.{quantity}" in offer.channels
+        ):
+            raise UnknownName(CHANNELS_FIELD, name, offer.channels)
+
+
+def check_signals(offer: BridgeOffer, names: Collection[str], field: str = "requirements") -> None:
+    """Check that a bridge reports the signals of its own among these.
+
+    Args:
+        offer: what the bridge offers.
+        names: names of signals, as formulas have them.
+        field: field of the campaign that names them, for the error.
+
+    Raises:
+        UnknownName: it does not report one of them.
+    """
+    offered = {f"{BRIDGE}.{name}" for name in offer.signals}
+    for name in sorted(names):
+        if name.startswith(f"{BRIDGE}.") and name not in offered:
+            raise UnknownName(field, name, offered)

@@ -34,6 +34,7 @@ from eigenfail.values.requirements import (
 )
 from eigenfail.values.signals import (
     BRIDGE,
+    PLANNER,
     ExpectedCourse,
     list_signals,
 )
@@ -174,8 +175,22 @@ class CampaignWorld(ABC):
         return msgspec.UNSET if named == COLLISION_ALONE else named
 
     def list_own_signals(self, _spec: CampaignSpec) -> tuple[str, ...]:
-        """Return the names of the simulator's own signals that a campaign may name."""
+        """Return the names of the simulator's or planner's own signals that it may name."""
         return ()
+
+    def check_offer(  # noqa: B027 - only bridges offer anything
+        self, spec: CampaignSpec, offer: bridges.BridgeOffer
+    ) -> None:
+        """Refuse a campaign that needs what a bridge does not offer.
+
+        Args:
+            spec: the campaign, with its channels written out.
+            offer: what the bridge offers.
+
+        Raises:
+            UnknownName: a name that the bridge does not know; the known ones are listed.
+            InvalidValue: the scenario has fewer steps, or steps of another duration.
+        """
 
     def step_s(self, _spec: CampaignSpec) -> float | None:
         """Return the duration of a step; None where steps have none. [s]
@@ -269,6 +284,11 @@ class PluginWorld(CampaignWorld):
             problem = f"the simulator '{described.simulator}' does not say which it offers."
             raise InvalidValue(CHANNELS_FIELD, problem, "Leave them out, or give it `channels`.")
         return model.resolve(counts.pop(), offered, tuple(variation.varied))
+
+    def list_own_signals(self, spec: CampaignSpec) -> tuple[str, ...]:
+        """Return the names of the signals that the planner reports."""
+        planner = plugins.load(plugins.PLANNERS, spec.planner)
+        return tuple(f"{PLANNER}.{name}" for name in getattr(planner, "signal_names", ()))
 
     def variation(self, spec: CampaignSpec) -> Variation:
         """Return the parameters as the scenario's annotations bound them."""
@@ -390,6 +410,19 @@ class FunctionWorld(CampaignWorld):
 _BRIDGE_SIGNAL = re.compile(rf"\b{BRIDGE}\.[A-Za-z_0-9]+")
 
 
+def _list_judged(spec: CampaignSpec) -> Iterator[tuple[str, object]]:
+    """Yield the requirements of a campaign and its importance, each with its field."""
+    for place, each in enumerate(spec.all_requirements):
+        yield f"{FIELD}[{place}]", each
+    if not isinstance(spec.importance, msgspec.UnsetType):
+        yield "importance", spec.importance
+
+
+def _find_bridge_signals(judged: object) -> set[str]:
+    """Return the names of the signals of a bridge in a formula; none where it is no formula."""
+    return {*_BRIDGE_SIGNAL.findall(judged.formula)} if isinstance(judged, Formula) else set()
+
+
 class BridgeWorld(CampaignWorld):
     """A process behind a bridge, simulator and planner in one; see `eigenfail.bridges`."""
 
@@ -417,14 +450,14 @@ class BridgeWorld(CampaignWorld):
 
     def list_own_signals(self, spec: CampaignSpec) -> tuple[str, ...]:
         """Return those that the campaign names; whether the bridge reports them it says later."""
-        followed = () if isinstance(spec.importance, msgspec.UnsetType) else (spec.importance,)
-        named = {
-            name
-            for each in (*spec.all_requirements, *followed)
-            if isinstance(each, Formula)
-            for name in _BRIDGE_SIGNAL.findall(each.formula)
-        }
-        return tuple(sorted(named))
+        named = (_find_bridge_signals(each) for _, each in _list_judged(spec))
+        return tuple(sorted(set().union(*named)))
+
+    def check_offer(self, spec: CampaignSpec, offer: bridges.BridgeOffer) -> None:
+        """Check scenario, planner, parameters, settings, channels and signals."""
+        bridges.check_offer(offer, spec)
+        for field, each in _list_judged(spec):
+            bridges.check_signals(offer, _find_bridge_signals(each), field)
 
     def variation(self, spec: CampaignSpec) -> Variation:
         """Return the parameters that a bridge can receive."""

@@ -4,10 +4,20 @@ import re
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from playwright.sync_api import expect
 
 from eigenfail import plugins
-from eigenfail.values import CampaignSpec, EpisodeTask, TrajectorySource
+from eigenfail.values import (
+    CampaignSpec,
+    EpisodeResult,
+    EpisodeTask,
+    Measures,
+    NoiseTrajectory,
+    Outcome,
+    Scene,
+    TrajectorySource,
+)
 from eigenfail.values.records import Delivery
 
 pytestmark = pytest.mark.browser
@@ -191,6 +201,61 @@ def test_the_path_that_it_means_to_drive_is_drawn(crash):
     page = crash("?t=4.2")
     expect(page.locator("[data-field=mode]")).to_have_text("highway")
     assert page.locator("canvas.road").evaluate(PIXELS) > 20
+
+
+@pytest.fixture(scope="module")
+def curved(store):
+    """A campaign on a bridge whose episode 0 is a drive on a curve, and 1 the same without road."""
+    parameters = {"steps": 40, "dt_s": 0.1}
+    spec = CampaignSpec(
+        name="Curve",
+        method="monte_carlo",
+        episodes=2,
+        simulator="bridge",
+        scenario_parameters=parameters,
+    )
+    campaign = store.campaigns.create(spec).id
+    store.campaigns.move(campaign, "running")
+    x_m = np.stack([np.arange(41.0) * 3.0, 20.0 + np.arange(41.0) * 3.0], axis=1)
+    y_m = x_m**2 / 300.0
+    rest = np.broadcast_to([[0.5, 30.0]], (41, 2, 2))
+    vehicles = np.concatenate([np.stack([x_m, y_m], axis=-1), rest], axis=-1).astype(np.float32)
+    nothing = np.zeros((40, 2), np.float32)
+    sizes = np.array([[12.0, 2.5], [1.8, 0.6]], np.float32)
+    scene = Scene(0.1, vehicles, sizes, vehicles[:-1, 1, :2], nothing)
+    points = np.arange(-50.0, 250.0, 5.0, np.float32)
+    borders = (np.stack([points, points**2 / 300.0 + side], axis=1) for side in (-2.0, 2.0))
+    shown = replace(scene, road=tuple(borders), kinds=("unknown", "bicycle"))
+    noise = NoiseTrajectory(nothing, np.ones((40, 2), np.float32))
+    results = [
+        EpisodeResult(
+            index, 1, Outcome.SAFE, 40, noise, "prior", Measures(6.0), scene=each, wall_s=1.0
+        )
+        for index, each in enumerate((shown, scene))
+    ]
+    store.episodes.commit(campaign, [Delivery(result, "w") for result in results])
+    return campaign
+
+
+LINES = """canvas => {
+  const pen = canvas.getContext('2d');
+  const {data} = pen.getImageData(0, 0, canvas.width, Math.floor(canvas.height / 4));
+  let found = 0;
+  for (let at = 3; at < data.length; at += 4) found += data[at] > 0;
+  return found;
+}"""
+"""How many points are drawn in the upper quarter, where no vehicle is."""
+
+
+def test_a_road_that_bends_is_drawn_and_the_view_follows_it(visit, curved):
+    drawn = []
+    for episode, name in ((0, "bicycle"), (1, "actor")):
+        page = visit(f"/campaigns/{curved}/episodes/{episode}?t=3.0")
+        expect(page.locator("[data-readout]")).to_contain_text(f"{name} 30.0 m/s")
+        drawn.append(page.locator("canvas.road").evaluate(LINES))
+    # Without a road the view stays at y = 0, which the vehicles have left.
+    assert drawn[0] > 20
+    assert drawn[1] == 0
 
 
 def test_an_account_of_another_course_is_told_as_such(visit, made):

@@ -9,10 +9,10 @@ from pathlib import Path
 import deadlines
 import pytest
 
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.explanations import encode_question, explain_in_process
 from eigenfail.replays import replay_episode
-from eigenfail.values import AnalysisState, CampaignState
+from eigenfail.values import AnalysisState, CampaignSpec, CampaignState
 
 pytestmark = pytest.mark.service
 
@@ -20,6 +20,7 @@ BRIDGE = Path(__file__).parents[2] / "examples" / "bridge" / "minimal.py"
 NOISY = {"scale": 2.0}
 FIELDS = {"name": "b", "method": "monte_carlo", "planner": "idm", "seed": 3, "disturbance": NOISY}
 ON_BRIDGE = {"simulator": "bridge", "scenario_parameters": {"steps": 100}}
+FITS = ON_BRIDGE | {"episodes": 4}
 
 
 @pytest.fixture
@@ -158,6 +159,44 @@ def test_every_slot_of_a_bridge_is_kept_busy_however_slow_it_is(
     assert SLOTS - 1 in taken[BEFORE:]
 
 
+MISSPELT = {"simulator": "bridge", "scenario_parameters": {"steps": 100, "distance": 60.0}}
+
+
+@pytest.mark.fault(
+    "launch of a campaign with a name that a connected bridge does not know",
+    group="api",
+    outcome="It is refused with 422, the field, the closest name and the known ones; nothing is "
+    "created.",
+)
+def test_a_campaign_that_does_not_fit_a_connected_bridge_is_not_launched(
+    client, start_worker, bridge
+) -> None:
+    start_worker()
+    spec = CampaignSpec(**FIELDS, episodes=4, **MISSPELT)
+    until_s = time.monotonic() + deadlines.PROCESS_S
+    while not client.campaigns.check(spec).problems:
+        assert time.monotonic() < until_s, "the offer of the bridge does not arrive"
+        time.sleep(0.1)
+    before = len(list(client.campaigns.list()))
+    with pytest.raises(UnknownName, match=r"scenario_parameters: .* mean 'distance_m'\?") as told:
+        client.campaigns.create(spec)
+    assert (told.value.field, told.value.http_status) == ("scenario_parameters", 422)
+    channel = {"channels": [{"name": "swapped"}, {"name": "vehicle_1.speed"}]}
+    fits = client.campaigns.check(CampaignSpec(**FIELDS | {"disturbance": channel}, **FITS))
+    assert not fits.problems
+    with pytest.raises(UnknownName, match="requirements"):
+        client.campaigns.create(
+            **FIELDS, **FITS, requirements=[{"kind": "formula", "formula": "bridge.gap_m > 0"}]
+        )
+    assert len(list(client.campaigns.list())) == before
+    # Without its bridge the worker knows of no offer: the launch is accepted, as before.
+    bridge.kill()
+    until_s = time.monotonic() + deadlines.PROCESS_S
+    while client.campaigns.check(spec).problems:
+        assert time.monotonic() < until_s, "the offer of a bridge that is gone stays"
+        time.sleep(0.1)
+
+
 @pytest.mark.fault(
     "campaign with a name that the bridge does not know",
     group="plug-ins",
@@ -167,10 +206,10 @@ def test_every_slot_of_a_bridge_is_kept_busy_however_slow_it_is(
 def test_a_misspelt_parameter_pauses_its_campaign_before_an_episode_is_spent(
     client, start_worker, bridge
 ) -> None:
+    # Launched before any worker has told what its bridge offers.
+    created = client.campaigns.create(**FIELDS, episodes=40, **MISSPELT)
     start_worker()
     start_worker()
-    wrong = {"simulator": "bridge", "scenario_parameters": {"steps": 100, "distance": 60.0}}
-    created = client.campaigns.create(**FIELDS, episodes=40, **wrong)
     rests = client.campaigns.wait(created.id, timeout_s=deadlines.CAMPAIGN_S)
     assert rests.state is CampaignState.PAUSED
     assert (rests.counts.completed, rests.counts.errored) == (0, 0)

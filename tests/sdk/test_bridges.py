@@ -1,12 +1,14 @@
 """Campaigns on a bridge: what they may ask for, and where a bridge may be."""
 
 import pytest
+from msgspec.structs import replace
 
 from eigenfail import bridges
 from eigenfail.cli.gate import list_packages
 from eigenfail.cli.specs import check_plugins
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values import CampaignSpec
+from eigenfail.values import CampaignSpec, Channel, DisturbanceModel
+from eigenfail.values.requirements import Formula
 from eigenfail.worlds import drawn_for, list_simulators, world_of
 
 
@@ -73,7 +75,7 @@ def test_what_no_bridge_can_be_told_is_refused(parameters, said: str) -> None:
 
 def test_settings_of_the_planner_are_plain_too() -> None:
     with pytest.raises(InvalidValue, match=r"planner_settings\.speed: is not a finite number"):
-        bridges.read_plain({"speed": {"a": 1}}, "planner_settings")
+        bridges.read_plain({"speed": ("a",)}, "planner_settings")
 
 
 def test_a_foreign_planner_has_no_code_here() -> None:
@@ -116,3 +118,67 @@ def test_a_bridge_elsewhere_is_a_decision(address: str, monkeypatch) -> None:
 def test_what_is_no_address_is_refused(address: str) -> None:
     with pytest.raises(InvalidValue, match="is not a valid bridge address"):
         bridges.check_address(address)
+
+
+OFFER = bridges.BridgeOffer(
+    "theirs",
+    "2.1",
+    (bridges.OfferedScenario("crossing, wet", 0.1, 80, ("gap_m", "wet")),),
+    (bridges.OfferedPlanner("theirs 2.1", ("speed", "bold", "map")),),
+    ("longitudinal", "lateral", "every.speed", "ego.heading"),
+    ("planned_gap_m",),
+)
+
+
+def check_offer(asked: CampaignSpec) -> None:
+    world = world_of(asked.simulator)
+    resolved = replace(asked, disturbance=world.resolve_disturbance(asked))
+    world.check_offer(resolved, OFFER)
+
+
+def disturb(*names: str) -> DisturbanceModel:
+    return DisturbanceModel(channels=tuple(map(Channel, names)))
+
+
+FITTING = spec(steps=80, gap_m={"uniform": [8.0, 9.0]})
+
+
+def test_a_campaign_that_fits_the_offer_is_let_through() -> None:
+    check_offer(FITTING)
+    channels = disturb("vehicle_7.speed", "ego.heading", "scenario.gap_m")
+    formula = Formula(formula="always (bridge.planned_gap_m > 0 and speed_mps > 0)")
+    check_offer(replace(FITTING, disturbance=channels, requirements=(formula,), importance=formula))
+
+
+MISFITS = {
+    "scenario": ({"scenario": "crossing"}, "Did you mean 'crossing, wet'?"),
+    "planner": ({"planner": "theirs 2.0"}, "Did you mean 'theirs 2.1'?"),
+    "planner_settings": ({"planner_settings": {"sped": 9.5}}, "Did you mean 'speed'?"),
+    "scenario_parameters": (
+        {"scenario_parameters": {"steps": 80, "gap": {"uniform": [8.0, 9.0]}}},
+        "Did you mean 'gap_m'?",
+    ),
+    "scenario_parameters.steps": (
+        {"scenario_parameters": {"steps": {"choice": [70, 81]}}},
+        "no more than 80 steps",
+    ),
+    "scenario_parameters.dt_s": (
+        {"scenario_parameters": {"steps": 80, "dt_s": 0.05}},
+        "Write dt_s = 0.1",
+    ),
+    "disturbance.channels": ({"disturbance": disturb("lateral", "ego.speed")}, "Known: "),
+    "requirements[0]": (
+        {"requirements": (Formula(formula="always (bridge.planned_gap > 0)"),)},
+        "Did you mean 'bridge.planned_gap_m'?",
+    ),
+    "importance": ({"importance": Formula(formula="always (bridge.gap > 0)")}, "Known: "),
+}
+
+
+@pytest.mark.parametrize("field", MISFITS)
+def test_what_the_bridge_does_not_offer_is_refused_with_its_field(field) -> None:
+    changes, said = MISFITS[field]
+    with pytest.raises((UnknownName, InvalidValue)) as refused:
+        check_offer(replace(FITTING, **changes))
+    assert refused.value.field == field
+    assert said in str(refused.value)

@@ -1,11 +1,16 @@
-"""What planners say of their decisions, step by step, as explanations keep it."""
+"""What planners say of their decisions, step by step: explanations and signals."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
+from math import isfinite
 from typing import NamedTuple
 
-from eigenfail.contracts import Planner
+from msgspec.structs import replace
+
+from eigenfail.contracts import Planner, Simulation
 from eigenfail.errors import PlannerError, read_text
-from eigenfail.values import Account, Control, Mission, Path, Perception
+from eigenfail.values import Account, Control, Mission, Observation, Path, Perception
+from eigenfail.values.shapes import Row
+from eigenfail.values.signals import PLANNER
 from eigenfail_workers.closed_loop import validate_control
 from eigenfail_workers.faults import wrap_errors
 
@@ -70,3 +75,50 @@ class RecordingPlanner:
             path = thin_path(self._path())
         self._steps.append(RecordedStep(perception.time_s, control, account, path))
         return control
+
+
+class SignallingSimulation:
+    """Adds the signals of a planner to the observations of its simulation.
+
+    Implements `Simulation`.
+
+    Args:
+        simulation: simulation that the planner drives in.
+        planner: planner that drives there.
+        names: names of the signals that are needed, as the planner has them.
+    """
+
+    def __init__(self, simulation: Simulation, planner: object, names: Collection[str]) -> None:
+        self._simulation = simulation
+        self._names = names
+        self._signals: Callable[[], Mapping[str, object]] = getattr(planner, "signals", dict)
+        self.dt_s = simulation.dt_s
+        self.steps = simulation.steps
+        self.close = simulation.close
+
+    def reset(self, seed: int) -> Observation:
+        """Begin an episode; see `Simulation.reset`."""
+        return self._add_signals(self._simulation.reset(seed))
+
+    def step(self, disturbance: Row) -> Observation:
+        """Disturb and step; see `Simulation.step`."""
+        return self._add_signals(self._simulation.step(disturbance))
+
+    def _add_signals(self, now: Observation) -> Observation:
+        with wrap_errors(PlannerError, "The planner's signals", "Look into its `signals`."):
+            reported = self._signals()
+            values = {name: read_signal(name, reported.get(name)) for name in self._names}
+        named = {f"{PLANNER}.{name}": value for name, value in values.items()}
+        return replace(now, signals={**(now.signals or {}), **named})
+
+
+def read_signal(name: str, value: object) -> float:
+    """Return the value of a planner's signal.
+
+    Raises:
+        PlannerError: it is not a finite number.
+    """
+    if not isinstance(value, (int, float)) or not isfinite(value):
+        problem = f"The planner reports {read_text(value)} as its signal '{name}'."
+        raise PlannerError(problem, "`signals` must return a finite number for each name.")
+    return float(value)

@@ -20,8 +20,10 @@ from eigenfail.errors import (
 from eigenfail.process_state import ProcessState
 from eigenfail.settings import read_settings
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
+from eigenfail.values.signals import PLANNER
 from eigenfail.values.variation import read_variation
 from eigenfail.worlds import resolve_disturbance
+from eigenfail_workers.accounts import SignallingSimulation
 from eigenfail_workers.episode import make_errored_result, make_result, run_episode
 from eigenfail_workers.faults import make_fault, make_state_change_error, wrap_errors
 from eigenfail_workers.measures.recorder import Recorder
@@ -65,6 +67,15 @@ class Engine:
             correlations=self._model.parameter_correlations,
         )
         self._simulation: Simulation | None = None
+        self._planner: Planner | None = None
+        judge = setup.make_judge()
+        self._planner_signals = sorted(
+            [
+                name.removeprefix(f"{PLANNER}.")
+                for name in (judge.signals if judge else ())
+                if name.startswith(f"{PLANNER}.")
+            ]
+        )
         # Taken after the imports: what they change is the same for each episode in each process.
         self._process_state = ProcessState()
 
@@ -111,7 +122,8 @@ class Engine:
     def _run_to_end(self, task: EpisodeTask, recorder: Recorder) -> EpisodeResult:
         with wrap_errors(SimulatorError, "The episode", "Look into simulator and scenario."):
             noise, simulation = self._begin(task)
-            run_episode(simulation, task.seed, self._model, noise, recorder)
+            driven = self._add_signals(simulation)
+            run_episode(driven, task.seed, self._model, noise, recorder)
             return make_result(self._setup, task, noise, recorder, simulation.dt_s)
 
     def _begin(self, task: EpisodeTask) -> tuple[NoiseSource, Simulation]:
@@ -123,6 +135,12 @@ class Engine:
         z = noise.choose(task, self._horizon) if noise.searched else {}
         simulation = self._open(self._variation.draw(task.seed, z))
         return noise.begin(task, simulation.steps), simulation
+
+    def _add_signals(self, simulation: Simulation) -> Simulation:
+        """Return a simulation that reports the signals of the planner which requirements need."""
+        if not self._planner_signals:
+            return simulation
+        return SignallingSimulation(simulation, self._planner, self._planner_signals)
 
     def _open(self, parameters: Any) -> Simulation:
         """Return the simulation for these parameters, opened with a new planner if necessary."""
@@ -152,6 +170,7 @@ class Engine:
     def _new_planner(self) -> Planner:
         with wrap_errors(PlannerError, "Making the planner", "Look into the planner."):
             planner: Planner = self._planner_class(self._planner_settings)
+            self._planner = planner
             return self._wrap_planner(planner) if self._wrap_planner else planner
 
     def _discard(self) -> None:

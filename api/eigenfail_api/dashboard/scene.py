@@ -27,6 +27,7 @@ from eigenfail.values import (
     Scene,
     assess,
 )
+from eigenfail.values.scene import UNKNOWN_KIND
 from eigenfail_api.dashboard.charts import Chart, round_rows, round_values
 from eigenfail_api.dashboard.rendering import Badge, make_outcome_badge
 from eigenfail_services.campaigns.explanations import measure_clearances
@@ -154,6 +155,7 @@ def make_scene_chart(
             "collides": outcome is Outcome.COLLISION,
             "lanes": mission.lanes if mission else 0,
             "lane": mission.lane_width_m if mission else CONVENTIONAL_LANE_M,
+            **_list_optional_values(scene),
         },
         columns=(
             "Time [s]",
@@ -172,6 +174,19 @@ def make_scene_chart(
         ),
         note="The scene by step.",
     )
+
+
+def _list_optional_values(scene: Scene) -> dict[str, object]:
+    """Return the borders of the lanes and the kinds of the vehicles, where the simulator told any.
+
+    A vehicle of an unknown kind has an empty text.
+    """
+    shown: dict[str, object] = {}
+    if not isinstance(scene.road, msgspec.UnsetType):
+        shown["road"] = [round_rows(border) for border in scene.road]
+    if not isinstance(scene.kinds, msgspec.UnsetType):
+        shown["kinds"] = [kind.removeprefix(UNKNOWN_KIND) for kind in scene.kinds]
+    return shown
 
 
 def find_nearest_actors(scene: Scene) -> list[int]:

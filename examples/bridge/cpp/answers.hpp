@@ -1,4 +1,4 @@
-// Requests in, answers out: the protocol of docs/bridge.md, version 1, without a socket.
+// Requests in, answers out: the protocol of docs/bridge.md, both versions, without a socket.
 #pragma once
 
 #include <functional>
@@ -51,22 +51,35 @@ private:
     Value hello(const Value& request) {
         if (request["protocol"].whole() != 1)
             return refusal("This is protocol 1.", false);
-        if (!sessions_.begin(request["session"].text(), description_.slots))
+        int protocol = 1;
+        if (!request["protocols"].empty())
+            for (const Value& version : request["protocols"].list())
+                if (version.whole() == 2) protocol = 2;
+        if (!sessions_.begin(request["session"].text(), description_.slots, protocol))
             return refusal("All sessions are in use.", true);
-        return welcome();
+        return welcome(protocol);
     }
 
-    Value welcome() const {
-        List scenarios, planners;
+    Value welcome(int protocol) const {
+        List scenarios, planners, channels, signals;
         for (const auto& [name, dt_s, steps, parameters] : description_.scenarios)
             scenarios.push_back({Map{{"name", text(name)}, {"dt_s", {dt_s}},
                                      {"steps", whole(steps)}, {"parameters", {parameters}}}});
         for (const auto& [name, settings] : description_.planners)
             planners.push_back({Map{{"name", text(name)}, {"settings", {settings}}}});
-        return {Map{{"type", text("welcome")}, {"protocol", whole(1)},
-                    {"name", text(description_.name)}, {"version", text(description_.version)},
-                    {"slots", whole(description_.slots)}, {"scenarios", {std::move(scenarios)}},
-                    {"planners", {std::move(planners)}}}};
+        Map told{{"type", text("welcome")}, {"protocol", whole(protocol)},
+                 {"name", text(description_.name)}, {"version", text(description_.version)},
+                 {"slots", whole(description_.slots)}, {"scenarios", {std::move(scenarios)}},
+                 {"planners", {std::move(planners)}}};
+        if (protocol == 1) return {std::move(told)};
+        for (const std::string& name : description_.channels) channels.push_back(text(name));
+        for (const auto& [name, unit, words] : description_.signals)
+            signals.push_back(
+                {Map{{"name", text(name)}, {"unit", text(unit)}, {"words", text(words)}}});
+        if (!channels.empty()) told.emplace_back("channels", Value{std::move(channels)});
+        told.emplace_back("signals", Value{std::move(signals)});
+        told.emplace_back("seed_text", Value{false});
+        return {std::move(told)};
     }
 
     Value asked(const Value& request, std::uint64_t id) {
@@ -85,14 +98,14 @@ private:
                     {"slots", {std::move(seen)}}}};
     }
 
-    using Act = void (Bridge::*)(Slot&, const Value&);
+    using Act = void (Bridge::*)(Slot&, const Value&, int protocol);
 
     // What came of it in one slot; a fault ends the episode there.
     Value observed(Session& session, Act act, const Value& each) {
         Slot& slot = session.slots.at(each["slot"].whole());
         try {
-            (this->*act)(slot, each);
-            return shown(slot);
+            (this->*act)(slot, each, session.protocol);
+            return shown(slot, session.protocol);
         } catch (const Fault& fault) {
             return failed(slot, fault.whose, fault.what());
         } catch (const std::exception& error) {
@@ -105,27 +118,36 @@ private:
         return {Map{{"fault", text(whose)}, {"message", text(message)}}};
     }
 
-    void reset(Slot& slot, const Value& each) {
+    void reset(Slot& slot, const Value& each, int protocol) {
         slot.episode.reset();
         const auto& scenario = named(description_.scenarios, each["scenario"].text(), "scenario");
         const auto& planner = named(description_.planners, each["planner"].text(), "planner");
         auto horizon = each["steps"].whole();
         if (horizon < 1 || horizon > scenario.steps) throw Fault("input", "No such horizon.");
+        List channels = protocol == 1 ? List{} : each["channels"].list();
+        for (const Value& channel : channels)
+            if (!description_.disturbs(channel["name"].text()))
+                throw Fault("input", "There is no channel of that name.");
         Start start{each["seed"].whole(), scenario.name,
                     {filled(scenario.parameters, each["parameters"])}, planner.name,
-                    {filled(planner.settings, each["settings"])}};
-        slot = {open_(start), 0, horizon};
+                    {filled(planner.settings, each["settings"])}, std::move(channels)};
+        bool explain = !each["explain"].empty() && each["explain"].truth();
+        slot = {open_(start), 0, horizon, explain};
     }
 
-    void step(Slot& slot, const Value& each) {
+    void step(Slot& slot, const Value& each, int protocol) {
         if (!slot.runs())
             throw std::logic_error("There is no episode to go on with.");
-        const List& disturbance = each["disturbance"].list();
-        slot.episode->step({disturbance.at(0).number(), disturbance.at(1).number()});
+        if (protocol == 1) {
+            const List& pair = each["disturbance"].list();
+            slot.episode->step({{{"longitudinal", pair.at(0)}, {"lateral", pair.at(1)}}});
+        } else {
+            slot.episode->step({each["disturbances"].map()});
+        }
         ++slot.step;
     }
 
-    static Value shown(const Slot& slot) {
+    static Value shown(const Slot& slot, int protocol) {
         Truth truth = slot.episode->truth();
         List others;
         for (const Vehicle& other : truth.others) others.push_back(shown(other));
@@ -136,6 +158,14 @@ private:
         if (truth.control) seen.emplace_back("control", shown(*truth.control));
         if (truth.applied) seen.emplace_back("applied", shown(*truth.applied));
         seen.emplace_back("off_road", Value{truth.off_road});
+        if (protocol == 1) return {std::move(seen)};
+        if (!truth.ids.empty()) seen.emplace_back("ids", Value{std::move(truth.ids)});
+        if (!truth.signals.empty()) seen.emplace_back("signals", Value{std::move(truth.signals)});
+        if (!slot.explain || slot.step == 0) return {std::move(seen)};
+        List path;
+        for (const Pair& point : truth.path) path.push_back(shown(point));
+        seen.emplace_back("account", Value{std::move(truth.account)});
+        seen.emplace_back("path", Value{std::move(path)});
         return {std::move(seen)};
     }
 

@@ -27,6 +27,8 @@ struct Value {
         if (auto below = std::get_if<std::int64_t>(&is)) return static_cast<double>(*below);
         return expect<double>("a number");
     }
+    bool empty() const { return std::holds_alternative<std::nullptr_t>(is); }
+    bool truth() const { return expect<bool>("a truth value"); }
     std::uint64_t whole() const { return expect<std::uint64_t>("a whole number from 0"); }
     const std::string& text() const { return expect<std::string>("a text"); }
     const List& list() const { return expect<List>("a list"); }

@@ -11,6 +11,7 @@ namespace eigenfail {
 struct Slot {
     std::unique_ptr<Episode> episode;
     std::uint64_t step, horizon;
+    bool explain;
 
     bool over() const { return step >= horizon || episode->truth().collided; }
     bool runs() const { return episode && !over(); }
@@ -22,6 +23,7 @@ struct Session {
     std::string name;
     std::vector<Slot> slots;
     Clock::time_point asked;
+    int protocol;
 
     bool idle() const {
         return std::none_of(slots.begin(), slots.end(), [](const Slot& slot) { return slot.runs(); });
@@ -41,10 +43,10 @@ public:
     explicit Sessions(Clock::duration patience) : patience_(patience) {}
 
     // Begin a session; no if all others are in use.
-    bool begin(const std::string& name, std::size_t slots) {
+    bool begin(const std::string& name, std::size_t slots, int protocol) {
         forget(name);
         if (all_.size() >= most && !make_room()) return false;
-        all_.push_back({name, std::vector<Slot>(slots), Clock::now()});
+        all_.push_back({name, std::vector<Slot>(slots), Clock::now(), protocol});
         return true;
     }
 

@@ -59,9 +59,9 @@ class Episode {
 
   show() {
     const [ego, lead] = [this.ego, this.lead].map(({ x, v, length }) => [x, 0, 0, v, length, 2.5]);
-    const collided = this.lead.x - this.ego.x - 8.5 <= 0;
-    const ended = collided || this.step >= this.steps;
-    return { step: this.step, ego, others: [lead], collided, ended, signals: { wanted_gap_m: this.wantedGap() } };
+    const collided = this.lead.x - this.ego.x - 8.5 <= 0, ended = collided || this.step >= this.steps;
+    const road = this.step ? null : [[[-50, 2], [500, 2]], [[-50, -2], [500, -2]]]; // the borders of the lane
+    return { step: this.step, ego, others: [lead], collided, ended, kinds: ["car"], road, signals: { wanted_gap_m: this.wantedGap() } };
   }
 }
 

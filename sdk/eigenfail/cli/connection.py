@@ -15,7 +15,7 @@ from msgspec.structs import replace
 
 from eigenfail import functions
 from eigenfail.cli.render import skip_check
-from eigenfail.cli.specs import check_plugins
+from eigenfail.cli.specs import check_local_bridge, check_plugins
 from eigenfail.client import Client
 from eigenfail.client.link import checking
 from eigenfail.errors import InvalidValue, ServiceUnreachable
@@ -130,6 +130,7 @@ def connect_for_suite(
         if place.again:
             for spec in specs:
                 check_plugins(spec)
+            check_local_bridge(specs)
         else:
             _refuse_early(client, suite)
         yield client, place
@@ -168,6 +169,7 @@ def open_place(
         )
     functions.allow_of([spec])
     check_plugins(spec)
+    check_local_bridge([spec])
     with local_service(plan) as service, checking(service.check):
         try:
             again = f"eigenfail up --data {plan.data}{functions.up_option()}"

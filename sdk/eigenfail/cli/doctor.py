@@ -12,11 +12,10 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from eigenfail import plugins, processes
+from eigenfail import plugins
 from eigenfail.bridges import (
     SIMULATOR,
     BridgeCheck,
-    BridgeQuestion,
     GoldenMessages,
     check_address,
 )
@@ -25,7 +24,7 @@ from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, Data, Database, Repair, Replay, Url
 from eigenfail.cli.plugin_checks import CheckResult, CheckVerdict, check_plugins, draw_checks
 from eigenfail.cli.render import show
-from eigenfail.cli.specs import read_spec
+from eigenfail.cli.specs import ask_about_bridges, read_spec
 from eigenfail.client import Client
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceUnreachable, StoreUnavailable
 from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL, DataFolder
@@ -206,8 +205,6 @@ def _draw_findings(findings: list[Finding]) -> Table:
 TROUBLE = 3
 BROKEN = 1
 PLACE = "NAME|module:Class"
-BRIDGE_CHECK = "eigenfail_workers.bridge"
-BRIDGE_PATIENCE_S = 900.0
 
 app = typer.Typer(add_completion=False)
 
@@ -329,20 +326,16 @@ def _check_bridge(address: str, campaign: Path | None, as_json: bool) -> None:
     if spec is not None and spec.simulator != SIMULATOR:
         problem = f"the campaign runs on '{spec.simulator}', and on no bridge."
         raise InvalidValue("simulator", problem, f'Write simulator = "{SIMULATOR}".')
-    answer = _ask_about_bridges(BridgeCheck(check_address(address), spec))
+    answer = ask_about_bridges(BridgeCheck(check_address(address), spec))
     checks = msgspec.json.decode(answer, type=list[CheckResult])
     show(checks, as_json, lambda: draw_checks(checks))
     if any(check.verdict is CheckVerdict.BROKEN for check in checks):
         raise typer.Exit(TROUBLE)
 
 
-def _ask_about_bridges(question: BridgeQuestion) -> bytes:
-    return processes.ask(BRIDGE_CHECK, msgspec.json.encode(question), BRIDGE_PATIENCE_S)
-
-
 def _write_golden_messages(folder: Path, as_json: bool) -> None:
     """Write each golden message as bytes, and as JSON for people."""
-    answer = _ask_about_bridges(GoldenMessages())
+    answer = ask_about_bridges(GoldenMessages())
     messages = msgspec.json.decode(answer, type=dict[str, bytes])
     folder.mkdir(parents=True, exist_ok=True)
     for name, data in messages.items():

@@ -1,14 +1,24 @@
 """Campaigns from TOML files, changes from the command line, and what a check found."""
 
-from collections.abc import Callable, Mapping, Sequence
+import os
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar
 
 import msgspec
+from msgspec.structs import replace
 from rich.text import Text
 
-from eigenfail import plugins
-from eigenfail.errors import InvalidValue
+from eigenfail import plugins, processes
+from eigenfail.bridges import (
+    ADDRESS_VARIABLE,
+    BridgeOffer,
+    BridgeQuestion,
+    OfferQuestion,
+    check_address,
+)
+from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.files import read_toml
 from eigenfail.settings import convert, read_settings
 from eigenfail.suites import (
@@ -23,6 +33,10 @@ from eigenfail.values import CampaignSpec, DisturbanceModel, StopRules
 from eigenfail.values.variation import read_variation
 from eigenfail.wire.http import CampaignCheck, refuse_unknown_fields
 from eigenfail.worlds import world_of
+
+BRIDGE_MODULE = "eigenfail_workers.bridge"
+BRIDGE_PATIENCE_S = 900.0
+OFFER_PATIENCE_S = 60.0
 
 LIKE = "Specify a TOML file with the fields of a campaign; see examples/."
 
@@ -99,6 +113,42 @@ def check_plugins(spec: CampaignSpec) -> None:
         plugin = plugins.load(group, getattr(spec, field))
         if settings_field and kind:
             READERS[kind](getattr(plugin, kind), getattr(spec, settings_field), settings_field)
+
+
+def check_local_bridge(specs: Collection[CampaignSpec]) -> None:
+    """Hold campaigns against the bridge of this environment: for a service started here.
+
+    One that does not answer now may come up later; its workers check the campaigns then.
+
+    Raises:
+        UnknownName: a name that the bridge does not know; the known ones are listed.
+        InvalidValue: the address is not valid, or the scenario of the bridge has fewer steps, or
+            steps of another duration.
+    """
+    address = os.environ.get(ADDRESS_VARIABLE)
+    on_bridge = [spec for spec in specs if world_of(spec.simulator).needs_bridge]
+    if not (address and on_bridge):
+        return
+    offer: BridgeOffer | None = None
+    question = OfferQuestion(check_address(address))
+    with suppress(ServiceError):
+        answer = ask_about_bridges(question, OFFER_PATIENCE_S)
+        offer = msgspec.json.decode(answer, type=BridgeOffer | None)
+    if offer is None:
+        return
+    for spec in on_bridge:
+        world = world_of(spec.simulator)
+        world.check_offer(replace(spec, disturbance=world.resolve_disturbance(spec)), offer)
+
+
+def ask_about_bridges(question: BridgeQuestion, patience_s: float = BRIDGE_PATIENCE_S) -> bytes:
+    """Return what a process with all that it takes to talk to a bridge answers, as JSON.
+
+    Raises:
+        EigenfailError: that which it raised.
+        ServiceError: it took longer than its time, or ended without an answer.
+    """
+    return processes.ask(BRIDGE_MODULE, msgspec.json.encode(question), patience_s)
 
 
 def parse_changes(given: Sequence[str]) -> dict[str, Any]:

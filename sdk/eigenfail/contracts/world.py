@@ -52,6 +52,23 @@ class PlottingPlanner(Planner, Protocol):
         """Return the planned path, at most 20 positions, without changing the planner's state."""
 
 
+class SignallingPlanner(Planner, Protocol):
+    """Optional: a planner that reports numbers of its own, for the formulas of requirements.
+
+    Attributes:
+        signal_names: their names, such as `lost_tracks`; a formula has them as
+            `planner.lost_tracks`.
+    """
+
+    signal_names: ClassVar[tuple[str, ...]]
+
+    def signals(self) -> Mapping[str, float]:
+        """Return the value of each signal after the reset or the last step, by name.
+
+        It does not change the planner's state, and is called only where a campaign needs a signal.
+        """
+
+
 class PlannerPlugin(Protocol):
     """Makes planners; its `Settings` carry defaults, bounds and units."""
 

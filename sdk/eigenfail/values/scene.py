@@ -1,11 +1,21 @@
 """What the simulator shows: vehicles at one moment, and the whole course of an episode."""
 
 from collections.abc import Mapping, Sequence
+from typing import Final
 
 import msgspec
+from msgspec import UNSET, UnsetType
 
 from eigenfail.values.arrays import Floats
 from eigenfail.values.showing import Brief
+
+UNKNOWN_KIND: Final = "unknown"
+
+VEHICLE_KINDS: Final = (
+    *("car", "van", "truck", "bus", "tram", "motorbike", "bicycle", "pedestrian", "animal"),
+    UNKNOWN_KIND,
+)
+"""What a vehicle may be: categories of vehicles and pedestrians of ASAM OpenSCENARIO XML 1.3."""
 
 
 class VehicleState(msgspec.Struct, frozen=True, gc=False):
@@ -119,6 +129,9 @@ class Scene(Brief, msgspec.Struct, frozen=True, eq=False):
         perceived: position at which the ego saw the nearest vehicle [m], shape (steps, 2); NaN
             where that was missed.
         controls: acceleration [m/s²] and steering [rad], shape (steps, 2).
+        road: borders of the lanes, each of shape (points, 2) [m]; absent where the simulator does
+            not show them.
+        kinds: one of `VEHICLE_KINDS` for each vehicle; absent where the simulator tells none.
     """
 
     dt_s: float
@@ -126,3 +139,5 @@ class Scene(Brief, msgspec.Struct, frozen=True, eq=False):
     sizes: Floats
     perceived: Floats
     controls: Floats
+    road: tuple[Floats, ...] | UnsetType = UNSET
+    kinds: tuple[str, ...] | UnsetType = UNSET

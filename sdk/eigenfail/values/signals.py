@@ -31,6 +31,10 @@ BRIDGE: Final = "bridge"
 """First part of the names of the signals that a bridge reports: `bridge.planned_gap_m`."""
 
 
+PLANNER: Final = "planner"
+"""First part of the names of the signals that a planner reports: `planner.lost_tracks`."""
+
+
 class SignalDescription(msgspec.Struct, frozen=True, kw_only=True):
     """Description of a signal.
 

@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import msgspec
 
+from eigenfail.bridges import BridgeOffer
 from eigenfail.errors import ProtocolError
 from eigenfail.values import (
     EpisodeResult,
@@ -25,7 +26,7 @@ from eigenfail.values import (
 from eigenfail.values.arrays import Floats, PackedArray, encode_array, unpack
 from eigenfail.values.operations import Name, Versions
 
-PROTOCOL = 7
+PROTOCOL = 8
 """Version of the protocol: increases with each change that an older peer would not understand."""
 
 MAX_MESSAGE_BYTES = 256 * 1024 * 1024
@@ -137,6 +138,16 @@ class Heartbeat(Message, frozen=True):
     ) = msgspec.UNSET
 
 
+class BridgeReport(Message, frozen=True):
+    """Worker to hub: what its bridge offers; sent after each welcome, and when that changes.
+
+    Attributes:
+        offer: None as long as the worker does not know it.
+    """
+
+    offer: BridgeOffer | None
+
+
 class Setup(Message, frozen=True):
     """Hub to worker: what the episodes of a campaign share; sent before its first lease."""
 
@@ -202,7 +213,7 @@ class Piece(Message, frozen=True):
     data: bytes
 
 
-WorkerMessage = Hello | Heartbeat | Results | Goodbye | Piece
+WorkerMessage = Hello | Heartbeat | BridgeReport | Results | Goodbye | Piece
 HubMessage = Welcome | Refusal | Setup | PolicyUpdate | Lease | Ack | Drop | Goodbye | Piece
 
 

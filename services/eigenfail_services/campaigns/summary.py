@@ -47,6 +47,7 @@ from eigenfail_services.methods import describe_reach
 from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.lifecycle import make_episode_error
+from eigenfail_services.store.roster import PRESENT_S
 
 MOST_SPECS = 1_000
 
@@ -230,10 +231,6 @@ OUTLOOK = frozenset({WORKERS_LACKING, WORKERS_MET, "campaign.state", "campaign.p
 
 
 LATELY_S = 600
-
-
-PRESENT_S = 15
-"""A worker that no hub has reported for this time is absent; hubs report every few seconds [s]."""
 
 
 def find_worker_shares(store: Store, campaign: Campaign) -> tuple[WorkerShare, ...]:

@@ -50,7 +50,25 @@ def validate_campaign(spec: CampaignSpec, store: "Store") -> ResolvedCampaign:
         InvalidValue: a value that cannot be; or an earlier campaign, an analysis or an episode that
             the settings name does not exist or is of no use.
     """
-    return check_references(check_spec(spec), store)
+    return check_offers(check_references(check_spec(spec), store), store)
+
+
+def check_offers(campaign: ResolvedCampaign, store: "Store") -> ResolvedCampaign:
+    """Return the campaign, once each bridge whose offer is known offers what it needs.
+
+    A worker whose bridge does not would decline the campaign, which is then paused. Without a known
+    offer, that is how it is checked.
+
+    Raises:
+        UnknownName: a scenario, planner, parameter, setting, channel or signal that a bridge does
+            not offer; the known ones are listed.
+        InvalidValue: the bridge's scenario has fewer steps, or steps of another duration.
+    """
+    world = world_of(campaign.spec.simulator)
+    if world.needs_bridge:
+        for offer in store.roster.list_offers():
+            world.check_offer(campaign.spec, offer)
+    return campaign
 
 
 def check_spec(spec: CampaignSpec) -> ResolvedCampaign:

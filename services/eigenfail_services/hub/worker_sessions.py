@@ -5,8 +5,10 @@ from collections import defaultdict
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from typing import Any
 
+import msgspec
 import structlog
 
+from eigenfail.bridges import MAX_OFFER_BYTES
 from eigenfail.errors import ProtocolError
 from eigenfail.processes import COMMON_PROCESSOR
 from eigenfail.values import EpisodeTask, PolicySource
@@ -15,6 +17,7 @@ from eigenfail.wire.messages import (
     PROTOCOL,
     Ack,
     AssemblerTable,
+    BridgeReport,
     Drop,
     Goodbye,
     Heartbeat,
@@ -133,6 +136,7 @@ class WorkerSessions:
         self._handlers: dict[type, Callable[[bytes, Any], None]] = {
             Hello: self._handle_hello,
             Heartbeat: self._handle_heartbeat,
+            BridgeReport: self._handle_bridge_report,
             Results: self._handle_results,
             Goodbye: self._handle_goodbye,
             Piece: self._handle_piece,
@@ -190,6 +194,12 @@ class WorkerSessions:
             self.declined.setdefault(campaign, problem)
         else:
             self._drop(worker, campaign)
+
+    def _handle_bridge_report(self, worker: bytes, message: BridgeReport) -> None:
+        offer = None if message.offer is None else msgspec.json.encode(message.offer).decode()
+        if offer is not None and len(offer.encode()) > MAX_OFFER_BYTES:
+            offer = None
+        self._leases.sessions[worker].offer = offer
 
     def _handle_results(self, worker: bytes, message: Results) -> None:
         name = self._leases.sessions[worker].name

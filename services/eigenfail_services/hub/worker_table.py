@@ -61,6 +61,7 @@ class WorkerSession:
         arrival: its description of itself.
         last_heard_s: time of its last message.
         has_bridge: whether it can run episodes that need a bridge.
+        offer: what that bridge offers, as JSON; None as long as it is not known.
         running: the episode that it runs, by its last heartbeat.
         parallel: number of episodes of the running campaign that it can run at the same time.
         held: the episodes that are leased to it and have no result yet.
@@ -79,6 +80,7 @@ class WorkerSession:
         self.credit = hello.credit
         self.last_heard_s = now_s
         self.has_bridge = hello.bridge
+        self.offer: str | None = None
         self.running: Key | None = None
         self.parallel = 1
         self.held: dict[Key, EpisodeTask] = {}
@@ -403,6 +405,7 @@ class RosterWriter:
         self._roster = roster
         self._sessions = sessions
         self._numbers: dict[WorkerSession, int] = {}
+        self._offers: dict[WorkerSession, str | None] = {}
         self._next_update_s = self._next_heartbeat_s = time.monotonic()
 
     def update(self) -> None:
@@ -418,15 +421,27 @@ class RosterWriter:
         if arrived:
             numbers = self._roster.arrived([session.arrival for session in arrived])
             self._numbers.update(zip(arrived, numbers, strict=True))
+        self._write_offers()
         left = self._numbers.keys() - {*self._sessions.values()}
         if left:
             self._roster.left([self._numbers[session] for session in left])
             for session in left:
                 del self._numbers[session]
+                self._offers.pop(session, None)
         if now_s >= self._next_heartbeat_s and self._numbers:
             self._roster.heard(self._numbers.values())
             self._next_heartbeat_s = now_s + HEARTBEAT_INTERVAL_S
         self._next_update_s = now_s + ROSTER_INTERVAL_S
+
+    def _write_offers(self) -> None:
+        changed = {
+            session: session.offer
+            for session in self._sessions.values()
+            if session.offer != self._offers.get(session)
+        }
+        if changed:
+            self._roster.set_offers({self._numbers[each]: offer for each, offer in changed.items()})
+            self._offers |= changed
 
     def close(self) -> None:
         """Write that all workers have left.

@@ -1,15 +1,19 @@
 """The roster: which workers are connected, and which were."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import msgspec
 from msgspec.structs import asdict
-from sqlalchemy import Connection, RowMapping, Update, delete, insert, select, update
+from sqlalchemy import ColumnElement, Connection, RowMapping, Update, delete, insert, select, update
 
+from eigenfail.bridges import BridgeOffer
 from eigenfail.values.operations import Arrival, Presence, Versions
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.schema import arrivals
+
+PRESENT_S = 15
+"""A worker that no hub has reported for this time is absent; hubs report every few seconds [s]."""
 
 KEPT_ARRIVALS = 100_000
 """Arrivals of workers; older ones are deleted."""
@@ -17,7 +21,10 @@ KEPT_ARRIVALS = 100_000
 PRUNED_EVERY = 1_000
 _ARRIVED = insert(arrivals).returning(arrivals.c.id, sort_by_parameter_order=True)
 
+_PRESENCE = tuple(column for column in arrivals.c if column is not arrivals.c.offer)
+
 _versions = msgspec.json.Decoder(Versions)
+_offers = msgspec.json.Decoder(BridgeOffer)
 
 
 class Roster:
@@ -47,7 +54,22 @@ class Roster:
     def left(self, presences: Collection[int]) -> None:
         """Record that workers have disconnected; a second time changes nothing."""
         here = update(arrivals).where(arrivals.c.left_ms.is_(None))
-        self._note(here.values(left_ms=now_ms()), presences)
+        self._note(here.values(left_ms=now_ms(), offer=None), presences)
+
+    def set_offers(self, offers: Mapping[int, str | None]) -> None:
+        """Record what the bridges of workers offer, as JSON by presence; None for none."""
+        with self._database.writing() as connection:
+            for presence, offer in offers.items():
+                one = update(arrivals).where(arrivals.c.id == presence)
+                connection.execute(one.values(offer=offer))
+
+    def list_offers(self) -> tuple[BridgeOffer, ...]:
+        """Return the different offers of the bridges of connected workers."""
+        here = _is_here(now_ms() - 1_000 * PRESENT_S)
+        query = select(arrivals.c.offer).where(here, arrivals.c.offer.is_not(None))
+        with self._database.reading() as connection:
+            texts = connection.execute(query.distinct().order_by(arrivals.c.offer)).scalars()
+            return tuple(map(_offers.decode, texts))
 
     def _note(self, statement: Update, presences: Collection[int]) -> None:
         with self._database.writing() as connection:
@@ -56,18 +78,22 @@ class Roster:
 
     def present(self, since_ms: int) -> tuple[Presence, ...]:
         """Return the workers that were heard since a moment and have not left, by name."""
-        here = (arrivals.c.heard_ms >= since_ms) & arrivals.c.left_ms.is_(None)
-        query = select(arrivals).where(here).order_by(arrivals.c.worker, arrivals.c.id)
+        query = select(*_PRESENCE).where(_is_here(since_ms))
+        query = query.order_by(arrivals.c.worker, arrivals.c.id)
         with self._database.reading() as connection:
             return tuple(map(_presence, connection.execute(query).mappings()))
 
     def last(self, worker: str, at_ms: int) -> Presence | None:
         """Return the latest arrival under a name up to a moment, if it is still on record."""
         named = (arrivals.c.worker == worker) & (arrivals.c.arrived_ms <= at_ms)
-        query = select(arrivals).where(named).order_by(arrivals.c.id.desc()).limit(1)
+        query = select(*_PRESENCE).where(named).order_by(arrivals.c.id.desc()).limit(1)
         with self._database.reading() as connection:
             found = connection.execute(query).mappings().first()
         return None if found is None else _presence(found)
+
+
+def _is_here(since_ms: int) -> ColumnElement[bool]:
+    return (arrivals.c.heard_ms >= since_ms) & arrivals.c.left_ms.is_(None)
 
 
 def _prune(connection: Connection, numbers: Sequence[int]) -> None:

@@ -32,7 +32,7 @@ from sqlalchemy.types import TypeEngine
 from eigenfail.values import MEASURES, Priority
 from eigenfail.values.episode import FAILURES, Outcome
 
-VERSION = "0019"
+VERSION = "0020"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -332,6 +332,7 @@ arrivals = Table(
     Column("host", Prose, nullable=False),
     Column("pid", BigInteger, nullable=False),
     Column("versions", Text, nullable=False),
+    Column("offer", Text),  # JSON; of the worker's bridge, while it is connected
     Column("arrived_ms", BigInteger, nullable=False),
     Column("heard_ms", BigInteger, nullable=False),
     Column("left_ms", BigInteger),

@@ -29,6 +29,16 @@ def test_steps_of_which_nothing_was_perceived_or_done_are_shown(perceived, contr
     assert known == [True] * told + [False] * (STEPS + 1 - told)
 
 
+def test_the_borders_of_the_lanes_and_the_kinds_are_drawn_where_they_are_told():
+    told = scene(STEPS, STEPS)
+    plain = make_scene_chart(told, None, Outcome.SAFE)
+    assert plain.data.keys().isdisjoint({"road", "kinds"})
+    border = np.array([[0.0, 2.0], [30.25, 2.0], [60.0, 9.5]], np.float32)
+    shown = msgspec.structs.replace(told, road=(border,), kinds=("unknown", "pedestrian"))
+    chart = make_scene_chart(shown, None, Outcome.SAFE)
+    assert chart.data == plain.data | {"road": [border.tolist()], "kinds": ["", "pedestrian"]}
+
+
 def test_a_vehicle_that_is_not_there_has_no_position_and_is_not_the_nearest():
     told = scene(STEPS, STEPS)
     vehicles = np.concatenate([told.vehicles, told.vehicles[:, 1:] + 50.0], axis=1)

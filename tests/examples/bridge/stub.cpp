@@ -18,19 +18,26 @@ public:
     explicit Golden(const Start& start) : fails_(start.planner == "idm") {
         truth_.ego = {0.0, 0.0, 0.0, 24.0, 16.5, 2.5};
         truth_.others = {{100.0, 4.0, 0.0, 12.5, 4.5, 1.8}};
+        truth_.ids = {whole(1)};
+        truth_.signals = {{"planned_gap_m", {20.0}}};
     }
 
     Truth truth() const override { return truth_; }
 
-    void step(Pair disturbance_m) override {
+    void step(const Disturbances& disturbances) override {
         if (fails_) throw Fault("planner", "It looked away.");
         const Vehicle other = truth_.others[nearest(truth_)];
         truth_.ego.x_m = 2.375;
         truth_.others.push_back(other);
         truth_.collided = truth_.off_road = true;
-        truth_.perceived = Pair{other.x_m + disturbance_m.first, other.y_m + disturbance_m.second};
+        truth_.perceived = Pair{other.x_m + disturbances["longitudinal"],
+                                other.y_m + disturbances["lateral"]};
         truth_.control = Pair{-7.5, 0.01};
         truth_.applied = Pair{-7.0, 0.01};
+        truth_.ids = {whole(2), whole(1)};
+        truth_.signals = {{"planned_gap_m", {19.5}}};
+        truth_.account = {{"heeds", text("lead")}, {"gap_m", {81.0}}};
+        truth_.path = {{2.375, 0.0}, {26.0, 0.0}};
     }
 
 private:
@@ -42,7 +49,9 @@ Description description() {
     Map of_truck{{"distance_m", {55.0}}, {"wet", {true}}, {"kind", text("truck")},
                  {"lanes", whole(2)}};
     return {"stub", "1.0", 2, {{"cut_in", 0.1, 100, std::move(of_truck)}},
-            {{"rulebook", {{"beside_m", {6.0}}}}, {"idm", {}}}};
+            {{"rulebook", {{"beside_m", {6.0}}}}, {"idm", {}}},
+            {"lateral", "ghost"},
+            {{"planned_gap_m", "m", "gap that the planner keeps"}}};
 }
 
 int echo() {

@@ -5,15 +5,19 @@ import subprocess
 from pathlib import Path
 
 import deadlines
+import numpy as np
 import pytest
 import zmq
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from msgspec.msgpack import decode, encode
 
+from eigenfail.cli.specs import read_spec
+from eigenfail.values import EpisodeTask, PriorSource, episode_seed
 from eigenfail_workers import bridge
 
 HERE = Path(__file__).parent
+BRIDGES = HERE.parents[2] / "examples" / "bridge"
 GOLDEN = {
     file.stem: file.read_bytes()
     for file in sorted((Path(bridge.__file__).parent / "golden").iterdir())
@@ -24,6 +28,12 @@ DIALOGUE = (
     ("reset", "observations_at_start"),
     ("step", "observations_after_step"),
     ("step_of_another_session", "error"),
+    ("close", "closed"),
+)
+DIALOGUE_2 = (
+    ("hello_with_choice", "welcome_2"),
+    ("reset_2", "observations_2_at_start"),
+    ("step_2", "observations_2_after_step"),
     ("close", "closed"),
 )
 ABOVE = (0, 127, 128, 255, 256, 2**16, 2**32, 2**64 - 1)
@@ -111,8 +121,9 @@ def without_nil(value: object) -> object:
     return value
 
 
-def test_it_leads_the_golden_dialogue(ask) -> None:
-    for request, answer in DIALOGUE:
+@pytest.mark.parametrize("dialogue", [DIALOGUE, DIALOGUE_2], ids=["version 1", "version 2"])
+def test_it_leads_the_golden_dialogue(ask, dialogue) -> None:
+    for request, answer in dialogue:
         assert told_of(ask(GOLDEN[request])) == told_of(GOLDEN[answer]), request
 
 
@@ -133,6 +144,28 @@ def test_slots_that_are_over_and_names_that_nobody_knows_are_faults(ask) -> None
         assert decode(ask(encode(reset)))["slots"][0]["fault"] == "input", key
     reset["slots"] = [decode(GOLDEN["reset"])["slots"][0] | {"slot": 2}]
     assert decode(ask(encode(reset)))["type"] == "error"
+
+
+def test_channels_that_it_does_not_offer_are_faults_of_their_slots(ask) -> None:
+    ask(GOLDEN["hello_with_choice"])
+    reset = decode(GOLDEN["reset_2"])
+    reset["slots"][1]["channels"] = [{"name": "longitudinal"}]
+    known, unknown = decode(ask(encode(reset)))["slots"]
+    assert "fault" not in known
+    assert (unknown["fault"], unknown["message"]) == ("input", "There is no channel of that name.")
+    reset["slots"][1]["channels"] = [{"name": "vehicle_1.speed"}]
+    assert decode(ask(encode(reset)))["slots"][1]["fault"] == "input"
+
+
+def test_an_account_is_given_where_it_is_asked_for(ask) -> None:
+    ask(GOLDEN["hello_with_choice"])
+    reset = decode(GOLDEN["reset_2"])
+    for each in reset["slots"]:
+        each.pop("explain", None)
+    ask(encode(reset))
+    first, _ = decode(ask(GOLDEN["step_2"]))["slots"]
+    assert first["signals"] == {"planned_gap_m": 19.5}
+    assert first.keys().isdisjoint({"account", "path"})
 
 
 WRONG = {
@@ -223,11 +256,28 @@ def test_a_worker_that_is_silent_makes_room_though_its_episode_is_not_over(ask) 
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], max_examples=300)
-@given(st.sampled_from(["hello", "reset", "step"]), st.integers(0, 400), st.integers(0, 255))
+@given(
+    st.sampled_from(["hello", "reset", "step", "hello_with_choice", "reset_2", "step_2"]),
+    st.integers(0, 400),
+    st.integers(0, 255),
+)
 def test_spoilt_requests_are_answered_and_nothing_else(ask, name, place, byte) -> None:
-    ask(GOLDEN["hello"])
+    ask(GOLDEN["hello_with_choice" if name.endswith("2") else "hello"])
     spoilt = bytearray(GOLDEN[name])
     spoilt[place % len(spoilt)] = byte
     assert decode(ask(bytes(spoilt)), strict=False)["type"] in {
         *("welcome", "refusal", "observations", "closed", "error"),
     }
+
+
+def test_missed_detections_make_the_example_collide(compiled, start, engine) -> None:
+    """The campaign of the bridge in JavaScript fits, whose scenario and planner are the same."""
+    address = start(compiled(BRIDGES / "cpp" / "main.cpp")).address
+    spec = read_spec(BRIDGES / "javascript" / "campaign.toml")
+    tasks = [EpisodeTask(i, episode_seed(1, i), PriorSource()) for i in range(100)]
+    results = list(engine(spec, address).run(tasks))
+    assert [each.fault for each in results] == [None] * len(tasks)
+    missed = [each.noise.injected[:, 2].sum() for each in results]
+    failed = [many for many, each in zip(missed, results, strict=True) if each.is_failure]
+    assert 0 < len(failed) < len(tasks)
+    assert np.mean(failed) > np.mean(missed)

@@ -45,3 +45,6 @@ def test_missed_detections_make_it_collide(address, engine) -> None:
     missed = [each.noise.injected[:, 2].sum() for each in results]
     failed = [many for many, each in zip(missed, results, strict=True) if each.is_failure]
     assert 0 < len(failed) < len(tasks)
+    scene = next(each.scene for each in results if each.is_failure)
+    assert [border[:, 1].tolist() for border in scene.road] == [[2.0, 2.0], [-2.0, -2.0]]
+    assert scene.kinds == ("unknown", "car")

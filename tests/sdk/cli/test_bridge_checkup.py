@@ -11,6 +11,7 @@ import pytest
 from msgspec.msgpack import decode
 
 from eigenfail.bridges import EPISODE_VARIABLE
+from eigenfail.cli.specs import check_local_bridge, read_spec
 
 BRIDGES = Path(__file__).parents[3] / "examples" / "bridge"
 LOOK = "Look at its own log; `eigenfail doctor --bridge` tries it."
@@ -223,3 +224,24 @@ def test_the_messages_of_the_protocol_are_written_without_a_bridge(eigenfail, tm
         text = json.loads((folder / f"{name}.json").read_text())
         assert decode((folder / f"{name}.msgpack").read_bytes()) == text
     assert eigenfail("doctor", "--golden", str(folder), "--bridge", "ipc:///tmp/b").exit_code == 2
+
+
+def test_a_run_that_the_bridge_cannot_serve_ends_before_a_service_is_started(
+    eigenfail, start, tmp_path, monkeypatch
+) -> None:
+    file, data = tmp_path / "c.toml", tmp_path / "data"
+    file.write_text(CAMPAIGN.format(parameter="distance = 58.0"))
+    monkeypatch.setenv("EIGENFAIL_BRIDGE", start(BRIDGES / "minimal.py"))
+    for seeds in ((), ("--seeds", "2")):
+        told = eigenfail("run", str(file), "--data", str(data), *seeds)
+        assert told.exit_code == 2, told.output
+        assert "scenario_parameters: 'distance' is not known" in told.output
+        assert "Did you mean 'distance_m'?" in told.output
+    assert not data.exists()
+
+
+def test_a_bridge_that_does_not_answer_refuses_no_campaign(tmp_path, monkeypatch) -> None:
+    monkeypatch.setenv("EIGENFAIL_BRIDGE", f"ipc://{tmp_path}/none")
+    file = tmp_path / "c.toml"
+    file.write_text(CAMPAIGN.format(parameter="distance = 58.0"))
+    check_local_bridge([read_spec(file)])

@@ -1,7 +1,9 @@
 """The roster: arrivals, departures, and that the others are still connected."""
 
+import msgspec
 import pytest
 
+from eigenfail.bridges import BridgeOffer, OfferedPlanner, OfferedScenario
 from eigenfail.errors import StoreUnavailable
 from eigenfail.wire.messages import PROTOCOL, Hello
 from eigenfail_services.hub import worker_table
@@ -104,6 +106,40 @@ def test_what_could_not_be_written_is_written_later(table, monkeypatch):
             table.pass_s(ROSTER_INTERVAL_S)
     table.pass_s(0.0)
     assert table.present() == ["a"]
+
+
+OFFER = BridgeOffer(
+    "b", "1", (OfferedScenario("road", 0.1, 10),), (OfferedPlanner("p", ("a",)),), ("speed",)
+)
+
+
+def test_offers_of_bridges_are_kept_while_their_workers_are_there(table):
+    text = msgspec.json.encode(OFFER).decode()
+    for name in ("a", "b", "c"):
+        table.take(name)
+    table.sessions[b"a"].offer = table.sessions[b"b"].offer = text
+    table.pass_s(ROSTER_INTERVAL_S)
+    assert table.roster.list_offers() == (OFFER,)
+    table.sessions[b"a"].offer = None
+    table.pass_s(ROSTER_INTERVAL_S)
+    assert table.roster.list_offers() == (OFFER,)
+    del table.sessions[b"b"]
+    table.pass_s(ROSTER_INTERVAL_S)
+    assert table.roster.list_offers() == ()
+    assert table.present() == ["a", "c"]
+
+
+def test_an_offer_is_written_once_however_long_it_stands(table, monkeypatch):
+    written = []
+    write = table.roster.set_offers
+    monkeypatch.setattr(
+        table.roster, "set_offers", lambda offers: written.append(len(offers)) or write(offers)
+    )
+    table.take("a")
+    table.sessions[b"a"].offer = msgspec.json.encode(OFFER).decode()
+    for _ in range(3):
+        table.pass_s(ROSTER_INTERVAL_S)
+    assert written == [1]
 
 
 def test_at_the_end_nobody_is_there(table):

@@ -7,6 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from structlog.testing import capture_logs
 
+from eigenfail.bridges import BridgeOffer, OfferedPlanner, OfferedScenario
 from eigenfail.values import (
     CampaignSpec,
     EpisodeFault,
@@ -25,6 +26,7 @@ from eigenfail.wire.messages import (
     MAX_HOLDINGS,
     PROTOCOL,
     Ack,
+    BridgeReport,
     Drop,
     Goodbye,
     Heartbeat,
@@ -38,6 +40,7 @@ from eigenfail.wire.messages import (
     Welcome,
     encode,
     fingerprint_task,
+    split,
 )
 from eigenfail_services.hub import worker_sessions
 from eigenfail_services.hub.commits import CommitQueue
@@ -251,6 +254,56 @@ def test_whatever_bytes_come_the_hub_answers_or_ignores(data: bytes) -> None:
     room.join(b"a")
     room.sessions.handle(b"a", data)
     assert b"a" in room.leases.sessions
+
+
+def offer(parameters: int) -> BridgeOffer:
+    """The offer of a bridge whose scenario has some parameters with long names."""
+    names = tuple(f"{number:0200}" for number in range(parameters))
+    return BridgeOffer("b", "1", (OfferedScenario("s", 0.1, 9, names),), (OfferedPlanner("p"),))
+
+
+def test_what_a_bridge_offers_is_kept_with_the_session_of_its_worker(room: Room) -> None:
+    room.join(b"a")
+    session = room.leases.sessions[b"a"]
+    assert session.offer is None
+    for said, kept in ((offer(3), True), (None, False), (offer(3), True), (offer(2_000), False)):
+        for frame in split(BridgeReport(said)):
+            room.sessions.handle(b"a", frame)
+        assert (session.offer is not None) is kept
+    room.sessions.handle(b"b", encode(BridgeReport(offer(1))))
+    assert b"b" not in room.leases.sessions
+
+
+NAN = float("nan")
+BENT_OFFERS = {
+    "text": "everything",
+    "number": 7,
+    "list": [],
+    "empty": {},
+    "no scenarios": {"scenarios": None},
+    "scenario without steps": {"scenarios": [{"name": "s", "dt_s": 0.1}]},
+    "endless scenario": {"scenarios": [{"name": "s", "dt_s": 0.1, "steps": 10_001}]},
+    "step of NaN": {"scenarios": [{"name": "s", "dt_s": NAN, "steps": 9}]},
+    "parameters with defaults": {
+        "scenarios": [{"name": "s", "dt_s": 0.1, "steps": 9, "parameters": {"a": 1}}]
+    },
+    "nameless planner": {"planners": [{"name": ""}]},
+    "long name": {"name": "x" * 201},
+    "channels of numbers": {"channels": [1, 2]},
+    "signals in a text": {"signals": "gap_m"},
+}
+
+
+@pytest.mark.fault("malformed, nested, lying or foreign messages")
+@pytest.mark.parametrize("name", BENT_OFFERS)
+def test_a_bent_offer_is_refused_and_the_last_one_stays(room: Room, name: str) -> None:
+    room.join(b"a")
+    room.sessions.handle(b"a", encode(BridgeReport(offer(3))))
+    kept, bent = room.leases.sessions[b"a"].offer, BENT_OFFERS[name]
+    said = msgspec.msgpack.decode(encode(BridgeReport(offer(3))))
+    whole = said["offer"] | bent if isinstance(bent, dict) and bent else bent
+    room.sessions.handle(b"a", msgspec.msgpack.encode(said | {"offer": whole}))
+    assert room.leases.sessions[b"a"].offer == kept is not None
 
 
 @given(st.integers(0, 400), st.integers(0, 255))

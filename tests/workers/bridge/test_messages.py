@@ -14,11 +14,12 @@ from msgspec.msgpack import decode
 from msgspec.msgpack import encode as pack
 from msgspec.structs import replace
 
+from eigenfail.bridges import check_channels
 from eigenfail.errors import PlannerError, SimulatorError
 from eigenfail.values import POSITION, Channel, Control, Observation, VehicleState
 from eigenfail_workers import bridge
 from eigenfail_workers.bridge import messages as said
-from eigenfail_workers.bridge.episode import ObservationReader, check_channels, record_step
+from eigenfail_workers.bridge.episode import ObservationReader, record_step
 from eigenfail_workers.bridge.messages import encode, read_answer
 
 GOLDEN = Path(bridge.__file__).parent / "golden"
@@ -118,6 +119,21 @@ ANSWERS_2 = {
             ),
         )
         * 2,
+    ),
+    "observations_2_with_road": said.Observations(
+        1,
+        (
+            said.DetailedObservation(
+                0,
+                ego,
+                (other,),
+                False,
+                False,
+                off_road=False,
+                kinds=("van",),
+                road=(((0.0, -2.0), (200.0, -2.0)), ((0.0, 6.0), (100.0, 6.0), (200.0, 8.0))),
+            ),
+        ),
     ),
     "observations_2_after_step": said.Observations(
         2,
@@ -333,7 +349,7 @@ def test_the_session_of_version_2_on_the_page_is_one() -> None:
     welcome = said.read_hello_answer(pack(words[1]))
     assert welcome.offered_signals == {"planned_gap_m"}
     channels = (Channel("missed"), Channel("vehicle_1.speed"))
-    check_channels(welcome, channels)
+    check_channels(welcome.offer, [channel.name for channel in channels])
     (began,), (went,) = (read_answer(pack(answer), 2).slots for answer in words[3::2])
     reader = ObservationReader(channels, 0.1)
     reader.read(began, ())

@@ -8,7 +8,7 @@ from time import perf_counter
 import msgspec
 from msgspec.structs import replace
 
-from eigenfail.bridges import Plain, check_address
+from eigenfail.bridges import Plain, check_address, find_scenario
 from eigenfail.cli.plugin_checks import SKIPPED, CheckResult, CheckVerdict
 from eigenfail.errors import EigenfailError, EpisodeError, SimulatorError, suggest_name
 from eigenfail.testing import expect
@@ -46,7 +46,6 @@ from eigenfail_workers.bridge.connection import BridgeTimeouts, Connection, Shar
 from eigenfail_workers.bridge.engine import BridgeEngine
 from eigenfail_workers.bridge.episode import (
     ObservationReader,
-    find_scenario,
     list_injected,
     make_step,
 )
@@ -92,7 +91,7 @@ class BridgeSimulation:
         self._is_position = channels is None
         self._channels = list_position(connection.welcome) if channels is None else channels
         channels = self._channels
-        self.dt_s = find_scenario(connection.welcome, start.scenario).dt_s
+        self.dt_s = find_scenario(connection.welcome.offer, start.scenario).dt_s
         self.steps = start.steps
         self._reader = ObservationReader(channels, self.dt_s)
         self._now: Observation | None = None
@@ -207,7 +206,7 @@ def _run_side_by_side(
     """Run an episode for each seed in a separate slot, with all steps in one request."""
     starts = (replace(start, slot=slot, seed=seed) for slot, seed in enumerate(seeds))
     welcome = connection.welcome
-    dt_s = find_scenario(welcome, start.scenario).dt_s
+    dt_s = find_scenario(welcome.offer, start.scenario).dt_s
     channels = list_position(welcome)
     readers = [ObservationReader(channels, dt_s) for _ in seeds]
     shown = zip(readers, _reset(connection, *starts), strict=True)
@@ -348,7 +347,7 @@ def measure_pace(connection: Connection, start: SlotStart) -> BridgePace:
         InvalidValue: the bridge cannot run what it offers.
     """
     beside = min(connection.welcome.slots, MAX_BESIDE)
-    dt_s = find_scenario(connection.welcome, start.scenario).dt_s
+    dt_s = find_scenario(connection.welcome.offer, start.scenario).dt_s
     _measure_step_s(connection, start, 1)
     alone_s, together_s = (_measure_step_s(connection, start, many) for many in (1, beside))
     return BridgePace(dt_s, alone_s, together_s, beside)

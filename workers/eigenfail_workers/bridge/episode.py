@@ -4,11 +4,19 @@ from time import perf_counter
 from typing import NamedTuple
 
 import msgspec
-from msgspec import UNSET
+import numpy as np
+from msgspec import UNSET, UnsetType
 from msgspec.structs import replace
 
-from eigenfail.bridges import Plain, foreign
-from eigenfail.errors import EpisodeError, InputError, InvalidValue, SimulatorError, UnknownName
+from eigenfail.bridges import (
+    EpisodeDemand,
+    Plain,
+    check_channels,
+    check_demand,
+    check_signals,
+    foreign,
+)
+from eigenfail.errors import EpisodeError, InputError, InvalidValue, SimulatorError
 from eigenfail.values import (
     AXES,
     Account,
@@ -17,20 +25,21 @@ from eigenfail.values import (
     EpisodeResult,
     EpisodeSetup,
     EpisodeTask,
+    Floats,
     Observation,
     Path,
+    Scene,
     VehicleState,
 )
-from eigenfail.values.channels import CHANNELS_FIELD, EVERY, Channel, split_name
+from eigenfail.values.channels import CHANNELS_FIELD, Channel, split_name
 from eigenfail.values.requirements import EpisodeJudge
+from eigenfail.values.scene import UNKNOWN_KIND, VEHICLE_KINDS
 from eigenfail.values.shapes import Row
-from eigenfail.values.signals import BRIDGE
 from eigenfail_workers.accounts import RecordedStep, read_account, thin_path
 from eigenfail_workers.bridge.connection import Connection
 from eigenfail_workers.bridge.messages import (
     CHANNEL_PROTOCOL,
     MAX_VEHICLES,
-    BridgeScenario,
     BridgeWelcome,
     DetailedObservation,
     InjectedChannel,
@@ -100,10 +109,11 @@ class BridgeEpisode:
         self._foreign = foreign(parameters)
         named = msgspec.structs.asdict(parameters)
         self._steps, self._dt_s = int(named["steps"]), float(named["dt_s"])
-        check_start(welcome, self.make_start(0), self._dt_s)
-        check_channels(welcome, campaign.noise.perceived)
+        offer = welcome.offer
+        check_demand(offer, self._make_demand())
+        check_channels(offer, [channel.name for channel in campaign.noise.perceived])
         if campaign.judge is not None:
-            check_signals(welcome, campaign.judge.signals)
+            check_signals(offer, campaign.judge.signals)
         self._wall_s, self._measured_s = 0.0, perf_counter()
         model = campaign.model
         self._recorder = Recorder(model, task.importance, campaign.judge)
@@ -118,6 +128,17 @@ class BridgeEpisode:
     def has_begun(self) -> bool:
         """Whether the bridge has reported the start of the episode."""
         return self._reader.has_begun
+
+    def _make_demand(self) -> EpisodeDemand:
+        setup = self._campaign.setup
+        return EpisodeDemand(
+            setup.scenario,
+            setup.planner,
+            self._foreign,
+            self._campaign.settings,
+            self._steps,
+            self._dt_s,
+        )
 
     def make_start(self, slot: int) -> SlotStart:
         """Return what a reset asks for in a slot."""
@@ -169,7 +190,8 @@ class BridgeEpisode:
             done = make_result(
                 self._campaign.setup, self.task, self._noise, self._recorder, self._dt_s
             )
-            return replace(done, wall_s=wall_s)
+            scene = done.scene and self._reader.complete_scene(done.scene)
+            return replace(done, wall_s=wall_s, scene=scene)
         self._disturbance = disturbance
         if wall_s > connection.timeouts.episode_s:
             raise connection.make_timeout()
@@ -218,6 +240,8 @@ class ObservationReader:
         self._dt_s = dt_s
         self._last: Observation | None = None
         self._vehicles: dict[int | str, tuple[int, Point]] = {}
+        self._kinds: dict[int, str] = {}
+        self._road: tuple[Floats, ...] | UnsetType = UNSET
 
     @property
     def has_begun(self) -> bool:
@@ -241,8 +265,28 @@ class ObservationReader:
         """
         before = self._last
         now = self._read_start(seen) if before is None else self._go_on(seen, before, disturbance)
+        self._note_kinds(seen, now)
         self._last = now
         return now
+
+    def complete_scene(self, scene: Scene) -> Scene:
+        """Return the scene of the episode with the road and the kinds that the bridge has told."""
+        kinds: tuple[str, ...] | UnsetType = UNSET
+        if self._kinds:
+            numbers = range(len(scene.sizes))
+            kinds = tuple([self._kinds.get(number, UNKNOWN_KIND) for number in numbers])
+        return replace(scene, road=self._road, kinds=kinds)
+
+    def _note_kinds(self, seen: SlotObservation, now: Observation) -> None:
+        """Keep the first kind that the bridge tells of each vehicle."""
+        kinds = seen.kinds if isinstance(seen, DetailedObservation) else None
+        if kinds is None:
+            return
+        if len(kinds) != len(now.others):
+            problem = f"The {len(now.others)} other vehicles have {len(kinds)} kinds."
+            raise SimulatorError(problem, "Give one for each, in their order, or leave them out.")
+        for number, kind in zip(now.numbers, kinds, strict=True):
+            self._kinds.setdefault(number, kind if kind in VEHICLE_KINDS else UNKNOWN_KIND)
 
     def _read_start(self, seen: SlotObservation) -> Observation:
         ego, others = _read_ego(seen, 0), _read_others(seen)
@@ -252,6 +296,8 @@ class ObservationReader:
             if ids is None and vehicle is not None and vehicle > len(others):
                 problem = f"'{channel.name}' is of vehicle {vehicle}, and there are {len(others)}."
                 raise InvalidValue(CHANNELS_FIELD, problem, "Vehicles are numbered from 1.")
+        if isinstance(seen, DetailedObservation) and seen.road:
+            self._road = tuple([np.array(border, np.float32) for border in seen.road])
         return Observation(
             0,
             ego,
@@ -344,73 +390,3 @@ def _read_ego(seen: SlotObservation, step: int) -> VehicleState:
 
 def _read_others(seen: SlotObservation) -> tuple[VehicleState, ...]:
     return tuple([VehicleState(*vehicle) for vehicle in seen.others])
-
-
-def find_scenario(welcome: BridgeWelcome, name: str) -> BridgeScenario:
-    """Return the scenario of a bridge by its name.
-
-    Raises:
-        UnknownName: the bridge does not offer that scenario.
-    """
-    for scenario in welcome.scenarios:
-        if scenario.name == name:
-            return scenario
-    raise UnknownName("scenario", name, (each.name for each in welcome.scenarios))
-
-
-def check_start(welcome: BridgeWelcome, start: SlotStart, dt_s: float) -> None:
-    """Check that a bridge offers what an episode needs.
-
-    Args:
-        welcome: what the bridge offers.
-        start: what the episode needs.
-        dt_s: duration of a step according to the campaign.
-
-    Raises:
-        UnknownName: the bridge does not know the scenario, the planner, a parameter or a setting.
-        InvalidValue: the scenario has fewer steps, or steps of another duration.
-    """
-    scenario = find_scenario(welcome, start.scenario)
-    planners = {each.name: each.settings or {} for each in welcome.planners}
-    if start.planner not in planners:
-        raise UnknownName("planner", start.planner, planners)
-    for field, given, known in (
-        ("scenario_parameters", start.parameters, scenario.parameters or {}),
-        ("planner_settings", start.settings, planners[start.planner]),
-    ):
-        for name in given:
-            if name not in known:
-                raise UnknownName(field, name, known)
-    if start.steps > scenario.steps:
-        problem = f"'{scenario.name}' has no more than {scenario.steps} steps."
-        raise InvalidValue("scenario_parameters.steps", problem, "Ask for no more.")
-    if dt_s != scenario.dt_s:
-        problem = f"a step of '{scenario.name}' takes {scenario.dt_s:g} s, and not {dt_s:g} s."
-        remedy = f"Write dt_s = {scenario.dt_s:g}."
-        raise InvalidValue("scenario_parameters.dt_s", problem, remedy)
-
-
-def check_channels(welcome: BridgeWelcome, channels: tuple[Channel, ...]) -> None:
-    """Check that a bridge can disturb the channels of a campaign.
-
-    Raises:
-        UnknownName: it cannot disturb one of them.
-    """
-    offered = welcome.offered_channels
-    for channel in channels:
-        name = split_name(channel.name)
-        each = f"{EVERY}.{name.quantity}"
-        if channel.name not in offered and not (name.vehicle and each in offered):
-            raise UnknownName(CHANNELS_FIELD, channel.name, offered)
-
-
-def check_signals(welcome: BridgeWelcome, needed: frozenset[str]) -> None:
-    """Check that a bridge reports the signals of its own that requirements need.
-
-    Raises:
-        UnknownName: it does not report one of them.
-    """
-    offered = {f"{BRIDGE}.{name}" for name in welcome.offered_signals}
-    for name in sorted(needed):
-        if name.startswith(f"{BRIDGE}.") and name not in offered:
-            raise UnknownName("signal in requirements", name, offered)

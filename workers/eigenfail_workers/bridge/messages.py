@@ -8,14 +8,22 @@ Fields of version 2 are absent from requests in version 1, whose bytes are as th
 was another version.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
-from eigenfail.bridges import Plain, Steps, StepTime
+from eigenfail.bridges import (
+    BridgeOffer,
+    Name,
+    OfferedPlanner,
+    OfferedScenario,
+    Plain,
+    Steps,
+    StepTime,
+)
 from eigenfail.errors import (
     EpisodeError,
     InputError,
@@ -41,14 +49,16 @@ MAX_CHANNELS = 1_000
 MAX_SIGNALS = 100
 MAX_ACCOUNT_BYTES = 4096
 MAX_PATH_POINTS = 1_000
+MAX_BORDERS = 64
+MAX_ROAD_POINTS = 2_000
 
 Number = Annotated[float, Meta(ge=-1e9, le=1e9)]
 Size = Annotated[float, Meta(gt=0.0, le=1e9)]
 Count = Annotated[int, Meta(ge=0)]
-Name = Annotated[str, Meta(min_length=1, max_length=200)]
 Pair = tuple[Number, Number]
 Vehicle = tuple[Number, Number, Number, Number, Size, Size]
 Defaults = dict[Name, Plain]
+Border = Annotated[tuple[Pair, ...], Meta(min_length=2, max_length=MAX_ROAD_POINTS)]
 Fault = Literal["simulator", "planner", "solver", "input"]
 
 
@@ -180,6 +190,25 @@ class BridgeWelcome(BridgeMessage, frozen=True, tag="welcome"):
         """Whether seeds are sent as text."""
         return False
 
+    @property
+    def offer(self) -> BridgeOffer:
+        """What the bridge offers to campaigns: names, without the defaults."""
+        return BridgeOffer(
+            self.name,
+            self.version,
+            tuple(
+                [
+                    OfferedScenario(each.name, each.dt_s, each.steps, tuple(each.parameters or ()))
+                    for each in self.scenarios
+                ]
+            ),
+            tuple(
+                [OfferedPlanner(each.name, tuple(each.settings or ())) for each in self.planners]
+            ),
+            tuple(sorted(self.offered_channels)),
+            tuple(sorted(self.offered_signals)),
+        )
+
 
 class BridgeSignal(msgspec.Struct, frozen=True):
     """Named number that the bridge reports of each step."""
@@ -253,12 +282,16 @@ class DetailedObservation(SlotObservation, frozen=True):
         signals: values of the signals of the welcome, by name.
         account: what the planner believed in the step just taken.
         path: where it means to drive, the present position first. [m]
+        kinds: what each other vehicle is, in their order.
+        road: borders of the lanes, each a list of points; of the start alone. [m]
     """
 
     ids: Annotated[tuple[int | Name, ...], Meta(max_length=MAX_VEHICLES)] | None = None
     signals: Annotated[dict[Name, Number], Meta(max_length=MAX_SIGNALS)] | None = None
     account: PlannerAccount | str | None = None
     path: Annotated[tuple[Pair, ...], Meta(max_length=MAX_PATH_POINTS)] | None = None
+    kinds: Annotated[tuple[Name, ...], Meta(max_length=MAX_VEHICLES)] | None = None
+    road: Annotated[tuple[Border, ...], Meta(max_length=MAX_BORDERS)] | None = None
 
 
 class Observations(BridgeMessage, frozen=True, tag="observations"):
@@ -365,11 +398,19 @@ def _read_slot(data: msgspec.Raw) -> DetailedObservation:
         seen = _slot_decoder.decode(data)
     except _UNREADABLE as error:
         return DetailedObservation(fault="simulator", message=_make_unreadable(error).problem)
+    for excess in _list_excesses(seen):
+        return DetailedObservation(fault="simulator", message=excess)
+    return seen
+
+
+def _list_excesses(seen: DetailedObservation) -> Iterator[str]:
+    """Yield what of an observation is too long, in sentences."""
     size = 0 if seen.account is None else len(_encoder.encode(seen.account))
     if size > MAX_ACCOUNT_BYTES:
-        problem = f"The account has {size} bytes; {MAX_ACCOUNT_BYTES} are the most."
-        return DetailedObservation(fault="simulator", message=problem)
-    return seen
+        yield f"The account has {size} bytes; {MAX_ACCOUNT_BYTES} are the most."
+    points = sum(map(len, seen.road or ()))
+    if points > MAX_ROAD_POINTS:
+        yield f"The road has {points} points; {MAX_ROAD_POINTS} are the most."
 
 
 def _make_unreadable(error: Exception) -> SimulatorError:

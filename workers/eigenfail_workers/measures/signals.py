@@ -8,7 +8,7 @@ import numpy as np
 
 from eigenfail.errors import SimulatorError
 from eigenfail.values import LanePosition, NoiseTrajectory, Observation, VehicleState
-from eigenfail.values.signals import BRIDGE, ERROR, NEVER_S, NOBODY_M, SIGNALS, Samples
+from eigenfail.values.signals import BRIDGE, ERROR, NEVER_S, NOBODY_M, PLANNER, SIGNALS, Samples
 from eigenfail_workers.measures.geometry import half_width_across_road, velocity
 from eigenfail_workers.values import Encounter
 
@@ -18,6 +18,10 @@ R157_INSIDE_M: Final = 0.3
 R157_BRAKING_MPS2: Final = 6.0
 R157_REACTION_S: Final = 0.35
 """A cut-in is preventable above a time to collision of v_rel / (2 · 6 m/s²) + 0.35 s (ibid.)."""
+
+
+REPORTED: Final = (f"{BRIDGE}.", f"{PLANNER}.")
+"""Beginnings of the names of the signals that a bridge or a planner reports."""
 
 
 class CutIns:
@@ -112,7 +116,7 @@ class SignalRecorder:
     def __init__(self, wanted: frozenset[str]) -> None:
         self._wanted = wanted
         self._needs_lane = any(SIGNALS[name].needs_lane for name in wanted if name in SIGNALS)
-        self._reported = sorted(name for name in wanted if name.startswith(f"{BRIDGE}."))
+        self._reported = sorted([name for name in wanted if name.startswith(REPORTED)])
         self._values: dict[str, list[float]] = {name: [] for name in (*SIGNALS, *self._reported)}
         self._cut_ins = CutIns()
         self._was_moving = True
@@ -125,7 +129,8 @@ class SignalRecorder:
             encounters: the ego with each other vehicle, in their order.
 
         Raises:
-            SimulatorError: the lane of the ego or a signal of a bridge is needed, and not told.
+            SimulatorError: the lane of the ego or a signal of a bridge or planner is needed, and
+                not told.
         """
         values, ego = self._values, now.ego
         distances = [each.distance_m for each in encounters]

@@ -22,6 +22,7 @@ from eigenfail.wire.messages import (
     MAX_HOLDINGS,
     PROTOCOL,
     Ack,
+    BridgeReport,
     Drop,
     Goodbye,
     Heartbeat,
@@ -36,6 +37,8 @@ from eigenfail.wire.messages import (
     Welcome,
     fingerprint_task,
 )
+from eigenfail.worlds import world_of
+from eigenfail_workers.bridge.probe import make_probe
 from eigenfail_workers.limits import RENEWAL, Limits, read_episode_limit, read_limits
 from eigenfail_workers.worker.child_process import ChildProcess, HeldEpisode, NullChild
 from eigenfail_workers.worker.hub_connection import HubConnection
@@ -119,6 +122,7 @@ class Parent:
         confined = limits or read_limits(episode_limit_s=self._episode_limit_s)
         self._limits = replace(confined, episode_s=self._episode_limit_s)
         self._hub = HubConnection(address, key)
+        self._probe = make_probe(os.environ.get(ADDRESS_VARIABLE))
         self._hello = Hello(
             PROTOCOL,
             name,
@@ -176,6 +180,8 @@ class Parent:
             self._hub.send(Goodbye("stopped"))
             self._processes.end()
             self._hub.close()
+            if self._probe is not None:
+                self._probe.close()
         if self._shutdown.problem is not None:
             raise self._shutdown.problem
 
@@ -186,6 +192,7 @@ class Parent:
         self._processes.clean_up()
         self._feed_child()
         self._send_heartbeat()
+        self._ask_bridge()
 
     def shut_down(self) -> None:
         """Stop after the current turn of the loop; safe to call from a signal handler.
@@ -231,6 +238,7 @@ class Parent:
         self._hello = replace(self._hello, asked=self._hello.asked + 1)
         for (campaign, _), result in self._outbox.items():
             self._hub.send(Results(campaign, (result,)))
+        self._report_offer()
 
     def _handle_refusal(self, message: Refusal) -> None:
         """Say hello again: the hub was restarted, or has dropped this worker."""
@@ -381,6 +389,20 @@ class Parent:
             return
         self._hub.send(self._make_heartbeat())
         self._next_beat_s = now + self._heartbeat_s
+
+    def _ask_bridge(self) -> None:
+        """Find out what the bridge offers, while no campaign of this worker runs on it."""
+        if self._probe is None:
+            return
+        setups = self._setups.setups.values()
+        is_used = any(world_of(setup.simulator).needs_bridge for setup in setups)
+        if self._probe.update(may_ask=not is_used) and self._heartbeat_s:
+            self._report_offer()
+
+    def _report_offer(self) -> None:
+        """Report what the bridge offers to the hub, which forgets it with the session."""
+        if self._probe is not None:
+            self._hub.send(BridgeReport(self._probe.offer))
 
     def _make_heartbeat(self) -> Heartbeat:
         named = ((each.campaign, each.task.index) for each in self._list_held())

@@ -52,9 +52,11 @@ class Rulebook:
 
     Attributes:
         last_decision: decision of the last step; None before the first.
+        signal_names: names of its signals; see `SignallingPlanner`.
     """
 
     Settings: ClassVar = RulebookSettings
+    signal_names: ClassVar = ("lost_tracks", "planned_mps2")
 
     def __init__(self, settings: RulebookSettings) -> None:
         self._settings = settings
@@ -110,6 +112,16 @@ class Rulebook:
     def explain(self) -> Account:
         """Return the last decision; see `ExplainingPlanner`."""
         return {} if self.last_decision is None else self.last_decision.account()
+
+    def signals(self) -> dict[str, float]:
+        """Return the number of lost tracks so far, and the planned acceleration [m/s²]."""
+        decision = self.last_decision
+        if decision is None:
+            return {"lost_tracks": 0.0, "planned_mps2": 0.0}
+        return {
+            "lost_tracks": float(decision.lost_tracks),
+            "planned_mps2": decision.planned_mps2,
+        }
 
     def path(self) -> Path:
         """Return the path of the chosen candidate; see `PlottingPlanner`."""

@@ -14,7 +14,8 @@ export function drawScene(canvas, scene, step, plan) {
   const seen = perceivedAt(scene, whole);
   const pen = prepare(canvas);
   const view = camera(canvas, scene, vehicles[0], vehicles[actor]);
-  drawRoad(pen, view, scene);
+  if (scene.road) drawBorders(pen, view, scene.road);
+  else drawRoad(pen, view, scene);
   if (plan) drawPath(pen, view, plan);
   if (seen) drawSeen(pen, view, scene.sizes[actor], vehicles[actor], seen);
   vehicles.forEach((vehicle, number) => {
@@ -43,14 +44,15 @@ export function wordsOf(scene, step) {
   const [ego, actor] = [scene.vehicles[whole][0], scene.vehicles[whole][scene.nearest[whole]]];
   const seen = perceivedAt(scene, whole);
   const missed = !seen && whole < scene.perceived.length;
+  const name = scene.kinds?.[scene.nearest[whole]] || "actor";
   const off = seen ? Math.hypot(seen[0] - actor[0], seen[1] - actor[1]) : 0;
   const parts = [
     `t = ${(whole * scene.dt).toFixed(1)} s`,
     `ego ${fixed(ego[3])} m/s`,
-    `actor ${fixed(actor[3])} m/s`,
+    `${name} ${fixed(actor[3])} m/s`,
     isContact(scene, whole) ? "collision" : `${apart(scene.apart[whole])} m apart`,
   ];
-  return [...parts, ...(off > ALARM_M ? [`actor seen ${off.toFixed(1)} m off`] : []), ...(missed ? ["actor not detected"] : [])].join(" · ");
+  return [...parts, ...(off > ALARM_M ? [`${name} seen ${off.toFixed(1)} m off`] : []), ...(missed ? [`${name} not detected`] : [])].join(" · ");
 }
 
 // What is apart is never told as 0.0.
@@ -86,8 +88,10 @@ function camera(canvas, scene, ego, actor) {
   const half = scene.sizes[0][0] / 2;
   const left = Math.min(ego[0], actor[0]) - half - MARGIN_M;
   const right = Math.max(ego[0], actor[0]) + half + MARGIN_M;
-  const scale = width / Math.max(right - left, LEAST_VIEW_M);
-  const middle = (Math.max(scene.lanes, 1) - 1) * scene.lane / 2;
+  // A road that bends leads away from y = 0: the view follows both vehicles, and holds both.
+  const across = scene.road ? Math.abs(ego[1] - actor[1]) + 2 * MARGIN_M : 0;
+  const scale = Math.min(width / Math.max(right - left, LEAST_VIEW_M), across ? height / across : Infinity);
+  const middle = scene.road ? (ego[1] + actor[1]) / 2 : (Math.max(scene.lanes, 1) - 1) * scene.lane / 2;
   const x0 = (left + right - width / scale) / 2;
   return {
     scale,
@@ -116,6 +120,11 @@ function drawRoad(pen, view, scene) {
   }
   pen.setLineDash([]);
   pen.lineDashOffset = 0;
+}
+
+function drawBorders(pen, view, borders) {
+  pen.lineWidth = 1.5;
+  for (const border of borders) stroke(pen, border.map(([x, y]) => [view.x(x), view.y(y)]), palette().muted);
 }
 
 // Pairs x, y, x, y …; hollow dots where something overrides the plan.

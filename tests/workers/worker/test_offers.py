@@ -1,0 +1,111 @@
+"""What the bridge of a worker offers reaches its hub, and the next hub, and is withdrawn."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import closing
+from pathlib import Path
+from threading import Thread
+
+import deadlines
+import pytest
+
+from eigenfail.bridges import ADDRESS_VARIABLE
+from eigenfail.values import CampaignSpec
+from eigenfail.wire.messages import (
+    BridgeReport,
+    Drop,
+    Heartbeat,
+    Hello,
+    Refusal,
+    Setup,
+    Welcome,
+)
+from eigenfail_workers.bridge.connection import SharedConnection, make_timeouts
+from eigenfail_workers.worker.parent import Parent
+
+pytestmark = pytest.mark.service
+
+BRIDGE = Path(__file__).parents[3] / "examples" / "bridge" / "minimal.py"
+BEATS = 8
+ON_BRIDGE = CampaignSpec(
+    name="t",
+    method="monte_carlo",
+    episodes=9,
+    simulator="bridge",
+    scenario_parameters={"steps": 9},
+)
+
+
+class Bridge:
+    """The reference bridge as a program that comes and goes."""
+
+    def __init__(self, address: str) -> None:
+        self.address = address
+        self.program: subprocess.Popen[bytes] | None = None
+
+    def start(self) -> None:
+        environment = {**os.environ, "OMP_NUM_THREADS": "1"}
+        command = [sys.executable, str(BRIDGE), self.address]
+        self.program = subprocess.Popen(command, env=environment)
+
+    def stop(self) -> None:
+        if self.program is not None:
+            self.program.kill()
+            self.program.wait()
+            self.program = None
+
+
+@pytest.fixture
+def bridge(tmp_path, monkeypatch) -> Iterator[Bridge]:
+    made = Bridge(f"ipc://{tmp_path}/b")
+    monkeypatch.setenv(ADDRESS_VARIABLE, made.address)
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def worker(hub, bridge) -> Iterator[Parent]:
+    made = Parent(hub.address, "w")
+    thread = Thread(target=made.serve)
+    thread.start()
+    assert hub.hear(Hello).bridge
+    hub.say(Welcome(heartbeat_s=0.2))
+    yield made
+    made.shut_down()
+    made.shut_down()
+    thread.join(timeout=deadlines.PROCESS_S)
+
+
+def hear_offer(hub) -> object:
+    """Return the next offer that is known."""
+    while (offer := hub.hear(BridgeReport).offer) is None:
+        pass
+    return offer
+
+
+def test_the_offer_reaches_each_hub_and_is_withdrawn_with_the_bridge(hub, bridge, worker) -> None:
+    assert hub.hear(BridgeReport).offer is None
+    bridge.start()
+    offer = hear_offer(hub)
+    assert offer.name == "minimal"
+    assert "distance_m" in offer.scenarios[0].parameters
+    hub.say(Refusal("who are you?"))
+    hub.hear(Hello)
+    hub.say(Welcome(heartbeat_s=0.2))
+    assert hub.hear(BridgeReport).offer == offer
+    bridge.stop()
+    assert hub.hear(BridgeReport).offer is None
+
+
+def test_a_bridge_is_not_asked_while_a_campaign_is_on_it(hub, bridge, worker) -> None:
+    hub.hear(BridgeReport)
+    hub.say(Setup(1, ON_BRIDGE.setup()))
+    bridge.start()
+    with closing(SharedConnection(bridge.address, make_timeouts(deadlines.PROCESS_S))) as there:
+        there.get(deadlines.PROCESS_S)
+    for _ in range(BEATS):
+        assert isinstance(hub.hear(Heartbeat | BridgeReport), Heartbeat)
+    hub.say(Drop(1))
+    assert hear_offer(hub).name == "minimal"
