@@ -1,7 +1,7 @@
 """Simulated annealing over noise that is held: random walks that accept ever fewer steps backwards.
 
-The walk is reversible with respect to N(0, 1), so that likelihood needs no term of the energy: at
-a constant temperature T it samples p(z) exp(-robustness / T), and among failures p(z | failure).
+With a scale of 1 the walk is reversible with respect to N(0, 1), so that likelihood needs no term
+of the energy: at a constant temperature T it samples p(z) exp(-robustness / T) of held noise.
 """
 
 from collections.abc import Sequence
@@ -35,8 +35,9 @@ ACCEPTANCE = 1
 """What a number is drawn for besides moves, as part of its seed."""
 
 MIN_STEP, FIRST_STEP = 0.01, 0.5
-ADAPTATION = 0.1
-"""Change of the logarithm of a step's length, per unit of accepted moves above the target."""
+ADAPTATION, ADAPTATION_FAILED = 0.1, 0.5
+"""Change of the logarithm of a step's length, per unit of accepted moves above the target, before
+the run has failed and then. On the way to a failure a step that shrinks fast would get stuck."""
 
 
 class AnnealingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -49,6 +50,14 @@ class AnnealingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
     hold: Annotated[
         int, msgspec.Meta(ge=1, le=10_000, description="steps for which a value is held")
     ] = 10
+    scale: Annotated[
+        float,
+        msgspec.Meta(
+            gt=0.0,
+            le=100.0,
+            description="standard deviation of the noise that a run starts from and moves by [sigma]",
+        ),
+    ] = 1.0
     runs: Annotated[
         int,
         msgspec.Meta(ge=1, le=1_000, description="independent runs, each with a move in a round"),
@@ -147,7 +156,7 @@ class SimulatedAnnealing:
 
     def _find_candidate(self, run: int) -> Array:
         walk = self._walks[run]
-        normals = self._random(run).standard_normal(len(walk.point))
+        normals = self._settings.scale * self._random(run).standard_normal(len(walk.point))
         if not walk.moves:
             return normals
         candidate: Array = sqrt(1.0 - walk.step**2) * walk.point + walk.step * normals
@@ -172,7 +181,8 @@ class SimulatedAnnealing:
         if accepted:
             walk.point, walk.robustness_m = self._find_candidate(run), robustness
         # The share of accepted moves settles at `acceptance` (Robbins and Monro 1951).
-        change = ADAPTATION * (float(accepted) - self._settings.acceptance)
+        rate = ADAPTATION if walk.robustness_m else ADAPTATION_FAILED
+        change = rate * (float(accepted) - self._settings.acceptance)
         walk.step = min(max(walk.step * exp(change), MIN_STEP), 1.0)
         walk.moves += 1
         walk.failures += robustness == 0.0
