@@ -220,7 +220,8 @@ class SimulatedAnnealing:
             numbers = archive.take(arrays, "numbers", (len(self._walks), 3)).tolist()
             if len(facts.counts) != len(self._walks):
                 raise ValueError(f"there are {len(facts.counts)} runs")
+        rows = zip(points, numbers, facts.counts, strict=True)
         self._walks = [
-            Walk(point, *number, *counts)
-            for point, number, counts in zip(points, numbers, facts.counts, strict=True)
+            Walk(point, robustness_m, first_m, step, moves, failures, draws)
+            for point, (robustness_m, first_m, step), (moves, failures, draws) in rows
         ]
