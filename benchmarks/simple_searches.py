@@ -43,12 +43,26 @@ WIDE = {
 }
 """CMA-ES for failures far apart: many runs, which start beyond ordinary noise."""
 
+NARROW = {
+    "runs": 1,
+    "scale": 3.0,
+    "acceptance": 0.995,
+    "temperature": 0.01,
+    "cooling": 5,
+    "restart": 100_000,
+}
+"""Annealing for many failures: one run, whose moves among failures become so short that few end
+outside, and which starts beyond ordinary noise."""
+
 SEARCHES: dict[str, tuple[str, dict[str, Any]]] = {
     "held": ("held", {}),
     "cma": ("cma", {}),
     "cma_one_run": ("cma", ONE_RUN),
     "cma_many": ("cma", MANY_FAILURES),
     "cma_wide": ("cma", WIDE),
+    "annealing": ("annealing", {}),
+    "annealing_narrow": ("annealing", NARROW),
+    "optuna": ("optuna", {}),
     "ast": ("ast", {"patience": None}),
     "ast_wide": ("ast", {"patience": None, "amplitude": 4.0}),
     "cem": ("cem", {}),

@@ -9,6 +9,8 @@ SEARCHES = {
     "held": (40, {}),
     "cem": (40, {"batch": 20}),
     "cma": (40, {}),
+    "annealing": (40, {}),
+    "optuna": (40, {}),
     "ast": (70, {}),
     "difs": (40, {"round_size": 20}),
     "ensemble": (40, {"method": "held", "members": 2}),
