@@ -280,7 +280,7 @@ def _draw_course(
             pen.polygon(corners, fill=fill, outline=_INK, width=FINEST)
         else:
             outline = _BAD if is_hit else _ACTOR_OF_OTHERS if number else _EGO_OF_OTHERS
-            pen.polygon(corners, outline=outline, width=FINEST)
+            pen.polygon(corners, outline=outline, width=2 * FINEST if is_hit else FINEST)
     if course.is_main and at < len(scene.perceived):
         _draw_perceived(pen, view, ego_x_m, *map(float, scene.perceived[at]))
 

@@ -208,7 +208,6 @@ def _make_scene_update(
         entities.append(_make_caption(recording, present.get(0)))
     for entity in entities:
         entity.timestamp.CopyFrom(moment)
-        entity.frame_id = MAP_FRAME
     left = dict(_list_poses(recording, step - 1)).keys() - present.keys() if step else ()
     deletions = [
         SceneEntityDeletion(
@@ -237,7 +236,7 @@ def _make_vehicle(recording: EpisodeRecording, number: int, pose: "Pose") -> "Sc
         size=Vector3(x=length_m, y=width_m, z=height_m),
         color=_make_colour(_OTHER if number else _EGO),
     )
-    return SceneEntity(id=name_vehicle(number), cubes=[cube])
+    return SceneEntity(frame_id=MAP_FRAME, id=name_vehicle(number), cubes=[cube])
 
 
 def _make_road(road: StraightRoad) -> "SceneEntity":
@@ -258,7 +257,7 @@ def _make_road(road: StraightRoad) -> "SceneEntity":
         points=points,
         color=_make_colour(_PAINT),
     )
-    return SceneEntity(id="road", lines=[lines])
+    return SceneEntity(frame_id=MAP_FRAME, id="road", lines=[lines])
 
 
 def _make_caption(recording: EpisodeRecording, ego: "Pose | None") -> "SceneEntity":
@@ -273,7 +272,7 @@ def _make_caption(recording: EpisodeRecording, ego: "Pose | None") -> "SceneEnti
         color=_make_colour(_SEEN),
         text=recording.title,
     )
-    return SceneEntity(id="outcome", texts=[text])
+    return SceneEntity(frame_id=MAP_FRAME, id="outcome", texts=[text])
 
 
 def _make_colour(colour: Colour) -> Any:

@@ -257,12 +257,14 @@ def _add_story(storyboard: Element, scene: Scene, ego: EgoControl) -> None:
     act = SubElement(story, "Act", name="recorded_act")
     first = 0 if ego is EgoControl.RECORDED else 1
     for number in range(first, len(scene.sizes)):
-        name = name_vehicle(number)
+        name, spans = name_vehicle(number), find_presence(scene, number)
+        if not spans:
+            continue
         group = SubElement(act, "ManeuverGroup", name=f"{name}_group", maximumExecutionCount="1")
         actors = SubElement(group, "Actors", selectTriggeringEntities="false")
         SubElement(actors, "EntityRef", entityRef=name)
         maneuver = SubElement(group, "Maneuver", name=f"{name}_maneuver")
-        for span in find_presence(scene, number):
+        for span in spans:
             _add_span(maneuver, scene, number, span)
     _add_time_trigger(act, "StartTrigger", 0.0)
 
