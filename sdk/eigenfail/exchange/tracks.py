@@ -1,10 +1,12 @@
-"""Recorded tracks of vehicles from CSV and Parquet, on one time grid."""
+"""Recorded tracks of vehicles from CSV, Parquet and CommonRoad XML, on one time grid."""
 
 import csv
-from collections.abc import Iterable, Mapping
-from math import isfinite
+from collections.abc import Iterable, Iterator, Mapping
+from math import cos, isfinite, sin
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree as ET
+from xml.etree.ElementTree import Element
 
 import msgspec
 import numpy as np
@@ -30,6 +32,23 @@ REMEDY = f"A track has the columns {', '.join(REQUIRED)}, and perhaps {', '.join
 Row = Mapping[str, Any]
 
 
+class RoadFrame(msgspec.Struct, frozen=True):
+    """Where a straight road is in the coordinates of a recording.
+
+    Attributes:
+        x_m: x of a point on the centre of lane 0, which becomes the origin.
+        y_m: y of that point.
+        heading_rad: direction of the road.
+    """
+
+    x_m: float = 0.0
+    y_m: float = 0.0
+    heading_rad: float = 0.0
+
+
+AS_RECORDED = RoadFrame()
+
+
 class RecordedTracks(Brief, msgspec.Struct, frozen=True, eq=False):
     """Vehicles that were recorded, at equal steps of time.
 
@@ -48,24 +67,28 @@ class RecordedTracks(Brief, msgspec.Struct, frozen=True, eq=False):
     left_out: tuple[str, ...] = ()
 
 
-def read_tracks(path: Path | str, ego: str, dt_s: float = 0.1) -> RecordedTracks:
+def read_tracks(
+    path: Path | str, ego: str, dt_s: float = 0.1, frame: RoadFrame = AS_RECORDED
+) -> RecordedTracks:
     """Return the vehicles of a file that were there as long as the ego, interpolated to steps.
 
     The file has a row for each vehicle and time: `id`, `time_s`, `x_m` and `y_m` of its centre, and
     if they are known `heading_rad`, `speed_mps`, `length_m` and `width_m`. The road is along x, and
-    y is to the left. Headings and speeds that are missing follow from the positions.
+    y is to the left. Headings and speeds that are missing follow from the positions. Of CommonRoad
+    XML (2020a) the dynamic obstacles with a trajectory and a rectangle are read.
 
     Args:
-        path: CSV, or Parquet if its name ends in `.parquet`.
+        path: CSV; Parquet if its name ends in `.parquet`, CommonRoad if it ends in `.xml`.
         ego: id of the vehicle that a planner is to replace.
         dt_s: time between two steps.
+        frame: where the road is in the file, if not along its x axis.
 
     Raises:
         InvalidValue: the file cannot be read, lacks a column or a number, or has no such vehicle,
             or no other one that is there as long.
     """
     path = Path(path)
-    rows = _group_rows(_read_parquet(path) if path.suffix == ".parquet" else _read_csv(path))
+    rows = _group_rows(_READERS.get(path.suffix, _read_csv)(path))
     if ego not in rows:
         known = ", ".join(sorted(rows)[:20])
         raise InvalidValue("ego", f"'{ego}' is not in {path.name}.", f"It has {known}.")
@@ -90,7 +113,7 @@ def read_tracks(path: Path | str, ego: str, dt_s: float = 0.1) -> RecordedTracks
     return RecordedTracks(
         dt_s=dt_s,
         ids=ids,
-        states=np.stack([_interpolate(rows[name], grid_s) for name in ids], axis=1),
+        states=_turn(np.stack([_interpolate(rows[name], grid_s) for name in ids], axis=1), frame),
         sizes=np.array([_find_size(rows[name]) for name in ids]),
         left_out=tuple(name for name in rows if name not in ids),
     )
@@ -114,6 +137,59 @@ def _read_parquet(path: Path) -> list[Row]:
     except (OSError, ArrowException) as error:
         raise InvalidValue("tracks", f"{path} cannot be read: {error}.", REMEDY) from error
     return rows
+
+
+def _read_commonroad(path: Path) -> list[Row]:
+    try:
+        root = ET.parse(path).getroot()  # noqa: S314 - a file of the user, in a process of the user
+        step_s = float(root.attrib["timeStepSize"])
+        return [
+            row
+            for vehicle in root.iter("dynamicObstacle")
+            if vehicle.find("trajectory") is not None
+            for row in _list_states(vehicle, step_s)
+        ]
+    except OSError as error:
+        raise InvalidValue("tracks", f"{path} cannot be read: {error.strerror}.") from error
+    except (ET.ParseError, KeyError, ValueError, AttributeError) as error:
+        problem = f"{path} cannot be read: it is not CommonRoad XML with exact states ({error})."
+        raise InvalidValue(
+            "tracks", problem, "Write it with commonroad-io, version 2020a."
+        ) from error
+
+
+def _list_states(vehicle: Element, step_s: float) -> Iterator[Row]:
+    """Yield the states of a dynamic obstacle; raises ValueError where one is not exact."""
+    shape, name = "shape/rectangle", vehicle.attrib["id"]
+    for state in (*vehicle.findall("initialState"), *vehicle.findall("trajectory/state")):
+        yield {
+            "id": name,
+            "time_s": step_s * _read_text(state, "time/exact"),
+            "x_m": _read_text(state, "position/point/x"),
+            "y_m": _read_text(state, "position/point/y"),
+            "heading_rad": _read_text(state, "orientation/exact"),
+            "speed_mps": _read_text(state, "velocity/exact"),
+            "length_m": _read_text(vehicle, f"{shape}/length"),
+            "width_m": _read_text(vehicle, f"{shape}/width"),
+        }
+
+
+def _read_text(parent: Element, path: str) -> float:
+    text = parent.findtext(path)
+    if text is None:
+        raise ValueError(f"no {path} in {parent.tag}")
+    return float(text)
+
+
+_READERS = {".parquet": _read_parquet, ".xml": _read_commonroad}
+
+
+def _turn(states: Doubles, frame: RoadFrame) -> Doubles:
+    """Return states in a frame in which the road is along x."""
+    dx, dy = states[..., 0] - frame.x_m, states[..., 1] - frame.y_m
+    c, s = cos(frame.heading_rad), sin(frame.heading_rad)
+    heading, speed = states[..., 2] - frame.heading_rad, states[..., 3]
+    return np.stack([c * dx + s * dy, c * dy - s * dx, heading, speed], axis=-1)
 
 
 def _group_rows(rows: Iterable[Row]) -> dict[str, dict[str, Doubles]]:

@@ -89,7 +89,8 @@ def test_the_vehicle_behind_stops_for_an_ego_that_stops():
 
 
 def test_a_follower_keeps_the_gap_of_the_model():
-    # The gap at which the model neither accelerates nor brakes: s_e(v) = (s0 + v T) / sqrt(1 - (v / v0)^4).
+    # The gap at which the model neither accelerates nor brakes:
+    # s_e(v) = (s0 + v T) / sqrt(1 - (v / v0)^4).
     desired, speed = 20.0, 15.0
     situation = stage(make_tracks((0.0, 0.0, desired), (-60.0, 0.0, desired), seconds=200.0))
     ego, follower = play(situation, [speed] * situation.steps)[-1]

@@ -1,7 +1,7 @@
-"""Recorded tracks: the same from CSV and Parquet, on one grid; what cannot be used is refused."""
+"""Recorded tracks: the same from each format, on one grid; what cannot be used is refused."""
 
 import csv
-from math import atan2, hypot, pi
+from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
 import pytest
@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
-from eigenfail.exchange.tracks import USUAL_SIZE_M, read_tracks
+from eigenfail.exchange.tracks import USUAL_SIZE_M, RoadFrame, read_tracks
 
 HEADER = ("id", "time_s", "x_m", "y_m")
 
@@ -55,6 +55,72 @@ def test_parquet_is_read_like_csv(tmp_path):
     assert (one.ids, one.dt_s) == (two.ids, two.dt_s)
     assert np.array_equal(one.states, two.states)
     assert np.array_equal(one.sizes, two.sizes)
+
+
+STATE = """<{tag}><position><point><x>{x}</x><y>{y}</y></point></position>
+<orientation><exact>{heading}</exact></orientation><time><exact>{step}</exact></time>
+<velocity><exact>{speed}</exact></velocity></{tag}>"""
+OBSTACLE = """<dynamicObstacle id="{name}"><type>car</type>
+<shape><rectangle><length>4.5</length><width>1.8</width></rectangle></shape>
+{start}<trajectory>{states}</trajectory></dynamicObstacle>"""
+
+
+def write_commonroad(path, *vehicles):
+    """A file of vehicles at constant speed along x, each of id, x [m], y [m] and speed [m/s]."""
+    obstacles = []
+    for name, x_m, y_m, speed in vehicles:
+        states = [
+            STATE.format(tag=tag, x=x_m + speed * 0.1 * n, y=y_m, heading=0.0, step=n, speed=speed)
+            for n, tag in enumerate(["initialState", *["state"] * 10])
+        ]
+        obstacles.append(OBSTACLE.format(name=name, start=states[0], states="".join(states[1:])))
+    standing = '<dynamicObstacle id="9"><type>car</type></dynamicObstacle>'
+    text = f'<commonRoad timeStepSize="0.1">{standing}{"".join(obstacles)}</commonRoad>'
+    path.write_text(text)
+    return path
+
+
+def test_commonroad_is_read_like_csv(tmp_path):
+    path = write_commonroad(tmp_path / "a.xml", ("1", 0.0, 0.0, 20.0), ("2", 30.0, 3.5, 15.0))
+    tracks = read_tracks(path, "2")
+    time_s = np.arange(11) * 0.1
+    assert tracks.ids == ("2", "1")
+    assert tracks.states[:, 0, 0] == pytest.approx(30.0 + 15.0 * time_s)
+    assert tracks.states[:, 1, 3] == pytest.approx(20.0)
+    assert tracks.sizes.tolist() == [[4.5, 1.8]] * 2
+
+
+@pytest.mark.parametrize(
+    ("text", "new", "words"),
+    [
+        ("<x>0.0</x>", "<x></x>", "could not convert"),
+        ("<exact>0</exact>", "<intervalStart>0</intervalStart>", "no time/exact"),
+        ("timeStepSize", "step", "timeStepSize"),
+        ("</commonRoad>", "", "no element found|not CommonRoad"),
+    ],
+)
+def test_commonroad_without_exact_states_is_refused(tmp_path, text, new, words):
+    path = write_commonroad(tmp_path / "a.xml", ("1", 0.0, 0.0, 20.0), ("2", 30.0, 3.5, 15.0))
+    path.write_text(path.read_text().replace(text, new))
+    with pytest.raises(InvalidValue, match=words):
+        read_tracks(path, "1")
+
+
+@given(x_m=st.floats(-1e4, 1e4), y_m=st.floats(-1e4, 1e4), heading=st.floats(-pi, pi))
+def test_a_road_anywhere_becomes_one_along_x(tmp_path_factory, x_m, y_m, heading):
+    def turn(row):
+        name, time_s, along, across = row
+        c, s = cos(heading), sin(heading)
+        return name, time_s, x_m + c * along - s * across, y_m + s * along + c * across
+
+    folder = tmp_path_factory.mktemp("tracks")
+    plain = read_tracks(write(folder / "a.csv", [*EGO, *OTHER]), "1")
+    turned = write(folder / "b.csv", map(turn, [*EGO, *OTHER]))
+    found = read_tracks(turned, "1", frame=RoadFrame(x_m, y_m, heading))
+    assert found.states[..., :2] == pytest.approx(plain.states[..., :2], abs=1e-6)
+    assert np.cos(found.states[..., 2]) == pytest.approx(np.cos(plain.states[..., 2]), abs=1e-6)
+    assert np.sin(found.states[..., 2]) == pytest.approx(np.sin(plain.states[..., 2]), abs=1e-6)
+    assert found.states[..., 3] == pytest.approx(plain.states[..., 3], abs=1e-6)
 
 
 def test_headings_speeds_and_sizes_are_taken_from_the_file(tmp_path):
@@ -118,9 +184,12 @@ def test_tracks_that_cannot_be_used_are_refused(tmp_path, rows, words):
         read_tracks(write(tmp_path / "a.csv", rows), "1")
 
 
-@pytest.mark.parametrize("name", ["none.csv", "none.parquet", "binary.csv", "text.parquet"])
+@pytest.mark.parametrize(
+    "name", ["none.csv", "none.parquet", "none.xml", "binary.csv", "text.parquet", "text.xml"]
+)
 def test_files_that_cannot_be_read_are_refused(tmp_path, name):
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00")
-    (tmp_path / "text.parquet").write_text("id,time_s")
+    for text in ("text.parquet", "text.xml"):
+        (tmp_path / text).write_text("id,time_s")
     with pytest.raises(InvalidValue, match="cannot be read"):
         read_tracks(tmp_path / name, "1")
