@@ -275,12 +275,14 @@ def _draw_course(
             view.place(ego_x_m, *corner) for corner in _find_corners(state, scene.sizes[number])
         ]
         is_hit = has_collided and number == 0
+        # An outline that a polygon draws is made by way of a mask of the whole picture: slowly.
+        closed = [*corners, corners[0]]
         if course.is_main:
-            fill = _BAD if is_hit else _ACTOR if number else _EGO
-            pen.polygon(corners, fill=fill, outline=_INK, width=FINEST)
+            pen.polygon(corners, fill=_BAD if is_hit else _ACTOR if number else _EGO)
+            pen.line(closed, fill=_INK, width=FINEST)
         else:
             outline = _BAD if is_hit else _ACTOR_OF_OTHERS if number else _EGO_OF_OTHERS
-            pen.polygon(corners, outline=outline, width=2 * FINEST if is_hit else FINEST)
+            pen.line(closed, fill=outline, width=2 * FINEST if is_hit else FINEST)
     if course.is_main and at < len(scene.perceived):
         _draw_perceived(pen, view, ego_x_m, *map(float, scene.perceived[at]))
 

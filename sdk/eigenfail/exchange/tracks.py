@@ -161,6 +161,8 @@ def _read_commonroad(path: Path) -> list[Row]:
 def _list_states(vehicle: Element, step_s: float) -> Iterator[Row]:
     """Yield the states of a dynamic obstacle; raises ValueError where one is not exact."""
     shape, name = "shape/rectangle", vehicle.attrib["id"]
+    if float(vehicle.findtext(f"{shape}/originXShift", "0")):
+        raise ValueError(f"the rectangle of {name} is not at its position")
     for state in (*vehicle.findall("initialState"), *vehicle.findall("trajectory/state")):
         yield {
             "id": name,

@@ -96,6 +96,7 @@ def test_commonroad_is_read_like_csv(tmp_path):
         ("<x>0.0</x>", "<x></x>", "could not convert"),
         ("<exact>0</exact>", "<intervalStart>0</intervalStart>", "no time/exact"),
         ("timeStepSize", "step", "timeStepSize"),
+        ("</width>", "</width><originXShift>1.5</originXShift>", "is not at its position"),
         ("</commonRoad>", "", "no element found|not CommonRoad"),
     ],
 )
