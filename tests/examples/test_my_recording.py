@@ -9,6 +9,9 @@ import pytest
 
 from eigenfail.exchange.recorded_traffic import find_log_validity
 from eigenfail.testing.scenario import SCENARIO_CHECKS
+from eigenfail.testing.simulation import SIMULATION_CHECKS
+from eigenfail.values import POSITION
+from eigenfail_workers.simulators.highway import HighwaySimulator
 
 ROOT = Path(__file__).parents[2]
 
@@ -24,6 +27,12 @@ def mine(monkeypatch):
 @pytest.mark.parametrize("check", SCENARIO_CHECKS)
 def test_it_fulfils_the_contract(mine, check):
     check(mine.MyRecording())
+
+
+@pytest.mark.parametrize("check", SIMULATION_CHECKS)
+def test_it_makes_a_simulation_that_keeps_its_own(mine, check):
+    scenario, parameters = mine.MyRecording(), mine.MyRecording.Parameters()
+    check(lambda planner: HighwaySimulator().open(scenario, parameters, planner, POSITION))
 
 
 def test_a_vehicle_that_comes_later_is_left_out(mine):
