@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import channels
 import difs_network
 import eigenfailures
+import exchange
 import intervals
 import noise_fit
 import openturns_beside
@@ -150,6 +151,7 @@ TRIALS = (
         openturns_beside.find_figures,
         openturns_beside.list_missing(),
     ),
+    Trial(("export.",), exchange.find),
     Trial(("cross_processor_equal",), processors.find_figures),
     Trial(("fuzz.",), fuzzed),
     Trial(("faults.kinds",), kinds),

@@ -34,7 +34,16 @@ from eigenfail_api.parameters import (
     refuse_unknown_parameters,
 )
 from eigenfail_api.problems import HANDLERS
-from eigenfail_api.routes import analyses, campaigns, episodes, events, keys, operations, plugins
+from eigenfail_api.routes import (
+    analyses,
+    campaigns,
+    episodes,
+    events,
+    keys,
+    operations,
+    plugins,
+    recordings,
+)
 from eigenfail_api.routes.events import EventFeed
 from eigenfail_api.settings import ApiSettings, refuse_open_door, refuse_without_keys
 from eigenfail_services.export_jobs import ExportJobs, find_export_folder
@@ -49,6 +58,7 @@ ROUTERS = (
     campaigns.suites_router,
     episodes.router,
     analyses.router,
+    recordings.router,
     events.router,
     plugins.router,
     operations.router,

@@ -3,12 +3,12 @@
 import os
 import stat
 import tomllib
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any
 
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import InvalidValue, ServiceError
 
 OWNER_ONLY = 0o600
 
@@ -51,6 +51,26 @@ def open_private(path: Path, mode: str) -> IO[bytes]:
 
 def _open_for_owner(path: str, flags: int) -> int:
     return os.open(path, flags, OWNER_ONLY)
+
+
+def write_whole(path: Path, chunks: Iterable[bytes]) -> None:
+    """Write a file under a temporary name and move it into place once it is complete.
+
+    Raises:
+        ServiceError: it cannot be written.
+    """
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        try:
+            with open_private(part, "wb") as file:
+                file.writelines(chunks)
+            part.replace(path)
+        finally:
+            with suppress(OSError):
+                part.unlink(missing_ok=True)
+    except OSError as error:
+        problem = f"{path} cannot be written: {error.strerror or error}."
+        raise ServiceError(problem, "Choose a file in a writable folder.") from error
 
 
 def write_private(path: Path, text: str, field: str) -> None:

@@ -16,7 +16,7 @@ from eigenfail.values.records import Delivery
 from eigenfail.values.report import ExportRequest
 from eigenfail.wire.http import read_body
 from eigenfail_api.app import create_app
-from eigenfail_api.routes import episodes
+from eigenfail_api.routes import episodes, recordings
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.export_jobs import MAX_EXPORTS
 from eigenfail_services.store import open_store
@@ -36,7 +36,7 @@ def test_its_commands_can_be_given(page):
     import typer
 
     lines = "".join(blocks(page, "sh")).splitlines()
-    assert len(lines) == 5
+    assert len(lines) == 9
     for line in lines:
         words = shlex.split(line)[1:]
         command = typer.main.get_command(main.app)
@@ -67,7 +67,8 @@ def test_what_it_says_of_indices_and_files_is_so(page):
 
 def test_its_addresses_are_routes(page):
     told = re.findall(r"^\| `(\w+) (/api/v1/[^`]+)` \|", page, re.MULTILINE)
-    routes = {(method, route.path) for route in episodes.router.routes for method in route.methods}
+    there = (*episodes.router.routes, *recordings.router.routes)
+    routes = {(method, route.path) for route in there for method in route.methods}
     # Other pages describe a single episode, its explanation and its replay.
     elsewhere = ("/{index}", "/explanation", "/replay", "/steps")
     assert set(told) == {each for each in routes if not each[1].endswith(elsewhere)}

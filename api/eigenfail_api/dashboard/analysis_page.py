@@ -7,6 +7,8 @@ import numpy as np
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
+from eigenfail.exchange import list_formats
+from eigenfail.exchange.recording import RecordingFormat
 from eigenfail.presentation.analyses import tabulate_influence, tabulate_moments, tabulate_sources
 from eigenfail.presentation.figures import (
     UNKNOWN,
@@ -410,6 +412,7 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         notes: remarks on the failures that were pooled, or that they collapsed.
+        has_animations: whether an animation of the failures of each mode can be made here.
         proof: None before there is a result.
         asked: its settings, for another like it.
         choices: of the channels that the other one may analyse.
@@ -426,6 +429,7 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     modes: tuple[ModeCard, ...]
     grids: tuple[Table, ...]
     charts: tuple[Chart, ...]
+    has_animations: bool
     proof: ProofView | None
     asked: AnalysisSettings
     choices: AnalysisChoices
@@ -448,6 +452,7 @@ def make_analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | No
         modes=make_mode_cards(result, campaign.id, proof, unit) if result else (),
         grids=list_tables(result) if result else (),
         charts=make_charts(result, campaign.id) if result and result.modes else (),
+        has_animations=world.has_road and RecordingFormat.GIF in list_formats(),
         proof=make_proof_view(proof, unit) if proof else None,
         asked=analysis.settings,
         choices=list_analysis_choices(campaign.spec),

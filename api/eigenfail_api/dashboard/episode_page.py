@@ -9,8 +9,9 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
 
-from eigenfail import plugins
 from eigenfail.errors import EigenfailError, NoisePruned, NotFound, ServiceBusy
+from eigenfail.exchange import list_formats
+from eigenfail.exchange.recording import RecordingFormat
 from eigenfail.filters import parse_filter, write_failure_filter
 from eigenfail.presentation.episodes import (
     format_event,
@@ -40,8 +41,8 @@ from eigenfail.values import (
     assess,
 )
 from eigenfail.values.disturbance import find_channel_likelihoods
-from eigenfail.values.variation import read_variation
 from eigenfail.versions import differences
+from eigenfail.wire.http import PREFIX
 from eigenfail.worlds import drawn_for, placed_for, world_of
 from eigenfail_api.dashboard.charts import Chart, make_reference
 from eigenfail_api.dashboard.cost_charts import REPLAY
@@ -64,6 +65,7 @@ from eigenfail_api.dashboard.scene import (
 )
 from eigenfail_api.parameters import CampaignId, EpisodeIndex, Stored
 from eigenfail_api.routes.episodes import EXPLAINING, EXPLANATIONS
+from eigenfail_services.campaigns.recordings import find_mission
 from eigenfail_services.campaigns.summary import find_worker
 from eigenfail_services.store import Store
 
@@ -258,6 +260,7 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
         why_no_scene: empty if there is one.
         stage: what the first part shows, as its title.
         can_replay: whether there is noise that could be injected again.
+        recordings: name and address of the episode as a file of each format for other tools.
         jumps: moments that were measured.
         next_failure: index of the next failure of the campaign, if there is one.
         replayed: campaign and index of the episode whose noise it repeats; None if of no episode.
@@ -282,6 +285,7 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
     stage: str
     can_replay: bool
     has_account: bool
+    recordings: tuple[tuple[str, str], ...]
     jumps: tuple[Jump, ...]
     next_failure: int | None
     replayed: tuple[int, int] | None
@@ -323,11 +327,27 @@ def make_episode_view(
         stage="Scene from above" if has_road else "The noise",
         can_replay=result.steps > 0,
         has_account=result.steps > 0 and has_road,
+        recordings=list_recordings(campaign.id, result.index)
+        if result.steps > 0 and has_road
+        else (),
         jumps=list_jumps(result),
         next_failure=next_failure,
         replayed=find_source(campaign.spec, result.index),
         verdict=verdict,
     )
+
+
+RECORDING_NAMES = {
+    RecordingFormat.OPENSCENARIO: "OpenSCENARIO",
+    RecordingFormat.MCAP: "MCAP",
+    RecordingFormat.GIF: "GIF",
+}
+
+
+def list_recordings(campaign: int, index: int) -> tuple[tuple[str, str], ...]:
+    """Return name and address of an episode in each format that can be written here."""
+    address = f"{PREFIX}/campaigns/{campaign}/episodes/{index}/recording"
+    return tuple((RECORDING_NAMES[form], f"{address}?format={form}") for form in list_formats())
 
 
 def explain_missing_scene(campaign: Campaign, result: EpisodeResult) -> str:
@@ -483,16 +503,3 @@ def find_next_failure(store: Store, campaign: Campaign, index: int) -> int | Non
     wanted = parse_filter(write_failure_filter(campaign.spec))
     following = store.episodes.page(campaign.id, 1, index, wanted).items
     return following[0].index if following else None
-
-
-def find_mission(spec: CampaignSpec, result: EpisodeResult) -> Mission | None:
-    """Return lanes and time step of an episode's scenario; None if it is not installed here."""
-    seed = result.seed
-    given = spec.scenario_parameters | drawn_for(spec, seed) | placed_for(spec, result.noise)
-    try:
-        plugin = plugins.load(plugins.SCENARIOS, spec.scenario)
-        parameters = read_variation(plugin.Parameters, given).draw(seed)
-        mission: Mission = plugin()(parameters, seed).mission
-    except EigenfailError:
-        return None
-    return mission

@@ -3,6 +3,7 @@
 import tomllib
 from collections.abc import Sequence
 from enum import StrEnum
+from pathlib import Path
 from typing import Annotated, Any
 
 import typer
@@ -11,7 +12,7 @@ from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, CampaignId, Url
 from eigenfail.cli.render import follow, make_console, to_json
 from eigenfail.client import Client
-from eigenfail.errors import Conflict, InvalidValue
+from eigenfail.errors import Conflict, InvalidValue, ServiceError
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.processes import interruptible
 from eigenfail.presentation.analyses import (
@@ -104,6 +105,15 @@ Variations = Annotated[
     ),
 ]
 
+Animations = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FOLDER",
+        help="Write an animation of the failures of each mode, over each other, to this folder: "
+        "mode-1.gif and so on.",
+    ),
+]
+
 
 @app.command()
 def analyze(
@@ -121,6 +131,7 @@ def analyze(
     centre: ModeCentre = "median",
     prove: Prove = False,
     variation: Variations = None,
+    animations: Animations = None,
     as_json: AsJson = False,
 ) -> None:
     """Group the failures of a campaign into failure modes.
@@ -145,6 +156,8 @@ def analyze(
         analysis = find_or_run_analysis(client, campaign, settings)
         proof = prove_analysis(client, analysis.id, variation or ()) if prove else None
         proven = tabulate_proof(client, analysis, proof) if proof else ()
+        if animations is not None:
+            write_animations(client, analysis, animations)
     if as_json:
         typer.echo(to_json({"analysis": analysis, "proof": proof}))
     elif analysis.result:
@@ -158,6 +171,23 @@ def tabulate_proof(client: Client, analysis: Analysis, proof: Proof) -> tuple[Bl
     spec = client.campaigns.get(analysis.campaign).spec
     noun = analysis.result.cluster_noun if analysis.result else "mode"
     return describe_proof(proof, noun, find_robustness_unit(spec))
+
+
+def write_animations(client: Client, analysis: Analysis, folder: Path) -> None:
+    """Write an animated GIF of each mode of an analysis to a folder, which is made if need be.
+
+    Raises:
+        ServiceError: the folder or a file cannot be written.
+        InvalidValue: the service cannot write the format.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        problem = f"{folder} cannot be made: {error.strerror or error}."
+        raise ServiceError(problem, "Choose a folder that you can write to.") from error
+    for number in range(1, len(analysis.result.modes if analysis.result else ()) + 1):
+        path = client.analyses.animate(analysis.id, number, folder / f"mode-{number}.gif")
+        typer.echo(f"Wrote {path}.", err=True)
 
 
 def find_or_run_analysis(client: Client, campaign: int, settings: AnalysisSettings) -> Analysis:

@@ -4,6 +4,7 @@ from math import inf
 from pathlib import Path
 from typing import Annotated
 
+import msgspec
 import typer
 from msgspec.structs import replace
 
@@ -11,7 +12,8 @@ from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, CampaignId, EpisodeId, Limit, Url, parse_episode_id
 from eigenfail.cli.render import follow, judge, show, show_rows, to_json
 from eigenfail.client.campaigns import SHRINK_WITHIN
-from eigenfail.errors import NoisePruned, NotFound
+from eigenfail.errors import InvalidValue, NoisePruned, NotFound
+from eigenfail.exchange.recording import EgoControl, RecordingFormat
 from eigenfail.explanations import StepWindow, build_explanation
 from eigenfail.filters import parse_fields
 from eigenfail.hosting.folder import DEFAULT_URL
@@ -28,7 +30,7 @@ from eigenfail.presentation.terminal import render
 from eigenfail.replays import explain_episode, redraw_episode, replay_episode
 from eigenfail.values import CampaignSpec, Outcome, Replayed
 from eigenfail.values.records import EpisodeDetail
-from eigenfail.values.report import ExportFormat
+from eigenfail.values.report import ExportFormat, ExportRequest
 from eigenfail.versions import differences, versions
 from eigenfail.worlds import drawn_for, placed_for
 
@@ -184,9 +186,30 @@ Fields = Annotated[
 Output = Annotated[
     Path, typer.Option("--output", "-o", help="File to write; its suffix chooses the format.")
 ]
+FORMATS = "|".join((*ExportFormat, *RecordingFormat))
 Format = Annotated[
-    ExportFormat | None,
-    typer.Option("--format", show_default="by the file's name", help="Format of the file."),
+    str | None,
+    typer.Option(
+        "--format",
+        metavar=f"<{FORMATS}>",
+        show_default="by the file's name",
+        help="Format of the file: csv, ndjson or parquet of a campaign; openscenario, mcap or gif "
+        "of one episode.",
+    ),
+]
+Exported = Annotated[
+    str,
+    typer.Argument(
+        metavar="CAMPAIGN[/INDEX]", help="Id of the campaign, or one episode of it, such as 3/17."
+    ),
+]
+Ego = Annotated[
+    EgoControl | None,
+    typer.Option(
+        "--ego",
+        show_default="recorded",
+        help="Of OpenSCENARIO: let the ego repeat its course, or leave it to a controller.",
+    ),
 ]
 Noise = Annotated[
     bool, typer.Option("--noise", help="Include the noise of each episode; Parquet only.")
@@ -220,7 +243,7 @@ def list_episodes(
 @app.command()
 def export(
     context: typer.Context,
-    campaign: CampaignId,
+    exported: Exported,
     output: Output,
     url: Url = DEFAULT_URL,
     form: Format = None,
@@ -228,23 +251,49 @@ def export(
     sort: Sort = "index",
     fields: Fields = "",
     noise: Noise = False,
+    ego: Ego = None,
     as_json: AsJson = False,
 ) -> None:
-    """Write episodes of a campaign to a file: CSV, NDJSON or Parquet."""
+    """Write episodes of a campaign as a table, or one episode for other tools, to a file.
+
+    A campaign is written as CSV, NDJSON or Parquet; an episode as OpenSCENARIO, MCAP or GIF.
+    """
+    wanted = ExportRequest(conditions, sort, parse_fields(fields), noise)
     with interruptible(), connect_to(context, url) as client:
-        client.episodes.export(
-            campaign,
-            output,
-            form,
-            filter=conditions,
-            sort=sort,
-            fields=parse_fields(fields),
-            noise=noise,
-        )
+        if "/" in exported:
+            _refuse_options(wanted)
+            episode = parse_episode_id(exported)
+            client.episodes.export_recording(*episode, output, form, ego or EgoControl.RECORDED)
+        else:
+            _refuse_ego(ego)
+            asked = msgspec.structs.asdict(wanted)
+            client.episodes.export(_parse_campaign_id(exported), output, form, **asked)
     if as_json:
         typer.echo(to_json({"file": str(output), "size_bytes": output.stat().st_size}))
         return
     typer.echo(f"Wrote {output}.", err=True)
+
+
+def _refuse_options(wanted: ExportRequest) -> None:
+    """Refuse options that choose episodes or columns where one episode is named."""
+    usual = msgspec.structs.asdict(ExportRequest())
+    for name, given in msgspec.structs.asdict(wanted).items():
+        if given != usual[name]:
+            problem = "It applies to the episodes of a campaign, not to one episode."
+            raise InvalidValue(f"--{name}", problem, "Leave it out.")
+
+
+def _refuse_ego(ego: EgoControl | None) -> None:
+    if ego is not None:
+        problem = "It applies to one episode, not to a campaign."
+        raise InvalidValue("--ego", problem, "Name an episode as CAMPAIGN/INDEX.")
+
+
+def _parse_campaign_id(text: str) -> int:
+    if not text.isdecimal() or not int(text):
+        problem = f"'{text}' is neither a campaign, such as 3, nor an episode, such as 3/17."
+        raise InvalidValue("campaign", problem)
+    return int(text)
 
 
 @app.command("show")

@@ -16,6 +16,7 @@ import httpx2
 
 from eigenfail.client.link import Link, wait_until
 from eigenfail.errors import InvalidValue, ProtocolError, ServiceError
+from eigenfail.files import write_whole
 from eigenfail.frames import Rows
 from eigenfail.values import (
     Analysis,
@@ -94,6 +95,28 @@ class Analyses:
             Conflict: it is not done.
         """
         return self._link.get(f"/analyses/{analysis}/eigenfailures", Page[FailureMode]).items
+
+    def animate(self, analysis: int, mode: int, path: Path | str) -> Path:
+        """Write the failures of a mode, drawn over each other, as an animated GIF.
+
+        Args:
+            analysis: its id.
+            mode: number of the mode, from 1.
+            path: path of the file; one that is there is replaced.
+
+        Returns:
+            The path.
+
+        Raises:
+            NotFound: no such analysis or mode.
+            Conflict: it is not done, or none of the failures has a scene.
+            InvalidValue: the service cannot write the format.
+            ServiceError: the file cannot be written.
+        """
+        path = Path(path)
+        place = f"/analyses/{analysis}/modes/{mode}/animation"
+        write_whole(path, self._link.chunks(place, {}))
+        return path
 
     def prove(self, analysis: int, variations: Sequence[Mapping[str, Any]] | None = None) -> Proof:
         """Have eigenfailures and medoids replayed, in a campaign for each scenario.

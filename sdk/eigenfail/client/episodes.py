@@ -1,8 +1,6 @@
 """Episodes, as a client sees them: read, replayed, and exported to files."""
 
-import os
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack, overload
@@ -11,7 +9,8 @@ import msgspec
 
 from eigenfail.client.link import Link, wait_until
 from eigenfail.errors import InvalidValue, ServiceError, UnknownName
-from eigenfail.files import open_private
+from eigenfail.exchange.recording import EgoControl, RecordingFormat
+from eigenfail.files import write_whole
 from eigenfail.filters import Value
 from eigenfail.frames import Rows
 from eigenfail.values import Campaign, Explanation, Outcome, Page
@@ -135,6 +134,43 @@ class Episodes:
         request = read_fields(wanted, ExportRequest)
         return self._exports.save(campaign, request, Path(path), format)
 
+    def export_recording(
+        self,
+        campaign: int,
+        index: int,
+        path: Path | str,
+        format: RecordingFormat | str | None = None,  # noqa: A002 - as for files elsewhere
+        ego: EgoControl | str = EgoControl.RECORDED,
+    ) -> Path:
+        """Write one episode to a file of another tool; it is there whole, or not at all.
+
+        An episode whose scene was not kept is run again by the service.
+
+        Args:
+            campaign: its id.
+            index: index of the episode.
+            path: path of the file; one that is there is replaced.
+            format: openscenario (a ZIP archive), mcap or gif; by the file's name if it is not
+                given.
+            ego: `recorded`: the ego repeats its course; `controller`: it is left to a controller
+                of the simulator. OpenSCENARIO alone has the choice.
+
+        Returns:
+            The path.
+
+        Raises:
+            NotFound: no such campaign, or the episode has no result yet.
+            UnknownName: a format or a kind of ego that there is not.
+            InvalidValue: the episode has no vehicles, or the service cannot write the format.
+            Conflict: its scene was not kept, and a replay of it differs.
+            ServiceError: the file cannot be written, or the episode cannot be run again.
+        """
+        path = Path(path)
+        asked = {"format": choose_recording_format(path, format), "ego": _choose_ego(ego)}
+        place = f"/campaigns/{campaign}/episodes/{index}/recording"
+        write_whole(path, self._link.chunks(place, asked))
+        return path
+
     def get(self, campaign: int, index: int) -> EpisodeDetail:
         """One result with its class, its noise and, where it was kept, its scene.
 
@@ -201,7 +237,7 @@ class Exports:
         chosen = _choose_format(path, form)
         if request.noise and chosen is not ExportFormat.PARQUET:
             raise InvalidValue("noise", f"{chosen} holds no noise.", "Use the format parquet.")
-        _write_whole(path, self._writers[chosen](campaign, request))
+        write_whole(path, self._writers[chosen](campaign, request))
         return path
 
     def _stream(self, suffix: str, campaign: int, request: ExportRequest) -> Iterator[bytes]:
@@ -238,21 +274,26 @@ def _choose_format(path: Path, form: ExportFormat | str | None) -> ExportFormat:
     return ExportFormat(name)
 
 
-def _write_whole(path: Path, chunks: Iterator[bytes]) -> None:
-    """Write a file under a temporary name and move it into place once it is complete.
+def choose_recording_format(path: Path, form: RecordingFormat | str | None) -> RecordingFormat:
+    """Return the format of a single episode that was asked for, or that a file's name ends in.
 
     Raises:
-        ServiceError: it cannot be written.
+        UnknownName: there is no such format.
+        InvalidValue: OpenSCENARIO is to be written to a file that is not named as an archive.
     """
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        try:
-            with open_private(part, "wb") as file:
-                file.writelines(chunks)
-            part.replace(path)
-        finally:
-            with suppress(OSError):
-                part.unlink(missing_ok=True)
-    except OSError as error:
-        problem = f"{path} cannot be written: {error.strerror or error}."
-        raise ServiceError(problem, "Choose a file in a writable folder.") from error
+    suffix = path.suffix.lower()
+    by_suffix = {known.suffix: known.value for known in RecordingFormat}
+    name = form or by_suffix.get(suffix, suffix.removeprefix("."))
+    is_scenario = name in {RecordingFormat.OPENSCENARIO, "xosc"}
+    if is_scenario and suffix != RecordingFormat.OPENSCENARIO.suffix:
+        problem = "OpenSCENARIO is written as a ZIP archive of scenario, road and noise."
+        raise InvalidValue("output", problem, f"Name the file {path.stem}.zip.")
+    if name not in list(RecordingFormat):
+        raise UnknownName("format", name, RecordingFormat)
+    return RecordingFormat(name)
+
+
+def _choose_ego(ego: EgoControl | str) -> EgoControl:
+    if ego not in list(EgoControl):
+        raise UnknownName("ego", ego, EgoControl)
+    return EgoControl(ego)

@@ -54,6 +54,7 @@ ROUTES = {
         GET /suites/{suite}
         GET /api/v1/analyses/{analysis}
         GET /api/v1/analyses/{analysis}/eigenfailures
+        GET /api/v1/analyses/{analysis}/modes/{mode}/animation
         GET /api/v1/analyses/{analysis}/proof
         GET /api/v1/campaigns
         POST /api/v1/campaigns/check
@@ -69,6 +70,7 @@ ROUTES = {
         GET /api/v1/campaigns/{campaign}/episodes.ndjson
         GET /api/v1/campaigns/{campaign}/episodes/{index}
         GET /api/v1/campaigns/{campaign}/episodes/{index}/explanation
+        GET /api/v1/campaigns/{campaign}/episodes/{index}/recording
         GET /api/v1/campaigns/{campaign}/episodes/{index}/steps
         GET /api/v1/campaigns/{campaign}/episodes/{index}/worker
         GET /api/v1/campaigns/{campaign}/minimal

@@ -119,3 +119,16 @@ def test_clusters_that_are_not_distinct_are_groups_wherever_they_are_named():
         "Mode",
         "Group",
     ]
+
+
+def test_an_animation_of_each_mode_is_written_to_a_folder(eigenfail, done, tmp_path):
+    folder = tmp_path / "animations"
+    asked = ("analyze", done, "--clusters", 2, "--bootstrap", 0, "--animations", folder)
+    assert eigenfail(*asked).exit_code == 0
+    assert sorted(path.name for path in folder.iterdir()) == ["mode-1.gif", "mode-2.gif"]
+    assert all(path.read_bytes().startswith(b"GIF89a") for path in folder.iterdir())
+    taken = tmp_path / "file"
+    taken.touch()
+    refused = eigenfail(*asked[:-1], taken / "folder")
+    assert refused.exit_code == 3
+    assert "cannot be made" in refused.stderr

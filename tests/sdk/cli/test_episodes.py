@@ -59,3 +59,25 @@ def test_what_is_wrong_is_told_and_ends_with_2(check_session, done):
     )
     asked = (("episode", words[0], done, *words[1:]) for words in wrong)
     check_session("cli/errors/episodes", *asked)
+
+
+@pytest.mark.parametrize("name", ["one.zip", "one.mcap", "one.gif"])
+def test_an_episode_is_exported_for_other_tools(eigenfail, done, tmp_path, name):
+    path = tmp_path / name
+    told = json.loads(eigenfail("episode", "export", f"{done}/0", "-o", path, "--json").stdout)
+    assert told == {"file": str(path), "size_bytes": path.stat().st_size}
+    assert path.read_bytes()[:2] in {b"PK", b"\x89M", b"GI"}
+
+
+def test_what_cannot_be_exported_of_an_episode_ends_with_2(check_session, done):
+    wrong = (
+        (f"{done}/x", "-o", "a.gif"),
+        (f"{done}/0", "-o", "a.csv"),
+        (f"{done}/0", "-o", "a.xosc"),
+        (f"{done}/0", "-o", "a.gif", "--noise"),
+        (f"{done}/0", "-o", "a.gif", "--ego", "controller"),
+        (done, "-o", "a.gif"),
+        (done, "-o", "a.csv", "--ego", "recorded"),
+        ("all", "-o", "a.csv"),
+    )
+    check_session("cli/recordings_refused", *(("episode", "export", *words) for words in wrong))

@@ -1,0 +1,222 @@
+"""Recorded traffic as a scenario: a planner replaces one vehicle, the others replay the recording.
+
+Once the ego is further than a set distance from its recorded place, the recording says nothing of
+what the others would have done: from then on they follow the vehicle ahead of them, by the
+Intelligent Driver Model, along their recorded paths.
+"""
+
+from math import cos, hypot, sin, sqrt
+from typing import Annotated, ClassVar
+
+import msgspec
+import numpy as np
+from msgspec import Meta
+
+from eigenfail.exchange.tracks import RecordedTracks
+from eigenfail.values import Floats, Mission, VehicleState
+from eigenfail.values.disturbance import Doubles
+
+# Treiber, Hennecke, Helbing: Congested traffic states in empirical observations and microscopic
+# simulations, Physical Review E 62 (2000), table I.
+TIME_GAP_S = 1.6
+ACCELERATION_MPS2 = 0.73
+DECELERATION_MPS2 = 1.67
+STANDSTILL_GAP_M = 2.0
+EXPONENT = 4
+
+
+HARDEST_BRAKING_MPS2 = 9.0
+"""No reactive vehicle brakes harder, whatever the model asks for."""
+
+
+class RecordedTrafficParameters(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Parameters of recorded traffic."""
+
+    reactive_from_m: Annotated[
+        float,
+        Meta(
+            ge=0.1,
+            le=10_000.0,
+            description="Distance of the ego from its recorded place from which others react [m].",
+        ),
+    ] = 5.0
+
+
+class RecordedTraffic:
+    """Base of a scenario that replays tracks; a subclass sets them, and its road.
+
+    Attributes:
+        tracks: the recording; its first vehicle is replaced by the ego.
+        lanes: number of lanes, lane 0 with its centre at y = 0, the others to its left.
+        lane_width_m: width of a lane.
+        speed_limit_mps: speed limit that the planner is told.
+    """
+
+    Parameters: ClassVar[type[msgspec.Struct]] = RecordedTrafficParameters
+    tracks: ClassVar[RecordedTracks]
+    lanes: ClassVar[int] = 2
+    lane_width_m: ClassVar[float] = 3.5
+    speed_limit_mps: ClassVar[float] = 25.0
+
+    def __call__(self, parameters: RecordedTrafficParameters, seed: int) -> "RecordedSituation":  # noqa: ARG002 - the contract's; nothing in a recording is random
+        """Return the situation at the start of the recording."""
+        course = self.tracks.states[:, 0]
+        mission = Mission(
+            dt_s=self.tracks.dt_s,
+            lanes=self.lanes,
+            lane_width_m=self.lane_width_m,
+            speed_limit_mps=self.speed_limit_mps,
+            desired_speed_mps=min(float(course[:, 3].max()), self.speed_limit_mps),
+            goal_x_m=float(course[-1, 0]),
+        )
+        return RecordedSituation(self.tracks, mission, parameters.reactive_from_m)
+
+
+class RecordedSituation:
+    """The start of a recording, and the vehicles in the course of one episode (`Situation`).
+
+    Vehicles that react depend on the course of the ego, so that a situation serves one episode at a
+    time: the first step of its first actor begins another.
+
+    Args:
+        tracks: the recording; its first vehicle is the ego.
+        mission: road and task.
+        reactive_from_m: distance of the ego from its recorded place from which others react.
+    """
+
+    def __init__(self, tracks: RecordedTracks, mission: Mission, reactive_from_m: float) -> None:
+        self.mission = mission
+        self.steps = len(tracks.states) - 1
+        self._tracks = tracks
+        self._limit_m = reactive_from_m
+        self._paths = [_Path(tracks, number) for number in range(1, len(tracks.ids))]
+        self.ego = _make_state(tracks, 0, 0)
+        self.actors = tuple(_make_state(tracks, path.number, 0) for path in self._paths)
+        self._restart()
+
+    def move_actor(self, actor: int, step: int, ego: VehicleState) -> VehicleState:
+        """Return the state of a vehicle after `step` steps, recorded or reactive."""
+        if actor == 0 and step <= 1:
+            self._restart()
+        while len(self._states) <= step:
+            self._advance(ego)
+        return self._states[step][actor]
+
+    def _restart(self) -> None:
+        self._states: list[tuple[VehicleState, ...]] = [self.actors]
+        self._progress: list[tuple[float, float]] | None = None
+
+    def _advance(self, ego: VehicleState) -> None:
+        """Move all vehicles by a step; `ego` is where the ego is after it."""
+        step, before = len(self._states), self._states[-1]
+        if self._progress is None:
+            x_m, y_m = self._tracks.states[step, 0, :2]
+            if hypot(ego.x_m - x_m, ego.y_m - y_m) <= self._limit_m:
+                recorded = (_make_state(self._tracks, path.number, step) for path in self._paths)
+                self._states.append(tuple(recorded))
+                return
+            self._progress = [
+                (float(path.way_m[step - 1]), state.speed_mps)
+                for path, state in zip(self._paths, before, strict=True)
+            ]
+        dt_s = self.mission.dt_s
+        moved = []
+        for path, state, (way_m, speed) in zip(self._paths, before, self._progress, strict=True):
+            others = (ego, *(each for each in before if each is not state))
+            wanted = _find_acceleration(state, others, path.desired_mps)
+            after = max(speed + wanted * dt_s, 0.0)
+            moved.append((way_m + 0.5 * (speed + after) * dt_s, after))
+        self._progress = moved
+        places = zip(self._paths, moved, strict=True)
+        self._states.append(tuple(path.place(way_m, speed) for path, (way_m, speed) in places))
+
+
+class _Path:
+    """The recorded path of a vehicle by the way along it.
+
+    Attributes:
+        number: number of the vehicle in the tracks.
+        way_m: way along the path at each recorded step. [m]
+        desired_mps: its largest recorded speed.
+    """
+
+    def __init__(self, tracks: RecordedTracks, number: int) -> None:
+        self.number = number
+        self._course: Doubles = tracks.states[:, number]
+        self._length_m, self._width_m = map(float, tracks.sizes[number])
+        moved = np.diff(self._course[:, :2], axis=0)
+        self.way_m = np.concatenate([[0.0], np.cumsum(np.hypot(moved[:, 0], moved[:, 1]))])
+        # A vehicle that stood all the time has no speed that it would like: it stays.
+        self.desired_mps = max(float(self._course[:, 3].max()), 0.1)
+
+    def place(self, way_m: float, speed_mps: float) -> VehicleState:
+        """Return the vehicle at a way along its path, and straight on behind the end of it."""
+        beyond_m = max(way_m - float(self.way_m[-1]), 0.0)
+        x_m, y_m, heading = (
+            float(np.interp(way_m, self.way_m, self._course[:, column])) for column in range(3)
+        )
+        return VehicleState(
+            x_m + beyond_m * cos(heading),
+            y_m + beyond_m * sin(heading),
+            heading,
+            speed_mps,
+            self._length_m,
+            self._width_m,
+        )
+
+
+def _make_state(tracks: RecordedTracks, number: int, step: int) -> VehicleState:
+    return VehicleState(*map(float, (*tracks.states[step, number], *tracks.sizes[number])))
+
+
+def _find_acceleration(
+    vehicle: VehicleState, others: tuple[VehicleState, ...], desired_mps: float
+) -> float:
+    """Return the acceleration of the Intelligent Driver Model, eq. 2 and 3. [m/s²]
+
+    Args:
+        vehicle: the vehicle that follows.
+        others: all other vehicles; the nearest one ahead that is in its way is followed.
+        desired_mps: its speed on a free road.
+    """
+    free = 1.0 - (vehicle.speed_mps / desired_mps) ** EXPONENT
+    wanted = ACCELERATION_MPS2 * free
+    for other in others:
+        gap_m = _find_gap(vehicle, other)
+        if gap_m is None:
+            continue
+        closing_mps = vehicle.speed_mps - other.speed_mps
+        comfort = 2.0 * sqrt(ACCELERATION_MPS2 * DECELERATION_MPS2)
+        dynamic_m = vehicle.speed_mps * (TIME_GAP_S + closing_mps / comfort)
+        share = (STANDSTILL_GAP_M + max(dynamic_m, 0.0)) / max(gap_m, 0.01)
+        wanted = min(wanted, ACCELERATION_MPS2 * (free - share**2))
+    return max(wanted, -HARDEST_BRAKING_MPS2)
+
+
+def _find_gap(vehicle: VehicleState, other: VehicleState) -> float | None:
+    """Return the gap to a vehicle that is ahead and in the way; None to any other one. [m]"""
+    dx, dy = other.x_m - vehicle.x_m, other.y_m - vehicle.y_m
+    c, s = cos(vehicle.heading_rad), sin(vehicle.heading_rad)
+    along, across = c * dx + s * dy, c * dy - s * dx
+    if along <= 0.0 or abs(across) >= 0.5 * (vehicle.width_m + other.width_m):
+        return None
+    return along - 0.5 * (vehicle.length_m + other.length_m)
+
+
+def find_log_validity(tracks: RecordedTracks, course: Floats | Doubles, distance_m: float) -> float:
+    """Return how long a recording stays valid in an episode: until the ego leaves it. [s]
+
+    Args:
+        tracks: the recording that the episode replays.
+        course: x and y of the ego from the start of the recording on, in the first two columns,
+            shape (steps + 1, at least 2): of an episode `scene.vehicles[:, 0]`. [m]
+        distance_m: distance from its recorded place above which the ego has left the recording.
+
+    Returns:
+        The time of the first step at which the ego is further away; the end of the course where it
+        never is.
+    """
+    steps = min(len(course), len(tracks.states))
+    offsets = course[:steps, :2].astype(np.float64) - tracks.states[:steps, 0, :2]
+    left = np.flatnonzero(np.hypot(offsets[:, 0], offsets[:, 1]) > distance_m)
+    return float(left[0] if len(left) else steps - 1) * tracks.dt_s

@@ -1,0 +1,159 @@
+"""Stored episodes as recordings, with the roads of their scenarios, and files of them."""
+
+import numpy as np
+
+from eigenfail import plugins
+from eigenfail.errors import Conflict, EigenfailError, InvalidValue, NotFound
+from eigenfail.exchange import require_packages, write_recording
+from eigenfail.exchange.animation import draw_overlaid_episodes
+from eigenfail.exchange.recording import (
+    EgoControl,
+    EpisodeRecording,
+    OverlaidRecordings,
+    RecordingFormat,
+)
+from eigenfail.values import Analysis, CampaignSpec, EpisodeResult, Mission, Scene
+from eigenfail.values.variation import read_variation
+from eigenfail.worlds import drawn_for, list_channels, placed_for, world_of
+from eigenfail_services.campaigns.explanations import Explanations
+from eigenfail_services.campaigns.proofs import read_result
+from eigenfail_services.store import Store
+
+MAX_OVERLAID = 200
+"""Episodes that are drawn over each other at most; of a larger mode every n-th, with its medoid."""
+
+
+def find_mission(spec: CampaignSpec, result: EpisodeResult) -> Mission | None:
+    """Return lanes and time step of an episode's scenario; None if it is not installed here."""
+    seed = result.seed
+    given = spec.scenario_parameters | drawn_for(spec, seed) | placed_for(spec, result.noise)
+    try:
+        plugin = plugins.load(plugins.SCENARIOS, spec.scenario)
+        parameters = read_variation(plugin.Parameters, given).draw(seed)
+        mission: Mission = plugin()(parameters, seed).mission
+    except EigenfailError:
+        return None
+    return mission
+
+
+def make_recording_file(
+    store: Store,
+    explanations: Explanations,
+    episode: tuple[int, int],
+    form: RecordingFormat,
+    ego: EgoControl,
+) -> bytes:
+    """Return the file of an episode.
+
+    Args:
+        store: where the episode is.
+        explanations: where it is run again if its scene was not kept.
+        episode: its campaign and index.
+        form: format of the file.
+        ego: whether the ego repeats its course or is left to a controller; OpenSCENARIO alone.
+
+    Raises:
+        NotFound: no such campaign, or the episode has no result yet.
+        InvalidValue: the episode has no scene, or the format cannot be written.
+        Conflict: its scene was not kept, and a replay of it differs.
+        ServiceError: its scene was not kept, and it cannot be run again here.
+    """
+    require_packages(form)
+    return write_recording(load_recording(store, explanations, *episode), form, ego)
+
+
+def load_recording(
+    store: Store, explanations: Explanations, campaign: int, index: int
+) -> EpisodeRecording:
+    """Return the recording of an episode; raises as `make_recording_file` does."""
+    owner, stored = store.campaigns.get(campaign), store.episodes.get(campaign, index)
+    spec = owner.spec
+    _refuse_sceneless(spec, stored)
+    return EpisodeRecording(
+        campaign=campaign,
+        campaign_name=spec.name,
+        index=index,
+        recorded_ms=owner.created_ms,
+        scenario=spec.scenario,
+        planner=spec.planner,
+        seed=stored.seed,
+        outcome=stored.outcome,
+        digest=stored.digest(),
+        noise=stored.noise,
+        channels=list_channels(spec),
+        scene=stored.scene or _replay_scene(store, explanations, campaign, index),
+        mission=find_mission(spec, stored),
+    )
+
+
+def _refuse_sceneless(spec: CampaignSpec, stored: EpisodeResult) -> None:
+    """Raises InvalidValue for an episode in which nothing drove."""
+    if not world_of(spec.simulator).has_road:
+        problem = "A function of the noise was tested: its episodes have no vehicles."
+        raise InvalidValue("episode", problem, "Export the episodes of its campaign as a table.")
+    if not stored.steps:
+        why = stored.fault.message if stored.fault else "no reason was kept"
+        raise InvalidValue("episode", f"It ended before its first step: {why}")
+
+
+def _replay_scene(store: Store, explanations: Explanations, campaign: int, index: int) -> Scene:
+    """Return the scene of a replay of an episode whose scene was not kept."""
+    scene = explanations.of(store, campaign, index).scene
+    if scene is None:
+        raise Conflict(
+            f"The scene of episode {campaign}/{index} was not kept, and a replay of it differs.",
+            "Use the versions and the type of machine of the campaign, or export another episode.",
+        )
+    return scene
+
+
+def make_mode_animation(store: Store, analysis: Analysis, mode: int) -> bytes:
+    """Return an animated GIF of the failures of a mode, over each other.
+
+    Args:
+        store: where the episodes are.
+        analysis: analysis that found the mode.
+        mode: number of the mode, from 1.
+
+    Raises:
+        NotFound: the analysis has no such mode.
+        Conflict: the analysis is not done, or none of the failures has a scene.
+        InvalidValue: Pillow is not installed.
+    """
+    require_packages(RecordingFormat.GIF)
+    return draw_overlaid_episodes(load_mode_recordings(store, analysis, mode))
+
+
+def load_mode_recordings(store: Store, analysis: Analysis, mode: int) -> OverlaidRecordings:
+    """Return the failures of a mode, its medoid first; raises as `make_mode_animation` does."""
+    result = read_result(analysis)
+    if not 1 <= mode <= len(result.modes):
+        remedy = f"Its modes are numbered from 1 to {len(result.modes)}."
+        raise NotFound(f"Analysis {analysis.id} has no mode {mode}.", remedy)
+    found = result.modes[mode - 1]
+    medoid = (found.medoid_campaign or analysis.campaign, found.medoid)
+    campaigns = result.campaigns or (analysis.campaign,) * len(result.episodes)
+    members = [
+        (campaign, index)
+        for campaign, index, label in zip(campaigns, result.episodes, result.labels, strict=True)
+        if label == mode - 1 and (campaign, index) != medoid
+    ]
+    places = np.linspace(0, len(members) - 1, min(len(members), MAX_OVERLAID - 1)).round()
+    chosen = [medoid, *(members[int(place)] for place in places)]
+    stored = [store.episodes.get(*episode) for episode in chosen]
+    kept = [(each.scene, each.outcome) for each in stored if each.scene is not None]
+    if not kept:
+        problem = f"No failure of mode {mode} of analysis {analysis.id} has a scene."
+        raise Conflict(problem, "Replays of its episodes may keep theirs: set scene_every to 1.")
+    # Campaigns may differ in their time step, and frames show one time.
+    step_s = kept[0][0].dt_s
+    shown = [(scene, outcome) for scene, outcome in kept if scene.dt_s == step_s]
+    spec = store.campaigns.get(medoid[0]).spec
+    return OverlaidRecordings(
+        title=f"Analysis {analysis.id}, {result.cluster_noun} {mode}",
+        scenes=tuple(scene for scene, _ in shown),
+        outcomes=tuple(outcome for _, outcome in shown),
+        total=found.failures,
+        mission=find_mission(spec, stored[0]),
+        aligned_at_end=analysis.settings.align == "collision",
+    )

@@ -1,0 +1,182 @@
+"""Episodes and failure modes as files of other tools, over HTTP and on their pages."""
+
+import io
+from zipfile import ZipFile
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+from PIL import Image
+from recording_readers import measure_error_m, read_log, read_scenario
+from store_checks.examples import analyse_function
+
+from eigenfail import exchange, plugins
+from eigenfail.values import (
+    AnalysisSettings,
+    CampaignSpec,
+    EpisodeTask,
+    Explanation,
+    Outcome,
+    PriorSource,
+    Replayed,
+)
+from eigenfail_api.routes import recordings
+from eigenfail_services.campaigns import recordings as recorded
+
+MILLIMETRE = 1e-3
+MEDIA = {
+    "openscenario": "application/zip",
+    "mcap": "application/octet-stream",
+    "gif": "image/gif",
+}
+ENDINGS = {"openscenario": "zip", "mcap": "mcap", "gif": "gif"}
+
+
+@pytest.fixture
+def played(store, deliver):
+    """Runs an episode of a campaign and stores it with or without its scene: campaign, result."""
+
+    def make(keep=True, **fields):
+        wanted = {"name": "played", "method": "monte_carlo", "episodes": 9, "planner": "idm"}
+        spec = CampaignSpec(**wanted | {"simulator": "point_mass", "scene_every": 1} | fields)
+        campaign = store.campaigns.create(spec).id
+        engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
+        (result,) = engine.run([EpisodeTask(0, 5, PriorSource())])
+        deliver(campaign, result if keep else replace(result, scene=None))
+        return campaign, result
+
+    return make
+
+
+def fetch(http, campaign, index=0, **asked):
+    return http.get(f"/api/v1/campaigns/{campaign}/episodes/{index}/recording", params=asked)
+
+
+@pytest.mark.parametrize("form", MEDIA)
+def test_an_episode_is_a_file_of_each_format(http, played, form):
+    campaign, _ = played()
+    response = fetch(http, campaign, format=form)
+    assert response.status_code == 200, response.text
+    assert response.headers["content-type"] == MEDIA[form]
+    name = f'filename="episode-{campaign}-0.{ENDINGS[form]}"'
+    assert name in response.headers["content-disposition"]
+
+
+@pytest.mark.parametrize("scenario", ["cut_in", "merge_in", "lead_brake"])
+def test_stored_poses_come_back_within_a_millimetre(http, played, scenario):
+    campaign, result = played(scenario=scenario)
+    readers = {"openscenario": read_scenario, "mcap": read_log}
+    for form, read in readers.items():
+        poses = read(fetch(http, campaign, format=form).content)
+        assert measure_error_m(result.scene, poses) < MILLIMETRE
+
+
+def test_the_lanes_are_those_of_the_scenario(http, played):
+    campaign, _ = played(scenario="merge_in", scenario_parameters={"ramp_m": 400.0})
+    archive = ZipFile(io.BytesIO(fetch(http, campaign, format="openscenario").content))
+    assert b'"road_from": "scenario"' in archive.read("episode.json")
+    assert archive.read("road.xodr").count(b"<laneSection") == 2
+
+
+def test_the_ego_may_be_left_to_a_controller(http, played, problem):
+    campaign, _ = played()
+    left = fetch(http, campaign, format="openscenario", ego="controller")
+    assert set(read_scenario(left.content)) == {"vehicle_1"}
+    told = problem(fetch(http, campaign, format="gif", ego="controller"), 422)
+    assert told["field"] == "ego"
+
+
+def test_an_episode_without_a_scene_is_run_again(http, played):
+    campaign, result = played(keep=False)
+    poses = read_log(fetch(http, campaign, format="mcap").content)
+    assert measure_error_m(result.scene, poses) < MILLIMETRE
+
+
+def test_a_replay_that_differs_gives_no_scene(http, played, problem, monkeypatch):
+    campaign, result = played(keep=False)
+    verdict = Replayed(0, result.outcome, "a", result.outcome, "b", same=False)
+    told = Explanation("1/0", "idm", verdict, "", "", (), ())
+    monkeypatch.setattr(recordings.EXPLANATIONS, "of", lambda *_: told)
+    assert "differs" in problem(fetch(http, campaign, format="gif"), 409)["detail"]
+
+
+def test_what_cannot_be_asked_for_is_refused(http, played, problem):
+    done, _ = played()
+    assert problem(fetch(http, done, format="mp4"), 422)["field"] == "format"
+    assert problem(fetch(http, done), 422)["field"] == "format"
+    assert problem(fetch(http, done, format="gif", ego="me"), 422)["field"] == "ego"
+    assert problem(fetch(http, done, format="gif", speed="2"), 422)
+    problem(fetch(http, done, index=7, format="gif"), 404)
+    problem(fetch(http, 99, format="gif"), 404)
+
+
+def test_an_episode_that_never_ran_is_refused(http, campaign, deliver, failed, problem):
+    deliver(campaign, failed(0))
+    assert "It raised." in problem(fetch(http, campaign, format="gif"), 422)["detail"]
+
+
+def test_a_function_has_no_vehicles(http, store, problem):
+    campaign, analysis = analyse_function(store, ("a", "b"))
+    told = problem(fetch(http, campaign, format="openscenario"), 422)
+    assert "no vehicles" in told["detail"]
+    problem(http.get(f"/api/v1/analyses/{analysis}/modes/1/animation"), 409)
+    assert "Animation" not in http.get(f"/analyses/{analysis}").text
+    assert "recording?" not in http.get(f"/campaigns/{campaign}/episodes/0").text
+
+
+def test_a_format_without_its_package_is_refused_and_not_offered(
+    http, played, problem, monkeypatch
+):
+    campaign, _ = played()
+    find = exchange.find_spec
+    monkeypatch.setattr(exchange, "find_spec", lambda name: None if name == "mcap" else find(name))
+    told = problem(fetch(http, campaign, format="mcap"), 422)
+    assert "pip install '.[exchange]'" in told["remedy"]
+    page = http.get(f"/campaigns/{campaign}/episodes/0").text
+    assert "recording?format=mcap" not in page
+    assert "recording?format=openscenario" in page
+
+
+def test_the_failures_of_a_mode_are_one_animation(http, campaign, deliver, result, finished):
+    deliver(campaign, *(result(index, Outcome.COLLISION) for index in range(3)))
+    analysis = finished(3)
+    response = http.get(f"/api/v1/analyses/{analysis}/modes/2/animation")
+    assert response.status_code == 200, response.text
+    with Image.open(io.BytesIO(response.content)) as picture:
+        assert picture.n_frames == 5
+    assert (
+        f"/api/v1/analyses/{analysis}/modes/2/animation" in http.get(f"/analyses/{analysis}").text
+    )
+
+
+def test_a_mode_that_is_not_there_is_not_found(http, store, campaign, finished, problem):
+    told = problem(http.get(f"/api/v1/analyses/{finished(2)}/modes/3/animation"), 404)
+    assert "from 1 to 2" in told["remedy"]
+    queued = store.analyses.create(campaign, AnalysisSettings()).id
+    problem(http.get(f"/api/v1/analyses/{queued}/modes/1/animation"), 409)
+    problem(http.get("/api/v1/analyses/99/modes/1/animation"), 404)
+
+
+@pytest.fixture
+def large_mode(store, campaign, deliver, result, finished):
+    """An analysis of nine failures, all of one mode."""
+    deliver(campaign, *(result(index, Outcome.COLLISION) for index in range(9)))
+    analysis = store.analyses.get(finished(1))
+    found = replace(
+        analysis.result,
+        episodes=tuple(range(9)),
+        labels=(0,) * 9,
+        scores=np.ones((9, 1), np.float32),
+        modes=(replace(analysis.result.modes[0], failures=9, medoid=4),),
+    )
+    return replace(analysis, result=found)
+
+
+def test_of_a_large_mode_a_sample_is_drawn_with_its_medoid(store, large_mode, monkeypatch):
+    whole = recorded.load_mode_recordings(store, large_mode, 1)
+    monkeypatch.setattr(recorded, "MAX_OVERLAID", 3)
+    sample = recorded.load_mode_recordings(store, large_mode, 1)
+    assert (len(whole.scenes), len(sample.scenes), sample.total) == (9, 3, 9)
+    scenes = [store.episodes.get(large_mode.campaign, index).scene for index in (4, 0, 8)]
+    for found, wanted in zip(sample.scenes, scenes, strict=True):
+        assert np.array_equal(found.vehicles, wanted.vehicles)

@@ -1,0 +1,140 @@
+"""Recorded traffic: as recorded while the ego keeps to its place, and reactive once it does not."""
+
+from itertools import pairwise
+from math import hypot
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from eigenfail.exchange.recorded_traffic import (
+    STANDSTILL_GAP_M,
+    TIME_GAP_S,
+    RecordedTraffic,
+    RecordedTrafficParameters,
+    find_log_validity,
+)
+from eigenfail.exchange.tracks import RecordedTracks
+
+DT_S = 0.1
+
+
+def make_tracks(*vehicles, seconds=20.0):
+    """Tracks of vehicles at constant speed along x, each of x [m], y [m] and speed [m/s]."""
+    time_s = np.arange(round(seconds / DT_S) + 1) * DT_S
+    states = np.zeros((len(time_s), len(vehicles), 4))
+    for number, (x_m, y_m, speed) in enumerate(vehicles):
+        states[:, number, 0], states[:, number, 1] = x_m + speed * time_s, y_m
+        states[:, number, 3] = speed
+    sizes = np.array([[16.0, 2.5], *[[5.0, 2.0]] * (len(vehicles) - 1)])
+    return RecordedTracks(DT_S, tuple(map(str, range(len(vehicles)))), states, sizes)
+
+
+def stage(tracks, reactive_from_m=5.0):
+    class Recording(RecordedTraffic):
+        pass
+
+    Recording.tracks = tracks
+    return Recording()(RecordedTrafficParameters(reactive_from_m), 0)
+
+
+def play(situation, speeds, y_m=0.0):
+    """The states of all vehicles at each step, for an ego at these speeds."""
+    ego, seen = situation.ego, [(situation.ego, *situation.actors)]
+    for step, speed in enumerate(speeds, start=1):
+        ego = replace(ego, x_m=ego.x_m + speed * DT_S, speed_mps=speed, y_m=y_m)
+        actors = range(len(situation.actors))
+        seen.append((ego, *(situation.move_actor(actor, step, ego) for actor in actors)))
+    return seen
+
+
+def gap(rear, front):
+    return front.x_m - rear.x_m - 0.5 * (front.length_m + rear.length_m)
+
+
+ALONG = make_tracks((0.0, 0.0, 20.0), (-40.0, 0.0, 20.0), (10.0, 3.5, 25.0))
+
+
+def test_others_replay_the_recording_while_the_ego_keeps_its_place():
+    situation = stage(ALONG)
+    for step, states in enumerate(play(situation, [20.2] * situation.steps)):
+        for number, state in enumerate(states[1:], start=1):
+            found = (state.x_m, state.y_m, state.heading_rad, state.speed_mps)
+            assert found == tuple(ALONG.states[step, number])
+
+
+def test_others_react_once_the_ego_is_further_away_than_the_distance():
+    situation = stage(ALONG)
+    # At 2 m/s less, the ego is 5 m behind its place after 2.5 s, and then further.
+    seen = play(situation, [18.0] * situation.steps)
+    recorded = [states[1].x_m == ALONG.states[step, 1, 0] for step, states in enumerate(seen)]
+    assert all(recorded[:25])
+    assert not any(recorded[27:])
+
+
+def test_a_larger_distance_keeps_the_recording():
+    situation = stage(ALONG, reactive_from_m=1000.0)
+    seen = play(situation, [0.0] * situation.steps)
+    assert seen[-1][1].x_m == pytest.approx(ALONG.states[-1, 1, 0])
+
+
+def test_the_vehicle_behind_stops_for_an_ego_that_stops():
+    situation = stage(ALONG)
+    speeds = np.maximum(20.0 - 3.0 * DT_S * np.arange(situation.steps), 0.0)
+    seen = play(situation, speeds)
+    gaps = [gap(states[1], states[0]) for states in seen]
+    assert min(gaps) > 0.5 * STANDSTILL_GAP_M
+    assert seen[-1][1].speed_mps < 0.5
+    assert all(before[1].x_m <= after[1].x_m for before, after in pairwise(seen))
+
+
+def test_a_follower_keeps_the_gap_of_the_model():
+    # The gap at which the model neither accelerates nor brakes:
+    # s_e(v) = (s0 + v T) / sqrt(1 - (v / v0)^4).
+    desired, speed = 20.0, 15.0
+    situation = stage(make_tracks((0.0, 0.0, desired), (-60.0, 0.0, desired), seconds=200.0))
+    ego, follower = play(situation, [speed] * situation.steps)[-1]
+    wanted = (STANDSTILL_GAP_M + speed * TIME_GAP_S) / (1.0 - (speed / desired) ** 4) ** 0.5
+    assert follower.speed_mps == pytest.approx(speed, abs=0.01)
+    # Its law sees the ego a step later than itself.
+    assert gap(follower, ego) == pytest.approx(wanted, abs=2 * speed * DT_S)
+
+
+def test_vehicles_in_other_lanes_are_not_braked_for():
+    situation = stage(ALONG)
+    seen = play(situation, [10.0] * situation.steps)
+    assert seen[-1][2].speed_mps == pytest.approx(25.0, abs=0.01)
+    assert seen[-1][2].y_m == 3.5
+
+
+def test_vehicles_that_react_stay_on_their_paths():
+    tracks = make_tracks((0.0, 0.0, 20.0), (-40.0, 0.0, 20.0))
+    course = tracks.states[:, 1]
+    course[:, 1] = 3.5 * np.clip((course[:, 0] - 50.0) / 100.0, 0.0, 1.0)
+    course[:, 2] = np.arctan2(np.gradient(course[:, 1]), np.gradient(course[:, 0]))
+    seen = play(stage(tracks), [15.0] * (len(tracks.states) - 1))
+    for states in seen:
+        state = states[1]
+        assert state.y_m == pytest.approx(3.5 * np.clip((state.x_m - 50.0) / 100.0, 0, 1), abs=0.02)
+    for before, after in pairwise(seen):
+        way = hypot(after[1].x_m - before[1].x_m, after[1].y_m - before[1].y_m)
+        assert way == pytest.approx(
+            0.5 * (before[1].speed_mps + after[1].speed_mps) * DT_S, abs=0.05
+        )
+
+
+def test_each_episode_of_a_situation_begins_anew():
+    situation = stage(ALONG)
+    slow = play(situation, [10.0] * situation.steps)
+    kept = play(situation, [20.0] * situation.steps)
+    assert kept[-1][1].x_m == ALONG.states[-1, 1, 0]
+    assert play(situation, [10.0] * situation.steps) == slow
+
+
+@pytest.mark.parametrize(("distance_m", "valid_s"), [(0.95, 1.0), (4.95, 5.0), (1000.0, 20.0)])
+def test_a_recording_is_valid_until_the_ego_has_left_it(distance_m, valid_s):
+    course = ALONG.states[:, 0].astype(np.float32)
+    course[:, 0] += np.arange(len(course)) * DT_S
+    assert find_log_validity(ALONG, course, distance_m) == pytest.approx(valid_s)
+    short = course[:3]
+    assert find_log_validity(ALONG, short, distance_m) == pytest.approx(min(valid_s, 0.2))
