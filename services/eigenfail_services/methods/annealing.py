@@ -25,19 +25,19 @@ from eigenfail_services.methods import archive, robustness_m
 
 Array = NDArray[np.float64]
 
-LAST_TEMPERATURE = 0.01
-"""Temperature at the end of cooling, as a share of the first one."""
+COOLED = 0.01
+"""Share of the first temperature that is left after `cooling` moves; it goes on falling."""
 
 LARGEST_RISE = 700.0
 """Rise of robustness ÷ temperature beyond which the exponential is 0 in double precision."""
 
 ACCEPTANCE = 1
-"""What a number is drawn for besides moves, as part of its seed."""
+"""Part of the seed of the numbers that decide whether moves are accepted; that of moves has a 0."""
 
 MIN_STEP, FIRST_STEP = 0.01, 0.5
 ADAPTATION, ADAPTATION_FAILED = 0.1, 0.5
-"""Change of the logarithm of a step's length, per unit of accepted moves above the target, before
-the run has failed and then. On the way to a failure a step that shrinks fast would get stuck."""
+"""Change of the logarithm of a step's length, per unit of accepted moves above the target, of a run
+that has not failed and of one that has. A step that shrinks fast would not reach a failure."""
 
 
 class AnnealingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -55,7 +55,7 @@ class AnnealingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         msgspec.Meta(
             gt=0.0,
             le=100.0,
-            description="standard deviation of the noise that a run starts from and moves by [sigma]",
+            description="standard deviation of first noise and of moves [sigma]",
         ),
     ] = 1.0
     runs: Annotated[
@@ -186,13 +186,15 @@ class SimulatedAnnealing:
         walk.step = min(max(walk.step * exp(change), MIN_STEP), 1.0)
         walk.moves += 1
         walk.failures += robustness == 0.0
-        if walk.failures >= self._settings.restart:
+        # So short a step leaves no local minimum.
+        stuck = walk.robustness_m > 0.0 and walk.step <= MIN_STEP
+        if stuck or walk.failures >= self._settings.restart:
             self._walks[run] = Walk(np.zeros(len(walk.point)), draws=walk.draws)
 
     def _find_chance(self, walk: Walk, robustness: float) -> float:
         if robustness <= walk.robustness_m:
             return 1.0
-        share = LAST_TEMPERATURE ** (walk.moves / self._settings.cooling)
+        share = COOLED ** (walk.moves / self._settings.cooling)
         temperature = self._settings.temperature * walk.first_m * share
         # A quotient of this size has no chance; the temperature itself may round to 0.
         rise = robustness - walk.robustness_m

@@ -77,8 +77,10 @@ class EnsembleSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, 
             )
 
     def check_budget(self, episodes: int) -> None:
-        """Raise InvalidValue if a member's share is too small for its method."""
-        check_budget(self.read_member_settings(), self.divide_training(episodes)[-1])
+        """Raise InvalidValue if a member's share is too small or too large for its method."""
+        settings = self.read_member_settings()
+        for share in set(self.divide_training(episodes)):
+            check_budget(settings, share)
 
     def divide_training(self, episodes: int) -> list[int]:
         """Return the number of episodes from which each member learns.

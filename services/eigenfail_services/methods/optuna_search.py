@@ -26,18 +26,17 @@ from eigenfail.values import (
 from eigenfail_services.methods import archive, robustness_m
 
 if TYPE_CHECKING:
-    import optuna
     from optuna.samplers import BaseSampler
 
 Array = NDArray[np.float64]
 
 Sampler = Literal["tpe", "gp", "nsga2"]
 
-MAX_GP_EPISODES = 500
-"""Most episodes with `gp`, whose time for a proposal grows with their cube."""
+MAX_EPISODES: dict[Sampler, int] = {"tpe": 5_000, "gp": 500, "nsga2": 20_000}
+"""Most episodes, as the time for a proposal grows with their number (of `gp` with its square)."""
 
-GENERATION = "NSGAIISampler:generation"
-"""Name under which Optuna keeps the generation of a trial."""
+GENERATION, PARENTS = "NSGAIISampler:generation", "NSGAIISampler:parent:"
+"""Names under which Optuna keeps the generation of a trial, and the parents of a generation."""
 
 
 class OptunaSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -49,7 +48,8 @@ class OptunaSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     """
 
     sampler: Annotated[
-        Sampler, msgspec.Meta(description="`tpe`, `gp` (at most 500 episodes) or `nsga2`")
+        Sampler,
+        msgspec.Meta(description="`tpe` (at most 5,000 episodes), `gp` (500) or `nsga2` (20,000)"),
     ] = "tpe"
     hold: Annotated[
         int, msgspec.Meta(ge=1, le=10_000, description="steps for which a value is held")
@@ -63,18 +63,19 @@ class OptunaSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = 10
 
     def check_budget(self, episodes: int) -> None:
-        """Raise InvalidValue without Optuna, or for more episodes than `gp` can serve."""
+        """Raise InvalidValue without Optuna, or for more episodes than the sampler can serve."""
         if find_spec("optuna") is None:
             raise InvalidValue(
                 "method",
                 "`optuna` needs the package optuna, which the service does not find.",
                 "Install it where the service runs: pip install 'eigenfail[optuna]'",
             )
-        if self.sampler == "gp" and episodes > MAX_GP_EPISODES:
+        most = MAX_EPISODES[self.sampler]
+        if episodes > most:
             raise InvalidValue(
                 "episodes",
-                f"{episodes} episodes are too many for `gp`, the limit is {MAX_GP_EPISODES}.",
-                "Take the sampler `tpe`, or fewer episodes.",
+                f"{episodes:,} episodes are too many for `{self.sampler}`; the limit is {most:,}.",
+                "Take another sampler, or run several seeds with fewer episodes each.",
             )
 
     def reach(self) -> str:
@@ -86,7 +87,7 @@ class OptunaSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
 
 
 def score_single(result: EpisodeResult) -> tuple[float, ...]:
-    """Return the robustness [m]; below 0 for a failure, the less the likelier its noise."""
+    """Return the robustness [m]; of a failure a number below 0, smaller for likelier noise."""
     robustness = robustness_m(result)
     return (robustness if robustness > 0.0 else -1.0 / (1.0 + find_mean_square(result)),)
 
@@ -140,7 +141,7 @@ class OptunaSearch:
         self._settings = settings
         self._rounds = 0
         self._first: list[Array] = []
-        self._study: optuna.Study | None = None
+        self._study: Study | None = None
         self._dimension = context.channels * ceil(context.horizon / settings.hold)
 
     @staticmethod
@@ -165,11 +166,8 @@ class OptunaSearch:
         self._first = list(np.random.default_rng(seeds).uniform(-bound, bound, shape))
         return self._first
 
-    def _ask(self, study: "optuna.Study", count: int, seeds: np.random.SeedSequence) -> list[Array]:
-        study.sampler = make_sampler(self._settings, int(seeds.generate_state(1)[0]))
-        distributions = make_distributions(self._dimension, self._settings.amplitude)
-        trials = [study.ask(distributions) for _ in range(count)]
-        return [np.array(list(trial.params.values())) for trial in trials]
+    def _ask(self, study: "Study", count: int, seeds: np.random.SeedSequence) -> list[Array]:
+        return study.ask(make_sampler(self._settings, int(seeds.generate_state(1)[0])), count)
 
     def _hold(self, candidate: Array) -> Floats:
         knots = candidate.reshape(-1, self._channels).astype(np.float32)
@@ -181,12 +179,7 @@ class OptunaSearch:
         if self._study is None:
             self._begin_study(scores)
             return
-        asked = self._study.get_trials(deepcopy=False)[-len(results) :]
-        for trial, score in zip(asked, scores, strict=True):
-            if score is None:
-                self._study.tell(trial.number, state=trial.state.FAIL)
-            else:
-                self._study.tell(trial.number, score)
+        self._study.tell(scores)
 
     def _begin_study(self, scores: Sequence[tuple[float, ...] | None]) -> None:
         found = [(x, each) for x, each in zip(self._first, scores, strict=True) if each]
@@ -197,8 +190,9 @@ class OptunaSearch:
                 values=np.array([each for _, each in found]),
                 generations=np.zeros(len(found), np.int64),
                 states=np.ones(len(found), np.int64),
+                parents=np.zeros(0, np.int64),
             )
-            self._study = create_study(trials, self._settings.amplitude)
+            self._study = Study(trials, self._settings.amplitude)
 
     def state(self) -> bytes:
         """Return a state with all trials of the study, or the first round before there is one."""
@@ -206,7 +200,7 @@ class OptunaSearch:
         if self._study is None:
             first = np.reshape(self._first, (-1, self._dimension)).astype(np.float64)
             return archive.write("optuna", facts, {"first": first})
-        return archive.write("optuna", facts, msgspec.structs.asdict(list_trials(self._study)))
+        return archive.write("optuna", facts, msgspec.structs.asdict(self._study.list_trials()))
 
     def restore(self, state: bytes) -> None:
         """Restore a state, from which the sampler goes on with the same proposals.
@@ -227,8 +221,9 @@ class OptunaSearch:
                     values=archive.take(arrays, "values", (n, objectives)),
                     generations=archive.take(arrays, "generations", (n,)),
                     states=archive.take(arrays, "states", (n,)),
+                    parents=archive.take(arrays, "parents", (len(arrays["parents"]),)),
                 )
-                study = create_study(trials, self._settings.amplitude)
+                study = Study(trials, self._settings.amplitude)
         self._rounds, self._first, self._study = facts.rounds, first, study
 
 
@@ -240,57 +235,85 @@ class TrialTable(msgspec.Struct, frozen=True, eq=False):
         values: objectives, shape (n, objectives); NaN where none was told.
         generations: generation of each trial under `nsga2`, shape (n,); -1 of other samplers.
         states: number of the state that Optuna gives each trial, shape (n,).
+        parents: numbers of the trials that the newest generation descends from.
     """
 
     points: Array
     values: Array
     generations: NDArray[np.int64]
     states: NDArray[np.int64]
+    parents: NDArray[np.int64]
 
 
-def list_trials(study: "optuna.Study") -> TrialTable:
-    """Return the trials of a study."""
-    trials = study.get_trials(deepcopy=False)
-    nothing = [nan] * len(study.directions)
-    return TrialTable(
-        points=np.array([list(each.params.values()) for each in trials]),
-        values=np.array([each.values or nothing for each in trials]),
-        generations=np.array([each.system_attrs.get(GENERATION, -1) for each in trials]),
-        states=np.array([int(each.state) for each in trials]),
-    )
+class Study:
+    """A study of Optuna in memory, which can be written down as arrays.
 
+    Args:
+        trials: trials that it begins with.
+        amplitude: bound of the values. [sigma]
+    """
 
-def create_study(trials: TrialTable, amplitude: float) -> "optuna.Study":
-    """Return a study in memory with the given trials."""
-    import optuna
+    def __init__(self, trials: TrialTable, amplitude: float) -> None:
+        import optuna
 
-    # Optuna tells of each study and of each trial on standard error.
-    optuna.logging.set_verbosity(optuna.logging.ERROR)
-    dimension, objectives = trials.points.shape[1], trials.values.shape[1]
-    study = optuna.create_study(directions=["minimize"] * objectives)
-    distributions = make_distributions(dimension, amplitude)
-    rows = zip(trials.points, trials.values, trials.generations, trials.states, strict=True)
-    for point, values, generation, state in rows:
-        study.add_trial(
-            optuna.trial.create_trial(
-                state=optuna.trial.TrialState(int(state)),
-                values=None if np.isnan(values).any() else values.tolist(),
-                params=dict(zip(distributions, point.tolist(), strict=True)),
-                distributions=distributions,
-                system_attrs={} if generation < 0 else {GENERATION: int(generation)},
-            )
+        # Optuna tells of each study and of each trial on standard error.
+        optuna.logging.set_verbosity(optuna.logging.ERROR)
+        dimension, objectives = trials.points.shape[1], trials.values.shape[1]
+        between = optuna.distributions.FloatDistribution(-amplitude, amplitude)
+        self._distributions: dict[str, optuna.distributions.BaseDistribution] = {
+            f"z{i}": between for i in range(dimension)
+        }
+        self._storage = optuna.storages.InMemoryStorage()
+        self._study = optuna.create_study(
+            storage=self._storage, directions=["minimize"] * objectives
         )
-    return study
+        self._id = self._storage.get_study_id_from_name(self._study.study_name)
+        rows = zip(trials.points, trials.values, trials.generations, trials.states, strict=True)
+        for point, values, generation, state in rows:
+            self._study.add_trial(
+                optuna.trial.create_trial(
+                    state=optuna.trial.TrialState(int(state)),
+                    values=None if np.isnan(values).any() else values.tolist(),
+                    params=dict(zip(self._distributions, point.tolist(), strict=True)),
+                    distributions=self._distributions,
+                    system_attrs={} if generation < 0 else {GENERATION: int(generation)},
+                )
+            )
+        # Without them NSGA-II would choose the parents anew, through all generations and, where
+        # trials are equally good, others.
+        if len(trials.parents):
+            name = f"{PARENTS}{trials.generations.max()}"
+            self._storage.set_study_system_attr(self._id, name, trials.parents.tolist())
 
+    def ask(self, sampler: "BaseSampler", count: int) -> list[Array]:
+        """Return points that the sampler wants to be tried."""
+        self._study.sampler = sampler
+        trials = [self._study.ask(self._distributions) for _ in range(count)]
+        return [np.array(list(trial.params.values())) for trial in trials]
 
-def make_distributions(
-    dimension: int, amplitude: float
-) -> "dict[str, optuna.distributions.BaseDistribution]":
-    """Return the range of each value of the noise, by its name."""
-    import optuna
+    def tell(self, scores: Sequence[tuple[float, ...] | None]) -> None:
+        """Tell the scores of the last points; None of those that could not be tried."""
+        trials = self._study.get_trials(deepcopy=False)[-len(scores) :]
+        for trial, score in zip(trials, scores, strict=True):
+            if score is None:
+                self._study.tell(trial.number, state=trial.state.FAIL)
+            else:
+                self._study.tell(trial.number, score)
 
-    between = optuna.distributions.FloatDistribution(-amplitude, amplitude)
-    return {f"z{i}": between for i in range(dimension)}
+    def list_trials(self) -> TrialTable:
+        """Return the trials, and the parents of the newest generation."""
+        trials = self._study.get_trials(deepcopy=False)
+        nothing = [nan] * len(self._study.directions)
+        generations = np.array([each.system_attrs.get(GENERATION, -1) for each in trials])
+        kept = self._storage.get_study_system_attrs(self._id)
+        return TrialTable(
+            points=np.array([list(each.params.values()) for each in trials]),
+            values=np.array([each.values or nothing for each in trials]),
+            generations=generations,
+            states=np.array([int(each.state) for each in trials]),
+            # In a study of its own in memory the identifier of a trial is its number.
+            parents=np.array(kept.get(f"{PARENTS}{generations.max()}", ()), np.int64),
+        )
 
 
 def make_sampler(settings: OptunaSettings, seed: int) -> "BaseSampler":

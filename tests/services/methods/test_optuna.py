@@ -7,7 +7,8 @@ from eigenfail.errors import InvalidValue
 from eigenfail.functions import of_batch
 from eigenfail.settings import read_settings
 from eigenfail.values import EpisodeTask, LearnerContext, TrajectorySource, episode_seed
-from eigenfail_services.methods import check_budget, optuna_search
+from eigenfail_services.methods import archive, check_budget, optuna_search
+from eigenfail_services.methods.ensemble import Ensemble
 from eigenfail_services.methods.optuna_search import OptunaSearch, score_several, score_single
 from eigenfail_workers.functions import FunctionEngine
 
@@ -86,7 +87,10 @@ def test_rounds_in_which_nothing_ran_are_drawn_again() -> None:
     first, _ = play_round(learner, lambda z: np.full(len(z), np.nan))
     again, _ = play_round(learner, push)
     assert not np.array_equal(first, again)
-    assert len(play_round(learner, push)[0]) == 10
+    before = learner.state()
+    play_round(learner, push)
+    # The state before held the ten results of the second round, and none of the first.
+    assert len(archive.read("optuna", before, OptunaSearch._Facts)[1]["points"]) == 10
 
 
 @pytest.mark.parametrize("rounds", [0, 1, 3])
@@ -112,6 +116,37 @@ def test_a_gaussian_process_has_a_limit() -> None:
     check_budget(settings, 500)
     with pytest.raises(InvalidValue, match="episodes: 501 episodes are too many for `gp`"):
         check_budget(settings, 501)
+    members = {"method": "optuna", "members": 2, "settings": {"sampler": "gp"}}
+    ensemble = read_settings(Ensemble.Settings, members, "settings")
+    check_budget(ensemble, 1000)
+    with pytest.raises(InvalidValue, match="episodes: 501 episodes are too many"):
+        check_budget(ensemble, 1001)
+
+
+def sometimes(z):
+    """As `push`; every fifth episode or so cannot be run."""
+    return np.where(np.abs(z[:, 0, 1]) > 1.6, np.nan, push(z))
+
+
+@pytest.mark.parametrize("robustness", [push, sometimes])
+def test_a_genetic_search_goes_on_bit_for_bit_from_each_of_its_rounds(robustness) -> None:
+    settings = {"sampler": "nsga2", "hold": 10, "round_size": 10}
+    whole, restored = make_learner(**settings), make_learner(**settings)
+    for number in range(25):
+        fresh = make_learner(**settings)
+        fresh.restore(restored.state())
+        restored = fresh
+        noise = [play_round(each, robustness, 100 * number)[0] for each in (whole, restored)]
+        assert np.array_equal(*noise)
+
+
+def test_many_generations_are_restored() -> None:
+    settings = {"sampler": "nsga2", "hold": 20, "round_size": 2}
+    learner, other = make_learner(**settings), make_learner(**settings)
+    for number in range(500):
+        play_round(learner, push, 2 * number)
+    other.restore(learner.state())
+    assert np.array_equal(play_round(learner, push)[0], play_round(other, push)[0])
 
 
 def test_without_the_package_the_method_is_refused(monkeypatch) -> None:
