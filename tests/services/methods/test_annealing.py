@@ -64,8 +64,9 @@ def test_failures_are_draws_of_p_beyond_the_border() -> None:
     # failures is near p(z | failure), but not exactly it.
     assert failed[late].mean() > 0.6
     assert pushes[failed[late]].mean() == pytest.approx(MEAN_BEYOND_2, abs=0.1)
-    assert others.mean() == pytest.approx(0.0, abs=0.1)
-    assert others.std() == pytest.approx(1.0, abs=0.1)
+    # Points of a run are alike: sixty runs are some three hundred independent draws.
+    assert others.mean() == pytest.approx(0.0, abs=4 / np.sqrt(300))
+    assert others.std() == pytest.approx(1.0, abs=4 / np.sqrt(2 * 300))
 
 
 @pytest.mark.parametrize("acceptance", [0.3, 0.7, 0.95])
@@ -92,8 +93,8 @@ def test_a_run_leaves_a_local_minimum_by_a_new_start() -> None:
         return np.where(x > 2.0, 0.0, 1.0 + np.abs(x))
 
     learner = make_learner(horizon=1, hold=1, runs=20, restart=100_000)
-    _, failed = play(learner, make_engine(trap, 1), 600)
-    # Of the first starts one in twelve reaches the failure, and there are about ten.
+    _, failed = play(learner, make_engine(trap, 1), 1_000)
+    # Of the first starts one in twelve reaches the failure.
     assert failed.any(axis=0).mean() > 0.3
 
 
