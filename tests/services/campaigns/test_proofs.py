@@ -178,7 +178,7 @@ def test_the_words_of_a_mode_name_its_medoid_and_agree_with_its_noise(house) -> 
     result = house.store.analyses.get(house.analysis).result
     assert len(result.words) == len(result.modes) == 2
     for number, (mode, words) in enumerate(zip(result.modes, result.words, strict=True), start=1):
-        assert words.startswith(f"Mode {number}: L")
+        assert words.startswith(f"Mode {number}: The ego ")
         assert f"Its medoid is episode {house.campaign}/{mode.medoid}" in words
         assert "before its medoid's impact" in words or "stays within" in words
 
@@ -318,7 +318,8 @@ def varied() -> Iterator[House]:
     """Failures of a scenario whose distance varies, analysed and replayed."""
     house = House()
     house.campaign = house.run(episodes=40, seed=3, scenario_parameters=VARIED)
-    house.analysis = house.store.analyses.get(house.analysed(house.campaign, clusters=6))
+    analysis = house.analysed(house.campaign, clusters=6, features="noise")
+    house.analysis = house.store.analyses.get(analysis)
     for scenario in launch_replays(
         house.store, house.analysis, [{}, {"lane_change_s": 3.1}]
     ).scenarios:
