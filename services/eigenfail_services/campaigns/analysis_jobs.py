@@ -348,7 +348,7 @@ def _describe_samples(first_samples: Mapping[int, int], result: AnalysisResult) 
             yield f"Campaign {campaign}: failures from before the end of burn-in were analysed."
 
 
-GROUPED_BY = {"energy": "the energy of their noise", "noise": "their noise"}
+GROUPED_BY = {"energy": "the energy of their noise in windows of 0.5 s", "noise": "their noise"}
 """What failures on a road are grouped by where their behaviour is not known."""
 
 
