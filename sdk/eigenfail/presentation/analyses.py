@@ -255,7 +255,10 @@ def tabulate_noise_within(result: AnalysisResult) -> Table:
         *name_columns("Noise differs most"),
     )
     rows = tuple(
-        (str(place), mode.failures, float(np.sum(mode.explained)), _find_difference(mode, result))
+        (
+            *(str(place), mode.failures, float(np.sum(mode.explained))),
+            _find_difference(mode.components, mode.explained, result.channels),
+        )
         for place, mode in enumerate(result.modes, start=1)
         if mode.components is not None and mode.explained is not None and len(mode.explained)
     )
@@ -263,10 +266,10 @@ def tabulate_noise_within(result: AnalysisResult) -> Table:
     return Table(f"Noise within {noun}s", columns, rows, (note,))
 
 
-def _find_difference(mode: FailureMode, result: AnalysisResult) -> str:
-    influence = np.tensordot(mode.explained, np.abs(mode.components), axes=1)
+def _find_difference(components: Floats, explained: Floats, channels: Sequence[str]) -> str:
+    influence = np.tensordot(explained, np.abs(components), axes=1)
     step, way = np.unravel_index(int(influence.argmax()), influence.shape)
-    return f"{result.channels[int(way)]} at step {step}"
+    return f"{channels[int(way)]} at step {step}"
 
 
 def tabulate_sources(result: AnalysisResult) -> Table:
