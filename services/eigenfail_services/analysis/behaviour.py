@@ -34,8 +34,8 @@ DECIMALS = 3
 
 MOST_MEMBERS = 20
 FAINT_MPS2 = 0.1
-SLIGHT_MPS2 = 1.0
-"""Weaker braking or acceleration is not described, or as slight."""
+SLIGHT_MPS2 = 2.0
+"""Weaker braking is not described, or as slight; weaker acceleration is not described."""
 
 
 def read_motion(courses: Iterable[tuple[int, SpeedCourse]], origin: Origin) -> Motion | None:
@@ -186,8 +186,8 @@ def describe_motion(
 ) -> str:
     """Return how the ego brakes and accelerates in some failures, in a sentence.
 
-    Strengths and times are medians over the failures. A failure brakes from the first to the last
-    step with at least half of its strongest braking.
+    Strengths and times are medians over the failures. A failure brakes during the steps around its
+    strongest braking in which it brakes at least half as strongly.
 
     Args:
         accelerations: acceleration in each failure, shape (failures, steps). [m/s²]
@@ -212,10 +212,12 @@ def _describe_push(
     strengths: Floats, times_s: NDArray[np.float64], step_s: float, origin: Origin
 ) -> tuple[float, str]:
     """Return the median of the largest strength of each failure, and when it is that strong."""
-    largest = strengths.max(axis=1)
-    is_strong = strengths >= 0.5 * np.maximum(largest, FAINT_MPS2)[:, None]
-    first = np.median(is_strong.argmax(axis=1))
-    last = np.median(strengths.shape[1] - 1 - is_strong[:, ::-1].argmax(axis=1))
+    steps, largest = np.arange(strengths.shape[1]), strengths.max(axis=1)
+    is_weak = strengths < 0.5 * largest[:, None]
+    peaks = strengths.argmax(axis=1)[:, None]
+    before = np.where(is_weak & (steps < peaks), steps, -1).max(axis=1)
+    after = np.where(is_weak & (steps > peaks), steps, len(steps)).min(axis=1)
+    first, last = np.median(before + 1), np.median(after - 1)
     since_s, until_s = abs(times_s[round(first)] - step_s), abs(times_s[round(last)])
     event = "before the collision" if origin == "collision" else "after the start"
     return float(np.median(largest)), f"from {since_s:.1f} to {until_s:.1f} s {event}"
