@@ -6,7 +6,7 @@ does before a collision follows from the cause, and has little noise of its own.
 """
 
 from collections.abc import Iterable
-from math import ceil
+from math import ceil, sqrt
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -22,6 +22,12 @@ Origin = Literal["collision", "start"]
 
 WINDOW_S = 4.5
 """Time before the collision of which the acceleration counts. [s]"""
+
+SMOOTHING_S = 1.5
+"""Length of the moving mean of the acceleration, in which braking a little later is alike. [s]"""
+
+RESOLUTION_MPS2 = 0.3
+"""Root mean square, over the steps, of a difference in acceleration that makes no mode. [m/s²]"""
 
 COMPONENTS = 4
 """Principal components of the acceleration, or of the energy, that are clustered."""
@@ -55,16 +61,13 @@ def read_motion(courses: Iterable[tuple[int, SpeedCourse]], origin: Origin) -> M
     return Motion(origin, durations_s.pop(), found) if len(durations_s) == 1 else None
 
 
-def align_motion(failures: Aligned) -> Floats | None:
+def align_motion(failures: Aligned, motion: Motion) -> Floats | None:
     """Return the acceleration of the ego in each failure, shape (failures, steps). [m/s²]
 
     The last `WINDOW_S` before the collision, or all steps from the start. Where a failure has no
     step, its acceleration is 0. None where the motion in a failure is not known, or does not fit
     its noise.
     """
-    motion = failures.motion
-    if motion is None:
-        return None
     steps = failures.horizon
     if motion.origin == "collision":
         steps = min(steps, round(WINDOW_S / motion.step_s))
@@ -87,12 +90,20 @@ class GroupingFeatures(NamedTuple):
         data: shape (failures, columns).
         components: number of principal components that are clustered.
         motion: what an acceleration comes from; None of other data.
+        accelerations: acceleration in each failure, shape (failures, steps); None of other data.
+            [m/s²]
     """
 
     name: Grouping
     data: Floats
     components: int
     motion: Motion | None = None
+    accelerations: Floats | None = None
+
+    @property
+    def resolution(self) -> float:
+        """Distance between scores below which failures are as good as equal."""
+        return RESOLUTION_MPS2 * sqrt(self.data.shape[1]) if self.motion else 0.0
 
     def describe(
         self, space: ComponentSpace, labels: NDArray[np.intp], order: NDArray[np.intp]
@@ -104,12 +115,13 @@ class GroupingFeatures(NamedTuple):
             labels: mode of each failure, shape (failures,).
             order: order of the failures in the result.
         """
-        if self.motion is None:
+        motion, accelerations = self.motion, self.accelerations
+        if motion is None or accelerations is None:
             return None
-        motion, steps = self.motion, self.data.shape[1]
+        steps = accelerations.shape[1]
         ends = np.arange(1, steps + 1) if motion.origin == "start" else np.arange(1 - steps, 1)
         times_s = ends * motion.step_s
-        groups = (self.data[labels == label] for label in range(labels.max() + 1))
+        groups = (accelerations[labels == label] for label in range(labels.max() + 1))
         return Behaviour(
             origin=motion.origin,
             times_s=times_s.astype(np.float32),
@@ -131,14 +143,30 @@ def select_features(
     """
     if settings.features == "noise":
         return GroupingFeatures("noise", failures.data, settings.components)
-    accelerations = align_motion(failures)
-    if accelerations is not None:
+    motion = failures.motion
+    accelerations = align_motion(failures, motion) if motion else None
+    if motion and accelerations is not None:
         # All steps have one unit: divided by its own deviation, a step in which all failures are
         # nearly alike would count as much as the braking.
-        return GroupingFeatures("behaviour", accelerations, COMPONENTS, failures.motion)
+        smooth = smooth_accelerations(accelerations, motion.step_s)
+        return GroupingFeatures("behaviour", smooth, COMPONENTS, motion, accelerations)
     if step_s is None:
         return GroupingFeatures("noise", failures.data, settings.components)
     return GroupingFeatures("energy", compute_energy(failures, step_s), COMPONENTS)
+
+
+def smooth_accelerations(accelerations: Floats, step_s: float) -> Floats:
+    """Return the moving mean over `SMOOTHING_S`, of the steps that there are. [m/s²]
+
+    Args:
+        accelerations: shape (failures, steps). [m/s²]
+        step_s: duration of a step. [s]
+    """
+    steps, half = accelerations.shape[1], round(SMOOTHING_S / step_s) // 2
+    sums = np.pad(np.cumsum(accelerations, axis=1, dtype=np.float64), ((0, 0), (1, 0)))
+    first = np.maximum(np.arange(steps) - half, 0)
+    last = np.minimum(np.arange(steps) + half + 1, steps)
+    return np.asarray((sums[:, last] - sums[:, first]) / (last - first), np.float32)
 
 
 def compute_energy(failures: Aligned, step_s: float) -> Floats:

@@ -116,7 +116,8 @@ def _make_result(
     grouping = space
     if features.name != "noise":
         grouping = fit_components(features.data, features.components)
-    partition = divide(grouping.scores, settings.clusters, clusterer)
+    groups = grouping.scores, settings.clusters, clusterer, features.resolution
+    partition = divide(*groups)
     labels = order_by_size(partition.labels, failures.episodes)
     components = failures.by_step(space.components)
     weighed = measure_influence(components, space.explained).astype(np.float32)
@@ -130,13 +131,9 @@ def _make_result(
         modes=describe_modes(failures, Spaces(space, grouping), labels, settings.centre),
         influence=weighed,
         silhouette=partition.silhouette,
-        noise_silhouette=(
-            None
-            if single
-            else compute_noise_silhouette(grouping.scores, settings.clusters, clusterer)
-        ),
+        noise_silhouette=None if single else compute_noise_silhouette(*groups),
         campaigns=tuple(failures.campaigns[order].tolist()),
-        stability=measure_stability(features.data, labels, asked),
+        stability=measure_stability(features.data, labels, asked, features.resolution),
         outliers=partition.outliers,
         moments=find_moments(weighed, failures, step_s),
         before_collision=_measure_impending(failures, settings, step_s),

@@ -18,6 +18,7 @@ from eigenfail_services.analysis.behaviour import (
     compute_energy,
     describe_motion,
     read_motion,
+    smooth_accelerations,
 )
 from eigenfail_services.analysis.job import analyse_gathered, hash_result
 
@@ -150,7 +151,9 @@ def test_acceleration_is_aligned_at_the_collision_or_the_start(lengths, step_s) 
     gathered = gather_failures([batch], HORIZON, DEFAULT)
     window = min(HORIZON, round(4.5 / step_s))
     for origin, length in (("collision", window), ("start", HORIZON)):
-        aligned = align_motion(gathered._replace(motion=read_motion(courses, origin)))
+        motion = read_motion(courses, origin)
+        assert motion is not None
+        aligned = align_motion(gathered, motion)
         assert aligned is not None
         assert aligned.shape == (len(lengths), length)
         for row, index in zip(aligned, gathered.episodes.tolist(), strict=True):
@@ -160,6 +163,45 @@ def test_acceleration_is_aligned_at_the_collision_or_the_start(lengths, step_s) 
                 last
             )
             assert row == pytest.approx(own, abs=1e-3)
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.integers(1, 40), st.sampled_from([0.05, 0.1, 0.25, 2.0]), st.integers(0, 9))
+def test_acceleration_is_averaged_over_the_steps_around_each(steps, step_s, seed) -> None:
+    given_ = np.random.default_rng(seed).standard_normal((3, steps)).astype(np.float32)
+    half = round(1.5 / step_s) // 2
+    for place, mean in enumerate(smooth_accelerations(given_, step_s).T):
+        near = given_[:, max(place - half, 0) : place + half + 1]
+        assert mean == pytest.approx(near.mean(axis=1), abs=1e-5)
+
+
+def test_braking_that_begins_a_little_later_is_no_mode_of_its_own() -> None:
+    """Its onset differs by up to 0.8 s; the other failures do not brake."""
+    random = np.random.default_rng(2)
+    labels = np.repeat([0, 1], 40)
+    noise, courses = [], []
+    for index, label in enumerate(labels):
+        acceleration = 0.1 * random.standard_normal(60)
+        first = 30 + random.integers(0, 9)
+        acceleration[first : first + 12] -= 7.0 * label
+        speeds = 24.0 + STEP_S * np.concatenate([[0.0], np.cumsum(acceleration)])
+        courses.append((1, SpeedCourse(index, STEP_S, speeds.astype(np.float32))))
+        noise.append(random.standard_normal((60, 2)).astype(np.float32))
+    batch = FailureBatch(1, Failures(tuple(range(len(labels))), tuple(noise)))
+    gathered = gather_failures([batch], 60, DEFAULT)
+    found = analyse(gathered._replace(motion=read_motion(courses, "collision")))
+    assert adjusted_rand_score(labels, found.labels) == 1.0
+
+
+def test_rows_nearer_than_the_resolution_are_no_groups() -> None:
+    """Four points twenty times over, in two pairs: without a resolution each is a group."""
+    points = np.array([[0.0, 0.0], [0.2, 0.0], [10.0, 0.0], [10.2, 0.0]])
+    scores = np.repeat(points, 20, axis=0) + 1e-3 * np.random.default_rng(0).normal(size=(80, 2))
+    sizes = {
+        resolution: len(np.unique(clusters.divide(scores, None, resolution=resolution).labels))
+        for resolution in (0.0, 0.5)
+    }
+    assert sizes == {0.0: 4, 0.5: 2}
 
 
 def test_failures_in_which_the_ego_did_the_same_are_a_single_group() -> None:
