@@ -75,7 +75,7 @@ def reproduce_campaign(seed: int) -> dict[Centre, Reproduced]:
     steps = horizon(spec.scenario)
     found = {}
     for centre in CENTRES:
-        asked = AnalysisSettings(bootstrap=0, centre=centre)
+        asked = AnalysisSettings(bootstrap=0, centre=centre, features="noise")
         gathered = gather_failures([FailureBatch(1, failures)], steps, asked)
         modes = analyse_gathered(gathered, asked, None, {1: EPISODES}, LEARNT).modes
         noise = [mode.eigenfailure for mode in modes]

@@ -45,7 +45,7 @@ def recovered(seed: int, spread: float) -> tuple[float, bool]:
     random = np.random.default_rng(seed)
     labels = random.permutation(np.repeat(range(len(SIZES)), SIZES))
     noise = three_modes()[labels] + spread * random.standard_normal((len(labels), STEPS, 2))
-    result = analyse(failures(noise), STEPS, AnalysisSettings())
+    result = analyse(failures(noise), STEPS, AnalysisSettings(features="noise"))
     return float(adjusted_rand_score(labels, result.labels)), result.distinct
 
 
@@ -95,7 +95,7 @@ def divided(kind: str, seed: int) -> bool:
     """Whether one cloud is said to have distinct modes."""
     random = np.random.default_rng(seed)
     noise = random.standard_normal((CLOUD_FAILURES, CLOUD_STEPS, 2))
-    settings = AnalysisSettings(bootstrap=RESAMPLES)
+    settings = AnalysisSettings(bootstrap=RESAMPLES, features="noise")
     return analyse(failures(CLOUD_KINDS[kind](random, noise)), CLOUD_STEPS, settings).distinct
 
 

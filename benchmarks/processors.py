@@ -137,7 +137,7 @@ def analyse_failures(noise: Sequence[Floats]) -> str:
     from eigenfail_services.analysis.job import analyse, hash_result
 
     failures = Failures(tuple(range(len(noise))), tuple(noise))
-    return hash_result(analyse(failures, max(map(len, noise)), AnalysisSettings()))
+    return hash_result(analyse(failures, max(map(len, noise)), AnalysisSettings(features="noise")))
 
 
 if __name__ == "__main__":

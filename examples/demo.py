@@ -26,7 +26,7 @@ ANALYSED = "ast"
 # Picked among about twenty settings tried on failures of an earlier world. Few components explain
 # little of what tells failures apart, twenty nearly all: only then does an eigenfailure stay close
 # to the failures that it stands for.
-ANALYSIS = AnalysisSettings(components=20, clusters=4)
+ANALYSIS = AnalysisSettings(components=20, clusters=4, features="noise")
 
 
 def read_specs() -> dict[str, CampaignSpec]:

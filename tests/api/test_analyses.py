@@ -25,7 +25,9 @@ def test_nothing_in_the_body_means_the_defaults(http, campaign, read):
     assert msgspec.convert(response.json()["settings"], AnalysisSettings) == AnalysisSettings()
 
 
-@pytest.mark.parametrize("settings", [{"components": 0}, {"clusters": 51}, {"align": "end"}])
+@pytest.mark.parametrize(
+    "settings", [{"components": 0}, {"clusters": 51}, {"align": "end"}, {"features": "x"}]
+)
 def test_settings_have_bounds(http, campaign, problem, settings):
     told = problem(http.post(f"/api/v1/campaigns/{campaign}/analyses", json=settings), 422)
     assert told["field"] == next(iter(settings))

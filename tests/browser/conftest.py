@@ -71,7 +71,10 @@ def noise_of(rng, steps, collided):
 def scene_of(noise, steps):
     """The truck closes in on a car that changes into its lane."""
     t = DT_S * np.arange(steps + 1)
-    ego = np.stack([24.0 * t - 0.55 * t**2, 0 * t, 0 * t, 24.0 - 1.1 * t], axis=1)
+    # In every second kind of failure the truck brakes at the end.
+    braking = 0.2 * noise.z[0, 0] + 4.0 * (noise.z[:, 0].sum() > 0.0)
+    slower = braking * np.clip(t - t[-1] + 1.5, 0.0, None)
+    ego = np.stack([24.0 * t - 0.55 * t**2, 0 * t, 0 * t, 24.0 - 1.1 * t - slower], axis=1)
     share = np.clip((t - 1.0) / 5.0, 0.0, 1.0)
     side = 3.5 * (1.0 - share**2 * (3.0 - 2.0 * share))
     heading = np.gradient(side, DT_S) / 12.0

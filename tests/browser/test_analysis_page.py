@@ -44,6 +44,22 @@ def test_each_mode_has_a_band_of_its_failures_noise(analysis):
     expect(head).to_contain_text("Mode 1 lateral 90 %")
 
 
+def test_each_mode_has_a_panel_of_what_the_ego_did(analysis):
+    page = analysis()
+    plot = page.locator("#behaviour-chart .plot")
+    plot.scroll_into_view_if_needed()
+    expect(plot.locator("canvas").first).to_be_visible()
+    modes = page.locator(".modes article").count()
+    assert modes > 1
+    names = [f"Mode {place + 1} [m/s²]" for place in range(modes)]
+    assert plot.evaluate(Y_NAMES) == names
+    widths = [one["lineStyle"]["width"] for one in plot.evaluate(SERIES)]
+    assert (widths.count(3), widths.count(1) > modes) == (modes, True)
+    page.locator("#behaviour-chart summary").click()
+    head = page.locator("#behaviour-chart thead")
+    expect(head).to_contain_text("Time from the collision [s]")
+
+
 Y_NAMES = "element => echarts.getInstanceByDom(element).getOption().yAxis.map(one => one.name)"
 
 

@@ -31,8 +31,8 @@ CHARTS = {
     "comparison": 2,
     "episode": 2,
     "episode without scene": 1,
-    "analysis": 6,
-    "snapshot analysis": 6,
+    "analysis": 7,
+    "snapshot analysis": 7,
 }
 DARK = ("overview", "done campaign", "analysis", "snapshot analysis")
 OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"

@@ -25,7 +25,7 @@ NOTE_INK = """() => {
 PAGES = {
     "/": 2,
     "/campaigns/{ast}": 4,
-    "/analyses/{analysis}": 6,
+    "/analyses/{analysis}": 7,
     "/comparison?campaign={ast}&campaign={difs}": 4,
     "/campaigns/{ast}/episodes/{failure}": 2,
 }

@@ -6,7 +6,7 @@ import pytest
 
 from eigenfail.values import AnalysisResult, AnalysisSettings, FailureMode
 from eigenfail.values.analysis import STABLE
-from eigenfail_services.analysis import alignment, clusters, components
+from eigenfail_services.analysis import alignment, behaviour, clusters, components
 from eigenfail_services.methods.subset import MIN_EFFECTIVE_FIRST_DRAWS
 from eigenfail_services.statistics.importance import FEWEST_EFFECTIVE
 
@@ -47,6 +47,14 @@ def test_the_numbers_on_the_page_are_those_of_the_code(page):
         (clusters.SILHOUETTE_ROWS, "silhouettes and bootstrap take {} drawn"),
         (clusters.NOISE_DRAWS, "largest of {} draws"),
         (alignment.MIN_STEPS_APART, "at least {} steps apart"),
+        (behaviour.WINDOW_S, "Of the last {} s before the collision"),
+        (10.0**-behaviour.DECIMALS, "rounded to {} m/s²"),
+        (behaviour.SMOOTHING_S, "Moving means over {} s"),
+        (behaviour.COMPONENTS, "first {} principal components are clustered"),
+        (behaviour.RESOLUTION_MPS2, "a difference of {} m/s² in root mean square"),
+        (behaviour.ENERGY_S, "over windows of {} s for each channel"),
+        (behaviour.MOST_MEMBERS, "that of up to {} failures"),
+        (behaviour.SLIGHT_MPS2, "below {:.0f} m/s² the ego"),
         (STABLE, "Rand index is {} or more"),
         (MIN_EFFECTIVE_FIRST_DRAWS, "fewer than {:.0f} first draws"),
         (FEWEST_EFFECTIVE, "less than {:.0f} independent ones"),

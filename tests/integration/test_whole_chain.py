@@ -41,6 +41,9 @@ def test_failures_are_found_grouped_replayed_and_priced(client, campaign) -> Non
     analysis = client.analyses.wait(client.analyses.create(campaign.id).id)
     assert analysis.state is AnalysisState.DONE, analysis.problem
     assert sum(mode.failures for mode in analysis.result.modes) == summary.counts.failures
+    assert analysis.result.features == "behaviour"
+    assert len(analysis.result.behaviour.modes) == len(analysis.result.modes)
+    assert all(": The ego " in words for words in analysis.result.words)
 
     client.analyses.prove(analysis.id)
     proof = client.analyses.wait_for_proof(analysis.id, timeout_s=deadlines.CAMPAIGN_S)

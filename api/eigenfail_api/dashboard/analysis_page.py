@@ -9,7 +9,13 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail.exchange import list_formats
 from eigenfail.exchange.recording import RecordingFormat
-from eigenfail.presentation.analyses import tabulate_influence, tabulate_moments, tabulate_sources
+from eigenfail.presentation.analyses import (
+    describe_grouping,
+    tabulate_influence,
+    tabulate_moments,
+    tabulate_noise_within,
+    tabulate_sources,
+)
 from eigenfail.presentation.figures import (
     UNKNOWN,
     count_noun,
@@ -24,6 +30,7 @@ from eigenfail.values import (
     Analysis,
     AnalysisResult,
     AnalysisSettings,
+    Behaviour,
     Campaign,
     Diversity,
     FailureMode,
@@ -34,7 +41,7 @@ from eigenfail.values import (
     TrainingInterval,
 )
 from eigenfail.worlds import find_robustness_unit, world_of
-from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_values
+from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_rows, round_values
 from eigenfail_api.dashboard.episodes_page import (
     AnalysisChoices,
     AnalysisLine,
@@ -47,6 +54,39 @@ from eigenfail_api.parameters import AnalysisId, Stored
 from eigenfail_services.campaigns.proofs import summarise_proof
 
 MOST_POINTS = 5_000
+
+
+def make_behaviour_charts(behaviour: Behaviour | None) -> tuple[Chart, ...]:
+    """Return the chart of the ego's acceleration in each mode; none where it is not known."""
+    if behaviour is None:
+        return ()
+    event = "collision" if behaviour.origin == "collision" else "start"
+    chart = Chart(
+        id="behaviour-chart",
+        kind="behaviour",
+        title="Acceleration of the ego",
+        caption=f"What the ego did in each mode, by the time from the {event} [m/s²]. Thick: the "
+        "mean of its failures. Thin: some of them.",
+        data={
+            "event": event,
+            "times": list_floats(behaviour.times_s),
+            "modes": [
+                {"mean": list_floats(mode.mean), "members": round_rows(mode.members)}
+                for mode in behaviour.modes
+            ],
+        },
+        columns=(
+            f"Time from the {event} [s]",
+            *(f"Mode {place + 1}" for place in range(len(behaviour.modes))),
+        ),
+        rows=tuple(
+            (format_number(float(time_s)), *(format_number(float(value)) for value in values))
+            for time_s, *values in zip(
+                behaviour.times_s, *(mode.mean for mode in behaviour.modes), strict=True
+            )
+        ),
+    )
+    return (chart,)
 
 
 def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
@@ -102,7 +142,8 @@ def make_scores_chart(result: AnalysisResult, campaign: int) -> Chart:
         id="scores-chart",
         kind="scores",
         title="Failures in PCA space",
-        caption="Each failure by its first two scores; colour and shape show the mode, + its mean.",
+        caption="Each failure by the first two scores of its noise; colour and shape show the "
+        "mode, + its mean.",
         data={
             "episode": [addresses[row] for row in chosen],
             "mode": [result.labels[row] for row in chosen],
@@ -228,6 +269,7 @@ def make_finding_tiles(result: AnalysisResult) -> Tiles:
     """Return the tiles of an analysis's figures, each with its basis."""
     return (
         ("Failures analysed", count_failures(result)),
+        ("Grouped by", Tile(result.features, (describe_grouping(result),))),
         ("Adjusted Rand index", make_stability_tile(result)),
         ("Variance explained", describe_variance(result)),
         *((("Near no mode", make_outlier_tile(result)),) if result.outliers else ()),
@@ -265,8 +307,13 @@ def make_outlier_tile(result: AnalysisResult) -> Tile:
 
 
 def list_tables(result: AnalysisResult) -> tuple[Table, ...]:
-    """Return the tables of moments, influence and sources that have rows."""
-    found = (tabulate_moments(result), tabulate_influence(result), tabulate_sources(result))
+    """Return the tables of noise within modes, moments, influence and sources that have rows."""
+    found = (
+        tabulate_noise_within(result),
+        tabulate_moments(result),
+        tabulate_influence(result),
+        tabulate_sources(result),
+    )
     return tuple(grid for grid in found if grid.rows)
 
 
@@ -474,6 +521,7 @@ def list_notes(result: AnalysisResult) -> Iterator[str]:
 def make_charts(result: AnalysisResult, campaign: int) -> tuple[Chart, ...]:
     """Return the charts of an analysis."""
     return (
+        *make_behaviour_charts(result.behaviour),
         make_eigenfailure_chart(result),
         make_scores_chart(result, campaign),
         make_explained_chart(result),

@@ -284,6 +284,7 @@ def describe_settings(settings: AnalysisSettings, channels: Sequence[str]) -> It
     yield f"bootstrap {settings.bootstrap}" if settings.bootstrap else "no bootstrap"
     yield f"failures: {settings.failures}"
     yield f"eigenfailures: {settings.centre}"
+    yield f"features: {settings.features}"
     if settings.campaigns:
         yield f"with campaigns {', '.join(map(str, settings.campaigns))}"
 

@@ -46,6 +46,13 @@ class ClustererName(StrEnum):
     GAUSSIAN_MIXTURE = "gaussian_mixture"
 
 
+class FeatureChoice(StrEnum):
+    """What failures are grouped by."""
+
+    BEHAVIOUR = "behaviour"
+    NOISE = "noise"
+
+
 class FailureChoice(StrEnum):
     """The failures of a method that learns which are analysed."""
 
@@ -92,6 +99,14 @@ FailuresChoice = Annotated[
     typer.Option(help="Of a method that learns, the latest half of the failures, or all."),
 ]
 
+FeaturesChoice = Annotated[
+    FeatureChoice,
+    typer.Option(
+        help="What failures are grouped by: the acceleration of the ego before the collision, or "
+        "the noise, as in the paper."
+    ),
+]
+
 Prove = Annotated[
     bool, typer.Option("--prove", help="Replay eigenfailures and medoids, also in other scenarios.")
 ]
@@ -129,6 +144,7 @@ def analyze(
     bootstrap: Bootstrap = 20,
     failures: FailuresChoice = FailureChoice.LATEST,
     centre: ModeCentre = "median",
+    features: FeaturesChoice = FeatureChoice.BEHAVIOUR,
     prove: Prove = False,
     variation: Variations = None,
     animations: Animations = None,
@@ -150,6 +166,7 @@ def analyze(
         "bootstrap": bootstrap,
         "failures": failures.value,
         "centre": centre,
+        "features": features.value,
     }
     settings = convert(given, AnalysisSettings)
     with interruptible(), connect_to(context, url) as client:

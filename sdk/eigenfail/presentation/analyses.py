@@ -128,6 +128,20 @@ def list_mode_words(result: AnalysisResult) -> Iterator[str]:
         yield f"{noun} {place}: {words.removeprefix(f'Mode {place}: ')}"
 
 
+GROUPINGS = {
+    "behaviour": "the acceleration of the ego {}",
+    "energy": "the energy of their noise in windows of 0.5 s",
+    "noise": "the principal components of their noise",
+}
+SPANS = {"collision": "before the collision", "start": "from the start on"}
+
+
+def describe_grouping(result: AnalysisResult) -> str:
+    """Return the features by which failures were grouped."""
+    span = SPANS[result.behaviour.origin] if result.behaviour else ""
+    return GROUPINGS[result.features].format(span)
+
+
 def describe_components(result: AnalysisResult) -> str:
     """Return the share of the variance that the components explain."""
     share, count = float(np.sum(result.explained)), len(result.explained)
@@ -138,6 +152,7 @@ def describe_components(result: AnalysisResult) -> str:
 
 def describe_findings(result: AnalysisResult) -> Iterator[str]:
     """Return diversity, stability and times of greatest influence, in sentences."""
+    yield f"Failures are grouped by {describe_grouping(result)}."
     yield from describe_diversity(result)
     yield from result.notes
     yield from _describe_stability(result)
@@ -229,6 +244,32 @@ def tabulate_influence(result: AnalysisResult) -> Table:
     )
     note = "The shares would equal that of the time if the failures differed alike at all moments."
     return Table("Influence before the collision", columns, rows, (note,))
+
+
+def tabulate_noise_within(result: AnalysisResult) -> Table:
+    """Return how the noise differs among the failures of each mode, where behaviour groups them."""
+    noun = result.cluster_noun
+    columns = (
+        *count_columns(noun.capitalize(), "Failures"),
+        TableColumn("Variance explained", "share"),
+        *name_columns("Noise differs most"),
+    )
+    rows = tuple(
+        (
+            *(str(place), mode.failures, float(np.sum(mode.explained))),
+            _find_difference(mode.components, mode.explained, result.channels),
+        )
+        for place, mode in enumerate(result.modes, start=1)
+        if mode.components is not None and mode.explained is not None and len(mode.explained)
+    )
+    note = f"By the principal components of the noise of each {noun} alone."
+    return Table(f"Noise within {noun}s", columns, rows, (note,))
+
+
+def _find_difference(components: Floats, explained: Floats, channels: Sequence[str]) -> str:
+    influence = np.tensordot(explained, np.abs(components), axes=1)
+    step, way = np.unravel_index(int(influence.argmax()), influence.shape)
+    return f"{channels[int(way)]} at step {step}"
 
 
 def tabulate_sources(result: AnalysisResult) -> Table:

@@ -178,6 +178,12 @@ CampaignNumber = Annotated[int, msgspec.Meta(ge=1)]
 Centre = Literal["median", "mean"]
 
 
+Features = Literal["behaviour", "noise"]
+
+
+Grouping = Literal["behaviour", "energy", "noise"]
+
+
 class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     """How failures are analysed; docs/analysis.md says when to use what.
 
@@ -198,6 +204,11 @@ class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         centre: centre of a mode that its eigenfailure shows. `median`: the median of the noise of
             its failures at each step. `mean`: the mean of its failures in PCA space, taken back to
             noise, as in the paper.
+        features: what failures are grouped by. `behaviour`: the acceleration of the ego in the last
+            seconds before the collision; where that is not stored of all failures, the energy of
+            the noise in windows of 0.5 s; where steps have no duration, the noise.
+            `AnalysisResult.features` says which of these it was. `noise`: the principal components
+            of the noise, as in the paper.
     """
 
     align: Literal["start", "collision"] = "start"
@@ -209,6 +220,7 @@ class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     bootstrap: Annotated[int, msgspec.Meta(ge=0, le=MAX_RESAMPLES)] = 20
     failures: Literal["latest", "all"] = "latest"
     centre: Centre = "median"
+    features: Features = "behaviour"
 
 
 class AnalysisState(StrEnum):
@@ -221,12 +233,13 @@ class AnalysisState(StrEnum):
 
 
 class FailureMode(Brief, msgspec.Struct, frozen=True, eq=False):
-    """A cluster of failures in PCA space.
+    """A cluster of failures.
 
     Attributes:
         failures: how many failures belong to it.
-        medoid: index of the real episode nearest to the centre.
-        centre: centre of the cluster in PCA space, shape (components,).
+        medoid: index of the real episode nearest to the centre, by the features that failures are
+            grouped by.
+        centre: mean of its failures in the PCA space of the noise, shape (components,).
         eigenfailure: the centre of its noise, as `AnalysisSettings.centre` says: z, shape (steps,
             channels), aligned at the start and ready to be injected; of a channel that was left
             out, the median or mean of its failures. [sigma]
@@ -236,6 +249,10 @@ class FailureMode(Brief, msgspec.Struct, frozen=True, eq=False):
         band: band from the 10 % to the 90 % quantile of its failures' z at each step, of those that
             lasted so long, shape (2, steps, channels), aligned as `eigenfailure`; None in results
             of older releases. [sigma]
+        components: principal components of the noise of its failures alone, shape (at most as many
+            as the analysis has, steps, channels), in its alignment; None where failures were
+            grouped by their noise.
+        explained: share of the variance of its failures' noise that each of them explains.
     """
 
     failures: int
@@ -245,6 +262,43 @@ class FailureMode(Brief, msgspec.Struct, frozen=True, eq=False):
     medoid_campaign: int | None = None
     probability: Estimate | None = None
     band: Floats | None = None
+    components: Floats | None = None
+    explained: Floats | None = None
+
+
+class ModeBehaviour(Brief, msgspec.Struct, frozen=True, eq=False):
+    """What the ego did in the failures of a mode.
+
+    Attributes:
+        mean: mean of its acceleration at each step over the failures of the mode, shape (steps,).
+            [m/s²]
+        members: its acceleration in some of these failures, evenly spread over them, shape
+            (at most 20, steps). [m/s²]
+        words: description of it in a sentence.
+    """
+
+    mean: Floats
+    members: Floats
+    words: str
+
+
+class Behaviour(Brief, msgspec.Struct, frozen=True, eq=False):
+    """The behaviour of the ego by which failures were grouped.
+
+    Attributes:
+        origin: moment from which times count: the `collision`; or the `start`, where failures need
+            not end in a collision.
+        times_s: time at the end of each step, up to 0 at the collision, shape (steps,). [s]
+        explained: share of the variance of the acceleration that each principal component explains.
+        scores: failures in the space of these components, shape (failures, components). [m/s²]
+        modes: the behaviour in each mode, in their order.
+    """
+
+    origin: Literal["collision", "start"]
+    times_s: Floats
+    explained: Floats
+    scores: Floats
+    modes: tuple[ModeBehaviour, ...]
 
 
 class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
@@ -274,9 +328,12 @@ class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
         sources: the campaigns, as they stood.
         words: what each mode is, in words; as many as there are modes.
         notes: remarks on the failures that were pooled.
-        digest: SHA-256 over all of it but words, bands and names of channels: the same whenever
-            the analysis is repeated.
+        digest: SHA-256 over all of it but words, bands, behaviour and names of channels: the same
+            whenever the analysis is repeated.
         channels: the names of the components of the noise at each step, in order.
+        features: what the failures were grouped by. Components, scores and influence are of their
+            noise in any case.
+        behaviour: behaviour of the ego; None unless the failures were grouped by it.
     """
 
     episodes: tuple[int, ...]
@@ -300,6 +357,8 @@ class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
     notes: tuple[str, ...] = ()
     digest: str = ""
     channels: tuple[str, ...] = AXES
+    features: Grouping = "noise"
+    behaviour: Behaviour | None = None
 
     @property
     def cumulative(self) -> Floats:

@@ -307,6 +307,20 @@ class Failures(msgspec.Struct, frozen=True, eq=False):
     noise: tuple[Floats, ...]
 
 
+class SpeedCourse(msgspec.Struct, frozen=True, eq=False):
+    """The speed of the ego over an episode.
+
+    Attributes:
+        index: the episode.
+        dt_s: duration of a step.
+        speed_mps: speed at the start and after each step, shape (steps + 1,).
+    """
+
+    index: int
+    dt_s: float
+    speed_mps: Floats
+
+
 class JobKind(StrEnum):
     """What a job works on; its subject is an id of that kind."""
 

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,20 @@ def median_steps(steps: Sequence[int]) -> int:
     return int(np.quantile(steps, 0.5, method="higher"))
 
 
+class Motion(NamedTuple):
+    """The acceleration of the ego in failures.
+
+    Attributes:
+        origin: `collision`: of each failure the last steps count. `start`: all steps do.
+        step_s: duration of a step. [s]
+        accelerations: acceleration in these steps by campaign and index of the episode. [m/s²]
+    """
+
+    origin: Literal["collision", "start"]
+    step_s: float
+    accelerations: Mapping[tuple[int, int], Floats]
+
+
 class Aligned(NamedTuple):
     """Failures side by side.
 
@@ -86,6 +100,7 @@ class Aligned(NamedTuple):
         alignment: how they were put there.
         columns: those of z that are analysed.
         channels: the names of all columns of z.
+        motion: acceleration of the ego in these failures, among others; None where it is not known.
     """
 
     campaigns: NDArray[np.int64]
@@ -95,6 +110,7 @@ class Aligned(NamedTuple):
     alignment: Alignment
     columns: tuple[int, ...]
     channels: tuple[str, ...] = AXES
+    motion: Motion | None = None
 
     @property
     def horizon(self) -> int:

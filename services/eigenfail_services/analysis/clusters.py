@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.cluster import HDBSCAN, KMeans
 from sklearn.exceptions import ConvergenceWarning
-from sklearn.metrics import adjusted_rand_score, silhouette_score
+from sklearn.metrics import adjusted_rand_score, pairwise_distances, silhouette_score
 from sklearn.mixture import GaussianMixture
 from sklearn.neighbors import KNeighborsClassifier
 
@@ -152,7 +152,12 @@ class Partition(NamedTuple):
     outliers: float = 0.0
 
 
-def divide(scores: Scores, clusters: int | None, clusterer: Clusterer = KMEANS) -> Partition:
+def divide(
+    scores: Scores,
+    clusters: int | None,
+    clusterer: Clusterer = KMEANS,
+    resolution: float = 0.0,
+) -> Partition:
     """The rows in groups, repeatable.
 
     One group results where a division would say nothing: unless there are more different rows
@@ -162,17 +167,21 @@ def divide(scores: Scores, clusters: int | None, clusterer: Clusterer = KMEANS) 
         scores: D*, shape (rows, k).
         clusters: number of groups; None takes the best silhouette.
         clusterer: what finds them.
+        resolution: distance below which rows are as good as equal; see `_compute_silhouette`.
     """
     limit = _count_different(scores[draw_rows(len(scores), CLUSTERED_ROWS)]) - 1
     wanted = [k for k in clusterer.choices(clusters) if 2 <= k <= limit]
-    tried = [_split(scores, k, clusterer) for k in wanted]
+    tried = [_split(scores, k, clusterer, resolution) for k in wanted]
     single = Partition(np.zeros(len(scores), np.intp), None)
     found = [partition for partition in tried if partition is not None]
     return max(found, key=lambda partition: partition.silhouette or 0.0, default=single)
 
 
 def compute_noise_silhouette(
-    scores: Scores, clusters: int | None, clusterer: Clusterer = KMEANS
+    scores: Scores,
+    clusters: int | None,
+    clusterer: Clusterer = KMEANS,
+    resolution: float = 0.0,
 ) -> float:
     """The largest silhouette that `divide` reaches on several draws of data without groups.
 
@@ -182,7 +191,8 @@ def compute_noise_silhouette(
     """
     generator = np.random.default_rng(SEED)
     draws = (draw_without_groups(scores, generator) for _ in range(NOISE_DRAWS))
-    return max(divide(noise, clusters, clusterer).silhouette or 0.0 for noise in draws)
+    found = (divide(noise, clusters, clusterer, resolution) for noise in draws)
+    return max(partition.silhouette or 0.0 for partition in found)
 
 
 def draw_without_groups(scores: Scores, generator: np.random.Generator) -> Scores:
@@ -202,7 +212,9 @@ def draw_without_groups(scores: Scores, generator: np.random.Generator) -> Score
     return np.asarray(noise * spread, np.float64)
 
 
-def _split(scores: Scores, clusters: int, clusterer: Clusterer) -> Partition | None:
+def _split(
+    scores: Scores, clusters: int, clusterer: Clusterer, resolution: float
+) -> Partition | None:
     """Return the labels of k groups; None if fewer than two are non-empty."""
     grouping = clusterer.fit(scores[draw_rows(len(scores), CLUSTERED_ROWS)], clusters)
     if grouping is None:
@@ -210,15 +222,24 @@ def _split(scores: Scores, clusters: int, clusterer: Clusterer) -> Partition | N
     labels = grouping.groups.predict(scores).astype(np.intp)
     if len(np.unique(labels)) < 2:
         return None
-    return Partition(labels, _compute_silhouette(scores, labels), grouping.outliers)
+    silhouette = _compute_silhouette(scores, labels, resolution)
+    return Partition(labels, silhouette, grouping.outliers)
 
 
-def _compute_silhouette(scores: Scores, labels: Labels) -> float:
-    """Return the mean silhouette (Rousseeuw 1987); 0 for a single group, or one per row."""
+def _compute_silhouette(scores: Scores, labels: Labels, resolution: float = 0.0) -> float:
+    """Return the mean silhouette (Rousseeuw 1987); 0 for a single group, or one per row.
+
+    A distance d between two rows counts as √(d² + r²) with the resolution r. Otherwise rows that
+    are nearly equal, as those of a deterministic planner often are, would each be a group.
+    """
     rows = draw_rows(len(scores), SILHOUETTE_ROWS)
     if not 1 < len(np.unique(labels[rows])) < len(rows):
         return 0.0
-    return float(silhouette_score(scores[rows], labels[rows]))
+    if resolution == 0.0:
+        return float(silhouette_score(scores[rows], labels[rows]))
+    distances = np.hypot(pairwise_distances(scores[rows]), resolution)
+    np.fill_diagonal(distances, 0.0)
+    return float(silhouette_score(distances, labels[rows], metric="precomputed"))
 
 
 def draw_rows(rows: int, most: int) -> NDArray[np.intp]:
@@ -253,7 +274,9 @@ def order_by_size(labels: Labels, episodes: NDArray[np.int64]) -> Labels:
 ROWS = 2000
 
 
-def measure_stability(data: Floats, labels: Labels, settings: AnalysisSettings) -> Stability | None:
+def measure_stability(
+    data: Floats, labels: Labels, settings: AnalysisSettings, resolution: float = 0.0
+) -> Stability | None:
     """The adjusted Rand index under the bootstrap (Efron 1979; Hubert and Arabie 1985).
 
     Everything is done anew on each draw: components, the number of modes unless it is given, modes.
@@ -263,6 +286,7 @@ def measure_stability(data: Floats, labels: Labels, settings: AnalysisSettings) 
         data: D, shape (failures, columns).
         labels: the mode of each failure, shape (failures,).
         settings: settings of the analysis.
+        resolution: as that of `divide`.
 
     Returns:
         None with a single mode, or without resamples.
@@ -272,7 +296,7 @@ def measure_stability(data: Floats, labels: Labels, settings: AnalysisSettings) 
     rows = draw_rows(len(data), ROWS)
     generator = np.random.default_rng(SEED)
     found = [
-        _measure_likeness(data, labels, generator.choice(rows, len(rows)), settings)
+        _measure_likeness(data, labels, generator.choice(rows, len(rows)), settings, resolution)
         for _ in range(settings.bootstrap)
     ]
     low, median, high = np.quantile(found, (0.025, 0.5, 0.975)).tolist()
@@ -280,10 +304,15 @@ def measure_stability(data: Floats, labels: Labels, settings: AnalysisSettings) 
 
 
 def _measure_likeness(
-    data: Floats, labels: Labels, resample: Labels, settings: AnalysisSettings
+    data: Floats,
+    labels: Labels,
+    resample: Labels,
+    settings: AnalysisSettings,
+    resolution: float,
 ) -> float:
     """The adjusted Rand index between the modes of a draw and those of the same failures before."""
     space = fit_components(data[resample], settings.components)
-    again = divide(space.scores, settings.clusters, CLUSTERERS[settings.clusterer])
+    clusterer = CLUSTERERS[settings.clusterer]
+    again = divide(space.scores, settings.clusters, clusterer, resolution)
     rows, first = np.unique(resample, return_index=True)
     return float(adjusted_rand_score(labels[rows], again.labels[first]))

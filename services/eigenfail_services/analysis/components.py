@@ -10,6 +10,7 @@ from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 from sklearn.decomposition import PCA
 
@@ -146,16 +147,26 @@ QUANTILES = (0.1, 0.5, 0.9)
 """Of the noise of a mode at each step: its band, with the median between."""
 
 
+class Spaces(NamedTuple):
+    """The components of the noise, and of the features that failures are grouped by.
+
+    Where failures are grouped by their noise, both are one.
+    """
+
+    noise: ComponentSpace
+    features: ComponentSpace
+
+
 def describe_modes(
-    failures: Aligned, space: ComponentSpace, labels: NDArray[np.intp], centre: Centre
+    failures: Aligned, spaces: Spaces, labels: NDArray[np.intp], centre: Centre
 ) -> tuple[FailureMode, ...]:
     """One mode for each label, in the order of the labels."""
     groups = (np.flatnonzero(labels == label) for label in range(labels.max() + 1))
-    return tuple(_describe_mode(failures, space, members, centre) for members in groups)
+    return tuple(_describe_mode(failures, spaces, members, centre) for members in groups)
 
 
 def _describe_mode(
-    failures: Aligned, space: ComponentSpace, members: NDArray[np.intp], kind: Centre
+    failures: Aligned, spaces: Spaces, members: NDArray[np.intp], kind: Centre
 ) -> FailureMode:
     """The mode of these failures: its centre, the real failure nearest to it, its eigenfailure.
 
@@ -165,23 +176,31 @@ def _describe_mode(
 
     Args:
         failures: all of them.
-        space: space of the rows.
+        spaces: spaces of the rows.
         members: the rows of these, shape (members,).
         kind: centre that the eigenfailure shows.
     """
-    scores = space.scores[members]
-    centre = scores.mean(axis=0)
-    nearest = members[np.argmin(np.linalg.norm(scores - centre, axis=1))]
+    centre = spaces.noise.scores[members].mean(axis=0)
+    scores = spaces.features.scores[members]
+    nearest = members[np.argmin(np.linalg.norm(scores - scores.mean(axis=0), axis=1))]
     low, median, high = _compute_quantiles(failures, members)
-    means = failures.injectable(_select_noise(centre, failures, space, members), members)
+    means = failures.injectable(_select_noise(centre, failures, spaces.noise, members), members)
     eigenfailure = median if kind == "median" else means
-    return FailureMode(
+    mode = FailureMode(
         failures=len(members),
         medoid=int(failures.episodes[nearest]),
         centre=centre.astype(np.float32),
         eigenfailure=eigenfailure.astype(np.float32),
         medoid_campaign=int(failures.campaigns[nearest]),
         band=np.stack([low, high]).astype(np.float32),
+    )
+    if spaces.features is spaces.noise:
+        return mode
+    own = fit_components(failures.data[members], len(spaces.noise.components))
+    return replace(
+        mode,
+        components=failures.by_step(own.components).astype(np.float32),
+        explained=own.explained.astype(np.float32),
     )
 
 

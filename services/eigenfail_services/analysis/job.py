@@ -24,6 +24,7 @@ from eigenfail_services.analysis.alignment import (
     measure_before_collision,
     median_steps,
 )
+from eigenfail_services.analysis.behaviour import GroupingFeatures, select_features
 from eigenfail_services.analysis.clusters import (
     CLUSTERERS,
     compute_noise_silhouette,
@@ -31,7 +32,13 @@ from eigenfail_services.analysis.clusters import (
     measure_stability,
     order_by_size,
 )
-from eigenfail_services.analysis.components import describe_modes, fit_components, measure_influence
+from eigenfail_services.analysis.components import (
+    ComponentSpace,
+    Spaces,
+    describe_modes,
+    fit_components,
+    measure_influence,
+)
 from eigenfail_services.analysis.training import measure_diversity, summarize_training
 
 LEAN = {"assume_finite": True, "skip_parameter_validation": True}
@@ -86,45 +93,54 @@ def analyse_gathered(
     failures = early.leave_out(gathered) if only_latest else gathered
     # A sum over two threads rounds otherwise than over one.
     with threadpool_limits(limits=1), config_context(**LEAN):
-        return _make_result(failures, gathered, settings, step_s, episodes)
+        features = select_features(failures, settings, step_s)
+        space = fit_components(failures.data, settings.components)
+        result = _make_result(failures, settings, features, space, step_s)
+        return replace(
+            result,
+            training=summarize_training(gathered, space, episodes),
+            diversity=measure_diversity(failures, result, episodes),
+        )
 
 
 def _make_result(
     failures: Aligned,
-    gathered: Aligned,
     settings: AnalysisSettings,
+    features: GroupingFeatures,
+    space: ComponentSpace,
     step_s: float | None,
-    episodes: Mapping[int, int],
 ) -> AnalysisResult:
-    """The result of failures that stand side by side."""
-    data, clusterer = failures.data, CLUSTERERS[settings.clusterer]
-    space = fit_components(data, settings.components)
-    partition = divide(space.scores, settings.clusters, clusterer)
+    """The result of failures that stand side by side, but for what depends on their episodes."""
+    clusterer = CLUSTERERS[settings.clusterer]
+    asked = replace(settings, components=features.components)
+    grouping = space
+    if features.name != "noise":
+        grouping = fit_components(features.data, features.components)
+    groups = grouping.scores, settings.clusters, clusterer, features.resolution
+    partition = divide(*groups)
     labels = order_by_size(partition.labels, failures.episodes)
     components = failures.by_step(space.components)
     weighed = measure_influence(components, space.explained).astype(np.float32)
     single, order = partition.silhouette is None, failures.order
-    result = AnalysisResult(
+    return AnalysisResult(
         episodes=tuple(failures.episodes[order].tolist()),
         explained=space.explained.astype(np.float32),
         components=components.astype(np.float32),
         scores=space.scores[order].astype(np.float32),
         labels=tuple(labels[order].tolist()),
-        modes=describe_modes(failures, space, labels, settings.centre),
+        modes=describe_modes(failures, Spaces(space, grouping), labels, settings.centre),
         influence=weighed,
         silhouette=partition.silhouette,
-        noise_silhouette=(
-            None if single else compute_noise_silhouette(space.scores, settings.clusters, clusterer)
-        ),
+        noise_silhouette=None if single else compute_noise_silhouette(*groups),
         campaigns=tuple(failures.campaigns[order].tolist()),
-        stability=measure_stability(data, labels, settings),
+        stability=measure_stability(features.data, labels, asked, features.resolution),
         outliers=partition.outliers,
         moments=find_moments(weighed, failures, step_s),
         before_collision=_measure_impending(failures, settings, step_s),
-        training=summarize_training(gathered, space, episodes),
         channels=failures.channels,
+        features=features.name,
+        behaviour=features.describe(grouping, labels, order),
     )
-    return replace(result, diversity=measure_diversity(failures, result, episodes))
 
 
 def _measure_impending(
@@ -144,12 +160,18 @@ def hash_result(result: AnalysisResult) -> str:
     Words are left out: the planner's account in them is given only where workers are installed, and
     only by a planner that answers in time. So are bands: they follow from labels and noise, and
     without them an analysis has the digest that it had before there were any. The names of the
-    channels are those of the campaign.
+    channels are those of the campaign. The behaviour of modes follows from labels and episodes.
+    What an analysis of the noise does not have is left out of its digest.
     """
     numbers = msgspec.to_builtins(
         replace(result, words=(), digest=""), enc_hook=encode_array, builtin_types=(bytes,)
     )
-    del numbers["channels"]
+    for name in ("channels", "behaviour"):
+        del numbers[name]
     for mode in numbers["modes"]:
         del mode["band"]
+    if result.features == "noise":
+        del numbers["features"]
+        for mode in numbers["modes"]:
+            del mode["components"], mode["explained"]
     return hashlib.sha256(msgpack.encode(numbers)).hexdigest()

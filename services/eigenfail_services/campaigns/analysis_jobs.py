@@ -8,7 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from typing import Any, NamedTuple, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import msgspec
 from msgspec.structs import replace
@@ -26,7 +26,7 @@ from eigenfail.values import (
     Campaign,
 )
 from eigenfail.values.campaign import CampaignSpec
-from eigenfail.values.records import Failures, Job
+from eigenfail.values.records import Failures, Job, SpeedCourse
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis.alignment import check_clusterer, choose_columns
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
@@ -54,12 +54,19 @@ class AnalysisBasis(NamedTuple):
         step_s: duration of a step; None where it has none, or where failures do not end at a
             collision, to which times could be told. [s]
         channels: the names of the components of their noise.
+        has_road: whether an ego drives in them.
     """
 
     campaigns: tuple[Campaign, ...]
     horizon: int
     step_s: float | None
     channels: tuple[str, ...]
+    has_road: bool
+
+    @property
+    def origin(self) -> Literal["collision", "start"]:
+        """Return the moment at which the behaviour in failures is aligned."""
+        return "start" if self.step_s is None else "collision"
 
     @property
     def ended(self) -> dict[int, int]:
@@ -111,7 +118,7 @@ def find_basis(store: Store, campaign: int, settings: AnalysisSettings) -> Analy
     choose_columns(settings.axes, channels)
     for other in campaigns[1:]:
         _refuse_unlike(first.spec, other.spec, f"campaign {other.id}")
-    return AnalysisBasis(campaigns, steps, duration, channels)
+    return AnalysisBasis(campaigns, steps, duration, channels, world.has_road)
 
 
 def _find_further(store: Store, campaign: int) -> Campaign:
@@ -147,6 +154,12 @@ def _list_portions(store: Store, campaigns: Sequence[Campaign]) -> Iterator[tupl
     for campaign in campaigns:
         for failures in store.episodes.failure_portions(campaign.id):
             yield campaign.id, failures
+
+
+def _list_speeds(store: Store, campaigns: Sequence[Campaign]) -> Iterator[tuple[int, SpeedCourse]]:
+    for campaign in campaigns:
+        for course in store.episodes.failure_speeds(campaign.id):
+            yield campaign.id, course
 
 
 def list_notes(found: AnalysisBasis) -> tuple[str, ...]:
@@ -335,6 +348,21 @@ def _describe_samples(first_samples: Mapping[int, int], result: AnalysisResult) 
             yield f"Campaign {campaign}: failures from before the end of burn-in were analysed."
 
 
+GROUPED_BY = {"energy": "the energy of their noise in windows of 0.5 s", "noise": "their noise"}
+"""What failures on a road are grouped by where their behaviour is not known."""
+
+
+def _describe_grouping(
+    base: AnalysisBasis, settings: AnalysisSettings, result: AnalysisResult
+) -> Iterator[str]:
+    """Yield that failures on a road were not grouped by behaviour, as was asked for."""
+    if settings.features != result.features and base.has_road:
+        yield (
+            f"The failures were grouped by {GROUPED_BY[result.features]}: the speed of the ego is "
+            "not stored for all of them."
+        )
+
+
 def _describe_given_number(settings: AnalysisSettings, result: AnalysisResult) -> Iterator[str]:
     """Yield that the number of distinct modes was given, not found."""
     if settings.clusters is not None and result.distinct:
@@ -394,11 +422,15 @@ def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
     """
     # scikit-learn takes a second to load.
     from eigenfail_services.analysis.alignment import EarlyFailures, FailureBatch, gather_failures
+    from eigenfail_services.analysis.behaviour import read_motion
     from eigenfail_services.analysis.job import analyse_gathered, hash_result
 
     begun = find_basis(store, analysis.campaign, analysis.settings)
     read = (FailureBatch(*each) for each in _list_portions(store, begun.campaigns))
     failures = gather_failures(read, begun.horizon, analysis.settings, begun.channels)
+    if analysis.settings.features == "behaviour" and begun.has_road:
+        motion = read_motion(_list_speeds(store, begun.campaigns), begun.origin)
+        failures = failures._replace(motion=motion)
     base = begun.recounted(store)
     learning = frozenset(each.id for each in base.campaigns if _gives_proposals_up(each))
     samples = find_first_samples(base.campaigns)
@@ -410,6 +442,7 @@ def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
         sources=base.sources(result.campaigns),
         notes=(
             *list_notes(base),
+            *_describe_grouping(base, analysis.settings, result),
             *_describe_given_number(analysis.settings, result),
             *_describe_learning(failures.campaigns.tolist(), learning, result),
             *_describe_whole_courses(base.campaigns, learning, result),

@@ -253,9 +253,12 @@ def describe_modes(
         step_s: duration of a step; None where it has none. [s]
     """
     until_s = time.monotonic() + PATIENCE_S
+    behaviours = [""] * len(result.modes)
+    if result.behaviour:
+        behaviours = [f"{mode.words} " for mode in result.behaviour.modes]
     return tuple(
-        f"Mode {number}: {_describe_mode(store, analysis.campaign, mode, step_s, until_s)}"
-        for number, mode in enumerate(result.modes, start=1)
+        f"Mode {number}: {moved}{_describe_mode(store, analysis.campaign, mode, step_s, until_s)}"
+        for number, (moved, mode) in enumerate(zip(behaviours, result.modes, strict=True), start=1)
     )
 
 

@@ -71,9 +71,10 @@ SCORE_COLUMNS = (
 
 
 HOW_TO_READ = (
-    "The noise of all failures is brought to a few principal components; clusters there are the "
-    "failure modes. The centre of a cluster, taken back to noise, is its eigenfailure; the medoid "
-    "is the real failure nearest to it. Peaks are those of the eigenfailure"
+    "Failures are grouped by the acceleration of the ego before the collision, or by their noise, "
+    "as the analysis says. The data are brought to a few principal components; clusters there are "
+    "the failure modes. The centre of the noise of a cluster is its eigenfailure; the medoid is "
+    "the real failure in the middle of the cluster. Peaks are those of the eigenfailure"
 )
 
 

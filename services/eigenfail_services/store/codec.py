@@ -32,14 +32,22 @@ from eigenfail.values import (
 )
 from eigenfail.values.arrays import LITTLE_ENDIAN_FLOAT, decode_array, encode_array
 from eigenfail.values.learning import count_state
-from eigenfail.values.records import EpisodeRow
+from eigenfail.values.records import EpisodeRow, SpeedCourse
 from eigenfail.worlds import list_channels
+
+
+class _EgoCourse(msgspec.Struct):
+    # Of a scene the part that tells the speed of the ego; the rest is not decoded.
+    dt_s: float
+    vehicles: Floats
+
 
 _packer = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _specs = msgspec.json.Decoder(CampaignSpec)
 _estimates = msgspec.json.Decoder(Estimate)
 _parts = msgspec.json.Decoder(tuple[RunPart, ...])
 _scenes = msgspec.msgpack.Decoder(Scene, dec_hook=decode_array)
+_courses = msgspec.msgpack.Decoder(_EgoCourse, dec_hook=decode_array)
 _analyses = msgspec.msgpack.Decoder(AnalysisResult, dec_hook=decode_array)
 
 COUNTS = dict(zip(Counts.__struct_encode_fields__, Counts.__struct_fields__, strict=True))
@@ -74,7 +82,7 @@ def spec_hash(spec: CampaignSpec) -> str:
     return hashlib.sha256(spec_text(spec).encode()).hexdigest()
 
 
-EARLIER_ANALYSES = {"failures": "all", "centre": "mean"}
+EARLIER_ANALYSES = {"failures": "all", "centre": "mean", "features": "noise"}
 """Settings of analyses of releases that did not have these settings."""
 
 
@@ -104,6 +112,12 @@ def pack(value: Scene | AnalysisResult) -> bytes:
 def to_scene(blob: bytes) -> Scene:
     """Read a scene from MessagePack."""
     return _scenes.decode(blob)
+
+
+def to_speed_course(index: int, blob: bytes) -> SpeedCourse:
+    """Read the speed of the ego over an episode from its scene in MessagePack."""
+    course = _courses.decode(blob)
+    return SpeedCourse(index, course.dt_s, course.vehicles[:, 0, 3].copy())
 
 
 def to_analysis_result(blob: bytes) -> AnalysisResult:

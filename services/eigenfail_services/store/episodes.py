@@ -61,6 +61,7 @@ from eigenfail.values.records import (
     Delivery,
     EpisodeRow,
     Failures,
+    SpeedCourse,
     Totals,
     Verdict,
 )
@@ -81,6 +82,7 @@ from eigenfail_services.store.codec import (
     to_noise_form,
     to_result,
     to_row,
+    to_speed_course,
 )
 from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.events import append_event, describe_alarm
@@ -110,6 +112,9 @@ from eigenfail_services.store.totals import (
 )
 
 _Expression = ColumnElement[Any]
+
+SCENES_AT_A_TIME = 100
+"""Scenes that are in memory together: one of a long episode with many vehicles has 100 kB."""
 
 _c = episodes.c
 _COLLIDED = _c.outcome == Outcome.COLLISION
@@ -489,6 +494,19 @@ class EpisodeStore:
                     tuple(index for index, _ in rows_),
                     tuple(to_counted_z(z, to_noise_form(spec)) for _, z in rows_),
                 )
+
+    def failure_speeds(self, campaign: int) -> Iterator[SpeedCourse]:
+        """Yield the speed of the ego in all failures whose scene is stored, in index order."""
+        with self._database.reading() as connection:
+            query = (
+                select(episode_index, scenes.c.scene)
+                .join(scenes, _SAME_SCENE)
+                .where(episodes.c.campaign == campaign, is_failure)
+                .order_by(episode_index)
+                .execution_options(yield_per=SCENES_AT_A_TIME)
+            )
+            for index, scene in connection.execute(query):
+                yield to_speed_course(index, scene)
 
     def totals(self, campaign: int) -> Totals:
         """Return sums over all failures, and episodes counted by the classes of `assess`."""

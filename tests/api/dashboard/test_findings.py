@@ -13,9 +13,11 @@ from eigenfail.values import (
     AXES,
     AnalysedCampaign,
     AnalysisSettings,
+    Behaviour,
     Estimate,
     InfluenceShare,
     Interval,
+    ModeBehaviour,
     Moment,
     Stability,
     TrainingInterval,
@@ -125,6 +127,28 @@ def test_a_mode_has_its_words_once_its_probability_and_its_medoid(found, check_f
     check_finding("dashboard/analysis/probabilities", replace(found, modes=modes, words=words))
 
 
+def test_what_the_ego_did_in_each_mode_stands_first(found, check_finding):
+    times_s = np.array([-0.2, -0.1, 0.0], np.float32)
+    behaviours = tuple(
+        ModeBehaviour(mean * np.ones(3, np.float32), mean * np.ones((1, 3), np.float32), words)
+        for mean, words in ((-7.0, "The ego brakes."), (0.0, "The ego does not brake."))
+    )
+    scores = np.array([[-7.0], [0.0]], np.float32)
+    behaviour = Behaviour("collision", times_s, np.ones(1, np.float32), scores, behaviours)
+    modes = tuple(
+        replace(mode, components=found.components, explained=found.explained)
+        for mode in found.modes
+    )
+    told = replace(
+        found,
+        features="behaviour",
+        behaviour=behaviour,
+        modes=modes,
+        words=tuple(f"Mode {n}: {one.words} It pushes." for n, one in enumerate(behaviours, 1)),
+    )
+    check_finding("dashboard/analysis/behaviour", told)
+
+
 def test_failures_of_several_campaigns_lead_to_their_own(found):
     chart = make_scores_chart(replace(found, campaigns=(4, 5)), 4)
     assert chart.data["episode"] == ["4/0", "5/1"]
@@ -159,7 +183,8 @@ def test_what_was_asked_for_in_words():
     settings = AnalysisSettings(align="collision", axes="lateral", campaigns=(2, 3))
     assert ", ".join(describe_settings(settings, AXES)) == (
         "aligned at collision, the lateral axis alone, 3 components, K-means, modes: auto, "
-        "bootstrap 20, failures: latest, eigenfailures: median, with campaigns 2, 3"
+        "bootstrap 20, failures: latest, eigenfailures: median, features: behaviour, "
+        "with campaigns 2, 3"
     )
     assert "no bootstrap" in tuple(describe_settings(AnalysisSettings(bootstrap=0), AXES))
 

@@ -62,8 +62,11 @@ def test_wrong_options_are_refused_in_words(check_session, done):
     check_session("cli/errors/analyze", *(("analyze", done, *options) for options in wrong))
 
 
+BY_NOISE = "Failures are grouped by the principal components of their noise."
+
+
 def test_an_older_result_has_nothing_more_to_say():
-    assert list(describe_findings(BARE)) == []
+    assert list(describe_findings(BARE)) == [BY_NOISE]
     assert BARE.verdict == "No distinct modes: the failures make a single group."
 
 
@@ -77,6 +80,7 @@ def test_findings_in_words():
         digest="5eed",
     )
     assert list(describe_findings(found)) == [
+        BY_NOISE,
         "A snapshot.",
         (
             "Drawn again 20 times, the groups have an adjusted Rand index of 0.910 [0.400, 1.00]; "

@@ -8,6 +8,7 @@ from eigenfail.explanations import find_moments
 from eigenfail.presentation.analyses import (
     describe_diversity,
     describe_findings,
+    describe_grouping,
     describe_influence,
     describe_proof,
     format_moment,
@@ -27,6 +28,7 @@ from eigenfail.testing.examples import spec
 from eigenfail.values import (
     AXES,
     AnalysisResult,
+    Behaviour,
     CampaignCost,
     Comparison,
     Cost,
@@ -116,6 +118,7 @@ def test_remarks_on_an_analysis_tell_what_limits_it():
         digest="abc",
     )
     assert list(describe_findings(found)) == [
+        "Failures are grouped by the principal components of their noise.",
         (
             "The noise of the 16 failures has a standard deviation of 0.420 sigma about its mean; "
             "that of p(x) has 1."
@@ -141,7 +144,19 @@ def test_remarks_on_an_analysis_tell_what_limits_it():
 
 def test_an_analysis_of_an_earlier_release_has_no_remarks_on_what_it_did_not_measure():
     assert list(describe_diversity(analysis())) == []
-    assert next(describe_findings(analysis())) == "Mode 1 has no probability: It drifted."
+    grouped, *rest = describe_findings(analysis())
+    assert grouped == "Failures are grouped by the principal components of their noise."
+    assert rest[0] == "Mode 1 has no probability: It drifted."
+
+
+def test_what_failures_are_grouped_by_is_told():
+    assert describe_grouping(analysis(features="energy")) == (
+        "the energy of their noise in windows of 0.5 s"
+    )
+    for origin, words in (("collision", "before the collision"), ("start", "from the start on")):
+        behaviour = Behaviour(origin, NONE, NONE, NONE, ())
+        found = describe_grouping(analysis(features="behaviour", behaviour=behaviour))
+        assert found == f"the acceleration of the ego {words}"
 
 
 def test_no_influence_at_all_is_said_and_its_shares_are_dashes():

@@ -432,12 +432,13 @@ def test_a_result_of_an_older_release_is_read() -> None:
     older = ("episodes", "explained", "components", "scores", "labels", "modes", "influence")
     kept = {name: fields[name] for name in (*older, "silhouette", "noise_silhouette")}
     for mode in kept["modes"]:
-        del mode["medoid_campaign"], mode["probability"]
+        for name in ("medoid_campaign", "probability", "components", "explained"):
+            del mode[name]
     found = to_analysis_result(msgspec.msgpack.encode(kept))
     assert found.episodes == (1,)
     assert np.array_equal(found.modes[0].eigenfailure, result.modes[0].eigenfailure)
     assert (found.stability, found.moments, found.training, found.words) == (None, (), (), ())
     older = to_settings('{"align": "start", "components": 3}')
-    assert older == AnalysisSettings(failures="all", centre="mean")
-    asked = '{"failures": "latest", "centre": "median"}'
+    assert older == AnalysisSettings(failures="all", centre="mean", features="noise")
+    asked = '{"failures": "latest", "centre": "median", "features": "behaviour"}'
     assert to_settings(asked) == AnalysisSettings()

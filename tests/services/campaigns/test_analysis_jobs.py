@@ -8,9 +8,10 @@ import time
 
 import deadlines
 import msgspec
+import numpy as np
 import psutil
 import pytest
-from store_checks.examples import deliver, name_channels, running
+from store_checks.examples import analyse_function, deliver, name_channels, running
 
 from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.testing.examples import collision, make_errored_result, result
@@ -20,8 +21,10 @@ from eigenfail.values import (
     AnalysisState,
     Correlated,
     DisturbanceModel,
+    Outcome,
 )
 from eigenfail.values.records import Job, JobKind
+from eigenfail.values.requirements import TimeHeadway
 from eigenfail_services.analysis import clusters
 from eigenfail_services.analysis.job import hash_result
 from eigenfail_services.bounds import SettingBounds
@@ -201,6 +204,60 @@ def test_seconds_come_from_the_scenario(store: Store) -> None:
     for each in found.moments:
         assert each.before_collision_s == pytest.approx((22 - each.step) * 0.1)
     assert [each.seconds for each in found.before_collision] == [1.0, 2.0]
+
+
+def test_behaviour_comes_from_the_scenes_of_the_failures(store: Store) -> None:
+    one = campaign(store, *range(1, 12))
+    found = analysed(store, one)
+    assert (found.features, found.notes[1:]) == ("behaviour", ())
+    assert found.behaviour is not None
+    assert (found.behaviour.origin, len(found.behaviour.times_s)) == ("collision", 45)
+    speeds = {index: collision(index, steps=20 + index % 5).scene.vehicles for index in (5, 11)}
+    for row, vehicles in speeds.items():
+        # Of failures as different as these each is likely to be near no other.
+        own = np.diff(vehicles[:, 0, 3].astype(np.float64)) / 0.1
+        members = np.concatenate([mode.members for mode in found.behaviour.modes])
+        away = np.abs(members[:, -len(own) :] - own).max(axis=1)
+        assert away.min() < 2e-3, f"Failure {row} is in no mode."
+    assert all(": The ego brakes at up to " in words for words in found.words)
+
+
+def test_without_the_scene_of_a_failure_its_noise_groups_all_and_a_note_says_so(
+    store: Store,
+) -> None:
+    one = campaign(store, *range(1, 12))
+    deliver(store, store.campaigns.get(one), result(30, Outcome.COLLISION, steps=20))
+    found = analysed(store, one)
+    assert (found.features, found.behaviour) == ("energy", None)
+    assert found.notes[1] == (
+        "The failures were grouped by the energy of their noise in windows of 0.5 s: the speed of "
+        "the ego is not stored for all of them."
+    )
+    asked = analysed(store, one, AnalysisSettings(features="noise", bootstrap=0))
+    assert (asked.features, asked.notes[1:]) == ("noise", ())
+
+
+def test_failures_that_need_not_end_in_a_collision_are_compared_from_the_start(
+    store: Store,
+) -> None:
+    made = running(store, episodes=60, requirements=(TimeHeadway(),))
+    crashes = [collision(index, steps=20, requirements=(-0.5,)) for index in range(1, 12)]
+    deliver(store, made, *crashes)
+    one = made.id
+    found = analysed(store, one)
+    assert found.features == "behaviour"
+    assert found.behaviour is not None
+    assert found.behaviour.origin == "start"
+    assert found.behaviour.times_s[0] == pytest.approx(0.1)
+    assert len(found.behaviour.times_s) == len(found.influence)
+
+
+def test_failures_of_a_function_are_grouped_by_their_noise_without_a_note(store: Store) -> None:
+    _, analysis = analyse_function(store, ("gust", "drift"))
+    found = store.analyses.get(analysis).result
+    assert found is not None
+    assert (found.features, found.behaviour) == ("noise", None)
+    assert not any("grouped" in note for note in found.notes)
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,8 @@ class House:
         return self.finish(self.create(**fields))
 
     def analysed(self, campaign: int, **settings) -> int:
-        few = AnalysisSettings(**{"clusters": 2, "bootstrap": 0} | settings)
+        noise = {"clusters": 2, "bootstrap": 0, "features": "noise"}
+        few = AnalysisSettings(**noise | settings)
         analysis = self.store.analyses.create(campaign, few).id
         run_analysis(self.store, analysis)
         return analysis

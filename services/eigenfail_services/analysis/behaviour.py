@@ -1,0 +1,251 @@
+"""The features by which failures are grouped: acceleration of the ego, or energy of the noise.
+
+Noise by itself shows causes badly: what decides lies seconds before the impact among steps that
+decide nothing, and noise of opposite signs may do the same, so that it has no mean. What the ego
+does before a collision follows from the cause, and has little noise of its own.
+"""
+
+from collections.abc import Iterable
+from math import ceil, sqrt
+from typing import Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenfail.values import AnalysisSettings, Behaviour, Floats, ModeBehaviour
+from eigenfail.values.analysis import Grouping
+from eigenfail.values.records import SpeedCourse
+from eigenfail_services.analysis.alignment import ALIGNMENTS, BLOCK, Aligned, Motion
+from eigenfail_services.analysis.components import ComponentSpace
+
+Origin = Literal["collision", "start"]
+
+WINDOW_S = 4.5
+"""Time before the collision of which the acceleration counts. [s]"""
+
+SMOOTHING_S = 1.5
+"""Length of the moving mean of the acceleration, in which braking a little later is alike. [s]"""
+
+RESOLUTION_MPS2 = 0.3
+"""Root mean square, over the steps, of a difference in acceleration that makes no mode. [m/s²]"""
+
+COMPONENTS = 4
+"""Principal components of the acceleration, or of the energy, that are clustered."""
+
+ENERGY_S = 0.5
+"""Length of the windows over which the energy of the noise is summed. [s]"""
+
+DECIMALS = 3
+"""Decimals of the acceleration that count. [m/s²]"""
+
+MOST_MEMBERS = 20
+FAINT_MPS2 = 0.1
+SLIGHT_MPS2 = 2.0
+"""Weaker braking is not described, or as slight; weaker acceleration is not described."""
+
+
+def read_motion(courses: Iterable[tuple[int, SpeedCourse]], origin: Origin) -> Motion | None:
+    """Return the motion in failures, from the speed of the ego and the id of its campaign.
+
+    None where there is none, or where steps have different durations.
+    """
+    found: dict[tuple[int, int], Floats] = {}
+    durations_s: set[float] = set()
+    for campaign, course in courses:
+        durations_s.add(course.dt_s)
+        accelerations = np.diff(course.speed_mps.astype(np.float64)) / course.dt_s
+        if origin == "collision":
+            accelerations = accelerations[-round(WINDOW_S / course.dt_s) :]
+        # Speeds are stored in single precision: what their rounding leaves is no behaviour.
+        found[campaign, course.index] = np.round(accelerations, DECIMALS).astype(np.float32)
+    return Motion(origin, durations_s.pop(), found) if len(durations_s) == 1 else None
+
+
+def align_motion(failures: Aligned, motion: Motion) -> Floats | None:
+    """Return the acceleration of the ego in each failure, shape (failures, steps). [m/s²]
+
+    The last `WINDOW_S` before the collision, or all steps from the start. Where a failure has no
+    step, its acceleration is 0. None where the motion in a failure is not known, or does not fit
+    its noise.
+    """
+    steps = failures.horizon
+    if motion.origin == "collision":
+        steps = min(steps, round(WINDOW_S / motion.step_s))
+    alignment = ALIGNMENTS[motion.origin]
+    aligned = np.zeros((len(failures.steps), steps), np.float32)
+    keys = zip(failures.campaigns.tolist(), failures.episodes.tolist(), strict=True)
+    for row, key, length in zip(aligned, keys, failures.steps.tolist(), strict=True):
+        found, expected = motion.accelerations.get(key), min(length, steps)
+        if found is None or len(found) != expected or not np.isfinite(found).all():
+            return None
+        row[alignment.place(expected, steps)] = found
+    return aligned
+
+
+class GroupingFeatures(NamedTuple):
+    """The data by which failures are grouped.
+
+    Attributes:
+        name: what they are.
+        data: shape (failures, columns).
+        components: number of principal components that are clustered.
+        motion: what an acceleration comes from; None of other data.
+        accelerations: acceleration in each failure, shape (failures, steps); None of other data.
+            [m/s²]
+    """
+
+    name: Grouping
+    data: Floats
+    components: int
+    motion: Motion | None = None
+    accelerations: Floats | None = None
+
+    @property
+    def resolution(self) -> float:
+        """Distance between scores below which failures are as good as equal."""
+        return RESOLUTION_MPS2 * sqrt(self.data.shape[1]) if self.motion else 0.0
+
+    def describe(
+        self, space: ComponentSpace, labels: NDArray[np.intp], order: NDArray[np.intp]
+    ) -> Behaviour | None:
+        """Return what the ego did in each mode; None where failures are not grouped by that.
+
+        Args:
+            space: principal components of the data.
+            labels: mode of each failure, shape (failures,).
+            order: order of the failures in the result.
+        """
+        motion, accelerations = self.motion, self.accelerations
+        if motion is None or accelerations is None:
+            return None
+        steps = accelerations.shape[1]
+        ends = np.arange(1, steps + 1) if motion.origin == "start" else np.arange(1 - steps, 1)
+        times_s = ends * motion.step_s
+        groups = (accelerations[labels == label] for label in range(labels.max() + 1))
+        return Behaviour(
+            origin=motion.origin,
+            times_s=times_s.astype(np.float32),
+            explained=space.explained.astype(np.float32),
+            scores=space.scores[order].astype(np.float32),
+            modes=tuple(_describe_mode(group, times_s, motion) for group in groups),
+        )
+
+
+def select_features(
+    failures: Aligned, settings: AnalysisSettings, step_s: float | None
+) -> GroupingFeatures:
+    """Return what failures are grouped by: what is asked for, or the best that is known of them.
+
+    Args:
+        failures: failures side by side.
+        settings: settings of the analysis.
+        step_s: duration of a step; None where it has none. [s]
+    """
+    if settings.features == "noise":
+        return GroupingFeatures("noise", failures.data, settings.components)
+    motion = failures.motion
+    accelerations = align_motion(failures, motion) if motion else None
+    if motion and accelerations is not None:
+        # All steps have one unit: divided by its own deviation, a step in which all failures are
+        # nearly alike would count as much as the braking.
+        smooth = smooth_accelerations(accelerations, motion.step_s)
+        return GroupingFeatures("behaviour", smooth, COMPONENTS, motion, accelerations)
+    if step_s is None:
+        return GroupingFeatures("noise", failures.data, settings.components)
+    return GroupingFeatures("energy", compute_energy(failures, step_s), COMPONENTS)
+
+
+def smooth_accelerations(accelerations: Floats, step_s: float) -> Floats:
+    """Return the moving mean over `SMOOTHING_S`, of the steps that there are. [m/s²]
+
+    Args:
+        accelerations: shape (failures, steps). [m/s²]
+        step_s: duration of a step. [s]
+    """
+    steps, half = accelerations.shape[1], round(SMOOTHING_S / step_s) // 2
+    sums = np.pad(np.cumsum(accelerations, axis=1, dtype=np.float64), ((0, 0), (1, 0)))
+    first = np.maximum(np.arange(steps) - half, 0)
+    last = np.minimum(np.arange(steps) + half + 1, steps)
+    return np.asarray((sums[:, last] - sums[:, first]) / (last - first), np.float32)
+
+
+def compute_energy(failures: Aligned, step_s: float) -> Floats:
+    """Return Σ (z² − 1) over windows of `ENERGY_S`, shape (failures, windows · columns).
+
+    z² has the mean 1 under p(x). Steps that a failure does not reach count as nothing. Where
+    failures are aligned at the collision, windows end there.
+
+    Args:
+        failures: failures side by side.
+        step_s: duration of a step. [s]
+    """
+    length = max(1, round(ENERGY_S / step_s))
+    windows = ceil(failures.horizon / length)
+    missing = windows * length - failures.horizon
+    # With the last step of a failure at the end, the window that is not full is the first one.
+    ends_aligned = failures.alignment.place(1, failures.horizon).start > 0
+    pad = (missing, 0) if ends_aligned else (0, missing)
+    energies = np.zeros((len(failures.steps), windows, len(failures.columns)), np.float32)
+    for first in range(0, len(energies), BLOCK):
+        rows = slice(first, first + BLOCK)
+        energy = np.square(failures.noise[rows][:, :, failures.columns].astype(np.float64)) - 1.0
+        for row, steps in zip(energy, failures.steps[rows].tolist(), strict=True):
+            place = failures.alignment.place(steps, failures.horizon)
+            row[: place.start] = row[place.stop :] = 0.0
+        padded = np.pad(energy, ((0, 0), pad, (0, 0)))
+        energies[rows] = padded.reshape(len(energy), windows, length, -1).sum(axis=2)
+    return energies.reshape(len(energies), -1)
+
+
+def _describe_mode(
+    accelerations: Floats, times_s: NDArray[np.float64], motion: Motion
+) -> ModeBehaviour:
+    shown = min(len(accelerations), MOST_MEMBERS)
+    places = np.arange(shown) * len(accelerations) // shown
+    return ModeBehaviour(
+        mean=accelerations.mean(axis=0, dtype=np.float64).astype(np.float32),
+        members=accelerations[places],
+        words=describe_motion(accelerations, times_s, motion.step_s, motion.origin),
+    )
+
+
+def describe_motion(
+    accelerations: Floats, times_s: NDArray[np.float64], step_s: float, origin: Origin
+) -> str:
+    """Return how the ego brakes and accelerates in some failures, in a sentence.
+
+    Strengths and times are medians over the failures. A failure brakes during the steps around its
+    strongest braking in which it brakes at least half as strongly.
+
+    Args:
+        accelerations: acceleration in each failure, shape (failures, steps). [m/s²]
+        times_s: end of each step. [s]
+        step_s: duration of a step. [s]
+        origin: moment from which times count.
+    """
+    braking_mps2, braking = _describe_push(-accelerations, times_s, step_s, origin)
+    raised_mps2, raised = _describe_push(accelerations, times_s, step_s, origin)
+    if braking_mps2 >= SLIGHT_MPS2:
+        text = f"The ego brakes at up to {braking_mps2:.1f} m/s² {braking}"
+    elif braking_mps2 >= FAINT_MPS2:
+        text = f"The ego hardly brakes, at up to {braking_mps2:.1f} m/s²"
+    else:
+        text = "The ego does not brake"
+    if raised_mps2 >= SLIGHT_MPS2:
+        text += f", and accelerates at up to {raised_mps2:.1f} m/s² {raised}"
+    return f"{text}."
+
+
+def _describe_push(
+    strengths: Floats, times_s: NDArray[np.float64], step_s: float, origin: Origin
+) -> tuple[float, str]:
+    """Return the median of the largest strength of each failure, and when it is that strong."""
+    steps, largest = np.arange(strengths.shape[1]), strengths.max(axis=1)
+    is_weak = strengths < 0.5 * largest[:, None]
+    peaks = strengths.argmax(axis=1)[:, None]
+    before = np.where(is_weak & (steps < peaks), steps, -1).max(axis=1)
+    after = np.where(is_weak & (steps > peaks), steps, len(steps)).min(axis=1)
+    first, last = np.median(before + 1), np.median(after - 1)
+    since_s, until_s = abs(times_s[round(first)] - step_s), abs(times_s[round(last)])
+    event = "before the collision" if origin == "collision" else "after the start"
+    return float(np.median(largest)), f"from {since_s:.1f} to {until_s:.1f} s {event}"
