@@ -18,7 +18,7 @@ import reproduction
 import typer
 from crew import crew
 from figures import ROOT, Figure, write
-from peers import count_points
+from peers import compare_searches
 from reproduction import Run
 from targets import TARGETS, aimed, missed
 from trials import TRIALS, Finding
@@ -97,11 +97,11 @@ def main(
     """Find, write, show."""
     findings = found(only, seed)
     figures = {n: aimed(n, one, seed) for n, one in findings.items() if isinstance(one, Figure)}
-    counted = dict(count_points(kept(to, only) | figures)) if concerns_points(only) else {}
-    if not figures and not any(name.startswith(only) for name in counted):
+    compared = dict(compare_searches(kept(to, only) | figures)) if concerns_points(only) else {}
+    if not figures and not any(name.startswith(only) for name in compared):
         print(f"No figure's name begins with '{only}'; some are {', '.join(sorted(TARGETS))}.")
         raise typer.Exit(2)
-    figures |= {name: aimed(name, one, seed) for name, one in counted.items()}
+    figures |= {name: aimed(name, one, seed) for name, one in compared.items()}
     write(to, kept(to, only) | figures)
     write_beside(to, findings)
     late = missed(figures, only)

@@ -5,7 +5,8 @@ after a failure, and every failure counts.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from math import ceil
+from itertools import product
+from math import ceil, inf, isnan, log, nan, pi
 from typing import NamedTuple
 
 import msgspec
@@ -14,6 +15,7 @@ from crew import Crew, horizon
 from figures import Figure
 from peer_tools import PEERS, Answer, CallsSpent, Task, Vector
 from samples import COMMAND
+from scipy.stats import mannwhitneyu
 from searches import Crash, crash, engine
 from simple_searches import CALLS, FUNCTIONS, PLACES, SEARCHES, SEEDS, describe
 
@@ -201,3 +203,78 @@ def count_points(figures: Mapping[str, Figure]) -> Iterator[tuple[str, Figure]]:
                 command=COMMAND,
             ),
         )
+
+
+MEASURES = {"failures": 1, "first_failure": -1, "log_p_per_step": 1, "distance": 1, "regions": 1}
+"""Figures that are compared one by one, and whether more or less of each is better."""
+
+LEAST_LOG_P = {
+    place: -log(2.0 * pi) - (4.0 if place in FUNCTIONS else 2.0) ** 2 for place in PLACES
+}
+"""log p per step of noise at the bounds of the other tools. [nat] Failures beyond them may have any
+distance from each other: that of less likely ones is not compared."""
+
+NOISE_LEVEL = 0.05
+"""Two searches are within noise of each other where the one-sided test of Mann and Whitney (1947)
+over the seeds does not reach this level."""
+
+
+def compare_searches(figures: Mapping[str, Figure]) -> Iterator[tuple[str, Figure]]:
+    """Figures of all searches beside each other, ours and others'."""
+    yield from count_points(figures)
+    yield from find_best_share(figures)
+
+
+def find_best_share(figures: Mapping[str, Figure]) -> Iterator[tuple[str, Figure]]:
+    """Figure of how often a method of eigenfail is the best search, or within noise of the best.
+
+    Each cell is a place and a measure. The samplers of Optuna do not count as methods of eigenfail.
+    """
+    own = [name for name, (method, _) in SEARCHES.items() if method != "optuna"]
+    won, lost = [], []
+    for place, measure in product(PLACES, MEASURES):
+        ours, theirs = (
+            list_comparable(figures, place, measure, names) for names in (own, [*PEERS])
+        )
+        if ours and theirs:
+            is_best = compare_best(max(ours, key=np.median), max(theirs, key=np.median))
+            (won if is_best else lost).append(f"{place} {measure}")
+    if won or lost:
+        share = len(won) / len(won + lost)
+        note = f"not the best: {', '.join(lost) or 'nowhere'}"
+        yield (
+            "search.best_share",
+            Figure(value=share, unit="share", n=len(won + lost), note=note, command=COMMAND),
+        )
+
+
+def compare_best(ours: Sequence[float], theirs: Sequence[float]) -> bool:
+    """Return whether our best is as good as the best of others, or within noise of it."""
+    if np.median(ours) >= np.median(theirs):
+        return True
+    return bool(mannwhitneyu(theirs, ours, alternative="greater").pvalue > NOISE_LEVEL)
+
+
+def list_comparable(
+    figures: Mapping[str, Figure], place: str, measure: str, names: Iterable[str]
+) -> list[list[float]]:
+    """Return the values by seed of the searches that have some; more is better.
+
+    A seed without a failure has the worst value.
+    """
+    found = []
+    for name in names:
+        prefix = f"search.{place}.{name}"
+        figure = figures.get(f"{prefix}.{measure}")
+        log_p = figures.get(f"{prefix}.log_p_per_step")
+        is_likely = log_p and log_p.value is not None and log_p.value >= LEAST_LOG_P[place]
+        if figure and (measure != "distance" or is_likely):
+            values = [MEASURES[measure] * value for value in read_seeds(figure)]
+            found.append([-inf if isnan(value) else value for value in values])
+    return found
+
+
+def read_seeds(figure: Figure) -> list[float]:
+    """Return the value of each seed, from the note of a figure; NaN where a seed has none."""
+    listed = figure.note.split("seeds: ", 1)[1].split(";", 1)[0]
+    return [nan if each == "–" else float(each) for each in listed.split(", ")]

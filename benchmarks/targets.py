@@ -88,6 +88,7 @@ TARGETS = {
     "intervals.low_bias_worst": Target(low=0.8),
     "mixture_over_subset": Target(high=0.5),
     "search.dominated": Target(high=0.0),
+    "search.best_share": Target(low=0.8),
     "subset_busy_100": Target(low=0.85),
     "subset_parallel_covered": Target(low=0.93),
     "subset_parallel_error": Target(high=1.1),

@@ -93,12 +93,61 @@ def test_counts_come_from_the_figures_of_all_places():
     assert list(count_points({})) == []
 
 
+def make_seeds(place, name, measure, *values):
+    from figures import Figure
+    from learning_figures import of_seeds
+
+    figure = of_seeds(values, "", 1000, "; regions of some size")
+    assert isinstance(figure, Figure)
+    return {f"search.{place}.{name}.{measure}": figure}
+
+
+def test_the_best_share_is_over_cells_and_allows_for_noise_between_seeds():
+    from peers import find_best_share
+
+    def find(*figures):
+        (found,) = find_best_share({name: one for each in figures for name, one in each.items()})
+        return found[1].value, found[1].n, found[1].note
+
+    better = make_seeds("walk", "held", "failures", *range(20, 30))
+    worse = make_seeds("walk", "pycma", "failures", *range(10, 20))
+    assert find(better, worse) == (1.0, 1, "not the best: nowhere")
+    better = make_seeds("walk", "pycma", "failures", *range(30, 40))
+    assert find(make_seeds("walk", "held", "failures", *range(20, 30)), better) == (
+        *(0.0, 1),
+        "not the best: walk failures",
+    )
+    alike = make_seeds("walk", "pycma", "failures", *range(21, 31))
+    assert find(make_seeds("walk", "held", "failures", *range(20, 30)), alike)[0] == 1.0
+    # A sampler of Optuna is a library's method, and counts for nobody.
+    assert list(find_best_share(make_seeds("walk", "optuna", "failures", 1, 2) | alike)) == []
+    # Earlier is better, and a seed without a failure is the worst.
+    early = make_seeds("walk", "held", "first_failure", 3, 4, 5, 6, 7)
+    late = make_seeds("walk", "pycma", "first_failure", 1, None, None, None, None)
+    assert find(early, late)[0] == 1.0
+
+
+def test_distances_count_where_the_failures_are_likely_enough():
+    from peers import find_best_share
+
+    def make(name, distance, log_p):
+        return make_seeds("walk", name, "distance", *[distance] * 5) | make_seeds(
+            "walk", name, "log_p_per_step", *[log_p] * 5
+        )
+
+    ours = make("held", 1.5, -3.0)
+    for log_p, share in ((-17.0, 0.5), (-18.0, 1.0)):
+        ((_, figure),) = find_best_share(ours | make("pycma", 1e6, log_p))
+        # The other cell is that of log p, in which ours is the best.
+        assert (figure.value, figure.n) == (share, 2 if share < 1.0 else 1)
+
+
 def test_the_counts_in_the_claims_are_those_of_the_points_in_them():
     from figures import Figure
-    from peers import count_points
+    from peers import compare_searches
 
     claims = msgspec.json.decode((ROOT / "docs/claims.json").read_bytes(), type=dict[str, Figure])
-    for name, figure in count_points(claims):
+    for name, figure in compare_searches(claims):
         assert (claims[name].value, claims[name].n) == (figure.value, figure.n)
 
 
