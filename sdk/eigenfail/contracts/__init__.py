@@ -23,10 +23,13 @@ from eigenfail.contracts.world import (
     Planner,
     PlannerPlugin,
     PlottingPlanner,
+    ReactiveSituation,
     Scenario,
     Simulation,
     Simulator,
     Situation,
+    TrackingPlanner,
+    Traffic,
 )
 
 __all__ = [
@@ -45,10 +48,13 @@ __all__ = [
     "Planner",
     "PlannerPlugin",
     "PlottingPlanner",
+    "ReactiveSituation",
     "Reference",
     "Scenario",
     "Simulation",
     "Simulator",
     "Situation",
+    "TrackingPlanner",
+    "Traffic",
     "Trained",
 ]

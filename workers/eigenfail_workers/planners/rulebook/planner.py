@@ -111,6 +111,10 @@ class Rulebook:
         """Return the last decision; see `ExplainingPlanner`."""
         return {} if self.last_decision is None else self.last_decision.account()
 
+    def count_losses(self, vehicle: int) -> int:
+        """Return the losses of a vehicle's tracks; see `TrackingPlanner`."""
+        return self._tracker.losses.get(vehicle, 0)
+
     def path(self) -> Path:
         """Return the path of the chosen candidate; see `PlottingPlanner`."""
         if self._planned is None:
