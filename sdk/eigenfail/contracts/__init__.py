@@ -29,7 +29,7 @@ from eigenfail.contracts.world import (
     Simulator,
     Situation,
     TrackingPlanner,
-    Traffic,
+    TrafficModel,
 )
 
 __all__ = [
@@ -55,6 +55,6 @@ __all__ = [
     "Simulator",
     "Situation",
     "TrackingPlanner",
-    "Traffic",
+    "TrafficModel",
     "Trained",
 ]

@@ -87,7 +87,7 @@ class Situation(Protocol):
         """Return the state of a scripted actor after `step` steps, given that of the ego."""
 
 
-class Traffic(Protocol):
+class TrafficModel(Protocol):
     """The other vehicles of one episode: they come, may react to the ego, and go."""
 
     def advance(self, step: int, ego: VehicleState) -> Mapping[int, VehicleState]:
@@ -118,7 +118,7 @@ class ReactiveSituation(Protocol):
     actors: tuple[VehicleState, ...]
     challenges: tuple[str, ...]
 
-    def start_traffic(self) -> Traffic:
+    def start_traffic(self) -> TrafficModel:
         """Return the traffic of a new episode, at its start."""
 
 

@@ -29,7 +29,7 @@ from eigenfail_workers.scenarios.highway_drive import (
     HighwayDrive,
     HighwayDriveParameters,
 )
-from eigenfail_workers.scenarios.traffic import Follower, PlannedCar, SpeedChange
+from eigenfail_workers.scenarios.traffic import FollowingCar, PlannedCar, SpeedChange
 from eigenfail_workers.simulators.point_mass import PointMassSimulator
 
 HALF_LENGTHS_M = 10.5
@@ -112,7 +112,7 @@ def test_a_planned_car_ends_its_change_of_speed():
 def test_the_follower_reacts_by_its_law_after_its_delay():
     """The ego is 2 m/s slower from now on: the law asks for -2 m/s² and, for lost metres, more."""
     now = situation()
-    follower = Follower(now.actors[1], FOLLOWER_LAW, 0.1)
+    follower = FollowingCar(now.actors[1], FOLLOWER_LAW, 0.1)
     speeds, gaps = [], []
     for step in range(1, 13):
         ego = at(now.ego, 22.0 * step * 0.1, 22.0)
@@ -127,7 +127,7 @@ def test_the_follower_reacts_by_its_law_after_its_delay():
 
 def test_the_follower_has_limits_and_stops():
     now = situation()
-    follower = Follower(now.actors[1], FOLLOWER_LAW, 0.1)
+    follower = FollowingCar(now.actors[1], FOLLOWER_LAW, 0.1)
     speeds = [24.0]
     for _ in range(70):
         follower.follow(at(now.ego, 0.0, 0.0), 9.0)

@@ -11,7 +11,7 @@ from typing import Annotated, Final
 import msgspec
 from msgspec import Meta
 
-from eigenfail.contracts import Traffic
+from eigenfail.contracts import TrafficModel
 from eigenfail.values import Mission, VehicleState
 from eigenfail_workers.measures.geometry import find_hidden
 from eigenfail_workers.scenarios import (
@@ -24,8 +24,8 @@ from eigenfail_workers.scenarios import (
     make_truck,
 )
 from eigenfail_workers.scenarios.traffic import (
-    Follower,
     FollowerLaw,
+    FollowingCar,
     LateralShift,
     PlannedCar,
     SpeedChange,
@@ -120,17 +120,17 @@ class HighwayDriveSituation(msgspec.Struct, frozen=True):
     parameters: HighwayDriveParameters
     challenges: tuple[str, ...] = CHALLENGES
 
-    def start_traffic(self) -> Traffic:
+    def start_traffic(self) -> TrafficModel:
         """Return the cars of a new episode."""
         return DriveTraffic(self)
 
 
 class DriveTraffic:
-    """The cars of one episode of a drive (contract `Traffic`)."""
+    """The cars of one episode of a drive (contract `TrafficModel`)."""
 
     def __init__(self, situation: HighwayDriveSituation) -> None:
         self._parameters = situation.parameters
-        self._follower: Follower | None = Follower(situation.actors[1], FOLLOWER_LAW, DT_S)
+        self._follower: FollowingCar | None = FollowingCar(situation.actors[1], FOLLOWER_LAW, DT_S)
         self._cars = {PASSING: (0, make_passing_car(situation.parameters))}
         self._is_slow_revealed = False
 

@@ -89,7 +89,7 @@ class FollowerLaw(NamedTuple):
     strongest_mps2: float
 
 
-class Follower:
+class FollowingCar:
     """A car that follows the ego in its lane by a law, in steps of `dt_s`.
 
     Args:

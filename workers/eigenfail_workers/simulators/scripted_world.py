@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from eigenfail.contracts import ReactiveSituation, Situation, Traffic
+from eigenfail.contracts import ReactiveSituation, Situation, TrafficModel
 from eigenfail.values import Control, VehicleState
 from eigenfail_workers.measures.geometry import distance_lower_bound, separation
 from eigenfail_workers.values import GroundTruth
@@ -22,7 +22,7 @@ class ScriptedWorld:
     """
 
     _situation: Any
-    _traffic: Traffic | None
+    _traffic: TrafficModel | None
     _ego: VehicleState
     _step: int
 
