@@ -1,5 +1,6 @@
 """Runs to be drawn."""
 
+from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -37,9 +38,9 @@ class Course(NamedTuple):
         return len(self.scene.controls)
 
     def vehicles(self, step: int) -> list[VehicleState]:
-        """All of them after a step, the truck first."""
+        """All that are there after a step, the truck first."""
         poses = zip(self.scene.vehicles[step].tolist(), self.scene.sizes.tolist(), strict=True)
-        return [VehicleState(*pose, *size) for pose, size in poses]
+        return [VehicleState(*pose, *size) for pose, size in poses if isfinite(pose[0])]
 
 
 def course(scenario: str) -> Course:

@@ -80,6 +80,10 @@ TARGETS = {
             *("lead_brake.rulebook", "lead_brake.idm"),
         )
     },
+    "drive.p_fail": Target(low=1e-4, high=1e-3),
+    "drive.labels": Target(low=3.0),
+    "drive.undisturbed": Target(high=0.0),
+    "drive.last_tenth": Target(high=0.2),
     "ast.transfer_worst": Target(low=0.9),
     "chains.share_failing": Target(low=0.4),
     "chains.log_p_gap": Target(low=-0.1, high=0.1),

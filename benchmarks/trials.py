@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import channels
 import difs_network
+import drive
 import eigenfailures
 import exchange
 import intervals
@@ -121,6 +122,9 @@ TRIALS = (
     ),
     *(of_planner("undisturbed", undisturbed, *place) for place in product(SCENARIOS, PLANNERS)),
     Trial(("lead_brake.rulebook.unlit.",), unlit),
+    Trial(("drive.undisturbed",), drive.find_undisturbed),
+    Trial(("drive.worse.", "drive.labels", "drive.cause.", "drive.last_tenth"), drive.find_labels),
+    Trial(("drive.p_fail", "drive.mc2000."), drive.find_p_fail),
     *(of_planner("held3", held_noise, *place) for place in product(SCENARIOS[1:], PLANNERS)),
     *(of_planner("mc300", ordinary, "lead_brake", planner) for planner in PLANNERS),
     *(Trial((f"merge_in.{one}.merges.",), partial(merges, one)) for one in PLANNERS),

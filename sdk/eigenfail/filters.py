@@ -65,7 +65,8 @@ N, W, T = ColumnKind.NUMBER, ColumnKind.WHOLE, ColumnKind.TEXT
 
 
 def _measure_column(name: str, measure: Measure) -> Column:
-    return Column(name, W if measure.is_count else N, measure.description)
+    kind = T if measure.is_text else W if measure.is_count else N
+    return Column(name, kind, measure.description)
 
 
 _COLUMNS_AFTER_MEASURES = {

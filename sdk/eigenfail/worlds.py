@@ -13,7 +13,7 @@ import msgspec
 from msgspec.structs import replace
 
 from eigenfail import bridges, functions, plugins
-from eigenfail.contracts import Scenario
+from eigenfail.contracts import ReactiveSituation, Scenario, Situation
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import defaults_of, read_settings
 from eigenfail.values import CampaignSpec, DisturbanceModel, EpisodeSetup, NoiseTrajectory
@@ -275,7 +275,7 @@ class PluginWorld(CampaignWorld):
             described.scenario_parameters,
         )
         scenario: Scenario = plugins.load(plugins.SCENARIOS, described.scenario)()
-        counts = {len(scenario(each, 0).actors) for each in variation.corners()}
+        counts = {_count_vehicles(scenario(each, 0)) for each in variation.corners()}
         if len(counts) > 1:
             problem = "the number of vehicles varies with the parameters of the scenario."
             raise InvalidValue(CHANNELS_FIELD, problem, "Fix the parameter that it depends on.")
@@ -565,6 +565,13 @@ def describe_requirements(spec: CampaignSpec) -> dict[str, str]:
         for each in spec.named_requirements
     }
     return words | ({"importance": spec.importance.in_words()} if spec.importance else {})
+
+
+def _count_vehicles(situation: Situation | ReactiveSituation) -> int:
+    """Return the number of vehicles besides the ego, also of those that come later."""
+    if isinstance(situation, ReactiveSituation):
+        return len(situation.challenges)
+    return len(situation.actors)
 
 
 def _match_type(value: Any, default: Any) -> Any:

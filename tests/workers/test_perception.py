@@ -175,3 +175,42 @@ def test_nothing_of_an_earlier_episode_is_perceived() -> None:
 
 def test_every_quantity_has_its_case_here() -> None:
     assert {*FIELDS, "missed", "ghost", "delay", "swapped"} == set(QUANTITIES)
+
+
+LATER = replace(TRUTH, others=(NEAR, FAR), ids=(3, 1))
+"""Of three vehicles, the second is not there."""
+
+
+@pytest.mark.parametrize(
+    ("channel", "expected"),
+    [
+        ("vehicle_1.longitudinal", (NEAR, replace(FAR, x_m=-59.0))),
+        ("vehicle_2.longitudinal", (NEAR, FAR)),
+        ("vehicle_3.longitudinal", (replace(NEAR, x_m=31.0), FAR)),
+        ("longitudinal", (replace(NEAR, x_m=31.0), FAR)),
+    ],
+)
+def test_where_vehicles_come_and_go_an_error_is_of_their_number(channel, expected) -> None:
+    seen, _ = perceive((channel, 1.0), truth=LATER)
+    assert (seen.others, seen.ids) == (expected, (3, 1))
+
+
+def test_a_missed_vehicle_is_found_by_its_number() -> None:
+    assert perceive(("vehicle_3.missed", 1.0), truth=LATER)[0].ids == (1,)
+    assert perceive(("vehicle_2.missed", 1.0), truth=LATER)[0].ids == (3, 1)
+    assert perceive(("swapped", 1.0), truth=LATER)[0].ids == (1, 3)
+
+
+def test_a_ghost_has_the_number_after_all_vehicles_of_the_episode() -> None:
+    sensor = SensorErrors((Channel("ghost").filled(),))
+    sensor.reset(3)
+    assert sensor.perceive(LATER, 0.1, (1.0,))[0].ids == (3, 1, 4)
+
+
+def test_a_delayed_vehicle_is_seen_once_it_was_there() -> None:
+    sensor = SensorErrors((Channel("delay").filled(),))
+    sensor.reset(3)
+    first = replace(LATER, others=(FAR,), ids=(1,))
+    assert sensor.perceive(first, 0.1, (0.1,))[0].ids == (1,)
+    assert sensor.perceive(LATER, 0.1, (0.1,))[0].ids == (1,)
+    assert sensor.perceive(LATER, 0.1, (0.1,))[0].ids == (3, 1)

@@ -60,6 +60,7 @@ class RecordingPlanner:
         self._path: Callable[[], Sequence[tuple[float, float]]]
         self._path = getattr(planner, "path", tuple)
         self._steps = steps
+        self.count_losses: Callable[[int], int] | None = getattr(planner, "count_losses", None)
 
     def reset(self, mission: Mission) -> None:
         """Begin a new episode."""

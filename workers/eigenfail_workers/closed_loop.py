@@ -1,13 +1,15 @@
 """A world and a planner, closed into a simulation: perceive, disturb, plan, step."""
 
+from collections.abc import Callable
 from math import isfinite
 from typing import Any, Protocol
 
-from eigenfail.contracts import Planner, Scenario, Situation
+from eigenfail.contracts import Planner, ReactiveSituation, Scenario, Situation
 from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
 from eigenfail.values import Control, Mission, Observation, Perception
 from eigenfail.values.shapes import Row
 from eigenfail_workers.faults import wrap_errors
+from eigenfail_workers.measures.geometry import find_struck
 from eigenfail_workers.motion import clip_control, find_lane, is_off_road
 from eigenfail_workers.perception import SensorErrors
 from eigenfail_workers.values import GroundTruth
@@ -16,7 +18,7 @@ from eigenfail_workers.values import GroundTruth
 class TrafficWorld(Protocol):
     """Physics: moves the ego by its controls, and the actors by their scripts."""
 
-    def reset(self, situation: Situation) -> GroundTruth:
+    def reset(self, situation: Situation | ReactiveSituation) -> GroundTruth:
         """Place the vehicles of the situation."""
 
     def advance(self, control: Control) -> GroundTruth:
@@ -43,6 +45,8 @@ class DrivenSimulation:
         self._parameters = parameters
         self._planner = planner
         self._planner_errors = wrap_errors(PlannerError, "The planner", "Look into the planner.")
+        self._count_losses: Callable[[int], int] | None = getattr(planner, "count_losses", None)
+        self._challenges: tuple[str, ...] = ()
         situation = scenario(parameters, 0)
         self.dt_s = situation.mission.dt_s
         self.steps = situation.steps
@@ -55,7 +59,8 @@ class DrivenSimulation:
         if self._closed:
             raise SimulatorError("The simulation is closed.", "Open another one.")
         situation = self._scenario(self._parameters, seed)
-        self._errors.reset()
+        self._challenges = situation.challenges if isinstance(situation, ReactiveSituation) else ()
+        self._errors.reset(len(self._challenges))
         truth = self._stage(situation)
         self._mission = situation.mission
         with wrap_errors(PlannerError, "The planner's reset", "Look into the planner."):
@@ -66,10 +71,11 @@ class DrivenSimulation:
             truth.others,
             off_road=is_off_road(situation.mission, truth.ego),
             lane=find_lane(situation.mission, truth.ego),
+            ids=truth.ids,
         )
         return self._now
 
-    def _stage(self, situation: Situation) -> GroundTruth:
+    def _stage(self, situation: Situation | ReactiveSituation) -> GroundTruth:
         if not situation.actors:
             raise InvalidValue(
                 "scenario_parameters",
@@ -104,8 +110,21 @@ class DrivenSimulation:
             applied=applied,
             off_road=is_off_road(self._mission, truth.ego),
             lane=find_lane(self._mission, truth.ego),
+            ids=truth.ids,
+            cause=self._find_cause(truth) if truth.collided and self._challenges else None,
         )
         return self._now
+
+    def _find_cause(self, truth: GroundTruth) -> str:
+        """Return the challenge of the struck vehicle, and whether its track was lost before."""
+        place = find_struck(truth.ego, truth.others)
+        number = place + 1 if truth.ids is None else truth.ids[place]
+        challenge = self._challenges[number - 1]
+        if self._count_losses is None:
+            return challenge
+        with self._planner_errors:
+            lost = self._count_losses(number) > 0
+        return f"{challenge}, track {'lost' if lost else 'kept'}"
 
     def _plan(self, perception: Perception) -> Control:
         with self._planner_errors:

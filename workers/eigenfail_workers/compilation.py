@@ -27,6 +27,7 @@ MODULES = (
     *("planners.rulebook.driving_modes", "planners.rulebook.lanes", "planners.rulebook.refine"),
     *("planners.rulebook.quadratic_program", "planners.rulebook.rules"),
     *("planners.rulebook.tracker", "planners.rulebook.traffic"),
+    "scenarios.traffic",
     *("simulators.highway", "simulators.point_mass", "simulators.scripted_world"),
 )
 """Modules that are compiled. Classes of msgspec cannot be: they are in modules of their own."""

@@ -54,12 +54,19 @@ class SensorErrors:
         self._delays = [place for place, name in named if name == DELAY]
         self._ahead_m = max([0.0, *[channel.ahead_m or 0.0 for channel in channels]])
         self._ghost: VehicleState | None = None
-        self._seen: list[tuple[VehicleState, ...]] = []
+        self._seen: list[dict[int, VehicleState]] = []
+        self._vehicles = 0
 
-    def reset(self) -> None:
-        """Begin an episode."""
+    def reset(self, vehicles: int = 0) -> None:
+        """Begin an episode.
+
+        Args:
+            vehicles: number of vehicles of the episode besides the ego, where they come and go; a
+                ghost has the next number.
+        """
         self._ghost = None
         self._seen = []
+        self._vehicles = vehicles
 
     def perceive(self, now: Observation, dt_s: float, errors: Row) -> tuple[Perception, Point]:
         """Return what the planner perceives, and where it sees the nearest vehicle.
@@ -69,23 +76,28 @@ class SensorErrors:
             dt_s: duration of a step.
             errors: a_t of each channel, in its unit.
         """
-        actor = find_nearest(now.ego, now.others)
-        others = self._find_delayed(now, dt_s, errors) if self._delays else now.others
+        places = [number - 1 for number in now.numbers]
+        actor = places[find_nearest(now.ego, now.others)]
+        others = dict(zip(places, now.others, strict=True))
+        if self._delays:
+            others = self._find_delayed(others, dt_s, errors)
         changed = self._disturb(now.ego, others, actor, errors)
-        missed = find_hidden(now.ego, now.others) if self._occlusion else set()
+        missed: set[int] = set()
+        if self._occlusion:
+            missed = {places[hidden] for hidden in find_hidden(now.ego, now.others)}
         for place, target in self._misses:
             if errors[place] > 0.5:
                 missed.add(actor if target == NEAREST else target)
         seen = {
             number: changed.get(number, other)
-            for number, other in enumerate(others)
+            for number, other in others.items()
             if number not in missed
         }
         position = (seen[actor].x_m, seen[actor].y_m) if actor in seen else NOWHERE
         for place in self._ghosts:
             self._ghost = self._follow_ghost(now.ego) if errors[place] > 0.5 else None
         if self._ghost is not None:
-            seen[len(now.others)] = self._ghost
+            seen[max(len(now.others), self._vehicles)] = self._ghost
         swapped = any(errors[place] > 0.5 for place in self._swaps)
         exchanged = _exchange_nearest(now) if swapped else {}
         ids = tuple([exchanged.get(number, number) + 1 for number in seen])
@@ -93,20 +105,24 @@ class SensorErrors:
         return Perception(now.step * dt_s, ego, tuple(seen.values()), ids), position
 
     def _disturb(
-        self, ego: VehicleState, others: tuple[VehicleState, ...], actor: int, errors: Row
+        self, ego: VehicleState, others: dict[int, VehicleState], actor: int, errors: Row
     ) -> dict[int, VehicleState]:
         """Return the vehicles, and the ego, whose state is perceived with errors."""
         changed: dict[int, list[float]] = {}
         for place, target, field in self._errors:
             vehicle = actor if target == NEAREST else target
             if vehicle not in changed:
+                if vehicle != EGO and vehicle not in others:
+                    continue
                 changed[vehicle] = list_fields(ego if vehicle == EGO else others[vehicle])
             changed[vehicle][field] += errors[place]
         return {vehicle: make_state(fields) for vehicle, fields in changed.items()}
 
-    def _find_delayed(self, now: Observation, dt_s: float, errors: Row) -> tuple[VehicleState, ...]:
+    def _find_delayed(
+        self, others: dict[int, VehicleState], dt_s: float, errors: Row
+    ) -> dict[int, VehicleState]:
         """Return the other vehicles as they were before the delay, or at the start."""
-        self._seen.append(now.others)
+        self._seen.append(others)
         delay_s = sum(abs(errors[place]) for place in self._delays)
         return self._seen[max(len(self._seen) - 1 - round(delay_s / dt_s), 0)]
 
@@ -127,7 +143,8 @@ def _exchange_nearest(now: Observation) -> dict[int, int]:
     if len(others) < 2:
         return {}
     apart = [hypot(other.x_m - ego.x_m, other.y_m - ego.y_m) for other in others]
-    first, second = sorted(range(len(others)), key=apart.__getitem__)[:2]
+    nearest = sorted(range(len(others)), key=apart.__getitem__)[:2]
+    first, second = (now.numbers[place] - 1 for place in nearest)
     return {first: second, second: first}
 
 

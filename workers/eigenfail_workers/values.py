@@ -9,11 +9,16 @@ Point = tuple[float, float]
 
 
 class GroundTruth(msgspec.Struct, frozen=True, gc=False):
-    """True states of all vehicles, and whether the ego touches another one."""
+    """True states of all vehicles, and whether the ego touches another one.
+
+    Attributes:
+        ids: number of each other vehicle, from 1; None where all of them are there throughout.
+    """
 
     ego: VehicleState
     others: tuple[VehicleState, ...]
     collided: bool
+    ids: tuple[int, ...] | None = None
 
 
 class Separation(msgspec.Struct, frozen=True, gc=False):

@@ -126,6 +126,7 @@ def list_danger(measures: Measures, assessed: Assessment) -> Facts:
             format_quantity(measures.robustness_m, "m" if measures.nearest_m is None else ""),
         ),
         ("Severity", format_severity(measures.severity)),
+        *([("Cause", measures.cause)] if measures.cause else []),
     )
 
 
@@ -146,7 +147,7 @@ def list_ride(result: EpisodeResult) -> Facts:
     return tuple(
         _format_measure(measure, getattr(measures, name))
         for name, measure in MEASURES.items()
-        if name not in IN_OTHER_PLACES
+        if name not in IN_OTHER_PLACES and not measure.is_text
     )
 
 

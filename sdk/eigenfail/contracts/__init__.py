@@ -23,11 +23,14 @@ from eigenfail.contracts.world import (
     Planner,
     PlannerPlugin,
     PlottingPlanner,
+    ReactiveSituation,
     Scenario,
     SignallingPlanner,
     Simulation,
     Simulator,
     Situation,
+    TrackingPlanner,
+    TrafficModel,
 )
 
 __all__ = [
@@ -46,11 +49,14 @@ __all__ = [
     "Planner",
     "PlannerPlugin",
     "PlottingPlanner",
+    "ReactiveSituation",
     "Reference",
     "Scenario",
     "SignallingPlanner",
     "Simulation",
     "Simulator",
     "Situation",
+    "TrackingPlanner",
+    "TrafficModel",
     "Trained",
 ]

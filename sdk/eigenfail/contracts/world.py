@@ -69,6 +69,13 @@ class SignallingPlanner(Planner, Protocol):
         """
 
 
+class TrackingPlanner(Planner, Protocol):
+    """Optional: a planner that reports its losses of tracks."""
+
+    def count_losses(self, vehicle: int) -> int:
+        """Return how often it lost the track of a vehicle, by its number, since the reset."""
+
+
 class PlannerPlugin(Protocol):
     """Makes planners; its `Settings` carry defaults, bounds and units."""
 
@@ -97,12 +104,47 @@ class Situation(Protocol):
         """Return the state of a scripted actor after `step` steps, given that of the ego."""
 
 
+class TrafficModel(Protocol):
+    """The other vehicles of one episode: they come, may react to the ego, and go."""
+
+    def advance(self, step: int, ego: VehicleState) -> Mapping[int, VehicleState]:
+        """Return the vehicles that are there after a step, by number from 1; never none.
+
+        Args:
+            step: number of steps so far; the steps are asked for in order, from 1.
+            ego: the ego after that step.
+        """
+
+
+@runtime_checkable
+class ReactiveSituation(Protocol):
+    """A situation whose vehicles depend on the course of the episode, or come and go.
+
+    Attributes:
+        mission: road and task, which the planner is given.
+        steps: horizon of an episode.
+        ego: initial state of the ego.
+        actors: initial states of the vehicles that are there at the start, numbered from 1.
+        challenges: name of the challenge that each vehicle of the episode is a part of, in the
+            order of the numbers. A collision with it has this cause.
+    """
+
+    mission: Mission
+    steps: int
+    ego: VehicleState
+    actors: tuple[VehicleState, ...]
+    challenges: tuple[str, ...]
+
+    def start_traffic(self) -> TrafficModel:
+        """Return the traffic of a new episode, at its start."""
+
+
 class Scenario(Protocol):
     """A named scenario; its `Parameters` carry defaults, bounds and units."""
 
     Parameters: ClassVar[type[msgspec.Struct]]
 
-    def __call__(self, parameters: Any, seed: int) -> Situation:
+    def __call__(self, parameters: Any, seed: int) -> Situation | ReactiveSituation:
         """Return the situation for some parameters; its randomness depends on the seed alone."""
 
 

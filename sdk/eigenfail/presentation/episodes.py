@@ -26,6 +26,7 @@ from eigenfail.values import (
     Assessment,
     ExplainedStep,
     Explanation,
+    Measure,
     Measures,
     MinimalFailure,
 )
@@ -139,8 +140,14 @@ def list_measures(measures: Measures, assessed: Assessment) -> Iterator[tuple[st
             if name in absent:
                 continue
             value = getattr(values, name)
-            text = format_count(value) if measure.is_count else format_number(value, measure.digits)
-            yield measure.heading, text
+            if not measure.is_text:
+                yield measure.heading, _format_value(measure, value)
+            elif value is not None:
+                yield measure.heading, value
+
+
+def _format_value(measure: Measure, value: Any) -> str:
+    return format_count(value) if measure.is_count else format_number(value, measure.digits)
 
 
 def list_judged(spec: CampaignSpec, values: Sequence[float]) -> Iterator[tuple[str, str]]:

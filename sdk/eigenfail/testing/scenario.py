@@ -11,10 +11,12 @@ from math import cos, hypot, isfinite, sin
 
 import msgspec
 
-from eigenfail.contracts import Scenario, Situation
+from eigenfail.contracts import ReactiveSituation, Scenario, Situation
 from eigenfail.settings import read_settings
 from eigenfail.testing import expect
 from eigenfail.values import VehicleState
+
+AnySituation = Situation | ReactiveSituation
 
 SEEDS = (0, 1, 2**62)
 TOLERANCE_M = 0.05
@@ -36,6 +38,9 @@ def is_plausible(scenario: Scenario) -> None:
         expect(mission.dt_s > 0.0 and situation.steps >= 1, "The episode has no duration.")
         expect(mission.lanes >= 1 and mission.lane_width_m > 0.0, "The road has no lane.")
         expect(len(situation.actors) >= 1, "There is no vehicle beside the ego.")
+        if isinstance(situation, ReactiveSituation):
+            named = len(situation.challenges) >= len(situation.actors)
+            expect(named, "There are more vehicles than `challenges` names.")
         for vehicle in (situation.ego, *situation.actors):
             expect(_is_finite(vehicle), f"{vehicle} is not made of finite numbers.")
             expect(min(vehicle.length_m, vehicle.width_m) > 0.0, f"{vehicle} has no footprint.")
@@ -69,12 +74,23 @@ def has_a_steady_horizon(scenario: Scenario) -> None:
 
 
 def moves_actors_as_they_say(scenario: Scenario) -> None:
-    """A script begins at the start of the actor, and its positions follow from its speeds."""
+    """A script begins at the start of the actor, and its positions follow from its speeds.
+
+    Vehicles that come and go have numbers of vehicles of the situation, and one is always there.
+    """
     for situation in _situations(scenario):
         dt_s = situation.mission.dt_s
-        for poses, start in zip(_script(situation), situation.actors, strict=True):
-            expect(poses[0] == start, f"The script begins at {poses[0]}, the actor at {start}.")
-            for before, after in pairwise(poses):
+        script = _script(situation)
+        for number, start in enumerate(situation.actors, 1):
+            first = script[0].get(number)
+            expect(first == start, f"The script begins at {first}, the actor at {start}.")
+        known = range(1, _count_vehicles(situation) + 1)
+        for there in script:
+            expect(bool(there), "There is a moment without a vehicle beside the ego.")
+            expect(there.keys() <= set(known), f"Vehicles {sorted(there)} are not among {known}.")
+        for earlier, later in pairwise(script):
+            for number in earlier.keys() & later.keys():
+                before, after = earlier[number], later[number]
                 way = hypot(after.x_m - before.x_m, after.y_m - before.y_m)
                 due = 0.5 * (before.speed_mps + after.speed_mps) * dt_s
                 same = (before.length_m, before.width_m) == (after.length_m, after.width_m)
@@ -82,18 +98,33 @@ def moves_actors_as_they_say(scenario: Scenario) -> None:
                 expect(same, f"{before} changes its size to {after}.")
 
 
-def _situations(scenario: Scenario) -> Iterator[Situation]:
+def _situations(scenario: Scenario) -> Iterator[AnySituation]:
     parameters = read_settings(scenario.Parameters, {}, "scenario_parameters")
     for seed in SEEDS:
         yield scenario(parameters, seed)
 
 
-def _script(situation: Situation) -> list[list[VehicleState]]:
-    """Return the poses of every actor at every step, for an ego at constant velocity."""
+def _count_vehicles(situation: AnySituation) -> int:
+    if isinstance(situation, ReactiveSituation):
+        return len(situation.challenges)
+    return len(situation.actors)
+
+
+def _script(situation: AnySituation) -> list[dict[int, VehicleState]]:
+    """Return the vehicles at every step by number, for an ego at constant velocity."""
     egos = [_kept(situation.ego, step * situation.mission.dt_s) for step in range(situation.steps)]
+    if isinstance(situation, ReactiveSituation):
+        traffic = situation.start_traffic()
+        script = [dict(enumerate(situation.actors, 1))]
+        for step, ego in enumerate(egos[1:], 1):
+            script.append(dict(traffic.advance(step, ego)))
+        return script
     return [
-        [situation.move_actor(actor, step, ego) for step, ego in enumerate(egos)]
-        for actor in range(len(situation.actors))
+        {
+            actor + 1: situation.move_actor(actor, step, ego)
+            for actor in range(len(situation.actors))
+        }
+        for step, ego in enumerate(egos)
     ]
 
 

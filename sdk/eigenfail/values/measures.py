@@ -34,6 +34,7 @@ class Measure(msgspec.Struct, frozen=True, kw_only=True):
         event: what happens at this time, for measures that are points in time; else empty.
         digits: significant digits to show.
         is_count: whether values are whole numbers; read from the type of the field.
+        is_text: whether values are texts; read from the type of the field.
     """
 
     label: str
@@ -44,6 +45,7 @@ class Measure(msgspec.Struct, frozen=True, kw_only=True):
     event: str = ""
     digits: int = 3
     is_count: bool = False
+    is_text: bool = False
 
     @property
     def heading(self) -> str:
@@ -189,6 +191,19 @@ class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
             ),
         ),
     ] = None
+    cause: Annotated[
+        str | None,
+        Measure(
+            label="cause",
+            words="cause of the collision, where the scenario names one",
+            formula=(
+                "challenge of the vehicle struck and, where the planner reports it, whether it "
+                "lost the track of that vehicle before, as in `reveal, track lost`; empty without "
+                "a collision, and in scenarios that name no challenges"
+            ),
+            source="own choice",
+        ),
+    ] = None
 
 
 class Measures(LaterMeasures, frozen=True, gc=False):
@@ -268,7 +283,8 @@ def read_declarations(kind: type[msgspec.Struct]) -> Mapping[str, Measure]:
     for field in msgspec.structs.fields(kind):
         match get_args(field.type):
             case values, Measure() as measure:
-                declared[field.name] = replace(measure, is_count=int in get_args(values))
+                kinds = get_args(values)
+                declared[field.name] = replace(measure, is_count=int in kinds, is_text=str in kinds)
     return MappingProxyType(declared)
 
 

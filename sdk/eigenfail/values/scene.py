@@ -97,6 +97,7 @@ class Observation(msgspec.Struct, frozen=True):
         ids: number of each other vehicle, from 1, which it keeps for the whole episode; None where
             all of them are there throughout, in the same order.
         signals: signals of the simulator's own, by name; None without any.
+        cause: cause of the collision, where the scenario names one; None without a collision.
     """
 
     step: int
@@ -111,6 +112,7 @@ class Observation(msgspec.Struct, frozen=True):
     lane: LanePosition | None = None
     ids: tuple[int, ...] | None = None
     signals: Mapping[str, float] | None = None
+    cause: str | None = None
 
     @property
     def numbers(self) -> Sequence[int]:

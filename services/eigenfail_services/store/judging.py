@@ -27,7 +27,12 @@ MAX_STEPS = 2**31 - 1
 MAX_MAGNITUDE = 1e15
 """Of a measure or a log-probability: sums and squares over ten million episodes stay finite."""
 
-_LARGEST = tuple(MAX_STEPS if measure.is_count else MAX_MAGNITUDE for measure in MEASURES.values())
+_LARGEST = {
+    name: MAX_STEPS if measure.is_count else MAX_MAGNITUDE
+    for name, measure in MEASURES.items()
+    if not measure.is_text
+}
+_TEXTS = [name for name, measure in MEASURES.items() if measure.is_text]
 _NOTHING_MEASURED = (None,) * len(MEASURES)
 
 
@@ -162,14 +167,19 @@ def make_storable(result: EpisodeResult, form: NoiseForm) -> EpisodeResult:
 def _finite_measures(measures: Measures | None) -> Measures | None:
     if measures is None:
         return None
-    values = zip(MEASURES, _LARGEST, msgspec.structs.astuple(measures), strict=True)
+    values = ((name, largest, getattr(measures, name)) for name, largest in _LARGEST.items())
     # Distances, times, counts, and magnitudes of speed, deceleration and jerk are never negative.
     invalid = [
         name for name, largest, value in values if value is not None and not 0 <= value <= largest
     ]
     if "robustness_m" in invalid:
         return None
-    return msgspec.structs.replace(measures, **dict.fromkeys(invalid)) if invalid else measures
+    changes: dict[str, Any] = dict.fromkeys(invalid)
+    for name in _TEXTS:
+        text = getattr(measures, name)
+        if text is not None and clean_prose(text) != text:
+            changes[name] = clean_prose(text)
+    return msgspec.structs.replace(measures, **changes) if changes else measures
 
 
 def keep_finite(number: float | None) -> float | None:

@@ -29,10 +29,10 @@ from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import FunctionElement
 from sqlalchemy.types import TypeEngine
 
-from eigenfail.values import MEASURES, Priority
+from eigenfail.values import MEASURES, Measure, Priority
 from eigenfail.values.episode import FAILURES, Outcome
 
-VERSION = "0020"
+VERSION = "0021"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -86,6 +86,12 @@ class Prose(TypeDecorator[str]):
     def process_bind_param(self, value: str | None, _dialect: Dialect) -> str | None:
         """Half characters and NUL are replaced, and the end is cut off."""
         return None if value is None else clean_prose(value)
+
+
+def _find_type(measure: Measure) -> TypeEngine[Any]:
+    if measure.is_text:
+        return Prose()
+    return Integer() if measure.is_count else Double()
 
 
 campaigns = Table(
@@ -154,7 +160,7 @@ episodes = Table(
     Column("source", Prose, nullable=False),
     Column("worker", Prose, nullable=False),
     Column("log_probability", Double, nullable=False),
-    *(Column(name, Integer if measure.is_count else Double) for name, measure in MEASURES.items()),
+    *(Column(name, _find_type(measure)) for name, measure in MEASURES.items()),
     Column("wall_s", Double, nullable=False),
     Column("finished_ms", BigInteger, nullable=False),
     Column("digest", Text, nullable=False),

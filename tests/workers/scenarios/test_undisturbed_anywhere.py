@@ -37,7 +37,10 @@ def _within(field, share, random):
 
 @pytest.mark.parametrize(
     ("scenario", "planner", "share"),
-    list(product(["cut_in", "lead_brake", "merge_in"], ["rulebook", "idm"], [WHOLE, NEAR])),
+    [
+        *product(["cut_in", "lead_brake", "merge_in"], ["rulebook", "idm"], [WHOLE, NEAR]),
+        ("highway_drive", "rulebook", WHOLE),
+    ],
 )
 def test_nobody_is_hurt(scenario, planner, share):
     for parameters in drawn(scenario, share, POINTS[planner]):

@@ -21,6 +21,19 @@ def find_nearest(ego: VehicleState, others: Sequence[VehicleState]) -> int:
     return distances.index(min(distances))
 
 
+def find_struck(ego: VehicleState, others: Sequence[VehicleState]) -> int:
+    """Return the index of the vehicle that the ego touches: the one at the smallest distance.
+
+    Of several that overlap it is the one whose centre is nearest, for its size.
+    """
+    return min(range(len(others)), key=lambda vehicle: _closeness(ego, others[vehicle]))
+
+
+def _closeness(ego: VehicleState, other: VehicleState) -> tuple[float, float]:
+    """Return a sort key: distance of footprints; for overlapping ones, of their circles."""
+    return separation(ego, other).distance_m, distance_lower_bound(ego, other)
+
+
 def distance_lower_bound(a: VehicleState, b: VehicleState) -> float:
     """Lower bound of the distance between two footprints, from their circumcircles. [m]"""
     centres = hypot(b.x_m - a.x_m, b.y_m - a.y_m)

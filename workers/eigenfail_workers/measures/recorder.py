@@ -27,7 +27,7 @@ from eigenfail.values.signals import (
     DrivenCourse,
 )
 from eigenfail_workers.measures.conflict import find_conflict
-from eigenfail_workers.measures.geometry import distance_lower_bound, separation, velocity
+from eigenfail_workers.measures.geometry import find_struck, separation, velocity
 from eigenfail_workers.measures.importance import Approach, compute_importance
 from eigenfail_workers.measures.signals import SignalRecorder
 from eigenfail_workers.values import Encounter, TrafficConflict
@@ -245,7 +245,7 @@ class Recorder:
         collided = self.collided
         first = found.of_any_vehicle()
         if collided:
-            first = found.of_vehicle(last.numbers[find_struck_vehicle(last)])
+            first = found.of_vehicle(last.numbers[find_struck(last.ego, last.others)])
         return Measures(
             robustness_m=0.0 if collided else self._robustness_m,
             severity=compute_severity(last) if collided else None,
@@ -260,6 +260,7 @@ class Recorder:
             hard_brakings=ride.hard_brakings,
             clipped_steps=ride.clipped_steps,
             final_drac_mps2=None if collided else self._last_drac_mps2,
+            cause=last.cause,
         )
 
     def judge(self, measures: Measures, dt_s: float) -> RequirementVerdict | None:
@@ -330,22 +331,12 @@ def _place_vehicles(course: Sequence[Observation]) -> tuple[Floats, Floats]:
     return vehicles, np.array([sizes.get(each, (nan, nan)) for each in range(last + 1)], np.float32)
 
 
-def find_struck_vehicle(observation: Observation) -> int:
-    """Return the index of the vehicle that the ego touches: the one at the smallest distance."""
-    ego, others = observation.ego, observation.others
-    return min(range(len(others)), key=lambda vehicle: _closeness(ego, others[vehicle]))
-
-
 def compute_severity(observation: Observation) -> float:
     """Return ||v_ego - v_actor||² for the vehicle that was struck. [m²/s²]"""
     vx, vy = velocity(observation.ego)
-    other_vx, other_vy = velocity(observation.others[find_struck_vehicle(observation)])
+    others = observation.others
+    other_vx, other_vy = velocity(others[find_struck(observation.ego, others)])
     return (vx - other_vx) ** 2 + (vy - other_vy) ** 2
-
-
-def _closeness(ego: VehicleState, other: VehicleState) -> tuple[float, float]:
-    """Return a sort key: distance of footprints; for overlapping ones, of their circles."""
-    return separation(ego, other).distance_m, distance_lower_bound(ego, other)
 
 
 def _time_s(step: int | None, dt_s: float) -> float | None:

@@ -123,6 +123,10 @@ class Rulebook:
             "planned_mps2": decision.planned_mps2,
         }
 
+    def count_losses(self, vehicle: int) -> int:
+        """Return the losses of a vehicle's tracks; see `TrackingPlanner`."""
+        return self._tracker.losses.get(vehicle, 0)
+
     def path(self) -> Path:
         """Return the path of the chosen candidate; see `PlottingPlanner`."""
         if self._planned is None:

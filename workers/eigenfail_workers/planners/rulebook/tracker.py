@@ -115,6 +115,7 @@ class Tracker:
 
     Attributes:
         lost: number of trusted tracks that were deleted since the start of the episode.
+        losses: the same of each vehicle, by its number, where there were any.
     """
 
     def __init__(self, settings: TrackerSettings, dt_s: float) -> None:
@@ -123,6 +124,7 @@ class Tracker:
         self._tracks: dict[int, Track] = {}
         self._known: set[int] = set()
         self.lost = 0
+        self.losses: dict[int, int] = {}
 
     def update(self, perception: Perception) -> list[Track]:
         """Update the tracks by one perception, and return them, tentative ones included."""
@@ -191,7 +193,9 @@ class Tracker:
             self._known.add(slot)
         if track.state is TrackState.DELETED:
             del self._tracks[slot]
-            self.lost += track.hits >= self._settings.hits_to_confirm
+            if track.hits >= self._settings.hits_to_confirm:
+                self.lost += 1
+                self.losses[slot] = self.losses.get(slot, 0) + 1
 
 
 def _after_tentative(track: Track, settings: TrackerSettings) -> TrackState:

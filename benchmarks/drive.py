@@ -1,0 +1,142 @@
+"""Figures: how often `rulebook` fails in `highway_drive` under noise on every vehicle, and why."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from functools import cache
+from itertools import chain
+
+import msgspec
+import numpy as np
+from crew import Crew, horizon
+from figures import Figure
+from samples import COMMAND, share
+from undisturbed import UNDISTURBED
+
+from eigenfail import plugins
+from eigenfail.values import (
+    Channel,
+    DisturbanceModel,
+    EpisodeSetup,
+    EpisodeTask,
+    Measures,
+    PriorSource,
+    episode_seed,
+)
+from eigenfail_workers.engine import Engine
+
+SCENARIO, PLANNER = "highway_drive", "rulebook"
+EPISODES = 10_000
+WORSE_EPISODES, WORSE_SCALE = 2_500, 1.25
+POINTS = 2_000
+BATCH = 50
+LEAST_SHARE = 0.1
+"""Share of the failures from which a cause counts."""
+
+
+class DriveSummary(msgspec.Struct, frozen=True):
+    """What is kept of an episode."""
+
+    is_failure: bool
+    steps: int
+    measures: Measures
+
+
+def find_p_fail(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """P(failure) by Monte Carlo under p(x): white noise of the paper's sigma on every vehicle."""
+    drives = draw(crew, 1.0, EPISODES, seed)
+    found = share([one.is_failure for one in drives], describe_causes(drives))
+    yield "drive.p_fail", msgspec.structs.replace(found, unit="probability")
+    first = drives[:2_000]
+    failures = sum(one.is_failure for one in first)
+    yield "drive.mc2000.failures", count(failures, "failures", len(first))
+
+
+def find_labels(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """True causes of the failures under noise that is larger than p(x), and when they collide."""
+    drives = draw(crew, WORSE_SCALE, WORSE_EPISODES, seed)
+    failed = [one for one in drives if one.is_failure]
+    note = f"noise of scale {WORSE_SCALE:g}, not p(x)"
+    yield "drive.worse.failure_rate", share([one.is_failure for one in drives], note)
+    causes = Counter(str(one.measures.cause) for one in failed)
+    common = [cause for cause, n in causes.items() if n >= LEAST_SHARE * len(failed)]
+    words = f"{note}; {describe_causes(drives)}"
+    yield (
+        "drive.labels",
+        count(len(common), "causes of 10 % of the failures or more", len(failed), words),
+    )
+    for cause in sorted(causes):
+        name = cause.replace(", track", "").replace(" ", "_").replace("-", "_")
+        yield f"drive.cause.{name}", share([one.measures.cause == cause for one in failed], note)
+    last = 0.9 * horizon(SCENARIO)
+    yield "drive.last_tenth", share([one.steps > last for one in failed], note)
+
+
+def find_undisturbed(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """Runs without noise at points that are drawn evenly from the bounds of the parameters."""
+    parameters = plugins.load(plugins.SCENARIOS, SCENARIO).Parameters
+    (schema,) = msgspec.json.schema(parameters)["$defs"].values()
+    bounds = {name: (of["minimum"], of["maximum"]) for name, of in schema["properties"].items()}
+    random = np.random.default_rng(seed)
+    points = [
+        {name: float(random.uniform(low, high)) for name, (low, high) in bounds.items()}
+        for _ in range(POINTS)
+    ]
+    batches = [points[first : first + BATCH] for first in range(0, POINTS, BATCH)]
+    drives = list(chain.from_iterable(crew.each(drive_undisturbed, batches)))
+    collisions = sum(one.is_failure for one in drives)
+    yield "drive.undisturbed", count(collisions, "collisions", len(drives))
+    nearest_m = min(one.measures.robustness_m for one in drives)
+    yield "drive.undisturbed.nearest_m", count(nearest_m, "m", len(drives))
+
+
+def draw(crew: Crew, scale: float, n: int, seed: int) -> list[DriveSummary]:
+    """Run the first episodes of a Monte Carlo campaign."""
+    tasks = [EpisodeTask(i, episode_seed(seed, i), PriorSource()) for i in range(n)]
+    batches = [tasks[first : first + BATCH] for first in range(0, n, BATCH)]
+    return list(chain.from_iterable(crew.each(drive, [scale] * len(batches), batches)))
+
+
+def drive(scale: float, tasks: Sequence[EpisodeTask]) -> list[DriveSummary]:
+    """Run episodes in this process."""
+    return [*run(open_engine(scale), tasks)]
+
+
+def drive_undisturbed(points: Sequence[dict[str, float]]) -> list[DriveSummary]:
+    """Run an episode without noise at each point in this process."""
+    engines = (Engine(stage(1.0, point)) for point in points)
+    return [drive for engine in engines for drive in run(engine, [UNDISTURBED])]
+
+
+def run(engine: Engine, tasks: Sequence[EpisodeTask]) -> Iterator[DriveSummary]:
+    """Yield what is kept of each episode."""
+    for result in engine.run(tasks):
+        if result.measures is None:
+            raise SystemExit(f"Episode {result.index} failed: {result.fault}.")
+        yield DriveSummary(result.is_failure, result.steps, result.measures)
+
+
+@cache
+def open_engine(scale: float) -> Engine:
+    """Return the engine of this process for noise on every vehicle."""
+    channels = (Channel("every.longitudinal"), Channel("every.lateral"))
+    return Engine(stage(scale, {}, channels))
+
+
+def stage(
+    scale: float, parameters: dict[str, float], channels: tuple[Channel, ...] = ()
+) -> EpisodeSetup:
+    """Return a setup; without channels the noise is on the nearest vehicle."""
+    named = {"channels": channels} if channels else {}
+    model = DisturbanceModel(scale=scale, **named)
+    return EpisodeSetup("highway", SCENARIO, parameters, PLANNER, {}, model, 10**9)
+
+
+def describe_causes(drives: Sequence[DriveSummary]) -> str:
+    """Return how many failures each cause has, the most frequent first."""
+    causes = Counter(str(one.measures.cause) for one in drives if one.is_failure)
+    return ", ".join(f"{n} of '{cause}'" for cause, n in causes.most_common()) or "no failure"
+
+
+def count(value: float, unit: str, n: int, note: str = "") -> Figure:
+    """A count or an extreme, which has no interval."""
+    return Figure(value=value, unit=unit, n=n, note=note, command=COMMAND)
