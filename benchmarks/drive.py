@@ -9,11 +9,14 @@ import msgspec
 import numpy as np
 from crew import Crew, horizon
 from figures import Figure
+from learning_figures import of_seeds
+from mode_agreement import LabelledFailure, measure_agreement
 from samples import COMMAND, share
 from undisturbed import UNDISTURBED
 
 from eigenfail import plugins
 from eigenfail.values import (
+    AnalysisSettings,
     Channel,
     DisturbanceModel,
     EpisodeSetup,
@@ -22,6 +25,7 @@ from eigenfail.values import (
     PriorSource,
     episode_seed,
 )
+from eigenfail.values.records import SpeedCourse
 from eigenfail_workers.engine import Engine
 
 SCENARIO, PLANNER = "highway_drive", "rulebook"
@@ -31,6 +35,10 @@ POINTS = 2_000
 BATCH = 50
 LEAST_SHARE = 0.1
 """Share of the failures from which a cause counts."""
+
+CAMPAIGNS = 5
+MECHANISMS = {"reveal, track lost": "track lost", "cut-in, track lost": "track lost"}
+"""Causes in which the same happens to the planner, whichever vehicle it loses."""
 
 
 class DriveSummary(msgspec.Struct, frozen=True):
@@ -69,6 +77,57 @@ def find_labels(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
         yield f"drive.cause.{name}", share([one.measures.cause == cause for one in failed], note)
     last = 0.9 * horizon(SCENARIO)
     yield "drive.last_tenth", share([one.steps > last for one in failed], note)
+
+
+def find_agreement(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """Adjusted Rand index of the modes with the true causes, in campaigns of their own seeds.
+
+    In both features of an analysis, with the number of modes found, not given. Two causes in which
+    the truck does the same, as after any lost track, cannot be told apart by behaviour: the index
+    with the three mechanisms stands beside that with the causes.
+    """
+    names = ("modes_ari", "modes_ari.mechanisms", "modes_ari.noise")
+    found: dict[str, list[float]] = {name: [] for name in names}
+    numbers = []
+    for campaign in range(1, CAMPAIGNS + 1):
+        failures = collect_failures(crew, seed + campaign)
+        numbers.append(len(failures))
+        merged = [
+            msgspec.structs.replace(one, cause=MECHANISMS.get(one.cause, one.cause))
+            for one in failures
+        ]
+        for name, labelled, features in zip(
+            names,
+            (failures, merged, failures),
+            ("behaviour", "behaviour", "noise"),
+            strict=True,
+        ):
+            settings = AnalysisSettings(features=features, bootstrap=0)
+            found[name].append(measure_agreement(labelled, horizon(SCENARIO), settings))
+    note = f"; {', '.join(map(str, numbers))} failures under noise of scale {WORSE_SCALE:g}"
+    for name, values in found.items():
+        yield f"drive.{name}", of_seeds(values, "index", CAMPAIGNS, note)
+
+
+def collect_failures(crew: Crew, seed: int) -> list[LabelledFailure]:
+    """Return the failures of a Monte Carlo campaign under noise that is larger than p(x)."""
+    tasks = [EpisodeTask(i, episode_seed(seed, i), PriorSource()) for i in range(WORSE_EPISODES)]
+    batches = [tasks[first : first + BATCH] for first in range(0, len(tasks), BATCH)]
+    return list(chain.from_iterable(crew.each(label_failures, batches)))
+
+
+def label_failures(tasks: Sequence[EpisodeTask]) -> list[LabelledFailure]:
+    """Run episodes in this process, and return those that fail with their causes."""
+    failed = [one for one in open_engine(WORSE_SCALE).run(tasks) if one.is_failure]
+    return [
+        LabelledFailure(
+            one.noise.z,
+            SpeedCourse(one.index, one.scene.dt_s, one.scene.vehicles[:, 0, 3]),
+            str(one.measures.cause),
+        )
+        for one in failed
+        if one.scene is not None and one.measures is not None
+    ]
 
 
 def find_undisturbed(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:

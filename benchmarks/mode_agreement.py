@@ -1,42 +1,48 @@
 """How well the modes of failures agree with known causes, by the adjusted Rand index."""
 
-from collections.abc import Mapping
-from statistics import median
+from collections.abc import Sequence
 
-import numpy as np
+import msgspec
 from sklearn.metrics import adjusted_rand_score
 
-from eigenfail.values import AnalysisSettings
-from eigenfail_services.analysis.alignment import Aligned
+from eigenfail.values import AnalysisSettings, Floats
+from eigenfail.values.records import Failures, SpeedCourse
+from eigenfail_services.analysis.alignment import FailureBatch, gather_failures
+from eigenfail_services.analysis.behaviour import read_motion
 from eigenfail_services.analysis.job import analyse_gathered
 
-SUBSAMPLES = 5
-LEAST = 30
-"""Failures of a subsample: half of all, but at least these, as fewer show few modes."""
+
+class LabelledFailure(msgspec.Struct, frozen=True, eq=False):
+    """A failure of which the cause is known.
+
+    Attributes:
+        z: noise, shape (steps, channels). [sigma]
+        course: speed of the ego, with the index of the episode.
+        cause: name of the cause.
+    """
+
+    z: Floats
+    course: SpeedCourse
+    cause: str
 
 
 def measure_agreement(
-    failures: Aligned, causes: Mapping[int, str], settings: AnalysisSettings, step_s: float
-) -> tuple[float, ...]:
-    """Return the index of the modes of each of five subsamples, drawn without replacement.
+    failures: Sequence[LabelledFailure], horizon: int, settings: AnalysisSettings
+) -> float:
+    """Return the index of the modes of an analysis with the causes; 1 where they are the same.
 
     Args:
-        failures: failures of one campaign, with the motion of the ego.
-        causes: cause of each, by index of the episode.
+        failures: failures of one campaign.
+        horizon: steps of a full episode.
         settings: settings of the analysis.
-        step_s: duration of a step. [s]
     """
-    count = len(failures.episodes)
-    size = min(count, max(LEAST, count // 2))
-    found = []
-    for seed in range(SUBSAMPLES):
-        rows = np.sort(np.random.default_rng(seed).choice(count, size, replace=False))
-        result = analyse_gathered(failures.take(rows), settings, step_s, {})
-        truth = [causes[episode] for episode in result.episodes]
-        found.append(float(adjusted_rand_score(truth, result.labels)))
-    return tuple(found)
-
-
-def find_median(failures: Aligned, causes: Mapping[int, str], step_s: float) -> float:
-    """Return the median index of analyses with the default settings."""
-    return median(measure_agreement(failures, causes, AnalysisSettings(bootstrap=0), step_s))
+    indices = tuple(each.course.index for each in failures)
+    batch = FailureBatch(1, Failures(indices, tuple(each.z for each in failures)))
+    channels = tuple(f"channel_{number}" for number in range(failures[0].z.shape[1]))
+    gathered = gather_failures([batch], horizon, settings, channels)
+    motion = read_motion([(1, each.course) for each in failures], "collision")
+    step_s = failures[0].course.dt_s
+    result = analyse_gathered(gathered._replace(motion=motion), settings, step_s, {})
+    causes = {each.course.index: each.cause for each in failures}
+    truth = [causes[episode] for episode in result.episodes]
+    return float(adjusted_rand_score(truth, result.labels))

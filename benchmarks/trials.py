@@ -122,6 +122,7 @@ TRIALS = (
     ),
     *(of_planner("undisturbed", undisturbed, *place) for place in product(SCENARIOS, PLANNERS)),
     Trial(("lead_brake.rulebook.unlit.",), unlit),
+    Trial(("drive.modes_ari",), drive.find_agreement),
     Trial(("drive.undisturbed",), drive.find_undisturbed),
     Trial(("drive.worse.", "drive.labels", "drive.cause.", "drive.last_tenth"), drive.find_labels),
     Trial(("drive.p_fail", "drive.mc2000."), drive.find_p_fail),

@@ -6,9 +6,7 @@ import numpy as np
 import pytest
 
 from eigenfail.values import AnalysisSettings
-from eigenfail.values.records import Failures, SpeedCourse
-from eigenfail_services.analysis.alignment import FailureBatch, gather_failures
-from eigenfail_services.analysis.behaviour import read_motion
+from eigenfail.values.records import SpeedCourse
 
 ROOT = Path(__file__).parents[2]
 STEPS, STEP_S, FAILURES = 60, 0.1, 60
@@ -20,7 +18,7 @@ def benchmarks(monkeypatch):
 
 
 def test_causes_that_show_in_the_braking_agree_and_mixed_up_ones_do_not(monkeypatch):
-    from mode_agreement import find_median
+    from mode_agreement import LabelledFailure, measure_agreement
 
     monkeypatch.setattr("eigenfail_services.analysis.clusters.NOISE_DRAWS", 2)
     random = np.random.default_rng(0)
@@ -29,11 +27,13 @@ def test_causes_that_show_in_the_braking_agree_and_mixed_up_ones_do_not(monkeypa
     acceleration = 0.2 * random.standard_normal((FAILURES, STEPS))
     acceleration[brakes == 1, -15:] -= 7.0
     speeds = 24.0 + STEP_S * np.pad(np.cumsum(acceleration, axis=1), ((0, 0), (1, 0)))
-    courses = [(1, SpeedCourse(n, STEP_S, each)) for n, each in enumerate(speeds)]
-    batch = FailureBatch(1, Failures(tuple(range(FAILURES)), tuple(noise)))
-    failures = gather_failures([batch], STEPS, AnalysisSettings())
-    failures = failures._replace(motion=read_motion(courses, "collision"))
-    causes = {n: "late" if each else "lost" for n, each in enumerate(brakes)}
-    assert find_median(failures, causes, STEP_S) == 1.0
-    mixed = dict(enumerate(random.permutation([*causes.values()])))
-    assert find_median(failures, mixed, STEP_S) < 0.3
+    courses = [SpeedCourse(n, STEP_S, each) for n, each in enumerate(speeds)]
+    causes = np.where(brakes == 1, "late", "lost")
+    settings = AnalysisSettings(bootstrap=0)
+
+    def measure(labels):
+        failures = [LabelledFailure(*each) for each in zip(noise, courses, labels, strict=True)]
+        return measure_agreement(failures, STEPS, settings)
+
+    assert measure(causes) == 1.0
+    assert measure(random.permutation(causes)) < 0.3
