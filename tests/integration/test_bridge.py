@@ -213,7 +213,10 @@ def test_a_misspelt_parameter_pauses_its_campaign_before_an_episode_is_spent(
     rests = client.campaigns.wait(created.id, timeout_s=deadlines.CAMPAIGN_S)
     assert rests.state is CampaignState.PAUSED
     assert (rests.counts.completed, rests.counts.errored) == (0, 0)
-    assert "scenario_parameters: 'distance' is not known." in rests.stopped_because
+    assert (
+        "scenario_parameters: 'distance' is not known to the bridge 'minimal'"
+        in rests.stopped_because
+    )
     assert "Did you mean 'distance_m'?" in rests.stopped_because
     assert f"eigenfail campaign clone {created.id} --set FIELD=VALUE" in rests.stopped_because
     # Nothing has changed: it is declined again, and again with its reason.
