@@ -137,7 +137,7 @@ def read_signal_names(planner: object) -> tuple[str, ...]:
 
 def is_signal_value(value: object) -> TypeGuard[float]:
     """Return whether a planner may report the value: a finite number, also of numpy; no boolean."""
-    return isinstance(value, Real) and not isinstance(value, bool) and isfinite(value)
+    return not isinstance(value, bool) and isinstance(value, Real) and isfinite(value)
 
 
 class ExpectedCourse(NamedTuple):
