@@ -6,7 +6,7 @@ the bridge is, a campaign cannot say: the user who starts a worker does.
 
 import os
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from math import isfinite
 from typing import Annotated, Any, NamedTuple
 
@@ -270,20 +270,21 @@ def check_demand(offer: BridgeOffer, demand: EpisodeDemand) -> None:
     scenario = find_scenario(offer, demand.scenario)
     planners = {each.name: each.settings for each in offer.planners}
     if demand.planner not in planners:
-        raise UnknownName("planner", demand.planner, planners)
+        raise _make_unknown(offer, "planner", demand.planner, planners)
     for field, given, known in (
         ("scenario_parameters", demand.parameters, scenario.parameters),
         ("planner_settings", demand.settings, planners[demand.planner]),
     ):
         for name in given:
             if name not in known:
-                raise UnknownName(field, name, known)
+                raise _make_unknown(offer, field, name, known)
+    named = f"'{scenario.name}' of {_describe_bridge(offer)}"
     if demand.steps > scenario.steps:
-        problem = f"'{scenario.name}' has no more than {scenario.steps} steps."
+        problem = f"{named} has no more than {scenario.steps} steps."
         raise InvalidValue("scenario_parameters.steps", problem, "Ask for no more.")
     if demand.dt_s != scenario.dt_s:
         asked_s, dt_s = demand.dt_s, scenario.dt_s
-        problem = f"a step of '{scenario.name}' takes {dt_s:g} s, and not {asked_s:g} s."
+        problem = f"a step of {named} takes {dt_s:g} s, and not {asked_s:g} s."
         remedy = f"Write dt_s = {dt_s:g}."
         raise InvalidValue("scenario_parameters.dt_s", problem, remedy)
 
@@ -297,7 +298,16 @@ def find_scenario(offer: BridgeOffer, name: str) -> OfferedScenario:
     for scenario in offer.scenarios:
         if scenario.name == name:
             return scenario
-    raise UnknownName("scenario", name, (each.name for each in offer.scenarios))
+    raise _make_unknown(offer, "scenario", name, (each.name for each in offer.scenarios))
+
+
+def _describe_bridge(offer: BridgeOffer) -> str:
+    return f"the bridge '{offer.name}' (version {offer.version})"
+
+
+def _make_unknown(offer: BridgeOffer, field: str, name: str, known: Iterable[str]) -> UnknownName:
+    problem = f"'{name}' is not known to {_describe_bridge(offer)}."
+    return UnknownName(field, name, known, problem)
 
 
 def check_channels(offer: BridgeOffer, names: Collection[str]) -> None:
@@ -307,12 +317,12 @@ def check_channels(offer: BridgeOffer, names: Collection[str]) -> None:
         UnknownName: it cannot disturb one of them.
     """
     for name in names:
-        _, quantity = split_name(name)
-        is_numbered = split_name(name).vehicle is not None
+        channel = split_name(name)
+        is_numbered = channel.vehicle is not None
         if name not in offer.channels and not (
-            is_numbered and f"{EVERY}.{quantity}" in offer.channels
+            is_numbered and f"{EVERY}.{channel.quantity}" in offer.channels
         ):
-            raise UnknownName(CHANNELS_FIELD, name, offer.channels)
+            raise _make_unknown(offer, CHANNELS_FIELD, name, offer.channels)
 
 
 def check_signals(offer: BridgeOffer, names: Collection[str], field: str = "requirements") -> None:
@@ -329,4 +339,4 @@ def check_signals(offer: BridgeOffer, names: Collection[str], field: str = "requ
     offered = {f"{BRIDGE}.{name}" for name in offer.signals}
     for name in sorted(names):
         if name.startswith(f"{BRIDGE}.") and name not in offered:
-            raise UnknownName(field, name, offered)
+            raise _make_unknown(offer, field, name, offered)

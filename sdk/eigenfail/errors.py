@@ -119,6 +119,8 @@ class EigenfailError(Exception):
 def suggest_name(name: str, known: Iterable[str]) -> str:
     """Return the known names in a sentence, after the one that may have been meant."""
     names = sorted(known)
+    if not names:
+        return "There are none."
     close = get_close_matches(name, names, n=1)
     hint = f"Did you mean '{close[0]}'? " if close else ""
     return f"{hint}Known: {', '.join(names)}."
@@ -136,11 +138,19 @@ class InputError(EigenfailError):
 
 
 class UnknownName(InputError):
-    """No plug-in, setting or parameter has that name; the known ones are listed."""
+    """No plug-in, setting or parameter has that name; the known ones are listed.
 
-    def __init__(self, field: str, name: str, known: Iterable[str]) -> None:
+    Args:
+        field: path of the refused name.
+        name: the unknown name.
+        known: the known names.
+        problem: sentence that says to whom the name is not known; default: that it is not known.
+    """
+
+    def __init__(self, field: str, name: str, known: Iterable[str], problem: str = "") -> None:
         self.known = sorted(known)
-        super().__init__(field, f"'{name}' is not known.", suggest_name(name, self.known))
+        problem = problem or f"'{name}' is not known."
+        super().__init__(field, problem, suggest_name(name, self.known))
         self.name = read_text(name)
 
 

@@ -37,6 +37,7 @@ from eigenfail.values.signals import (
     PLANNER,
     ExpectedCourse,
     list_signals,
+    read_signal_names,
 )
 from eigenfail.values.variation import Variation, read_variation
 
@@ -288,7 +289,7 @@ class PluginWorld(CampaignWorld):
     def list_own_signals(self, spec: CampaignSpec) -> tuple[str, ...]:
         """Return the names of the signals that the planner reports."""
         planner = plugins.load(plugins.PLANNERS, spec.planner)
-        return tuple(f"{PLANNER}.{name}" for name in getattr(planner, "signal_names", ()))
+        return tuple(f"{PLANNER}.{name}" for name in read_signal_names(planner))
 
     def variation(self, spec: CampaignSpec) -> Variation:
         """Return the parameters as the scenario's annotations bound them."""

@@ -1,8 +1,11 @@
 """Campaigns before they are launched over HTTP: checked, cloned, and many at once."""
 
+import msgspec
 import pytest
 
+from eigenfail.bridges import BridgeOffer, OfferedPlanner, OfferedScenario
 from eigenfail.values import CampaignSpec
+from eigenfail.values.operations import Arrival
 from eigenfail.wire.http import MAX_CAMPAIGNS_AT_ONCE
 
 URL = "/api/v1/campaigns"
@@ -169,6 +172,66 @@ def test_one_key_makes_many_campaigns_once(http, fields, store, problem):
     assert len(store.campaigns.page(10).items) == 3
     changed = [{**fields, "seed": 5}, *items[1:]]
     problem(http.post(f"{URL}/bulk", json=changed, headers=key), 409)
+
+
+ON_BRIDGE = {
+    "name": "n",
+    "method": "monte_carlo",
+    "episodes": 10,
+    "simulator": "bridge",
+    "scenario": "wet",
+    "planner": "careful",
+    "scenario_parameters": {"steps": 80},
+    "disturbance": {"channels": [{"name": "missed"}]},
+}
+
+
+@pytest.fixture
+def offer(store):
+    """Let a worker report that its bridge offers one scenario and one planner."""
+    (worker,) = store.roster.arrived([Arrival(worker="w", host="h", pid=1)])
+
+    def report(scenario="wet", planner="careful"):
+        offered = BridgeOffer(
+            "theirs",
+            "1",
+            (OfferedScenario(scenario, 0.1, 80),),
+            (OfferedPlanner(planner),),
+            ("missed",),
+        )
+        store.roster.set_offers({worker: msgspec.json.encode(offered).decode()})
+
+    return report
+
+
+@pytest.mark.fault("same POST twice with one idempotency key")
+@pytest.mark.parametrize("path", ["", "/bulk", "/1/clone"])
+def test_a_repeated_launch_does_not_depend_on_the_bridges_of_now(http, offer, problem, path):
+    http.post(URL, json=ON_BRIDGE)
+    body = {"": ON_BRIDGE, "/bulk": [ON_BRIDGE, ON_BRIDGE], "/1/clone": {}}[path]
+    key = {"Idempotency-Key": "k"}
+    offer()
+    first = http.post(URL + path, json=body, headers=key)
+    assert first.status_code == 201
+    offer(scenario="dry")
+    assert http.post(URL + path, json=body, headers=key).json() == first.json()
+    told = problem(http.post(URL + path, json=body, headers={"Idempotency-Key": "another"}), 422)
+    assert told["field"].endswith("scenario")
+
+
+def test_a_list_names_the_campaign_that_fits_no_bridge_and_asks_once(
+    http, offer, problem, store, monkeypatch
+):
+    asked = []
+    list_offers = store.roster.list_offers
+    monkeypatch.setattr(store.roster, "list_offers", lambda: asked.append(1) or list_offers())
+    offer()
+    items = [ON_BRIDGE, ON_BRIDGE, ON_BRIDGE | {"planner": "carefull"}]
+    told = problem(http.post(f"{URL}/bulk", json=items), 422)
+    assert told["field"] == "[2].planner"
+    assert "not known to the bridge 'theirs' (version 1)" in told["detail"]
+    assert len(asked) == 1
+    assert store.campaigns.page(10).items == ()
 
 
 @pytest.mark.parametrize("count", [0, MAX_CAMPAIGNS_AT_ONCE + 1])

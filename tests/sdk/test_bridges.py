@@ -9,6 +9,7 @@ from eigenfail.cli.specs import check_plugins
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values import CampaignSpec, Channel, DisturbanceModel
 from eigenfail.values.requirements import Formula
+from eigenfail.wire.http import make_error, make_problem
 from eigenfail.worlds import drawn_for, list_simulators, world_of
 
 
@@ -151,7 +152,10 @@ def test_a_campaign_that_fits_the_offer_is_let_through() -> None:
 
 
 MISFITS = {
-    "scenario": ({"scenario": "crossing"}, "Did you mean 'crossing, wet'?"),
+    "scenario": (
+        {"scenario": "crossing"},
+        "the bridge 'theirs' (version 2.1). Did you mean 'crossing, wet'?",
+    ),
     "planner": ({"planner": "theirs 2.0"}, "Did you mean 'theirs 2.1'?"),
     "planner_settings": ({"planner_settings": {"sped": 9.5}}, "Did you mean 'speed'?"),
     "scenario_parameters": (
@@ -160,7 +164,7 @@ MISFITS = {
     ),
     "scenario_parameters.steps": (
         {"scenario_parameters": {"steps": {"choice": [70, 81]}}},
-        "no more than 80 steps",
+        "'crossing, wet' of the bridge 'theirs' (version 2.1) has no more than 80 steps",
     ),
     "scenario_parameters.dt_s": (
         {"scenario_parameters": {"steps": 80, "dt_s": 0.05}},
@@ -182,3 +186,11 @@ def test_what_the_bridge_does_not_offer_is_refused_with_its_field(field) -> None
         check_offer(replace(FITTING, **changes))
     assert refused.value.field == field
     assert said in str(refused.value)
+    assert "the bridge 'theirs' (version 2.1)" in refused.value.problem
+    arrived = make_error(make_problem(refused.value))
+    assert (type(arrived), str(arrived)) == (type(refused.value), str(refused.value))
+
+
+def test_a_bridge_that_offers_none_says_so() -> None:
+    with pytest.raises(UnknownName, match="There are none"):
+        bridges.check_signals(replace(OFFER, signals=()), ["bridge.gap_m"])

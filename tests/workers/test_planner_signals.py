@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.errors import UnknownName
+from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values import (
     CampaignSpec,
     DisturbanceModel,
@@ -63,7 +63,26 @@ def test_a_campaign_names_the_signals_of_its_planner_alone() -> None:
         world.resolve_requirements(replace(named, planner="idm"))
 
 
-@pytest.mark.parametrize("value", [nan, inf, "many", None, RuntimeError("no")])
+@pytest.mark.parametrize("names", [None, 5, "lost_tracks", ("lost_tracks", 5), ["lost_tracks"]])
+def test_names_of_signals_that_are_no_tuple_of_names_are_refused(names, monkeypatch) -> None:
+    monkeypatch.setattr(Rulebook, "signal_names", names)
+    named = replace(SPEC, planner="rulebook", requirements=(KEEPS_TRACKS,))
+    with pytest.raises(InvalidValue, match="not a tuple of names") as refused:
+        world_of(SPEC.simulator).resolve_requirements(named)
+    assert refused.value.field == "planner"
+
+
+@pytest.mark.parametrize("value", [0, 0.25, np.float32(0.25), np.int64(0)])
+def test_a_signal_is_any_finite_number(value, monkeypatch) -> None:
+    monkeypatch.setattr(Rulebook, "signals", lambda _: {"lost_tracks": value})
+    (result,) = Engine(replace(SETUP, requirements=(KEEPS_TRACKS,))).run(TASKS[:1])
+    assert result.fault is None
+    assert result.requirements == (0.5 - float(value),)
+
+
+@pytest.mark.parametrize(
+    "value", [nan, inf, "many", True, np.float32(inf), None, RuntimeError("no")]
+)
 def test_a_signal_that_is_no_number_is_the_planners_fault(value, monkeypatch) -> None:
     def signals(_planner: Rulebook) -> dict[str, object]:
         if isinstance(value, Exception):

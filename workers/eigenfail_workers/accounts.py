@@ -1,7 +1,6 @@
 """What planners say of their decisions, step by step: explanations and signals."""
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from math import isfinite
 from typing import NamedTuple
 
 from msgspec.structs import replace
@@ -10,7 +9,7 @@ from eigenfail.contracts import Planner, Simulation
 from eigenfail.errors import PlannerError, read_text
 from eigenfail.values import Account, Control, Mission, Observation, Path, Perception
 from eigenfail.values.shapes import Row
-from eigenfail.values.signals import PLANNER
+from eigenfail.values.signals import PLANNER, is_signal_value
 from eigenfail_workers.closed_loop import validate_control
 from eigenfail_workers.faults import wrap_errors
 
@@ -119,7 +118,7 @@ def read_signal(name: str, value: object) -> float:
     Raises:
         PlannerError: it is not a finite number.
     """
-    if not isinstance(value, (int, float)) or not isfinite(value):
+    if not is_signal_value(value):
         problem = f"The planner reports {read_text(value)} as its signal '{name}'."
         raise PlannerError(problem, "`signals` must return a finite number for each name.")
     return float(value)

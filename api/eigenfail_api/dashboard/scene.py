@@ -185,7 +185,7 @@ def _list_optional_values(scene: Scene) -> dict[str, object]:
     if not isinstance(scene.road, msgspec.UnsetType):
         shown["road"] = [round_rows(border) for border in scene.road]
     if not isinstance(scene.kinds, msgspec.UnsetType):
-        shown["kinds"] = [kind.removeprefix(UNKNOWN_KIND) for kind in scene.kinds]
+        shown["kinds"] = ["" if kind == UNKNOWN_KIND else kind for kind in scene.kinds]
     return shown
 
 

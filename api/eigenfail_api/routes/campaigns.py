@@ -37,6 +37,7 @@ from eigenfail_api.parameters import (
 )
 from eigenfail_services.campaigns.chain_mixing import find_chain_mixing
 from eigenfail_services.campaigns.drafts import (
+    check_draft_offers,
     clone,
     fill_defaults,
     find_problems,
@@ -44,6 +45,7 @@ from eigenfail_services.campaigns.drafts import (
     read_drafts,
 )
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
+from eigenfail_services.campaigns.resolution import ResolvedCampaign
 from eigenfail_services.campaigns.suites import make_suite_table
 from eigenfail_services.campaigns.summary import (
     find_course,
@@ -51,7 +53,12 @@ from eigenfail_services.campaigns.summary import (
     summaries_of,
     summarise,
 )
-from eigenfail_services.campaigns.validation import describe_stop_rules, validate_campaign
+from eigenfail_services.campaigns.validation import (
+    check_offers,
+    describe_stop_rules,
+    list_offers,
+    validate_campaign,
+)
 from eigenfail_services.store import Store
 
 STEERING_ATTEMPTS = 3
@@ -157,8 +164,12 @@ def parse_query(
     return CampaignQuery(state, suite, CampaignFilter(method, search))
 
 
-def _answer_created(campaign: Campaign) -> Json:
-    return Json(campaign, 201, {"Location": f"{PREFIX}/campaigns/{campaign.id}"})
+def _launch(store: Store, wanted: ResolvedCampaign, key: str | None, made_by: int | None) -> Json:
+    # A repeated request is answered as the first one was, whatever workers are connected now.
+    if not store.campaigns.is_key_used(key):
+        check_offers(wanted, list_offers([wanted], store))
+    made = store.campaigns.create(wanted.spec, key, made_by)
+    return Json(made, 201, {"Location": f"{PREFIX}/campaigns/{made.id}"})
 
 
 @router.post("", **document_route(Campaign, 201, body=CampaignSpec))
@@ -169,8 +180,7 @@ def create_campaign(
     idempotency_key: IdempotencyKey = None,
 ) -> Json:
     """Queue a new campaign."""
-    spec = validate_campaign(spec, store).spec
-    return _answer_created(store.campaigns.create(spec, idempotency_key, made_by))
+    return _launch(store, validate_campaign(spec, store), idempotency_key, made_by)
 
 
 @router.post("/check", **documented_plain(CampaignCheck, 200, FIELDS))
@@ -188,8 +198,11 @@ def create_campaigns(
     store: Stored, specs: Items, made_by: MadeBy, idempotency_key: IdempotencyKey = None
 ) -> Json:
     """Queue new campaigns in the order of the list: all of them, or none."""
-    made = store.campaigns.create_many(read_drafts(specs, store), idempotency_key, made_by)
-    return Json(Page(made), 201)
+    wanted = read_drafts(specs, store)
+    if not store.campaigns.is_list_key_used(idempotency_key):
+        check_draft_offers(wanted, store)
+    named = [each.spec for each in wanted]
+    return Json(Page(store.campaigns.create_many(named, idempotency_key, made_by)), 201)
 
 
 @router.get("", **document_route(Page[Campaign]))
@@ -225,8 +238,8 @@ def clone_campaign(
     idempotency_key: IdempotencyKey = None,
 ) -> Json:
     """Queue a copy of a campaign, with other values for some fields."""
-    spec = clone(store.campaigns.get(campaign).spec, changes, store)
-    return _answer_created(store.campaigns.create(spec, idempotency_key, made_by))
+    wanted = clone(store.campaigns.get(campaign).spec, changes, store)
+    return _launch(store, wanted, idempotency_key, made_by)
 
 
 @router.post("/{campaign}/pause", **document_route(Campaign))

@@ -35,8 +35,8 @@ from eigenfail.wire.http import CampaignCheck, refuse_unknown_fields
 from eigenfail.worlds import world_of
 
 BRIDGE_MODULE = "eigenfail_workers.bridge"
-BRIDGE_PATIENCE_S = 900.0
-OFFER_PATIENCE_S = 60.0
+BRIDGE_TIMEOUT_S = 900.0
+OFFER_TIMEOUT_S = 60.0
 
 LIKE = "Specify a TOML file with the fields of a campaign; see examples/."
 
@@ -98,7 +98,7 @@ def _read_stop_rules(stop: Any, file: Path) -> dict[str, Any]:
 
 
 def check_plugins(spec: CampaignSpec) -> None:
-    """Hold the spec against the plug-ins of this machine: for a service started here.
+    """Check a campaign against the plug-ins of this machine, for a service started here.
 
     Raises:
         UnknownName: a plug-in, setting or parameter that is not there.
@@ -116,9 +116,9 @@ def check_plugins(spec: CampaignSpec) -> None:
 
 
 def check_local_bridge(specs: Collection[CampaignSpec]) -> None:
-    """Hold campaigns against the bridge of this environment: for a service started here.
+    """Check campaigns against the bridge of this environment, for a service started here.
 
-    One that does not answer now may come up later; its workers check the campaigns then.
+    A bridge that does not answer now may start later; its workers check the campaigns then.
 
     Raises:
         UnknownName: a name that the bridge does not know; the known ones are listed.
@@ -132,7 +132,7 @@ def check_local_bridge(specs: Collection[CampaignSpec]) -> None:
     offer: BridgeOffer | None = None
     question = OfferQuestion(check_address(address))
     with suppress(ServiceError):
-        answer = ask_about_bridges(question, OFFER_PATIENCE_S)
+        answer = ask_about_bridges(question, OFFER_TIMEOUT_S)
         offer = msgspec.json.decode(answer, type=BridgeOffer | None)
     if offer is None:
         return
@@ -141,14 +141,14 @@ def check_local_bridge(specs: Collection[CampaignSpec]) -> None:
         world.check_offer(replace(spec, disturbance=world.resolve_disturbance(spec)), offer)
 
 
-def ask_about_bridges(question: BridgeQuestion, patience_s: float = BRIDGE_PATIENCE_S) -> bytes:
+def ask_about_bridges(question: BridgeQuestion, timeout_s: float = BRIDGE_TIMEOUT_S) -> bytes:
     """Return what a process with all that it takes to talk to a bridge answers, as JSON.
 
     Raises:
         EigenfailError: that which it raised.
         ServiceError: it took longer than its time, or ended without an answer.
     """
-    return processes.ask(BRIDGE_MODULE, msgspec.json.encode(question), patience_s)
+    return processes.ask(BRIDGE_MODULE, msgspec.json.encode(question), timeout_s)
 
 
 def parse_changes(given: Sequence[str]) -> dict[str, Any]:

@@ -5,7 +5,7 @@ def test_my_planner(check):
     check(lambda: MyPlanner(MyPlanner.Settings()))
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from math import cos, hypot, isfinite
 from time import perf_counter
@@ -16,6 +16,7 @@ from eigenfail.contracts import Planner
 from eigenfail.process_state import ProcessState
 from eigenfail.testing import expect
 from eigenfail.values import Control, Mission, Perception, VehicleState
+from eigenfail.values.signals import is_signal_value, read_signal_names
 
 MakePlanner = Callable[[], Planner]
 
@@ -168,6 +169,25 @@ def explains_without_a_trace(make: MakePlanner) -> None:
     )
 
 
+def reports_finite_signals(make: MakePlanner) -> None:
+    """After a reset and each step, `signals` has a finite number for each of its `signal_names`."""
+    planner = make()
+    names, signals = read_signal_names(planner), getattr(planner, "signals", dict)
+    if not names:
+        return
+    planner.reset(msgspec.structs.replace(MISSION))
+    _require_finite(signals(), names)
+    for perception in cut_in_drive():
+        planner.act(perception)
+        _require_finite(signals(), names)
+
+
+def _require_finite(reported: Mapping[str, object], names: Sequence[str]) -> None:
+    for name in names:
+        value = reported.get(name)
+        expect(is_signal_value(value), f"Its signal {name!r} is {value!r}, not a finite number.")
+
+
 PLANNER_CHECKS: tuple[Callable[[MakePlanner], None], ...] = (
     leaves_its_process_alone,  # first: what it finds would change what the others compute
     returns_finite_controls,
@@ -177,4 +197,5 @@ PLANNER_CHECKS: tuple[Callable[[MakePlanner], None], ...] = (
     leaves_its_input_alone,
     decides_in_time,
     explains_without_a_trace,
+    reports_finite_signals,
 )

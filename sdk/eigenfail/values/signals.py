@@ -6,13 +6,16 @@ vehicles that do not close in, the signal has the value of its `absent`.
 """
 
 from collections.abc import Mapping, Sequence
+from math import isfinite
+from numbers import Real
 from types import MappingProxyType
-from typing import Final, NamedTuple
+from typing import Final, NamedTuple, TypeGuard
 
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenfail.errors import InvalidValue, read_text
 from eigenfail.values.measures import Measures
 
 Samples = NDArray[np.float64]
@@ -117,6 +120,24 @@ def list_signals(channels: Sequence[str], *, tells_lane: bool) -> tuple[str, ...
     """
     drive = [name for name, each in SIGNALS.items() if tells_lane or not each.needs_lane]
     return *drive, *[f"{ERROR}.{channel}" for channel in channels]
+
+
+def read_signal_names(planner: object) -> tuple[str, ...]:
+    """Return the names of the signals of a planner or its class; none where it reports none.
+
+    Raises:
+        InvalidValue: its `signal_names` is not a tuple of names.
+    """
+    names = getattr(planner, "signal_names", ())
+    if not (isinstance(names, tuple) and all(isinstance(name, str) for name in names)):
+        problem = f"its `signal_names` is {read_text(names)}, not a tuple of names."
+        raise InvalidValue("planner", problem, 'Write it as signal_names = ("lost_tracks",).')
+    return names
+
+
+def is_signal_value(value: object) -> TypeGuard[float]:
+    """Return whether a planner may report the value: a finite number, also of numpy; no boolean."""
+    return not isinstance(value, bool) and isinstance(value, Real) and isfinite(value)
 
 
 class ExpectedCourse(NamedTuple):

@@ -94,10 +94,10 @@ def make_error(problem: Problem) -> EigenfailError:
     """Return the error that a problem describes."""
     kinds = {NAMESPACE + slugify(kind): kind for kind in list_error_types(EigenfailError)}
     kind = kinds.get(problem.type) or _get_type_for_status(problem.status)
+    detail = problem.detail.removeprefix(f"{problem.field}: ")
     if issubclass(kind, UnknownName):
-        return kind(problem.field, problem.name, problem.known)
+        return kind(problem.field, problem.name, problem.known, detail)
     if issubclass(kind, InputError):
-        detail = problem.detail.removeprefix(f"{problem.field}: ")
         return kind(problem.field, detail, problem.remedy)
     return kind(problem.detail, problem.remedy)
 

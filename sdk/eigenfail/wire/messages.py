@@ -139,7 +139,9 @@ class Heartbeat(Message, frozen=True):
 
 
 class BridgeReport(Message, frozen=True):
-    """Worker to hub: what its bridge offers; sent after each welcome, and when that changes.
+    """Worker to hub: what its bridge offers; sent after each welcome and when that changes.
+
+    It is repeated every few heartbeats, as a message may be lost.
 
     Attributes:
         offer: None as long as the worker does not know it.

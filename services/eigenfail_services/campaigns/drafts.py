@@ -20,7 +20,11 @@ from eigenfail_services.campaigns.resolution import (
     check_has_knowledge,
     resolve_method,
 )
-from eigenfail_services.campaigns.validation import validate_campaign
+from eigenfail_services.campaigns.validation import (
+    check_offers,
+    list_offers,
+    validate_campaign,
+)
 from eigenfail_services.store import Store
 
 MOST_PROBLEMS = 100
@@ -57,7 +61,7 @@ Fields = Mapping[str, Any]
 
 
 def read_draft(given: Fields, store: Store) -> ResolvedCampaign:
-    """Resolve a campaign that can be launched, from its fields.
+    """Resolve a campaign, from its fields, as `validate_campaign` does.
 
     Raises:
         UnknownName: a field, plug-in, setting or parameter that does not exist.
@@ -67,8 +71,8 @@ def read_draft(given: Fields, store: Store) -> ResolvedCampaign:
     return validate_campaign(read_fields(given, CampaignSpec), store)
 
 
-def read_drafts(given: Sequence[Any], store: Store) -> list[CampaignSpec]:
-    """Return the campaigns that a list asks for, once every one of them can be launched.
+def read_drafts(given: Sequence[Any], store: Store) -> list[ResolvedCampaign]:
+    """Resolve the campaigns that a list asks for, each from its fields.
 
     Raises:
         UnknownName: one has a field, plug-in or setting that does not exist; its place is named.
@@ -81,11 +85,30 @@ def read_drafts(given: Sequence[Any], store: Store) -> list[CampaignSpec]:
     return [_read_item(item, f"[{place}]", store) for place, item in enumerate(given)]
 
 
-def _read_item(item: Any, where: str, store: Store) -> CampaignSpec:
+def _read_item(item: Any, where: str, store: Store) -> ResolvedCampaign:
     if not isinstance(item, dict):
         raise InvalidValue(where, "is not an object with the fields of a campaign.")
+    with _moving_errors(where):
+        return read_draft(item, store)
+
+
+def check_draft_offers(campaigns: Sequence[ResolvedCampaign], store: Store) -> None:
+    """Check that the connected bridges offer what the campaigns of a list need.
+
+    Raises:
+        UnknownName: as `check_offers` does; the place of the campaign is named.
+        InvalidValue: likewise.
+    """
+    offers = list_offers(campaigns, store)
+    for place, campaign in enumerate(campaigns):
+        with _moving_errors(f"[{place}]"):
+            check_offers(campaign, offers)
+
+
+@contextlib.contextmanager
+def _moving_errors(where: str) -> Iterator[None]:
     try:
-        return read_draft(item, store).spec
+        yield
     except InputError as error:
         raise _move_error(error, where) from error
 
@@ -93,21 +116,23 @@ def _read_item(item: Any, where: str, store: Store) -> CampaignSpec:
 def _move_error(error: InputError, where: str) -> InputError:
     """Return the same error, of a value inside something else."""
     field = f"{where}.{error.field}" if error.field else where
+    problem = error.problem.removeprefix(f"{error.field}: ")
     if isinstance(error, UnknownName):
-        return UnknownName(field, error.name, error.known)
-    return InvalidValue(field, error.problem.removeprefix(f"{error.field}: "), error.remedy)
+        return UnknownName(field, error.name, error.known, problem)
+    return InvalidValue(field, problem, error.remedy)
 
 
 def find_problems(given: Fields, store: Store) -> tuple[InputError, ...]:
     """Return everything that is wrong with a campaign.
 
     A campaign is refused for its first problem. So each offending value is taken out, and what is
-    left is read again, until it is in order.
+    left is read again, until it is in order. Only a complete campaign is compared with the offers
+    of bridges: the default of a value that was taken out need not be among them.
     """
     left, found = dict(given), list[InputError]()
     while len(found) < MOST_PROBLEMS:
         try:
-            read_draft(left, store)
+            campaign = read_draft(left, store)
         except InputError as error:
             if error.field in {each.field for each in found if not isinstance(each, UnknownName)}:
                 break
@@ -117,8 +142,16 @@ def find_problems(given: Fields, store: Store) -> tuple[InputError, ...]:
                 break
             left = reduced
         else:
-            break
+            return tuple(found) or _find_misfits(campaign, store)
     return tuple(found)
+
+
+def _find_misfits(campaign: ResolvedCampaign, store: Store) -> tuple[InputError, ...]:
+    try:
+        check_offers(campaign, list_offers([campaign], store))
+    except InputError as error:
+        return (error,)
+    return ()
 
 
 def _take_out_value(given: dict[str, Any], error: InputError) -> dict[str, Any]:
@@ -179,8 +212,8 @@ def _fill_method(spec: CampaignSpec) -> CampaignSpec:
     return replace(spec, settings=msgspec.to_builtins(settings))
 
 
-def clone(spec: CampaignSpec, changes: Fields, store: Store) -> CampaignSpec:
-    """Return a campaign like another, with some fields changed.
+def clone(spec: CampaignSpec, changes: Fields, store: Store) -> ResolvedCampaign:
+    """Resolve a campaign like another, with some fields changed.
 
     Settings and parameters are put over the earlier ones; with another plug-in the earlier ones
     mean nothing and are left out.
@@ -189,7 +222,7 @@ def clone(spec: CampaignSpec, changes: Fields, store: Store) -> CampaignSpec:
         UnknownName: a field, plug-in or setting that does not exist.
         InvalidValue: a value that cannot be.
     """
-    return read_draft(change_fields(msgspec.to_builtins(spec), changes), store).spec
+    return read_draft(change_fields(msgspec.to_builtins(spec), changes), store)
 
 
 def change_fields(fields: Fields, changes: Fields) -> dict[str, Any]:

@@ -1,6 +1,6 @@
 """What a campaign must be before it is taken on: names known, values within bounds, noise there."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from math import ceil, isfinite
 from typing import TYPE_CHECKING, Any
 from unicodedata import category
@@ -8,6 +8,7 @@ from unicodedata import category
 import msgspec
 from msgspec.structs import replace
 
+from eigenfail.bridges import BridgeOffer
 from eigenfail.contracts import Injection, Reference
 from eigenfail.errors import InvalidValue, NotFound, UnknownName
 from eigenfail.settings import convert
@@ -43,18 +44,24 @@ FAILURE_SETTINGS = ("campaign", "episode", "analysis", "mode")
 
 
 def validate_campaign(spec: CampaignSpec, store: "Store") -> ResolvedCampaign:
-    """Resolve a campaign that can be launched.
+    """Resolve a campaign that can be launched if the connected bridges offer what it needs.
 
     Raises:
         UnknownName: a plug-in, setting or parameter that does not exist; the known ones are listed.
         InvalidValue: a value that cannot be; or an earlier campaign, an analysis or an episode that
             the settings name does not exist or is of no use.
     """
-    return check_offers(check_references(check_spec(spec), store), store)
+    return check_references(check_spec(spec), store)
 
 
-def check_offers(campaign: ResolvedCampaign, store: "Store") -> ResolvedCampaign:
-    """Return the campaign, once each bridge whose offer is known offers what it needs.
+def list_offers(campaigns: Iterable[ResolvedCampaign], store: "Store") -> tuple[BridgeOffer, ...]:
+    """Return the known offers of bridges, if any of the campaigns needs a bridge."""
+    needed = any(world_of(each.spec.simulator).needs_bridge for each in campaigns)
+    return store.roster.list_offers() if needed else ()
+
+
+def check_offers(campaign: ResolvedCampaign, offers: Iterable[BridgeOffer]) -> None:
+    """Check that each bridge offers what a campaign needs, if it needs one.
 
     A worker whose bridge does not would decline the campaign, which is then paused. Without a known
     offer, that is how it is checked.
@@ -65,10 +72,8 @@ def check_offers(campaign: ResolvedCampaign, store: "Store") -> ResolvedCampaign
         InvalidValue: the bridge's scenario has fewer steps, or steps of another duration.
     """
     world = world_of(campaign.spec.simulator)
-    if world.needs_bridge:
-        for offer in store.roster.list_offers():
-            world.check_offer(campaign.spec, offer)
-    return campaign
+    for offer in offers:
+        world.check_offer(campaign.spec, offer)
 
 
 def check_spec(spec: CampaignSpec) -> ResolvedCampaign:

@@ -196,10 +196,16 @@ class WorkerSessions:
             self._drop(worker, campaign)
 
     def _handle_bridge_report(self, worker: bytes, message: BridgeReport) -> None:
-        offer = None if message.offer is None else msgspec.json.encode(message.offer).decode()
-        if offer is not None and len(offer.encode()) > MAX_OFFER_BYTES:
-            offer = None
-        self._leases.sessions[worker].offer = offer
+        session = self._leases.sessions[worker]
+        session.offer = None
+        if message.offer is None or not session.has_bridge:
+            return
+        data = msgspec.json.encode(message.offer)
+        if len(data) <= MAX_OFFER_BYTES:
+            session.offer = data.decode()
+        else:
+            facts = {"worker": session.name, "bytes": len(data), "most": MAX_OFFER_BYTES}
+            log.warning("offer of a bridge not kept", **facts)
 
     def _handle_results(self, worker: bytes, message: Results) -> None:
         name = self._leases.sessions[worker].name

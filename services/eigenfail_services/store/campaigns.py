@@ -361,6 +361,18 @@ class CampaignStore:
         """
         return self._once(create_campaigns, specs, idempotency_key, made_by)
 
+    def is_key_used(self, idempotency_key: str | None) -> bool:
+        """Return whether `create` has created a campaign with this key."""
+        if idempotency_key is None:
+            return False
+        query = select(idempotency_keys.c.key).where(idempotency_keys.c.key == idempotency_key)
+        with self._database.reading() as connection:
+            return connection.execute(query).first() is not None
+
+    def is_list_key_used(self, idempotency_key: str | None) -> bool:
+        """Return whether `create_many` has created campaigns with this key."""
+        return idempotency_key is not None and self.is_key_used(derive_key(idempotency_key, 0))
+
     def _once(
         self, make: _Maker[Asked, Made], asked: Asked, key: str | None, made_by: int | None
     ) -> Made:

@@ -15,6 +15,10 @@ from eigenfail_services.store.schema import arrivals
 PRESENT_S = 15
 """A worker that no hub has reported for this time is absent; hubs report every few seconds [s]."""
 
+ABANDONED_S = 3_600
+"""The offer of a worker that no hub has reported for this time is deleted [s]. The time is long,
+since a hub that stood still and then goes on does not write its workers' offers again."""
+
 KEPT_ARRIVALS = 100_000
 """Arrivals of workers; older ones are deleted."""
 
@@ -37,13 +41,17 @@ class Roster:
         self._database = database
 
     def arrived(self, arrivals: Sequence[Arrival]) -> list[int]:
-        """Record that workers have connected; return their ids, rising, in the same order."""
+        """Record that workers have connected; return their ids, rising, in the same order.
+
+        Offers of workers whose hub was killed are deleted.
+        """
         if not arrivals:
             return []
         at_ms = now_ms()
         with self._database.writing() as connection:
             rows = [_row(arrival, at_ms) for arrival in arrivals]
             numbers = [*connection.execute(_ARRIVED, rows).scalars()]
+            _delete_abandoned_offers(connection, at_ms)
             _prune(connection, numbers)
         return numbers
 
@@ -94,6 +102,12 @@ class Roster:
 
 def _is_here(since_ms: int) -> ColumnElement[bool]:
     return (arrivals.c.heard_ms >= since_ms) & arrivals.c.left_ms.is_(None)
+
+
+def _delete_abandoned_offers(connection: Connection, at_ms: int) -> None:
+    abandoned = arrivals.c.heard_ms < at_ms - 1_000 * ABANDONED_S
+    offered = update(arrivals).where(arrivals.c.offer.is_not(None), abandoned)
+    connection.execute(offered.values(offer=None))
 
 
 def _prune(connection: Connection, numbers: Sequence[int]) -> None:

@@ -109,6 +109,27 @@ class Cryptic(Good):
         return {"seen": object()}
 
 
+class Signalling(Good):
+    signal_names = ("steps", "gap_m")
+
+    def signals(self):
+        return {"steps": self.steps, "gap_m": np.float32(3.5)}
+
+
+class Unnamed(Signalling):
+    signal_names = "gap_m"
+
+
+class Silent(Signalling):
+    def signals(self):
+        return {"steps": self.steps}
+
+
+class Boolean(Signalling):
+    def signals(self):
+        return {"steps": self.steps, "gap_m": self.steps < 40}
+
+
 class Thoughtless(Good):
     def act(self, perception):
         np.seterr(all="raise")
@@ -136,11 +157,13 @@ def said(checks, verdict="broken"):
     return {name: check["said"] for name, check in checks.items() if check["verdict"] == verdict}
 
 
-def test_a_planner_that_keeps_its_contract_passes(examine):
-    code, checks = examine(Good)
+@pytest.mark.parametrize("planner", [Good, Signalling])
+def test_a_planner_that_keeps_its_contract_passes(examine, planner):
+    code, checks = examine(planner)
     assert code == 0
     assert len(said(checks, "passed")) == len(PLANNER_CHECKS) + 1
-    assert all(check["plugin"] == "here:Good" and check["said"] for check in checks.values())
+    place = f"here:{planner.__name__}"
+    assert all(check["plugin"] == place and check["said"] for check in checks.values())
 
 
 @pytest.mark.parametrize(
@@ -157,6 +180,9 @@ def test_a_planner_that_keeps_its_contract_passes(examine):
         (Confused, "explains without a trace", "drives otherwise"),
         (Cryptic, "explains without a trace", "'seen'"),
         (Clumsy, "returns finite controls", "It raised KeyError: 'lead'."),
+        (Unnamed, "reports finite signals", "`signal_names` is gap_m, not a tuple of names"),
+        (Silent, "reports finite signals", "'gap_m' is None, not a finite number"),
+        (Boolean, "reports finite signals", "'gap_m' is True, not a finite number"),
     ],
 )
 def test_what_breaks_the_contract_is_said_in_words(examine, planner, check, words):

@@ -2,10 +2,13 @@
 
 from typing import Any
 
+import msgspec
 import pytest
 
+from eigenfail.bridges import BridgeOffer, OfferedPlanner, OfferedScenario
 from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.values import AXES, Campaign, CampaignSpec, CampaignState
+from eigenfail.values.operations import Arrival
 from eigenfail_services.campaigns.comparison import (
     MOST,
     compare_settings,
@@ -68,6 +71,46 @@ def test_a_problem_without_a_place_of_its_own_is_told_once(store: Store) -> None
     assert len(find_problems({**FIELDS, "settings": deep}, store)) >= 1
     assert len(find_problems({**FIELDS, "settings": 3}, store)) == 1
     assert len(find_problems({**FIELDS, "disturbance": "x"}, store)) == 1
+
+
+OFFER = BridgeOffer(
+    "theirs",
+    "1",
+    (OfferedScenario("wet", 0.1, 80, ("gap_m",)),),
+    (OfferedPlanner("careful", ("speed_mps",)),),
+    ("missed",),
+)
+ON_BRIDGE: dict[str, Any] = {
+    "name": "n",
+    "method": "monte_carlo",
+    "episodes": 50,
+    "simulator": "bridge",
+    "scenario": "wet",
+    "planner": "careful",
+    "scenario_parameters": {"steps": 80, "gap_m": 9.0},
+    "planner_settings": {"speed_mps": 9.0},
+    "disturbance": {"channels": [{"name": "missed"}]},
+}
+
+
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({}, []),
+        ({"planner": "carefull"}, ["planner"]),
+        ({"scenario": "wett"}, ["scenario"]),
+        ({"scenario_parameters": {"steps": 80, "gap": 9.0}}, ["scenario_parameters"]),
+        ({"scenario_parameters": {"steps": 81}}, ["scenario_parameters.steps"]),
+        ({"scenario_parameters": {"steps": 80, "dt_s": 0.2}}, ["scenario_parameters.dt_s"]),
+        ({"disturbance": {"channels": [{"name": "ghost"}]}}, ["disturbance.channels"]),
+        ({"planner": "carefull", "seed": -1, "stop": {"cv": 11}}, ["seed", "stop.cv"]),
+    ],
+)
+def test_a_misfit_with_a_bridge_is_one_problem(store: Store, change, expected) -> None:
+    (worker,) = store.roster.arrived([Arrival(worker="w", host="h", pid=1)])
+    store.roster.set_offers({worker: msgspec.json.encode(OFFER).decode()})
+    problems = find_problems(ON_BRIDGE | change, store)
+    assert [each.field for each in problems] == expected
 
 
 @pytest.mark.parametrize("method", ["ast", "cem", "difs", "subset", "monte_carlo"])

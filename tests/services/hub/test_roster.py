@@ -14,6 +14,7 @@ from eigenfail_services.hub.worker_table import (
     WorkerSession,
 )
 from eigenfail_services.store import open_store
+from eigenfail_services.store import roster as store_roster
 
 LONG_AGO, LATER = 0, 4_000_000_000_000
 VERSIONS = {"numpy": "2.4.6"}
@@ -127,6 +128,22 @@ def test_offers_of_bridges_are_kept_while_their_workers_are_there(table):
     table.pass_s(ROSTER_INTERVAL_S)
     assert table.roster.list_offers() == ()
     assert table.present() == ["a", "c"]
+
+
+def test_the_offer_of_a_killed_hub_is_deleted(table, monkeypatch):
+    for name in ("a", "b"):
+        table.take(name)
+        table.sessions[name.encode()].offer = msgspec.json.encode(OFFER).decode()
+    table.pass_s(ROSTER_INTERVAL_S)
+    killed, kept = (table.roster.last(name, LATER) for name in ("a", "b"))
+    later_ms = killed.heard_ms + 1_000 * (store_roster.ABANDONED_S + 1)
+    monkeypatch.setattr(store_roster, "now_ms", lambda: later_ms)
+    table.roster.heard([kept.id])
+    RosterWriter(table.roster, {b"c": WorkerSession(Hello(PROTOCOL, "c", 8), 0.0)}).update()
+    table.roster.heard([killed.id, kept.id])
+    assert table.roster.list_offers() == (OFFER,)
+    table.roster.left([kept.id])
+    assert table.roster.list_offers() == ()
 
 
 def test_an_offer_is_written_once_however_long_it_stands(table, monkeypatch):

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from structlog.testing import capture_logs
 
-from eigenfail.bridges import BridgeOffer, OfferedPlanner, OfferedScenario
+from eigenfail.bridges import MAX_OFFER_BYTES, BridgeOffer, OfferedPlanner, OfferedScenario
 from eigenfail.values import (
     CampaignSpec,
     EpisodeFault,
@@ -263,15 +263,30 @@ def offer(parameters: int) -> BridgeOffer:
 
 
 def test_what_a_bridge_offers_is_kept_with_the_session_of_its_worker(room: Room) -> None:
-    room.join(b"a")
+    room.join(b"a", bridge=True)
     session = room.leases.sessions[b"a"]
     assert session.offer is None
-    for said, kept in ((offer(3), True), (None, False), (offer(3), True), (offer(2_000), False)):
-        for frame in split(BridgeReport(said)):
-            room.sessions.handle(b"a", frame)
-        assert (session.offer is not None) is kept
+    with capture_logs() as logged:
+        for said, kept in (
+            (offer(3), True),
+            (None, False),
+            (offer(3), True),
+            (offer(2_000), False),
+        ):
+            for frame in split(BridgeReport(said)):
+                room.sessions.handle(b"a", frame)
+            assert (session.offer is not None) is kept
+    (warned,) = logged
+    assert (warned["event"], warned["worker"]) == ("offer of a bridge not kept", "a")
+    assert warned["bytes"] > warned["most"] == MAX_OFFER_BYTES
     room.sessions.handle(b"b", encode(BridgeReport(offer(1))))
     assert b"b" not in room.leases.sessions
+
+
+def test_a_worker_without_a_bridge_reports_no_offer(room: Room) -> None:
+    room.join(b"a")
+    room.sessions.handle(b"a", encode(BridgeReport(offer(1))))
+    assert room.leases.sessions[b"a"].offer is None
 
 
 NAN = float("nan")
@@ -297,7 +312,7 @@ BENT_OFFERS = {
 @pytest.mark.fault("malformed, nested, lying or foreign messages")
 @pytest.mark.parametrize("name", BENT_OFFERS)
 def test_a_bent_offer_is_refused_and_the_last_one_stays(room: Room, name: str) -> None:
-    room.join(b"a")
+    room.join(b"a", bridge=True)
     room.sessions.handle(b"a", encode(BridgeReport(offer(3))))
     kept, bent = room.leases.sessions[b"a"].offer, BENT_OFFERS[name]
     said = msgspec.msgpack.decode(encode(BridgeReport(offer(3))))

@@ -89,12 +89,15 @@ def test_parameters_are_drawn_here_and_told_to_the_bridge(serving, on_bridge) ->
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"scenario": "cutin"}, "scenario: 'cutin' is not known. Did you mean 'cut_in'?"),
-        ({"planner": "autoware"}, "planner: 'autoware' is not known."),
+        ({"scenario": "cutin"}, "scenario: 'cutin' is not known to the bridge 'minimal'"),
+        ({"planner": "autoware"}, "planner: 'autoware' is not known to the"),
         ({"scenario_parameters": {"steps": 100, "gap": 1.0}}, "scenario_parameters: 'gap' is not"),
-        ({"scenario_parameters": {"steps": 101}}, "'cut_in' has no more than 100 steps"),
+        (
+            {"scenario_parameters": {"steps": 101}},
+            "'minimal' (version 1) has no more than 100 steps",
+        ),
         ({"scenario_parameters": {"steps": 9, "dt_s": 0.2}}, "takes 0.1 s, and not 0.2 s."),
-        ({"planner_settings": {"speed": 1.0}}, "planner_settings: 'speed' is not known."),
+        ({"planner_settings": {"speed": 1.0}}, "planner_settings: 'speed' is not known to the"),
         ({"scenario_parameters": {"steps": 9, "distance_m": 9.0}}, "bridge: parameters.distance_m"),
     ],
 )

@@ -94,7 +94,7 @@ def test_a_replay_of_its_z_is_the_episode_bit_for_bit(serving, on_bridge) -> Non
 @pytest.mark.parametrize(
     ("name", "changes", "said"),
     [
-        ("missed", {"protocol": 1}, "'missed' is not known. Known: lateral, longitudinal."),
+        ("missed", {"protocol": 1}, "'minimal' (version 1). Known: lateral, longitudinal."),
         ("missed", {"channels": ["mised"]}, "Did you mean 'mised'?"),
         ("vehicle_1.speed", {"channels": ["vehicle_2.speed"]}, "Did you mean 'vehicle_2.speed'?"),
         ("vehicle_7.speed", {}, "'vehicle_7.speed' is of vehicle 7, and there are 1."),

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, closing, contextmanager
 
 import deadlines
 import pytest
@@ -108,6 +108,38 @@ def test_a_bridge_that_comes_back_is_asked_anew(probe, address) -> None:
         assert probe.offer.name == "another"
 
 
+def test_a_late_welcome_of_a_lost_bridge_is_not_that_of_the_next_one(
+    probe, address, monkeypatch
+) -> None:
+    list_events = probe._list_events
+
+    def lose_bridge() -> list[int]:
+        """Let the welcome arrive, and then another bridge, between two reads of the probe."""
+        monkeypatch.setattr(probe, "_list_events", list_events)
+        first.answer(WELCOME)
+        assert probe._socket.poll(1000 * deadlines.PROCESS_S)
+        first.close()
+        stack.enter_context(closing(second := Scripted(address)))
+        bridges.append(second)
+        events: list[int] = []
+        while zmq.EVENT_HANDSHAKE_SUCCEEDED not in events:
+            assert probe._monitor.poll(1000 * deadlines.PROCESS_S)
+            events.extend(list_events())
+        return events
+
+    bridges: list[Scripted] = []
+    with ExitStack() as stack:
+        first = stack.enter_context(serving(address))
+        update_until(probe, lambda: first.socket.poll(0))
+        monkeypatch.setattr(probe, "_list_events", lose_bridge)
+        for _ in range(5):
+            probe.update(may_ask=True)
+            assert probe.offer is None
+        converse(probe, bridges[0], WELCOME | {"name": "another"})
+        update_until(probe, lambda: probe.offer is not None)
+        assert probe.offer.name == "another"
+
+
 def test_nothing_is_asked_while_episodes_may_run_there(probe, address) -> None:
     with serving(address) as bridge:
         update_until(probe, lambda: probe._is_connected, may_ask=False)
@@ -129,27 +161,27 @@ LONG = {f"{number:0190}": 0.5 for number in range(MAX_OFFER_BYTES // 190)}
 
 
 @pytest.mark.parametrize(
-    "said",
+    ("said", "closes"),
     [
-        b"\xc1",
-        {"type": "welcome", "protocol": 1},
-        {"type": "refusal", "reason": "I do not like it."},
-        CLOSED,
-        WELCOME | {"protocol": 3},
-        WELCOME | {"scenarios": [WELCOME["scenarios"][0] | {"parameters": LONG}]},
+        (b"\xc1", 0),
+        ({"type": "welcome", "protocol": 1}, 0),
+        ({"type": "refusal", "reason": "I do not like it."}, 0),
+        (CLOSED, 0),
+        (WELCOME | {"protocol": 3}, 1),
+        (WELCOME | {"scenarios": [WELCOME["scenarios"][0] | {"parameters": LONG}]}, 1),
     ],
     ids=["garbage", "half", "refusal", "other", "protocol 3", "too long"],
 )
-def test_what_is_no_offer_is_none_and_is_not_asked_for_again(probe, address, said) -> None:
+def test_what_is_no_offer_is_none_and_is_not_asked_for_again(probe, address, said, closes) -> None:
     with serving(address) as bridge:
         converse(probe, bridge, said)
         for _ in range(20):
             assert not probe.update(may_ask=True)
             time.sleep(0.01)
         assert probe.offer is None
-        while bridge.socket.poll(0):
-            bridge.answer(CLOSED)
-        assert {each["type"] for each in bridge.asked[1:]} <= {"close"}
+        converse(probe, bridge, *[CLOSED] * closes)
+        assert not bridge.socket.poll(50)
+        assert [each["type"] for each in bridge.asked[1:]] == ["close"] * closes
 
 
 @pytest.mark.parametrize("address", [None, "", "tcp://192.0.2.1:9000", "not an address"])

@@ -70,11 +70,13 @@ class BridgeProbe:
             may_ask: whether no episode of this worker runs on the bridge.
         """
         before = self.offer
-        for data in self._receive():
-            self._take_answer(data)
         for event in self._list_events():
             self._is_connected = event == zmq.EVENT_HANDSHAKE_SUCCEEDED
             self._is_asked, self.offer = False, None
+            for _ in self._receive():
+                pass  # What waits in the socket is of the connection that was lost.
+        for data in self._receive():
+            self._process_answer(data)
         is_due = self._is_connected and not self._is_asked
         if is_due and may_ask and time.monotonic() >= self._next_ask_s:
             self._is_asked, self._session = True, uuid4().hex
@@ -87,8 +89,8 @@ class BridgeProbe:
         self._monitor.close(linger=0)
         self._socket.close()
 
-    def _take_answer(self, data: bytes) -> None:
-        """Take an answer in; those to the end of a session, and of a lost connection, say nothing.
+    def _process_answer(self, data: bytes) -> None:
+        """Set the offer from the answer to a hello; any other message is ignored.
 
         A bridge that violates the protocol offers nothing that could be checked. Its campaigns are
         launched, and their episodes say what is wrong with it.
@@ -101,9 +103,9 @@ class BridgeProbe:
             return
         if isinstance(answer, BridgeRefusal) and answer.full:
             self._is_asked, self._next_ask_s = False, time.monotonic() + ASK_AGAIN_S
-        if isinstance(answer, BridgeWelcome) and answer.protocol in PROTOCOLS:
+        if isinstance(answer, BridgeWelcome):
             self._send(CloseRequest(self._session, 1))
-            self.offer = _bound_offer(answer.offer)
+            self.offer = _bound_offer(answer.offer) if answer.protocol in PROTOCOLS else None
 
     def _send(self, request: BridgeMessage) -> None:
         with contextlib.suppress(zmq.ZMQError):  # it has disconnected, which an event will say

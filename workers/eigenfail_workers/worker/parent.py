@@ -55,6 +55,9 @@ HAND_OVER_S = 10.0
 CREDIT = 256
 TICK_MS = 100
 HELLO_EVERY_S = 1.0
+BEATS_PER_REPORT = 10
+"""Heartbeats after which the offer of the bridge is reported again, as a report may be lost."""
+
 MAX_UNANSWERED = 20
 """Heartbeats or hellos without an answer in a row, after which the worker reconnects."""
 
@@ -144,6 +147,7 @@ class Parent:
         self._heartbeat_s = 0.0
         self._refusal = ""
         self._next_beat_s = 0.0
+        self._beats = 0
         self._unanswered = 0
         self._shutdown = Shutdown()
         self._handlers: dict[type, Callable[..., None]] = {
@@ -388,6 +392,9 @@ class Parent:
             self._next_beat_s = now + HELLO_EVERY_S
             return
         self._hub.send(self._make_heartbeat())
+        self._beats += 1
+        if self._beats % BEATS_PER_REPORT == 0:
+            self._report_offer()
         self._next_beat_s = now + self._heartbeat_s
 
     def _ask_bridge(self) -> None:
