@@ -62,7 +62,6 @@ SEARCHES: dict[str, tuple[str, dict[str, Any]]] = {
     "cma_wide": ("cma", WIDE),
     "annealing": ("annealing", {}),
     "annealing_narrow": ("annealing", NARROW),
-    "optuna": ("optuna", {}),
     "ast": ("ast", {"patience": None}),
     "ast_wide": ("ast", {"patience": None, "amplitude": 4.0}),
     "cem": ("cem", {}),
