@@ -58,6 +58,10 @@ class ChannelWords(NamedTuple):
     together: str
 
 
+MOST_CHANNELS = 3
+"""Most channels with columns of their own in the table of modes."""
+
+
 def choose_channel_words(channels: Sequence[str]) -> ChannelWords:
     """Return the words for these channels; those of the noise of a position are its axes."""
     if tuple(channels) == AXES:
@@ -68,20 +72,31 @@ def choose_channel_words(channels: Sequence[str]) -> ChannelWords:
 def tabulate_modes(campaign: int, result: AnalysisResult) -> Table:
     """Return the failure modes of a campaign, counted from 1; disturbances in sigma.
 
-    Where they are not distinct they are called groups.
+    Where they are not distinct they are called groups. Of more than `MOST_CHANNELS` channels a row
+    has the strongest of its eigenfailure.
     """
     has_probability = any(mode.probability for mode in result.modes)
+    if len(result.channels) > MOST_CHANNELS:
+        list_disturbances, disturbances = _list_strongest, name_columns("Strongest channel", "Peak")
+    else:
+        list_disturbances, disturbances = (
+            _list_disturbances,
+            (
+                *(TableColumn(f"Mean {channel}", "sigma") for channel in result.channels),
+                *name_columns(*(f"Peak {channel}" for channel in result.channels)),
+            ),
+        )
     columns = (
         *count_columns(result.cluster_noun.capitalize(), "Failures"),
         TableColumn("Share", "share"),
-        *(TableColumn(f"Mean {channel}", "sigma") for channel in result.channels),
-        *name_columns(*(f"Peak {channel}" for channel in result.channels), "Medoid"),
+        *disturbances,
+        *name_columns("Medoid"),
         *([TableColumn("Probability")] if has_probability else []),
     )
     rows = tuple(
         (
             *(str(place), mode.failures, mode.failures / len(result.episodes)),
-            *_list_disturbances(mode),
+            *list_disturbances(mode, result.channels),
             f"{mode.medoid_campaign or campaign}/{mode.medoid}",
             *([mode.probability] if has_probability else []),
         )
@@ -90,7 +105,13 @@ def tabulate_modes(campaign: int, result: AnalysisResult) -> Table:
     return Table("Failure modes" if result.distinct else "Groups of failures", columns, rows)
 
 
-def _list_disturbances(mode: FailureMode) -> Iterator[Cell]:
+def _list_strongest(mode: FailureMode, channels: Sequence[str]) -> Iterator[Cell]:
+    strongest = int(np.argmax(np.square(mode.eigenfailure).sum(axis=0)))
+    yield channels[strongest]
+    yield format_peak(mode.eigenfailure[:, strongest])
+
+
+def _list_disturbances(mode: FailureMode, _channels: Sequence[str]) -> Iterator[Cell]:
     noises = mode.eigenfailure.T
     yield from (FormattedCell(format_signed(float(noise.mean()))) for noise in noises)
     yield from map(format_peak, noises)
