@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from eigenfail import plugins
 from eigenfail.contracts import ReactiveSituation
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import read_settings
@@ -19,7 +20,9 @@ from eigenfail.values import (
 )
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.measures.geometry import find_hidden
+from eigenfail_workers.planners.rulebook.settings import RulebookSettings
 from eigenfail_workers.scenarios.highway_drive import (
+    CUT_IN_STEP,
     CUTTING_IN,
     FOLLOWER_LAW,
     FOLLOWING,
@@ -151,6 +154,33 @@ def test_some_car_is_always_there_and_who_has_gone_stays_away(asked):
         gone |= before - there
         assert not gone & there
         before = set(there)
+
+
+def test_an_undisturbed_drive_loses_the_tracks_of_cars_that_go():
+    """Of the six losses that docs/world.md tells of, four are of cars that have gone."""
+    planner = plugins.load(plugins.PLANNERS, "rulebook")(RulebookSettings())
+    simulation = PointMassSimulator().open(HighwayDrive(), HighwayDriveParameters(), planner, ())
+    seen = simulation.reset(0)
+    speeds, there, losses = [seen.ego.speed_mps], [set(seen.ids)], [0.0]
+    while not seen.ended:
+        seen = simulation.step(())
+        speeds.append(seen.ego.speed_mps)
+        there.append(set(seen.ids))
+        losses.append(planner.signals()["lost_tracks"])
+    assert not seen.collided
+    assert losses[-1] == 6.0
+    last = {number: max(find_steps(there, number)) for number in range(1, 5)}
+    lost = [step for step in range(1, len(losses)) if losses[step] > losses[step - 1]]
+    # The eighth miss is of the eighth moment without the car, from which the next step is planned.
+    gone = {last[number] + 9 for number in (PASSING, FOLLOWING, LEADING, SLOW)}
+    assert set(lost) - gone == {110, 188}
+    assert (min(find_steps(there, SLOW)), last[FOLLOWING]) == (100, 144)
+    assert speeds[CUT_IN_STEP] == pytest.approx(16.9, abs=0.05)
+
+
+def find_steps(there, number):
+    """The steps after which a vehicle is there."""
+    return [step for step, numbers in enumerate(there) if number in numbers]
 
 
 def test_every_episode_has_traffic_of_its_own():
