@@ -28,6 +28,7 @@ from eigenfail_workers.scenarios.highway_drive import (
     FOLLOWING,
     LEADING,
     PASSING,
+    REVEAL_STEP,
     SLOW,
     HighwayDrive,
     HighwayDriveParameters,
@@ -47,11 +48,17 @@ def at(ego, x_m, speed_mps):
     return msgspec.structs.replace(ego, x_m=x_m, speed_mps=speed_mps)
 
 
-def drive(now, speed_mps=24.0):
-    """Positions of all cars relative to an ego at constant speed, at each step."""
+def drive(now, speed_mps=24.0, later_mps=None):
+    """Positions of all cars relative to an ego at constant speed, at each step.
+
+    After the reveal has begun the ego may have another speed.
+    """
+    speeds = [speed_mps] * REVEAL_STEP
+    speeds += [speed_mps if later_mps is None else later_mps] * (now.steps - REVEAL_STEP)
+    places = np.cumsum(speeds) * 0.1
     traffic, course = now.start_traffic(), [dict(enumerate(now.actors, 1))]
-    for step in range(1, now.steps + 1):
-        ego = at(now.ego, speed_mps * step * 0.1, speed_mps)
+    for step, (x_m, now_mps) in enumerate(zip(places, speeds, strict=True), 1):
+        ego = at(now.ego, float(x_m), now_mps)
         there = traffic.advance(step, ego)
         course.append(
             {n: msgspec.structs.replace(c, x_m=c.x_m - ego.x_m) for n, c in there.items()}
@@ -105,6 +112,21 @@ def test_the_cut_in_by_hand():
     assert course[330][CUTTING_IN].y_m == pytest.approx(2.1)
 
 
+def test_cars_that_are_far_behind_or_ahead_go_for_good():
+    """The passing car is 3.5 m behind at 9.5 s and loses 14 m/s: it is 20 m behind at 10.68 s."""
+    course = drive(situation())
+    assert course[95][PASSING].x_m == pytest.approx(-3.5 - HALF_LENGTHS_M)
+    assert find_steps(course, PASSING) == [*range(107)]
+    following = [there[FOLLOWING].x_m for there in course if FOLLOWING in there]
+    assert find_steps(course, FOLLOWING) == [*range(len(following))]
+    # It falls back by less than 1 m in a step.
+    assert -20.0 <= following[-1] + HALF_LENGTHS_M < -19.0
+    # From 7 s on the leading car wins 9 m/s: 25 m ahead then, it is 150 m ahead at 20.89 s.
+    course = drive(situation(), later_mps=15.0)
+    assert course[208][LEADING].x_m == pytest.approx(25.0 + 9.0 * 13.8 + HALF_LENGTHS_M)
+    assert find_steps(course, LEADING) == [*range(70, 209)]
+
+
 def test_a_planned_car_ends_its_change_of_speed():
     car = PlannedCar(0.0, 0.0, 10.0, SpeedChange(1.0, 2.0, -4.0))
     assert car.find_state(3.0).x_m == pytest.approx(10.0 + (10.0 + 2.0) / 2.0 * 2.0)
@@ -141,7 +163,7 @@ def test_the_follower_has_limits_and_stops():
 
 @given(st.lists(st.floats(-7.0, 1.5), min_size=42, max_size=42))
 @settings(max_examples=30, deadline=None)
-def test_some_car_is_always_there_and_who_has_gone_stays_away(asked):
+def test_some_car_is_always_there_and_a_car_that_has_gone_stays_away(asked):
     """Whatever the ego does: its acceleration is another one each second."""
     now = situation()
     traffic, ego = now.start_traffic(), now.ego
@@ -154,6 +176,7 @@ def test_some_car_is_always_there_and_who_has_gone_stays_away(asked):
         gone |= before - there
         assert not gone & there
         before = set(there)
+    assert gone
 
 
 def test_an_undisturbed_drive_loses_the_tracks_of_cars_that_go():
