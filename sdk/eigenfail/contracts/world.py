@@ -70,7 +70,11 @@ class SignallingPlanner(Planner, Protocol):
 
 
 class TrackingPlanner(Planner, Protocol):
-    """Optional: a planner that reports its losses of tracks."""
+    """Optional: a planner that reports its losses of tracks.
+
+    It numbers vehicles as it perceives them: under the channel `swapped`, a loss is booked under
+    the perceived number, which may be another vehicle's.
+    """
 
     def count_losses(self, vehicle: int) -> int:
         """Return how often it lost the track of a vehicle, by its number, since the reset."""

@@ -150,6 +150,19 @@ def test_the_follower_reacts_by_its_law_after_its_delay():
     assert speeds[11] == pytest.approx(24.0 + 0.1 * (first_mps2 + second_mps2))
 
 
+def test_a_follower_needs_a_delay_of_a_step_at_least():
+    """With one step, what is chosen after a step acts in the next one."""
+    start = situation().actors[1]
+    with pytest.raises(InvalidValue, match="at least one"):
+        FollowingCar(start, FOLLOWER_LAW._replace(delay_steps=0), 0.1)
+    follower = FollowingCar(start, FOLLOWER_LAW._replace(delay_steps=1), 0.1)
+    ego = at(situation().ego, 0.0, 20.0)
+    follower.follow(ego, 9.0)
+    assert follower.state.speed_mps == 24.0
+    follower.follow(ego, 9.0)
+    assert follower.state.speed_mps < 24.0
+
+
 def test_the_follower_has_limits_and_stops():
     now = situation()
     follower = FollowingCar(now.actors[1], FOLLOWER_LAW, 0.1)
