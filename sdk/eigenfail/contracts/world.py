@@ -114,6 +114,8 @@ class TrafficModel(Protocol):
     def advance(self, step: int, ego: VehicleState) -> Mapping[int, VehicleState]:
         """Return the vehicles that are there after a step, by number from 1; never none.
 
+        A number that has gone is not used again.
+
         Args:
             step: number of steps so far; the steps are asked for in order, from 1.
             ego: the ego after that step.
