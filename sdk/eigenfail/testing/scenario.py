@@ -119,8 +119,9 @@ def _situations(scenario: Scenario) -> Iterator[AnySituation]:
 def _describe(situation: AnySituation) -> tuple[object, ...]:
     """Return all that a situation says before its script."""
     parts = situation.mission, situation.steps, situation.ego, situation.actors
-    reacts = isinstance(situation, ReactiveSituation)
-    return (*parts, situation.challenges) if reacts else parts
+    if isinstance(situation, ReactiveSituation):
+        return (*parts, situation.challenges)
+    return parts
 
 
 def _count_vehicles(situation: AnySituation) -> int:
