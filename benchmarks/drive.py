@@ -54,6 +54,7 @@ def find_p_fail(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     drives = draw(crew, 1.0, EPISODES, seed)
     found = share([one.is_failure for one in drives], describe_causes(drives))
     yield "drive.p_fail", msgspec.structs.replace(found, unit="probability")
+    yield "drive.track_lost", share(tell_lost_tracks(drives), "failures under p(x)")
     first = drives[:2_000]
     failures = sum(one.is_failure for one in first)
     yield "drive.mc2000.failures", count(failures, "failures", len(first))
@@ -75,6 +76,7 @@ def find_labels(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     for cause in sorted(causes):
         name = cause.replace(", track", "").replace(" ", "_").replace("-", "_")
         yield f"drive.cause.{name}", share([one.measures.cause == cause for one in failed], note)
+    yield "drive.worse.track_lost", share(tell_lost_tracks(drives), note)
     last = 0.9 * horizon(SCENARIO)
     yield "drive.last_tenth", share([one.steps > last for one in failed], note)
 
@@ -194,6 +196,12 @@ def describe_causes(drives: Sequence[DriveSummary]) -> str:
     """Return how many failures each cause has, the most frequent first."""
     causes = Counter(str(one.measures.cause) for one in drives if one.is_failure)
     return ", ".join(f"{n} of '{cause}'" for cause, n in causes.most_common()) or "no failure"
+
+
+def tell_lost_tracks(drives: Sequence[DriveSummary]) -> list[bool]:
+    """Return for each failure whether the track of the vehicle struck was lost before."""
+    causes = [str(one.measures.cause) for one in drives if one.is_failure]
+    return [cause.endswith(", track lost") for cause in causes]
 
 
 def count(value: float, unit: str, n: int, note: str = "") -> Figure:

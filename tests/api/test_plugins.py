@@ -11,7 +11,7 @@ from eigenfail.functions import ALLOWED_VARIABLE
 EXPECTED = {
     "methods": {"monte_carlo", "ast", "difs", "cem", "replay", "subset"},
     "planners": {"idm", "rulebook"},
-    "scenarios": {"cut_in", "lead_brake", "merge_in"},
+    "scenarios": {"cut_in", "highway_drive", "lead_brake", "merge_in"},
     "simulators": {"function", "highway", "point_mass"},
 }
 

@@ -30,7 +30,7 @@ WORLDS = [
     for simulator in ("highway", "point_mass")
     for scenario in ("cut_in", "lead_brake", "merge_in")
     for planner in ("rulebook", "idm")
-]
+] + [{"simulator": "highway", "scenario": "highway_drive", "planner": "rulebook"}]
 VARIED = (
     {"scenario_parameters": {"distance_m": 53.0}},
     {"scenario": "merge_in", "scenario_parameters": {"behind_m": 5.0}},

@@ -70,7 +70,11 @@ class SignallingPlanner(Planner, Protocol):
 
 
 class TrackingPlanner(Planner, Protocol):
-    """Optional: a planner that reports its losses of tracks."""
+    """Optional: a planner that reports its losses of tracks.
+
+    It numbers vehicles as it perceives them: under the channel `swapped`, a loss is booked under
+    the perceived number, which may be another vehicle's.
+    """
 
     def count_losses(self, vehicle: int) -> int:
         """Return how often it lost the track of a vehicle, by its number, since the reset."""
@@ -109,6 +113,8 @@ class TrafficModel(Protocol):
 
     def advance(self, step: int, ego: VehicleState) -> Mapping[int, VehicleState]:
         """Return the vehicles that are there after a step, by number from 1; never none.
+
+        A number that has gone is not used again.
 
         Args:
             step: number of steps so far; the steps are asked for in order, from 1.

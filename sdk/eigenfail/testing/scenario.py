@@ -47,23 +47,30 @@ def is_plausible(scenario: Scenario) -> None:
 
 
 def starts_without_overlap(scenario: Scenario) -> None:
-    """The ego touches no vehicle at the start."""
+    """The ego touches no vehicle at the start, or when the vehicle first appears."""
     for situation in _situations(scenario):
         for actor in situation.actors:
-            apart = _separated(situation.ego, actor) or _separated(actor, situation.ego)
-            expect(apart, f"At the start the ego overlaps {actor}.")
+            expect(_are_apart(situation.ego, actor), f"At the start the ego overlaps {actor}.")
+        if isinstance(situation, ReactiveSituation):
+            _expect_free_places(situation)
+
+
+def _expect_free_places(situation: ReactiveSituation) -> None:
+    """Check that no vehicle first appears where an ego at constant velocity is."""
+    before: set[int] = set()
+    for step, (ego, there) in enumerate(
+        zip(_list_egos(situation), _script(situation), strict=True)
+    ):
+        for number in there.keys() - before:
+            apart = _are_apart(ego, there[number])
+            expect(apart, f"Vehicle {number} overlaps the ego when it appears, at step {step}.")
+        before |= there.keys()
 
 
 def repeats_itself(scenario: Scenario) -> None:
     """The same parameters and seed give the same situation and the same script."""
     for one, other in zip(_situations(scenario), _situations(scenario), strict=True):
-        same = (one.mission, one.steps, one.ego, one.actors) == (
-            other.mission,
-            other.steps,
-            other.ego,
-            other.actors,
-        )
-        expect(same, "The same seed gave two situations.")
+        expect(_describe(one) == _describe(other), "The same seed gave two situations.")
         expect(_script(one) == _script(other), "The same seed gave two scripts.")
 
 
@@ -76,7 +83,8 @@ def has_a_steady_horizon(scenario: Scenario) -> None:
 def moves_actors_as_they_say(scenario: Scenario) -> None:
     """A script begins at the start of the actor, and its positions follow from its speeds.
 
-    Vehicles that come and go have numbers of vehicles of the situation, and one is always there.
+    Vehicles that come and go have numbers of vehicles of the situation, and one is always there. A
+    number that has gone stays away.
     """
     for situation in _situations(scenario):
         dt_s = situation.mission.dt_s
@@ -88,7 +96,11 @@ def moves_actors_as_they_say(scenario: Scenario) -> None:
         for there in script:
             expect(bool(there), "There is a moment without a vehicle beside the ego.")
             expect(there.keys() <= set(known), f"Vehicles {sorted(there)} are not among {known}.")
+        gone: set[int] = set()
         for earlier, later in pairwise(script):
+            gone |= earlier.keys() - later.keys()
+            back = sorted(gone & later.keys())
+            expect(not back, f"Vehicles {back} have gone, and are there again.")
             for number in earlier.keys() & later.keys():
                 before, after = earlier[number], later[number]
                 way = hypot(after.x_m - before.x_m, after.y_m - before.y_m)
@@ -104,6 +116,14 @@ def _situations(scenario: Scenario) -> Iterator[AnySituation]:
         yield scenario(parameters, seed)
 
 
+def _describe(situation: AnySituation) -> tuple[object, ...]:
+    """Return all that a situation says before its script."""
+    parts = situation.mission, situation.steps, situation.ego, situation.actors
+    if isinstance(situation, ReactiveSituation):
+        return (*parts, situation.challenges)
+    return parts
+
+
 def _count_vehicles(situation: AnySituation) -> int:
     if isinstance(situation, ReactiveSituation):
         return len(situation.challenges)
@@ -112,7 +132,7 @@ def _count_vehicles(situation: AnySituation) -> int:
 
 def _script(situation: AnySituation) -> list[dict[int, VehicleState]]:
     """Return the vehicles at every step by number, for an ego at constant velocity."""
-    egos = [_kept(situation.ego, step * situation.mission.dt_s) for step in range(situation.steps)]
+    egos = _list_egos(situation)
     if isinstance(situation, ReactiveSituation):
         traffic = situation.start_traffic()
         script = [dict(enumerate(situation.actors, 1))]
@@ -128,10 +148,20 @@ def _script(situation: AnySituation) -> list[dict[int, VehicleState]]:
     ]
 
 
+def _list_egos(situation: AnySituation) -> list[VehicleState]:
+    """Return the ego at every step, at constant velocity."""
+    dt_s = situation.mission.dt_s
+    return [_kept(situation.ego, step * dt_s) for step in range(situation.steps)]
+
+
 def _kept(ego: VehicleState, time_s: float) -> VehicleState:
     way = ego.speed_mps * time_s
     x_m, y_m = ego.x_m + way * cos(ego.heading_rad), ego.y_m + way * sin(ego.heading_rad)
     return msgspec.structs.replace(ego, x_m=x_m, y_m=y_m)
+
+
+def _are_apart(one: VehicleState, other: VehicleState) -> bool:
+    return _separated(one, other) or _separated(other, one)
 
 
 def _separated(one: VehicleState, other: VehicleState) -> bool:

@@ -19,7 +19,11 @@ FIRST_MEASURES = 4
 """Number of measures in the first release."""
 
 DIGESTED_MEASURES = 12
-"""Number of measures that a digest covers: later ones follow from the same course."""
+"""Number of measures that a digest covers.
+
+Later ones follow from the same course, but for `cause`: it also has what the planner says of its
+losses of tracks (`TrackingPlanner`).
+"""
 
 
 class Measure(msgspec.Struct, frozen=True, kw_only=True):
@@ -198,8 +202,9 @@ class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
             words="cause of the collision, where the scenario names one",
             formula=(
                 "challenge of the vehicle struck and, where the planner reports it, whether it "
-                "lost the track of that vehicle before, as in `reveal, track lost`; empty without "
-                "a collision, and in scenarios that name no challenges"
+                "lost the track of that vehicle before, as in `reveal, track lost`; the vehicle "
+                "struck need not be the one that the planner reacted to; empty without a "
+                "collision, and in scenarios that name no challenges"
             ),
             source="own choice",
         ),

@@ -3,13 +3,15 @@
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
-from eigenfail.values import AnalysisSettings
+from eigenfail.values import AnalysisSettings, Scene
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
 from eigenfail_services.campaigns.proofs import launch_replays, summarise_proof
 from eigenfail_services.campaigns.region import find_region
+from eigenfail_services.reports.causes import find_struck
 from eigenfail_services.reports.material import Material, gather_material
 from eigenfail_services.reports.page import ReportPart
 from eigenfail_services.reports.report import costs, evidence
@@ -98,6 +100,28 @@ def test_the_region_is_the_one_that_was_found(run: Callable[..., int]) -> None:
     words = " ".join(part.section.words)
     assert "distance_m vary" in words
     assert "chance alone would put this many failures there with p = " in words
+
+
+ABSENT = (np.nan,) * 4
+
+
+@pytest.mark.parametrize(
+    ("others", "struck"),
+    [
+        # The first car is alongside, 1 m apart; the second one runs into the truck from behind.
+        ([(2.0, 3.25, 0.0, 20.0), (-10.0, 0.0, 0.0, 20.0)], 2),
+        ([ABSENT, (2.0, 3.25, 0.0, 20.0), (10.0, 0.0, 0.0, 10.0)], 3),
+        # Both overlap it.
+        ([(9.0, 0.0, 0.0, 20.0), (-7.0, 0.0, 0.0, 20.0)], 2),
+        # None does, as where a bridge has other footprints.
+        ([(14.0, 0.0, 0.0, 20.0), (6.0, 6.0, 0.0, 20.0)], 1),
+    ],
+)
+def test_the_vehicle_struck_is_the_one_with_the_nearest_footprint(others, struck) -> None:
+    vehicles = np.array([[(0.0, 0.0, 0.0, 20.0), *others]], np.float32)
+    sizes = np.array([(16.0, 2.5), *[(5.0, 2.0)] * len(others)], np.float32)
+    none = np.zeros((0, 2), np.float32)
+    assert find_struck(Scene(0.1, vehicles, sizes, none, none)) == struck
 
 
 def test_nothing_is_said_where_there_is_nothing(run: Callable[..., int]) -> None:

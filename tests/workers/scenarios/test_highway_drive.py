@@ -6,6 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from eigenfail import plugins
 from eigenfail.contracts import ReactiveSituation
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import read_settings
@@ -19,12 +20,15 @@ from eigenfail.values import (
 )
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.measures.geometry import find_hidden
+from eigenfail_workers.planners.rulebook.settings import RulebookSettings
 from eigenfail_workers.scenarios.highway_drive import (
+    CUT_IN_STEP,
     CUTTING_IN,
     FOLLOWER_LAW,
     FOLLOWING,
     LEADING,
     PASSING,
+    REVEAL_STEP,
     SLOW,
     HighwayDrive,
     HighwayDriveParameters,
@@ -44,11 +48,17 @@ def at(ego, x_m, speed_mps):
     return msgspec.structs.replace(ego, x_m=x_m, speed_mps=speed_mps)
 
 
-def drive(now, speed_mps=24.0):
-    """Positions of all cars relative to an ego at constant speed, at each step."""
+def drive(now, speed_mps=24.0, later_mps=None):
+    """Positions of all cars relative to an ego at constant speed, at each step.
+
+    After the reveal has begun the ego may have another speed.
+    """
+    speeds = [speed_mps] * REVEAL_STEP
+    speeds += [speed_mps if later_mps is None else later_mps] * (now.steps - REVEAL_STEP)
+    places = np.cumsum(speeds) * 0.1
     traffic, course = now.start_traffic(), [dict(enumerate(now.actors, 1))]
-    for step in range(1, now.steps + 1):
-        ego = at(now.ego, speed_mps * step * 0.1, speed_mps)
+    for step, (x_m, now_mps) in enumerate(zip(places, speeds, strict=True), 1):
+        ego = at(now.ego, float(x_m), now_mps)
         there = traffic.advance(step, ego)
         course.append(
             {n: msgspec.structs.replace(c, x_m=c.x_m - ego.x_m) for n, c in there.items()}
@@ -102,6 +112,21 @@ def test_the_cut_in_by_hand():
     assert course[330][CUTTING_IN].y_m == pytest.approx(2.1)
 
 
+def test_cars_that_are_far_behind_or_ahead_go_for_good():
+    """The passing car is 3.5 m behind at 9.5 s and loses 14 m/s: it is 20 m behind at 10.68 s."""
+    course = drive(situation())
+    assert course[95][PASSING].x_m == pytest.approx(-3.5 - HALF_LENGTHS_M)
+    assert find_steps(course, PASSING) == [*range(107)]
+    following = [there[FOLLOWING].x_m for there in course if FOLLOWING in there]
+    assert find_steps(course, FOLLOWING) == [*range(len(following))]
+    # It falls back by less than 1 m in a step.
+    assert -20.0 <= following[-1] + HALF_LENGTHS_M < -19.0
+    # From 7 s on the leading car wins 9 m/s: 25 m ahead then, it is 150 m ahead at 20.89 s.
+    course = drive(situation(), later_mps=15.0)
+    assert course[208][LEADING].x_m == pytest.approx(25.0 + 9.0 * 13.8 + HALF_LENGTHS_M)
+    assert find_steps(course, LEADING) == [*range(70, 209)]
+
+
 def test_a_planned_car_ends_its_change_of_speed():
     car = PlannedCar(0.0, 0.0, 10.0, SpeedChange(1.0, 2.0, -4.0))
     assert car.find_state(3.0).x_m == pytest.approx(10.0 + (10.0 + 2.0) / 2.0 * 2.0)
@@ -125,6 +150,19 @@ def test_the_follower_reacts_by_its_law_after_its_delay():
     assert speeds[11] == pytest.approx(24.0 + 0.1 * (first_mps2 + second_mps2))
 
 
+def test_a_follower_needs_a_delay_of_a_step_at_least():
+    """With one step, what is chosen after a step acts in the next one."""
+    start = situation().actors[1]
+    with pytest.raises(InvalidValue, match="at least one"):
+        FollowingCar(start, FOLLOWER_LAW._replace(delay_steps=0), 0.1)
+    follower = FollowingCar(start, FOLLOWER_LAW._replace(delay_steps=1), 0.1)
+    ego = at(situation().ego, 0.0, 20.0)
+    follower.follow(ego, 9.0)
+    assert follower.state.speed_mps == 24.0
+    follower.follow(ego, 9.0)
+    assert follower.state.speed_mps < 24.0
+
+
 def test_the_follower_has_limits_and_stops():
     now = situation()
     follower = FollowingCar(now.actors[1], FOLLOWER_LAW, 0.1)
@@ -138,7 +176,7 @@ def test_the_follower_has_limits_and_stops():
 
 @given(st.lists(st.floats(-7.0, 1.5), min_size=42, max_size=42))
 @settings(max_examples=30, deadline=None)
-def test_some_car_is_always_there_and_who_has_gone_stays_away(asked):
+def test_some_car_is_always_there_and_a_car_that_has_gone_stays_away(asked):
     """Whatever the ego does: its acceleration is another one each second."""
     now = situation()
     traffic, ego = now.start_traffic(), now.ego
@@ -151,6 +189,34 @@ def test_some_car_is_always_there_and_who_has_gone_stays_away(asked):
         gone |= before - there
         assert not gone & there
         before = set(there)
+    assert gone
+
+
+def test_an_undisturbed_drive_loses_the_tracks_of_cars_that_go():
+    """Of the six losses that docs/world.md tells of, four are of cars that have gone."""
+    planner = plugins.load(plugins.PLANNERS, "rulebook")(RulebookSettings())
+    simulation = PointMassSimulator().open(HighwayDrive(), HighwayDriveParameters(), planner, ())
+    seen = simulation.reset(0)
+    speeds, there, losses = [seen.ego.speed_mps], [set(seen.ids)], [0.0]
+    while not seen.ended:
+        seen = simulation.step(())
+        speeds.append(seen.ego.speed_mps)
+        there.append(set(seen.ids))
+        losses.append(planner.signals()["lost_tracks"])
+    assert not seen.collided
+    assert losses[-1] == 6.0
+    last = {number: max(find_steps(there, number)) for number in range(1, 5)}
+    lost = [step for step in range(1, len(losses)) if losses[step] > losses[step - 1]]
+    # The eighth miss is of the eighth moment without the car, from which the next step is planned.
+    gone = {last[number] + 9 for number in (PASSING, FOLLOWING, LEADING, SLOW)}
+    assert set(lost) - gone == {110, 188}
+    assert (min(find_steps(there, SLOW)), last[FOLLOWING]) == (100, 144)
+    assert speeds[CUT_IN_STEP] == pytest.approx(16.9, abs=0.05)
+
+
+def find_steps(there, number):
+    """The steps after which a vehicle is there."""
+    return [step for step, numbers in enumerate(there) if number in numbers]
 
 
 def test_every_episode_has_traffic_of_its_own():

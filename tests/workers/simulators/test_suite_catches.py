@@ -20,6 +20,7 @@ from eigenfail.values import (
     Perception,
     VehicleState,
 )
+from eigenfail_workers.scenarios.highway_drive import HighwayDrive, HighwayDriveParameters
 from eigenfail_workers.simulators.point_mass import PointMassSimulator
 
 replace = msgspec.structs.replace
@@ -237,6 +238,85 @@ class Jumps:
     def move_actor(self, actor: int, step: int, ego: VehicleState) -> VehicleState:
         moved = self.real.move_actor(actor, step, ego)
         return replace(moved, x_m=moved.x_m + (0.2 if step >= 30 else 0.0))
+
+
+class BentTraffic:
+    """Traffic of a highway drive that is changed at some steps."""
+
+    def __init__(self, real: Any, change: Callable[[int, VehicleState, dict[int, Any]], Any]):
+        self.real, self.change = real, change
+
+    def advance(self, step: int, ego: VehicleState) -> dict[int, VehicleState]:
+        there = self.real.advance(step, ego)
+        self.change(step, ego, there)
+        return there
+
+
+def appear_on_the_ego(step: int, ego: VehicleState, there: dict[int, Any]) -> None:
+    if step == 70:
+        there[3] = replace(there[3], x_m=ego.x_m + 10.0)
+
+
+def miss_a_step(step: int, _: VehicleState, there: dict[int, Any]) -> None:
+    if step == 20:
+        del there[1]
+
+
+def come_without_a_challenge(step: int, _: VehicleState, there: dict[int, Any]) -> None:
+    if step == 70:
+        there[6] = there[3]
+
+
+def leave_all(step: int, _: VehicleState, there: dict[int, Any]) -> None:
+    if step == 150:
+        there.clear()
+
+
+class ReactiveBent:
+    """The highway drive with its situations, or the traffic of these, changed."""
+
+    Parameters = HighwayDriveParameters
+
+    def __init__(self, change: Any, **changes: Callable[[], object]) -> None:
+        self.change, self.changes = change, changes
+
+    def __call__(self, parameters: HighwayDriveParameters, seed: int) -> Any:
+        real = HighwayDrive()(parameters, seed)
+        changed = replace(real, steps=200, **{name: make() for name, make in self.changes.items()})
+        return ReactiveTwin(changed, self.change)
+
+
+class ReactiveTwin:
+    def __init__(self, real: Any, change: Any) -> None:
+        self.real, self.change = real, change
+        self.mission, self.steps, self.ego = real.mission, real.steps, real.ego
+        self.actors, self.challenges = real.actors, real.challenges
+
+    def start_traffic(self) -> BentTraffic:
+        return BentTraffic(self.real.start_traffic(), self.change)
+
+
+def keep(step: int, ego: VehicleState, there: dict[int, Any]) -> None:
+    """Change nothing."""
+
+
+REACTIVE_BREACHES = (
+    (scenarios.is_plausible, keep, {"challenges": lambda: ("phantom",)}),
+    (scenarios.repeats_itself, keep, {"challenges": lambda: (str(next(CALLS)),) * 5}),
+    (scenarios.starts_without_overlap, appear_on_the_ego, {}),
+    (scenarios.moves_actors_as_they_say, miss_a_step, {}),
+    (scenarios.moves_actors_as_they_say, come_without_a_challenge, {}),
+    (scenarios.moves_actors_as_they_say, leave_all, {}),
+)
+
+
+@pytest.mark.parametrize(("check", "change", "changes"), REACTIVE_BREACHES)
+def test_scenario_suite_with_traffic(
+    check: Callable[[Any], None], change: Any, changes: dict[str, Callable[[], object]]
+) -> None:
+    check(ReactiveBent(keep))
+    with pytest.raises(AssertionError):
+        check(ReactiveBent(change, **changes))
 
 
 @pytest.mark.parametrize(("check", "change"), SCENARIO_BREACHES)

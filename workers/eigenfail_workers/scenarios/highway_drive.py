@@ -68,9 +68,9 @@ CUT_IN_LASTS_S: Final = 3.0
 CUT_IN_OFFSET_M: Final = 2.1
 
 LEAST_SPEED_MPS: Final = 3.0
-"""Of the slow cars, whatever the speed of the truck is."""
+"""Least speed of the slow car and of the car that cuts in, whatever the truck's speed is."""
 
-AHEAD_M, BEHIND_M = 150.0, 20.0
+GONE_AHEAD_M, GONE_BEHIND_M = 150.0, 20.0
 """Bumper to bumper: a car that is farther away from the truck than this is gone for good."""
 
 
@@ -184,7 +184,7 @@ class DriveTraffic:
         between_m = 0.5 * (TRUCK_LENGTH_M + CAR_LENGTH_M)
         for number, car in list(there.items()):
             way_m = car.x_m - ego.x_m
-            is_far = way_m > AHEAD_M + between_m or way_m < -BEHIND_M - between_m
+            is_far = way_m > GONE_AHEAD_M + between_m or way_m < -GONE_BEHIND_M - between_m
             if is_far and len(there) > 1:
                 del there[number]
                 self._cars.pop(number, None)

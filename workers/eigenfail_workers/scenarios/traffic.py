@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from math import atan2, hypot
 from typing import NamedTuple
 
+from eigenfail.errors import InvalidValue
 from eigenfail.values import VehicleState
 from eigenfail_workers.motion import minimum_jerk
 from eigenfail_workers.scenarios import CAR_LENGTH_M, CAR_WIDTH_M
@@ -75,10 +76,12 @@ class PlannedCar:
 class FollowerLaw(NamedTuple):
     """A linear law of car following, with a delay (Helly 1959, without its term for braking).
 
-    a(t) = gain · (v_ego − v) + gap_gain · (gap − desired), all of them at t − delay.
+    What it chooses from the state at t is gain · (v_ego − v) + gap_gain · (gap − desired). It acts
+    in the step that begins at t + delay − dt and ends at t + delay: with a delay of one step, in
+    the next one.
 
     Attributes:
-        delay_steps: delay, in steps.
+        delay_steps: delay, in steps; at least 1.
         hardest_mps2, strongest_mps2: limits of a.
     """
 
@@ -96,16 +99,22 @@ class FollowingCar:
         start: its state at first.
         law: how it chooses its acceleration.
         dt_s: duration of a step.
+
+    Raises:
+        InvalidValue: the delay of the law is less than a step.
     """
 
     def __init__(self, start: VehicleState, law: FollowerLaw, dt_s: float) -> None:
+        if law.delay_steps < 1:
+            problem = f"The delay is {law.delay_steps} steps, and at least one is needed."
+            raise InvalidValue("delay_steps", problem, "Give a delay of 1 step or more.")
         self.state = start
         self._law = law
         self._dt_s = dt_s
         self._chosen_mps2 = deque([0.0] * law.delay_steps)
 
     def follow(self, ego: VehicleState, desired_gap_m: float) -> None:
-        """Drive for a step, and choose the acceleration for the step after the delay.
+        """Drive for a step, and choose the acceleration of the step that the delay ends with.
 
         Args:
             ego: the ego at the end of the step.
