@@ -216,6 +216,59 @@ def test_failures_in_which_the_ego_did_the_same_are_a_single_group() -> None:
     assert (found.features, len(found.modes), found.distinct) == ("behaviour", 1, False)
 
 
+def gather_courses(accelerations: list[Floats]) -> Aligned:
+    """Failures of 60 steps in which the ego has these accelerations. [m/s²]"""
+    random = np.random.default_rng(3)
+    noise = tuple(random.standard_normal((60, 2)).astype(np.float32) for _ in accelerations)
+    courses = [
+        (
+            1,
+            SpeedCourse(
+                index, STEP_S, (40.0 + STEP_S * np.cumsum([0.0, *each])).astype(np.float32)
+            ),
+        )
+        for index, each in enumerate(accelerations)
+    ]
+    batch = FailureBatch(1, Failures(tuple(range(len(noise))), noise))
+    gathered = gather_failures([batch], 60, DEFAULT)
+    return gathered._replace(motion=read_motion(courses, "collision"))
+
+
+def brake(strength_mps2: float) -> Floats:
+    """The acceleration of an ego that brakes from 2 s before the collision on."""
+    acceleration = np.zeros(60)
+    acceleration[40:] = -strength_mps2
+    return acceleration
+
+
+@pytest.mark.parametrize("clusterer", ["kmeans", "hdbscan", "gaussian_mixture"])
+@pytest.mark.parametrize("courses", [2, 3, 4])
+def test_each_of_several_exactly_equal_courses_is_a_mode(courses: int, clusterer: Any) -> None:
+    """As of a deterministic planner: 30 failures of each."""
+    labels = np.repeat(np.arange(courses), 30)
+    failures = gather_courses([brake(7.0 * label) for label in labels])
+    found = analyse(failures, clusterer=clusterer)
+    assert adjusted_rand_score(labels, found.labels) == 1.0
+    assert (len(found.modes), found.distinct) == (courses, True)
+    # Each failure by itself is no mode.
+    few = analyse(gather_courses([brake(7.0 * label) for label in range(2)]), clusterer=clusterer)
+    assert len(few.modes) == 1
+
+
+@pytest.mark.parametrize("clusterer", ["kmeans", "hdbscan", "gaussian_mixture"])
+def test_courses_that_differ_by_less_than_the_resolution_are_a_single_group(clusterer: Any) -> None:
+    random = np.random.default_rng(1)
+    near = [brake(7.0 + 0.2 * label + 1e-3 * random.random()) for label in np.repeat([0, 1], 30)]
+    found = analyse(gather_courses(near), clusterer=clusterer)
+    assert (found.features, len(found.modes), found.distinct) == ("behaviour", 1, False)
+
+
+def test_a_rare_course_is_a_mode_although_the_spread_of_all_is_small() -> None:
+    labels = np.repeat([0, 1], [297, 3])
+    found = analyse(gather_courses([brake(4.0 * label) for label in labels]), clusters=2)
+    assert adjusted_rand_score(labels, found.labels) == 1.0
+
+
 @pytest.mark.parametrize("change", ["missing", "too short", "not finite", "of two durations"])
 def test_without_the_motion_of_every_failure_they_are_grouped_by_energy(change: str) -> None:
     world = World(failures=30)
