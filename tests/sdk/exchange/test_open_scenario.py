@@ -4,6 +4,7 @@ import csv
 import io
 import json
 from xml.etree import ElementTree as ET
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -17,8 +18,9 @@ from recording_readers import (
     unpack,
 )
 
+from eigenfail.errors import InvalidValue
 from eigenfail.exchange.open_scenario import write_open_scenario
-from eigenfail.exchange.recording import EgoControl
+from eigenfail.exchange.recording import MAX_LANES, EgoControl
 from eigenfail.values import Mission
 
 SCENARIOS = ("OpenSCENARIO_1_1.xsd", "OpenSCENARIO_1_2.xsd", "OpenSCENARIO_1_3_1.xsd")
@@ -118,6 +120,31 @@ def test_a_road_that_is_not_known_lies_under_every_vehicle():
     assert json.loads(archive["episode.json"])["road_from"] == "vehicles"
 
 
+def shift(offset_m, spread_m=0.0):
+    """A drive whose vehicles are moved to the side, the second one further than the others."""
+    scene = drive()
+    scene.vehicles[..., 1] += offset_m
+    scene.vehicles[:, 1, 1] += spread_m
+    return record(scene)
+
+
+@pytest.mark.parametrize("offset_m", [-5e6, 35.0, 5e6])
+def test_a_road_that_is_not_known_lies_near_the_vehicles_alone(offset_m):
+    """As on a bridge, where positions may be those of a map."""
+    recording, road = shift(offset_m), shift(offset_m).road
+    y_m = recording.scene.vehicles[..., 1]
+    assert road.lanes <= 8
+    assert road.right_edge_y_m == pytest.approx(np.nanmin(y_m), abs=3.5)
+    assert road.left_edge_y_m == pytest.approx(np.nanmax(y_m), abs=3.5)
+
+
+@pytest.mark.parametrize("spread_m", [300.0, 1e9])
+def test_vehicles_too_far_beside_each_other_are_refused(spread_m):
+    with pytest.raises(InvalidValue, match="beside each other"):
+        write_open_scenario(shift(0.0, spread_m))
+    assert shift(0.0, 150.0).road.lanes < MAX_LANES
+
+
 def test_the_noise_stands_beside_it():
     recording = record()
     archive = unpack(write_open_scenario(recording))
@@ -134,6 +161,8 @@ def test_the_noise_stands_beside_it():
 def test_equal_episodes_give_equal_archives():
     archives = {write_open_scenario(record(mission=MISSION)) for _ in range(2)}
     assert len(archives) == 1
+    with ZipFile(io.BytesIO(archives.pop())) as archive:
+        assert {each.date_time for each in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
 
 
 def test_an_episode_of_one_step_is_valid():
