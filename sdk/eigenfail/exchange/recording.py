@@ -50,7 +50,7 @@ class RecordingFormat(StrEnum):
 
 
 class EgoControl(StrEnum):
-    """Control of the ego in a scenario: by its recorded course, or by the simulator's controller."""
+    """Control of the ego in a scenario: its recorded course, or a controller of the simulator."""
 
     RECORDED = "recorded"
     CONTROLLER = "controller"

@@ -9,6 +9,7 @@ from zipfile import ZipFile
 import numpy as np
 import pytest
 from made_recordings import MISSION, STEPS, drive, record
+from msgspec.structs import replace
 from recording_readers import (
     list_events,
     list_violations,
@@ -66,6 +67,35 @@ def test_an_ego_that_is_left_to_a_controller_has_a_start_and_no_course():
     assert float(speed) == pytest.approx(recording.scene.vehicles[0, 0, 3], abs=1e-5)
     active = start.find(".//ActivateControllerAction").attrib
     assert active == {"lateral": "true", "longitudinal": "true"}
+
+
+@pytest.mark.parametrize("schema", SCENARIOS[1:])
+@pytest.mark.parametrize("vehicles", [1, 2])
+def test_an_ego_without_other_vehicles_has_no_story(vehicles, schema):
+    """Whether the scene has no other vehicle, or one that is never there."""
+    scene = drive()
+    scene.vehicles[:, 1:] = np.nan
+    alone = replace(scene, vehicles=scene.vehicles[:, :vehicles], sizes=scene.sizes[:vehicles])
+    files = unpack(write_open_scenario(record(alone), EgoControl.CONTROLLER))
+    assert list_violations(files["scenario.xosc"], schema) == []
+    assert b"<Story " not in files["scenario.xosc"]
+
+
+@pytest.mark.parametrize("schema", SCENARIOS)
+def test_vehicles_are_of_the_kinds_that_the_scene_tells(schema):
+    recording = record(replace(drive(), kinds=("bus", "pedestrian", "unknown")))
+    archive = write_open_scenario(recording)
+    scenario = unpack(archive)["scenario.xosc"]
+    assert list_violations(scenario, schema) == []
+    root = ET.fromstring(scenario)
+    kinds = [vehicle.get("vehicleCategory") for vehicle in root.iter("Vehicle")]
+    assert kinds == ["bus", "car"]
+    walker = root.find(".//ScenarioObject[@name='vehicle_1']/Pedestrian")
+    assert walker.get("pedestrianCategory") == "pedestrian"
+    # The reference point of a pedestrian is the centre of its footprint.
+    vertex = root.find(".//Trajectory[@name='vehicle_1_course_0']//WorldPosition")
+    assert float(vertex.get("x")) == pytest.approx(recording.scene.vehicles[0, 1, 0], abs=1e-3)
+    assert measure_error_m(recording.scene, read_scenario(archive)) < MILLIMETRE
 
 
 def test_a_vehicle_comes_and_goes_when_it_did():
