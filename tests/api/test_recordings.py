@@ -140,7 +140,7 @@ def test_a_function_has_no_vehicles(http, store, problem):
     assert "no vehicles" in told["detail"]
     told = problem(http.get(f"/api/v1/analyses/{analysis}/modes/1/animation"), 422)
     assert (told["field"], "no vehicles" in told["detail"]) == ("mode", True)
-    assert "Animation" not in http.get(f"/analyses/{analysis}").text
+    assert "animation" not in http.get(f"/analyses/{analysis}").text
     assert "recording?" not in http.get(f"/campaigns/{campaign}/episodes/0").text
 
 

@@ -69,7 +69,8 @@ class World:
 
 
 def analyse(failures: Aligned, **changes: Any) -> AnalysisResult:
-    return analyse_gathered(failures, replace(DEFAULT, **changes), STEP_S, {})
+    timed = failures._replace(step_s=STEP_S)
+    return analyse_gathered(timed, replace(DEFAULT, **changes), STEP_S, {})
 
 
 def test_planted_behaviours_are_found_where_noise_shows_nothing() -> None:
@@ -166,13 +167,21 @@ def test_acceleration_is_aligned_at_the_collision_or_the_start(lengths, step_s) 
 
 
 @settings(max_examples=20, deadline=None)
-@given(st.integers(1, 40), st.sampled_from([0.05, 0.1, 0.25, 2.0]), st.integers(0, 9))
+@given(st.integers(1, 40), st.sampled_from([0.05, 0.1, 0.25, 1.0, 2.0]), st.integers(0, 9))
 def test_acceleration_is_averaged_over_the_steps_around_each(steps, step_s, seed) -> None:
     given_ = np.random.default_rng(seed).standard_normal((3, steps)).astype(np.float32)
-    half = round(1.5 / step_s) // 2
+    half = {0.05: 14, 0.1: 7, 0.25: 2, 1.0: 0, 2.0: 0}[step_s]
     for place, mean in enumerate(smooth_accelerations(given_, step_s).T):
         near = given_[:, max(place - half, 0) : place + half + 1]
         assert mean == pytest.approx(near.mean(axis=1), abs=1e-5)
+
+
+@pytest.mark.parametrize("step_s", [0.02, 0.05, 0.1, 0.25, 0.5, 0.7, 1.0, 1.5])
+def test_the_moving_mean_is_about_as_long_as_it_says(step_s: float) -> None:
+    impulse = np.zeros((1, 301), np.float32)
+    impulse[0, 150] = 1.0
+    length_s = np.count_nonzero(smooth_accelerations(impulse, step_s) > 1e-6) * step_s
+    assert length_s == pytest.approx(1.5, abs=step_s + 1e-9)
 
 
 def test_braking_that_begins_a_little_later_is_no_mode_of_its_own() -> None:
