@@ -42,7 +42,7 @@ def measure_agreement(
     gathered = gather_failures([batch], horizon, settings, channels)
     motion = read_motion([(1, each.course) for each in failures], "collision")
     step_s = failures[0].course.dt_s
-    result = analyse_gathered(gathered._replace(motion=motion), settings, step_s, {})
+    result = analyse_gathered(gathered._replace(motion=motion, step_s=step_s), settings, step_s, {})
     causes = {each.course.index: each.cause for each in failures}
     truth = [causes[episode] for episode in result.episodes]
     return float(adjusted_rand_score(truth, result.labels))

@@ -11,6 +11,7 @@ from recording_readers import measure_error_m, read_log, read_scenario
 from store_checks.examples import analyse_function
 
 from eigenfail import exchange, plugins
+from eigenfail.errors import Conflict
 from eigenfail.values import (
     AnalysisSettings,
     CampaignSpec,
@@ -86,6 +87,24 @@ def test_the_ego_may_be_left_to_a_controller(http, played, problem):
     assert told["field"] == "ego"
 
 
+def test_what_no_episode_has_is_refused_before_one_is_run_again(http, played, problem, monkeypatch):
+    campaign, _ = played(keep=False)
+
+    def refuse(*_):
+        pytest.fail("The episode was run again.")
+
+    monkeypatch.setattr(recordings.EXPLANATIONS, "of", refuse)
+    told = problem(fetch(http, campaign, format="gif", ego="controller"), 422)
+    assert told["field"] == "ego"
+
+
+def test_the_lanes_of_a_bridge_are_not_those_of_a_scenario_of_the_same_name(played):
+    _, result = played(scenario="cut_in")
+    spec = CampaignSpec(name="a", scenario="cut_in", method="monte_carlo", episodes=1)
+    assert recorded.find_mission(spec, result) is not None
+    assert recorded.find_mission(replace(spec, simulator="bridge"), result) is None
+
+
 def test_an_episode_without_a_scene_is_run_again(http, played):
     campaign, result = played(keep=False)
     poses = read_log(fetch(http, campaign, format="mcap").content)
@@ -119,8 +138,9 @@ def test_a_function_has_no_vehicles(http, store, problem):
     campaign, analysis = analyse_function(store, ("a", "b"))
     told = problem(fetch(http, campaign, format="openscenario"), 422)
     assert "no vehicles" in told["detail"]
-    problem(http.get(f"/api/v1/analyses/{analysis}/modes/1/animation"), 409)
-    assert "Animation" not in http.get(f"/analyses/{analysis}").text
+    told = problem(http.get(f"/api/v1/analyses/{analysis}/modes/1/animation"), 422)
+    assert (told["field"], "no vehicles" in told["detail"]) == ("mode", True)
+    assert "animation" not in http.get(f"/analyses/{analysis}").text
     assert "recording?" not in http.get(f"/campaigns/{campaign}/episodes/0").text
 
 
@@ -180,3 +200,34 @@ def test_of_a_large_mode_a_sample_is_drawn_with_its_medoid(store, large_mode, mo
     scenes = [store.episodes.get(large_mode.campaign, index).scene for index in (4, 0, 8)]
     for found, wanted in zip(sample.scenes, scenes, strict=True):
         assert np.array_equal(found.vehicles, wanted.vehicles)
+
+
+@pytest.mark.parametrize("bound", ["MAX_DRAWN_POSES", "MAX_KEPT_POSES"])
+def test_of_scenes_with_many_poses_fewer_are_read_and_drawn(store, large_mode, monkeypatch, bound):
+    (medoid,) = recorded.load_mode_recordings(store, large_mode, 1).scenes[:1]
+    poses = medoid.vehicles.shape[0] * medoid.vehicles.shape[1]
+    monkeypatch.setattr(recorded, bound, 3 * poses)
+    sample = recorded.load_mode_recordings(store, large_mode, 1)
+    assert (len(sample.scenes), sample.total) == (3, 9)
+    wanted = [store.episodes.get(large_mode.campaign, index).scene for index in (4, 0, 8)]
+    assert [each.vehicles.tolist() for each in sample.scenes] == [
+        each.vehicles.tolist() for each in wanted
+    ]
+    monkeypatch.setattr(recorded, bound, poses - 1)
+    with pytest.raises(Conflict, match="has a scene that can be drawn"):
+        recorded.load_mode_recordings(store, large_mode, 1)
+
+
+def test_a_failure_with_more_poses_than_the_medoid_is_left_out(store, large_mode, monkeypatch):
+    """The number that is drawn follows from the medoid, whose scene may be the smallest."""
+    read = store.episodes.get
+    long = read(large_mode.campaign, 4).scene.vehicles.repeat(9, axis=0)
+
+    def lengthen(campaign, index):
+        result = read(campaign, index)
+        return replace(result, scene=replace(result.scene, vehicles=long)) if index == 3 else result
+
+    monkeypatch.setattr(store.episodes, "get", lengthen)
+    monkeypatch.setattr(recorded, "MAX_KEPT_POSES", long.shape[0] * long.shape[1])
+    shown = recorded.load_mode_recordings(store, large_mode, 1).scenes
+    assert [len(each.vehicles) for each in shown] == [len(long) // 9] * 8

@@ -49,7 +49,7 @@ def test_the_numbers_on_the_page_are_those_of_the_code(page):
         (alignment.MIN_STEPS_APART, "at least {} steps apart"),
         (behaviour.WINDOW_S, "Of the last {} s before the collision"),
         (10.0**-behaviour.DECIMALS, "rounded to {} m/s²"),
-        (behaviour.SMOOTHING_S, "Moving means over {} s"),
+        (behaviour.SMOOTHING_S, "Moving means over about {} s"),
         (behaviour.COMPONENTS, "first {} principal components are clustered"),
         (behaviour.RESOLUTION_MPS2, "a difference of {} m/s² in root mean square"),
         (behaviour.ENERGY_S, "over windows of {} s for each channel"),

@@ -306,10 +306,15 @@ def make_outlier_tile(result: AnalysisResult) -> Tile:
     return Tile(format_share(result.outliers), ("assigned to the mode of their nearest neighbour",))
 
 
-def list_tables(result: AnalysisResult) -> tuple[Table, ...]:
-    """Return the tables of noise within modes, moments, influence and sources that have rows."""
+def list_tables(result: AnalysisResult, step_s: float | None = None) -> tuple[Table, ...]:
+    """Return the tables of noise within modes, moments, influence and sources that have rows.
+
+    Args:
+        result: result of the analysis.
+        step_s: as `tabulate_noise_within` takes it. [s]
+    """
     found = (
-        tabulate_noise_within(result),
+        tabulate_noise_within(result, step_s),
         tabulate_moments(result),
         tabulate_influence(result),
         tabulate_sources(result),
@@ -487,6 +492,7 @@ def make_analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | No
     result = analysis.result
     world = world_of(campaign.spec.simulator)
     channels, unit = world.channels(campaign.spec), find_robustness_unit(campaign.spec)
+    step_s = world.step_s(campaign.spec) if analysis.settings.align == "collision" else None
     return AnalysisView(
         line=make_analysis_line(analysis, channels),
         campaign=campaign.id,
@@ -497,7 +503,7 @@ def make_analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | No
         notes=tuple(list_notes(result)) if result else (),
         tiles=make_finding_tiles(result) if result else (),
         modes=make_mode_cards(result, campaign.id, proof, unit) if result else (),
-        grids=list_tables(result) if result else (),
+        grids=list_tables(result, step_s) if result else (),
         charts=make_charts(result, campaign.id) if result and result.modes else (),
         has_animations=world.has_road and RecordingFormat.GIF in list_formats(),
         proof=make_proof_view(proof, unit) if proof else None,

@@ -169,18 +169,21 @@ def analyze(
         "features": features.value,
     }
     settings = convert(given, AnalysisSettings)
+    if animations is not None:
+        make_folder(animations)
     with interruptible(), connect_to(context, url) as client:
         analysis = find_or_run_analysis(client, campaign, settings)
         proof = prove_analysis(client, analysis.id, variation or ()) if prove else None
         proven = tabulate_proof(client, analysis, proof) if proof else ()
+        if as_json:
+            typer.echo(to_json({"analysis": analysis, "proof": proof}))
+        elif analysis.result:
+            result = analysis.result
+            found = (*describe_modes(campaign, result), *describe_findings(result))
+            make_console().print(render(*found, *list_mode_words(result), *proven))
+        # The result is printed first: it is not lost where an animation cannot be made.
         if animations is not None:
             write_animations(client, analysis, animations)
-    if as_json:
-        typer.echo(to_json({"analysis": analysis, "proof": proof}))
-    elif analysis.result:
-        result = analysis.result
-        found = (*describe_modes(campaign, result), *describe_findings(result))
-        make_console().print(render(*found, *list_mode_words(result), *proven))
 
 
 def tabulate_proof(client: Client, analysis: Analysis, proof: Proof) -> tuple[Block, ...]:
@@ -190,18 +193,26 @@ def tabulate_proof(client: Client, analysis: Analysis, proof: Proof) -> tuple[Bl
     return describe_proof(proof, noun, find_robustness_unit(spec))
 
 
-def write_animations(client: Client, analysis: Analysis, folder: Path) -> None:
-    """Write an animated GIF of each mode of an analysis to a folder, which is made if need be.
+def make_folder(folder: Path) -> None:
+    """Make a folder, unless it is there.
 
     Raises:
-        ServiceError: the folder or a file cannot be written.
-        InvalidValue: the service cannot write the format.
+        ServiceError: it cannot be made.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         problem = f"{folder} cannot be made: {error.strerror or error}."
         raise ServiceError(problem, "Choose a folder that you can write to.") from error
+
+
+def write_animations(client: Client, analysis: Analysis, folder: Path) -> None:
+    """Write an animated GIF of each mode of an analysis to a folder.
+
+    Raises:
+        ServiceError: a file cannot be written.
+        InvalidValue: the service cannot write the format.
+    """
     for number in range(1, len(analysis.result.modes if analysis.result else ()) + 1):
         path = client.analyses.animate(analysis.id, number, folder / f"mode-{number}.gif")
         typer.echo(f"Wrote {path}.", err=True)

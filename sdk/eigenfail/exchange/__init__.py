@@ -46,17 +46,26 @@ def write_recording(
         InvalidValue: the format leaves nothing to a controller, its packages are not installed, or
             the episode is too long.
     """
-    require_packages(form)
+    check_recording(form, ego)
     steps, vehicles = recording.scene.vehicles.shape[:2]
     if steps * vehicles > MAX_POSES:
         problem = f"It has {steps} steps of {vehicles} vehicles: {steps * vehicles} poses."
         raise InvalidValue("episode", problem, f"At most {MAX_POSES} are written.")
     if ego is EgoControl.RECORDED:
         return _WRITERS[form](recording)
-    if form is not RecordingFormat.OPENSCENARIO:
+    return write_open_scenario(recording, ego)
+
+
+def check_recording(form: RecordingFormat, ego: EgoControl) -> None:
+    """Refuse what cannot be written of any episode here.
+
+    Raises:
+        InvalidValue: the format leaves nothing to a controller, or its packages are not installed.
+    """
+    require_packages(form)
+    if ego is not EgoControl.RECORDED and form is not RecordingFormat.OPENSCENARIO:
         problem = f"{form} shows what happened, and has no controller."
         raise InvalidValue("ego", problem, "Use the format openscenario.")
-    return write_open_scenario(recording, ego)
 
 
 def require_packages(form: RecordingFormat) -> None:

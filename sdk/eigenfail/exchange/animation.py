@@ -29,7 +29,7 @@ MAX_HEIGHT_PX = 600
 
 
 FINEST = 2
-"""Frames are drawn so many times larger, and made smaller again: edges become smooth."""
+"""Factor by which frames are drawn larger, and then made smaller: edges become smooth."""
 
 
 SHORTEST_FRAME_S = 0.04
@@ -144,6 +144,19 @@ def list_frame_steps(steps: int, dt_s: float) -> list[int]:
     return [*drawn, steps]
 
 
+def list_durations_ms(steps: Sequence[int], dt_s: float) -> list[int]:
+    """Return how long each drawn step but the last is shown, in whole 10 ms. [ms]
+
+    GIF has no finer times. Moments are rounded, not durations, so that errors do not add up.
+
+    Args:
+        steps: steps that are drawn.
+        dt_s: time between two steps.
+    """
+    moments_ms = [10 * round(100 * step * dt_s) for step in steps]
+    return [max(after - before, 20) for before, after in itertools.pairwise(moments_ms)]
+
+
 def _animate(courses: Sequence[_Course], road: StraightRoad, title: str) -> bytes:
     from PIL import Image
 
@@ -154,14 +167,13 @@ def _animate(courses: Sequence[_Course], road: StraightRoad, title: str) -> byte
         frame.quantize(palette=palette, dither=Image.Dither.NONE)
         for frame in _draw_frames(courses, road, title, steps)
     ]
-    shown_s = [(after - step) * dt_s for step, after in itertools.pairwise(steps)]
     buffer = io.BytesIO()
     frames[0].save(
         buffer,
         "GIF",
         save_all=True,
         append_images=frames[1:],
-        duration=[max(round(1000 * each), 20) for each in (*shown_s, LAST_FRAME_S)],
+        duration=[*list_durations_ms(steps, dt_s), round(1000 * LAST_FRAME_S)],
         loop=0,
         disposal=1,
     )
@@ -215,6 +227,8 @@ def _find_view(courses: Sequence[_Course], road: StraightRoad) -> _View:
     scene = next(course.scene for course in courses if course.is_main)
     places = scene.vehicles[..., :2].astype(np.float64)
     ahead_m = places[:, 1:, 0] - places[:, :1, 0]
+    # An ego alone has no other vehicle: what is never there stands for one.
+    ahead_m = np.pad(ahead_m, ((0, 0), (0, 1)), constant_values=np.nan)
     # Of each step the nearest vehicle is to be seen, and a part of the road around it.
     nearest = np.where(np.isfinite(ahead_m), np.abs(ahead_m), np.inf).argmin(axis=1)
     offsets_m = np.take_along_axis(ahead_m, nearest[:, None], axis=1)

@@ -1,8 +1,8 @@
 """Episodes as OpenSCENARIO 1.2 on a road in OpenDRIVE 1.7, with the noise beside them.
 
 ASAM OpenSCENARIO XML 1.2.0 and ASAM OpenDRIVE 1.7.0: the reference point of a vehicle is the middle
-of its rear axle, on the ground. A scene has the centres of the footprints: `find_reference_offset`
-tells how far one is ahead of the other.
+of its rear axle, on the ground; that of a pedestrian is the centre of the footprint. A scene has
+the centres of the footprints: `find_reference_offset` tells how far one is ahead of the other.
 """
 
 import csv
@@ -16,6 +16,7 @@ from zipfile import ZIP_DEFLATED, ZipFile, ZipInfo
 
 import msgspec
 import numpy as np
+from msgspec import UnsetType
 
 from eigenfail.exchange.recording import (
     TRUCK_LENGTH_M,
@@ -29,6 +30,7 @@ from eigenfail.exchange.recording import (
 from eigenfail.frames import list_noise
 from eigenfail.values import Scene
 from eigenfail.values.records import PEAK_BRAKING_MPS2
+from eigenfail.values.scene import UNKNOWN_KIND
 from eigenfail.versions import PACKAGE, read_version
 
 SCENARIO_FILE, ROAD_FILE = "scenario.xosc", "road.xodr"
@@ -42,6 +44,11 @@ ahead of it. The world has no axles, so that this is an assumption."""
 
 TOP_SPEED_MPS = 70.0
 """Speed that no vehicle exceeds: the format asks for one. [m/s]"""
+
+
+PEDESTRIAN_KINDS = ("pedestrian", "animal")
+PEDESTRIAN_MASS_KG = 75.0
+"""The format asks for a mass, which no scene has. [kg]"""
 
 
 FULL_STEERING_RAD = 0.5
@@ -74,9 +81,18 @@ def write_open_scenario(
     return buffer.getvalue()
 
 
-def find_reference_offset(length_m: float) -> float:
+def find_kind(scene: Scene, number: int) -> str:
+    """Return one of `VEHICLE_KINDS` for a vehicle of a scene: by its length where it has none."""
+    kind = UNKNOWN_KIND if isinstance(scene.kinds, UnsetType) else scene.kinds[number]
+    if kind != UNKNOWN_KIND:
+        return kind
+    return "truck" if float(scene.sizes[number, 0]) > TRUCK_LENGTH_M else "car"
+
+
+def find_reference_offset(scene: Scene, number: int) -> float:
     """Return how far the centre of a vehicle is ahead of its reference point. [m]"""
-    return REAR_AXLE_SHARE * length_m
+    has_axles = find_kind(scene, number) not in PEDESTRIAN_KINDS
+    return REAR_AXLE_SHARE * float(scene.sizes[number, 0]) if has_axles else 0.0
 
 
 def _serialise(root: Element) -> bytes:
@@ -118,8 +134,8 @@ def _describe_recording(recording: EpisodeRecording, ego: EgoControl) -> bytes:
         "ego": ego.value,
         "road_from": "scenario" if recording.road.is_known else "vehicles",
         "reference_offset_m": {
-            name_vehicle(number): find_reference_offset(float(size[0]))
-            for number, size in enumerate(recording.scene.sizes)
+            name_vehicle(number): find_reference_offset(recording.scene, number)
+            for number in range(len(recording.scene.sizes))
         },
         "eigenfail": read_version(PACKAGE),
     }
@@ -155,23 +171,15 @@ def _make_scenario(recording: EpisodeRecording, ego: EgoControl) -> Element:
 
 
 def _add_vehicle(entity: Element, scene: Scene, number: int) -> None:
-    length_m, width_m = map(float, scene.sizes[number])
-    height_m, ahead_m = find_height(length_m), find_reference_offset(length_m)
-    vehicle = SubElement(
-        entity,
-        "Vehicle",
-        name=name_vehicle(number),
-        vehicleCategory="truck" if length_m > TRUCK_LENGTH_M else "car",
-    )
-    box = SubElement(vehicle, "BoundingBox")
-    SubElement(box, "Center", x=_format_metres(ahead_m), y="0", z=_format_metres(height_m / 2))
-    SubElement(
-        box,
-        "Dimensions",
-        width=_format_metres(width_m),
-        length=_format_metres(length_m),
-        height=_format_metres(height_m),
-    )
+    name, kind = name_vehicle(number), find_kind(scene, number)
+    if kind in PEDESTRIAN_KINDS:
+        mass = str(PEDESTRIAN_MASS_KG)
+        walker = SubElement(entity, "Pedestrian", name=name, mass=mass, pedestrianCategory=kind)
+        _add_box(walker, scene, number)
+        SubElement(walker, "Properties")
+        return
+    vehicle = SubElement(entity, "Vehicle", name=name, vehicleCategory=kind)
+    _add_box(vehicle, scene, number)
     SubElement(
         vehicle,
         "Performance",
@@ -179,6 +187,7 @@ def _add_vehicle(entity: Element, scene: Scene, number: int) -> None:
         maxAcceleration=str(PEAK_BRAKING_MPS2),
         maxDeceleration=str(PEAK_BRAKING_MPS2),
     )
+    width_m, ahead_m = float(scene.sizes[number, 1]), find_reference_offset(scene, number)
     axles = SubElement(vehicle, "Axles")
     for name, steering_rad, place_m in (
         ("FrontAxle", FULL_STEERING_RAD, 2.0 * ahead_m),
@@ -194,6 +203,20 @@ def _add_vehicle(entity: Element, scene: Scene, number: int) -> None:
             positionZ=str(WHEEL_DIAMETER_M / 2),
         )
     SubElement(vehicle, "Properties")
+
+
+def _add_box(parent: Element, scene: Scene, number: int) -> None:
+    length_m, width_m = map(float, scene.sizes[number])
+    height_m, ahead_m = find_height(length_m), find_reference_offset(scene, number)
+    box = SubElement(parent, "BoundingBox")
+    SubElement(box, "Center", x=_format_metres(ahead_m), y="0", z=_format_metres(height_m / 2))
+    SubElement(
+        box,
+        "Dimensions",
+        width=_format_metres(width_m),
+        length=_format_metres(length_m),
+        height=_format_metres(height_m),
+    )
 
 
 def _add_controller(entity: Element, recording: EpisodeRecording) -> None:
@@ -239,7 +262,7 @@ def _add_speed(private: Element, speed_mps: float) -> None:
 
 def _add_position(parent: Element, scene: Scene, number: int, step: int) -> None:
     x_m, y_m, heading_rad = map(float, scene.vehicles[step, number, :3])
-    ahead_m = find_reference_offset(float(scene.sizes[number, 0]))
+    ahead_m = find_reference_offset(scene, number)
     SubElement(
         SubElement(parent, "Position"),
         "WorldPosition",
@@ -253,18 +276,20 @@ def _add_position(parent: Element, scene: Scene, number: int, step: int) -> None
 
 
 def _add_story(storyboard: Element, scene: Scene, ego: EgoControl) -> None:
+    first = 0 if ego is EgoControl.RECORDED else 1
+    spans = {number: find_presence(scene, number) for number in range(first, len(scene.sizes))}
+    moving = {number: found for number, found in spans.items() if found}
+    if not moving:  # An act has at least one group.
+        return
     story = SubElement(storyboard, "Story", name="recorded_course")
     act = SubElement(story, "Act", name="recorded_act")
-    first = 0 if ego is EgoControl.RECORDED else 1
-    for number in range(first, len(scene.sizes)):
-        name, spans = name_vehicle(number), find_presence(scene, number)
-        if not spans:
-            continue
+    for number, found in moving.items():
+        name = name_vehicle(number)
         group = SubElement(act, "ManeuverGroup", name=f"{name}_group", maximumExecutionCount="1")
         actors = SubElement(group, "Actors", selectTriggeringEntities="false")
         SubElement(actors, "EntityRef", entityRef=name)
         maneuver = SubElement(group, "Maneuver", name=f"{name}_maneuver")
-        for span in spans:
+        for span in found:
             _add_span(maneuver, scene, number, span)
     _add_time_trigger(act, "StartTrigger", 0.0)
 

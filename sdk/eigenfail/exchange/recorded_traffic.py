@@ -12,7 +12,8 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from eigenfail.exchange.tracks import RecordedTracks
+from eigenfail.errors import InvalidValue
+from eigenfail.exchange.tracks import STANDING_MPS, RecordedTracks
 from eigenfail.values import Floats, Mission, VehicleState
 from eigenfail.values.disturbance import Doubles
 
@@ -59,8 +60,20 @@ class RecordedTraffic:
     speed_limit_mps: ClassVar[float] = 25.0
 
     def __call__(self, parameters: RecordedTrafficParameters, seed: int) -> "RecordedSituation":  # noqa: ARG002 - the contract's; nothing in a recording is random
-        """Return the situation at the start of the recording."""
-        course = self.tracks.states[:, 0]
+        """Return the situation at the start of the recording.
+
+        Raises:
+            InvalidValue: the ego of the recording stands all the time, or does not end ahead.
+        """
+        course, ego = self.tracks.states[:, 0], self.tracks.ids[0]
+        if not course[:, 3].max() >= STANDING_MPS:
+            problem = (
+                f"Vehicle '{ego}' stands all the time: a planner would have no speed to reach."
+            )
+            raise InvalidValue("tracks", problem, "Choose another ego.")
+        if not course[-1, 0] > course[0, 0]:
+            problem = f"Vehicle '{ego}' does not end ahead of its start along x."
+            raise InvalidValue("tracks", problem, "Give `read_tracks` the frame of its road.")
         mission = Mission(
             dt_s=self.tracks.dt_s,
             lanes=self.lanes,
@@ -123,12 +136,19 @@ class RecordedSituation:
         moved = []
         for path, state, (way_m, speed) in zip(self._paths, before, self._progress, strict=True):
             others = (ego, *(each for each in before if each is not state))
+            if path.is_parked:
+                moved.append((way_m, speed))
+                continue
             wanted = _find_acceleration(state, others, path.desired_mps)
             after = max(speed + wanted * dt_s, 0.0)
             moved.append((way_m + 0.5 * (speed + after) * dt_s, after))
         self._progress = moved
-        places = zip(self._paths, moved, strict=True)
-        self._states.append(tuple(path.place(way_m, speed) for path, (way_m, speed) in places))
+        self._states.append(
+            tuple(
+                state if path.is_parked else path.place(*place)
+                for path, state, place in zip(self._paths, before, moved, strict=True)
+            )
+        )
 
 
 class _Path:
@@ -138,6 +158,7 @@ class _Path:
         number: number of the vehicle in the tracks.
         way_m: way along the path at each recorded step. [m]
         desired_mps: its largest recorded speed.
+        is_parked: whether it stood all the time: it stays where it is.
     """
 
     def __init__(self, tracks: RecordedTracks, number: int) -> None:
@@ -146,8 +167,8 @@ class _Path:
         self._length_m, self._width_m = map(float, tracks.sizes[number])
         moved = np.diff(self._course[:, :2], axis=0)
         self.way_m = np.concatenate([[0.0], np.cumsum(np.hypot(moved[:, 0], moved[:, 1]))])
-        # A vehicle that stood all the time has no speed that it would like: it stays.
-        self.desired_mps = max(float(self._course[:, 3].max()), 0.1)
+        self.desired_mps = float(self._course[:, 3].max())
+        self.is_parked = self.desired_mps < STANDING_MPS
 
     def place(self, way_m: float, speed_mps: float) -> VehicleState:
         """Return the vehicle at a way along its path, and straight on behind the end of it."""
@@ -218,5 +239,6 @@ def find_log_validity(tracks: RecordedTracks, course: Floats | Doubles, distance
     """
     steps = min(len(course), len(tracks.states))
     offsets = course[:steps, :2].astype(np.float64) - tracks.states[:steps, 0, :2]
-    left = np.flatnonzero(np.hypot(offsets[:, 0], offsets[:, 1]) > distance_m)
+    # A place that is not a number is not a valid one either.
+    left = np.flatnonzero(~(np.hypot(offsets[:, 0], offsets[:, 1]) <= distance_m))
     return float(left[0] if len(left) else steps - 1) * tracks.dt_s

@@ -2,11 +2,12 @@
 
 from collections.abc import Sequence
 from enum import StrEnum
-from math import ceil
+from math import ceil, floor
 
 import msgspec
 import numpy as np
 
+from eigenfail.errors import InvalidValue
 from eigenfail.values import Mission, NoiseTrajectory, Outcome, Scene
 from eigenfail.values.showing import Brief
 
@@ -15,19 +16,24 @@ CONVENTIONAL_LANE_M = 3.5
 
 
 ROAD_MARGIN_M = 200.0
-"""A road goes on for so long before the first and behind the last vehicle, for controllers that
-drive otherwise than the ego did. [m]"""
+"""Length of road before the first and behind the last vehicle, for controllers that drive otherwise
+than the ego did. [m]"""
 
 
 TRUCK_LENGTH_M = 8.0
 """Vehicles that are longer than this are called trucks. [m]"""
 
 
+MAX_LANES = 64
+"""Lanes that are laid at most under vehicles of a road that is not known: positions on a bridge are
+not bounded."""
+
+
 _TRUCK_HEIGHT_M, _CAR_HEIGHT_M = 3.8, 1.5
 
 
 class RecordingFormat(StrEnum):
-    """As what a single episode is written.
+    """Format of the file of a single episode.
 
     `openscenario` is a ZIP archive of scenario, road and noise; `mcap` is a log for Foxglove;
     `gif` is an animation.
@@ -44,7 +50,7 @@ class RecordingFormat(StrEnum):
 
 
 class EgoControl(StrEnum):
-    """Who drives the ego of a scenario: its recorded course, or a controller of the simulator."""
+    """Control of the ego in a scenario: its recorded course, or a controller of the simulator."""
 
     RECORDED = "recorded"
     CONTROLLER = "controller"
@@ -87,6 +93,9 @@ def make_road(scenes: Sequence[Scene], mission: Mission | None) -> StraightRoad:
     Args:
         scenes: at least one.
         mission: lanes of the scenario; None where they are not known.
+
+    Raises:
+        InvalidValue: the lanes are not known, and the vehicles are too far beside each other.
     """
     places = [scene.vehicles[..., :2].reshape(-1, 2).astype(np.float64) for scene in scenes]
     lowest = np.nanmin([np.nanmin(each, axis=0) for each in places], axis=0)
@@ -96,13 +105,15 @@ def make_road(scenes: Sequence[Scene], mission: Mission | None) -> StraightRoad:
         half_m = 0.5 * mission.lane_width_m
         shape = mission.lanes, mission.lane_width_m, mission.lane_0_ends_x_m
         return StraightRoad(starts, ends, -half_m, *shape, is_known=True)
-    # Lane 0 has its centre at y = 0 in every world; further lanes are added to both sides.
-    right, left = (
-        ceil(max(0.0, reach_m / CONVENTIONAL_LANE_M - 0.5))
-        for reach_m in (-float(lowest[1]), float(highest[1]))
-    )
-    edge = -(right + 0.5) * CONVENTIONAL_LANE_M
-    lanes = right + 1 + left
+    # A lane has its centre at y = 0, as lane 0 has in every world, or would have it there.
+    first = floor(float(lowest[1]) / CONVENTIONAL_LANE_M + 0.5)
+    last = max(ceil(float(highest[1]) / CONVENTIONAL_LANE_M - 0.5), first)
+    lanes = last - first + 1
+    if lanes > MAX_LANES:
+        reach_m = float(highest[1] - lowest[1])
+        problem = f"Its vehicles are up to {reach_m:g} m beside each other, on no known road."
+        raise InvalidValue("episode", problem, f"At most {MAX_LANES} lanes are drawn under them.")
+    edge = (first - 0.5) * CONVENTIONAL_LANE_M
     return StraightRoad(starts, ends, edge, lanes, CONVENTIONAL_LANE_M, None, is_known=False)
 
 

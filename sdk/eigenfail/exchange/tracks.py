@@ -4,7 +4,7 @@ import csv
 from collections.abc import Iterable, Iterator, Mapping
 from math import cos, isfinite, sin
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
 from xml.etree.ElementTree import Element
 
@@ -57,7 +57,7 @@ class RecordedTracks(Brief, msgspec.Struct, frozen=True, eq=False):
         ids: the name of each vehicle in the recording; the first is the ego.
         states: x [m], y [m], heading [rad], speed [m/s], shape (steps + 1, vehicles, 4).
         sizes: length and width [m], shape (vehicles, 2).
-        left_out: names of vehicles that were not there all the time.
+        left_out: names of vehicles that were not there all the time, or could not be read.
     """
 
     dt_s: float
@@ -75,7 +75,8 @@ def read_tracks(
     The file has a row for each vehicle and time: `id`, `time_s`, `x_m` and `y_m` of its centre, and
     if they are known `heading_rad`, `speed_mps`, `length_m` and `width_m`. The road is along x, and
     y is to the left. Headings and speeds that are missing follow from the positions. Of CommonRoad
-    XML (2020a) the dynamic obstacles with a trajectory and a rectangle are read.
+    XML (2020a) the dynamic obstacles with a trajectory and a rectangle are read; others with a
+    trajectory are left out.
 
     Args:
         path: CSV; Parquet if its name ends in `.parquet`, CommonRoad if it ends in `.xml`.
@@ -88,7 +89,13 @@ def read_tracks(
             or no other one that is there as long.
     """
     path = Path(path)
-    rows = _group_rows(_READERS.get(path.suffix, _read_csv)(path))
+    if not (isfinite(dt_s) and dt_s > 0.0):
+        raise InvalidValue("dt_s", f"{dt_s} is not a positive number of seconds.")
+    found, unreadable = _READERS.get(path.suffix.lower(), _read_csv)(path)
+    rows = _group_rows(found)
+    if ego in unreadable:
+        problem = f"'{ego}' has no rectangle at its position, and cannot be replaced."
+        raise InvalidValue("ego", problem)
     if ego not in rows:
         known = ", ".join(sorted(rows)[:20])
         raise InvalidValue("ego", f"'{ego}' is not in {path.name}.", f"It has {known}.")
@@ -113,42 +120,52 @@ def read_tracks(
     return RecordedTracks(
         dt_s=dt_s,
         ids=ids,
-        states=_turn(np.stack([_interpolate(rows[name], grid_s) for name in ids], axis=1), frame),
+        states=_rotate_states(
+            np.stack([_interpolate(rows[name], grid_s) for name in ids], axis=1), frame
+        ),
         sizes=np.array([_find_size(rows[name]) for name in ids]),
-        left_out=tuple(name for name in rows if name not in ids),
+        left_out=(*(name for name in rows if name not in ids), *unreadable),
     )
 
 
-def _read_csv(path: Path) -> list[Row]:
+class _File(NamedTuple):
+    """Rows of a file, and names of vehicles that it has in a form that is not read."""
+
+    rows: list[Row]
+    unreadable: tuple[str, ...] = ()
+
+
+def _read_csv(path: Path) -> _File:
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            return list(csv.DictReader(file))
+            return _File(list(csv.DictReader(file)))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         problem = f"{path} cannot be read: {getattr(error, 'strerror', None) or error}."
         raise InvalidValue("tracks", problem, REMEDY) from error
 
 
-def _read_parquet(path: Path) -> list[Row]:
+def _read_parquet(path: Path) -> _File:
     from pyarrow import ArrowException
     from pyarrow.parquet import read_table
 
     try:
-        rows: list[Row] = read_table(path).to_pylist()
+        return _File(read_table(path).to_pylist())
     except (OSError, ArrowException) as error:
         raise InvalidValue("tracks", f"{path} cannot be read: {error}.", REMEDY) from error
-    return rows
 
 
-def _read_commonroad(path: Path) -> list[Row]:
+def _read_commonroad(path: Path) -> _File:
     try:
         root = ET.parse(path).getroot()  # noqa: S314 - a file of the user, in a process of the user
         step_s = float(root.attrib["timeStepSize"])
-        return [
-            row
-            for vehicle in root.iter("dynamicObstacle")
-            if vehicle.find("trajectory") is not None
-            for row in _list_states(vehicle, step_s)
+        moving = [
+            each for each in root.iter("dynamicObstacle") if each.find("trajectory") is not None
         ]
+        rows = [
+            row for each in moving if _has_footprint(each) for row in _list_states(each, step_s)
+        ]
+        left_out = tuple(each.attrib["id"] for each in moving if not _has_footprint(each))
+        return _File(rows, left_out)
     except OSError as error:
         raise InvalidValue("tracks", f"{path} cannot be read: {error.strerror}.") from error
     except (ET.ParseError, KeyError, ValueError, AttributeError) as error:
@@ -158,25 +175,29 @@ def _read_commonroad(path: Path) -> list[Row]:
         ) from error
 
 
+def _has_footprint(vehicle: Element) -> bool:
+    """Whether a dynamic obstacle is a rectangle with its centre at its position."""
+    shape = vehicle.find("shape/rectangle")
+    return shape is not None and not float(shape.findtext("originXShift", "0"))
+
+
 def _list_states(vehicle: Element, step_s: float) -> Iterator[Row]:
     """Yield the states of a dynamic obstacle; raises ValueError where one is not exact."""
     shape, name = "shape/rectangle", vehicle.attrib["id"]
-    if float(vehicle.findtext(f"{shape}/originXShift", "0")):
-        raise ValueError(f"the rectangle of {name} is not at its position")
     for state in (*vehicle.findall("initialState"), *vehicle.findall("trajectory/state")):
         yield {
             "id": name,
-            "time_s": step_s * _read_text(state, "time/exact"),
-            "x_m": _read_text(state, "position/point/x"),
-            "y_m": _read_text(state, "position/point/y"),
-            "heading_rad": _read_text(state, "orientation/exact"),
-            "speed_mps": _read_text(state, "velocity/exact"),
-            "length_m": _read_text(vehicle, f"{shape}/length"),
-            "width_m": _read_text(vehicle, f"{shape}/width"),
+            "time_s": step_s * _read_float(state, "time/exact"),
+            "x_m": _read_float(state, "position/point/x"),
+            "y_m": _read_float(state, "position/point/y"),
+            "heading_rad": _read_float(state, "orientation/exact"),
+            "speed_mps": _read_float(state, "velocity/exact"),
+            "length_m": _read_float(vehicle, f"{shape}/length"),
+            "width_m": _read_float(vehicle, f"{shape}/width"),
         }
 
 
-def _read_text(parent: Element, path: str) -> float:
+def _read_float(parent: Element, path: str) -> float:
     text = parent.findtext(path)
     if text is None:
         raise ValueError(f"no {path} in {parent.tag}")
@@ -186,7 +207,7 @@ def _read_text(parent: Element, path: str) -> float:
 _READERS = {".parquet": _read_parquet, ".xml": _read_commonroad}
 
 
-def _turn(states: Doubles, frame: RoadFrame) -> Doubles:
+def _rotate_states(states: Doubles, frame: RoadFrame) -> Doubles:
     """Return states in a frame in which the road is along x."""
     dx, dy = states[..., 0] - frame.x_m, states[..., 1] - frame.y_m
     c, s = cos(frame.heading_rad), sin(frame.heading_rad)
@@ -206,7 +227,9 @@ def _group_rows(rows: Iterable[Row]) -> dict[str, dict[str, Doubles]]:
 
 
 def _make_columns(name: str, rows: list[Row]) -> dict[str, Doubles]:
-    used = [*REQUIRED[1:], *(each for each in OPTIONAL if rows[0].get(each) not in (None, ""))]
+    # A column that some rows have is used: where one lacks it, its number is refused.
+    known = [each for each in OPTIONAL if any(row.get(each) not in (None, "") for row in rows)]
+    used = [*REQUIRED[1:], *known]
     columns = {each: np.array([_read_number(name, each, row) for row in rows]) for each in used}
     order = np.argsort(columns["time_s"], kind="stable")
     columns = {each: values[order] for each, values in columns.items()}
@@ -218,10 +241,10 @@ def _make_columns(name: str, rows: list[Row]) -> dict[str, Doubles]:
 def _read_number(name: str, column: str, row: Row) -> float:
     try:
         value = float(row[column])
-    except (TypeError, ValueError):
+    except (KeyError, TypeError, ValueError):
         value = float("nan")
     if not isfinite(value):
-        problem = f"{column} of vehicle '{name}' is {row[column]!r}, and no finite number."
+        problem = f"{column} of vehicle '{name}' is {row.get(column)!r}, and no finite number."
         raise InvalidValue("tracks", problem, REMEDY)
     return value
 
@@ -236,7 +259,7 @@ def _interpolate(track: Mapping[str, Doubles], grid_s: Doubles) -> Doubles:
     if "heading_rad" in track:
         heading = np.interp(grid_s, time_s, np.unwrap(track["heading_rad"]))
     else:
-        heading = _hold_direction(np.unwrap(np.arctan2(across, along)), moved_mps > STANDING_MPS)
+        heading = _hold_direction(np.arctan2(across, along), moved_mps > STANDING_MPS)
     return np.stack([x_m, y_m, heading, speed], axis=1)
 
 
@@ -246,7 +269,12 @@ def _hold_direction(heading: Doubles, moves: np.ndarray[Any, Any]) -> Doubles:
     if not len(moving):
         return np.zeros_like(heading)
     steps = np.arange(len(heading))
-    return np.interp(steps, moving, heading[moving])
+    after = np.searchsorted(moving, steps).clip(max=len(moving) - 1)
+    before = np.maximum(after - 1, 0)
+    is_before_nearer = steps - moving[before] <= moving[after] - steps
+    # Turns are counted over the moving steps alone: a vehicle that stands has no direction.
+    turned = np.unwrap(heading[moving])
+    return np.asarray(turned[np.where(is_before_nearer, before, after)], np.float64)
 
 
 def _find_size(track: Mapping[str, Doubles]) -> tuple[float, float]:

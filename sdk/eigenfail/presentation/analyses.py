@@ -267,8 +267,14 @@ def tabulate_influence(result: AnalysisResult) -> Table:
     return Table("Influence before the collision", columns, rows, (note,))
 
 
-def tabulate_noise_within(result: AnalysisResult) -> Table:
-    """Return how the noise differs among the failures of each mode, where behaviour groups them."""
+def tabulate_noise_within(result: AnalysisResult, step_s: float | None = None) -> Table:
+    """Return how the noise differs among the failures of each mode, where behaviour groups them.
+
+    Args:
+        result: result of the analysis.
+        step_s: duration of a step of failures that are aligned at the collision; None of others,
+            whose steps count from the start. [s]
+    """
     noun = result.cluster_noun
     columns = (
         *count_columns(noun.capitalize(), "Failures"),
@@ -278,7 +284,7 @@ def tabulate_noise_within(result: AnalysisResult) -> Table:
     rows = tuple(
         (
             *(str(place), mode.failures, float(np.sum(mode.explained))),
-            _find_difference(mode.components, mode.explained, result.channels),
+            _find_difference(mode.components, mode.explained, result.channels, step_s),
         )
         for place, mode in enumerate(result.modes, start=1)
         if mode.components is not None and mode.explained is not None and len(mode.explained)
@@ -287,10 +293,14 @@ def tabulate_noise_within(result: AnalysisResult) -> Table:
     return Table(f"Noise within {noun}s", columns, rows, (note,))
 
 
-def _find_difference(components: Floats, explained: Floats, channels: Sequence[str]) -> str:
+def _find_difference(
+    components: Floats, explained: Floats, channels: Sequence[str], step_s: float | None
+) -> str:
     influence = np.tensordot(explained, np.abs(components), axes=1)
-    step, way = np.unravel_index(int(influence.argmax()), influence.shape)
-    return f"{channels[int(way)]} at step {step}"
+    step, way = map(int, np.unravel_index(int(influence.argmax()), influence.shape))
+    before_s = None if step_s is None else (len(influence) - step) * step_s
+    moment = Moment(channels[way], step, before_s, float(influence[step, way]))
+    return f"{moment.axis} {format_moment(moment)}"
 
 
 def tabulate_sources(result: AnalysisResult) -> Table:

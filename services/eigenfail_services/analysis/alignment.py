@@ -101,6 +101,7 @@ class Aligned(NamedTuple):
         columns: those of z that are analysed.
         channels: the names of all columns of z.
         motion: acceleration of the ego in these failures, among others; None where it is not known.
+        step_s: duration of a step; None where it has none, or is not known. [s]
     """
 
     campaigns: NDArray[np.int64]
@@ -111,6 +112,7 @@ class Aligned(NamedTuple):
     columns: tuple[int, ...]
     channels: tuple[str, ...] = AXES
     motion: Motion | None = None
+    step_s: float | None = None
 
     @property
     def horizon(self) -> int:

@@ -24,7 +24,8 @@ WINDOW_S = 4.5
 """Time before the collision of which the acceleration counts. [s]"""
 
 SMOOTHING_S = 1.5
-"""Length of the moving mean of the acceleration, in which braking a little later is alike. [s]"""
+"""Length of the moving mean of the acceleration: braking a little later makes little difference in
+it. [s]"""
 
 RESOLUTION_MPS2 = 0.3
 """Root mean square, over the steps, of a difference in acceleration that makes no mode. [m/s²]"""
@@ -39,9 +40,13 @@ DECIMALS = 3
 """Decimals of the acceleration that count. [m/s²]"""
 
 MOST_MEMBERS = 20
+"""Failures of a mode whose acceleration is kept at most."""
+
 FAINT_MPS2 = 0.1
+"""Weaker braking is described as none. [m/s²]"""
+
 SLIGHT_MPS2 = 2.0
-"""Weaker braking is not described, or as slight; weaker acceleration is not described."""
+"""Weaker braking is described without its time, weaker acceleration not at all. [m/s²]"""
 
 
 def read_motion(courses: Iterable[tuple[int, SpeedCourse]], origin: Origin) -> Motion | None:
@@ -131,16 +136,8 @@ class GroupingFeatures(NamedTuple):
         )
 
 
-def select_features(
-    failures: Aligned, settings: AnalysisSettings, step_s: float | None
-) -> GroupingFeatures:
-    """Return what failures are grouped by: what is asked for, or the best that is known of them.
-
-    Args:
-        failures: failures side by side.
-        settings: settings of the analysis.
-        step_s: duration of a step; None where it has none. [s]
-    """
+def select_features(failures: Aligned, settings: AnalysisSettings) -> GroupingFeatures:
+    """Return what failures are grouped by: what is asked for, or the best that is known of them."""
     if settings.features == "noise":
         return GroupingFeatures("noise", failures.data, settings.components)
     motion = failures.motion
@@ -150,19 +147,21 @@ def select_features(
         # nearly alike would count as much as the braking.
         smooth = smooth_accelerations(accelerations, motion.step_s)
         return GroupingFeatures("behaviour", smooth, COMPONENTS, motion, accelerations)
-    if step_s is None:
+    if failures.step_s is None:
         return GroupingFeatures("noise", failures.data, settings.components)
-    return GroupingFeatures("energy", compute_energy(failures, step_s), COMPONENTS)
+    return GroupingFeatures("energy", compute_energy(failures, failures.step_s), COMPONENTS)
 
 
 def smooth_accelerations(accelerations: Floats, step_s: float) -> Floats:
-    """Return the moving mean over `SMOOTHING_S`, of the steps that there are. [m/s²]
+    """Return the moving mean over about `SMOOTHING_S`, of the steps that there are. [m/s²]
+
+    The mean is over an odd number of steps, the same before and after each.
 
     Args:
         accelerations: shape (failures, steps). [m/s²]
         step_s: duration of a step. [s]
     """
-    steps, half = accelerations.shape[1], round(SMOOTHING_S / step_s) // 2
+    steps, half = accelerations.shape[1], max(0, round((SMOOTHING_S / step_s - 1.0) / 2.0))
     sums = np.pad(np.cumsum(accelerations, axis=1, dtype=np.float64), ((0, 0), (1, 0)))
     first = np.maximum(np.arange(steps) - half, 0)
     last = np.minimum(np.arange(steps) + half + 1, steps)
@@ -223,8 +222,8 @@ def describe_motion(
         step_s: duration of a step. [s]
         origin: moment from which times count.
     """
-    braking_mps2, braking = _describe_push(-accelerations, times_s, step_s, origin)
-    raised_mps2, raised = _describe_push(accelerations, times_s, step_s, origin)
+    braking_mps2, braking = _describe_effort(-accelerations, times_s, step_s, origin)
+    raised_mps2, raised = _describe_effort(accelerations, times_s, step_s, origin)
     if braking_mps2 >= SLIGHT_MPS2:
         text = f"The ego brakes at up to {braking_mps2:.1f} m/s² {braking}"
     elif braking_mps2 >= FAINT_MPS2:
@@ -236,10 +235,17 @@ def describe_motion(
     return f"{text}."
 
 
-def _describe_push(
+def _describe_effort(
     strengths: Floats, times_s: NDArray[np.float64], step_s: float, origin: Origin
 ) -> tuple[float, str]:
-    """Return the median of the largest strength of each failure, and when it is that strong."""
+    """Return the median of the largest strengths of the failures, and the time span around them.
+
+    Args:
+        strengths: braking or acceleration in each failure, shape (failures, steps). [m/s²]
+        times_s: end of each step. [s]
+        step_s: duration of a step. [s]
+        origin: moment from which times count.
+    """
     steps, largest = np.arange(strengths.shape[1]), strengths.max(axis=1)
     is_weak = strengths < 0.5 * largest[:, None]
     peaks = strengths.argmax(axis=1)[:, None]

@@ -51,7 +51,7 @@ class Clusterer(Protocol):
         """The numbers of groups to try; the best silhouette decides."""
 
     def fit(self, scores: Scores, groups: int) -> Grouping | None:
-        """Groups among rows that differ more often than there are groups; None if none show.
+        """Groups among rows that differ at least as often as there are groups; None if none show.
 
         Args:
             scores: shape (rows, components).
@@ -161,7 +161,8 @@ def divide(
     """The rows in groups, repeatable.
 
     One group results where a division would say nothing: unless there are more different rows
-    than groups.
+    than groups, or as many with a resolution; and where all groups are nearer to each other than
+    the resolution.
 
     Args:
         scores: D*, shape (rows, k).
@@ -169,12 +170,35 @@ def divide(
         clusterer: what finds them.
         resolution: distance below which rows are as good as equal; see `_compute_silhouette`.
     """
-    limit = _count_different(scores[draw_rows(len(scores), CLUSTERED_ROWS)]) - 1
+    found = _find_partition(scores, clusters, clusterer, resolution)
+    if found.silhouette is not None and _measure_extent(scores, found.labels) < resolution:
+        return _join(scores)
+    return found
+
+
+def _find_partition(
+    scores: Scores, clusters: int | None, clusterer: Clusterer, resolution: float
+) -> Partition:
+    """Return the partition with the best silhouette, however near its groups are."""
+    rows = draw_rows(len(scores), CLUSTERED_ROWS)
+    limit = _count_different(scores[rows])
+    # Noise differs in every failure, so that a group for each different row has no content.
+    # Behaviour may be exactly equal: each course is a group, unless a single failure has it.
+    limit = min(limit, len(rows) - 1) if resolution > 0.0 else limit - 1
     wanted = [k for k in clusterer.choices(clusters) if 2 <= k <= limit]
     tried = [_split(scores, k, clusterer, resolution) for k in wanted]
-    single = Partition(np.zeros(len(scores), np.intp), None)
     found = [partition for partition in tried if partition is not None]
-    return max(found, key=lambda partition: partition.silhouette or 0.0, default=single)
+    return max(found, key=lambda partition: partition.silhouette or 0.0, default=_join(scores))
+
+
+def _join(scores: Scores) -> Partition:
+    return Partition(np.zeros(len(scores), np.intp), None)
+
+
+def _measure_extent(scores: Scores, labels: Labels) -> float:
+    """Return the largest distance between the centres of two groups."""
+    centres = [scores[labels == label].mean(axis=0) for label in np.unique(labels)]
+    return float(pairwise_distances(centres).max())
 
 
 def compute_noise_silhouette(
@@ -183,7 +207,7 @@ def compute_noise_silhouette(
     clusterer: Clusterer = KMEANS,
     resolution: float = 0.0,
 ) -> float:
-    """The largest silhouette that `divide` reaches on several draws of data without groups.
+    """The largest silhouette that is reached on several draws of data without groups.
 
     Scores of components are uncorrelated, so their spreads are all of their covariance. One
     elliptical cloud exceeds the largest of the draws in one case of twenty; one that is skewed or
@@ -191,7 +215,7 @@ def compute_noise_silhouette(
     """
     generator = np.random.default_rng(SEED)
     draws = (draw_without_groups(scores, generator) for _ in range(NOISE_DRAWS))
-    found = (divide(noise, clusters, clusterer, resolution) for noise in draws)
+    found = (_find_partition(noise, clusters, clusterer, resolution) for noise in draws)
     return max(partition.silhouette or 0.0 for partition in found)
 
 

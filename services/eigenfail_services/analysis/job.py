@@ -85,7 +85,8 @@ def analyse_gathered(
         gathered: all failures of the campaigns; the intervals of training are of all of them.
         settings: settings of the analysis, which were checked; there are never more components or
             modes than the failures differ in.
-        step_s: duration of a step; None where it has none. [s]
+        step_s: duration of a step; None where it has none, or where failures do not end at a
+            collision, to which times could be told. [s]
         episodes: how many of each campaign have ended, by its id.
         early: failures that `failures = "latest"` leaves out.
     """
@@ -93,7 +94,7 @@ def analyse_gathered(
     failures = early.leave_out(gathered) if only_latest else gathered
     # A sum over two threads rounds otherwise than over one.
     with threadpool_limits(limits=1), config_context(**LEAN):
-        features = select_features(failures, settings, step_s)
+        features = select_features(failures, settings)
         space = fit_components(failures.data, settings.components)
         result = _make_result(failures, settings, features, space, step_s)
         return replace(

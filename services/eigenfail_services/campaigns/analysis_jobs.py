@@ -51,14 +51,16 @@ class AnalysisBasis(NamedTuple):
         campaigns: each once, the first one first; with their states from before their failures
             are read, so that whatever has ended is read whole.
         horizon: steps of their full episodes.
-        step_s: duration of a step; None where it has none, or where failures do not end at a
-            collision, to which times could be told. [s]
+        duration_s: duration of a step; None where it has none. [s]
+        step_s: the same; None also where failures do not end at a collision, to which times could
+            be told. [s]
         channels: the names of the components of their noise.
         has_road: whether an ego drives in them.
     """
 
     campaigns: tuple[Campaign, ...]
     horizon: int
+    duration_s: float | None
     step_s: float | None
     channels: tuple[str, ...]
     has_road: bool
@@ -113,12 +115,13 @@ def find_basis(store: Store, campaign: int, settings: AnalysisSettings) -> Analy
         problem = "failures of campaigns with requirements need not end in a collision."
         raise InvalidValue("align", problem, "Align at the start.")
     steps = world.horizon(first.spec)
-    duration = None if may_violate else world.step_s(first.spec)
+    duration_s = world.step_s(first.spec)
+    step_s = None if may_violate else duration_s
     channels = world.channels(first.spec)
     choose_columns(settings.axes, channels)
     for other in campaigns[1:]:
         _refuse_unlike(first.spec, other.spec, f"campaign {other.id}")
-    return AnalysisBasis(campaigns, steps, duration, channels, world.has_road)
+    return AnalysisBasis(campaigns, steps, duration_s, step_s, channels, world.has_road)
 
 
 def _find_further(store: Store, campaign: int) -> Campaign:
@@ -359,7 +362,7 @@ def _describe_grouping(
     if settings.features != result.features and base.has_road:
         yield (
             f"The failures were grouped by {GROUPED_BY[result.features]}: the speed of the ego is "
-            "not stored for all of them."
+            "not known for all of them."
         )
 
 
@@ -428,6 +431,7 @@ def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
     begun = find_basis(store, analysis.campaign, analysis.settings)
     read = (FailureBatch(*each) for each in _list_portions(store, begun.campaigns))
     failures = gather_failures(read, begun.horizon, analysis.settings, begun.channels)
+    failures = failures._replace(step_s=begun.duration_s)
     if analysis.settings.features == "behaviour" and begun.has_road:
         motion = read_motion(_list_speeds(store, begun.campaigns), begun.origin)
         failures = failures._replace(motion=motion)

@@ -1,18 +1,20 @@
 """Stored episodes as recordings, with the roads of their scenarios, and files of them."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from eigenfail import plugins
 from eigenfail.errors import Conflict, EigenfailError, InvalidValue, NotFound
-from eigenfail.exchange import require_packages, write_recording
-from eigenfail.exchange.animation import draw_overlaid_episodes
+from eigenfail.exchange import check_recording, require_packages, write_recording
+from eigenfail.exchange.animation import draw_overlaid_episodes, list_frame_steps
 from eigenfail.exchange.recording import (
     EgoControl,
     EpisodeRecording,
     OverlaidRecordings,
     RecordingFormat,
 )
-from eigenfail.values import Analysis, CampaignSpec, EpisodeResult, Mission, Scene
+from eigenfail.values import Analysis, CampaignSpec, EpisodeResult, Mission, Outcome, Scene
 from eigenfail.values.variation import read_variation
 from eigenfail.worlds import drawn_for, list_channels, placed_for, world_of
 from eigenfail_services.campaigns.explanations import Explanations
@@ -23,8 +25,21 @@ MAX_OVERLAID = 200
 """Episodes that are drawn over each other at most; of a larger mode every n-th, with its medoid."""
 
 
+MAX_DRAWN_POSES = 500_000
+"""Vehicles times frames that an animation draws at most: some seconds of work."""
+
+
+MAX_KEPT_POSES = 5_000_000
+"""Vehicles times moments of all its scenes: 80 MB."""
+
+
 def find_mission(spec: CampaignSpec, result: EpisodeResult) -> Mission | None:
-    """Return lanes and time step of an episode's scenario; None if it is not installed here."""
+    """Return lanes and time step of an episode's scenario; None if it is not known here.
+
+    Of a bridge it is not: its scenario may have the name of an installed one.
+    """
+    if world_of(spec.simulator).needs_bridge:
+        return None
     seed = result.seed
     given = spec.scenario_parameters | drawn_for(spec, seed) | placed_for(spec, result.noise)
     try:
@@ -58,7 +73,7 @@ def make_recording_file(
         Conflict: its scene was not kept, and a replay of it differs.
         ServiceError: its scene was not kept, and it cannot be run again here.
     """
-    require_packages(form)
+    check_recording(form, ego)
     return write_recording(load_recording(store, explanations, *episode), form, ego)
 
 
@@ -88,12 +103,16 @@ def load_recording(
 
 def _refuse_sceneless(spec: CampaignSpec, stored: EpisodeResult) -> None:
     """Raises InvalidValue for an episode in which nothing drove."""
-    if not world_of(spec.simulator).has_road:
-        problem = "A function of the noise was tested: its episodes have no vehicles."
-        raise InvalidValue("episode", problem, "Export the episodes of its campaign as a table.")
+    _refuse_function(spec, "episode")
     if not stored.steps:
         why = stored.fault.message if stored.fault else "no reason was kept"
         raise InvalidValue("episode", f"It ended before its first step: {why}")
+
+
+def _refuse_function(spec: CampaignSpec, field: str) -> None:
+    if not world_of(spec.simulator).has_road:
+        problem = "A function of the noise was tested: its episodes have no vehicles."
+        raise InvalidValue(field, problem, "Export the episodes of its campaign as a table.")
 
 
 def _replay_scene(store: Store, explanations: Explanations, campaign: int, index: int) -> Scene:
@@ -117,8 +136,8 @@ def make_mode_animation(store: Store, analysis: Analysis, mode: int) -> bytes:
 
     Raises:
         NotFound: the analysis has no such mode.
-        Conflict: the analysis is not done, or none of the failures has a scene.
-        InvalidValue: Pillow is not installed.
+        Conflict: the analysis is not done, or none of the failures has a scene that can be drawn.
+        InvalidValue: Pillow is not installed, or the failures are those of a function.
     """
     require_packages(RecordingFormat.GIF)
     return draw_overlaid_episodes(load_mode_recordings(store, analysis, mode))
@@ -130,6 +149,8 @@ def load_mode_recordings(store: Store, analysis: Analysis, mode: int) -> Overlai
     if not 1 <= mode <= len(result.modes):
         remedy = f"Its modes are numbered from 1 to {len(result.modes)}."
         raise NotFound(f"Analysis {analysis.id} has no mode {mode}.", remedy)
+    spec = store.campaigns.get(analysis.campaign).spec
+    _refuse_function(spec, "mode")
     found = result.modes[mode - 1]
     medoid = (found.medoid_campaign or analysis.campaign, found.medoid)
     campaigns = result.campaigns or (analysis.campaign,) * len(result.episodes)
@@ -138,22 +159,58 @@ def load_mode_recordings(store: Store, analysis: Analysis, mode: int) -> Overlai
         for campaign, index, label in zip(campaigns, result.episodes, result.labels, strict=True)
         if label == mode - 1 and (campaign, index) != medoid
     ]
-    places = np.linspace(0, len(members) - 1, min(len(members), MAX_OVERLAID - 1)).round()
-    chosen = [medoid, *(members[int(place)] for place in places)]
-    stored = [store.episodes.get(*episode) for episode in chosen]
-    kept = [(each.scene, each.outcome) for each in stored if each.scene is not None]
-    if not kept:
-        problem = f"No failure of mode {mode} of analysis {analysis.id} has a scene."
-        raise Conflict(problem, "Replays of its episodes may keep theirs: set scene_every to 1.")
-    # Campaigns may differ in their time step, and frames show one time.
-    step_s = kept[0][0].dt_s
-    shown = [(scene, outcome) for scene, outcome in kept if scene.dt_s == step_s]
+    first = store.episodes.get(*medoid)
+    shown = _choose_scenes(store, first, members)
+    if not shown:
+        raise Conflict(
+            f"No failure of mode {mode} of analysis {analysis.id} has a scene that can be drawn.",
+            "Export an episode of it: its scene is computed again where it was not kept.",
+        )
     spec = store.campaigns.get(medoid[0]).spec
     return OverlaidRecordings(
         title=f"Analysis {analysis.id}, {result.cluster_noun} {mode}",
         scenes=tuple(scene for scene, _ in shown),
         outcomes=tuple(outcome for _, outcome in shown),
         total=found.failures,
-        mission=find_mission(spec, stored[0]),
+        mission=find_mission(spec, first),
         aligned_at_end=analysis.settings.align == "collision",
     )
+
+
+def _choose_scenes(
+    store: Store, medoid: EpisodeResult, members: Sequence[tuple[int, int]]
+) -> list[tuple[Scene, Outcome]]:
+    """Return scenes and outcomes of as many failures as an animation can draw, the medoid first.
+
+    Args:
+        store: where the episodes are.
+        medoid: the episode that the view follows.
+        members: campaign and index of the other failures.
+    """
+    shown: list[tuple[Scene, Outcome]] = []
+    if medoid.scene is not None and _can_draw([medoid.scene]):
+        shown.append((medoid.scene, medoid.outcome))
+    # Were all of them like the medoid, this number would do: so the sample is spread evenly.
+    affordable = MAX_OVERLAID
+    while shown and affordable > 1 and not _can_draw([shown[0][0]] * affordable):
+        affordable -= 1
+    places = np.linspace(0, len(members) - 1, min(len(members), affordable - 1)).round()
+    for place in places.tolist():
+        # One at a time, and the noise of none is kept.
+        stored = store.episodes.get(*members[int(place)])
+        scene = stored.scene
+        # Campaigns may differ in their time step, and frames show one time.
+        if scene is None or (shown and scene.dt_s != shown[0][0].dt_s):
+            continue
+        if _can_draw([*(each for each, _ in shown), scene]):
+            shown.append((scene, stored.outcome))
+    return shown
+
+
+def _can_draw(scenes: Sequence[Scene]) -> bool:
+    """Whether an animation of some scenes over each other stays within its bounds."""
+    steps = max(len(scene.vehicles) for scene in scenes) - 1
+    frames = len(list_frame_steps(steps, scenes[0].dt_s))
+    vehicles = sum(len(scene.sizes) for scene in scenes)
+    kept = sum(len(scene.vehicles) * len(scene.sizes) for scene in scenes)
+    return vehicles * frames <= MAX_DRAWN_POSES and kept <= MAX_KEPT_POSES

@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pytest
 from msgspec.structs import replace
 
 from eigenfail.presentation.analyses import (
@@ -11,10 +12,12 @@ from eigenfail.presentation.analyses import (
     format_moment,
     list_mode_words,
     tabulate_modes,
+    tabulate_noise_within,
 )
 from eigenfail.values import (
     AXES,
     AnalysisResult,
+    FailureMode,
     InfluenceShare,
     Interval,
     Moment,
@@ -105,6 +108,25 @@ def test_the_share_of_the_last_seconds_in_words():
     assert "differ in no step" in describe_influence(replace(share, both=None), AXES)
 
 
+@pytest.mark.parametrize(
+    ("step_s", "words"),
+    [(None, "lateral at step 3"), (0.1, "lateral 0.200 s before the collision")],
+)
+def test_where_noise_differs_is_told_in_the_alignment_of_the_analysis(step_s, words):
+    components = np.zeros((1, 5, 2), np.float32)
+    components[0, 3, 1] = -1.0
+    mode = FailureMode(
+        failures=2,
+        medoid=0,
+        centre=NOTHING,
+        eigenfailure=NOTHING,
+        components=components,
+        explained=np.ones(1, np.float32),
+    )
+    table = tabulate_noise_within(replace(BARE, modes=(mode,)), step_s)
+    assert table.rows[0][-1] == words
+
+
 def test_a_verdict_says_which_test_failed():
     modes = replace(BARE, silhouette=0.5, noise_silhouette=0.3, stability=None)
     unstable = replace(modes, stability=Stability(20, 300, 0.5, Interval(0.1, 0.9)))
@@ -136,3 +158,12 @@ def test_an_animation_of_each_mode_is_written_to_a_folder(eigenfail, done, tmp_p
     refused = eigenfail(*asked[:-1], taken / "folder")
     assert refused.exit_code == 3
     assert "cannot be made" in refused.stderr
+    assert refused.stdout == ""
+
+
+def test_an_animation_that_fails_leaves_the_result_printed(eigenfail, done, tmp_path):
+    (tmp_path / "mode-1.gif").mkdir()
+    asked = ("analyze", done, "--clusters", 2, "--bootstrap", 0, "--json")
+    refused = eigenfail(*asked, "--animations", tmp_path)
+    assert refused.exit_code == 3
+    assert json.loads(refused.stdout)["analysis"]["result"]

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from made_recordings import MISSION, STEPS, drive, record
+from msgspec.structs import replace
 from PIL import Image
 
 from eigenfail.exchange.animation import (
@@ -92,6 +93,23 @@ def test_frames_are_few_not_too_short_and_include_both_ends(steps, dt_s):
     assert (gaps > 0).all()
     assert len(drawn) <= MAX_FRAMES + 1
     assert (gaps[:-1] * dt_s >= SHORTEST_FRAME_S - 1e-6).all()
+
+
+@pytest.mark.parametrize("dt_s", [1 / 30, 1 / 24, 0.05, 0.125])
+def test_an_animation_is_as_long_as_its_episode(dt_s):
+    """GIF counts in 10 ms, which a step need not be a multiple of."""
+    scene = replace(road_scene(steps=60), dt_s=dt_s)
+    _, durations = open_frames(draw_episode(record(scene, mission=MISSION)))
+    shown_ms = np.cumsum(durations[:-1])
+    wanted_ms = 1000 * dt_s * np.array(list_frame_steps(60, dt_s)[1:])
+    assert shown_ms == pytest.approx(wanted_ms, abs=5.001)
+
+
+def test_an_ego_alone_is_drawn():
+    scene = road_scene()
+    alone = replace(scene, vehicles=scene.vehicles[:, :1], sizes=scene.sizes[:1])
+    frames, _ = open_frames(draw_episode(record(alone, mission=MISSION)))
+    assert min(count(frame, BLUE) for frame in frames[:-1]) > 500
 
 
 def overlay(scenes, outcomes, **changes):

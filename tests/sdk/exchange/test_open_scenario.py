@@ -4,10 +4,12 @@ import csv
 import io
 import json
 from xml.etree import ElementTree as ET
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
 from made_recordings import MISSION, STEPS, drive, record
+from msgspec.structs import replace
 from recording_readers import (
     list_events,
     list_violations,
@@ -17,8 +19,9 @@ from recording_readers import (
     unpack,
 )
 
+from eigenfail.errors import InvalidValue
 from eigenfail.exchange.open_scenario import write_open_scenario
-from eigenfail.exchange.recording import EgoControl
+from eigenfail.exchange.recording import MAX_LANES, EgoControl
 from eigenfail.values import Mission
 
 SCENARIOS = ("OpenSCENARIO_1_1.xsd", "OpenSCENARIO_1_2.xsd", "OpenSCENARIO_1_3_1.xsd")
@@ -64,6 +67,35 @@ def test_an_ego_that_is_left_to_a_controller_has_a_start_and_no_course():
     assert float(speed) == pytest.approx(recording.scene.vehicles[0, 0, 3], abs=1e-5)
     active = start.find(".//ActivateControllerAction").attrib
     assert active == {"lateral": "true", "longitudinal": "true"}
+
+
+@pytest.mark.parametrize("schema", SCENARIOS[1:])
+@pytest.mark.parametrize("vehicles", [1, 2])
+def test_an_ego_without_other_vehicles_has_no_story(vehicles, schema):
+    """Whether the scene has no other vehicle, or one that is never there."""
+    scene = drive()
+    scene.vehicles[:, 1:] = np.nan
+    alone = replace(scene, vehicles=scene.vehicles[:, :vehicles], sizes=scene.sizes[:vehicles])
+    files = unpack(write_open_scenario(record(alone), EgoControl.CONTROLLER))
+    assert list_violations(files["scenario.xosc"], schema) == []
+    assert b"<Story " not in files["scenario.xosc"]
+
+
+@pytest.mark.parametrize("schema", SCENARIOS)
+def test_vehicles_are_of_the_kinds_that_the_scene_tells(schema):
+    recording = record(replace(drive(), kinds=("bus", "pedestrian", "unknown")))
+    archive = write_open_scenario(recording)
+    scenario = unpack(archive)["scenario.xosc"]
+    assert list_violations(scenario, schema) == []
+    root = ET.fromstring(scenario)
+    kinds = [vehicle.get("vehicleCategory") for vehicle in root.iter("Vehicle")]
+    assert kinds == ["bus", "car"]
+    walker = root.find(".//ScenarioObject[@name='vehicle_1']/Pedestrian")
+    assert walker.get("pedestrianCategory") == "pedestrian"
+    # The reference point of a pedestrian is the centre of its footprint.
+    vertex = root.find(".//Trajectory[@name='vehicle_1_course_0']//WorldPosition")
+    assert float(vertex.get("x")) == pytest.approx(recording.scene.vehicles[0, 1, 0], abs=1e-3)
+    assert measure_error_m(recording.scene, read_scenario(archive)) < MILLIMETRE
 
 
 def test_a_vehicle_comes_and_goes_when_it_did():
@@ -118,6 +150,31 @@ def test_a_road_that_is_not_known_lies_under_every_vehicle():
     assert json.loads(archive["episode.json"])["road_from"] == "vehicles"
 
 
+def shift(offset_m, spread_m=0.0):
+    """A drive whose vehicles are moved to the side, the second one further than the others."""
+    scene = drive()
+    scene.vehicles[..., 1] += offset_m
+    scene.vehicles[:, 1, 1] += spread_m
+    return record(scene)
+
+
+@pytest.mark.parametrize("offset_m", [-5e6, 35.0, 5e6])
+def test_a_road_that_is_not_known_lies_near_the_vehicles_alone(offset_m):
+    """As on a bridge, where positions may be those of a map."""
+    recording, road = shift(offset_m), shift(offset_m).road
+    y_m = recording.scene.vehicles[..., 1]
+    assert road.lanes <= 8
+    assert road.right_edge_y_m == pytest.approx(np.nanmin(y_m), abs=3.5)
+    assert road.left_edge_y_m == pytest.approx(np.nanmax(y_m), abs=3.5)
+
+
+@pytest.mark.parametrize("spread_m", [300.0, 1e9])
+def test_vehicles_too_far_beside_each_other_are_refused(spread_m):
+    with pytest.raises(InvalidValue, match="beside each other"):
+        write_open_scenario(shift(0.0, spread_m))
+    assert shift(0.0, 150.0).road.lanes < MAX_LANES
+
+
 def test_the_noise_stands_beside_it():
     recording = record()
     archive = unpack(write_open_scenario(recording))
@@ -134,6 +191,8 @@ def test_the_noise_stands_beside_it():
 def test_equal_episodes_give_equal_archives():
     archives = {write_open_scenario(record(mission=MISSION)) for _ in range(2)}
     assert len(archives) == 1
+    with ZipFile(io.BytesIO(archives.pop())) as archive:
+        assert {each.date_time for each in archive.infolist()} == {(1980, 1, 1, 0, 0, 0)}
 
 
 def test_an_episode_of_one_step_is_valid():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from eigenfail.errors import InvalidValue
 from eigenfail.exchange.recorded_traffic import (
     STANDSTILL_GAP_M,
     TIME_GAP_S,
@@ -107,6 +108,25 @@ def test_vehicles_in_other_lanes_are_not_braked_for():
     assert seen[-1][2].y_m == 3.5
 
 
+def test_parked_vehicles_stay_where_they_are():
+    parked = (200.0, 3.5, 0.0), (-30.0, 3.5, 0.05)
+    situation = stage(make_tracks((0.0, 0.0, 20.0), *parked))
+    seen = play(situation, [10.0] * situation.steps)
+    assert seen[-1][1] == seen[0][1]
+    # Positions of a standing vehicle drift in a recording; it stays where reacting began.
+    assert seen[-1][2] == seen[100][2]
+
+
+@pytest.mark.parametrize(
+    ("speed", "words"), [(0.0, "stands all the time"), (-20.0, "does not end ahead")]
+)
+def test_an_ego_without_a_way_ahead_is_refused(speed, words):
+    tracks = make_tracks((0.0, 0.0, speed), (50.0, 0.0, 20.0))
+    tracks.states[:, 0, 3] = abs(speed)
+    with pytest.raises(InvalidValue, match=words):
+        stage(tracks)
+
+
 def test_vehicles_that_react_stay_on_their_paths():
     tracks = make_tracks((0.0, 0.0, 20.0), (-40.0, 0.0, 20.0))
     course = tracks.states[:, 1]
@@ -138,3 +158,9 @@ def test_a_recording_is_valid_until_the_ego_has_left_it(distance_m, valid_s):
     assert find_log_validity(ALONG, course, distance_m) == pytest.approx(valid_s)
     short = course[:3]
     assert find_log_validity(ALONG, short, distance_m) == pytest.approx(min(valid_s, 0.2))
+
+
+def test_a_recording_is_not_valid_where_the_ego_has_no_place():
+    course = ALONG.states[:, 0].copy()
+    course[30:, :2] = np.nan
+    assert find_log_validity(ALONG, course, 1.0) == pytest.approx(3.0)

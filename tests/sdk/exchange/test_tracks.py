@@ -96,7 +96,7 @@ def test_commonroad_is_read_like_csv(tmp_path):
         ("<x>0.0</x>", "<x></x>", "could not convert"),
         ("<exact>0</exact>", "<intervalStart>0</intervalStart>", "no time/exact"),
         ("timeStepSize", "step", "timeStepSize"),
-        ("</width>", "</width><originXShift>1.5</originXShift>", "is not at its position"),
+        ("</width>", "</width><originXShift>1.5</originXShift>", "no rectangle at its position"),
         ("</commonRoad>", "", "no element found|not CommonRoad"),
     ],
 )
@@ -105,6 +105,22 @@ def test_commonroad_without_exact_states_is_refused(tmp_path, text, new, words):
     path.write_text(path.read_text().replace(text, new))
     with pytest.raises(InvalidValue, match=words):
         read_tracks(path, "1")
+
+
+@pytest.mark.parametrize(
+    ("text", "new"),
+    [("rectangle>", "circle>"), ("</width>", "</width><originXShift>1.5</originXShift>")],
+)
+def test_an_obstacle_of_another_shape_is_left_out_and_named(tmp_path, text, new):
+    cars = ("1", 0.0, 0.0, 20.0), ("2", 30.0, 3.5, 15.0), ("3", 90.0, 0.0, 20.0)
+    path = write_commonroad(tmp_path / "a.xml", *cars)
+    before, last = path.read_text().split('<dynamicObstacle id="3">')
+    path.write_text(before + '<dynamicObstacle id="3">' + last.replace(text, new))
+    tracks = read_tracks(path, "1")
+    assert (tracks.ids, tracks.left_out) == (("1", "2"), ("3",))
+    with pytest.raises(InvalidValue, match="no rectangle") as refused:
+        read_tracks(path, "3")
+    assert refused.value.field == "ego"
 
 
 @given(x_m=st.floats(-1e4, 1e4), y_m=st.floats(-1e4, 1e4), heading=st.floats(-pi, pi))
@@ -141,6 +157,19 @@ def test_a_vehicle_that_stands_keeps_its_direction(tmp_path):
     tracks = read_tracks(write(tmp_path / "a.csv", [*rows, *still]), "1", 0.5)
     assert tracks.states[:, 0, 2] == pytest.approx(pi / 2)
     assert tracks.states[:, 1, 2] == pytest.approx(0.0)
+
+
+def test_a_vehicle_that_stands_has_the_direction_of_the_nearest_motion(tmp_path):
+    """It goes along -x, waits, and turns off: its direction makes no turn in between."""
+    x_m = [*np.arange(0.0, -10.0, -1.0), *[-9.0] * 10, *np.arange(-10.0, -20.0, -1.0)]
+    y_m = [*[0.0, 1e-3] * 5, *[0.0] * 10, *np.arange(0.5, 5.5, 0.5)]
+    rows = [("1", 0.1 * n, x, y) for n, (x, y) in enumerate(zip(x_m, y_m, strict=True))]
+    other = [("2", t, 99.0, 0.0) for t in (0.0, 3.0)]
+    heading = read_tracks(write(tmp_path / "a.csv", [*rows, *other]), "1").states[:, 0, 2]
+    assert np.abs(heading - heading[0]).max() < 0.6
+    assert np.cos(heading[:10]) == pytest.approx(-1.0, abs=1e-5)
+    # Of the ten steps at rest the first half looks back, the second one ahead.
+    assert len(np.unique(heading[10:20])) == 2
 
 
 def test_vehicles_that_come_or_go_are_left_out_and_named(tmp_path):
@@ -183,6 +212,26 @@ def test_recorded_positions_are_kept_where_a_step_falls_on_them(
 def test_tracks_that_cannot_be_used_are_refused(tmp_path, rows, words):
     with pytest.raises(InvalidValue, match=words):
         read_tracks(write(tmp_path / "a.csv", rows), "1")
+
+
+@pytest.mark.parametrize("speeds", [("", 5.0), (5.0, "")])
+def test_a_column_that_is_filled_for_some_times_of_a_vehicle_is_refused(tmp_path, speeds):
+    rows = [("1", t, 5.0 * t, 0.0, speed) for t, speed in zip((0.0, 1.0), speeds, strict=True)]
+    other = [("2", t, 50.0, 0.0, "") for t in (0.0, 1.0)]
+    with pytest.raises(InvalidValue, match="speed_mps of vehicle '1'"):
+        read_tracks(write(tmp_path / "a.csv", [*rows, *other], (*HEADER, "speed_mps")), "1")
+
+
+@pytest.mark.parametrize("dt_s", [0.0, -0.1, float("nan"), float("inf")])
+def test_a_step_without_a_duration_is_refused(tmp_path, dt_s):
+    with pytest.raises(InvalidValue, match="not a positive number") as refused:
+        read_tracks(write(tmp_path / "a.csv", [*EGO, *OTHER]), "1", dt_s)
+    assert refused.value.field == "dt_s"
+
+
+def test_the_ending_of_a_name_may_be_in_capitals(tmp_path):
+    path = write_commonroad(tmp_path / "a.XML", ("1", 0.0, 0.0, 20.0), ("2", 30.0, 3.5, 15.0))
+    assert read_tracks(path, "1").ids == ("1", "2")
 
 
 @pytest.mark.parametrize(

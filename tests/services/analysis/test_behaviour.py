@@ -69,7 +69,8 @@ class World:
 
 
 def analyse(failures: Aligned, **changes: Any) -> AnalysisResult:
-    return analyse_gathered(failures, replace(DEFAULT, **changes), STEP_S, {})
+    timed = failures._replace(step_s=STEP_S)
+    return analyse_gathered(timed, replace(DEFAULT, **changes), STEP_S, {})
 
 
 def test_planted_behaviours_are_found_where_noise_shows_nothing() -> None:
@@ -166,13 +167,21 @@ def test_acceleration_is_aligned_at_the_collision_or_the_start(lengths, step_s) 
 
 
 @settings(max_examples=20, deadline=None)
-@given(st.integers(1, 40), st.sampled_from([0.05, 0.1, 0.25, 2.0]), st.integers(0, 9))
+@given(st.integers(1, 40), st.sampled_from([0.05, 0.1, 0.25, 1.0, 2.0]), st.integers(0, 9))
 def test_acceleration_is_averaged_over_the_steps_around_each(steps, step_s, seed) -> None:
     given_ = np.random.default_rng(seed).standard_normal((3, steps)).astype(np.float32)
-    half = round(1.5 / step_s) // 2
+    half = {0.05: 14, 0.1: 7, 0.25: 2, 1.0: 0, 2.0: 0}[step_s]
     for place, mean in enumerate(smooth_accelerations(given_, step_s).T):
         near = given_[:, max(place - half, 0) : place + half + 1]
         assert mean == pytest.approx(near.mean(axis=1), abs=1e-5)
+
+
+@pytest.mark.parametrize("step_s", [0.02, 0.05, 0.1, 0.25, 0.5, 0.7, 1.0, 1.5])
+def test_the_moving_mean_is_about_as_long_as_it_says(step_s: float) -> None:
+    impulse = np.zeros((1, 301), np.float32)
+    impulse[0, 150] = 1.0
+    length_s = np.count_nonzero(smooth_accelerations(impulse, step_s) > 1e-6) * step_s
+    assert length_s == pytest.approx(1.5, abs=step_s + 1e-9)
 
 
 def test_braking_that_begins_a_little_later_is_no_mode_of_its_own() -> None:
@@ -214,6 +223,59 @@ def test_failures_in_which_the_ego_did_the_same_are_a_single_group() -> None:
     ]
     found = analyse(world.gather()._replace(motion=read_motion(courses, "collision")))
     assert (found.features, len(found.modes), found.distinct) == ("behaviour", 1, False)
+
+
+def gather_courses(accelerations: list[Floats]) -> Aligned:
+    """Failures of 60 steps in which the ego has these accelerations. [m/s²]"""
+    random = np.random.default_rng(3)
+    noise = tuple(random.standard_normal((60, 2)).astype(np.float32) for _ in accelerations)
+    courses = [
+        (
+            1,
+            SpeedCourse(
+                index, STEP_S, (40.0 + STEP_S * np.cumsum([0.0, *each])).astype(np.float32)
+            ),
+        )
+        for index, each in enumerate(accelerations)
+    ]
+    batch = FailureBatch(1, Failures(tuple(range(len(noise))), noise))
+    gathered = gather_failures([batch], 60, DEFAULT)
+    return gathered._replace(motion=read_motion(courses, "collision"))
+
+
+def brake(strength_mps2: float) -> Floats:
+    """The acceleration of an ego that brakes from 2 s before the collision on."""
+    acceleration = np.zeros(60)
+    acceleration[40:] = -strength_mps2
+    return acceleration
+
+
+@pytest.mark.parametrize("clusterer", ["kmeans", "hdbscan", "gaussian_mixture"])
+@pytest.mark.parametrize("courses", [2, 3, 4])
+def test_each_of_several_exactly_equal_courses_is_a_mode(courses: int, clusterer: Any) -> None:
+    """As of a deterministic planner: 30 failures of each."""
+    labels = np.repeat(np.arange(courses), 30)
+    failures = gather_courses([brake(7.0 * label) for label in labels])
+    found = analyse(failures, clusterer=clusterer)
+    assert adjusted_rand_score(labels, found.labels) == 1.0
+    assert (len(found.modes), found.distinct) == (courses, True)
+    # Each failure by itself is no mode.
+    few = analyse(gather_courses([brake(7.0 * label) for label in range(2)]), clusterer=clusterer)
+    assert len(few.modes) == 1
+
+
+@pytest.mark.parametrize("clusterer", ["kmeans", "hdbscan", "gaussian_mixture"])
+def test_courses_that_differ_by_less_than_the_resolution_are_a_single_group(clusterer: Any) -> None:
+    random = np.random.default_rng(1)
+    near = [brake(7.0 + 0.2 * label + 1e-3 * random.random()) for label in np.repeat([0, 1], 30)]
+    found = analyse(gather_courses(near), clusterer=clusterer)
+    assert (found.features, len(found.modes), found.distinct) == ("behaviour", 1, False)
+
+
+def test_a_rare_course_is_a_mode_although_the_spread_of_all_is_small() -> None:
+    labels = np.repeat([0, 1], [297, 3])
+    found = analyse(gather_courses([brake(4.0 * label) for label in labels]), clusters=2)
+    assert adjusted_rand_score(labels, found.labels) == 1.0
 
 
 @pytest.mark.parametrize("change", ["missing", "too short", "not finite", "of two durations"])

@@ -231,7 +231,7 @@ def test_without_the_scene_of_a_failure_its_noise_groups_all_and_a_note_says_so(
     assert (found.features, found.behaviour) == ("energy", None)
     assert found.notes[1] == (
         "The failures were grouped by the energy of their noise in windows of 0.5 s: the speed of "
-        "the ego is not stored for all of them."
+        "the ego is not known for all of them."
     )
     asked = analysed(store, one, AnalysisSettings(features="noise", bootstrap=0))
     assert (asked.features, asked.notes[1:]) == ("noise", ())
@@ -250,6 +250,20 @@ def test_failures_that_need_not_end_in_a_collision_are_compared_from_the_start(
     assert found.behaviour.origin == "start"
     assert found.behaviour.times_s[0] == pytest.approx(0.1)
     assert len(found.behaviour.times_s) == len(found.influence)
+
+
+def test_without_a_scene_failures_that_need_not_end_in_a_collision_are_grouped_by_energy(
+    store: Store,
+) -> None:
+    made = running(store, episodes=60, requirements=(TimeHeadway(),))
+    crashes = [collision(index, steps=20, requirements=(-0.5,)) for index in range(1, 12)]
+    unseen = result(30, Outcome.COLLISION, steps=20, requirements=(-0.5,))
+    deliver(store, made, *crashes, unseen)
+    found = analysed(store, made.id)
+    assert found.features == "energy"
+    assert "in windows of 0.5 s" in found.notes[1]
+    # Times to a collision are told for none of them.
+    assert {each.before_collision_s for each in found.moments} == {None}
 
 
 def test_failures_of_a_function_are_grouped_by_their_noise_without_a_note(store: Store) -> None:
