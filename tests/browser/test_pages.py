@@ -187,7 +187,7 @@ def test_a_chart_leads_to_its_episode(visit, made, path, chart):
 
 def test_a_mode_leads_to_its_medoid(visit, made):
     page = visit(f"/analyses/{made.analysis}")
-    medoid = page.locator(".modes article").first.get_by_role("link")
+    medoid = page.locator(".modes article").first.get_by_role("link", name="episode")
     name = medoid.inner_text()
     medoid.click()
     expect(page.locator("h1")).to_have_text(name.capitalize())
