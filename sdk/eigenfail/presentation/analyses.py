@@ -1,6 +1,6 @@
 """Tables of analyses: failure modes, what they are worth, and their proof by replay."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -76,16 +76,14 @@ def tabulate_modes(campaign: int, result: AnalysisResult) -> Table:
     has the strongest of its eigenfailure.
     """
     has_probability = any(mode.probability for mode in result.modes)
+    list_disturbances: Callable[[FailureMode, Sequence[str]], Iterator[Cell]] = _list_disturbances
+    disturbances = (
+        *(TableColumn(f"Mean {channel}", "sigma") for channel in result.channels),
+        *name_columns(*(f"Peak {channel}" for channel in result.channels)),
+    )
     if len(result.channels) > MOST_CHANNELS:
-        list_disturbances, disturbances = _list_strongest, name_columns("Strongest channel", "Peak")
-    else:
-        list_disturbances, disturbances = (
-            _list_disturbances,
-            (
-                *(TableColumn(f"Mean {channel}", "sigma") for channel in result.channels),
-                *name_columns(*(f"Peak {channel}" for channel in result.channels)),
-            ),
-        )
+        list_disturbances = _list_strongest
+        disturbances = (*name_columns("Strongest channel", "Peak"),)
     columns = (
         *count_columns(result.cluster_noun.capitalize(), "Failures"),
         TableColumn("Share", "share"),
