@@ -39,8 +39,9 @@ setup: .venv/installed ## the virtual environment, with everything in it
 compiled: setup ## the episode loop compiled again after a change, if there is a C compiler
 	@$(BIN)/python -m eigenfail_workers.compiler
 
-chromium: ## Debian's browser, for the browser tests
-	@command -v chromium >/dev/null || $(call apt,chromium) \
+chromium: ## Debian's browser without a window, for the browser tests
+	@command -v chromium-headless-shell >/dev/null || $(call apt,chromium-headless-shell) \
+		|| command -v chromium >/dev/null || $(call apt,chromium) \
 		|| echo "No chromium: the tests that need it are skipped, and told at the end."
 
 headers: ## Debian's g++ and ZeroMQ for C++, for the tests of the C++ bridge

@@ -7,6 +7,7 @@ They show the campaign with the most failures, beside the first one of another m
 
 import argparse
 import io
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import NamedTuple
@@ -17,7 +18,7 @@ from playwright.sync_api import Page, ViewportSize, expect, sync_playwright
 from eigenfail.client import Client
 from eigenfail.values import Summary
 
-CHROMIUM = "/usr/bin/chromium"
+CHROMIUM = shutil.which("chromium-headless-shell") or "/usr/bin/chromium"
 ARGUMENTS = ["--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run"]
 FOLDER = Path(__file__).parents[1] / "docs" / "pictures" / "screens"
 WIDTH, HEIGHT, TALLEST = 1280, 800, 1600

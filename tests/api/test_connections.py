@@ -139,7 +139,8 @@ def test_a_body_in_crumbs_is_refused_and_holds_nobody_up(port, path):
             assert is_well(port)
             slowest_s = max(slowest_s, time.monotonic() - began_s)
         crumbs.join()
-    assert slowest_s < 1.0
+    # Read to its end, such a body would hold all others up for ten seconds and more.
+    assert slowest_s < 5.0
 
 
 def pour(peer: socket.socket, data: bytes) -> None:
