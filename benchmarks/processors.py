@@ -45,6 +45,8 @@ SMALL: dict[str, tuple[int, dict[str, Any]]] = {
     "cem": (80, {}),
     "chains": (60, {"campaign": EARLIER, "chains": 4}),
     "cma": (60, {}),
+    "annealing": (60, {}),
+    "optuna": (60, {}),
     "difs": (280, {"device": "cpu"}),
     "ensemble": (80, {"members": 2}),
     "evaluate": (20, {"campaign": EARLIER}),

@@ -19,6 +19,9 @@ WITH_IDS = [route for route in ROUTES if {"campaign", "analysis"} & {*route[2]}]
 BODIES = {"/api/v1/campaigns/{campaign}/priority": {"priority": "high"}}
 """Where one must be given."""
 
+QUERIES = {"/api/v1/campaigns/{campaign}/episodes/{index}/recording": {"format": "gif"}}
+"""Where a parameter must be given."""
+
 NO_IDS = ["x", "-1", "1.5", "1e3", "0x1", str(2**63), "9" * 5000, "%00", "1%20OR%201", "<b>"]
 WITH_BODIES = [
     ("POST", "/api/v1/campaigns"),
@@ -66,7 +69,8 @@ def test_ids_are_small_positive_numbers(http, problem, route):
 def test_what_is_not_there_is_not_found(http, problem, route):
     method, path, ids = route
     asked = path.format(**dict.fromkeys(ids, 2**63 - 1))
-    told = problem(http.request(method, asked, json=BODIES.get(path)), 404)
+    body, query = BODIES.get(path), QUERIES.get(path)
+    told = problem(http.request(method, asked, json=body, params=query), 404)
     assert told["type"] == "urn:eigenfail:not-found"
 
 

@@ -294,7 +294,7 @@ def test_a_rule_on_results_keeps_two_rounds_open() -> None:
 def test_methods_that_decide_themselves_refuse_it(method) -> None:
     assert not describe_method(method).traits.tolerates_delay
     given = make_spec(
-        method=method, parallel=100, scenario="cut_in", simulator="highway", episodes=20_000
+        method=method, parallel=100, scenario="cut_in", simulator="highway", episodes=5_000
     )
     with pytest.raises(InvalidValue, match=r"parallel: .* decides itself .* several seeds"):
         check_spec(given)
