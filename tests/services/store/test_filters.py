@@ -48,9 +48,9 @@ def conditions(draw):
 
 def measures():
     maybe = st.none() | FEW
-    floats = dict.fromkeys(Measures.__struct_fields__[1:-2], maybe)
-    counts = dict.fromkeys(Measures.__struct_fields__[-2:], st.none() | st.integers(0, 3))
-    return st.builds(Measures, FEW, **floats, **counts)
+    floats = dict.fromkeys(Measures.__struct_fields__[1:-3], maybe)
+    counts = dict.fromkeys(Measures.__struct_fields__[-3:-1], st.none() | st.integers(0, 3))
+    return st.builds(Measures, FEW, **floats, **counts, cause=st.none() | WORDS)
 
 
 @st.composite
