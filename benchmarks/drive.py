@@ -86,7 +86,7 @@ def find_agreement(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
 
     In both features of an analysis, with the number of modes found, not given. Two causes in which
     the truck does the same, as after any lost track, cannot be told apart by behaviour: the index
-    with the three mechanisms stands beside that with the causes.
+    with the three mechanisms is therefore measured as well.
     """
     names = ("modes_ari", "modes_ari.mechanisms", "modes_ari.noise")
     found: dict[str, list[float]] = {name: [] for name in names}

@@ -221,7 +221,7 @@ over the seeds does not reach this level."""
 
 
 def compare_searches(figures: Mapping[str, Figure]) -> Iterator[tuple[str, Figure]]:
-    """Figures of all searches beside each other, ours and others'."""
+    """Yield the figures that compare the searches of eigenfail with those of other tools."""
     yield from count_points(figures)
     yield from find_best_share(figures)
 

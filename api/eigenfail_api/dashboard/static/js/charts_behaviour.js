@@ -8,11 +8,11 @@ const TOP_PX = 26;
 const BOTTOM_PX = 56;
 
 export function behaviour({ event, times, modes }, width) {
-  const beside = width < NARROW_PX || modes.length < 2 ? 1 : 2;
+  const columns = width < NARROW_PX || modes.length < 2 ? 1 : 2;
   const [min, max] = rangeOf(modes);
   return {
-    height: PANEL_PX * Math.ceil(modes.length / beside),
-    grid: modes.map((_, panel) => place(panel, beside)),
+    height: PANEL_PX * Math.ceil(modes.length / columns),
+    grid: modes.map((_, panel) => place(panel, columns)),
     xAxis: modes.map((_, panel) => axis(`Time from the ${event} [s]`, { gridIndex: panel, min: "dataMin", max: "dataMax" })),
     yAxis: modes.map((_, panel) => yAxis(`Mode ${panel + 1} [m/s²]`, { gridIndex: panel, min, max })),
     tooltip: tooltip(({ seriesName, data }) => tip(seriesName, [`${compact(data[0])} s: ${compact(data[1])} m/s²`])),
@@ -39,9 +39,9 @@ function line(name, panel, times, values, style) {
   };
 }
 
-function place(panel, beside) {
-  const row = Math.floor(panel / beside);
-  const across = beside === 1 ? { left: 74, right: 12 } : { left: panel % beside ? "58%" : 74, width: "36%" };
+function place(panel, columns) {
+  const row = Math.floor(panel / columns);
+  const across = columns === 1 ? { left: 74, right: 12 } : { left: panel % columns ? "58%" : 74, width: "36%" };
   return { ...across, top: TOP_PX + row * PANEL_PX, height: PANEL_PX - TOP_PX - BOTTOM_PX };
 }
 
