@@ -16,7 +16,7 @@ from scale_costs import cost_figures
 from scale_table import CREWS, EPISODE_S, method_of, predicted, table
 from sqlalchemy import text
 from stage import Stage
-from tails import TAIL, tail_figures
+from tails import PARALLEL, TAIL, WIDER, tail_figures
 
 LATEST = ROOT / "benchmarks" / "latest.json"
 PAGE = ROOT / "benchmarks" / "scale.md"
@@ -61,13 +61,31 @@ def scale_figures(hub: Mapping[str, Figure]) -> dict[str, Figure]:
         for name, crews in MEASURED.items()
         for workers in crews
     }
-    tail = measured("ast_parallel", 100, {**hub, **costs}, tail=TAIL)
-    played = tail_figures({**hub, **costs})
-    return costs | rates | played | {"rate_ast_parallel_100_tail": tail}
+    tails = {
+        f"rate_ast_parallel_100_tail{end}": measured(
+            "ast_parallel", 100, {**hub, **costs}, parallel, tail=TAIL
+        )
+        for end, parallel in (("", PARALLEL), ("_wider", WIDER))
+    }
+    return costs | rates | tails | tail_figures({**hub, **costs})
 
 
-def measured(name: str, workers: int, figures: Mapping[str, Figure], **durations: float) -> Figure:
-    """Episodes per second of a real hub and learner, with workers that sleep."""
+def measured(
+    name: str,
+    workers: int,
+    figures: Mapping[str, Figure],
+    parallel: int | None = None,
+    **durations: float,
+) -> Figure:
+    """Episodes per second of a real hub and learner, with workers that sleep.
+
+    Args:
+        name: the case.
+        workers: number of workers.
+        figures: costs of a result and of a round, for the number of episodes that it takes.
+        parallel: `parallel` of the campaign; that of the case if it is None.
+        durations: options of the made-up workers.
+    """
     case, method = CASES[name], method_of(name, figures)
     expected = predicted(name, workers, EPISODE_S, figures).episodes_per_s
     first = whole(max(SETTLED[name], WARM_S * expected), method.round_size)
@@ -79,7 +97,7 @@ def measured(name: str, workers: int, figures: Mapping[str, Figure], **durations
             "method": case.method,
             "settings": case.settings,
             "episodes": case.episodes,
-            "parallel": case.parallel,
+            "parallel": parallel or case.parallel,
         }
         campaign = stage.create(**told, simulator="highway", planner="rulebook")
         with crowd(services.hub, workers, EPISODE_S, **durations):

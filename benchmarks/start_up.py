@@ -48,6 +48,15 @@ def run_cold() -> Figure:
     return summarize_runs(times, "s", "<= 4")
 
 
+def paper_programme() -> Figure:
+    """Wall time of all experiments of the paper, where no service runs."""
+    with TemporaryDirectory() as folder:
+        command = [ROOT / ".venv/bin/eigenfail", "reproduce", "--scale", "full", "--data", folder]
+        before = time.perf_counter()
+        subprocess.run(command, capture_output=True, check=True)
+        return summarize_runs([time.perf_counter() - before], "s", "<= 120")
+
+
 def service_figures(launcher: Launcher) -> dict[str, Figure]:
     """From the start of a service with two workers until it serves, and its memory then."""
     times, sizes = [], []
