@@ -79,7 +79,10 @@ def measured(browser: Browser, address: str, largest: int, end: str) -> dict[str
                 first[name].append(opened(browser, f"{url}{path}"))
                 again[name] += [opened(browser, f"{url}{path}") for _ in range(AGAIN)]
     return {
-        **{f"{name}_s": figure(times, LATER, "" if end else TARGET) for name, times in again.items()},
+        **{
+            f"{name}_s": figure(times, LATER, "" if end else TARGET)
+            for name, times in again.items()
+        },
         **{f"{name}_first_s": figure(times, FIRST) for name, times in first.items()},
     }
 
