@@ -113,6 +113,7 @@ Stored = Annotated[Store, Depends(store_of)]
 MadeBy = Annotated[int | None, Depends(get_caller_key)]
 CampaignId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of a campaign.")]
 AnalysisId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of an analysis.")]
+ModeNumber = Annotated[int, Path(ge=1, le=LARGEST, description="Number of the mode, from 1.")]
 EpisodeIndex = Annotated[int, Path(ge=0, le=LARGEST, description="Index within the campaign.")]
 Limit = Annotated[int, Query(ge=1, le=1000, description="Maximum number of items on a page.")]
 Before = Annotated[

@@ -91,6 +91,7 @@ _COLUMNS = (
     Column("seed", W, "of everything random in it"),
     Column("outcome", T, "how it ended", tuple(each.word for each in Outcome), STORED_OUTCOMES),
     Column("class", T, "conflict class", tuple(ConflictClass)),
+    Column("mode", W, "failure mode in the newest analysis of its campaign, from 1"),
     Column("steps", W, "steps until it ended"),
     Column("source", T, "where its disturbances come from: prior, trajectory or policy"),
     Column("worker", T, "worker that ran it"),
@@ -393,7 +394,9 @@ class _FilterReader:
         return InvalidValue(self._place(taken).field, problem, remedy)
 
 
-ORDERED = tuple(name for name, column in COLUMNS.items() if column.is_ordered)
+ORDERED = tuple(name for name, column in COLUMNS.items() if column.is_ordered and name != "mode")
+"""Columns that episodes can be sorted by. The mode of an episode changes with the next analysis:
+pages in its order would not follow each other without gap or overlap."""
 
 
 class SortOrder(msgspec.Struct, frozen=True):

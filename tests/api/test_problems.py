@@ -16,7 +16,10 @@ ROUTES = [
     for method in route.methods
 ]
 WITH_IDS = [route for route in ROUTES if {"campaign", "analysis"} & {*route[2]}]
-BODIES = {"/api/v1/campaigns/{campaign}/priority": {"priority": "high"}}
+BODIES = {
+    "/api/v1/campaigns/{campaign}/priority": {"priority": "high"},
+    "/api/v1/analyses/{analysis}/modes/{mode}/name": {"name": "late braking"},
+}
 """Where one must be given."""
 
 QUERIES = {"/api/v1/campaigns/{campaign}/episodes/{index}/recording": {"format": "gif"}}

@@ -180,3 +180,23 @@ def draw(page, chart):
     plot.scroll_into_view_if_needed()
     expect(plot.locator("canvas").first).to_be_visible()
     return plot
+
+
+def test_failures_of_a_mode_play_side_by_side(visit, made):
+    page = visit(f"/analyses/{made.snapshot}/modes/1")
+    wanted = page.locator(".film").count()
+    films = page.locator("[data-films] [data-player]")
+    expect(films).to_have_count(wanted)
+    assert wanted > 1
+    page.get_by_role("button", name="Play all").click()
+    for scrub in page.locator("[data-films] [data-scrub]").all():
+        expect(scrub).not_to_have_value("0")
+
+
+def test_a_mode_gets_a_name(visit, made):
+    page = visit(f"/analyses/{made.snapshot}/modes/2")
+    page.get_by_label("Name of the").fill("late & braking")
+    page.get_by_role("button", name="Rename").click()
+    expect(page.locator("h1")).to_contain_text("late & braking")
+    page.get_by_role("link", name="Mode 1").or_(page.get_by_role("link", name="Group 1")).click()
+    expect(page.locator("h1")).not_to_contain_text("late & braking")

@@ -43,6 +43,7 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/campaigns/{{campaign}}/exports",
         f"POST {PREFIX}/campaigns/{{campaign}}/episodes/{{index}}/replay",
         f"POST {PREFIX}/analyses/{{analysis}}/proof",
+        f"PUT {PREFIX}/analyses/{{analysis}}/modes/{{mode}}/name",
     ),
     Scope.ADMIN: (
         "GET /audit",

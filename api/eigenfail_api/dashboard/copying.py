@@ -104,6 +104,9 @@ WORDS: Mapping[tuple[str, str], Words] = {
         "client.episodes.get({campaign}, {index})", "episode show {campaign}/{index}"
     ),
     ("GET", "/analyses/{analysis}"): Words("client.analyses.get({analysis})"),
+    ("GET", "/analyses/{analysis}/modes"): Words(
+        "client.analyses.modes({analysis})", "mode list {analysis}"
+    ),
     ("POST", "/keys"): Words(
         "client.keys.create({})", "key create {name} --scope {scope}", call=format_arguments
     ),

@@ -38,6 +38,7 @@ from eigenfail.values import (
     Measure,
     Measures,
     Mission,
+    Mode,
     assess,
 )
 from eigenfail.values.disturbance import find_channel_likelihoods
@@ -266,6 +267,7 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
         next_failure: index of the next failure of the campaign, if there is one.
         replayed: campaign and index of the episode whose noise it repeats; None if of no episode.
         verdict: whether it is the same again; None if it repeats no episode that is known.
+        mode: its failure mode in the newest analysis of it; None if it was not analysed.
     """
 
     campaign: int
@@ -291,14 +293,19 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
     next_failure: int | None
     replayed: tuple[int, int] | None
     verdict: ReplayVerdict | None
+    mode: Mode | None
+
+
+class EpisodeContext(NamedTuple):
+    """What other results say of an episode; the fields are those of its page."""
+
+    next_failure: int | None
+    verdict: ReplayVerdict | None
+    mode: Mode | None
 
 
 def make_episode_view(
-    campaign: Campaign,
-    result: EpisodeResult,
-    mission: Mission | None,
-    next_failure: int | None,
-    verdict: ReplayVerdict | None,
+    campaign: Campaign, result: EpisodeResult, mission: Mission | None, context: EpisodeContext
 ) -> EpisodeView:
     """Return the page of an episode; the mission, where the scenario has one, gives the lanes."""
     fault, scene, measures = result.fault, result.scene, result.measures
@@ -332,9 +339,8 @@ def make_episode_view(
         if result.steps > 0 and has_road
         else (),
         jumps=list_jumps(result),
-        next_failure=next_failure,
         replayed=find_source(campaign.spec, result.index),
-        verdict=verdict,
+        **context._asdict(),
     )
 
 
@@ -423,10 +429,10 @@ def show_episode(
     result = store.episodes.get(campaign, index)
     mission = find_mission(seen.spec, result)
     following = find_next_failure(store, seen, index)
-    view = make_episode_view(
-        seen, result, mission, following, judge_replay(store, Run(seen, result))
-    )
-    return page("episode.html", view)
+    modes = store.analyses.find_modes(campaign, index)
+    verdict = judge_replay(store, Run(seen, result))
+    context = EpisodeContext(following, verdict, modes[0] if modes else None)
+    return page("episode.html", make_episode_view(seen, result, mission, context))
 
 
 @router.get("/campaigns/{campaign}/episodes/{index}/account")

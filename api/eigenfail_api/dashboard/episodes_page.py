@@ -1,7 +1,8 @@
 """The page on which episodes are searched and sorted, and the rows of its list."""
 
 import shlex
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Annotated
 from urllib.parse import urlencode
 
@@ -142,7 +143,7 @@ def make_episode_list(
         campaign=campaign.id,
         every=make_address(campaign.id, failures),
         worst=make_address(campaign.id, failures, find_worst_order(campaign.spec)),
-        headings=make_headings(campaign, failures, None),
+        headings=make_headings(campaign.spec, partial(make_address, campaign.id, failures), None),
         lines=tuple(map(make_episode_line, page.items)),
         next=page.next,
         last=page.items[-1].index if page.items else after,
@@ -204,21 +205,24 @@ def find_worst_order(spec: CampaignSpec) -> str:
 
 
 def make_headings(
-    campaign: Campaign, conditions: str, now: SortOrder | None
+    spec: CampaignSpec, find_address: Callable[[str], str], now: SortOrder | None
 ) -> tuple[Heading, ...]:
     """Return the column heads; the one that sorts the list links to the reverse order.
 
     The robustness of a function has no unit.
+
+    Args:
+        spec: spec of the campaign.
+        find_address: returns the address of the list in an order, written as text.
+        now: its present order; None where no column sorts it.
     """
     return tuple(
         Heading(
             column=column,
             label=label,
-            unit=unit if column != "robustness_m" else find_robustness_unit(campaign.spec),
+            unit=unit if column != "robustness_m" else find_robustness_unit(spec),
             is_minor=is_minor,
-            address=make_address(
-                campaign.id, conditions, str(turn_order(SortOrder(column, first), now))
-            ),
+            address=find_address(str(turn_order(SortOrder(column, first), now))),
             order=order(now) if now and now.column == column else "",
         )
         for column, label, unit, is_minor, first in FIGURES
@@ -360,7 +364,7 @@ def make_found_view(
         title=make_title(page, asked),
         command=format_export_command(here, asked),
         exports=list_exports(here, asked),
-        headings=make_headings(campaign, conditions, asked.sort),
+        headings=make_headings(campaign.spec, partial(make_address, here, conditions), asked.sort),
         lines=tuple(map(make_episode_line, page.items)),
         per_page=len(page.items),
         first="" if asked.after is None else make_address(here, conditions, sort),

@@ -6,12 +6,14 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Query, Response
 
+from eigenfail.errors import InvalidValue
 from eigenfail.values import (
     Analysis,
     AnalysisSettings,
     CampaignCost,
     Comparison,
     FailureMode,
+    Mode,
     Page,
     Proof,
     Region,
@@ -21,7 +23,7 @@ from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.report import MOST_CAMPAIGNS, Report
 from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.values.seeds import SeedSpread
-from eigenfail.wire.http import PREFIX, ProofRequest
+from eigenfail.wire.http import PREFIX, ModeName, ProofRequest
 from eigenfail_api.concurrency import ConcurrencyLimit, SerialExecutor
 from eigenfail_api.openapi import JSON, document_route, problem_response, schema
 from eigenfail_api.parameters import (
@@ -35,6 +37,7 @@ from eigenfail_api.parameters import (
     Json,
     Limit,
     MadeBy,
+    ModeNumber,
     Stored,
     body_of,
 )
@@ -84,6 +87,26 @@ def get_analysis(store: Stored, analysis: AnalysisId) -> Json:
 def list_eigenfailures(store: Stored, analysis: AnalysisId) -> Json:
     """List the failure modes of an analysis, each with its eigenfailure."""
     return Json(Page(read_result(store.analyses.get(analysis)).modes))
+
+
+@router.get("/analyses/{analysis}/modes", **document_route(Page[Mode]))
+def list_modes(store: Stored, analysis: AnalysisId) -> Json:
+    """List the failure modes of an analysis by number, with their names; none before it is done."""
+    return Json(Page(store.analyses.modes(analysis)))
+
+
+@router.put("/analyses/{analysis}/modes/{mode}/name", **document_route(Mode, body=ModeName))
+def rename_mode(
+    store: Stored,
+    analysis: AnalysisId,
+    mode: ModeNumber,
+    given: Annotated[ModeName, Depends(body_of(ModeName))],
+) -> Json:
+    """Give a failure mode a name."""
+    name = " ".join(given.name.split())
+    if not name or not name.isprintable():
+        raise InvalidValue("name", "it is empty, or contains a character that cannot be printed.")
+    return Json(store.analyses.rename_mode(analysis, mode, name))
 
 
 @router.post("/analyses/{analysis}/proof", **document_route(Proof, 202, body=ProofRequest))

@@ -2,13 +2,13 @@
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Path, Query, Response
+from fastapi import APIRouter, Query, Response
 
 from eigenfail.exchange.recording import EgoControl, RecordingFormat
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.concurrency import SerialExecutor
 from eigenfail_api.openapi import problem_response
-from eigenfail_api.parameters import LARGEST, AnalysisId, CampaignId, EpisodeIndex, Stored
+from eigenfail_api.parameters import AnalysisId, CampaignId, EpisodeIndex, ModeNumber, Stored
 from eigenfail_api.routes.episodes import EXPLANATIONS
 from eigenfail_services.campaigns.recordings import make_mode_animation, make_recording_file
 from eigenfail_services.store import Store
@@ -39,7 +39,6 @@ Ego = Annotated[
         "controller of the simulator (`openscenario` only)."
     ),
 ]
-ModeNumber = Annotated[int, Path(ge=1, le=LARGEST, description="Number of the mode, from 1.")]
 
 
 def _document_files(*kinds: str) -> dict[str, Any]:

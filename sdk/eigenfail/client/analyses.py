@@ -23,11 +23,12 @@ from eigenfail.values import (
     AnalysisSettings,
     AnalysisState,
     FailureMode,
+    Mode,
     Page,
     Proof,
 )
 from eigenfail.values.report import Report
-from eigenfail.wire.http import ProofRequest, decode, read_fields
+from eigenfail.wire.http import ModeName, ProofRequest, decode, read_fields
 
 OVER = frozenset({AnalysisState.DONE, AnalysisState.FAILED})
 
@@ -95,6 +96,29 @@ class Analyses:
             Conflict: it is not done.
         """
         return self._link.get(f"/analyses/{analysis}/eigenfailures", Page[FailureMode]).items
+
+    def modes(self, analysis: int) -> tuple[Mode, ...]:
+        """The failure modes by number, with their names and without their noise.
+
+        Raises:
+            NotFound: no such analysis.
+        """
+        return self._link.get(f"/analyses/{analysis}/modes", Page[Mode]).items
+
+    def rename_mode(self, analysis: int, mode: int, name: str) -> Mode:
+        """Give a failure mode a name.
+
+        Args:
+            analysis: id of the analysis.
+            mode: number of the mode, from 1.
+            name: at most 80 characters.
+
+        Raises:
+            NotFound: no such analysis or mode.
+            InvalidValue: the name is empty, too long, or cannot be printed.
+        """
+        place = f"/analyses/{analysis}/modes/{mode}/name"
+        return self._link.put(place, Mode, read_fields({"name": name}, ModeName))
 
     def animate(self, analysis: int, mode: int, path: Path | str) -> Path:
         """Write the failures of a mode, drawn over each other, as an animated GIF.

@@ -284,6 +284,10 @@ class Link:
         answer = self._repeatedly("POST", path, content=_encode_body(body), headers=headers)
         return http.decode(answer, kind)
 
+    def put(self, path: str, kind: type[Kind], body: object) -> Kind:
+        """Set something, which is the same however often it is asked."""
+        return http.decode(self._repeatedly("PUT", path, content=_encode_body(body)), kind)
+
     def delete(self, path: str, kind: type[Kind]) -> Kind:
         """Have something taken away, which is the same however often it is asked."""
         return http.decode(self._repeatedly("DELETE", path), kind)

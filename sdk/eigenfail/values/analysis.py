@@ -1,6 +1,8 @@
 """An analysis: the failures of one or several campaigns, grouped into modes."""
 
+from collections.abc import Iterator
 from enum import StrEnum
+from textwrap import shorten
 from typing import Annotated, Literal
 
 import msgspec
@@ -266,6 +268,26 @@ class FailureMode(Brief, msgspec.Struct, frozen=True, eq=False):
     explained: Floats | None = None
 
 
+LONGEST_MODE_NAME = 80
+"""Characters of the name of a mode."""
+
+
+class Mode(Tabular, msgspec.Struct, frozen=True):
+    """A failure mode of an analysis, as people refer to it.
+
+    Attributes:
+        analysis: id of the analysis.
+        number: its number there, from 1.
+        failures: how many failures belong to it.
+        name: the name that somebody gave it; until then the beginning of its description.
+    """
+
+    analysis: int
+    number: int
+    failures: int
+    name: str
+
+
 class ModeBehaviour(Brief, msgspec.Struct, frozen=True, eq=False):
     """What the ego did in the failures of a mode.
 
@@ -299,6 +321,17 @@ class Behaviour(Brief, msgspec.Struct, frozen=True, eq=False):
     explained: Floats
     scores: Floats
     modes: tuple[ModeBehaviour, ...]
+
+
+def propose_mode_name(number: int, words: str) -> str:
+    """Return the name of a mode that nobody has named: the first sentence of its description.
+
+    Args:
+        number: its number, from 1.
+        words: its description; empty in results of older releases.
+    """
+    sentence = words.removeprefix(f"Mode {number}: ").split(". ")[0].removesuffix(".")
+    return shorten(sentence, LONGEST_MODE_NAME, placeholder=" …") or f"Mode {number}"
 
 
 class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
@@ -359,6 +392,22 @@ class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
     channels: tuple[str, ...] = AXES
     features: Grouping = "noise"
     behaviour: Behaviour | None = None
+
+    def list_modes(self, analysis: int) -> Iterator[Mode]:
+        """Yield the modes of the analysis with this id, with the names that are proposed."""
+        for number, mode in enumerate(self.modes, start=1):
+            words = self.words[number - 1] if self.words else ""
+            yield Mode(analysis, number, mode.failures, propose_mode_name(number, words))
+
+    def list_members(self, campaign: int) -> Iterator[tuple[int, int, int]]:
+        """Yield campaign, index and number of the mode of each failure.
+
+        Args:
+            campaign: the campaign that was analysed.
+        """
+        owners = self.campaigns or (campaign,) * len(self.episodes)
+        for owner, index, label in zip(owners, self.episodes, self.labels, strict=True):
+            yield owner, index, label + 1
 
     @property
     def cumulative(self) -> Floats:

@@ -193,6 +193,8 @@ class EpisodeRow(_EpisodeIdentity, frozen=True, kw_only=True):
         problem: why it errored, as "kind: message"; empty unless the outcome is `failed`.
         noise_pruned_ms: when its noise and scene were taken away; None if they are kept.
         requirements: robustness of each requirement that its campaign names, in their order.
+        mode: number of its failure mode in the newest analysis of its campaign that is done, from
+            1; None of an episode that was not analysed.
     """
 
     wall_s: float
@@ -203,6 +205,7 @@ class EpisodeRow(_EpisodeIdentity, frozen=True, kw_only=True):
     problem: str = ""
     noise_pruned_ms: int | None = None
     requirements: tuple[float, ...] = ()
+    mode: int | None = None
 
 
 class EpisodeDetail(Tabular, EpisodeResult, frozen=True, eq=False, kw_only=True):

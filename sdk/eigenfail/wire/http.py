@@ -26,6 +26,7 @@ from eigenfail.errors import (
     UnknownName,
 )
 from eigenfail.settings import convert, invalid_value
+from eigenfail.values.analysis import LONGEST_MODE_NAME
 from eigenfail.values.arrays import decode_array, encode_array_as_lists
 from eigenfail.values.campaign import CampaignSpec, Settings
 from eigenfail.values.showing import Brief
@@ -137,6 +138,12 @@ Body = TypeVar("Body", bound=msgspec.Struct)
 StructType = type[msgspec.Struct]
 Kind = TypeVar("Kind")
 Plain = TypeVar("Plain", dict[str, Any], list[Any])
+
+
+class ModeName(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The name that somebody gives a failure mode."""
+
+    name: Annotated[str, msgspec.Meta(min_length=1, max_length=LONGEST_MODE_NAME)]
 
 
 class ProofRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):

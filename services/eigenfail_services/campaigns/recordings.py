@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from eigenfail import plugins
-from eigenfail.errors import Conflict, EigenfailError, InvalidValue, NotFound
+from eigenfail.errors import Conflict, EigenfailError, InvalidValue
 from eigenfail.exchange import check_recording, require_packages, write_recording
 from eigenfail.exchange.animation import draw_overlaid_episodes, list_frame_steps
 from eigenfail.exchange.recording import (
@@ -20,6 +20,7 @@ from eigenfail.worlds import drawn_for, list_channels, placed_for, world_of
 from eigenfail_services.campaigns.explanations import Explanations
 from eigenfail_services.campaigns.proofs import read_result
 from eigenfail_services.store import Store
+from eigenfail_services.store.lifecycle import make_mode_error
 
 MAX_OVERLAID = 200
 """Episodes that are drawn over each other at most; of a larger mode every n-th, with its medoid."""
@@ -147,17 +148,15 @@ def load_mode_recordings(store: Store, analysis: Analysis, mode: int) -> Overlai
     """Return the failures of a mode, its medoid first; raises as `make_mode_animation` does."""
     result = read_result(analysis)
     if not 1 <= mode <= len(result.modes):
-        remedy = f"Its modes are numbered from 1 to {len(result.modes)}."
-        raise NotFound(f"Analysis {analysis.id} has no mode {mode}.", remedy)
+        raise make_mode_error(analysis.id, mode)
     spec = store.campaigns.get(analysis.campaign).spec
     _refuse_function(spec, "mode")
     found = result.modes[mode - 1]
     medoid = (found.medoid_campaign or analysis.campaign, found.medoid)
-    campaigns = result.campaigns or (analysis.campaign,) * len(result.episodes)
     members = [
         (campaign, index)
-        for campaign, index, label in zip(campaigns, result.episodes, result.labels, strict=True)
-        if label == mode - 1 and (campaign, index) != medoid
+        for campaign, index, number in result.list_members(analysis.campaign)
+        if number == mode and (campaign, index) != medoid
     ]
     first = store.episodes.get(*medoid)
     shown = _choose_scenes(store, first, members)

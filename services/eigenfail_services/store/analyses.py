@@ -3,9 +3,17 @@
 from collections.abc import Mapping
 from typing import Any
 
-from sqlalchemy import Connection, RowMapping, insert, select, update
+from msgspec.structs import asdict
+from sqlalchemy import Connection, RowMapping, Select, Table, insert, select, update
 
-from eigenfail.values import Analysis, AnalysisResult, AnalysisSettings, AnalysisState, Page
+from eigenfail.values import (
+    Analysis,
+    AnalysisResult,
+    AnalysisSettings,
+    AnalysisState,
+    Mode,
+    Page,
+)
 from eigenfail.values.records import JobKind
 from eigenfail_services.store.campaigns import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
@@ -14,9 +22,9 @@ from eigenfail_services.store.engine import Database
 from eigenfail_services.store.events import append_event, describe_analysis
 from eigenfail_services.store.jobs import enqueue
 from eigenfail_services.store.judging import keep_finite
-from eigenfail_services.store.lifecycle import make_analysis_error
+from eigenfail_services.store.lifecycle import make_analysis_error, make_mode_error
 from eigenfail_services.store.references import hold_noise
-from eigenfail_services.store.schema import analyses, replays
+from eigenfail_services.store.schema import analyses, mode_members, modes, replays
 
 UNFINISHED = (AnalysisState.QUEUED, AnalysisState.RUNNING)
 
@@ -104,12 +112,56 @@ class AnalysisStore:
             "result": pack(result),
         }
         with self._database.writing() as connection:
-            _change(connection, analysis, columns)
+            if _change(connection, analysis, columns):
+                _insert_modes(connection, analysis, result)
 
     def fail(self, analysis: int, problem: str) -> None:
         """Mark an analysis as failed, with the reason."""
         with self._database.writing() as connection:
             give_up(connection, analysis, problem)
+
+    def modes(self, analysis: int) -> tuple[Mode, ...]:
+        """Return the modes of an analysis, by number; none before it is done.
+
+        Raises:
+            NotFound: no such analysis.
+        """
+        with self._database.reading() as connection:
+            _require(connection, analysis)
+            return _read_modes(connection, _MODES.where(modes.c.analysis == analysis))
+
+    def mode(self, analysis: int, number: int) -> Mode:
+        """Return a mode of an analysis.
+
+        Raises:
+            NotFound: no such analysis or mode.
+        """
+        with self._database.reading() as connection:
+            return _read_mode(connection, analysis, number)
+
+    def rename_mode(self, analysis: int, number: int, name: str) -> Mode:
+        """Give a mode of an analysis a name, and return it.
+
+        Raises:
+            NotFound: no such analysis or mode.
+        """
+        place = modes.c.analysis == analysis, modes.c.number == number
+        with self._database.writing() as connection:
+            connection.execute(update(modes).where(*place).values(name=name))
+            return _read_mode(connection, analysis, number)
+
+    def find_modes(self, campaign: int, index: int) -> tuple[Mode, ...]:
+        """Return the modes that an episode belongs to, of the newest analysis first."""
+        member = mode_members.c
+        same = (member.analysis == modes.c.analysis) & (member.number == modes.c.number)
+        query = (
+            select(*modes.c)
+            .join(mode_members, same)
+            .where(member.campaign == campaign, member["index"] == index)
+            .order_by(modes.c.analysis.desc())
+        )
+        with self._database.reading() as connection:
+            return _read_modes(connection, query)
 
     def link_replay(self, analysis: int, campaign: int) -> None:
         """Link a campaign that replays an analysis's failures; a known link changes nothing.
@@ -138,7 +190,12 @@ def give_up(connection: Connection, analysis: int, problem: str) -> None:
     _change(connection, analysis, {"state": AnalysisState.FAILED, "problem": problem})
 
 
-def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -> None:
+def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -> bool:
+    """Change an analysis that has not ended, and return whether it was changed.
+
+    Raises:
+        NotFound: no such analysis.
+    """
     statement = (
         update(analyses)
         .where(analyses.c.id == analysis, analyses.c.state.in_(UNFINISHED))
@@ -146,16 +203,57 @@ def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -
         .returning(*BRIEF, analyses.c.result)
     )
     changed = connection.execute(statement).mappings().one_or_none()
-    if changed is not None:
-        _log(connection, _analysis(changed))
-        return
+    if changed is None:
+        _require(connection, analysis)
+        return False
+    _log(connection, _analysis(changed))
+    return True
+
+
+def _insert_modes(connection: Connection, analysis: int, result: AnalysisResult) -> None:
+    """Insert the modes of a result, and the failures that belong to them."""
+    (campaign,) = connection.execute(
+        select(analyses.c.campaign).where(analyses.c.id == analysis)
+    ).one()
+    rows: tuple[tuple[Table, list[dict[str, Any]]], ...] = (
+        (modes, [asdict(mode) for mode in result.list_modes(analysis)]),
+        (
+            mode_members,
+            [
+                {"campaign": owner, "analysis": analysis, "index": index, "number": number}
+                for owner, index, number in result.list_members(campaign)
+            ],
+        ),
+    )
+    for table, inserted in rows:
+        if inserted:
+            connection.execute(insert(table), inserted)
+
+
+_MODES = select(*modes.c).order_by(modes.c.number)
+
+
+def _read_modes(connection: Connection, query: Select[Any]) -> tuple[Mode, ...]:
+    return tuple(Mode(**found) for found in connection.execute(query).mappings())
+
+
+def _read_mode(connection: Connection, analysis: int, number: int) -> Mode:
+    found = _read_modes(
+        connection, _MODES.where(modes.c.analysis == analysis, modes.c.number == number)
+    )
+    if not found:
+        _require(connection, analysis)
+        raise make_mode_error(analysis, number)
+    return found[0]
+
+
+def _require(connection: Connection, analysis: int) -> None:
     if connection.execute(select(analyses.c.id).where(analyses.c.id == analysis)).first() is None:
         raise make_analysis_error(analysis)
 
 
 def _replays(connection: Connection, analysis: int) -> tuple[int, ...]:
-    if connection.execute(select(analyses.c.id).where(analyses.c.id == analysis)).first() is None:
-        raise make_analysis_error(analysis)
+    _require(connection, analysis)
     linked = select(replays.c.campaign).where(replays.c.analysis == analysis)
     return tuple(connection.execute(linked.order_by(replays.c.campaign)).scalars())
 

@@ -99,6 +99,7 @@ from eigenfail_services.store.schema import (
     episodes,
     has_no_collision,
     is_failure,
+    mode_members,
     requirement_values,
     scenes,
     trajectories,
@@ -131,11 +132,28 @@ _CLASS = case(
 )
 """As `assess` classifies episodes."""
 
+
+def _select_mode() -> _Expression:
+    """Return the number of the mode, in its newest analysis, of the episode of an enclosing query.
+
+    An analysis that is done has a row for each failure: the newest is that with the largest id.
+    """
+    member, any_member = mode_members.c, mode_members.alias().c
+    newest = select(func.max(any_member.analysis)).where(any_member.campaign == _c.campaign)
+    query = select(member.number).where(
+        member.campaign == _c.campaign,
+        member.analysis == newest.correlate(episodes).scalar_subquery(),
+        member["index"] == episode_index,
+    )
+    return query.correlate(episodes).scalar_subquery()
+
+
 _DERIVED: dict[str, _Expression] = {
     "class": type_coerce(_CLASS, Text()),
     "ttc_lead_s": case((_COLLIDED, _c.collided_s - _c.ttc_violated_s)),
     "drac_lead_s": case((_COLLIDED, _c.collided_s - _c.drac_violated_s)),
     "log_probability_per_step": _c.log_probability / case((_c.steps > 0, _c.steps), else_=1),
+    "mode": _select_mode(),
     "problem": type_coerce(
         _c.fault_kind + literal(": ") + func.coalesce(_c.fault_message, ""), Prose()
     ),
@@ -366,7 +384,9 @@ _RESULTS = (
     .add_columns(select_pruned_ms().label("pruned_ms"))
 )
 
-_ROWS = select(*episodes.c, select_pruned_ms().label("noise_pruned_ms"))
+_ROWS = select(
+    *episodes.c, select_pruned_ms().label("noise_pruned_ms"), _DERIVED["mode"].label("mode")
+)
 _SPEC = select(campaigns.c.spec).where(campaigns.c.id == bindparam("campaign"))
 
 
@@ -446,6 +466,30 @@ class EpisodeStore:
                     break
         items = tuple(found[:limit])
         return Page(items, items[-1].index if len(found) > limit else None)
+
+    def of_mode(self, analysis: int, number: int, sort: SortOrder, limit: int) -> list[EpisodeRow]:
+        """Return the first failures of a mode in an order; its campaigns may be several."""
+        column = _expression(sort.column)
+        last_first = column.desc() if sort.descending else column
+        query = (
+            select(_c.campaign, episode_index)
+            .join(
+                mode_members,
+                (mode_members.c.campaign == _c.campaign)
+                & (mode_members.c["index"] == episode_index),
+            )
+            .where(mode_members.c.analysis == analysis, mode_members.c.number == number)
+            .order_by(column.is_(None), last_first, _c.campaign, episode_index)
+            .limit(limit)
+        )
+        with self._database.reading() as connection:
+            chosen = [(owner, index) for owner, index in connection.execute(query)]
+            found = {
+                (owner, row.index): row
+                for owner in {owner for owner, _ in chosen}
+                for row in _rows(connection, owner, [at for own, at in chosen if own == owner])
+            }
+        return [found[place] for place in chosen]
 
     def finished(self, campaign: int, indices: Iterable[int]) -> list[EpisodeResult]:
         """Return the results of those episodes that have one, in index order.

@@ -197,6 +197,14 @@ def make_analysis_error(analysis: int) -> NotFound:
     return NotFound(f"Analysis {analysis} does not exist.", "`eigenfail analyze` starts one.")
 
 
+def make_mode_error(analysis: int, number: int) -> NotFound:
+    """Return the error that an analysis has no mode of the number."""
+    return NotFound(
+        f"Analysis {analysis} has no mode {number}.",
+        f"`eigenfail mode list {analysis}` lists them.",
+    )
+
+
 def make_key_error(key: int) -> NotFound:
     """Return the error that no key has the id."""
     return NotFound(f"Key {key} does not exist.", "`eigenfail key list` lists them.")

@@ -32,7 +32,7 @@ from sqlalchemy.types import TypeEngine
 from eigenfail.values import MEASURES, Measure, Priority
 from eigenfail.values.episode import FAILURES, Outcome
 
-VERSION = "0021"
+VERSION = "0022"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -281,6 +281,27 @@ analyses = Table(
     Column("result", LargeBinary),  # MessagePack
     Index(None, "campaign", "id"),
     sqlite_autoincrement=True,
+)
+
+# The modes of analyses that are done, each with the name that people give it.
+modes = Table(
+    "modes",
+    metadata,
+    Column("analysis", Number, ForeignKey("analyses.id"), primary_key=True, autoincrement=False),
+    Column("number", Integer, primary_key=True, autoincrement=False),  # from 1
+    Column("failures", Integer, nullable=False),
+    Column("name", Prose, nullable=False),
+)
+
+# The mode of each failure in each analysis of it, which may be of several campaigns.
+mode_members = Table(
+    "mode_members",
+    metadata,
+    Column("campaign", Number, ForeignKey("campaigns.id"), primary_key=True, autoincrement=False),
+    Column("analysis", Number, ForeignKey("analyses.id"), primary_key=True, autoincrement=False),
+    Column("index", Number, primary_key=True, autoincrement=False),
+    Column("number", Integer, nullable=False),
+    Index(None, "analysis", "number"),
 )
 
 # The campaigns that replay what an analysis found.

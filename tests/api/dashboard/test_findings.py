@@ -22,13 +22,12 @@ from eigenfail.values import (
     Stability,
     TrainingInterval,
 )
-from eigenfail_api.dashboard.analysis_page import (
+from eigenfail_api.dashboard.analysis_charts import (
     MOST_STEPS,
-    list_tables,
-    make_finding_tiles,
     make_scores_chart,
     make_training_charts,
 )
+from eigenfail_api.dashboard.analysis_page import list_tables, make_finding_tiles
 from eigenfail_api.dashboard.episodes_page import describe_settings
 
 HTML = {"Accept": "text/html"}

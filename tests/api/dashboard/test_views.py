@@ -21,7 +21,8 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import EpisodeRow, Totals
 from eigenfail_api.dashboard import charts
-from eigenfail_api.dashboard.analysis_page import describe_peak, make_diversity_tiles, pick_evenly
+from eigenfail_api.dashboard.analysis_charts import pick_evenly
+from eigenfail_api.dashboard.analysis_page import describe_peak, make_diversity_tiles
 from eigenfail_api.dashboard.campaign_page import group_settings, list_times
 from eigenfail_api.dashboard.charts import make_curve_chart, make_robustness_chart
 from eigenfail_api.dashboard.cost_charts import make_cost_chart
@@ -123,7 +124,11 @@ def test_columns_and_axes_name_metres_only_of_a_road(simulators, unit):
     assert chart.note == f"Quantiles of robustness{unit}."
     assert chart.caption.endswith("; 0 m is a failure." if unit == " [m]" else "; 0 is a failure.")
     units = [
-        next(head.unit for head in make_headings(one.campaign, "", None) if head.column == MEASURE)
+        next(
+            head.unit
+            for head in make_headings(one.campaign.spec, str, None)
+            if head.column == MEASURE
+        )
         for one in compared
     ]
     assert units == ["" if each == "function" else "m" for each in simulators]

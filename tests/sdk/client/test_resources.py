@@ -238,6 +238,18 @@ def test_analyses_are_made_waited_for_and_listed(client, campaign, analysis):
         client.analyses.wait(waiting.id, poll_s=0.0, timeout_s=0.0)
 
 
+def test_modes_are_listed_and_named(client, analysis):
+    assert [mode.name for mode in client.analyses.modes(analysis)] == ["Mode 1", "Mode 2"]
+    renamed = client.analyses.rename_mode(analysis, 2, "  late\tbraking ")
+    assert (renamed.number, renamed.name) == (2, "late braking")
+    assert client.analyses.modes(analysis)[1] == renamed
+    with pytest.raises(NotFound, match="has no mode 3"):
+        client.analyses.rename_mode(analysis, 3, "third")
+    for name in ("", " ", "a\x00b", "x" * 81):
+        with pytest.raises(InvalidValue, match="name"):
+            client.analyses.rename_mode(analysis, 1, name)
+
+
 def test_eigenfailures_and_medoids_are_replayed(client, campaign, analysis, store):
     first, second = client.analyses.eigenfailures(analysis)
     assert np.array_equal(second.eigenfailure, -first.eigenfailure)

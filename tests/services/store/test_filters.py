@@ -14,6 +14,7 @@ from store_checks.examples import deliver, running
 from eigenfail.filters import (
     BY_INDEX,
     COLUMNS,
+    ORDERED,
     ColumnKind,
     Condition,
     Operator,
@@ -27,7 +28,6 @@ from eigenfail_services.store import open_store
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.episodes import page_queries
 
-ORDERED = sorted(name for name, column in COLUMNS.items() if column.is_ordered)
 FEW = st.sampled_from([-1.0, -0.0, 0.0, 0.5, 1.5, 2.0, 7.0, 7.5, 1e300, 5e-324])
 WORDS = st.sampled_from(["prior", "policy", "'", '"; --', "", "ß", "Prior"])
 VALUES = {

@@ -1,0 +1,155 @@
+"""The page of a failure mode: what it is, what it costs, and the failures that belong to it."""
+
+from typing import Annotated
+
+import msgspec
+from fastapi import APIRouter, Query
+from fastapi.responses import HTMLResponse
+
+from eigenfail.exchange import list_formats
+from eigenfail.exchange.recording import RecordingFormat
+from eigenfail.filters import SortOrder, parse_sort
+from eigenfail.presentation.figures import (
+    count_noun,
+    format_amount,
+    format_count,
+    format_usd,
+)
+from eigenfail.values import Analysis, Campaign, Mode, Proof
+from eigenfail.values.analysis import LONGEST_MODE_NAME
+from eigenfail.values.records import EpisodeRow
+from eigenfail.worlds import find_robustness_unit, world_of
+from eigenfail_api.dashboard.analysis_page import ModeCard, make_mode_cards
+from eigenfail_api.dashboard.episodes_page import (
+    EpisodeLine,
+    Heading,
+    find_worst_order,
+    make_address,
+    make_episode_line,
+    make_headings,
+)
+from eigenfail_api.dashboard.rendering import Tile, page
+from eigenfail_api.parameters import AnalysisId, ModeNumber, Stored
+from eigenfail_services.campaigns.proofs import read_result, summarise_proof
+from eigenfail_services.campaigns.summary import find_cost
+from eigenfail_services.store import Store
+
+FAILURES_ON_PAGE = 50
+
+FILMS = 6
+"""Failures that play side by side."""
+
+
+class ModeView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page of a failure mode.
+
+    Attributes:
+        mode: number, name and failures.
+        numbers: the numbers of all modes of the analysis.
+        card: what the page of the analysis shows of it.
+        is_distinct: whether the modes are more than groups of failures.
+        tiles: its figures, each with its basis.
+        lines: its failures, the first in their order.
+        films: addresses of the players of some failures, the medoid first.
+        every: where all its failures can be searched; empty where a newer analysis has other modes.
+        has_animation: whether an animation of its failures can be made here.
+    """
+
+    mode: Mode
+    numbers: tuple[int, ...]
+    campaign: int
+    campaign_name: str
+    card: ModeCard
+    is_distinct: bool
+    tiles: tuple[tuple[str, Tile], ...]
+    headings: tuple[Heading, ...]
+    lines: tuple[EpisodeLine, ...]
+    films: tuple[str, ...]
+    every: str
+    has_animation: bool
+    longest_name: int = LONGEST_MODE_NAME
+
+
+def make_mode_view(
+    store: Store, analysis: Analysis, mode: Mode, sort: SortOrder, proof: Proof
+) -> ModeView:
+    """Return the page of a mode, with its failures in an order."""
+    campaign = store.campaigns.get(analysis.campaign)
+    result, world = read_result(analysis), world_of(campaign.spec.simulator)
+    cards = make_mode_cards(result, campaign.id, proof, find_robustness_unit(campaign.spec))
+    card = cards[mode.number - 1]
+    rows = store.episodes.of_mode(analysis.id, mode.number, sort, FAILURES_ON_PAGE)
+    campaigns = [store.campaigns.get(each) for each in sorted({*result.campaigns} or {campaign.id})]
+    return ModeView(
+        mode=mode,
+        numbers=tuple(range(1, len(result.modes) + 1)),
+        campaign=campaign.id,
+        campaign_name=campaign.spec.name,
+        card=card,
+        is_distinct=result.distinct,
+        tiles=list_mode_tiles(card, mode, campaigns),
+        headings=make_headings(
+            campaign.spec,
+            lambda order: f"/analyses/{analysis.id}/modes/{mode.number}?sort={order}",
+            sort,
+        ),
+        lines=tuple(map(make_episode_line, rows)),
+        films=tuple(list_films(card, rows)) if world.has_road else (),
+        every=find_search_address(store, campaign.id, card, mode),
+        has_animation=world.has_road and RecordingFormat.GIF in list_formats(),
+    )
+
+
+def list_mode_tiles(
+    card: ModeCard, mode: Mode, campaigns: list[Campaign]
+) -> tuple[tuple[str, Tile], ...]:
+    """Return the tiles of a mode's figures, each with its basis."""
+    total_usd = sum(find_cost(each).total_usd for each in campaigns)
+    basis = f"{format_usd(total_usd)} USD ÷ {count_noun(mode.failures, 'failure')}"
+    probability = (("Probability under p(x)", card.probability),) if card.probability else ()
+    return (
+        ("Failures", Tile(format_count(mode.failures), (f"{card.share} of those analysed",))),
+        *probability,
+        ("Cost per failure of the mode", Tile(format_amount(total_usd / mode.failures), (basis,))),
+        ("Eigenfailure, root mean square", Tile(f"{card.strength} sigma")),
+        *card.proof,
+    )
+
+
+def list_films(card: ModeCard, rows: list[EpisodeRow]) -> list[str]:
+    """Return the addresses of players: of the medoid, and of failures spread over the rows."""
+    others = [
+        f"/campaigns/{row.campaign}/episodes/{row.index}/clip"
+        for row in rows
+        if row.has_scene and (row.campaign, row.index) != (card.medoid_campaign, card.medoid)
+    ]
+    count = min(FILMS - 1, len(others))
+    return [card.clip, *(others[place * len(others) // count] for place in range(count))]
+
+
+def find_search_address(store: Store, campaign: int, card: ModeCard, mode: Mode) -> str:
+    """Return where the failures of a mode can be searched; empty if the filter has other modes."""
+    newest = store.analyses.find_modes(card.medoid_campaign, card.medoid)
+    is_alone = card.medoid_campaign == campaign
+    if not is_alone or not newest or newest[0].analysis != mode.analysis:
+        return ""
+    return make_address(campaign, f"mode = {mode.number}")
+
+
+router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
+
+Sort = Annotated[str | None, Query(max_length=64)]
+
+
+@router.get("/analyses/{analysis}/modes/{mode}")
+def show_mode(
+    store: Stored, analysis: AnalysisId, mode: ModeNumber, sort: Sort = None
+) -> HTMLResponse:
+    """One failure mode."""
+    seen = store.analyses.get(analysis)
+    found = store.analyses.mode(analysis, mode)
+    usual = find_worst_order(store.campaigns.get(seen.campaign).spec)
+    view = make_mode_view(
+        store, seen, found, parse_sort(sort or usual), summarise_proof(store, seen)
+    )
+    return page("mode.html", view)

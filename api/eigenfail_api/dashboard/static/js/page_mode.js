@@ -1,0 +1,18 @@
+// The failures of a mode, which play side by side.
+import "./main.js";
+import { startPlayers } from "./player.js";
+
+startPlayers();
+
+document.querySelector("[data-play-all]")?.addEventListener("click", () => {
+  const stages = [...document.querySelectorAll("[data-films] [data-player]")];
+  for (const stage of stages) rewind(stage);
+  for (const stage of stages) stage.querySelector("[data-play]").click();
+});
+
+// Whatever played before stops at the first step.
+function rewind(stage) {
+  const scrub = stage.querySelector("[data-scrub]");
+  scrub.value = 0;
+  scrub.dispatchEvent(new Event("input"));
+}
