@@ -429,6 +429,27 @@ def parse_sort(text: str) -> SortOrder:
     return SortOrder(name, text.strip().startswith("-"))
 
 
+CAMPAIGN_ORDERS = (
+    *("id", "name", "planner", "method", "state", "failures", "completed"),
+    "cost_per_failure_usd",
+)
+"""What campaigns can be sorted by."""
+
+NEWEST_FIRST = SortOrder("id", descending=True)
+
+
+def parse_campaign_sort(text: str) -> SortOrder:
+    """Parse an order of campaigns: one of `CAMPAIGN_ORDERS`, with a minus for the largest first.
+
+    Raises:
+        UnknownName: campaigns cannot be sorted by it.
+    """
+    name = text.strip().removeprefix("-")
+    if name not in CAMPAIGN_ORDERS:
+        raise UnknownName("sort", name, CAMPAIGN_ORDERS)
+    return SortOrder(name, text.strip().startswith("-"))
+
+
 def parse_fields(text: str | Sequence[str]) -> tuple[str, ...]:
     """Parse names of columns, separated by commas or in a sequence; no name selects all.
 

@@ -3,6 +3,7 @@
 from sqlalchemy import inspect, text
 from store_checks.examples import running
 
+from eigenfail.values.campaign import CampaignFilter
 from eigenfail_services.store import migrate, open_store
 
 INDEX = "ix_campaigns_suite_id"
@@ -49,6 +50,6 @@ def test_campaigns_of_an_older_release_get_the_suite_of_their_name(url, look) ->
     migrate.upgrade(url)
     assert look(url, suites) == as_created
     store = open_store(url)
-    found = store.campaigns.page(10, suite="sweep").items
+    found = store.campaigns.page(10, where=CampaignFilter(suite="sweep")).items
     assert [campaign.spec.name for campaign in found] == [*NAMES][1::-1]
     store.close()

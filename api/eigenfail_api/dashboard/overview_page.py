@@ -2,13 +2,14 @@
 
 from collections.abc import Sequence
 from functools import partial
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 from urllib.parse import urlencode
 
 import msgspec
-from fastapi import APIRouter, Header, Query
+from fastapi import APIRouter, Depends, Header, Query
 from fastapi.responses import HTMLResponse
 
+from eigenfail.filters import NEWEST_FIRST, SortOrder, parse_campaign_sort
 from eigenfail.presentation.figures import count_noun, format_count, format_number, format_usd
 from eigenfail.values import Campaign, CampaignState, Event, Page, Summary
 from eigenfail.values.campaign import CampaignFilter
@@ -21,6 +22,7 @@ from eigenfail_api.dashboard.cost_charts import (
     make_cost_chart,
     make_method_costs,
 )
+from eigenfail_api.dashboard.episodes_page import Heading, order
 from eigenfail_api.dashboard.rendering import WORKING, StandingView, Tile, make_standing, page
 from eigenfail_api.parameters import Before, Stored
 from eigenfail_services.campaigns.costs import compare_peers, list_methods
@@ -55,28 +57,63 @@ class Wanted(msgspec.Struct, frozen=True):
 
     Attributes:
         method: None leaves out replays, which find nothing new.
+        sort: their order.
     """
 
     state: CampaignState | None = None
     method: str | None = None
     search: str | None = None
     before: int | None = None
+    sort: SortOrder = NEWEST_FIRST
 
-    def address(self, **changes: int | None) -> str:
+    def address(self, **changes: object) -> str:
         """The address of this page, or of one like it."""
         given = msgspec.structs.asdict(self) | changes
-        query = {name: value for name, value in given.items() if value is not None}
+        query = {name: str(value) for name, value in given.items() if value is not None}
+        if given["sort"] == NEWEST_FIRST:
+            del query["sort"]
         return f"/?{urlencode(query)}" if query else "/"
 
     @property
     def where(self) -> CampaignFilter:
         """The same in the words of the store."""
-        return CampaignFilter(self.method, self.search, None if self.method else REPLAY)
+        besides = None if self.method else REPLAY
+        return CampaignFilter(self.method, self.search, besides, self.state)
 
     @property
     def is_filtered(self) -> bool:
         """Whether not all campaigns are wanted."""
         return (self.state, self.method, self.search) != (None, None, None)
+
+
+HEADINGS = (
+    ("id", "Id", "", True),
+    ("name", "Campaign", "", False),
+    ("planner", "Planner", "in scenario", False),
+    ("method", "Method", "", False),
+    ("state", "State", "", False),
+    ("failures", "Failures", "rate, interval", True),
+    ("cost_per_failure_usd", "Cost per failure", "n, interval", False),
+)
+"""Order, label, unit, and whether the largest come first when it is asked for."""
+
+
+def make_campaign_headings(wanted: Wanted) -> tuple[Heading, ...]:
+    """Return the heads of the columns that sort the list; the present one links to its reverse."""
+    now = wanted.sort
+    return tuple(
+        Heading(
+            column=column,
+            label=label,
+            unit=unit,
+            is_minor=False,
+            address=wanted.address(
+                before=None, sort=SortOrder(column, first != (now == SortOrder(column, first)))
+            ),
+            order=order(now) if now.column == column else "",
+        )
+        for column, label, unit, first in HEADINGS
+    )
 
 
 class Overview(msgspec.Struct, frozen=True, kw_only=True):
@@ -94,9 +131,11 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
         wants_workers: whether episodes wait and no worker is connected.
         stranded: what was said of each campaign that no connected worker can run.
         latest: the newest event when the page was made, so that the feed goes on behind it.
+        headings: the columns that sort the list.
     """
 
     wanted: Wanted
+    headings: tuple[Heading, ...]
     address: str
     newest: str | None
     older: str | None
@@ -146,6 +185,7 @@ def make_overview(known: OverviewFacts, wanted: Wanted) -> Overview:
     lines = tuple(map(make_standing, known.page.items, known.summaries))
     return Overview(
         wanted=wanted,
+        headings=make_campaign_headings(wanted),
         address=wanted.address(),
         newest=wanted.address(before=None) if wanted.before else None,
         older=wanted.address(before=known.page.next) if known.page.next else None,
@@ -201,16 +241,35 @@ EVENTS_SHOWN = 30
 State = Annotated[CampaignState | Literal[""], Query()]
 Words = Annotated[str, Query(max_length=200)]
 
+Sort = Annotated[str, Query(max_length=64)]
+
+
+class Named(NamedTuple):
+    """The filters of the form; None where a field is empty."""
+
+    state: CampaignState | None
+    method: str | None
+    search: str | None
+
+
+def read_filters(state: State = "", method: Words = "", search: Words = "") -> Named:
+    """Return the filters of a request."""
+    return Named(state or None, method or None, search.strip() or None)
+
+
 # An open page sends it when it asks for itself again.
 Again = Annotated[str | None, Header(alias="HX-Request", include_in_schema=False)]
 
 
 @router.get("/")
 def show_overview(
-    store: Stored, state: State = "", method: Words = "", search: Words = "", before: Before = None
+    store: Stored,
+    named: Annotated[Named, Depends(read_filters)],
+    before: Before = None,
+    sort: Sort = str(NEWEST_FIRST),
 ) -> HTMLResponse:
-    """Campaigns, newest first."""
-    wanted = Wanted(state or None, method or None, search.strip() or None, before)
+    """Campaigns in an order, by default newest first."""
+    wanted = Wanted(*named, before, parse_campaign_sort(sort))
     staffing = partial(find_staffing, store)
     return page(
         "overview.html", make_overview(read_overview(store, wanted), wanted), staffing=staffing
@@ -220,9 +279,7 @@ def show_overview(
 def read_overview(store: Store, wanted: Wanted) -> OverviewFacts:
     """Read the figures of the overview page."""
     latest, pools = store.events.last(), store.figures.pools()
-    found = store.campaigns.page(
-        CAMPAIGNS_ON_A_PAGE, wanted.before, wanted.state, where=wanted.where
-    )
+    found = store.campaigns.page(CAMPAIGNS_ON_A_PAGE, wanted.before, wanted.where, wanted.sort)
     return OverviewFacts(
         page=found,
         summaries=summaries_of(store, found.items),

@@ -1,12 +1,13 @@
 """Routes of campaigns and suites: create, list, steer and summarise."""
 
 from collections.abc import Mapping
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import msgspec
 from fastapi import APIRouter, Depends, Path, Query
 
 from eigenfail.errors import IllegalTransition
+from eigenfail.filters import CAMPAIGN_ORDERS, NEWEST_FIRST, parse_campaign_sort
 from eigenfail.values import (
     Campaign,
     CampaignSpec,
@@ -143,15 +144,14 @@ Search = Annotated[
     Query(description="Only campaigns whose name contains this text; case is ignored."),
 ]
 Fields = Annotated[dict[str, Any], Depends(plain_body(dict))]
+Sort = Annotated[
+    str,
+    Query(
+        max_length=64,
+        description=f"Order: {', '.join(CAMPAIGN_ORDERS)}; with a minus, the largest first.",
+    ),
+]
 Items = Annotated[list[Any], Depends(plain_body(list))]
-
-
-class CampaignQuery(NamedTuple):
-    """A filter of the list of campaigns."""
-
-    state: CampaignState | None
-    suite: str | None
-    where: CampaignFilter
 
 
 def parse_query(
@@ -159,9 +159,9 @@ def parse_query(
     suite: Annotated[str | None, Query(description="Only campaigns of this suite.")] = None,
     method: Annotated[str | None, Query(description="Only campaigns of this method.")] = None,
     search: Search = None,
-) -> CampaignQuery:
+) -> CampaignFilter:
     """Return the filter of a request: all its conditions hold."""
-    return CampaignQuery(state, suite, CampaignFilter(method, search))
+    return CampaignFilter(method, search, state=state, suite=suite)
 
 
 def _launch(store: Store, wanted: ResolvedCampaign, key: str | None, made_by: int | None) -> Json:
@@ -208,12 +208,13 @@ def create_campaigns(
 @router.get("", **document_route(Page[Campaign]))
 def list_campaigns(
     store: Stored,
-    query: Annotated[CampaignQuery, Depends(parse_query)],
+    where: Annotated[CampaignFilter, Depends(parse_query)],
     limit: Limit = 50,
     before: Before = None,
+    sort: Sort = str(NEWEST_FIRST),
 ) -> Json:
-    """List campaigns, newest first."""
-    return Json(store.campaigns.page(limit, before, *query))
+    """List campaigns in an order, by default newest first."""
+    return Json(store.campaigns.page(limit, before, where, parse_campaign_sort(sort)))
 
 
 @router.get("/summaries", **document_route(Page[Summary]))

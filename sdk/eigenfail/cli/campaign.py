@@ -29,6 +29,7 @@ from eigenfail.cli.render import (
 )
 from eigenfail.cli.specs import describe_check, parse_changes, read_spec
 from eigenfail.client.campaigns import Campaigns
+from eigenfail.filters import CAMPAIGN_ORDERS, NEWEST_FIRST
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.processes import interruptible
 from eigenfail.presentation.campaigns import (
@@ -195,6 +196,13 @@ Search = Annotated[
     str | None,
     typer.Option(help="Only campaigns whose name contains this text, ignoring case."),
 ]
+Sort = Annotated[
+    str,
+    typer.Option(
+        metavar="COLUMN",
+        help=f"Order: {', '.join(CAMPAIGN_ORDERS)}; with a minus, the largest first.",
+    ),
+]
 Level = Annotated[float, typer.Option(help="Level of VaR and CVaR of severity.")]
 Ids = Annotated[
     list[int], typer.Argument(metavar="CAMPAIGN...", min=1, help="One campaign, or several.")
@@ -216,14 +224,15 @@ def list_campaigns(
     state: State = None,
     method: Method = None,
     search: Search = None,
+    sort: Sort = str(NEWEST_FIRST),
     limit: Limit = 20,
     watched: Watched = False,
     as_json: AsJson = False,
 ) -> None:
-    """List campaigns, newest first."""
+    """List campaigns, by default newest first."""
     with interruptible(), connect_to(context, url) as client:
         page = TerminalView(
-            look=lambda: client.campaigns.list(state, None, method, search).first(limit),
+            look=lambda: client.campaigns.list(state, None, method, search, sort=sort).first(limit),
             campaigns=lambda seen: seen,
             to_data=lambda seen: seen,
             draw=lambda seen: render(tabulate_campaigns(seen)),

@@ -7,6 +7,7 @@ import msgspec
 
 from eigenfail.client.link import Link, report_progress, wait_until
 from eigenfail.errors import InvalidValue
+from eigenfail.filters import NEWEST_FIRST, parse_campaign_sort
 from eigenfail.frames import Rows
 from eigenfail.values import (
     FINAL_STATES,
@@ -143,16 +144,24 @@ class Campaigns:
         suite: str | None = None,
         method: str | None = None,
         search: str | None = None,
+        *,
+        sort: str = str(NEWEST_FIRST),
     ) -> Rows[Campaign]:
-        """List campaigns that match all given filters; newest first.
+        """List campaigns that match all given filters, in an order.
 
         Args:
             state: state in which the campaigns are.
             suite: suite to which the campaigns belong.
             method: name of the method.
             search: text that their names hold, in small or large letters.
+            sort: id, name, planner, method, state, failures, completed or cost_per_failure_usd;
+                with a minus, the largest first.
+
+        Raises:
+            UnknownName: campaigns cannot be sorted by it.
         """
-        asked = {"state": state, "suite": suite, "method": method, "search": search}
+        order = str(parse_campaign_sort(sort))
+        asked = {"state": state, "suite": suite, "method": method, "search": search, "sort": order}
         return self._link.pages("/campaigns", Page[Campaign], "before", asked)
 
     def pause(self, campaign: int) -> Campaign:

@@ -579,11 +579,15 @@ class CampaignFilter(msgspec.Struct, frozen=True):
         method: name of the method.
         search: text that its name contains, in small or large letters.
         besides: a method whose campaigns are left out.
+        state: its state.
+        suite: the suite that it belongs to.
     """
 
     method: str | None = None
     search: str | None = None
     besides: str | None = None
+    state: CampaignState | None = None
+    suite: str | None = None
 
 
 ANY_CAMPAIGN = CampaignFilter()

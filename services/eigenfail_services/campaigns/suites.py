@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from eigenfail.errors import NotFound
 from eigenfail.suites import MOST_MEMBERS, KeyPath, shorten_paths
 from eigenfail.values import Campaign, Summary
+from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.suite import SuiteRow, SuiteTable, member_of
 from eigenfail_services.campaigns.seeds import (
     list_differing,
@@ -54,10 +55,10 @@ def make_suite_table(store: Store, suite: str, most: int = MOST_MEMBERS) -> Suit
 
 
 def _list_campaigns(store: Store, suite: str) -> Iterator[Campaign]:
-    page = store.campaigns.page(PAGE, suite=suite)
+    page = store.campaigns.page(PAGE, where=CampaignFilter(suite=suite))
     yield from page.items
     while page.next is not None:
-        page = store.campaigns.page(PAGE, page.next, suite=suite)
+        page = store.campaigns.page(PAGE, page.next, CampaignFilter(suite=suite))
         yield from page.items
 
 

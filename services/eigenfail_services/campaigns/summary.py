@@ -25,6 +25,7 @@ from eigenfail.values import (
     Summary,
     Unresolved,
 )
+from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.operations import Presence, Staffing, WorkerShare
 from eigenfail.values.records import ConflictTotals, FrequentFault, Totals
 from eigenfail.values.safety import TAIL_LEVEL
@@ -261,7 +262,7 @@ def find_narrow(store: Store, campaign: Campaign, workers: int) -> tuple[NarrowC
     """Return the campaign, if it runs and some workers are idle since it is too narrow."""
     if campaign.state is not CampaignState.RUNNING:
         return ()
-    running = store.campaigns.page(MOST_RUNNING, state=CampaignState.RUNNING)
+    running = store.campaigns.page(MOST_RUNNING, where=CampaignFilter(state=CampaignState.RUNNING))
     if running.next is not None:
         return ()
     narrow = find_narrow_campaigns(running.items, workers)

@@ -13,14 +13,18 @@ from sqlalchemy import (
     Connection,
     Row,
     Select,
+    and_,
     bindparam,
+    case,
     func,
     insert,
+    or_,
     select,
     update,
 )
 from sqlalchemy.exc import IntegrityError
 
+from eigenfail.filters import NEWEST_FIRST, SortOrder
 from eigenfail.values import (
     Campaign,
     CampaignSpec,
@@ -70,6 +74,7 @@ from eigenfail_services.store.schema import (
     episodes,
     idempotency_keys,
     spec_field,
+    spent_usd,
 )
 
 # Made once: they are asked for with every group of results.
@@ -407,20 +412,17 @@ class CampaignStore:
         self,
         limit: int,
         before: int | None = None,
-        state: CampaignState | None = None,
-        suite: str | None = None,
         where: CampaignFilter = ANY_CAMPAIGN,
+        sort: SortOrder = NEWEST_FIRST,
     ) -> Page[Campaign]:
-        """Return campaigns, newest first, with ids below `before`, by state, suite and filter."""
-        query = select(campaigns).order_by(campaigns.c.id.desc()).limit(limit + 1)
-        if before is not None:
-            query = query.where(campaigns.c.id < before)
-        if state is not None:
-            query = query.where(campaigns.c.state == state)
-        if suite is not None:
-            query = query.where(campaigns.c.suite == suite)
-        query = query.where(*_filter_conditions(where))
+        """Return campaigns that match a filter, in an order, behind the id `before` in it.
+
+        By id, `before` may be any number; in another order it is the id of a campaign. Among equal
+        values the newest come first, and campaigns without a value last.
+        """
+        query = select(campaigns).where(*_filter_conditions(where)).limit(limit + 1)
         with self._database.reading() as connection:
+            query = _sort_campaigns(connection, query, before, sort)
             found = [to_campaign(row) for row in connection.execute(query).mappings()]
         items = tuple(found[:limit])
         return Page(items, items[-1].id if len(found) > limit else None)
@@ -507,11 +509,42 @@ class CampaignStore:
             connection.execute(statement)
 
 
+_SORTED: dict[str, ColumnElement[Any]] = {
+    **{name: campaigns.c[name] for name in ("id", "state", "failures", "completed")},
+    **{name: func.lower(spec_field(name)) for name in ("name", "planner", "method")},
+    "cost_per_failure_usd": case((campaigns.c.failures > 0, spent_usd / campaigns.c.failures)),
+}
+"""Expressions by the names of orders."""
+
+
+def _sort_campaigns(
+    connection: Connection, query: Select[Any], before: int | None, sort: SortOrder
+) -> Select[Any]:
+    """Return the query in an order, behind the campaign `before` in it."""
+    value, number = _SORTED[sort.column], campaigns.c.id
+    ordered = query.order_by(
+        value.is_(None), value.desc() if sort.descending else value, number.desc()
+    )
+    if before is None:
+        return ordered
+    if sort.column == "id":
+        return ordered.where(number < before if sort.descending else number > before)
+    last = connection.execute(select(value).where(number == before)).scalar()
+    if last is None:
+        return ordered.where(value.is_(None), number < before)
+    farther = value < last if sort.descending else value > last
+    return ordered.where(or_(farther, and_(value == last, number < before), value.is_(None)))
+
+
 def _filter_conditions(where: CampaignFilter) -> Iterator[ColumnElement[bool]]:
     if where.method is not None:
         yield spec_field("method") == where.method
     if where.besides is not None:
         yield spec_field("method") != where.besides
+    if where.state is not None:
+        yield campaigns.c.state == where.state
+    if where.suite is not None:
+        yield campaigns.c.suite == where.suite
     if where.search is not None:
         words = where.search.lower().replace("\x00", "�")  # which no database takes
         yield func.lower(spec_field("name")).contains(words, autoescape=True)

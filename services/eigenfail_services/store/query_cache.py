@@ -35,8 +35,10 @@ from eigenfail_services.store.schema import (
     campaigns,
     episode_index,
     episodes,
+    instance_hours,
     is_failure,
     spec_field,
+    spent_usd,
 )
 from eigenfail_services.store.totals import count_results, sum_campaigns
 
@@ -167,9 +169,6 @@ def _read_samples(connection: Connection, campaign: int, most: int) -> tuple[Epi
     )
 
 
-SECONDS_PER_HOUR = 3_600.0
-
-
 _PEERS = Peers.__struct_fields__
 
 
@@ -184,15 +183,14 @@ _STRUCTURED = ("planner_settings", "scenario_parameters", "disturbance", "requir
 
 
 def _select_pools() -> Select[*tuple[Any, ...]]:
-    hours = campaigns.c.active_s * cast(spec_field("instances"), Double) / SECONDS_PER_HOUR
-    usd = hours * cast(spec_field("price_usd_per_hour"), Double)
     rules = (spec_field("stop.failures"), spec_field("stop.half_width"))
     judges_failures = case((and_(*(rule.is_(None) for rule in rules)), 0), else_=1)
     facts = (
         select(
             *(spec_field(name).label(name) for name in (*_PEERS, "method")),
             *(campaigns.c.id, campaigns.c.completed, campaigns.c.failures),
-            *(hours.label("hours"), usd.label("usd"), judges_failures.label("judges_failures")),
+            *(instance_hours.label("hours"), spent_usd.label("usd")),
+            judges_failures.label("judges_failures"),
             spec_field("seed").label("seed"),
             _join_fields(_BESIDES).label("besides"),
         )

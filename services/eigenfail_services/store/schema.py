@@ -22,6 +22,7 @@ from sqlalchemy import (
     Text,
     TypeDecorator,
     UniqueConstraint,
+    cast,
     text,
 )
 from sqlalchemy.ext.compiler import compiles
@@ -413,6 +414,15 @@ class SpecFieldExpression(FunctionElement[str]):
 def spec_field(name: str) -> SpecFieldExpression:
     """Return a field of a campaign's spec as an SQL expression, by its name or dotted path."""
     return SpecFieldExpression(campaigns.c.spec, name)
+
+
+SECONDS_PER_HOUR = 3_600.0
+
+instance_hours = campaigns.c.active_s * cast(spec_field("instances"), Double) / SECONDS_PER_HOUR
+"""Time that the instances of a campaign took, as an SQL expression. [h]"""
+
+spent_usd = instance_hours * cast(spec_field("price_usd_per_hour"), Double)
+"""What they cost. [USD]"""
 
 
 @compiles(SpecFieldExpression, "sqlite")

@@ -17,6 +17,7 @@ from eigenfail.addresses import sqlite_path
 from eigenfail.errors import Conflict, InvalidValue, ServiceError, UnknownName
 from eigenfail.methods import traits_of
 from eigenfail.values import FINAL_STATES, Campaign, CampaignState
+from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.operations import PrunedCampaign, PruneReport, Retention, Vacuumed, Weight
 from eigenfail_services.store import Store, migrate, open_store
 from eigenfail_services.store.clock import now_ms
@@ -377,8 +378,8 @@ def _list_ended(store: Store) -> Iterator[Campaign]:
 
 def _list_in_state(store: Store, state: CampaignState) -> Iterator[Campaign]:
     """Yield all campaigns of a state, newest first."""
-    page = store.campaigns.page(PAGE, state=state)
+    page = store.campaigns.page(PAGE, where=CampaignFilter(state=state))
     yield from page.items
     while page.next is not None:
-        page = store.campaigns.page(PAGE, page.next, state=state)
+        page = store.campaigns.page(PAGE, page.next, CampaignFilter(state=state))
         yield from page.items

@@ -3,10 +3,12 @@
 import time
 
 from eigenfail.errors import IdempotencyMismatch, NotFound
+from eigenfail.filters import parse_campaign_sort
 from eigenfail.testing import expect, expect_error
-from eigenfail.testing.examples import spec
+from eigenfail.testing.examples import collision, result, spec
 from eigenfail.values import AnalysisSettings, CampaignState, Counts
-from eigenfail.values.records import JobKind
+from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.records import Delivery, JobKind
 from eigenfail_services.store import Store
 from store_checks.examples import BEYOND, equal
 
@@ -97,13 +99,46 @@ def pages_newest_first(store: Store) -> None:
     equal(store.campaigns.page(5, before=2**70).items[0].id, ids[-1], "The first below 2**70")
 
 
+def sorts_campaigns(store: Store) -> None:
+    """In each order pages follow each other; equal values are newest first, unknown ones last."""
+    names = ("b", "a", "C", "a")
+    ids = [store.campaigns.create(spec(name=name, price_usd_per_hour=1.0)).id for name in names]
+    for campaign, crashes in zip(ids, (1, 2, 0, 2), strict=True):
+        store.campaigns.move(campaign, S.RUNNING)
+        store.campaigns.add_active(campaign, 36.0 * campaign)
+        results = [collision(k) if k < crashes else result(k) for k in range(3)]
+        store.episodes.commit(campaign, [Delivery(each, "w") for each in results])
+    first, second, third, fourth = ids
+    expected = {
+        "id": [first, second, third, fourth],
+        "name": [fourth, second, first, third],
+        "-name": [third, first, fourth, second],
+        "failures": [third, first, fourth, second],
+        "-failures": [fourth, second, first, third],
+        "completed": [fourth, third, second, first],
+        "cost_per_failure_usd": [second, first, fourth, third],
+        "-cost_per_failure_usd": [fourth, second, first, third],
+        "-planner": [fourth, third, second, first],
+        "method": [fourth, third, second, first],
+        "state": [fourth, third, second, first],
+    }
+    for order, wanted in expected.items():
+        seen, before = [], None
+        for _ in wanted:
+            page = store.campaigns.page(1, before, sort=parse_campaign_sort(order))
+            seen += [campaign.id for campaign in page.items]
+            before = page.next
+        equal(seen, wanted, f"Campaigns by {order}")
+        equal(before, None, f"The cursor of the last page by {order}")
+
+
 def pages_one_state(store: Store) -> None:
     """Pages of one state leave out the others."""
     paused, _, also = (store.campaigns.create(spec()).id for _ in range(3))
     for campaign in (paused, also):
         store.campaigns.move(campaign, S.PAUSED)
-    first = store.campaigns.page(1, state=S.PAUSED)
-    second = store.campaigns.page(1, first.next, S.PAUSED)
+    first = store.campaigns.page(1, where=CampaignFilter(state=S.PAUSED))
+    second = store.campaigns.page(1, first.next, CampaignFilter(state=S.PAUSED))
     equal([c.id for c in (*first.items, *second.items)], [also, paused], "Paused campaigns")
     equal(second.next, None, "The cursor of the last page")
 
@@ -116,5 +151,6 @@ CHECKS = (
     tells_requests_apart,
     knows_no_strangers,
     pages_newest_first,
+    sorts_campaigns,
     pages_one_state,
 )

@@ -2,6 +2,7 @@
 
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
 from eigenfail.values import CampaignState, Page
+from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.suite import SuiteStanding
 from eigenfail_services.store import Store
 from store_checks.examples import deliver, equal, running
@@ -18,10 +19,14 @@ def finds_the_campaigns_of_a_suite(store: Store) -> None:
     """What stands before the first ": " is a campaign's suite, to the letter."""
     names = ("a: one", "alone", "a: two: three", "A: one", "ab: one", "a:four", ": a", "a: ")
     first, _, third, *_ = ids(store, *names)
-    found = store.campaigns.page(10, suite="a")
+    found = store.campaigns.page(10, where=CampaignFilter(suite="a"))
     equal([campaign.id for campaign in found.items], [third, first], "Campaigns of a suite")
     for other in ("", "a: two", "b", "%", "_"):
-        equal(store.campaigns.page(10, suite=other), Page(()), f"Campaigns of the suite '{other}'")
+        equal(
+            store.campaigns.page(10, where=CampaignFilter(suite=other)),
+            Page(()),
+            f"Campaigns of the suite '{other}'",
+        )
 
 
 def leaves_out_what_was_made_of_members(store: Store) -> None:
@@ -29,21 +34,29 @@ def leaves_out_what_was_made_of_members(store: Store) -> None:
     replays = ("replay of analysis 3", "replay of analysis 3, lanes=2", "replay of 1/20")
     names = (*replays, "replay of 1/20, noise × 0.5", "minimal failure of 1/20")
     ids(store, *(f"a: one: {name}" for name in names), *(f"first: {name}" for name in names))
-    equal(store.campaigns.page(10, suite="a"), Page(()), "Campaigns made of a member")
+    equal(
+        store.campaigns.page(10, where=CampaignFilter(suite="a")),
+        Page(()),
+        "Campaigns made of a member",
+    )
     equal(store.campaigns.suites(10), Page(()), "Suites of campaigns that were made of others")
     ids(store, "a: replay of analysis three")
-    equal(len(store.campaigns.page(10, suite="a").items), 1, "Members that are called alike")
+    equal(
+        len(store.campaigns.page(10, where=CampaignFilter(suite="a")).items),
+        1,
+        "Members that are called alike",
+    )
 
 
 def pages_a_suite(store: Store) -> None:
     """Pages of a suite follow each other, also of one state."""
     one, _, two, three = ids(store, "a: 1", "b: 1", "a: 2", "a: 3")
     store.campaigns.move(two, S.PAUSED)
-    first = store.campaigns.page(2, suite="a")
-    second = store.campaigns.page(2, first.next, suite="a")
+    first = store.campaigns.page(2, where=CampaignFilter(suite="a"))
+    second = store.campaigns.page(2, first.next, CampaignFilter(suite="a"))
     equal([c.id for c in (*first.items, *second.items)], [three, two, one], "A suite in pages")
     equal(second.next, None, "The cursor of the last page")
-    paused = store.campaigns.page(2, state=S.PAUSED, suite="a")
+    paused = store.campaigns.page(2, where=CampaignFilter(state=S.PAUSED, suite="a"))
     equal([campaign.id for campaign in paused.items], [two], "Paused campaigns of a suite")
 
 
@@ -82,7 +95,9 @@ def takes_any_name(store: Store) -> None:
     made = ids(store, *(f"{name}: one" for name in odd))
     listed = [suite.name for suite in store.campaigns.suites(10).items]
     for name, campaign in zip(listed[::-1], made, strict=True):
-        found = [each.id for each in store.campaigns.page(10, suite=name).items]
+        found = [
+            each.id for each in store.campaigns.page(10, where=CampaignFilter(suite=name)).items
+        ]
         equal(found, [campaign], f"Campaigns of the suite {name!r}")
 
 
