@@ -91,6 +91,7 @@ ROUTES = {
         GET /api/v1/planners
         GET /api/v1/planners/{name}
         GET /api/v1/report
+        POST /api/v1/risk
         GET /api/v1/scenarios
         GET /api/v1/scenarios/{name}
         GET /api/v1/simulators
