@@ -168,11 +168,12 @@ def _refuse_infinite(field: str, *values: float | None) -> None:
         raise InvalidValue(field, "a number is not finite.", "Give plain finite numbers.")
 
 
-def read_risk_file(file: Path) -> RiskQuestion:
+def read_risk_file(file: Path | str) -> RiskQuestion:
     """Return the question in a TOML file; without a name it is named after the file.
 
     Raises:
         InvalidValue: the file cannot be read, a field is unknown, or a value is of the wrong type
             or outside its bounds; the error names the field.
     """
-    return convert({"name": file.stem, **read_toml(file, LIKE_RISK)}, RiskQuestion, file.name)
+    path = Path(file)
+    return convert({"name": path.stem, **read_toml(path, LIKE_RISK)}, RiskQuestion, path.name)

@@ -57,8 +57,9 @@ def test_the_answer_is_tables_with_sentences(check_session, write, two):
     check_session("cli/risk/met", ("risk", file), ("risk", "next", file, "--episodes", 500))
 
 
-@pytest.mark.parametrize(("target", "verdict", "code"), [(1.0, "met", 0), (1e-9, "not met", 1)])
-def test_the_exit_code_is_that_of_the_verdict(eigenfail, write, two, target, verdict, code):
+@pytest.mark.parametrize("case", [(1.0, "met", 0), (1e-9, "not met", 1)])
+def test_the_exit_code_is_that_of_the_verdict(eigenfail, write, two, case):
+    target, verdict, code = case
     found = ask(eigenfail, write(target, cut_in=[two[0]], merge=[two[1]]), code)
     assert found["verdict"] == verdict
     assert found["planner"] == "idm"
