@@ -35,6 +35,7 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/risk",
         "POST /launch/form",
         "POST /logout",
+        "POST /risk",
     ),
     Scope.RUNNER: (
         f"POST {PREFIX}/campaigns",

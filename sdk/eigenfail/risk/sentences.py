@@ -14,6 +14,7 @@ from eigenfail.presentation.figures import (
 from eigenfail.presentation.tables import Block, Cell, FormattedCell, Table, TableColumn
 from eigenfail.risk.allocation import Allocation
 from eigenfail.risk.assessment import RiskAssessment, RiskFigure, RiskVerdict, ScenarioRisk
+from eigenfail.sensor.sentences import format_target
 
 SCENARIO = TableColumn("Scenario", is_figure=False)
 
@@ -27,21 +28,25 @@ def describe_assessment(found: RiskAssessment) -> Iterator[Block]:
     """Yield the verdict, the totals, the scenarios, the classes, and the best next episodes."""
     yield describe_verdict(found)
     yield ""
-    yield _tabulate_totals(found)
-    yield ""
-    yield _tabulate_scenarios(found)
-    if found.severity:
+    for table in list_tables(found):
+        yield table
         yield ""
-        yield _tabulate_severity(found)
-    yield ""
     yield from describe_allocation(found.next)
     yield from list_limits(found)
+
+
+def list_tables(found: RiskAssessment) -> Iterator[Table]:
+    """Yield the totals, the scenarios and the classes of severity."""
+    yield _tabulate_totals(found)
+    yield _tabulate_scenarios(found)
+    if found.severity:
+        yield _tabulate_severity(found)
 
 
 def describe_verdict(found: RiskAssessment) -> str:
     """Return what the bounds show about the target, as a sentence."""
     target, unit, figure = _find_target(found)
-    name, wanted = found.question.name, f"the target of {format_number(target)} {unit}"
+    name, wanted = found.question.name, f"the target of {format_target(target)} {unit}"
     missing = [each.scenario for each in found.scenarios if each.problem]
     if missing:
         few = ", ".join(f"'{each}'" for each in missing)
@@ -166,6 +171,8 @@ def describe_allocation(found: Allocation) -> Iterator[Block]:
             "Scenarios without an estimate get an equal part for a first one; their error is not "
             "in the total's."
         )
+    if not found.now:
+        return
     yield (
         f"The next {format_count(found.episodes)} episodes, divided like this, are expected to "
         f"take the standard error of the total from {format_number(found.now)} to "

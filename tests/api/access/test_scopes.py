@@ -50,6 +50,8 @@ ROUTES = {
         GET /openapi.json
         HEAD /openapi.json
         GET /replays/{campaign}
+        GET /risk
+        POST /risk
         GET /suites
         GET /suites/{suite}
         GET /api/v1/analyses/{analysis}
