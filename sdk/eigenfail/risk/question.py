@@ -1,7 +1,6 @@
 """What is asked about a risk: the file of `eigenfail risk`, and the body of its request."""
 
 from collections import Counter
-from math import isfinite
 from pathlib import Path
 from typing import Annotated
 
@@ -21,8 +20,8 @@ KM_PER_FIGURE = 1e6
 
 LIKE_RISK = "Name a TOML file with [target], [exposure] and [[scenarios]], as examples/risk.toml."
 
-Positive = Annotated[float, msgspec.Meta(gt=0.0)]
-NotNegative = Annotated[float, msgspec.Meta(ge=0.0)]
+Positive = Annotated[float, msgspec.Meta(ge=1e-12, le=1e12)]
+NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e12)]
 Count = Annotated[int, msgspec.Meta(ge=0, le=10**12)]
 RiskName = Annotated[str, msgspec.Meta(min_length=1, max_length=200)]
 CampaignReference = Annotated[int, msgspec.Meta(ge=1, le=2**63 - 1)] | RiskName
@@ -41,12 +40,11 @@ class RiskTarget(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_onl
     per_million_km: Positive | None = None
 
     def __post_init__(self) -> None:
-        """Raise InvalidValue unless exactly one rate is given, and it is finite."""
+        """Raise InvalidValue unless exactly one rate is given."""
         given = [each for each in (self.per_hour, self.per_million_km) if each is not None]
         if len(given) != 1:
             remedy = "Give either per_hour or per_million_km."
             raise InvalidValue("target", f"{len(given)} rates are given.", remedy)
-        _refuse_infinite("target", *given)
 
 
 class Driving(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -59,10 +57,6 @@ class Driving(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=T
 
     hours: Positive
     kilometres: Positive | None = None
-
-    def __post_init__(self) -> None:
-        """Raise InvalidValue for a value that is not finite."""
-        _refuse_infinite("exposure", self.hours, self.kilometres)
 
 
 class RiskScenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -101,7 +95,6 @@ class RiskScenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         if self.hours is not None and self.encounters is None:
             problem = "hours are those of encounters, which are not given."
             raise InvalidValue(f"scenario '{self.name}'", problem)
-        _refuse_infinite(f"scenario '{self.name}'", self.hours, *rates, *(self.interval or ()))
         if self.interval is None:
             return
         if not rates:
@@ -140,7 +133,6 @@ class RiskQuestion(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         (name, times), *_ = Counter(each.name for each in self.scenarios).most_common(1)
         if times > 1:
             raise InvalidValue("scenarios", f"'{name}' is named {times} times.", "Rename one.")
-        _refuse_infinite("severity", *self.severity)
         if list(self.severity) != sorted(set(self.severity)):
             raise InvalidValue("severity", "the thresholds do not rise.", "Sort them.")
         if self.exposure.kilometres is None:
@@ -161,11 +153,6 @@ class RiskQuestion(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         """Mean speed of the driving; None where its distance is not known. [km/h]"""
         driven = self.exposure.kilometres
         return None if driven is None else driven / self.exposure.hours
-
-
-def _refuse_infinite(field: str, *values: float | None) -> None:
-    if any(value is not None and not isfinite(value) for value in values):
-        raise InvalidValue(field, "a number is not finite.", "Give plain finite numbers.")
 
 
 def read_risk_file(file: Path | str) -> RiskQuestion:
