@@ -16,10 +16,11 @@ distributions, a lower and an upper one, which differ where counts are discrete:
 **Melding** (Fay, Proschan and Brittain 2015, Biometrics 71, 146–156) bounds a function that rises
 in all parameters: its upper bound is the quantile of the function of independent draws from the
 upper distributions, the lower bound that of draws from the lower ones. For one factor it is the
-exact bound itself. For sums of Poisson rates with weights it is the gamma interval of Fay and
-Feuer (1997, Statistics in Medicine 16, 791–801), which was conservative wherever it was tried. For
-other functions its coverage is shown by simulation; `risk.cover` in docs/claims.json is that of
-sums as here.
+exact bound itself. For more of them the authors conjecture that it covers at least as often as it
+says, and show it by simulation; `risk.cover` in docs/claims.json is how often it does for sums as
+here. It takes one event more than was seen in each summand, where the gamma interval of Fay and
+Feuer (1997, Statistics in Medicine 16, 791–801) for a weighted sum of Poisson rates takes one in
+all: with many summands of few events it is wider.
 
 **Why not the method of variance estimates recovery** (Zou and Donner 2008, Statistics in Medicine
 27, 1693–1702). It is a closed form, L = T̂ - √Σ(t̂_s - l_s)², U = T̂ + √Σ(u_s - t̂_s)². But L falls
