@@ -22,11 +22,12 @@ here. It takes one event more than was seen in each summand, where the gamma int
 Feuer (1997, Statistics in Medicine 16, 791–801) for a weighted sum of Poisson rates takes one in
 all: with many summands of few events it is wider.
 
-**Why not the method of variance estimates recovery** (Zou and Donner 2008, Statistics in Medicine
-27, 1693–1702). It is a closed form, L = T̂ - √Σ(t̂_s - l_s)², U = T̂ + √Σ(u_s - t̂_s)². But L falls
-where a scenario is added whose t̂_s is small against t̂_s - l_s; and with no failure in most
-scenarios T̂ is no centre to measure distances from. Here a further scenario adds draws that are not
-negative to draws that stay the same, so that *no bound ever falls* where a scenario is added.
+**Monotone.** A further scenario adds draws that are not negative to draws that stay the same, so
+that no bound falls where a scenario is added. The method of variance estimates recovery (Zou and
+Donner 2008, Statistics in Medicine 27, 1693–1702), L = T̂ - √Σ(t̂_s - l_s)² and U = T̂ + √Σ(u_s -
+t̂_s)², has this property as well, since no l_s is below 0. It needs a point estimate of each
+summand, which a stop rule may leave without one, and another rule for the products; melding takes
+sums and products by the same rule.
 
 Draws are no random numbers: each distribution is cut into `DRAWS` parts of equal probability, and
 pairs of parts are matched by a permutation whose seed is the name of what is drawn. The same
