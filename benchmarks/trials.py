@@ -17,6 +17,7 @@ import parallel
 import processors
 import reproduction
 import requirements
+import risk
 import sensor_limits
 import splitting
 import subset_parallel
@@ -114,6 +115,7 @@ TRIALS = (
     Trial(("importance.",), requirements.find_importance),
     Trial(("requirement.covered",), sensor_limits.find_covered),
     Trial(("requirement.cut_in.",), sensor_limits.find_frontier),
+    Trial(("risk.",), risk.find_cover),
     Trial(("requirements.closed_form.",), requirements.find_closed_form),
     Trial(("requirements.merge_in.uncaused_braking.",), requirements.find_searches),
     Trial(

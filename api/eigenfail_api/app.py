@@ -24,6 +24,7 @@ from eigenfail_api.dashboard import (
     overview_page,
     reference_page,
     region_page,
+    risk_page,
     suites_page,
 )
 from eigenfail_api.dashboard.rendering import STATIC, Assets, wrap_for_browsers
@@ -74,6 +75,7 @@ ROUTERS = (
     episodes_page.router,
     episode_page.router,
     comparison_page.router,
+    risk_page.router,
     copying.router,
     suites_page.router,
     reference_page.router,

@@ -12,6 +12,8 @@ from fastapi.openapi.utils import get_openapi
 
 from eigenfail import __version__
 from eigenfail.errors import EigenfailError
+from eigenfail.risk.assessment import RiskAssessment
+from eigenfail.risk.question import RiskQuestion
 from eigenfail.values import (
     MEASURES,
     Analysis,
@@ -100,6 +102,8 @@ BODIES = (
     Quotas,
     Region,
     Report,
+    RiskAssessment,
+    RiskQuestion,
     Safety,
     SuiteTable,
     Summary,
@@ -220,6 +224,12 @@ EXAMPLES: dict[str, Node] = {
     "check_campaign": {"name": "first try", "method": "monte_carlo", "episodes": 100},
     "clone_campaign": {"name": "another seed", "seed": 1},
     "create_key": {"name": "nightly pipeline", "scope": "runner", "expires_s": 7_776_000},
+    "find_risk": {
+        "name": "motorway",
+        "target": {"per_hour": 0.001},
+        "exposure": {"hours": 1200.0, "kilometres": 96000.0},
+        "scenarios": [{"name": "cut-in", "encounters": 340, "campaigns": [1]}],
+    },
     "create_analysis": {"components": 20, "clusters": 4},
 }
 EVERYWHERE = (400, 401, 403, 406, 422, 500, 503)

@@ -1,13 +1,22 @@
 """95 % intervals of a probability from k events in n trials whose number was fixed beforehand."""
 
-from math import sqrt
+from collections.abc import Callable
+from math import exp, inf, log, sqrt
 from statistics import NormalDist
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Interval
+from eigenfail.values.student_t import split_t_mass
 
 ERROR = 0.05
 Z = NormalDist().inv_cdf(1.0 - ERROR / 2.0)
+
+HALVINGS = 60
+
+NEARLY_NORMAL = 1e-6
+"""Relative difference of a quantile from the normal one that is taken for none."""
+
+MOST_FREEDOM = 1e9
 
 
 def find_interval(k: int, n: int) -> Interval:
@@ -55,3 +64,23 @@ def upper_bound_of_none(n: int) -> float:
     Exact: the p at which (1 − p)^n = 0.05 (Clopper and Pearson 1934, Biometrika 26, 404–413).
     """
     return float(1.0 - ERROR ** (1.0 / n))
+
+
+def find_t_freedom(quantile: float) -> float:
+    """Return the degrees of freedom of Student's distribution that has this 97.5 % quantile.
+
+    They are 1 or more; infinite where the quantile is that of the normal distribution.
+    """
+    if quantile <= Z * (1.0 + NEARLY_NORMAL):
+        return inf
+    return exp(
+        find_crossing(0.0, log(MOST_FREEDOM), lambda at: split_t_mass(quantile, exp(at))[1] > ERROR)
+    )
+
+
+def find_crossing(low: float, high: float, is_below: Callable[[float], bool]) -> float:
+    """Return where a condition that holds at the low end stops holding."""
+    for _ in range(HALVINGS):
+        middle = (low + high) / 2.0
+        low, high = (middle, high) if is_below(middle) else (low, middle)
+    return high

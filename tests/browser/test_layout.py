@@ -69,6 +69,7 @@ PAGES = {
         *("/comparison", "/comparison?a={ast}&b={long}"),
         "/comparison?campaign={ast}&campaign={long}&campaign={difs}",
     ],
+    "/risk": ["/risk"],
     "/copies": ["/copies?path=/campaigns"],
     "/suites": ["/suites"],
     "/suites/{suite:path}": ["/suites/{suite}"],
@@ -185,6 +186,15 @@ ADDRESSES = [*(path for paths in PAGES.values() for path in paths), NOT_FOUND]
 @pytest.mark.parametrize("path", ADDRESSES)
 def test_a_page_fits_every_width_and_axe_finds_nothing(show, path):
     assert not troubles_of(show(path))
+
+
+def test_the_answer_about_a_risk_fits_every_width_and_axe_finds_nothing(show, filled):
+    tab = show("/risk")
+    question = tab.get_by_label("File, as TOML")
+    question.fill(question.input_value().replace("[1]", f"[{filled.baseline}]"))
+    tab.get_by_role("button", name="Assess").click()
+    expect(tab.locator(".verdict")).to_contain_text("Motorway")
+    assert not troubles_of(tab)
 
 
 def test_a_report_fits_every_width_and_axe_finds_nothing(tab, store, filled, tmp_path):

@@ -30,6 +30,7 @@ import pytest
 
 from eigenfail.cli.specs import check_plugins
 from eigenfail.hosting.folder import DataFolder
+from eigenfail.risk.question import RiskQuestion
 from eigenfail.suites import Suite, replace_references
 from eigenfail.values import CampaignSpec
 
@@ -50,6 +51,7 @@ EPISODES = re.compile(r"(?<=^episodes = )\d+$", re.MULTILINE)
 CHEAPER = {
     "suite.toml": ("episodes = 200", "episodes = 8"),
     "regression.toml": ("episodes = 200", "episodes = 8"),
+    "challenges.toml": ("episodes = 400", "episodes = 8"),
     "ast.toml": ("[settings]", "[settings]\ngradient_steps = 1"),
 }
 """What is replaced in files of examples/, and by what."""
@@ -59,6 +61,7 @@ END = "@@ended"
 READY_WITHIN_S = deadlines.CAMPAIGN_S
 COMMAND_WITHIN_S = deadlines.CAMPAIGN_S
 GATE_CLOSED = 1
+RISK_UNDECIDED = 3
 CURL_TIMED_OUT = 28
 
 EXECUTED = {"sh", "python", "toml"}
@@ -186,6 +189,8 @@ class Shell:
         if found := FROM_LIST.search(line):
             line = FROM_LIST.sub(f"{found[1]}/{self._listed(found[1])}", line, count=1)
         allowed = (0, GATE_CLOSED) if {"gate", "--gate"} & set(words) else (0,)
+        if words[:2] == ["eigenfail", "risk"]:
+            allowed = (0, RISK_UNDECIDED)
         if "--max-time" in words:
             allowed = (0, CURL_TIMED_OUT)
         self.type(line.replace("http://127.0.0.1:8440", self.url), allowed)
@@ -313,6 +318,9 @@ def is_example(block):
 def check(block):
     """A campaign, a suite, or a part of a campaign: whatever it is, it would be accepted."""
     given = tomllib.loads(block)
+    if "exposure" in given:
+        msgspec.convert(given, RiskQuestion)
+        return
     if "base" in given:
         for member in Suite.of("page", **given).members:
             check_plugins(replace_references(member.spec))
@@ -348,6 +356,7 @@ AFTER_DEMO = {
     "docs/reports.md": (r"out",),
     "docs/suites.md": (r"Planners on cut-in",),
     "docs/sensor_requirement.md": (r"With 95 % confidence",),
+    "docs/risk.md": (r"Motorway: undecided", r"next episodes", r"undecided.*RiskFigure"),
     "docs/gate.md": (r"v1",),
     "docs/rest.md": (r"first try",),
     "docs/cli.md": (r"monte_carlo",),

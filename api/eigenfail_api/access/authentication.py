@@ -30,7 +30,13 @@ OPEN = ("GET /healthz", "GET /readyz", "GET /login", "POST /login", "GET /static
 # Reading requires a viewer and everything else an administrator, unless this table differs.
 REQUIRED: Mapping[Scope, tuple[str, ...]] = {
     # Requests that send a body but change nothing that others see.
-    Scope.VIEWER: (f"POST {PREFIX}/campaigns/check", "POST /launch/form", "POST /logout"),
+    Scope.VIEWER: (
+        f"POST {PREFIX}/campaigns/check",
+        f"POST {PREFIX}/risk",
+        "POST /launch/form",
+        "POST /logout",
+        "POST /risk",
+    ),
     Scope.RUNNER: (
         f"POST {PREFIX}/campaigns",
         f"POST {PREFIX}/campaigns/bulk",

@@ -32,6 +32,7 @@ COMMANDS = {
     "mode": "List the failure modes of an analysis, and give them names.",
     "noise": "Fit the disturbance model p(x) to the log of a sensor, and show what a model means.",
     "requirement": "Find the largest errors of the sensor at which failures stay rare enough.",
+    "risk": "Assess failures per hour and per 10^6 km of a planner, against a target rate.",
     "compare": "Compare two campaigns, or several seeds of each.",
     "gate": "Check a new version of a planner against the failures of an earlier one.",
     "report": "Write a report on campaigns: one self-contained HTML file, and its data.",

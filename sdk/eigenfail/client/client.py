@@ -15,6 +15,8 @@ from eigenfail.client.link import Link, waiter
 from eigenfail.client.suites import Suites
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.frames import Rows
+from eigenfail.risk.assessment import RiskAssessment
+from eigenfail.risk.question import RiskQuestion
 from eigenfail.values import Event, Page
 from eigenfail.values.access import (
     TOKEN,
@@ -128,6 +130,19 @@ class Client:
         """
         check_folder(Path(folder), force)
         return write_report(fetch_report(self._link, campaigns), Path(folder), also)
+
+    def assess_risk(self, question: RiskQuestion) -> RiskAssessment:
+        """Failures per hour and per 10^6 km of a planner, from campaigns, against a target.
+
+        Args:
+            question: exposure, scenarios with their campaigns, and target; see
+                `eigenfail.risk.question.read_risk_file`.
+
+        Raises:
+            NotFound: no such campaign.
+            InvalidValue: a campaign is named twice, or does not fit the others.
+        """
+        return self._link.post("/risk", RiskAssessment, question)
 
     def health(self) -> bool:
         """Whether the service answers and reaches its database."""

@@ -8,14 +8,14 @@ confidence of the search.
 
 from bisect import bisect_left
 from collections.abc import Callable
-from math import ceil, exp, lgamma, log, log1p, sqrt
+from math import ceil, exp, inf, lgamma, log, log1p, sqrt
 from statistics import NormalDist
 
 from msgspec.structs import replace
 
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, ServiceError
-from eigenfail.intervals import ERROR, Z
+from eigenfail.intervals import find_crossing, find_t_freedom
 from eigenfail.methods import describe_method
 from eigenfail.sensor.scaling import Multiples, check_channels, scale_model
 from eigenfail.sensor.search import (
@@ -31,8 +31,6 @@ from eigenfail.values.campaign import RESULT_RULES
 from eigenfail.values.student_t import split_t_mass
 
 METHODS = "Take subset or mixture for rare failures, monte_carlo for frequent ones."
-
-HALVINGS = 60
 
 LONGEST_ORIGIN = 80
 """Characters of a campaign's name in those of its anchors, which may have no more than 200."""
@@ -205,12 +203,14 @@ def bound_sampled(campaign: Campaign, error: float) -> Interval:
 
 def find_lower_bound(k: int, n: int, error: float) -> float:
     """Return the p at which k or more events in n trials have the probability `error`."""
-    return _halve(0.0, 1.0, lambda p: 1.0 - sum_lower_tail(k - 1, n, p) < error) if k else 0.0
+    return (
+        find_crossing(0.0, 1.0, lambda p: 1.0 - sum_lower_tail(k - 1, n, p) < error) if k else 0.0
+    )
 
 
 def find_upper_bound(k: int, n: int, error: float) -> float:
     """Return the p at which k or fewer events in n trials have the probability `error`."""
-    return _halve(0.0, 1.0, lambda p: sum_lower_tail(k, n, p) > error) if k < n else 1.0
+    return find_crossing(0.0, 1.0, lambda p: sum_lower_tail(k, n, p) > error) if k < n else 1.0
 
 
 def find_fewest_failures(target: float, episodes: int, error: float) -> int | None:
@@ -261,28 +261,12 @@ def bound_estimate(estimate: Estimate, error: float) -> Interval:
     return Interval(estimate.probability / factor, min(estimate.probability * factor, 1.0))
 
 
-NEARLY_NORMAL = 1e-6
-"""Relative difference of a quantile from the normal one that is taken for none."""
-
-MOST_FREEDOM = 1e9
-
-
 def _find_quantile(usual: float, error: float) -> float:
     """Return the quantile for a one-sided error of the distribution whose 97.5 % quantile this is.
 
     It is Student's with 1 or more degrees of freedom, or the normal one.
     """
-    if usual <= Z * (1.0 + NEARLY_NORMAL):
+    freedom = find_t_freedom(usual)
+    if freedom == inf:
         return NormalDist().inv_cdf(1.0 - error)
-    freedom = exp(
-        _halve(0.0, log(MOST_FREEDOM), lambda at: split_t_mass(usual, exp(at))[1] > ERROR)
-    )
-    return exp(_halve(0.0, 60.0, lambda at: split_t_mass(exp(at), freedom)[1] > 2.0 * error))
-
-
-def _halve(low: float, high: float, is_below: Callable[[float], bool]) -> float:
-    """Return where a condition that holds at the low end stops holding."""
-    for _ in range(HALVINGS):
-        middle = (low + high) / 2.0
-        low, high = (middle, high) if is_below(middle) else (low, middle)
-    return high
+    return exp(find_crossing(0.0, 60.0, lambda at: split_t_mass(exp(at), freedom)[1] > 2.0 * error))

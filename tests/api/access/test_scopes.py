@@ -50,6 +50,8 @@ ROUTES = {
         GET /openapi.json
         HEAD /openapi.json
         GET /replays/{campaign}
+        GET /risk
+        POST /risk
         GET /suites
         GET /suites/{suite}
         GET /api/v1/analyses/{analysis}
@@ -91,6 +93,7 @@ ROUTES = {
         GET /api/v1/planners
         GET /api/v1/planners/{name}
         GET /api/v1/report
+        POST /api/v1/risk
         GET /api/v1/scenarios
         GET /api/v1/scenarios/{name}
         GET /api/v1/simulators

@@ -1,0 +1,371 @@
+"""Confidence distributions of rates and probabilities, and bounds of sums of their products.
+
+The rate of failures is T = λ_1 P_1 + … + λ_m P_m, with λ_s the encounters of scenario s in an hour,
+and P_s the probability that one of them ends in a failure. Each factor is known by itself, by exact
+one-sided bounds at every confidence. Read as a function of the confidence, these bounds are two
+distributions, a lower and an upper one, which differ where counts are discrete:
+
+- k encounters in H hours, a Poisson number: Gamma(k) ÷ H and Gamma(k + 1) ÷ H (Garwood 1936,
+  Biometrika 28, 437–442).
+- k failures of n episodes that were drawn from p(x): Beta(k, n - k + 1) and Beta(k + 1, n - k)
+  (Clopper and Pearson 1934, Biometrika 26, 404–413). Errored episodes count as failures in the
+  upper one, and as none in the lower one.
+- an estimate with an error between independent runs: log-normal, with Student's quantiles.
+- a value with a 95 % interval: log-normal with this median and these ends.
+
+**Melding** (Fay, Proschan and Brittain 2015, Biometrics 71, 146–156) bounds a function that rises
+in all parameters: its upper bound is the quantile of the function of independent draws from the
+upper distributions, the lower bound that of draws from the lower ones. For one factor it is the
+exact bound itself. For more of them the authors conjecture that it covers at least as often as it
+says, and show it by simulation; `risk.cover` in docs/claims.json is how often it does for sums as
+here. It takes one event more than was seen in each summand, where the gamma interval of Fay and
+Feuer (1997, Statistics in Medicine 16, 791–801) for a weighted sum of Poisson rates takes one in
+all: with many summands of few events it is wider.
+
+**Monotone.** A further scenario adds draws that are not negative to draws that stay the same, so
+that no bound falls where a scenario is added. The method of variance estimates recovery (Zou and
+Donner 2008, Statistics in Medicine 27, 1693–1702), L = T̂ - √Σ(t̂_s - l_s)² and U = T̂ + √Σ(u_s -
+t̂_s)², has this property as well, since no l_s is below 0. It needs a point estimate of each
+summand, which a stop rule may leave without one, and another rule for the products; melding takes
+sums and products by the same rule.
+
+Draws are no random numbers: each distribution is cut into `DRAWS` parts of equal probability, and
+pairs of parts are matched by a permutation whose seed is the name of what is drawn. The same
+question has the same answer, whatever the order of its scenarios.
+
+Campaigns with the same seed have the same noise: their errors may be correlated. Their
+probabilities are matched in rising order, which is the strongest correlation that there can be, and
+moves the bounds of their sum outwards. Only the smallest seed of campaigns that are counted
+together is looked at.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from math import inf, log, log1p, sqrt
+from typing import Protocol
+from zlib import crc32
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenfail.intervals import ERROR, Z, find_t_freedom
+from eigenfail.values import Estimate, Interval
+
+Array = NDArray[np.float64]
+
+DRAWS = 2**15
+LEVELS: Array = (np.arange(DRAWS) + 0.5) / DRAWS
+"""Confidences at the middles of parts of equal probability."""
+
+GRID = np.linspace(-40.0, 40.0, 8_001)
+"""Places of a density, in units of its width about its mode."""
+
+T_GRID = np.linspace(-30.0, 30.0, 8_001)
+"""Places of the density of Student's distribution, as inverse hyperbolic sines."""
+
+
+class Confidence(Protocol):
+    """What is known of a rate or a probability, which is not negative."""
+
+    @property
+    def value(self) -> float | None:
+        """Point estimate; None where there is none without bias."""
+
+    @property
+    def centre(self) -> float:
+        """A plausible value that is above 0 also where no event was seen."""
+
+    @property
+    def variance(self) -> float:
+        """Squared standard error of the estimate, above 0 also where no event was seen."""
+
+    def draw_lower(self) -> Array:
+        """Return the quantiles of the lower distribution at `LEVELS`."""
+
+    def draw_upper(self) -> Array:
+        """Return the quantiles of the upper distribution at `LEVELS`."""
+
+
+@dataclass(frozen=True)
+class Stated:
+    """A value with a 95 % interval, log-normal on both sides of it.
+
+    Attributes:
+        value: the value, which is the median; None where only the interval is known.
+        low: lower end; equal to the value and the upper end where it is known exactly.
+        high: upper end.
+    """
+
+    value: float | None
+    low: float
+    high: float
+
+    @property
+    def centre(self) -> float:
+        """The value, or else the geometric mean of the ends."""
+        if self.value:
+            return self.value
+        return sqrt(self.low * self.high) if self.low else self.high / 2.0
+
+    @property
+    def variance(self) -> float:
+        """Squared width of the interval, by that of a normal one."""
+        return ((self.high - self.low) / (2.0 * Z)) ** 2
+
+    def draw_lower(self) -> Array:
+        """Return quantiles; zeros where the lower end is 0."""
+        return self._draw() if self.low else np.zeros(DRAWS)
+
+    def draw_upper(self) -> Array:
+        """Return quantiles; those of an exponential distribution where the lower end is 0."""
+        if self.low or not self.high:
+            return self._draw()
+        scaled: Array = np.log1p(-LEVELS) / log(ERROR / 2.0) * self.high
+        return scaled
+
+    def _draw(self) -> Array:
+        if self.high <= self.low:
+            return np.full(DRAWS, self.centre if self.high else 0.0)
+        below, above = log(self.centre / self.low), log(self.high / self.centre)
+        z = _draw_student(inf) / Z
+        drawn: Array = self.centre * np.exp(np.where(z < 0.0, below, above) * z)
+        return drawn
+
+
+@dataclass(frozen=True)
+class EventRate:
+    """Rate of events, a Poisson number of which was counted.
+
+    Attributes:
+        events: number of events.
+        hours: time in which they were counted. [h]
+    """
+
+    events: int
+    hours: float
+
+    @property
+    def value(self) -> float:
+        """Events in an hour."""
+        return self.events / self.hours
+
+    @property
+    def centre(self) -> float:
+        """Mean of the Gamma distribution half-way between the lower and the upper one."""
+        return (self.events + 0.5) / self.hours
+
+    @property
+    def variance(self) -> float:
+        """Variance of the same distribution."""
+        return (self.events + 0.5) / self.hours**2
+
+    def draw_lower(self) -> Array:
+        """Return quantiles of Gamma(events) ÷ hours."""
+        drawn: Array = _draw_gamma(self.events) / self.hours
+        return drawn
+
+    def draw_upper(self) -> Array:
+        """Return quantiles of Gamma(events + 1) ÷ hours."""
+        drawn: Array = _draw_gamma(self.events + 1) / self.hours
+        return drawn
+
+
+@dataclass(frozen=True)
+class FailureShare:
+    """Probability of failure, from episodes that were drawn from p(x).
+
+    Attributes:
+        failures: number of failures.
+        errored: number of episodes that could not be completed.
+        trials: number of episodes, errored ones included.
+        value: the estimate, which a stop rule may have made another one than the share.
+    """
+
+    failures: int
+    errored: int
+    trials: int
+    value: float | None
+
+    @property
+    def centre(self) -> float:
+        """Mean of the Beta distribution half-way between the lower and the upper one."""
+        return (self.failures + 0.5) / (self.trials + 1.0)
+
+    @property
+    def variance(self) -> float:
+        """Variance of a share at that probability."""
+        return self.centre * (1.0 - self.centre) / self.trials
+
+    def draw_lower(self) -> Array:
+        """Return quantiles of Beta(k, n - k + 1); zeros without a failure."""
+        k = self.failures
+        return _draw_beta(k, self.trials - k + 1) if k else np.zeros(DRAWS)
+
+    def draw_upper(self) -> Array:
+        """Return quantiles of Beta(k + 1, n - k); ones where nothing else was seen than failures.
+
+        Errored episodes count as failures.
+        """
+        k = self.failures + self.errored
+        return _draw_beta(k + 1, self.trials - k) if k < self.trials else np.ones(DRAWS)
+
+
+@dataclass(frozen=True)
+class RunEstimate:
+    """Probability of failure, from an estimate with an error between independent runs.
+
+    log P is that of the estimate plus `spread` times Student's distribution.
+
+    Attributes:
+        value: the estimate, above 0.
+        cv: coefficient of variation, above 0.
+        freedom: degrees of freedom, 1 or more; infinite where `cv` is known.
+    """
+
+    value: float
+    cv: float
+    freedom: float
+
+    @classmethod
+    def of(cls, estimate: Estimate) -> "RunEstimate | None":
+        """Return what an estimate states, by its own interval; None where it states no interval.
+
+        The degrees of freedom follow from the lower end of the interval, which is cut nowhere.
+        """
+        value, cv, interval = estimate.probability, estimate.cv, estimate.interval
+        if estimate.bound or not value or not cv or interval is None or interval.low <= 0.0:
+            return None
+        return cls(value, cv, find_t_freedom(log(value / interval.low) / sqrt(log1p(cv**2))))
+
+    @property
+    def centre(self) -> float:
+        """The estimate."""
+        return self.value
+
+    @property
+    def variance(self) -> float:
+        """Squared standard error."""
+        return (self.value * self.cv) ** 2
+
+    def draw_lower(self) -> Array:
+        """Return quantiles, at most 1."""
+        spread = sqrt(log1p(self.cv**2))
+        # Beyond 0 the logarithm is cut before the exponential function could overflow.
+        logs = np.minimum(log(self.value) + spread * _draw_student(self.freedom), 0.0)
+        drawn: Array = np.exp(logs)
+        return drawn
+
+    def draw_upper(self) -> Array:
+        """Return the same quantiles: the distribution is continuous."""
+        return self.draw_lower()
+
+
+def _invert(log_density: Array, places: Array) -> Array:
+    """Return the quantiles at `LEVELS` of a density that is given at places in rising order."""
+    density = np.exp(log_density - log_density.max())
+    steps = np.diff(places) * (density[1:] + density[:-1]) / 2.0
+    masses = np.concatenate(([0.0], np.cumsum(steps)))
+    found: Array = np.interp(LEVELS, masses / masses[-1], places)
+    return found
+
+
+@lru_cache(32)
+def _draw_gamma(shape: int) -> Array:
+    if not shape:
+        return np.zeros(DRAWS)
+    logs = log(shape) + GRID / sqrt(shape)
+    drawn: Array = np.exp(_invert(shape * logs - np.exp(logs), logs))
+    return drawn
+
+
+@lru_cache(32)
+def _draw_beta(a: int, b: int) -> Array:
+    logits = log(a / b) + GRID * sqrt(1.0 / a + 1.0 / b)
+    found = _invert(a * logits - (a + b) * np.logaddexp(0.0, logits), logits)
+    drawn: Array = 1.0 / (1.0 + np.exp(-found))
+    return drawn
+
+
+@lru_cache(16)
+def _draw_student(freedom: float) -> Array:
+    t = np.sinh(T_GRID)
+    if freedom == inf:
+        kernel = -(t**2) / 2.0
+    else:
+        kernel = -(freedom + 1.0) / 2.0 * np.log1p(t**2 / freedom)
+    drawn: Array = np.sinh(_invert(kernel + np.log(np.cosh(T_GRID)), T_GRID))
+    return drawn
+
+
+@dataclass(frozen=True)
+class RiskTerm:
+    """A summand of the total: encounters in an hour times the probability of failure.
+
+    Attributes:
+        name: name of the scenario.
+        exposure: encounters in an hour.
+        probability: of failure in one encounter.
+        noise: name of the noise of its episodes, equal for campaigns of equal seed.
+        episodes: number of episodes behind the probability.
+    """
+
+    name: str
+    exposure: Confidence
+    probability: Confidence
+    noise: str
+    episodes: int
+
+    @property
+    def value(self) -> float | None:
+        """Estimate of its failures in an hour; None where there is none."""
+        rate, probability = self.exposure.value, self.probability.value
+        return None if rate is None or probability is None else rate * probability
+
+    def draw(self, *, upper: bool) -> Array:
+        """Return draws of its failures in an hour, from the upper or the lower distributions."""
+        factors = (self.exposure, self.probability)
+        rates, shares = (each.draw_upper() if upper else each.draw_lower() for each in factors)
+        drawn: Array = _permute(rates, f"exposure {self.name}") * _permute(shares, self.noise)
+        return drawn
+
+
+def _permute(drawn: Array, name: str) -> Array:
+    return drawn[_make_permutation(crc32(name.encode()))]
+
+
+@lru_cache(32)
+def _make_permutation(seed: int) -> NDArray[np.int64]:
+    return np.random.default_rng(seed).permutation(DRAWS)
+
+
+@dataclass(frozen=True)
+class RateBounds:
+    """Bounds of a rate.
+
+    Attributes:
+        interval: two-sided interval of 95 %.
+        at_least: one-sided lower bound of 95 %.
+        at_most: one-sided upper bound of 95 %.
+    """
+
+    interval: Interval
+    at_least: float
+    at_most: float
+
+
+def bound_sum(terms: Sequence[RiskTerm]) -> RateBounds:
+    """Return the bounds of the sum of terms, by melding. [1/h]"""
+    lower, upper = np.zeros(DRAWS), np.zeros(DRAWS)
+    for term in terms:
+        lower += term.draw(upper=False)
+        upper += term.draw(upper=True)
+    low, at_least = (float(each) for each in np.quantile(lower, (ERROR / 2.0, ERROR)))
+    at_most, high = (float(each) for each in np.quantile(upper, (1.0 - ERROR, 1.0 - ERROR / 2.0)))
+    return RateBounds(Interval(low, high), at_least, at_most)
+
+
+def bound_factor(known: Confidence) -> Interval:
+    """Return the two-sided 95 % interval of one factor."""
+    low = float(np.quantile(known.draw_lower(), ERROR / 2.0))
+    return Interval(low, float(np.quantile(known.draw_upper(), 1.0 - ERROR / 2.0)))

@@ -1,0 +1,259 @@
+"""The evidence of campaigns on a risk: which of their figures state a probability of failure."""
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+from msgspec.structs import replace
+
+from eigenfail.errors import InvalidValue, NotFound
+from eigenfail.methods import traits_of
+from eigenfail.risk.assessment import RiskAssessment, ScenarioEvidence, assess
+from eigenfail.risk.confidence import Confidence, FailureShare, RunEstimate, Stated
+from eigenfail.risk.question import CampaignReference, RiskQuestion, RiskScenario
+from eigenfail.values import Campaign, CampaignState, Rate, RateDesign
+from eigenfail.values.campaign import CampaignFilter
+from eigenfail_services.analysis.sampling_design import SamplingDesign
+from eigenfail_services.campaigns.chain_mixing import METHOD as CHAINS
+from eigenfail_services.campaigns.summary import find_failure_rate
+from eigenfail_services.store import Store
+
+PAGE = 100
+
+NO_CAMPAIGN = "no campaign is named: run one of monte_carlo, subset, mixture or splitting."
+
+ONE_ESTIMATE = (
+    "several campaigns are counted together only where all are of Monte Carlo with a fixed number "
+    "of episodes: name one, with a larger budget."
+)
+
+
+class _Probability(NamedTuple):
+    """What campaigns state on P(failure), or why they state nothing."""
+
+    known: Confidence | None
+    problem: str = ""
+
+
+def assess_risk(store: Store, question: RiskQuestion) -> RiskAssessment:
+    """Return the risk that the campaigns of a question show.
+
+    Raises:
+        NotFound: there is no campaign of an id or a name.
+        InvalidValue: a campaign is named twice, tests another planner than the others, or is not
+            like those that it is counted together with.
+    """
+    used: dict[int, str] = {}
+    found: list[list[Campaign]] = []
+    for place, scenario in enumerate(question.scenarios):
+        field = f"scenarios[{place}].campaigns"
+        campaigns = [find_campaign(store, each) for each in scenario.campaigns]
+        for each in campaigns:
+            if other := used.get(each.id):
+                problem = f"campaign {each.id} is named twice, first by '{other}'."
+                raise InvalidValue(field, problem, "Name each campaign once.")
+            used[each.id] = scenario.name
+        _refuse_unlike(campaigns, field)
+        found.append(campaigns)
+    planner = _find_planner(question, found)
+    evidence = [
+        collect_evidence(store, scenario, campaigns, f"scenarios[{place}].failures_from")
+        for place, (scenario, campaigns) in enumerate(zip(question.scenarios, found, strict=True))
+    ]
+    return assess(question, evidence, planner, list(_list_notes(found)))
+
+
+def find_campaign(store: Store, reference: CampaignReference) -> Campaign:
+    """Return the campaign of an id, or the newest one of a name.
+
+    Raises:
+        NotFound: there is none.
+    """
+    if isinstance(reference, int):
+        return store.campaigns.get(reference)
+    before: int | None = None
+    while True:
+        where = CampaignFilter(search=reference)
+        page = store.campaigns.page(PAGE, before, where=where)
+        for campaign in page.items:
+            if campaign.spec.name == reference:
+                return campaign
+        if page.next is None:
+            problem = f"There is no campaign '{reference}'."
+            raise NotFound(problem, "List campaigns with `eigenfail campaign list`.")
+        before = page.next
+
+
+def collect_evidence(
+    store: Store, scenario: RiskScenario, campaigns: Sequence[Campaign], field: str
+) -> ScenarioEvidence:
+    """Return what campaigns know of a scenario.
+
+    Args:
+        store: where their failures are.
+        scenario: the scenario of a question.
+        campaigns: its campaigns, which are alike.
+        field: name of its field `failures_from`, for errors.
+
+    Raises:
+        NotFound: there is no campaign `failures_from`.
+        InvalidValue: the failures of that campaign are no sample of p(z | failure), or those of
+            another scenario.
+    """
+    known, problem = find_probability(campaigns)
+    sampled = [each for each in campaigns if traits_of(each.spec.method).draws_from_prior]
+    if scenario.failures_from is not None:
+        sampled = [find_campaign(store, scenario.failures_from)]
+        _refuse_other_failures(sampled[0], campaigns, field)
+    elif len(sampled) < len(campaigns):
+        sampled = []
+    severities = tuple(
+        float(value) for each in sampled for value in store.episodes.safety(each.id).severities
+    )
+    return ScenarioEvidence(
+        campaigns=tuple(each.id for each in campaigns),
+        method=", ".join(sorted({each.spec.method for each in campaigns})),
+        episodes=sum(each.counts.completed for each in campaigns),
+        failures=sum(each.counts.failures for each in campaigns),
+        probability=known,
+        problem=problem,
+        noise=f"seed {min((each.spec.seed for each in campaigns), default=0)}",
+        severities=severities if sampled else None,
+        sampled_failures=sum(each.counts.failures for each in sampled),
+    )
+
+
+def find_probability(campaigns: Sequence[Campaign]) -> _Probability:
+    """Return what campaigns of one scenario state on P(failure).
+
+    Episodes state it where `SamplingDesign` calls them a sample of p(x), and a method's estimate
+    where the method declares `bounds_probability` and the estimate is no lower bound and has an
+    interval. The failures of a search state nothing.
+    """
+    if not campaigns:
+        return _Probability(None, NO_CAMPAIGN)
+    for campaign in campaigns:
+        if campaign.state is not CampaignState.DONE or not campaign.counts.completed:
+            came = f"campaign {campaign.id} is {campaign.state_word}"
+            completed = campaign.counts.completed
+            return _Probability(None, f"{came}, with {completed:,} completed episodes.")
+    if len(campaigns) > 1:
+        return _count_together(campaigns)
+    rate = find_failure_rate(campaigns[0])
+    if rate is not None and rate.sampled:
+        return _read_rate(campaigns[0], rate)
+    return _read_estimate(campaigns[0])
+
+
+def _count_together(campaigns: Sequence[Campaign]) -> _Probability:
+    design = SamplingDesign.of_failures(campaigns)
+    if not design.is_sampled or design.judges_failures:
+        return _Probability(None, ONE_ESTIMATE)
+    counts = [each.counts for each in campaigns]
+    failures, errored = sum(each.failures for each in counts), sum(each.errored for each in counts)
+    completed = sum(each.completed for each in counts)
+    share = design.make_rate(failures, completed).value
+    return _Probability(FailureShare(failures, errored, completed + errored, share))
+
+
+def _read_rate(campaign: Campaign, rate: Rate) -> _Probability:
+    counts, limit = campaign.counts, campaign.spec.stop.failures
+    # A rule that ended nothing leaves every count below its limit as likely as without it.
+    is_unmet = rate.design is RateDesign.FAILURES and limit is not None and rate.k < limit
+    if rate.design is RateDesign.FIXED or is_unmet:
+        trials = counts.completed + counts.errored
+        return _Probability(FailureShare(rate.k, counts.errored, trials, rate.value))
+    if rate.interval is None:
+        return _Probability(None, f"the rate of campaign {campaign.id} has no interval.")
+    return _Probability(Stated(rate.value, rate.interval.low, rate.interval.high))
+
+
+def _read_estimate(campaign: Campaign) -> _Probability:
+    method, estimate = campaign.spec.method, campaign.estimate
+    if not traits_of(method).bounds_probability:
+        problem = (
+            f"campaign {campaign.id} is a search ('{method}'): it chose its episodes, so that "
+            "their failures state no probability."
+        )
+        return _Probability(None, problem)
+    if estimate is None or estimate.problem:
+        problem = estimate.problem if estimate else "it gave no estimate."
+        return _Probability(None, f"campaign {campaign.id} has no estimate: {problem}")
+    if (known := RunEstimate.of(estimate)) is None:
+        problem = f"the estimate of campaign {campaign.id} has no interval. {estimate.note}"
+        return _Probability(None, problem.strip())
+    return _Probability(known)
+
+
+def _refuse_other_failures(sampled: Campaign, campaigns: Sequence[Campaign], field: str) -> None:
+    """Refuse a campaign whose failures are no sample of those in question."""
+    method = sampled.spec.method
+    if method != CHAINS and not traits_of(method).draws_from_prior:
+        problem = f"campaign {sampled.id} is of '{method}', whose failures are no random sample."
+        raise InvalidValue(field, problem, "Name one of 'monte_carlo' or 'chains'.")
+    for campaign in campaigns:
+        one, other = sampled.spec, campaign.spec
+        fields = ("scenario", "scenario_parameters", "simulator", "planner", "planner_settings")
+        for name in fields:
+            if getattr(one, name) != getattr(other, name):
+                problem = f"campaign {sampled.id} has another {name} than campaign {campaign.id}."
+                raise InvalidValue(field, problem, "Name a campaign of the same scenario.")
+
+
+def _refuse_unlike(campaigns: Sequence[Campaign], field: str) -> None:
+    """Refuse campaigns that cannot be counted together: other ones, or the same noise twice."""
+    for one, other in pairwise(campaigns):
+        fields = ("name", "episodes", "parallel", "scene_every", "price_usd_per_hour", "instances")
+        alike = {name: getattr(one.spec, name) for name in (*fields, "seed", "stop")}
+        if not replace(other.spec, **alike).is_like(one.spec):
+            problem = f"campaigns {one.id} and {other.id} differ in more than seed and budget."
+            raise InvalidValue(field, problem, "Name campaigns of one scenario and planner.")
+    seeds = [each.spec.seed for each in campaigns]
+    if len(set(seeds)) < len(seeds):
+        problem = "two campaigns have the same seed, and so the same episodes."
+        raise InvalidValue(field, problem, "Name campaigns with different seeds.")
+
+
+def _find_planner(question: RiskQuestion, found: Sequence[Sequence[Campaign]]) -> str:
+    """Return the planner that all campaigns test; empty without a campaign."""
+    first: Campaign | None = None
+    for place in range(len(question.scenarios)):
+        for campaign in found[place]:
+            first = first or campaign
+            one, other = (
+                (each.spec.planner, each.spec.planner_settings) for each in (first, campaign)
+            )
+            if one != other:
+                problem = (
+                    f"campaign {campaign.id} tests '{other[0]}' with {other[1] or 'its defaults'}, "
+                    f"and campaign {first.id} '{one[0]}' with {one[1] or 'its defaults'}."
+                )
+                remedy = "A risk is that of one planner with the same settings."
+                raise InvalidValue(f"scenarios[{place}].campaigns", problem, remedy)
+    return first.spec.planner if first else ""
+
+
+def _list_notes(found: Sequence[Sequence[Campaign]]) -> Iterator[str]:
+    """Yield what limits the evidence of campaigns, in sentences."""
+    campaigns = [each for of_one in found for each in of_one]
+    seeds = [min(each.spec.seed for each in of_one) for of_one in found if of_one]
+    if len(set(seeds)) < len(seeds):
+        yield (
+            "Campaigns of several scenarios have the same seed, and so the same noise: their "
+            "errors are taken to be fully correlated. Another seed for each narrows the interval."
+        )
+    if len({repr(each.spec.all_requirements) for each in campaigns}) > 1:
+        yield "A failure is not the same in all campaigns: their requirements differ."
+    specs = [each.spec.disturbance for each in campaigns]
+    if any(not each.is_like(specs[0]) for each in specs[1:]):
+        yield "The campaigns do not have the same disturbance model."
+    if errored := sum(
+        each.counts.errored for each in campaigns if traits_of(each.spec.method).draws_from_prior
+    ):
+        yield f"{errored:,} errored episodes count as failures in the upper bounds."
+    if errored := sum(
+        each.counts.errored
+        for each in campaigns
+        if not traits_of(each.spec.method).draws_from_prior
+    ):
+        yield f"{errored:,} errored episodes of other methods than Monte Carlo count as safe."
