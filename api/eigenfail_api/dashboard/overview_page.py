@@ -244,7 +244,7 @@ Words = Annotated[str, Query(max_length=200)]
 Sort = Annotated[str, Query(max_length=64)]
 
 
-class Named(NamedTuple):
+class FormFilters(NamedTuple):
     """The filters of the form; None where a field is empty."""
 
     state: CampaignState | None
@@ -252,9 +252,9 @@ class Named(NamedTuple):
     search: str | None
 
 
-def read_filters(state: State = "", method: Words = "", search: Words = "") -> Named:
+def read_filters(state: State = "", method: Words = "", search: Words = "") -> FormFilters:
     """Return the filters of a request."""
-    return Named(state or None, method or None, search.strip() or None)
+    return FormFilters(state or None, method or None, search.strip() or None)
 
 
 # An open page sends it when it asks for itself again.
@@ -264,7 +264,7 @@ Again = Annotated[str | None, Header(alias="HX-Request", include_in_schema=False
 @router.get("/")
 def show_overview(
     store: Stored,
-    named: Annotated[Named, Depends(read_filters)],
+    named: Annotated[FormFilters, Depends(read_filters)],
     before: Before = None,
     sort: Sort = str(NEWEST_FIRST),
 ) -> HTMLResponse:
