@@ -68,9 +68,10 @@ CONNECTED = (
 
 HALTING = """#!/bin/sh
 [ "$1" = --data-only ] && exec {0} "$@"
-{0} "$@" | head -n 200
+{0} "$@" | awk '{{ print }} NR > 150 && /^$/ {{ exit }}'
 exit 1
 """
+"""It ends early, between two statements, of which an empty line comes behind each."""
 
 
 @pytest.fixture
