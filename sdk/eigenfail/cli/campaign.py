@@ -10,6 +10,7 @@ from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import (
     AsJson,
     CampaignId,
+    Changed,
     Episodes,
     Gate,
     Limit,
@@ -64,11 +65,12 @@ def create(
     episodes: Episodes = None,
     seed: Seed = None,
     priority: Urgency = None,
+    values: Changed = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:
     """Launch the campaign that a TOML file describes, and print it."""
-    spec = read_spec(file, episodes=episodes, seed=seed, priority=priority)
+    spec = read_spec(file, changes=values, episodes=episodes, seed=seed, priority=priority)
     with connect_to(context, url) as client:
         _show_launched(client.campaigns.create(spec), quiet, as_json)
 
@@ -80,6 +82,7 @@ def check(
     episodes: Episodes = None,
     seed: Seed = None,
     priority: Urgency = None,
+    values: Changed = None,
     quiet: QuietCheck = False,
     as_json: AsJson = False,
 ) -> None:
@@ -87,7 +90,7 @@ def check(
 
     Exits with 2 if it cannot be launched.
     """
-    spec = read_spec(file, episodes=episodes, seed=seed, priority=priority)
+    spec = read_spec(file, changes=values, episodes=episodes, seed=seed, priority=priority)
     with connect_to(context, url) as client:
         found = client.campaigns.check(spec)
     if not quiet:
@@ -105,14 +108,7 @@ def clone(
         int | None, typer.Option(min=1, help="Budget of the new campaign. [episodes]")
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the new campaign.")] = None,
-    values: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="FIELD=VALUE",
-            help="Field to change, such as settings.alpha=100; repeatable.",
-        ),
-    ] = None,
+    values: Changed = None,
     quiet: Quiet = False,
     as_json: AsJson = False,
 ) -> None:

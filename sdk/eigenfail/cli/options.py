@@ -48,6 +48,14 @@ Episodes = Annotated[
 Seed = Annotated[
     int | None, typer.Option("--seed", min=0, help="Seed, replacing that of the file.")
 ]
+Changed = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="FIELD=VALUE",
+        help="Field to change, such as settings.alpha=100; repeatable.",
+    ),
+]
 Seeds = Annotated[
     int | None,
     typer.Option(

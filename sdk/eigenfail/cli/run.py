@@ -5,6 +5,7 @@ import typer
 from eigenfail.cli.connection import MaybeUrl, Place, connect_for_campaign, this_command
 from eigenfail.cli.options import (
     AsJson,
+    Changed,
     Data,
     Episodes,
     Gate,
@@ -42,6 +43,7 @@ def run(
     seed: Seed = None,
     seeds: Seeds = None,
     priority: Urgency = None,
+    values: Changed = None,
     stop_failures: StopFailures = None,
     stop_half_width: StopHalfWidth = None,
     stop_cv: StopCv = None,
@@ -66,7 +68,7 @@ def run(
         "wall_s": stop_wall_s,
         "cost_usd": stop_cost_usd,
     }
-    spec = read_spec(file, stop, episodes=episodes, seed=seed, priority=priority)
+    spec = read_spec(file, stop, values, episodes=episodes, seed=seed, priority=priority)
     plan = Plan(data, 0, workers)
     if seeds is not None:
         suite = Suite.repeat(spec, seeds)

@@ -4,6 +4,7 @@ import os
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 import msgspec
@@ -53,12 +54,16 @@ NONE_GIVEN: Mapping[str, float | None] = {}
 
 
 def read_spec(
-    file: Path, stop: Mapping[str, float | None] = NONE_GIVEN, **instead: int | str | None
+    file: Path,
+    stop: Mapping[str, float | None] = NONE_GIVEN,
+    changes: Sequence[str] | None = None,
+    **instead: int | str | None,
 ) -> CampaignSpec:
     """The campaign that a file describes; its name is the file's unless it has one.
 
     Args:
         file: TOML with the fields of a CampaignSpec.
+        changes: fields that take the place of the file's, as `parse_changes` takes them.
         stop: stop rules that take the place of the file's of the same name, where not None.
         instead: values that take the place of the file's, where not None.
 
@@ -71,7 +76,8 @@ def read_spec(
         remedy = f"Run it with `eigenfail suite run {file}`."
         raise InvalidValue(file.name, "this is a suite, not a campaign.", remedy)
     written = include_samples(include_disturbance(table, file), file)
-    fields = {"name": file.stem, **written, **_drop_missing(instead)}
+    changed = parse_changes(changes or (), {"name": file.stem, **written})
+    fields = {**changed, **_drop_missing(instead)}
     if _drop_missing(stop):
         fields["stop"] = {**_read_stop_rules(fields.get("stop", {}), file), **_drop_missing(stop)}
     for name, kind in TABLES.items():
@@ -151,13 +157,19 @@ def ask_about_bridges(question: BridgeQuestion, timeout_s: float = BRIDGE_TIMEOU
     return processes.ask(BRIDGE_MODULE, msgspec.json.encode(question), timeout_s)
 
 
-def parse_changes(given: Sequence[str]) -> dict[str, Any]:
-    """Parse fields of a campaign from texts like settings.alpha=100; other than JSON is text.
+def parse_changes(
+    given: Sequence[str], before: Mapping[str, Any] = MappingProxyType({})
+) -> dict[str, Any]:
+    """Return the fields of a campaign with those in texts like settings.alpha=100 put over them.
+
+    Args:
+        given: fields and values; a value that is no JSON is text.
+        before: the fields before.
 
     Raises:
         InvalidValue: one is not of that form.
     """
-    fields: dict[str, Any] = {}
+    fields = dict(before)
     for each in given:
         path, equals, value = each.partition("=")
         if not (equals and all(path.split("."))):

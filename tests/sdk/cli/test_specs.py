@@ -218,6 +218,17 @@ def test_a_campaign_is_named_as_one_where_a_suite_is_wanted(write):
     assert str(caught.value) == told
 
 
+def test_fields_from_the_command_line_take_the_place_of_the_files(write):
+    file = write('method = "ast"\nepisodes = 7\nseed = 1\n[settings]\nalpha = 3.0\nc_dist = 9.0')
+    changes = ["settings.alpha=100", "seed=2", "name=a=b", "stop.failures=4"]
+    found = read_spec(file, {"failures": 5}, changes, episodes=8)
+    assert found.settings == {"alpha": 100, "c_dist": 9.0}
+    assert (found.name, found.seed, found.episodes) == ("a=b", 2, 8)
+    assert found.stop.failures == 5, "An option of its own has the last word."
+    with pytest.raises(UnknownName, match="'sed' is not known"):
+        read_spec(file, changes=["sed=2"])
+
+
 @pytest.mark.parametrize("simulator", ["highway", "function"])
 def test_a_check_lists_slopes_and_bases_on_roads_alone(write, simulator):
     text = f'method = "cem"\nepisodes = 7\nsimulator = "{simulator}"\n[disturbance]\nscale = 2.0'
