@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from eigenfail.reproduction.statements import judge_causes
+from eigenfail.reproduction.causes import judge_causes
+from eigenfail.reproduction.programme import PROGRAMMES
 from eigenfail.reproduction.tables import (
     READINGS,
     build_component_table,
@@ -24,6 +25,7 @@ from eigenfail.values.proof import ProvenScenario, Reproduction
 from eigenfail.values.safety import FailurePoint, Figure, Scatter, SeverityRisk, Violations
 
 NAME = "ast evaluation"
+CUT_IN, DRIVE = PROGRAMMES["cut_in"], PROGRAMMES["highway_drive"]
 SURE = Interval(0.9, 1.0)
 
 
@@ -113,7 +115,8 @@ def judge(words, *, proven=None, measured=None, given=None, readings=tuple(READI
         for reading in READINGS
     }
     proofs = {NAME: proven or proof(4, 4)}
-    found = judge_causes(analyses, proofs, {NAME: measured or safety(-0.5, -0.7, -0.2)})
+    safeties = {NAME: measured or safety(-0.5, -0.7, -0.2)}
+    found = judge_causes(analyses, proofs, safeties, CUT_IN, {})
     (one,) = [statement for statement in found if words in statement.paper]
     return one
 
@@ -203,18 +206,18 @@ def test_safety_measures_of_difs_stand_beside_the_papers():
 def test_modes_count_only_where_they_are_distinct():
     along, across = ((NAME, *reading) for reading in COLLISION)
     found = {along: analysis(0.2, 0.2), across: analysis(0.3), (NAME, *ALONG[1]): analysis(0.9)}
-    table = build_component_table(found)
+    table = build_component_table(found, CUT_IN)
     assert [row.name for row in table.rows] == [f"{NAME}: longitudinal", f"{NAME}: lateral"]
     explained, modes = table.rows[0].numbers[:2]
     assert (explained.value, explained.paper) == (pytest.approx(0.4), 0.40)
     assert (modes.value, modes.paper) == (3.0, 3)
     assert table.rows[1].numbers[0].paper is None
-    blob = build_component_table({across: analysis(0.3, silhouette=0.1)})
+    blob = build_component_table({across: analysis(0.3, silhouette=0.1)}, CUT_IN)
     assert blob.rows[0].numbers[1].value == 1.0
 
 
 def test_replays_are_told_by_scenario():
-    rows = build_replay_table({NAME: proof(4, 3)}).rows
+    rows = build_replay_table({NAME: proof(4, 3)}, CUT_IN).rows
     assert [row.name for row in rows] == [
         f"{NAME}: the same scenario",
         f"{NAME}: distance_m 63",

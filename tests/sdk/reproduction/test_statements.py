@@ -3,8 +3,12 @@
 import msgspec
 import pytest
 
-from eigenfail.reproduction.statements import NEEDED, is_greater, judge_campaigns
+from eigenfail.reproduction.judgements import is_greater
+from eigenfail.reproduction.programme import PROGRAMMES
+from eigenfail.reproduction.statements import NEEDED, judge_campaigns
 from eigenfail.values import Comparison, Cost, Difference, Interval, Side
+
+CUT_IN = PROGRAMMES["cut_in"]
 
 NOTHING = Side(
     campaigns=(1,),
@@ -41,8 +45,8 @@ def judged(summaries, safety):
     """What becomes of the statement with these words."""
 
     def judge(of, name=""):
-        safeties = {name: safety(summaries[name]) for name in NEEDED}
-        found = judge_campaigns(summaries, safeties, comparing(summaries))
+        safeties = {name: safety(summaries[name]) for name in NEEDED if name in summaries}
+        found = judge_campaigns(summaries, safeties, comparing(summaries), CUT_IN)
         return next(one for one in found if of in one.paper and name in one.figures)
 
     return judge
@@ -108,8 +112,10 @@ def test_sums_in_another_order_leave_the_likelihood_open(judged, summaries, summ
 
 
 def test_each_statement_says_its_rule(summaries, safety):
-    safeties = {name: safety(summaries[name]) for name in NEEDED}
-    assert all(one.rule for one in judge_campaigns(summaries, safeties, comparing(summaries)))
+    safeties = {name: safety(summaries[name]) for name in NEEDED if name in summaries}
+    assert all(
+        one.rule for one in judge_campaigns(summaries, safeties, comparing(summaries), CUT_IN)
+    )
 
 
 def test_a_small_alpha_trades_failures_for_likelihood(judged, summaries, summary):
@@ -128,8 +134,8 @@ def test_settings_without_an_effect_here_are_said_to_have_none(judged):
 def test_each_statement_that_does_not_hold_says_why(summaries, summary, safety):
     for name in summaries:
         summaries[name] = summary(9, "", 0)
-    safeties = {name: safety(summaries[name]) for name in NEEDED}
-    found = [*judge_campaigns(summaries, safeties, comparing(summaries))]
+    safeties = {name: safety(summaries[name]) for name in NEEDED if name in summaries}
+    found = [*judge_campaigns(summaries, safeties, comparing(summaries), CUT_IN)]
     assert all(each.why for each in found if each.holds is False)
 
 
