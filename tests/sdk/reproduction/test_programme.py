@@ -10,7 +10,6 @@ from eigenfail.reproduction.programme import CHOSEN, PROGRAMMES, SCALES, STEP_S,
 from eigenfail.suites import Suite
 from eigenfail.worlds import world_of
 
-
 STEPS = {"cut_in": 100, "highway_drive": 420}
 
 
