@@ -212,7 +212,7 @@ def _judge_modes(name: str, readings: Readings) -> PaperStatement:
 def _judge_modes_by_cause(
     name: str, result: AnalysisResult, causes: Mapping[int, str]
 ) -> PaperStatement:
-    truth = [causes[episode] for episode in result.episodes]
+    truth = [causes.get(episode, "not named") for episode in result.episodes]
     enough = _has_enough([result])
     index = compute_rand_index(truth, result.labels)
     counts = ", ".join(f"{n} of '{cause}'" for cause, n in Counter(truth).most_common())
@@ -276,15 +276,14 @@ def _judge_replays(name: str, proof: Proof, programme: ScenarioProgramme) -> Pap
 
 def _describe_scenarios(proof: Proof, programme: ScenarioProgramme) -> str:
     moved = dict.fromkeys(name for one in proof.scenarios for name in one.scenario_parameters)
-    parts = (
-        f"{name} of "
-        + ", ".join(
-            f"{one.scenario_parameters.get(name, programme.parameters[name]):g}"
-            for one in proof.scenarios
-        )
-        for name in moved
-    )
+    parts = (f"{name} of {_list_values(name, proof, programme)}" for name in moved)
     return f"`{programme.scenario}` with each {' and '.join(parts)}"
+
+
+def _list_values(name: str, proof: Proof, programme: ScenarioProgramme) -> str:
+    usual = programme.parameters
+    given = ({**usual, **one.scenario_parameters} for one in proof.scenarios)
+    return ", ".join(f"{values[name]:g}" for values in given if name in values)
 
 
 def _judge_severity(name: str, safety: Safety) -> PaperStatement:

@@ -1,0 +1,258 @@
+"""The paper's experiments on `highway_drive` over five seeds: figures, and the page from them.
+
+The first seed runs the full programme, the others what is trained alone.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import msgspec
+import reproduction
+from crew import Crew
+from figures import ROOT, Figure
+from learning_figures import of_seeds
+from samples import COMMAND
+
+from eigenfail.client import Client
+from eigenfail.hosting.service import Plan, local_service
+from eigenfail.intervals import find_interval
+from eigenfail.reproduction.page import format_our_number, format_tables
+from eigenfail.reproduction.programme import LEARNERS, build_suite
+from eigenfail.reproduction.seeds import (
+    JudgedStatement,
+    SeedVerdict,
+    count_asked,
+    judge_over_seeds,
+)
+from eigenfail.reproduction.statements import build_reproduction
+from eigenfail.reproduction.tables import (
+    FAILURE_RATE,
+    PaperNumber,
+    PaperReproduction,
+    PaperTable,
+)
+from eigenfail.values import Interval
+
+SCENARIO = "highway_drive"
+SEEDS = 5
+FILE = ROOT / "docs" / "reproduction_drive.json"
+PAGE = ROOT / "docs" / "reproduction_drive.md"
+
+PREFIXES = ("paper.drive.", "paper.asked", *(f"paper.{learner}." for learner in LEARNERS))
+"""Of the names of figures: the first seed and the counts of verdicts, and learners over seeds."""
+
+
+class SeedRuns(msgspec.Struct, frozen=True):
+    """What was found with each seed."""
+
+    found: tuple[PaperReproduction, ...]
+
+
+def find(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure | SeedRuns]]:
+    """The runs, and every number of them; a service has workers of its own."""
+    with (
+        TemporaryDirectory() as folder,
+        local_service(Plan(Path(folder), port=0)) as service,
+        Client(service.address.url) as client,
+    ):
+        runs = SeedRuns(tuple(run_seeds(client, seed)))
+    yield "reproduction_drive", runs
+    yield from list_figures(runs.found)
+
+
+def run_seeds(client: Client, seed: int) -> Iterator[PaperReproduction]:
+    """Run the programme of each seed, one after the other."""
+    for each in range(seed, seed + SEEDS):
+        scale = "full" if each == seed else "learners"
+        suite = build_suite(scale, each, SCENARIO)
+        client.suites.run(suite, on_progress=lambda _: None)
+        yield build_reproduction(client, suite, scale, SCENARIO)
+
+
+def list_figures(found: Sequence[PaperReproduction]) -> Iterator[tuple[str, Figure]]:
+    """Every number of the first seed, counts of verdicts, and failure rates over the seeds."""
+    yield from reproduction.figures(found[0])
+    judged = judge_over_seeds(found)
+    yield "paper.asked", count(count_asked(judged), judged)
+    for name, verdict in (("holds", SeedVerdict.HOLDS), ("refuted", SeedVerdict.DOES_NOT_HOLD)):
+        of = [one for one in judged if one.verdict is verdict and one.is_shown]
+        yield f"paper.drive.{name}", count(len(of), judged)
+    unshown = [one for one in judged if is_undecided(one)]
+    yield "paper.drive.undecided", count(len(unshown), judged)
+    for learner in LEARNERS:
+        yield f"paper.{learner}.eval300.failure_rate", pool_rates(found, learner)
+        rates = [find_rate(each, "training", learner).value for each in found]
+        note = f"; scenario {SCENARIO}"
+        episodes = find_rate(found[0], "training", learner).n
+        yield f"paper.{learner}.train1000.failure_rate", of_seeds(rates, "share", episodes, note)
+
+
+def is_undecided(judged: JudgedStatement) -> bool:
+    """Whether a statement was asked, and its verdict rests on seeds that are undecided."""
+    return judged.verdict is not SeedVerdict.CANNOT_BE_ASKED and not judged.is_shown
+
+
+def count(value: int, judged: Sequence[JudgedStatement]) -> Figure:
+    """A number of statements, of all."""
+    note = f"of {len(judged)} statements, over {SEEDS} seeds of {SCENARIO}"
+    return Figure(value=float(value), unit="statements", n=len(judged), command=COMMAND, note=note)
+
+
+def pool_rates(found: Sequence[PaperReproduction], learner: str) -> Figure:
+    """The failure rate of draws from the searchers of all seeds, equally many from each."""
+    rates = [find_rate(each, "evaluation", f"{learner} evaluation") for each in found]
+    n = sum(rate.n for rate in rates)
+    k = sum(round((rate.value or 0.0) * rate.n) for rate in rates)
+    interval = find_interval(k, n)
+    spread = of_seeds([rate.value for rate in rates], "share", n)
+    return Figure(
+        value=k / n,
+        unit="share",
+        n=n,
+        interval=(interval.low, interval.high),
+        spread=spread.spread,
+        command=COMMAND,
+        note=f"scenario {SCENARIO}; draws from {len(rates)} trained searchers; {spread.note}",
+    )
+
+
+def find_rate(found: PaperReproduction, table: str, row: str) -> PaperNumber:
+    """The failure rate of a campaign."""
+    return find_numbers(found, table, row)["failure_rate"]
+
+
+def find_numbers(found: PaperReproduction, name: str, row: str) -> Mapping[str, PaperNumber]:
+    """The numbers of a row, by the name of their column."""
+    table: PaperTable = next(one for one in found.tables if one.name == name)
+    numbers = next(one.numbers for one in table.rows if one.name == row)
+    return {column.name: one for column, one in zip(table.columns, numbers, strict=True)}
+
+
+def read(path: Path = FILE) -> tuple[PaperReproduction, ...]:
+    """What is kept."""
+    return msgspec.json.decode(path.read_bytes(), type=SeedRuns).found
+
+
+def write(runs: SeedRuns, path: Path = FILE) -> None:
+    """Replace what is kept."""
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(runs), indent=2) + b"\n")
+
+
+OPENING = """# The paper's experiments on a drive
+
+`eigenfail reproduce --scenario highway_drive --scale full --seed {seed}` runs the paper's
+experiments with our planner `rulebook` on [`highway_drive`](world.md#the-scenario-highway_drive), a
+scenario with several causes of failure, each with a label that tells the truth. The page
+[The paper reproduced](reproduction.md) has the same experiments on a cut-in, and says how its
+tables are read.
+
+- **Settings**: those of the paper and our defaults, as on that page. The noise is white, of the
+  paper's sigma, and on every vehicle: ten channels. The settings of the programme, the statements
+  and the rule of the verdicts were fixed before the first campaign was run; nothing was tuned by
+  what they gave. Such settings are `PROGRAMMES` in `eigenfail.reproduction.programme`.
+- **Steps**: an episode has 420 steps of 0.1 s. The scenario has no setting for their number; the
+  paper does not give its own.
+- **Seeds**: {seeds}, each with 1000 more in evaluations. The first one runs all campaigns,
+  the others (`--scale learners`) train and evaluate: Monte Carlo and the sweep of AST's settings
+  have one seed each.
+- **Verdicts**: a statement is judged in each seed, as the column *holds if* says. It *holds* if it
+  does in more than half of the seeds that it was judged in. It *cannot be asked* unless more than
+  half of them have what it is about, such as ten failures to compare. Otherwise it *does not hold*:
+  most of these seeds do not show it. *Undecided* are seeds in which it was asked, and an interval
+  includes no difference; where no more seeds refute a statement than are undecided, its verdict
+  says *not shown*.
+
+Of {statements} statements {asked}<!-- claim paper.asked --> can be asked;
+{holds}<!-- claim paper.drive.holds --> hold, {refuted}<!-- claim paper.drive.refuted --> do not
+hold, and of {undecided}<!-- claim paper.drive.undecided --> the seeds leave it open.
+"""
+
+
+def format_page(found: Sequence[PaperReproduction]) -> str:
+    """The page in Markdown."""
+    figures = dict(list_figures(found))
+    judged = judge_over_seeds(found)
+    opening = OPENING.format(
+        seed=found[0].seed,
+        seeds=", ".join(str(each.seed) for each in found),
+        statements=len(judged),
+        asked=f"{figures['paper.asked'].value:.0f}",
+        **{
+            name: f"{figures[f'paper.drive.{name}'].value:.0f}"
+            for name in ("holds", "refuted", "undecided")
+        },
+    )
+    parts = (opening, *format_verdicts(found, judged), *format_learners(found, figures))
+    return "\n".join((*parts, *format_tables(found[0])))
+
+
+OF_VERDICTS = """\
+The numbers are those of seeds in which the statement holds, is refuted, is undecided, and cannot be
+asked. A statement with one seed is about campaigns of the first one alone.
+"""
+
+
+def format_verdicts(
+    found: Sequence[PaperReproduction], judged: Sequence[JudgedStatement]
+) -> Iterator[str]:
+    """The table of verdicts, and that of the rules with the numbers of the first seed."""
+    yield "## Verdicts over the seeds\n"
+    yield OF_VERDICTS
+    yield "| the paper | judged by | verdict | holds | refuted | undecided | not asked | why |"
+    yield "|---|---|---|--:|--:|--:|--:|---|"
+    for one in judged:
+        verdict = f"{one.verdict}{' (not shown)' * is_undecided(one)}"
+        counts = f"{one.held} | {one.refuted} | {one.undecided} | {one.unasked}"
+        yield (
+            f"| {one.paper} | {name_subject(one.subject)} | {verdict} | {counts} | "
+            f"{REASONS[one.paper, one.subject]} |"
+        )
+    yield ""
+    yield "## Rules, and numbers of one seed\n"
+    yield f"The numbers are those of seed {found[0].seed}, whose tables are below.\n"
+    yield "| the paper | holds if | numbers |\n|---|---|---|"
+    for one in found[0].statements:
+        yield f"| {one.paper} | {one.rule} | {one.figures} |"
+    yield ""
+
+
+def name_subject(subject: str) -> str:
+    """The learners that a statement was judged by, as code."""
+    return ", ".join(f"`{name}`" for name in subject.split(", ") if name) or "–"
+
+
+OF_LEARNERS = """\
+Share of the episodes that collide, for the seeds {first} to {last}: of 1,000 of each training, and
+of 300 draws from what each left (seeds 1,000 higher). *All draws* are those of the five searchers
+together, with Wilson's 95 % interval, or without a failure the exact one-sided 95 % bound. It is
+about these searchers; another training may differ by more.
+"""
+
+
+def format_learners(
+    found: Sequence[PaperReproduction], figures: Mapping[str, Figure]
+) -> Iterator[str]:
+    """The table of failure rates over the seeds."""
+    yield "## Learners over the seeds\n"
+    yield OF_LEARNERS.format(first=found[0].seed, last=found[-1].seed)
+    yield "| learner | trainings | evaluations | all draws |\n|---|--:|--:|--:|"
+    for learner in LEARNERS:
+        rates = (
+            (find_rate(each, table, row).value or 0.0 for each in found)
+            for table, row in (("training", learner), ("evaluation", f"{learner} evaluation"))
+        )
+        trained, evaluated = (", ".join(f"{100.0 * rate:.1f}" for rate in each) for each in rates)
+        pooled = figures[f"paper.{learner}.eval300.failure_rate"]
+        interval = pooled.interval and Interval(*pooled.interval)
+        text = format_our_number(FAILURE_RATE, PaperNumber(pooled.value, pooled.n, interval))
+        yield (
+            f"| `{learner}` | {trained} %<!-- seeds paper.{learner}.train1000.failure_rate --> | "
+            f"{evaluated} %<!-- seeds paper.{learner}.eval300.failure_rate --> | "
+            f"{text}<!-- claim paper.{learner}.eval300.failure_rate --> |"
+        )
+    yield ""
+
+
+REASONS: Mapping[tuple[str, str], str] = {}
+"""Why each statement holds, does not hold or cannot be asked, by statement and subject."""
