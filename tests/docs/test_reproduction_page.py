@@ -60,7 +60,7 @@ def test_its_numbers_are_the_claims(benchmark, root):
     assert {name: stated[name].get("value") for name in kept} == {
         name: claim.value for name, claim in kept.items()
     }
-    assert {name for name in stated if name.startswith("paper.")} == set(kept)
+    assert {name for name in stated if name.startswith(benchmark.PREFIXES)} == set(kept)
 
 
 def test_a_run_is_written_with_its_pictures(benchmark, tmp_path):

@@ -162,7 +162,7 @@ def _judge_largest_entries(name: str, readings: Readings) -> PaperStatement:
 
 def _judge_influence(name: str, result: AnalysisResult) -> PaperStatement:
     last = next((one for one in result.before_collision if one.seconds == JUST_BEFORE_S), None)
-    share = last and last.both
+    share = None if last is None else last.both
     holds, figures = None, f"{name}: {len(result.episodes)} failures"
     if last is not None and share is not None and _has_enough([result]):
         holds = share >= MORE_INFLUENCE * last.time

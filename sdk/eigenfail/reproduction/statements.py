@@ -435,8 +435,8 @@ def _gather_evidence(client: Client, suite: Suite, programme: ScenarioProgramme)
 
 def _list_causes(client: Client, campaign: int) -> Mapping[int, str]:
     """Return the cause of each failure, by episode; nothing where the scenario names none."""
-    rows = client.episodes.list(campaign, Outcome.COLLISION, fields=("index", "cause"))
-    return {row["index"]: row["cause"] for row in rows if row["cause"] is not None}
+    failures = client.episodes.list(campaign, Outcome.COLLISION)
+    return {each.index: each.cause for each in failures if each.cause is not None}
 
 
 def _prove(client: Client, campaign: int, settings: AnalysisSettings) -> Proof:

@@ -243,6 +243,11 @@ def drive(words, result, causes):
     return one
 
 
+def keep_nine(result):
+    """The analysis of fewer failures than are judged."""
+    return msgspec.structs.replace(result, episodes=tuple(range(9)), labels=result.labels[:9])
+
+
 def influenced(both, time=0.1):
     """An analysis in which the last second has these shares of the influence and of the time."""
     last = InfluenceShare(seconds=1.0, time=time, longitudinal=None, lateral=None, both=both)
@@ -257,7 +262,7 @@ def influenced(both, time=0.1):
         (influenced(0.0), False, True),
         (influenced(None), None, False),
         (analysis(0.5), None, False),
-        (msgspec.structs.replace(influenced(0.5), episodes=tuple(range(9))), None, False),
+        (keep_nine(influenced(0.5)), None, False),
     ],
 )
 def test_influence_just_before_the_collision_is_twice_that_of_other_times(result, holds, asked):
@@ -287,8 +292,7 @@ def test_modes_must_be_three_and_those_of_the_causes(changes, causes, holds):
 
 
 def test_causes_of_a_few_failures_are_not_asked_for():
-    few = msgspec.structs.replace(analysis(0.5), episodes=tuple(range(9)), labels=LABELS[:9])
-    one = drive("distinct failure modes", few, SAME)
+    one = drive("distinct failure modes", keep_nine(analysis(0.5)), SAME)
     assert (one.holds, one.asked) == (None, False)
 
 
