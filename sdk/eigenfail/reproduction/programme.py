@@ -97,10 +97,6 @@ class ScenarioProgramme(msgspec.Struct, frozen=True, kw_only=True):
         """Names of the longitudinal and the lateral noise in analyses."""
         return EVERY_AXES if self.every_vehicle else AXES
 
-    def find_usual_values(self) -> Mapping[str, float]:
-        """Return the values in training of the parameters that `moved` changes."""
-        return {name: self.parameters[name] for place in self.moved.values() for name in place}
-
 
 EVERY_AXES = ("every.longitudinal", "every.lateral")
 
