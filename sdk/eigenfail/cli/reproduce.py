@@ -85,8 +85,8 @@ REPORTED = (
 HowMuch = Annotated[
     Scale,
     typer.Option(
-        help="full: the paper's episodes; small: under a third, for a first look; learners: the "
-        "paper's episodes of training and evaluation alone."
+        help="full: the paper's episodes; small: under a third, for a first look; learners: "
+        "of small the training and evaluation alone."
     ),
 ]
 ScenarioName = Annotated[str, typer.Option(help=f"Scenario: {' or '.join(PROGRAMMES)}.")]

@@ -146,11 +146,11 @@ SCALES: Mapping[str, ProgrammeScale] = MappingProxyType(
             seed=1, monte_carlo=300, sweep=120, training=300, evaluation=100, moved=50
         ),
         "learners": ProgrammeScale(
-            seed=20261123, monte_carlo=0, sweep=0, training=1000, evaluation=300, moved=100
+            seed=20261123, monte_carlo=0, sweep=0, training=300, evaluation=100, moved=50
         ),
     }
 )
-"""`full` has the paper's numbers of episodes; `learners` has them too, of what is trained alone."""
+"""`full` has the paper's numbers of episodes; `learners` are those of `small` that are trained."""
 
 LEARNERS: Mapping[str, tuple[str, Mapping[str, Any]]] = MappingProxyType(
     {
