@@ -12,11 +12,11 @@ import reproduction
 from crew import Crew
 from figures import ROOT, Figure
 from learning_figures import of_seeds
-from samples import COMMAND
+from samples import COMMAND, share
 
 from eigenfail.client import Client
 from eigenfail.hosting.service import Plan, local_service
-from eigenfail.intervals import find_interval
+from eigenfail.reproduction.page import PREFIXES as NAMES
 from eigenfail.reproduction.page import format_our_number, format_tables
 from eigenfail.reproduction.programme import LEARNERS, build_suite
 from eigenfail.reproduction.seeds import (
@@ -35,6 +35,7 @@ from eigenfail.reproduction.tables import (
 from eigenfail.values import Interval
 
 SCENARIO = "highway_drive"
+PREFIX = NAMES[SCENARIO]
 SEEDS = 5
 FILE = ROOT / "docs" / "reproduction_drive.json"
 PAGE = ROOT / "docs" / "reproduction_drive.md"
@@ -81,11 +82,12 @@ def list_figures(found: Sequence[PaperReproduction]) -> Iterator[tuple[str, Figu
     unshown = [one for one in judged if is_undecided(one)]
     yield "paper.drive.undecided", count(len(unshown), judged)
     for learner in LEARNERS:
-        yield f"paper.{learner}.eval300.failure_rate", pool_rates(found, learner)
-        rates = [find_rate(each, "training", learner).value for each in found]
-        note = f"; scenario {SCENARIO}"
-        episodes = find_rate(found[0], "training", learner).n
-        yield f"paper.{learner}.train1000.failure_rate", of_seeds(rates, "share", episodes, note)
+        yield f"paper.{learner}.eval300.failure_rate", pool_rates(found[:1], learner)
+        yield f"paper.{learner}.eval100.failure_rate", pool_rates(found[1:], learner)
+        rates = [find_rate(each, "training", learner) for each in found[1:]]
+        shares = [rate.value for rate in rates]
+        figure = of_seeds(shares, "share", rates[0].n, f"; scenario {SCENARIO}")
+        yield f"paper.{learner}.train300.failure_rate", figure
 
 
 def is_undecided(judged: JudgedStatement) -> bool:
@@ -95,26 +97,24 @@ def is_undecided(judged: JudgedStatement) -> bool:
 
 def count(value: int, judged: Sequence[JudgedStatement]) -> Figure:
     """A number of statements, of all."""
-    note = f"of {len(judged)} statements, over {SEEDS} seeds of {SCENARIO}"
+    note = f"of {len(judged)} statements, over the seeds of {SCENARIO}"
     return Figure(value=float(value), unit="statements", n=len(judged), command=COMMAND, note=note)
 
 
 def pool_rates(found: Sequence[PaperReproduction], learner: str) -> Figure:
-    """The failure rate of draws from the searchers of all seeds, equally many from each."""
+    """The failure rate of draws from the searchers of some seeds, equally many from each."""
     rates = [find_rate(each, "evaluation", f"{learner} evaluation") for each in found]
-    n = sum(rate.n for rate in rates)
-    k = sum(round((rate.value or 0.0) * rate.n) for rate in rates)
-    interval = find_interval(k, n)
-    spread = of_seeds([rate.value for rate in rates], "share", n)
-    return Figure(
-        value=k / n,
-        unit="share",
-        n=n,
-        interval=(interval.low, interval.high),
-        spread=spread.spread,
-        command=COMMAND,
-        note=f"scenario {SCENARIO}; draws from {len(rates)} trained searchers; {spread.note}",
-    )
+    pooled = [number for rate in rates for number in spell_draws(rate)]
+    figure = share(pooled)
+    spread = of_seeds([rate.value for rate in rates], "share", len(pooled))
+    note = f"scenario {SCENARIO}; draws from what was trained; {spread.note}"
+    return msgspec.structs.replace(figure, spread=spread.spread, note=note)
+
+
+def spell_draws(rate: PaperNumber) -> list[bool]:
+    """Whether each of the draws behind a rate failed, in any order."""
+    failures = round((rate.value or 0.0) * rate.n)
+    return [True] * failures + [False] * (rate.n - failures)
 
 
 def find_rate(found: PaperReproduction, table: str, row: str) -> PaperNumber:
@@ -153,9 +153,11 @@ tables are read.
   what they gave. Such settings are `PROGRAMMES` in `eigenfail.reproduction.programme`.
 - **Steps**: an episode has 420 steps of 0.1 s. The scenario has no setting for their number; the
   paper does not give its own.
-- **Seeds**: {seeds}, each with 1000 more in evaluations. The first one runs all campaigns,
-  the others (`--scale learners`) train and evaluate: Monte Carlo and the sweep of AST's settings
-  have one seed each.
+- **Seeds**: {seeds}, and 1000 more in evaluations. The first one runs all campaigns with the
+  paper's numbers of episodes. The others (`--scale learners`) train and evaluate alone, and with
+  fewer episodes: 300 of each training, 100 of each evaluation. All seeds in full would have taken
+  more computing time than there was, and this was decided while the first one ran, before any
+  statement was judged.
 - **Verdicts**: a statement is judged in each seed, as the column *holds if* says. It *holds* if it
   does in more than half of the seeds that it was judged in. It *cannot be asked* unless more than
   half of them have what it is about, such as ten failures to compare. Otherwise it *does not hold*:
@@ -175,7 +177,7 @@ def format_page(found: Sequence[PaperReproduction]) -> str:
     judged = judge_over_seeds(found)
     opening = OPENING.format(
         seed=found[0].seed,
-        seeds=", ".join(str(each.seed) for each in found),
+        seeds=list_seeds(found),
         statements=len(judged),
         asked=f"{figures['paper.asked'].value:.0f}",
         **{
@@ -223,10 +225,11 @@ def name_subject(subject: str) -> str:
 
 
 OF_LEARNERS = """\
-Share of the episodes that collide, for the seeds {first} to {last}: of 1,000 of each training, and
-of 300 draws from what each left (seeds 1,000 higher). *All draws* are those of the five searchers
-together, with Wilson's 95 % interval, or without a failure the exact one-sided 95 % bound. It is
-about these searchers; another training may differ by more.
+Share of the episodes that collide: of 1,000 of each training with the seed {first}, and of 300
+draws from what it left, with Wilson's 95 % interval (without a failure the exact one-sided 95 %
+bound); of 300 of each training with the seeds {others}, and of 100 draws from what each of them
+left. *All* are the draws of these seeds together. An interval is about the searchers that were
+trained; others may differ by more.
 """
 
 
@@ -234,24 +237,54 @@ def format_learners(
     found: Sequence[PaperReproduction], figures: Mapping[str, Figure]
 ) -> Iterator[str]:
     """The table of failure rates over the seeds."""
+    first, *others = found
     yield "## Learners over the seeds\n"
-    yield OF_LEARNERS.format(first=found[0].seed, last=found[-1].seed)
-    yield "| learner | trainings | evaluations | all draws |\n|---|--:|--:|--:|"
+    yield OF_LEARNERS.format(first=first.seed, others=list_seeds(others))
+    yield "| learner | 1,000 trained | 300 draws | 300 trained | 100 draws each | all |"
+    yield "|---|--:|--:|--:|--:|--:|"
     for learner in LEARNERS:
-        rates = (
-            (find_rate(each, table, row).value or 0.0 for each in found)
-            for table, row in (("training", learner), ("evaluation", f"{learner} evaluation"))
+        cells = (
+            mark_share(
+                f"{PREFIX}.training.{learner}.failure_rate",
+                find_rate(first, "training", learner),
+            ),
+            mark_figure(f"paper.{learner}.eval300.failure_rate", figures),
+            mark_seeds(
+                f"paper.{learner}.train300.failure_rate",
+                [find_rate(each, "training", learner) for each in others],
+            ),
+            mark_seeds(
+                f"paper.{learner}.eval100.failure_rate",
+                [find_rate(each, "evaluation", f"{learner} evaluation") for each in others],
+            ),
+            mark_figure(f"paper.{learner}.eval100.failure_rate", figures),
         )
-        trained, evaluated = (", ".join(f"{100.0 * rate:.1f}" for rate in each) for each in rates)
-        pooled = figures[f"paper.{learner}.eval300.failure_rate"]
-        interval = pooled.interval and Interval(*pooled.interval)
-        text = format_our_number(FAILURE_RATE, PaperNumber(pooled.value, pooled.n, interval))
-        yield (
-            f"| `{learner}` | {trained} %<!-- seeds paper.{learner}.train1000.failure_rate --> | "
-            f"{evaluated} %<!-- seeds paper.{learner}.eval300.failure_rate --> | "
-            f"{text}<!-- claim paper.{learner}.eval300.failure_rate --> |"
-        )
+        yield f"| `{learner}` | {' | '.join(cells)} |"
     yield ""
+
+
+def list_seeds(found: Sequence[PaperReproduction]) -> str:
+    """The seeds, as in a sentence."""
+    *most, last = (str(each.seed) for each in found)
+    return f"{', '.join(most)} and {last}"
+
+
+def mark_share(name: str, number: PaperNumber) -> str:
+    """A share of a table, with its mark."""
+    return f"{format_our_number(FAILURE_RATE, number)}<!-- claim {name} -->"
+
+
+def mark_figure(name: str, figures: Mapping[str, Figure]) -> str:
+    """A share with its interval, and its mark."""
+    figure = figures[name]
+    interval = figure.interval and Interval(*figure.interval)
+    return mark_share(name, PaperNumber(figure.value, figure.n, interval))
+
+
+def mark_seeds(name: str, rates: Sequence[PaperNumber]) -> str:
+    """One share for each seed, with their mark."""
+    shares = ", ".join(f"{100.0 * (rate.value or 0.0):.1f}" for rate in rates)
+    return f"{shares} %<!-- seeds {name} -->"
 
 
 REASONS: Mapping[tuple[str, str], str] = {}

@@ -27,10 +27,11 @@ def test_the_first_seed_has_all_campaigns_and_the_others_the_learners(benchmark)
     first = found[0].seed
     assert [each.seed for each in found] == list(range(first, first + benchmark.SEEDS))
     for each in found:
+        scale = SCALES[each.scale]
         for learner in LEARNERS:
-            assert benchmark.find_rate(each, "training", learner).n == SCALES["full"].training
+            assert benchmark.find_rate(each, "training", learner).n == scale.training
             evaluated = benchmark.find_rate(each, "evaluation", f"{learner} evaluation")
-            assert evaluated.n == SCALES["full"].evaluation
+            assert evaluated.n == scale.evaluation
 
 
 def test_each_verdict_has_a_reason_in_a_sentence(benchmark):
@@ -55,10 +56,11 @@ def test_rates_over_the_seeds_are_those_of_all_draws(benchmark):
     figures = dict(benchmark.list_figures(found))
     for learner in LEARNERS:
         rates = [benchmark.find_rate(each, "evaluation", f"{learner} evaluation") for each in found]
-        pooled = figures[f"paper.{learner}.eval300.failure_rate"]
-        assert pooled.n == sum(rate.n for rate in rates)
-        assert pooled.value == pytest.approx(sum(rate.value for rate in rates) / len(rates))
-        assert pooled.interval[0] <= pooled.value <= pooled.interval[1]
+        for stage, drawn in (("eval300", rates[:1]), ("eval100", rates[1:])):
+            pooled = figures[f"paper.{learner}.{stage}.failure_rate"]
+            assert pooled.n == sum(rate.n for rate in drawn)
+            assert pooled.value == pytest.approx(sum(rate.value for rate in drawn) / len(drawn))
+            assert pooled.interval[0] <= pooled.value <= pooled.interval[1]
 
 
 def test_its_numbers_are_the_claims(benchmark, root):
