@@ -54,8 +54,8 @@ LONG_SWEEP: Mapping[str, tuple[Any, ...]] = MappingProxyType(
 )
 """The sweep where episodes have more decisions than `n_step` sums.
 
-300 episodes of 42 decisions are more than a buffer of 10,000 holds, and fewer than one of 100,000:
-the paper's buffer of 1,000,000 would give the episodes of the base.
+300 episodes have up to 12,600 decisions, fewer where many end early: the paper's buffer of
+1,000,000 would give the episodes of the base, and one of 10,000 may give them, too.
 """
 
 CHOSEN: Mapping[str, Any] = MappingProxyType(

@@ -82,6 +82,7 @@ REVERSED = "In this run the order is reversed."
 TOO_FEW = f"There are fewer than {FEWEST_FAILURES} failures of one of them."
 UNCERTAIN = "The difference is uncertain."
 NOT_TESTED = "The cause was not tested."
+NO_EFFECT = "The setting has no effect in these runs: the campaigns have the same failures."
 
 SWEEP_REASONS: Mapping[str, Mapping[str, str]] = {
     "cut_in": {
@@ -250,14 +251,16 @@ def _judge_likelihood(
 ) -> PaperStatement:
     """Judge whether the failures of the first campaign are likelier than those of the others."""
     one, *others = names
-    asked = has_enough(*(safeties[name] for name in names))
+    enough = has_enough(*(safeties[name] for name in names))
+    points = safeties[one].scatter.points
+    equal = all(safeties[name].scatter.points == points for name in others)
     return PaperStatement(
         paper,
         agree([_is_likelier_in_both(summaries, safeties, other, one) for other in others]),
         _list_figures(summaries, names, Means.LOG_P),
-        NOT_TESTED if asked else TOO_FEW,
+        NO_EFFECT if equal else NOT_TESTED if enough else TOO_FEW,
         rule,
-        asked=asked,
+        asked=enough and not equal,
     )
 
 

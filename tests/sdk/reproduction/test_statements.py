@@ -192,6 +192,7 @@ def test_a_small_tau_and_a_large_buffer_are_judged_where_they_have_an_effect(
     judged_drive, summaries, summary
 ):
     assert judged_drive("small tau").holds is None, "the same"
+    assert not judged_drive("small tau").asked, "a setting without an effect"
     summaries["sweep tau=0.001"] = summary(9, "", 150, per_step=-1.5)
     assert judged_drive("small tau").holds is True
     summaries["sweep tau=0.01"] = summary(9, "", 150, per_step=-1.0)
