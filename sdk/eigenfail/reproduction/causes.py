@@ -268,7 +268,7 @@ def _judge_replays(name: str, proof: Proof, programme: ScenarioProgramme) -> Pap
         None if rate is None else rate.k == rate.n,
         f"{name}: {figures}",
         "Not every replay collided." if rate else "There was no eigenfailure to replay.",
-        "Every replay of an eigenfailure in the table above collides (otherwise does not hold)",
+        "Every replay of an eigenfailure collides (otherwise does not hold)",
         subject=find_subject(name),
         asked=rate is not None,
     )
