@@ -1,7 +1,8 @@
 """Find the figures that the documents state, and write docs/claims.json.
 
-The learning curves of the methods that learn go to docs/learning_curves.json, the reproduction of
-the paper to docs/reproduction.json; `make pictures` draws and writes pages from them.
+The learning curves of the methods that learn go to docs/learning_curves.json, the reproductions of
+the paper to docs/reproduction.json and docs/reproduction_drive.json; `make pictures` draws and
+writes pages from them.
 
 `python benchmarks/claims.py --only cut_in.rulebook.p_fail` finds a part of them and leaves the
 others as they are. Exit code 1 if a target is missed, 2 if no figure has the name asked for.
@@ -15,11 +16,13 @@ from typing import Annotated
 import curves
 import msgspec
 import reproduction
+import reproduction_drive
 import typer
 from crew import crew
 from figures import ROOT, Figure, write
 from peers import compare_searches
 from reproduction import Run
+from reproduction_drive import SeedRuns
 from targets import TARGETS, aimed, missed
 from trials import TRIALS, Finding
 
@@ -46,13 +49,15 @@ def found(prefix: str, seed: int) -> dict[str, Finding]:
 
 
 def write_beside(to: Path, findings: dict[str, Finding]) -> None:
-    """Keep the learning curves and the reproduction, if there are new ones."""
+    """Keep the learning curves and the reproductions, if there are new ones."""
     beside = to.with_name(curves.FILE.name)
-    runs = [one for one in findings.values() if isinstance(one, Run)]
-    fresh = {n: one for n, one in findings.items() if not isinstance(one, Figure | Run)}
+    fresh = {n: one for n, one in findings.items() if not isinstance(one, Figure | Run | SeedRuns)}
     curves.write(curves.read(beside) | fresh, beside)
-    for run in runs:
-        reproduction.write(run, to.with_name(reproduction.FILE.name))
+    for run in findings.values():
+        if isinstance(run, Run):
+            reproduction.write(run, to.with_name(reproduction.FILE.name))
+        elif isinstance(run, SeedRuns):
+            reproduction_drive.write(run, to.with_name(reproduction_drive.FILE.name))
 
 
 def kept(path: Path, prefix: str) -> dict[str, Figure]:

@@ -1,10 +1,11 @@
 """Draw docs/pictures: each scenario from above, a crash by shaped noise, the learning curves.
 
-Also writes docs/reproduction.md, from the run that is kept.
+Also writes docs/reproduction.md and docs/reproduction_drive.md, from the runs that are kept.
 """
 
 import curves
 import reproduction
+import reproduction_drive
 from crash_view import crash_view
 from figures import ROOT
 from top_view import TopView
@@ -23,6 +24,8 @@ def main() -> None:
     curves.PICTURE.write_text(curves.picture(curves.read()), encoding="utf-8")
     written = reproduction.illustrated(reproduction.read())
     reproduction.PAGE.write_text(written, encoding="utf-8")
+    driven = reproduction_drive.format_page(reproduction_drive.read())
+    reproduction_drive.PAGE.write_text(driven, encoding="utf-8")
     print("\n".join(sorted(str(path.relative_to(ROOT)) for path in FOLDER.glob("*.svg"))))
 
 

@@ -23,6 +23,15 @@ PAGE = ROOT / "docs" / "reproduction.md"
 FOLDER = "reproduction"
 """Of the pictures, beside the page."""
 
+PREFIXES = tuple(
+    f"paper.{table}."
+    for table in (
+        *("planners", "sweep", "training", "evaluation", "generalisation"),
+        *("safety", "components", "eigenfailures"),
+    )
+)
+"""Of the names of figures: the tables."""
+
 LEARNT, SHOWN, OTHER = "ast", "ast evaluation", "difs evaluation"
 
 PICTURES = {

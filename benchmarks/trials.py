@@ -16,6 +16,7 @@ import openturns_beside
 import parallel
 import processors
 import reproduction
+import reproduction_drive
 import requirements
 import risk
 import sensor_limits
@@ -40,13 +41,14 @@ from peer_tools import PEERS
 from peers import compare_peer
 from probability import p_fail
 from reproduction import Run
+from reproduction_drive import SeedRuns
 from shaped import shaped
 from simple_searches import PLACES, SEARCHES, compare
 from undisturbed import undisturbed, unlit
 
 SCENARIOS = ("cut_in", "merge_in", "lead_brake")
 
-Finding = Figure | tuple[Curve, ...] | Run
+Finding = Figure | tuple[Curve, ...] | Run | SeedRuns
 Find = Callable[[Crew, int], Iterable[tuple[str, Finding]]]
 
 
@@ -98,7 +100,8 @@ TRIALS = (
     Trial(("merge_in.idm.mc2000.",), partial(frail, "merge_in")),
     Trial(("merge_in.ast.",), partial(merge, "ast", patience=None)),
     Trial(("merge_in.difs.",), partial(merge, "difs")),
-    Trial(("paper.", "cut_in.eigenfailures."), reproduction.find),
+    Trial((*reproduction.PREFIXES, "cut_in.eigenfailures."), reproduction.find),
+    Trial(reproduction_drive.PREFIXES, reproduction_drive.find),
     Trial(("eigenfailures.",), eigenfailures.reproduce),
     Trial(("cut_in.true_failures.",), confirmed),
     Trial(("cut_in.rulebook.plain_monte_carlo.",), plain_monte_carlo),

@@ -29,6 +29,7 @@ from claim_marks import read_pages
 
 WHOLE_PAGES = {
     "docs/reproduction.md": "test_reproduction_page.py",
+    "docs/reproduction_drive.md": "test_reproduction_drive_page.py",
     "docs/cli.md": "test_cli_page.py",
 }
 COMPARED = {

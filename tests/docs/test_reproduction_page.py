@@ -8,7 +8,9 @@ import pytest
 
 from eigenfail.reproduction import tables
 from eigenfail.reproduction.page import list_claims
-from eigenfail.reproduction.programme import SCALES
+from eigenfail.reproduction.programme import PROGRAMMES, SCALES
+
+CUT_IN = PROGRAMMES["cut_in"]
 
 
 @pytest.fixture
@@ -45,10 +47,10 @@ def test_it_is_a_run_at_full_scale(benchmark):
 def test_its_captions_are_those_of_the_program(benchmark):
     kept = {table.name: table.note for table in benchmark.read().tables}
     assert kept == {
-        **{layout.name: layout.note for layout in tables.LAYOUTS},
+        **{layout.name: layout.note for layout in tables.list_layouts(CUT_IN)},
         "safety": tables.OF_SAFETY,
         "components": tables.OF_COMPONENTS,
-        "eigenfailures": tables.OF_REPLAYS,
+        "eigenfailures": tables.describe_replays(CUT_IN),
     }
 
 
@@ -58,7 +60,7 @@ def test_its_numbers_are_the_claims(benchmark, root):
     assert {name: stated[name].get("value") for name in kept} == {
         name: claim.value for name, claim in kept.items()
     }
-    assert {name for name in stated if name.startswith("paper.")} == set(kept)
+    assert {name for name in stated if name.startswith(benchmark.PREFIXES)} == set(kept)
 
 
 def test_a_run_is_written_with_its_pictures(benchmark, tmp_path):

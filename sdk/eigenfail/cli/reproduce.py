@@ -27,7 +27,7 @@ from eigenfail.reproduction.page import (
     format_verdict,
     list_files,
 )
-from eigenfail.reproduction.programme import build_suite
+from eigenfail.reproduction.programme import PROGRAMMES, build_suite
 from eigenfail.reproduction.statements import build_reproduction
 from eigenfail.reproduction.tables import PaperReproduction, PaperTable
 from eigenfail.suites import Suite
@@ -72,17 +72,24 @@ class Scale(StrEnum):
 
     SMALL = "small"
     FULL = "full"
+    LEARNERS = "learners"
 
 
 REPORTED = (
     *("monte_carlo rulebook", "monte_carlo idm", "ast", "ast evaluation", "ast_paper evaluation"),
     *("ast plus5", "ast minus5", "difs", "difs evaluation", "difs_paper evaluation"),
+    *("ast farther", "ast nearer"),
 )
 """Members that the report covers; the paper's tables cover all."""
 
 HowMuch = Annotated[
-    Scale, typer.Option(help="full: the paper's episodes; small: under a third, for a first look.")
+    Scale,
+    typer.Option(
+        help="full: the paper's episodes; small: under a third, for a first look; learners: "
+        "of small the training and evaluation alone."
+    ),
 ]
+ScenarioName = Annotated[str, typer.Option(help=f"Scenario: {' or '.join(PROGRAMMES)}.")]
 Seed = Annotated[
     int | None, typer.Option(min=0, help="Seed of all campaigns (default: that of the scale).")
 ]
@@ -96,6 +103,7 @@ Output = Annotated[
 def reproduce(
     context: typer.Context,
     scale: HowMuch = Scale.SMALL,
+    scenario: ScenarioName = "cut_in",
     output: Output = None,
     force: Force = False,
     seed: Seed = None,
@@ -109,12 +117,12 @@ def reproduce(
     Campaigns that the service has run before are not run again. Ctrl-C pauses them; the same
     command resumes them.
     """
-    suite = build_suite(scale, seed)
+    suite = build_suite(scale, seed, scenario)
     if output is not None:
         check_folder(output, force)
     with connect_for_suite(context, suite, url, Plan(data, 0, workers)) as (client, place):
         run_suite(client, suite, place.check, this_command())
-        found = build_reproduction(client, suite, scale)
+        found = build_reproduction(client, suite, scale, scenario)
         if output is not None:
             client.report(_list_reported_campaigns(client, suite), output, force, list_files(found))
     show(found, as_json, lambda: draw_reproduction(found))

@@ -1,4 +1,4 @@
-"""The paper's experiments, as campaigns of one suite."""
+"""The paper's experiments, as campaigns of one suite for each scenario."""
 
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
@@ -8,7 +8,8 @@ import msgspec
 
 from eigenfail.errors import UnknownName
 from eigenfail.suites import Suite, SuiteMember
-from eigenfail.values import CampaignSpec
+from eigenfail.values import CampaignSpec, Channel, DisturbanceModel
+from eigenfail.values.disturbance import AXES
 
 FRESH = 1000
 """Added to a seed: what was learnt is evaluated on draws that training never saw."""
@@ -17,10 +18,8 @@ GRADIENT_STEPS = 4
 """Of AST with the paper's settings, for each decision; the paper gives no number. Ten decisions an
 episode with one step each learn too little at its learning rates."""
 
-USUAL_DISTANCE_M = 58.0
 STEP_S = 0.1
-"""Of `cut_in`."""
-MOVED_M = MappingProxyType({"plus5": 5.0, "minus5": -5.0})
+"""Duration of a step in every scenario of `PROGRAMMES`."""
 
 SWEPT: Mapping[str, Any] = MappingProxyType(
     {
@@ -45,9 +44,18 @@ SWEEP: Mapping[str, tuple[Any, ...]] = MappingProxyType(
 )
 """Each varied alone; a value of the paper's table that is the default is run once.
 
-The paper also varies tau and the size of the buffer. Neither has an effect here: an episode has at
-most ten decisions, as many as `n_step` sums, so that the target critics are never used, and all
-decisions of 300 episodes fit into the smallest buffer.
+The paper also varies tau and the size of the buffer. Neither has an effect in `cut_in`: an episode
+has at most ten decisions, as many as `n_step` sums, so that the target critics are never used, and
+all decisions of 300 episodes fit into the smallest buffer.
+"""
+
+LONG_SWEEP: Mapping[str, tuple[Any, ...]] = MappingProxyType(
+    {**SWEEP, "tau": (0.001, 0.01), "buffer_size": (10_000,)}
+)
+"""The sweep where episodes have more decisions than `n_step` sums.
+
+300 episodes have up to 12,600 decisions, fewer where many end early: the paper's buffer of
+1,000,000 would give the episodes of the base, and one of 10,000 may give them, too.
 """
 
 CHOSEN: Mapping[str, Any] = MappingProxyType(
@@ -64,8 +72,62 @@ CHOSEN: Mapping[str, Any] = MappingProxyType(
 """What the paper chose for its main runs."""
 
 
+class ScenarioProgramme(msgspec.Struct, frozen=True, kw_only=True):
+    """What the paper's experiments are in one scenario.
+
+    Attributes:
+        name: first words of the suite's name.
+        scenario: name of the scenario.
+        parameters: parameters of the scenario in which every training takes place.
+        moved: parameters of the similar scenarios that AST's policy is also evaluated in, by the
+            last word of the member's name.
+        sweep: values of each setting of the sweep.
+        every_vehicle: whether the noise is on every vehicle; otherwise it is on the nearest one.
+    """
+
+    name: str
+    scenario: str
+    parameters: Mapping[str, float]
+    moved: Mapping[str, Mapping[str, float]]
+    sweep: Mapping[str, tuple[Any, ...]]
+    every_vehicle: bool = False
+
+    @property
+    def axes(self) -> tuple[str, str]:
+        """Names of the longitudinal and the lateral noise in analyses."""
+        return EVERY_AXES if self.every_vehicle else AXES
+
+
+EVERY_AXES = ("every.longitudinal", "every.lateral")
+
+PROGRAMMES: Mapping[str, ScenarioProgramme] = MappingProxyType(
+    {
+        "cut_in": ScenarioProgramme(
+            name="paper",
+            scenario="cut_in",
+            parameters={"distance_m": 58.0},
+            moved={"plus5": {"distance_m": 63.0}, "minus5": {"distance_m": 53.0}},
+            sweep=SWEEP,
+        ),
+        "highway_drive": ScenarioProgramme(
+            name="paper highway_drive",
+            scenario="highway_drive",
+            parameters={"follower_gap_m": 9.0, "slow_gap_m": 78.5, "cut_in_distance_m": 57.0},
+            moved={
+                "farther": {"follower_gap_m": 10.0, "slow_gap_m": 80.0, "cut_in_distance_m": 60.0},
+                "nearer": {"follower_gap_m": 8.0, "slow_gap_m": 77.0, "cut_in_distance_m": 54.0},
+            },
+            sweep=LONG_SWEEP,
+            every_vehicle=True,
+        ),
+    }
+)
+"""By scenario. The settings of `highway_drive` were fixed before any of its campaigns was run: the
+paper's noise on every vehicle, all gaps moved together, as far as their bounds allow."""
+
+
 class ProgrammeScale(msgspec.Struct, frozen=True):
-    """Number of episodes of each kind of campaign, and the default seed."""
+    """Number of episodes of each kind of campaign, and the default seed; 0: no such campaign."""
 
     seed: int
     monte_carlo: int
@@ -83,9 +145,12 @@ SCALES: Mapping[str, ProgrammeScale] = MappingProxyType(
         "small": ProgrammeScale(
             seed=1, monte_carlo=300, sweep=120, training=300, evaluation=100, moved=50
         ),
+        "learners": ProgrammeScale(
+            seed=20261123, monte_carlo=0, sweep=0, training=300, evaluation=100, moved=50
+        ),
     }
 )
-"""`full` has the paper's numbers of episodes."""
+"""`full` has the paper's numbers of episodes; `learners` are those of `small` that are trained."""
 
 LEARNERS: Mapping[str, tuple[str, Mapping[str, Any]]] = MappingProxyType(
     {
@@ -98,35 +163,49 @@ LEARNERS: Mapping[str, tuple[str, Mapping[str, Any]]] = MappingProxyType(
 """Method and settings: as they are here by default, and as they are in the paper."""
 
 
-def build_suite(scale: str, seed: int | None = None) -> Suite:
+def build_suite(scale: str, seed: int | None = None, scenario: str = "cut_in") -> Suite:
     """Build the suite of the paper's campaigns; evaluations name the member that they evaluate.
 
     Args:
         scale: a name in `SCALES`.
         seed: seed of every campaign; evaluations draw from one that is 1000 higher. None: the
             scale's.
+        scenario: a name in `PROGRAMMES`.
 
     Raises:
-        UnknownName: no such scale.
+        UnknownName: no such scale, or no programme for that scenario.
     """
     if scale not in SCALES:
         raise UnknownName("scale", scale, SCALES)
-    episodes = SCALES[scale]
-    name = f"paper {scale}"
+    programme, episodes = find_programme(scenario), SCALES[scale]
+    name = f"{programme.name} {scale}"
     members = (
         *_plan_planners(episodes),
-        *_plan_sweep(episodes),
+        *_plan_sweep(programme, episodes),
         *_plan_learners(episodes),
-        *_plan_evaluations(episodes),
+        *_plan_evaluations(programme, episodes),
     )
     chosen = episodes.seed if seed is None else seed
-    return Suite(name, tuple(_make_member(name, chosen, *one) for one in members))
+    return Suite(name, tuple(_make_member(programme, name, chosen, *one) for one in members))
+
+
+def find_programme(scenario: str) -> ScenarioProgramme:
+    """Return the programme of a scenario.
+
+    Raises:
+        UnknownName: there is none.
+    """
+    if scenario not in PROGRAMMES:
+        raise UnknownName("scenario", scenario, PROGRAMMES)
+    return PROGRAMMES[scenario]
 
 
 MemberFields = tuple[str, dict[str, Any]]
 
 
 def _plan_planners(scale: ProgrammeScale) -> Iterator[MemberFields]:
+    if not scale.monte_carlo:
+        return
     for planner in ("rulebook", "idm"):
         yield (
             f"monte_carlo {planner}",
@@ -134,9 +213,11 @@ def _plan_planners(scale: ProgrammeScale) -> Iterator[MemberFields]:
         )
 
 
-def _plan_sweep(scale: ProgrammeScale) -> Iterator[MemberFields]:
+def _plan_sweep(programme: ScenarioProgramme, scale: ProgrammeScale) -> Iterator[MemberFields]:
+    if not scale.sweep:
+        return
     yield "sweep base", _plan_training("ast", SWEPT, scale.sweep)
-    for name, values in SWEEP.items():
+    for name, values in programme.sweep.items():
         for value in values:
             settings = {**SWEPT, name: value}
             yield f"sweep {name}={value}", _plan_training("ast", settings, scale.sweep)
@@ -147,32 +228,44 @@ def _plan_learners(scale: ProgrammeScale) -> Iterator[MemberFields]:
         yield name, _plan_training(method, settings, scale.training)
 
 
-def _plan_evaluations(scale: ProgrammeScale) -> Iterator[MemberFields]:
-    """Plan the evaluation of each learner, and of AST where the car cuts in 5 m off."""
+def _plan_evaluations(
+    programme: ScenarioProgramme, scale: ProgrammeScale
+) -> Iterator[MemberFields]:
+    """Plan the evaluation of each learner, and of AST in similar scenarios."""
     for name in LEARNERS:
-        yield f"{name} evaluation", _plan_evaluation(name, scale.evaluation)
+        yield f"{name} evaluation", _plan_evaluation(name, scale.evaluation, programme.parameters)
     for name in ("ast", "ast_paper"):
-        for place, by_m in MOVED_M.items():
-            moved = {"distance_m": USUAL_DISTANCE_M + by_m}
-            yield f"{name} {place}", _plan_evaluation(name, scale.moved, moved)
+        for place, moved in programme.moved.items():
+            given = {**programme.parameters, **moved}
+            yield f"{name} {place}", _plan_evaluation(name, scale.moved, given)
 
 
 def _plan_training(method: str, settings: Mapping[str, Any], episodes: int) -> dict[str, Any]:
     return {"method": method, "settings": dict(settings), "episodes": episodes}
 
 
-def _plan_evaluation(
-    name: str, episodes: int, parameters: Mapping[str, float] | None = None
-) -> dict[str, Any]:
+def _plan_evaluation(name: str, episodes: int, parameters: Mapping[str, float]) -> dict[str, Any]:
     return {
         "method": "evaluate",
         "settings": {"campaign": name},
         "episodes": episodes,
-        "scenario_parameters": {"distance_m": USUAL_DISTANCE_M, **(parameters or {})},
+        "scenario_parameters": dict(parameters),
     }
 
 
-def _make_member(suite: str, seed: int, name: str, fields: Mapping[str, Any]) -> SuiteMember:
-    fresh = seed + FRESH if fields["method"] == "evaluate" else seed
-    usual = {"scenario_parameters": {"distance_m": USUAL_DISTANCE_M}, "seed": fresh}
+def _make_member(
+    programme: ScenarioProgramme, suite: str, seed: int, name: str, fields: Mapping[str, Any]
+) -> SuiteMember:
+    usual = {
+        "scenario": programme.scenario,
+        "scenario_parameters": dict(programme.parameters),
+        "seed": seed + FRESH if fields["method"] == "evaluate" else seed,
+        "disturbance": _make_disturbance(programme),
+    }
     return SuiteMember(name, CampaignSpec(name=f"{suite}: {name}", **{**usual, **fields}))
+
+
+def _make_disturbance(programme: ScenarioProgramme) -> DisturbanceModel:
+    if not programme.every_vehicle:
+        return DisturbanceModel()
+    return DisturbanceModel(channels=tuple(map(Channel, EVERY_AXES)))

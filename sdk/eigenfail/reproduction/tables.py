@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import msgspec
 
 from eigenfail.intervals import find_interval
-from eigenfail.reproduction.programme import LEARNERS, MOVED_M, USUAL_DISTANCE_M
+from eigenfail.reproduction.programme import LEARNERS, ScenarioProgramme
 from eigenfail.values import (
     AnalysisResult,
     AnalysisSettings,
@@ -18,6 +18,7 @@ from eigenfail.values import (
     Summary,
 )
 from eigenfail.values.analysis import STABLE
+from eigenfail.values.disturbance import AXES
 from eigenfail.values.proof import ProvenScenario
 from eigenfail.values.safety import Violations
 
@@ -82,6 +83,9 @@ class PaperStatement(msgspec.Struct, frozen=True):
         rule: what must be so for the statement to hold, and for it not to hold.
         figures: the numbers that decide it.
         why: what explains it where it does not hold; shown only there.
+        subject: what of several campaigns it was judged by, such as "ast"; empty where there is
+            one choice.
+        asked: whether our runs have what the statement is about, such as failures to compare.
     """
 
     paper: str
@@ -89,6 +93,8 @@ class PaperStatement(msgspec.Struct, frozen=True):
     figures: str
     why: str = ""
     rule: str = ""
+    subject: str = ""
+    asked: bool = True
 
 
 class PaperReproduction(msgspec.Struct, frozen=True):
@@ -98,6 +104,7 @@ class PaperReproduction(msgspec.Struct, frozen=True):
     seed: int
     tables: tuple[PaperTable, ...]
     statements: tuple[PaperStatement, ...]
+    scenario: str = "cut_in"
 
 
 Numbers = Mapping[str, float]
@@ -132,6 +139,16 @@ SWEEP: Rows = MappingProxyType(
     }
 )
 
+LONG_SWEEP: Rows = MappingProxyType(
+    {
+        **SWEEP,
+        "sweep tau=0.001": _publish(99, -3218.86, 136.15),
+        "sweep tau=0.01": _publish(98, -4002.00, 155.10),
+        "sweep buffer_size=10000": _publish(98, -3861.41, 131.12),
+    }
+)
+"""With the rows that have an effect where episodes have more decisions."""
+
 TRAINING: Rows = MappingProxyType(
     {
         "ast_paper": {**_publish(87.7, -4506.13, 152.63), "cost_usd": 0.012},
@@ -147,13 +164,12 @@ EVALUATION: Rows = MappingProxyType(
     }
 )
 
-GENERALISATION: Rows = MappingProxyType(
-    {
-        "ast_paper evaluation": {"failure_rate": 0.946, "severity": 164.75},
-        "ast_paper plus5": {"failure_rate": 1.0, "severity": 190.50},
-        "ast_paper minus5": {"failure_rate": 1.0, "severity": 174.45},
-    }
+GENERALISATION: tuple[Numbers, ...] = (
+    {"failure_rate": 0.946, "severity": 164.75},
+    {"failure_rate": 1.0, "severity": 190.50},
+    {"failure_rate": 1.0, "severity": 174.45},
 )
+"""Where AST was trained, where the car cuts in 5 m further, and where it does 5 m nearer."""
 
 SAFETY: Rows = MappingProxyType(
     {
@@ -210,9 +226,15 @@ OF_PLANNERS = (
     "(squared relative speed). The paper's numbers are of its own planner and of its IDM; it gives "
     "neither their number of episodes nor the episodes over which severity is averaged."
 )
-OF_SWEEP = (
-    f"{NOT_SWEPT} {SEARCHED} {MEANS} The paper's numbers are of 300 episodes each, of the "
-    "same values with its own planner and simulator."
+LARGEST_NOT_SWEPT = (
+    "Each row changes one setting of the base: `ast` with alpha 10,000, c_dist 1,000, tau 0.005, "
+    "learning_rate 3e-4, batch_size 64, buffer_size 100,000, four gradient steps for each decision "
+    "and our defaults. The paper's buffer_size of 1,000,000 would give the base again: 300 "
+    "episodes have fewer than 100,000 decisions."
+)
+OF_PAPERS_SWEEP = (
+    "The paper's numbers are of 300 episodes each, of the same values with its own planner and "
+    "simulator."
 )
 OF_TRAINING = (
     f"One training campaign for each row. {SEARCHED} {MEANS} {COST} The paper's numbers are of "
@@ -223,10 +245,8 @@ OF_EVALUATION = (
     f"more. {DRAWN} {ONE_SEARCHER} {MEANS} {COST} The paper's numbers are of 2,000 episodes "
     f"of Monte Carlo and 300 each of the others, {PAPERS}"
 )
-OF_DISTANCES = (
-    "What was trained with the cut-in at "
-    f"distance_m {USUAL_DISTANCE_M:g}, evaluated there and where it begins 5 m further (`plus5`) "
-    f"and nearer (`minus5`). {DRAWN} {ONE_SEARCHER} Severity (squared relative speed at the "
+OF_MOVES = (
+    f"{DRAWN} {ONE_SEARCHER} Severity (squared relative speed at the "
     "collision) is the mean over the failures. The paper's numbers are of 300 episodes at its "
     f"usual distance and 100 at each other, {PAPERS}"
 )
@@ -255,13 +275,59 @@ OF_COMPONENTS = (
     "how its failures are aligned: the statements below are judged by other choices, too."
 )
 OF_REPLAYS = (
-    "Replays that collided, of all, in the named scenario (*the same* has distance_m "
-    f"{USUAL_DISTANCE_M:g}): one eigenfailure and one medoid of each group of the failures of an "
+    "one eigenfailure and one medoid of each group of the failures of an "
     "evaluation by the noise of both axes, aligned at the start, also where the groups are no "
     "distinct modes. The eigenfailure is the noise that belongs to the mean of the group's scores "
     f"on the first {AnalysisSettings().components} principal components, without the others; the "
     "medoid is the noise of the failure whose scores are nearest to that mean. A replay always has "
     "the same result: these are counts, no rates. The paper says *all*, and gives no number."
+)
+OF_ALL_VEHICLES = (
+    "The noise of an axis is here that of all five vehicles; failures are aligned at the collision "
+    "in all statements but that on replays."
+)
+
+
+class ScenarioCaptions(msgspec.Struct, frozen=True):
+    """What captions say of one scenario: its sweep, the moves of its parameters, replays."""
+
+    sweep: str
+    moves: str
+    moves_title: str
+    replays: str
+    components: str
+
+
+CAPTIONS: Mapping[str, ScenarioCaptions] = MappingProxyType(
+    {
+        "cut_in": ScenarioCaptions(
+            sweep=NOT_SWEPT,
+            moves=(
+                "What was trained with the cut-in at distance_m 58, evaluated there and where it "
+                "begins 5 m further (`plus5`) and nearer (`minus5`)."
+            ),
+            moves_title="AST where the cut-in moves",
+            replays=(
+                "Replays that collided, of all, in the named scenario (*the same* has distance_m "
+                "58):"
+            ),
+            components=OF_COMPONENTS,
+        ),
+        "highway_drive": ScenarioCaptions(
+            sweep=LARGEST_NOT_SWEPT,
+            moves=(
+                "What was trained with follower_gap_m 9, slow_gap_m 78.5 and cut_in_distance_m 57, "
+                "evaluated there, with larger gaps (`farther`: 10, 80, 60) and with smaller ones "
+                "(`nearer`: 8, 77, 54). The bounds of the parameters leave no room for 5 m."
+            ),
+            moves_title="AST where the gaps are others",
+            replays=(
+                "Replays that collided, of all, in the named scenario (*the same* has slow_gap_m "
+                "78.5):"
+            ),
+            components=f"{OF_COMPONENTS} {OF_ALL_VEHICLES}",
+        ),
+    }
 )
 
 
@@ -330,56 +396,62 @@ def _pair_rows(rows: Rows, suffix: str) -> Rows:
     }
 
 
-def _pair_distances() -> Rows:
-    """Return the paper's numbers of AST at each distance of the cut-in."""
-    places = (" evaluation", *(f" {place}" for place in MOVED_M))
+def _pair_moves(programme: ScenarioProgramme) -> Rows:
+    """Return the paper's numbers of AST where it was trained and in similar scenarios."""
+    places = ("evaluation", *programme.moved)
     return {
-        f"{name}{place}": GENERALISATION[f"ast_paper{place}"]
+        f"{name} {place}": numbers
         for name in ("ast", "ast_paper")
-        for place in places
+        for place, numbers in zip(places, GENERALISATION, strict=True)
     }
 
 
 SEARCHES = (HOURS, RATE, COST_USD, LOG_P, PER_STEP_P, SEVERITY)
 DRAWS = (HOURS, DRAWN_RATE, COST_USD, LOG_P, PER_STEP_P, SEVERITY)
 
-LAYOUTS = (
-    TableLayout("planners", "Planners under Monte Carlo", (RATE, SEVERITY), PLANNERS, OF_PLANNERS),
-    TableLayout(
-        "sweep",
-        "Sweep of AST's settings",
-        (RATE, LOG_P, PER_STEP_P, SEVERITY),
-        SWEEP,
-        OF_SWEEP,
-    ),
-    TableLayout("training", "Training", SEARCHES, _pair_rows(TRAINING, ""), OF_TRAINING),
-    TableLayout(
-        "evaluation",
-        "Evaluation",
-        DRAWS,
-        {
-            "monte_carlo rulebook": EVALUATION["monte_carlo rulebook"],
-            **_pair_rows(EVALUATION, " evaluation"),
-        },
-        OF_EVALUATION,
-    ),
-    TableLayout(
-        "generalisation",
-        "AST where the cut-in moves",
-        (DRAWN_RATE, SEVERITY),
-        _pair_distances(),
-        OF_DISTANCES,
-    ),
-)
-"""In the paper's order."""
+
+def list_layouts(programme: ScenarioProgramme) -> tuple[TableLayout, ...]:
+    """Return the layouts of the tables of campaigns, in the paper's order."""
+    captions = CAPTIONS[programme.scenario]
+    return (
+        TableLayout(
+            "planners", "Planners under Monte Carlo", (RATE, SEVERITY), PLANNERS, OF_PLANNERS
+        ),
+        TableLayout(
+            "sweep",
+            "Sweep of AST's settings",
+            (RATE, LOG_P, PER_STEP_P, SEVERITY),
+            LONG_SWEEP if "tau" in programme.sweep else SWEEP,
+            f"{captions.sweep} {SEARCHED} {MEANS} {OF_PAPERS_SWEEP}",
+        ),
+        TableLayout("training", "Training", SEARCHES, _pair_rows(TRAINING, ""), OF_TRAINING),
+        TableLayout(
+            "evaluation",
+            "Evaluation",
+            DRAWS,
+            {
+                "monte_carlo rulebook": EVALUATION["monte_carlo rulebook"],
+                **_pair_rows(EVALUATION, " evaluation"),
+            },
+            OF_EVALUATION,
+        ),
+        TableLayout(
+            "generalisation",
+            captions.moves_title,
+            (DRAWN_RATE, SEVERITY),
+            _pair_moves(programme),
+            f"{captions.moves} {OF_MOVES}",
+        ),
+    )
 
 
-def build_campaign_tables(found: Summaries) -> Iterator[PaperTable]:
-    """Build each table, with a row for each campaign that exists."""
-    for layout in LAYOUTS:
-        rows = (_build_row(name, found[name], layout) for name in layout.rows if name in found)
+def build_campaign_tables(found: Summaries, programme: ScenarioProgramme) -> Iterator[PaperTable]:
+    """Build each table that has a campaign, with a row for each campaign that exists."""
+    for layout in list_layouts(programme):
+        rows = tuple(_build_row(name, found[name], layout) for name in layout.rows if name in found)
         columns = tuple(column for column, _ in layout.columns)
-        yield PaperTable(layout.name, layout.title, columns, tuple(rows), layout.note)
+        if rows:
+            yield PaperTable(layout.name, layout.title, columns, rows, layout.note)
 
 
 def _build_row(name: str, of: Summary, layout: TableLayout) -> PaperRow:
@@ -408,6 +480,23 @@ READINGS: Mapping[tuple[str, str], AnalysisSettings] = MappingProxyType(
     }
 )
 """Analyses by axes and alignment: the paper leaves both open."""
+
+
+def list_readings(programme: ScenarioProgramme) -> Mapping[tuple[str, str], AnalysisSettings]:
+    """Return the settings of the analyses of a programme, by axes and alignment.
+
+    Where the noise is on every vehicle, an axis is that of all vehicles, and all analyses but that
+    for replays are aligned at the collision.
+    """
+    if not programme.every_vehicle:
+        return READINGS
+    named = dict(zip(AXES, programme.axes, strict=True))
+    return {
+        (axes, align): msgspec.structs.replace(settings, axes=named.get(axes, settings.axes))
+        for (axes, align), settings in READINGS.items()
+        if align == "collision" or axes == "joint"
+    }
+
 
 TABLED = (("longitudinal", "collision"), ("lateral", "collision"))
 """Those of the table of components."""
@@ -467,15 +556,21 @@ def _read_papers_share(paper: Numbers | None) -> float | None:
     return paper["count"] / SAFETY_EPISODES if paper else None
 
 
-def build_component_table(found: Analyses) -> PaperTable:
+def describe_replays(programme: ScenarioProgramme) -> str:
+    """Return the caption of the table of replays."""
+    return f"{CAPTIONS[programme.scenario].replays} {OF_REPLAYS}"
+
+
+def build_component_table(found: Analyses, programme: ScenarioProgramme) -> PaperTable:
     """Build the table of principal components and modes, one row for each axis."""
     rows = (
         PaperRow(f"{name}: {axes}", _read_components(axes, result))
         for (name, axes, align), result in found.items()
         if (axes, align) in TABLED
     )
+    caption = CAPTIONS[programme.scenario].components
     return PaperTable(
-        "components", "Principal components and modes", COMPONENTS, tuple(rows), OF_COMPONENTS
+        "components", "Principal components and modes", COMPONENTS, tuple(rows), caption
     )
 
 
@@ -498,14 +593,15 @@ def _read_stability(result: AnalysisResult) -> PaperNumber:
     )
 
 
-def build_replay_table(found: Mapping[str, Proof]) -> PaperTable:
+def build_replay_table(found: Mapping[str, Proof], programme: ScenarioProgramme) -> PaperTable:
     """Build the table of replays of eigenfailures and medoids, by scenario."""
     rows = (
         PaperRow(f"{name}: {_name_scenario(scenario)}", _read_replays(scenario), scenario.campaign)
         for name, proof in found.items()
         for scenario in proof.scenarios
     )
-    return PaperTable("eigenfailures", "Eigenfailures replayed", REPLAYS, tuple(rows), OF_REPLAYS)
+    caption = describe_replays(programme)
+    return PaperTable("eigenfailures", "Eigenfailures replayed", REPLAYS, tuple(rows), caption)
 
 
 def _read_replays(scenario: ProvenScenario) -> tuple[PaperNumber, ...]:

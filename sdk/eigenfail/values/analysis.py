@@ -194,7 +194,8 @@ class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         components: k of the PCA.
         clusters: number of failure modes; None chooses 2 to 8 by silhouette. `hdbscan` finds the
             number itself and takes none.
-        axes: channels of the noise that is analysed: `joint`, all together, or the name of one.
+        axes: channels of the noise that is analysed: `joint`, all together, the name of one, or a
+            name such as `every.lateral` for that quantity of all vehicles.
         clusterer: clustering algorithm.
         campaigns: further ones, whose failures are analysed with those of the first.
         bootstrap: how often the failures are drawn again to see whether the modes come back; 0

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.values import AXES, AnalysisSettings, Floats, InfluenceShare, Moment
 from eigenfail.values.analysis import JOINT
+from eigenfail.values.channels import EVERY, VEHICLE, split_name
 from eigenfail.values.records import Failures
 
 BLOCK = 4096
@@ -57,17 +58,28 @@ def choose_columns(axes: str, channels: Sequence[str]) -> tuple[int, ...]:
     """Return the columns of z that an analysis is of.
 
     Args:
-        axes: as in the settings: `joint`, or the name of a channel.
+        axes: as in the settings: `joint`, the name of a channel, or a name such as
+            `every.lateral` for the channels of that quantity of all vehicles.
         channels: the names of all columns.
 
     Raises:
         UnknownName: no such channel.
     """
-    if axes == JOINT:
-        return tuple(range(len(channels)))
-    if axes not in channels:
-        raise UnknownName("axes", axes, (JOINT, *channels))
-    return (channels.index(axes),)
+    groups = {JOINT: tuple(range(len(channels))), **_group_vehicles(channels)}
+    chosen = groups | {name: (column,) for column, name in enumerate(channels)}
+    if axes not in chosen:
+        raise UnknownName("axes", axes, chosen)
+    return chosen[axes]
+
+
+def _group_vehicles(channels: Sequence[str]) -> dict[str, tuple[int, ...]]:
+    """Return the columns of each quantity of numbered vehicles, by the name of the group."""
+    groups: dict[str, tuple[int, ...]] = {}
+    for column, (target, quantity) in enumerate(map(split_name, channels)):
+        if target.startswith(VEHICLE):
+            name = f"{EVERY}.{quantity}"
+            groups[name] = (*groups.get(name, ()), column)
+    return groups
 
 
 def median_steps(steps: Sequence[int]) -> int:

@@ -24,8 +24,8 @@ QUICK = {
 def quick(monkeypatch):
     """The members of the programme by their names, each as a campaign of eight episodes."""
 
-    def members(scale, seed):
-        suite = build_suite(scale, seed)
+    def members(scale, seed, scenario):
+        suite = build_suite(scale, seed, scenario)
         specs = (msgspec.structs.replace(member.spec, **QUICK) for member in suite.members)
         named = zip(suite.members, specs, strict=True)
         return Suite(suite.name, tuple(SuiteMember(member.name, spec) for member, spec in named))
@@ -71,6 +71,13 @@ def test_the_folder_holds_report_page_numbers_and_claims(eigenfail, tmp_path):
     assert float(rows["ast evaluation"]["failure_rate"]) == rate["value"]
     assert float(rows["ast evaluation"]["failure_rate_paper"]) == 0.946
     assert "<html" in (out / "report.html").read_text()
+
+
+def test_a_scenario_without_a_programme_is_refused_with_the_nearest_one(eigenfail, store):
+    told = eigenfail("reproduce", "--scenario", "highway_drove")
+    assert told.exit_code == 2
+    assert "Did you mean 'highway_drive'? Known: cut_in, highway_drive." in told.stderr
+    assert store.campaigns.page(10).items == ()
 
 
 def test_a_folder_that_is_there_is_refused_before_anything_is_run(eigenfail, store, tmp_path):

@@ -1,19 +1,26 @@
 """The paper's statements on causes, and the tables behind them."""
 
+import msgspec
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from sklearn.metrics import adjusted_rand_score
 
-from eigenfail.reproduction.statements import judge_causes
+from eigenfail.reproduction.causes import compute_rand_index, judge_causes, leave_causes_open
+from eigenfail.reproduction.programme import PROGRAMMES
 from eigenfail.reproduction.tables import (
     READINGS,
     build_component_table,
     build_replay_table,
     build_safety_table,
+    list_readings,
 )
 from eigenfail.values import (
     AnalysisResult,
     CampaignState,
     Conflicts,
+    InfluenceShare,
     Interval,
     Proof,
     Rate,
@@ -24,6 +31,7 @@ from eigenfail.values.proof import ProvenScenario, Reproduction
 from eigenfail.values.safety import FailurePoint, Figure, Scatter, SeverityRisk, Violations
 
 NAME = "ast evaluation"
+CUT_IN, DRIVE = PROGRAMMES["cut_in"], PROGRAMMES["highway_drive"]
 SURE = Interval(0.9, 1.0)
 
 
@@ -113,7 +121,8 @@ def judge(words, *, proven=None, measured=None, given=None, readings=tuple(READI
         for reading in READINGS
     }
     proofs = {NAME: proven or proof(4, 4)}
-    found = judge_causes(analyses, proofs, {NAME: measured or safety(-0.5, -0.7, -0.2)})
+    safeties = {NAME: measured or safety(-0.5, -0.7, -0.2)}
+    found = judge_causes(analyses, proofs, safeties, CUT_IN, {})
     (one,) = [statement for statement in found if words in statement.paper]
     return one
 
@@ -203,18 +212,18 @@ def test_safety_measures_of_difs_stand_beside_the_papers():
 def test_modes_count_only_where_they_are_distinct():
     along, across = ((NAME, *reading) for reading in COLLISION)
     found = {along: analysis(0.2, 0.2), across: analysis(0.3), (NAME, *ALONG[1]): analysis(0.9)}
-    table = build_component_table(found)
+    table = build_component_table(found, CUT_IN)
     assert [row.name for row in table.rows] == [f"{NAME}: longitudinal", f"{NAME}: lateral"]
     explained, modes = table.rows[0].numbers[:2]
     assert (explained.value, explained.paper) == (pytest.approx(0.4), 0.40)
     assert (modes.value, modes.paper) == (3.0, 3)
     assert table.rows[1].numbers[0].paper is None
-    blob = build_component_table({across: analysis(0.3, silhouette=0.1)})
+    blob = build_component_table({across: analysis(0.3, silhouette=0.1)}, CUT_IN)
     assert blob.rows[0].numbers[1].value == 1.0
 
 
 def test_replays_are_told_by_scenario():
-    rows = build_replay_table({NAME: proof(4, 3)}).rows
+    rows = build_replay_table({NAME: proof(4, 3)}, CUT_IN).rows
     assert [row.name for row in rows] == [
         f"{NAME}: the same scenario",
         f"{NAME}: distance_m 63",
@@ -224,3 +233,102 @@ def test_replays_are_told_by_scenario():
     assert told.endswith(
         ": 7 of 8 replays collided, of 4 eigenfailures in `cut_in` with each distance_m of 58, 63"
     )
+
+
+def drive(words, result, causes):
+    """The statement with these words where the scenario names the causes of its failures."""
+    analyses = {(NAME, *reading): result for reading in list_readings(DRIVE)}
+    found = judge_causes(analyses, {NAME: proof(4, 4)}, {}, DRIVE, {NAME: causes})
+    (one,) = [statement for statement in found if words in statement.paper]
+    return one
+
+
+def keep_nine(result):
+    """The analysis of fewer failures than are judged."""
+    return msgspec.structs.replace(result, episodes=tuple(range(9)), labels=result.labels[:9])
+
+
+def influenced(both, time=0.1):
+    """An analysis in which the last second has these shares of the influence and of the time."""
+    last = InfluenceShare(seconds=1.0, time=time, longitudinal=None, lateral=None, both=both)
+    return msgspec.structs.replace(analysis(0.5), before_collision=(last,))
+
+
+@pytest.mark.parametrize(
+    ("result", "holds", "asked"),
+    [
+        (influenced(0.2), True, True),
+        (influenced(0.19), False, True),
+        (influenced(0.0), False, True),
+        (influenced(None), None, False),
+        (analysis(0.5), None, False),
+        (keep_nine(influenced(0.5)), None, False),
+    ],
+)
+def test_influence_just_before_the_collision_is_twice_that_of_other_times(result, holds, asked):
+    one = drive("just before the collision", result, SAME)
+    assert (one.holds, one.asked, one.subject) == (holds, asked, "ast")
+
+
+LABELS = (0,) * 10 + (1,) * 10 + (2,) * 10
+SAME = {episode: f"cause {label}" for episode, label in enumerate(LABELS)}
+ONE_CAUSE = dict.fromkeys(range(30), "cut-in, track lost")
+
+
+@pytest.mark.parametrize(
+    ("changes", "causes", "holds"),
+    [
+        ({}, SAME, True),
+        ({}, ONE_CAUSE, False),
+        ({"modes": (None,) * 2}, SAME, False),
+        ({"silhouette": 0.1}, SAME, False),
+    ],
+)
+def test_modes_must_be_three_and_those_of_the_causes(changes, causes, holds):
+    result = msgspec.structs.replace(analysis(0.5), **{"labels": LABELS, **changes})
+    one = drive("distinct failure modes", result, causes)
+    assert (one.holds, one.asked) == (holds, True)
+    assert "adjusted Rand index with the causes" in one.figures
+
+
+def test_causes_of_a_few_failures_are_not_asked_for():
+    one = drive("distinct failure modes", keep_nine(analysis(0.5)), SAME)
+    assert (one.holds, one.asked) == (None, False)
+
+
+def test_a_drive_is_judged_aligned_at_the_collision_and_on_the_noise_of_all_vehicles():
+    found = list_readings(DRIVE)
+    assert set(found) == {*COLLISION, ("joint", "collision"), ("joint", "start")}
+    assert found["lateral", "collision"].axes == "every.lateral"
+    assert found["joint", "start"].axes == "joint"
+    one = drive("more components", analysis(0.9), SAME)
+    assert "at the start" not in one.figures + one.rule
+
+
+@given(
+    st.lists(st.tuples(st.integers(0, 3), st.integers(0, 3)), min_size=1, max_size=25),
+    st.permutations(range(4)),
+)
+def test_the_adjusted_rand_index_is_that_of_scikit_learn(pairs, names):
+    first, second = zip(*pairs, strict=True)
+    index = compute_rand_index(first, second)
+    assert index == pytest.approx(adjusted_rand_score(first, second), abs=1e-12)
+    assert compute_rand_index(first, [names[one] for one in first]) == 1.0
+
+
+def test_the_adjusted_rand_index_of_a_crossed_table():
+    """Two groups of two, crossed: no pair is together in both; 0 - 2/3 over 2 - 2/3."""
+    assert compute_rand_index("aabb", "abab") == pytest.approx(-0.5)
+
+
+def test_an_evaluation_without_a_failure_leaves_its_statements_unasked():
+    found = [*leave_causes_open("ast_paper evaluation")]
+    judged = {one.paper for one in judge_causes_of_all()}
+    assert {one.paper for one in found} < judged
+    assert {(one.holds, one.asked, one.subject) for one in found} == {(None, False, "ast_paper")}
+
+
+def judge_causes_of_all():
+    """All statements of one evaluation of the cut-in."""
+    analyses = {(NAME, *reading): analysis(0.5) for reading in READINGS}
+    return judge_causes(analyses, {NAME: proof(4)}, {NAME: safety(0.5)}, CUT_IN, {})

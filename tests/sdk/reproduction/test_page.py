@@ -2,6 +2,7 @@
 
 import re
 
+import msgspec
 import pytest
 
 from eigenfail.reproduction.page import format_page, list_claims
@@ -64,3 +65,14 @@ def test_the_page_marks_each_number_and_sets_the_papers_beside_it(found):
     assert "| AST fails more. | cannot be decided | more often | nobody knows |" in text
     caption = "seed 5 of Monte Carlo and training, 1005 of evaluations. By step.\n\n| | n |"
     assert caption in text, "what a table shows is said above it"
+
+
+def test_numbers_of_the_drive_have_names_of_their_own(found):
+    driven = msgspec.structs.replace(found, scenario="highway_drive")
+    names = {name.replace("paper.", "paper.drive.", 1) for name in list_claims(found)}
+    assert set(list_claims(driven)) == names
+    text = format_page(driven)
+    assert "`eigenfail reproduce --scenario highway_drive --scale full` runs" in text
+    assert text.count("<!-- claim paper.drive.evaluation.") == 3
+    assert "p(x) (white noise of the paper's sigma) on every vehicle; seed 5 of Monte" in text
+    assert "cut_in` was tuned" not in text

@@ -1,12 +1,16 @@
 """What is run: the paper's campaigns, at the paper's numbers of episodes."""
 
+import msgspec
 import pytest
 
+from eigenfail.cli.specs import check_plugins
 from eigenfail.errors import UnknownName
 from eigenfail.reproduction import tables
-from eigenfail.reproduction.programme import CHOSEN, SCALES, STEP_S, SWEEP, build_suite
+from eigenfail.reproduction.programme import CHOSEN, PROGRAMMES, SCALES, STEP_S, SWEEP, build_suite
 from eigenfail.suites import Suite
 from eigenfail.worlds import world_of
+
+STEPS = {"cut_in": 100, "highway_drive": 420}
 
 
 def by_name(suite: Suite):
@@ -26,9 +30,8 @@ def test_the_full_programme_has_the_papers_episodes():
 
 def test_every_row_that_the_paper_prints_is_run():
     names = set(by_name(build_suite("full")))
-    for rows in (tables.PLANNERS, tables.SWEEP, tables.TRAINING, tables.EVALUATION):
-        assert set(rows) <= names
-    assert set(tables.GENERALISATION) <= names
+    for layout in tables.list_layouts(PROGRAMMES["cut_in"]):
+        assert set(layout.rows) <= names
 
 
 def test_settings_are_the_papers_where_they_are_called_so():
@@ -48,9 +51,46 @@ def test_evaluations_draw_from_a_seed_of_their_own_and_name_what_they_evaluate()
     assert found["ast minus5"].scenario_parameters == {"distance_m": 53.0}
 
 
-def test_each_step_lasts_as_long_as_is_said():
-    for spec in by_name(build_suite("small")).values():
+@pytest.mark.parametrize("scenario", PROGRAMMES)
+def test_each_step_lasts_as_long_as_is_said(scenario):
+    for spec in by_name(build_suite("small", scenario=scenario)).values():
         assert world_of(spec.simulator).step_s(spec) == STEP_S
+
+
+@pytest.mark.parametrize("scenario", PROGRAMMES)
+def test_a_programme_is_a_suite_of_valid_campaigns(scenario):
+    """Evaluations name the member that they evaluate, which a service replaces by its number."""
+    suite = build_suite("full", scenario=scenario)
+    names = {member.name for member in suite.members}
+    for member in suite.members:
+        spec = member.spec
+        assert spec.scenario == scenario
+        if spec.method == "evaluate":
+            assert spec.settings["campaign"] in names
+            spec = msgspec.structs.replace(spec, settings={"campaign": 1})
+        check_plugins(spec)
+        assert world_of(spec.simulator).horizon(spec) == STEPS[scenario]
+
+
+def test_the_drive_has_noise_of_the_papers_sigma_on_every_vehicle():
+    suite = by_name(build_suite("full", scenario="highway_drive"))
+    for spec in suite.values():
+        names = [channel.name for channel in spec.disturbance.list_channels()]
+        assert (names, spec.disturbance.scale) == (["every.longitudinal", "every.lateral"], 1.0)
+    moved = suite["ast_paper farther"].scenario_parameters
+    assert moved == {"follower_gap_m": 10.0, "slow_gap_m": 80.0, "cut_in_distance_m": 60.0}
+    assert suite["ast_paper"].scenario_parameters["slow_gap_m"] == 78.5
+
+
+def test_the_drive_has_the_rows_of_the_sweep_that_have_an_effect_there():
+    names = by_name(build_suite("full", scenario="highway_drive"))
+    assert set(tables.LONG_SWEEP) == {name for name in names if name.startswith("sweep ")}
+    assert set(tables.LONG_SWEEP) > set(tables.SWEEP)
+
+
+def test_an_unknown_scenario_is_refused_with_the_nearest_one():
+    with pytest.raises(UnknownName, match="Did you mean 'highway_drive'"):
+        build_suite("full", scenario="highway_drives")
 
 
 def test_each_scale_has_a_seed_of_its_own():
@@ -59,9 +99,13 @@ def test_each_scale_has_a_seed_of_its_own():
 
 
 def test_scales_make_different_campaigns():
-    full, small = (by_name(build_suite(name)) for name in SCALES)
+    full, small, learners = (by_name(build_suite(name)) for name in SCALES)
     assert not {spec.name for spec in full.values()} & {spec.name for spec in small.values()}
     assert sum(s.episodes for s in small.values()) < sum(s.episodes for s in full.values()) / 3
+    assert set(learners) == {
+        name for name in full if name.split()[0] not in {"sweep", "monte_carlo"}
+    }
+    assert all(spec.episodes == small[name].episodes for name, spec in learners.items())
 
 
 def test_an_unknown_scale_is_refused_with_the_known_ones():

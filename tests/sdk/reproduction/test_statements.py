@@ -3,8 +3,13 @@
 import msgspec
 import pytest
 
-from eigenfail.reproduction.statements import NEEDED, is_greater, judge_campaigns
+from eigenfail.reproduction.judgements import is_greater
+from eigenfail.reproduction.programme import PROGRAMMES
+from eigenfail.reproduction.statements import NEEDED, judge_campaigns
+from eigenfail.reproduction.tables import LONG_SWEEP
 from eigenfail.values import Comparison, Cost, Difference, Interval, Side
+
+CUT_IN, DRIVE = PROGRAMMES["cut_in"], PROGRAMMES["highway_drive"]
 
 NOTHING = Side(
     campaigns=(1,),
@@ -41,8 +46,8 @@ def judged(summaries, safety):
     """What becomes of the statement with these words."""
 
     def judge(of, name=""):
-        safeties = {name: safety(summaries[name]) for name in NEEDED}
-        found = judge_campaigns(summaries, safeties, comparing(summaries))
+        safeties = {name: safety(summaries[name]) for name in NEEDED if name in summaries}
+        found = judge_campaigns(summaries, safeties, comparing(summaries), CUT_IN)
         return next(one for one in found if of in one.paper and name in one.figures)
 
     return judge
@@ -108,8 +113,10 @@ def test_sums_in_another_order_leave_the_likelihood_open(judged, summaries, summ
 
 
 def test_each_statement_says_its_rule(summaries, safety):
-    safeties = {name: safety(summaries[name]) for name in NEEDED}
-    assert all(one.rule for one in judge_campaigns(summaries, safeties, comparing(summaries)))
+    safeties = {name: safety(summaries[name]) for name in NEEDED if name in summaries}
+    assert all(
+        one.rule for one in judge_campaigns(summaries, safeties, comparing(summaries), CUT_IN)
+    )
 
 
 def test_a_small_alpha_trades_failures_for_likelihood(judged, summaries, summary):
@@ -128,8 +135,8 @@ def test_settings_without_an_effect_here_are_said_to_have_none(judged):
 def test_each_statement_that_does_not_hold_says_why(summaries, summary, safety):
     for name in summaries:
         summaries[name] = summary(9, "", 0)
-    safeties = {name: safety(summaries[name]) for name in NEEDED}
-    found = [*judge_campaigns(summaries, safeties, comparing(summaries))]
+    safeties = {name: safety(summaries[name]) for name in NEEDED if name in summaries}
+    found = [*judge_campaigns(summaries, safeties, comparing(summaries), CUT_IN)]
     assert all(each.why for each in found if each.holds is False)
 
 
@@ -162,3 +169,65 @@ def test_a_difference_within_its_interval_is_none():
     assert is_greater(near, near) is None
     assert is_greater(near, far[:9]) is None
     assert is_greater([1.0] * 10, [1.0] * 10) is None
+
+
+@pytest.fixture
+def judged_drive(summaries, summary, safety):
+    """What becomes of the statement with these words on the drive."""
+    for number, name in enumerate(set(LONG_SWEEP) - set(summaries), start=100):
+        summaries[name] = summary(number, name, 150)
+    for suffix in ("", "_paper"):
+        for place in DRIVE.moved:
+            summaries[f"ast{suffix} {place}"] = summary(200, "", 90, 100)
+
+    def judge(of):
+        safeties = {name: safety(summaries[name]) for name in NEEDED if name in summaries}
+        found = judge_campaigns(summaries, safeties, comparing(summaries), DRIVE)
+        return next(one for one in found if of in one.paper)
+
+    return judge
+
+
+def test_a_small_tau_and_a_large_buffer_are_judged_where_they_have_an_effect(
+    judged_drive, summaries, summary
+):
+    assert judged_drive("small tau").holds is None, "the same"
+    assert not judged_drive("small tau").asked, "a setting without an effect"
+    summaries["sweep tau=0.001"] = summary(9, "", 150, per_step=-1.5)
+    assert judged_drive("small tau").holds is True
+    summaries["sweep tau=0.01"] = summary(9, "", 150, per_step=-1.0)
+    assert judged_drive("small tau").holds is None, "the choices differ"
+    summaries["sweep buffer_size=10000"] = summary(9, "", 150, per_step=-1.5)
+    assert judged_drive("large buffer").holds is False
+    summaries["sweep buffer_size=10000"] = summary(9, "", 9, per_step=-3.0)
+    one = judged_drive("large buffer")
+    assert (one.holds, one.asked) == (None, False), "too few"
+
+
+def test_similar_scenarios_of_the_drive_are_those_of_its_programme(judged_drive, summaries):
+    one = judged_drive("other distances")
+    assert "ast farther: 90 of 100 failed; ast nearer: 90 of 100 failed" in one.figures
+    assert one.subject == "ast"
+
+
+def test_without_monte_carlo_and_sweep_their_statements_are_left_out(summaries, safety):
+    kept = {
+        name: one
+        for name, one in summaries.items()
+        if not name.startswith(("monte_carlo", "sweep"))
+    }
+    safeties = {name: safety(kept[name]) for name in NEEDED if name in kept}
+    found = [*judge_campaigns(kept, safeties, comparing(kept), CUT_IN)]
+    assert {one.paper for one in found} == {
+        "DiFS finds likelier failures than AST.",
+        "AST's policy fails the planner at other distances of the cut-in, too.",
+    }
+
+
+def test_what_too_few_failures_leave_open_was_not_asked(judged, summaries, summary):
+    assert judged("likelier failures than AST").asked
+    summaries["difs evaluation"] = summary(9, "", 9)
+    assert not judged("likelier failures than AST").asked
+    assert not judged("small tau").asked
+    summaries["sweep batch_size=16"] = summary(9, "", 3)
+    assert judged("small batch").why == "There are fewer than 10 failures of one of them."

@@ -3,6 +3,7 @@
 from eigenfail.intervals import find_interval
 from eigenfail.reproduction import tables as published
 from eigenfail.reproduction.page import format_heading, format_our_number, format_paper_number
+from eigenfail.reproduction.programme import PROGRAMMES
 from eigenfail.reproduction.tables import (
     REPLAYED,
     PaperColumn,
@@ -13,7 +14,7 @@ from eigenfail.values import Interval
 
 
 def tables(summaries):
-    return {table.name: table for table in build_campaign_tables(summaries)}
+    return {table.name: table for table in build_campaign_tables(summaries, PROGRAMMES["cut_in"])}
 
 
 def cell(table, row, column):

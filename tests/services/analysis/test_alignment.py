@@ -5,11 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
+from eigenfail.errors import UnknownName
 from eigenfail.values import AnalysisSettings
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis.alignment import (
     Aligned,
     FailureBatch,
+    choose_columns,
     gather_failures,
     select_latest,
     select_samples,
@@ -112,3 +114,29 @@ def test_an_episode_without_a_step_is_a_row_without_noise() -> None:
         aligned = align(failures, 3, how)
         assert not aligned.noise.any()
         assert not aligned.injectable(aligned.noise[0], np.array([0])).any()
+
+
+VEHICLES = (
+    *("vehicle_1.lateral", "vehicle_2.lateral", "ego.speed", "longitudinal"),
+    *("vehicle_2.longitudinal", "vehicle_3.lateral"),
+)
+
+
+@pytest.mark.parametrize(
+    ("axes", "columns"),
+    [
+        ("joint", (0, 1, 2, 3, 4, 5)),
+        ("vehicle_2.lateral", (1,)),
+        ("every.lateral", (0, 1, 5)),
+        ("every.longitudinal", (4,)),
+        ("longitudinal", (3,)),
+    ],
+)
+def test_the_noise_of_all_vehicles_is_analysed_by_quantity(axes, columns) -> None:
+    assert choose_columns(axes, VEHICLES) == columns
+
+
+@pytest.mark.parametrize("axes", ["every.speed", "every.", "lateral"])
+def test_a_quantity_that_no_vehicle_has_is_refused(axes) -> None:
+    with pytest.raises(UnknownName, match=r"every\.lateral"):
+        choose_columns(axes, VEHICLES)
