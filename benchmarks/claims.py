@@ -20,6 +20,7 @@ import reproduction_drive
 import typer
 from crew import crew
 from figures import ROOT, Figure, write
+from foreign_stacks import count_stacks
 from peers import compare_searches
 from reproduction import Run
 from reproduction_drive import SeedRuns
@@ -73,9 +74,14 @@ def kept(path: Path, prefix: str) -> dict[str, Figure]:
     }
 
 
-def concerns_points(prefix: str) -> bool:
-    """Whether a prefix concerns searches, of which the points that dominate are counted."""
-    return prefix.startswith("search.") or "search.".startswith(prefix)
+def derive(figures: dict[str, Figure], prefix: str) -> dict[str, Figure]:
+    """What is counted over the figures of several trials, where a prefix concerns these."""
+    return {
+        name: figure
+        for own, count in (("search.", compare_searches), ("foreign.", count_stacks))
+        if prefix.startswith(own) or own.startswith(prefix)
+        for name, figure in count(figures)
+    }
 
 
 def table(figures: dict[str, Figure], late: list[str]) -> Iterator[str]:
@@ -102,7 +108,7 @@ def main(
     """Find, write, show."""
     findings = found(only, seed)
     figures = {n: aimed(n, one, seed) for n, one in findings.items() if isinstance(one, Figure)}
-    compared = dict(compare_searches(kept(to, only) | figures)) if concerns_points(only) else {}
+    compared = derive(kept(to, only) | figures, only)
     if not figures and not any(name.startswith(only) for name in compared):
         print(f"No figure's name begins with '{only}'; some are {', '.join(sorted(TARGETS))}.")
         raise typer.Exit(2)

@@ -40,9 +40,12 @@ class Example(NamedTuple):
 
 
 PYTHON = sys.executable
+COMPILED = ("./bridge",)
+"""The bridge in C++, which is compiled first."""
+
 ALL = ("monte_carlo", "ast", "cem")
 EXAMPLES = {
-    "cpp": Example(("./bridge",), "cpp/campaign.toml", {"headway": ALL}),
+    "cpp": Example(COMPILED, "cpp/campaign.toml", {"headway": ALL}),
     "sumo": Example(
         (PYTHON, str(FOLDER / "sumo_bridge.py")),
         "sumo.toml",
@@ -91,7 +94,8 @@ def rate(client: Client, fields: dict[str, Any]) -> Figure:
 @contextmanager
 def bridged(example: Example, folder: Path) -> Iterator[Client]:
     """A service of one worker, whose bridge runs."""
-    build(folder)
+    if example.command == COMPILED:
+        build(folder)
     with socket.create_server(("127.0.0.1", 0)) as free:
         address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
     os.environ[ADDRESS_VARIABLE] = address

@@ -10,6 +10,7 @@ import difs_network
 import drive
 import eigenfailures
 import exchange
+import foreign_stacks
 import intervals
 import noise_fit
 import openturns_beside
@@ -106,6 +107,14 @@ TRIALS = (
     Trial(("cut_in.true_failures.",), confirmed),
     Trial(("cut_in.rulebook.plain_monte_carlo.",), plain_monte_carlo),
     Trial(("bridges.",), found_in_others),
+    *(
+        Trial(
+            (f"foreign.{name}.",),
+            partial(foreign_stacks.find, name),
+            foreign_stacks.list_missing(stack),
+        )
+        for name, stack in foreign_stacks.STACKS.items()
+    ),
     Trial(("cut_in.idm.varied.",), partial(varied.idm, "cut_in", varied.IDM_IN_CUT_IN)),
     Trial(("merge_in.idm.varied.",), partial(varied.idm, "merge_in", varied.IDM_IN_MERGE_IN)),
     Trial(("cut_in.rulebook.varied.",), varied.rulebook),

@@ -98,7 +98,8 @@ class Bridge:
         try:
             if slot not in held or held[slot][0] != asked:
                 held[slot] = asked, self.open(asked)
-            return shown(held[slot][1].reset(int(seed)))
+            simulation = held[slot][1]
+            return shown(simulation.reset(int(seed))) | scenery(simulation)
         except Exception as error:  # noqa: BLE001 - whatever it is, its slot alone fails
             held.pop(slot, None)
             return fault(error)
@@ -128,6 +129,12 @@ def explained(simulation: Any) -> dict[str, Any]:
     account = getattr(planner, "explain", dict)()
     path = getattr(planner, "path", tuple)()
     return {"account": dict(account), "path": [[float(x), float(y)] for x, y in path]}
+
+
+def scenery(simulation: Any) -> dict[str, Any]:
+    """The borders of the lanes, if the simulation shows them."""
+    borders = getattr(simulation, "road", None)
+    return {"road": borders()} if borders else {}
 
 
 def shown(seen: Observation) -> dict[str, Any]:

@@ -95,6 +95,7 @@ OTHERWISE = {
     "docs/contributing.md": f"{SUITE} Its Python shows a mark: tests/docs/fault_table.py.",
     "docs/faults.md": f"{SUITE} It is the soak.",
     "docs/bridge_examples.md": "tests/examples/bridge builds and runs these bridges.",
+    "docs/foreign_stacks.md": "tests/examples/bridge runs these bridges.",
     "docs/fix_a_planner.md": "tests/sdk/cli/gate/test_story.py runs its commands in order.",
     "docs/sdk.md": "tests/sdk/cli/test_sdk_page.py runs its blocks in order, in one process.",
 }
