@@ -33,7 +33,7 @@ it. [s]"""
 RESOLUTION_MPS2 = 0.3
 """Root mean square, over the steps, of a difference in acceleration that makes no mode. [m/s²]"""
 
-STRUCK_MPS2 = 3.0
+STRUCK_MPS2 = 4.0
 """Root mean square of a difference in acceleration that makes as much of a difference between two
 failures as that they struck different vehicles. [m/s²]"""
 
@@ -130,7 +130,7 @@ def mark_struck(contacts: Sequence[Contact]) -> Floats:
     vehicles = np.unique(struck)
     if len(vehicles) < 2:
         return np.zeros((len(contacts), 0), np.float32)
-    return (struck[:, None] == vehicles).astype(np.float32)
+    return np.asarray(struck[:, None] == vehicles, np.float32)
 
 
 class GroupingFeatures(NamedTuple):
