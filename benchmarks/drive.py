@@ -10,7 +10,7 @@ import numpy as np
 from crew import Crew, horizon
 from figures import Figure
 from learning_figures import of_seeds
-from mode_agreement import LabelledFailure, measure_agreement
+from mode_agreement import LabelledFailure, measure_agreement, measure_agreement_of_struck
 from samples import COMMAND, share
 from undisturbed import UNDISTURBED
 
@@ -25,7 +25,7 @@ from eigenfail.values import (
     PriorSource,
     episode_seed,
 )
-from eigenfail.values.records import SpeedCourse
+from eigenfail.values.records import make_failure_course
 from eigenfail_workers.engine import Engine
 
 SCENARIO, PLANNER = "highway_drive", "rulebook"
@@ -84,31 +84,43 @@ def find_labels(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
 def find_agreement(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     """Adjusted Rand index of the modes with the true causes, in campaigns of their own seeds.
 
-    In both features of an analysis, with the number of modes found, not given. Two causes in which
-    the truck does the same, as after any lost track, cannot be told apart by behaviour: the index
-    with the three mechanisms is therefore measured as well.
+    With the number of modes found, not given. A cause is the challenge of the vehicle that was
+    struck, and whether its track was lost: the vehicle alone is a part of it, and its index is
+    therefore measured as well. So is that of the acceleration of the ego alone, also with the three
+    mechanisms, since the truck does the same after any lost track.
     """
-    names = ("modes_ari", "modes_ari.mechanisms", "modes_ari.noise")
-    found: dict[str, list[float]] = {name: [] for name in names}
+    found: dict[str, list[float]] = {}
     numbers = []
     for campaign in range(1, CAMPAIGNS + 1):
         failures = collect_failures(crew, seed + campaign)
         numbers.append(len(failures))
-        merged = [
-            msgspec.structs.replace(one, cause=MECHANISMS.get(one.cause, one.cause))
-            for one in failures
-        ]
-        for name, labelled, features in zip(
-            names,
-            (failures, merged, failures),
-            ("behaviour", "behaviour", "noise"),
-            strict=True,
-        ):
-            settings = AnalysisSettings(features=features, bootstrap=0)
-            found[name].append(measure_agreement(labelled, horizon(SCENARIO), settings))
+        for name, index in compare_features(failures).items():
+            found.setdefault(name, []).append(index)
     note = f"; {', '.join(map(str, numbers))} failures under noise of scale {WORSE_SCALE:g}"
     for name, values in found.items():
         yield f"drive.{name}", of_seeds(values, "index", CAMPAIGNS, note)
+
+
+def compare_features(failures: Sequence[LabelledFailure]) -> dict[str, float]:
+    """Return the agreement with the causes by what failures are grouped by."""
+    without = [
+        msgspec.structs.replace(one, course=msgspec.structs.replace(one.course, end=None))
+        for one in failures
+    ]
+    merged = [
+        msgspec.structs.replace(one, cause=MECHANISMS.get(one.cause, one.cause)) for one in without
+    ]
+    behaviour, noise = (
+        AnalysisSettings(features=features, bootstrap=0) for features in ("behaviour", "noise")
+    )
+    steps = horizon(SCENARIO)
+    return {
+        "modes_ari": measure_agreement(failures, steps, behaviour),
+        "modes_ari.acceleration": measure_agreement(without, steps, behaviour),
+        "modes_ari.mechanisms": measure_agreement(merged, steps, behaviour),
+        "modes_ari.struck": measure_agreement_of_struck(failures),
+        "modes_ari.noise": measure_agreement(failures, steps, noise),
+    }
 
 
 def collect_failures(crew: Crew, seed: int) -> list[LabelledFailure]:
@@ -124,7 +136,7 @@ def label_failures(tasks: Sequence[EpisodeTask]) -> list[LabelledFailure]:
     return [
         LabelledFailure(
             one.noise.z,
-            SpeedCourse(one.index, one.scene.dt_s, one.scene.vehicles[:, 0, 3]),
+            make_failure_course(one.index, one.scene.dt_s, one.scene.vehicles, one.scene.sizes),
             str(one.measures.cause),
         )
         for one in failed

@@ -6,9 +6,10 @@ import msgspec
 from sklearn.metrics import adjusted_rand_score
 
 from eigenfail.values import AnalysisSettings, Floats
-from eigenfail.values.records import Failures, SpeedCourse
+from eigenfail.values.records import FailureCourse, Failures
 from eigenfail_services.analysis.alignment import FailureBatch, gather_failures
 from eigenfail_services.analysis.behaviour import read_motion
+from eigenfail_services.analysis.footprints import find_contact
 from eigenfail_services.analysis.job import analyse_gathered
 
 
@@ -17,12 +18,12 @@ class LabelledFailure(msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         z: noise, shape (steps, channels). [sigma]
-        course: speed of the ego, with the index of the episode.
+        course: course of the failure, with the index of the episode.
         cause: name of the cause.
     """
 
     z: Floats
-    course: SpeedCourse
+    course: FailureCourse
     cause: str
 
 
@@ -46,3 +47,18 @@ def measure_agreement(
     causes = {each.course.index: each.cause for each in failures}
     truth = [causes[episode] for episode in result.episodes]
     return float(adjusted_rand_score(truth, result.labels))
+
+
+def measure_agreement_of_struck(failures: Sequence[LabelledFailure]) -> float:
+    """Return the index of the vehicles that were struck, as groups, with the causes.
+
+    Args:
+        failures: failures of one campaign; where vehicles were at their end is known.
+    """
+    contacts = [
+        find_contact(each.course.end, each.course.sizes)
+        for each in failures
+        if each.course.end is not None and each.course.sizes is not None
+    ]
+    struck = [0 if contact is None else contact.struck for contact in contacts]
+    return float(adjusted_rand_score([each.cause for each in failures], struck))

@@ -81,6 +81,7 @@ TARGETS = {
         )
     },
     "drive.p_fail": Target(low=1e-4, high=1e-3),
+    "drive.modes_ari": Target(low=0.8),
     "drive.modes_ari.mechanisms": Target(low=0.8),
     "drive.labels": Target(low=3.0),
     "drive.undisturbed": Target(high=0.0),

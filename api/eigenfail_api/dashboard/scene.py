@@ -30,7 +30,7 @@ from eigenfail.values import (
 from eigenfail.values.scene import UNKNOWN_KIND
 from eigenfail_api.dashboard.charts import Chart, round_rows, round_values
 from eigenfail_api.dashboard.rendering import Badge, make_outcome_badge
-from eigenfail_services.campaigns.explanations import measure_clearances
+from eigenfail_services.analysis.footprints import measure_clearances
 
 
 class Jump(msgspec.Struct, frozen=True):

@@ -102,7 +102,7 @@ FailuresChoice = Annotated[
 FeaturesChoice = Annotated[
     FeatureChoice,
     typer.Option(
-        help="What failures are grouped by: the acceleration of the ego before the collision, or "
+        help="What failures are grouped by: the behaviour of the ego before the collision, or "
         "the noise, as in the paper."
     ),
 ]

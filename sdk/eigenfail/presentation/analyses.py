@@ -157,8 +157,9 @@ SPANS = {"collision": "before the collision", "start": "from the start on"}
 
 def describe_grouping(result: AnalysisResult) -> str:
     """Return the features by which failures were grouped."""
-    span = SPANS[result.behaviour.origin] if result.behaviour else ""
-    return GROUPINGS[result.features].format(span)
+    found = result.behaviour
+    words = GROUPINGS[result.features].format(SPANS[found.origin] if found else "")
+    return f"{words}, and by the vehicle that it struck" if found and found.struck else words
 
 
 def describe_components(result: AnalysisResult) -> str:

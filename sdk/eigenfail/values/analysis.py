@@ -208,8 +208,9 @@ class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             its failures at each step. `mean`: the mean of its failures in PCA space, taken back to
             noise, as in the paper.
         features: what failures are grouped by. `behaviour`: the acceleration of the ego in the last
-            seconds before the collision; where that is not stored of all failures, the energy of
-            the noise in windows of 0.5 s; where steps have no duration, the noise.
+            seconds before the collision, and the vehicle that it struck, where it struck several;
+            where that is not stored of all failures, the energy of the noise in windows of 0.5 s;
+            where steps have no duration, the noise.
             `AnalysisResult.features` says which of these it was. `noise`: the principal components
             of the noise, as in the paper.
     """
@@ -312,9 +313,12 @@ class Behaviour(Brief, msgspec.Struct, frozen=True, eq=False):
         origin: moment from which times count: the `collision`; or the `start`, where failures need
             not end in a collision.
         times_s: time at the end of each step, up to 0 at the collision, shape (steps,). [s]
-        explained: share of the variance of the acceleration that each principal component explains.
+        explained: share of the variance of the acceleration, and of the vehicles in `struck`, that
+            each principal component explains.
         scores: failures in the space of these components, shape (failures, components). [m/s²]
         modes: the behaviour in each mode, in their order.
+        struck: number of the vehicle that the ego struck in each failure, in the order of the rows,
+            where failures were grouped by it, too; empty otherwise.
     """
 
     origin: Literal["collision", "start"]
@@ -322,6 +326,7 @@ class Behaviour(Brief, msgspec.Struct, frozen=True, eq=False):
     explained: Floats
     scores: Floats
     modes: tuple[ModeBehaviour, ...]
+    struck: tuple[int, ...] = ()
 
 
 def propose_mode_name(number: int, words: str) -> str:

@@ -310,18 +310,29 @@ class Failures(msgspec.Struct, frozen=True, eq=False):
     noise: tuple[Floats, ...]
 
 
-class SpeedCourse(msgspec.Struct, frozen=True, eq=False):
-    """The speed of the ego over an episode.
+class FailureCourse(msgspec.Struct, frozen=True, eq=False):
+    """The speed of the ego over a failure, and where all vehicles were at its end.
 
     Attributes:
         index: the episode.
         dt_s: duration of a step.
-        speed_mps: speed at the start and after each step, shape (steps + 1,).
+        speed_mps: speed of the ego at the start and after each step, shape (steps + 1,).
+        end: x [m], y [m], heading [rad] and speed [m/s] of all vehicles before and after the last
+            step, shape (2, vehicles, 4), or (1, vehicles, 4) without a step; vehicle 0 is the ego.
+            NaN while a vehicle is not there. None where they are not known.
+        sizes: length and width [m] of all vehicles, shape (vehicles, 2); None without `end`.
     """
 
     index: int
     dt_s: float
     speed_mps: Floats
+    end: Floats | None = None
+    sizes: Floats | None = None
+
+
+def make_failure_course(index: int, dt_s: float, vehicles: Floats, sizes: Floats) -> FailureCourse:
+    """Return the course of a failure from parts of its `Scene`, which need not be kept for it."""
+    return FailureCourse(index, dt_s, vehicles[:, 0, 3].copy(), vehicles[-2:].copy(), sizes)
 
 
 class JobKind(StrEnum):

@@ -12,6 +12,7 @@ from eigenfail.values import AXES, AnalysisSettings, Floats, InfluenceShare, Mom
 from eigenfail.values.analysis import JOINT
 from eigenfail.values.channels import EVERY, VEHICLE, split_name
 from eigenfail.values.records import Failures
+from eigenfail_services.analysis.footprints import Contact
 
 BLOCK = 4096
 """How many rows are in double precision at a time."""
@@ -88,17 +89,19 @@ def median_steps(steps: Sequence[int]) -> int:
 
 
 class Motion(NamedTuple):
-    """The acceleration of the ego in failures.
+    """The acceleration of the ego in failures, and what it collided with.
 
     Attributes:
         origin: `collision`: of each failure the last steps count. `start`: all steps do.
         step_s: duration of a step. [s]
         accelerations: acceleration in these steps by campaign and index of the episode. [m/s²]
+        contacts: what the ego collided with, likewise; of failures of which that is known.
     """
 
     origin: Literal["collision", "start"]
     step_s: float
     accelerations: Mapping[tuple[int, int], Floats]
+    contacts: Mapping[tuple[int, int], Contact]
 
 
 class Aligned(NamedTuple):
@@ -112,7 +115,7 @@ class Aligned(NamedTuple):
         alignment: how they were put there.
         columns: those of z that are analysed.
         channels: the names of all columns of z.
-        motion: acceleration of the ego in these failures, among others; None where it is not known.
+        motion: what the ego did in these failures, among others; None where it is not known.
         step_s: duration of a step; None where it has none, or is not known. [s]
     """
 

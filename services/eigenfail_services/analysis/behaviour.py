@@ -1,11 +1,13 @@
-"""The features by which failures are grouped: acceleration of the ego, or energy of the noise.
+"""The features by which failures are grouped: behaviour of the ego, or energy of the noise.
 
 Noise by itself shows causes badly: what decides lies seconds before the impact among steps that
 decide nothing, and noise of opposite signs may do the same, so that it has no mean. What the ego
-does before a collision follows from the cause, and has little noise of its own.
+does before a collision follows from the cause, and has little noise of its own. Where it does the
+same before collisions with different vehicles, these tell causes apart.
 """
 
-from collections.abc import Iterable
+from collections import Counter
+from collections.abc import Iterable, Sequence
 from math import ceil, sqrt
 from typing import Literal, NamedTuple
 
@@ -14,9 +16,10 @@ from numpy.typing import NDArray
 
 from eigenfail.values import AnalysisSettings, Behaviour, Floats, ModeBehaviour
 from eigenfail.values.analysis import Grouping
-from eigenfail.values.records import SpeedCourse
+from eigenfail.values.records import FailureCourse
 from eigenfail_services.analysis.alignment import ALIGNMENTS, BLOCK, Aligned, Motion
 from eigenfail_services.analysis.components import ComponentSpace
+from eigenfail_services.analysis.footprints import Contact, find_contact
 
 Origin = Literal["collision", "start"]
 
@@ -30,8 +33,17 @@ it. [s]"""
 RESOLUTION_MPS2 = 0.3
 """Root mean square, over the steps, of a difference in acceleration that makes no mode. [m/s²]"""
 
+STRUCK_MPS2 = 4.0
+"""Root mean square of a difference in acceleration that makes as much of a difference between two
+failures as that they struck different vehicles. [m/s²]"""
+
+FEWEST_STRUCK, LEAST_STRUCK = 5, 0.05
+"""Number and share of the failures from which a vehicle that was struck counts by itself. All other
+vehicles count as one: in random traffic the number of a vehicle says nothing."""
+
 COMPONENTS = 4
-"""Principal components of the acceleration, or of the energy, that are clustered."""
+"""Principal components of the acceleration, or of the energy, that are clustered. Vehicles that
+were struck add one each but for the first."""
 
 ENERGY_S = 0.5
 """Length of the windows over which the energy of the noise is summed. [s]"""
@@ -49,21 +61,30 @@ SLIGHT_MPS2 = 2.0
 """Weaker braking is described without its time, weaker acceleration not at all. [m/s²]"""
 
 
-def read_motion(courses: Iterable[tuple[int, SpeedCourse]], origin: Origin) -> Motion | None:
-    """Return the motion in failures, from the speed of the ego and the id of its campaign.
+def read_motion(courses: Iterable[tuple[int, FailureCourse]], origin: Origin) -> Motion | None:
+    """Return the motion in failures, from the course of each and the id of its campaign.
 
     None where there is none, or where steps have different durations.
     """
     found: dict[tuple[int, int], Floats] = {}
+    contacts: dict[tuple[int, int], Contact] = {}
     durations_s: set[float] = set()
     for campaign, course in courses:
         durations_s.add(course.dt_s)
         accelerations = np.diff(course.speed_mps.astype(np.float64)) / course.dt_s
         if origin == "collision":
             accelerations = accelerations[-round(WINDOW_S / course.dt_s) :]
+            if contact := _read_contact(course):
+                contacts[campaign, course.index] = contact
         # Speeds are stored in single precision: what their rounding leaves is no behaviour.
         found[campaign, course.index] = np.round(accelerations, DECIMALS).astype(np.float32)
-    return Motion(origin, durations_s.pop(), found) if len(durations_s) == 1 else None
+    return Motion(origin, durations_s.pop(), found, contacts) if len(durations_s) == 1 else None
+
+
+def _read_contact(course: FailureCourse) -> Contact | None:
+    if course.end is None or course.sizes is None:
+        return None
+    return find_contact(course.end, course.sizes)
 
 
 def align_motion(failures: Aligned, motion: Motion) -> Floats | None:
@@ -87,6 +108,31 @@ def align_motion(failures: Aligned, motion: Motion) -> Floats | None:
     return aligned
 
 
+def list_contacts(failures: Aligned, motion: Motion) -> tuple[Contact, ...]:
+    """Return what the ego collided with in each failure; nothing unless that is known of all."""
+    keys = zip(failures.campaigns.tolist(), failures.episodes.tolist(), strict=True)
+    found = [contact for key in keys if (contact := motion.contacts.get(key))]
+    return tuple(found) if len(found) == len(failures.steps) else ()
+
+
+def mark_struck(contacts: Sequence[Contact]) -> Floats:
+    """Return a column for each vehicle that was struck, 1 in the failures in which it was.
+
+    Vehicles that few failures struck share a column; see `FEWEST_STRUCK`.
+
+    Returns:
+        Shape (failures, vehicles); no column where all failures have the same.
+    """
+    counts = Counter(contact.struck for contact in contacts)
+    least = max(FEWEST_STRUCK, LEAST_STRUCK * len(contacts))
+    frequent = sorted(vehicle for vehicle, count in counts.items() if count >= least)
+    struck = np.array([each.struck if each.struck in frequent else 0 for each in contacts])
+    vehicles = np.unique(struck)
+    if len(vehicles) < 2:
+        return np.zeros((len(contacts), 0), np.float32)
+    return np.asarray(struck[:, None] == vehicles, np.float32)
+
+
 class GroupingFeatures(NamedTuple):
     """The data by which failures are grouped.
 
@@ -97,6 +143,8 @@ class GroupingFeatures(NamedTuple):
         motion: what an acceleration comes from; None of other data.
         accelerations: acceleration in each failure, shape (failures, steps); None of other data.
             [m/s²]
+        contacts: what the ego collided with in each failure; nothing of other data, or where it is
+            not known.
     """
 
     name: Grouping
@@ -104,11 +152,19 @@ class GroupingFeatures(NamedTuple):
     components: int
     motion: Motion | None = None
     accelerations: Floats | None = None
+    contacts: tuple[Contact, ...] = ()
 
     @property
     def resolution(self) -> float:
         """Distance between scores below which failures are as good as equal."""
-        return RESOLUTION_MPS2 * sqrt(self.data.shape[1]) if self.motion else 0.0
+        if self.accelerations is None:
+            return 0.0
+        return RESOLUTION_MPS2 * sqrt(self.accelerations.shape[1])
+
+    @property
+    def has_struck(self) -> bool:
+        """Whether the data tells failures apart by the vehicle that was struck."""
+        return self.accelerations is not None and self.data.shape != self.accelerations.shape
 
     def describe(
         self, space: ComponentSpace, labels: NDArray[np.intp], order: NDArray[np.intp]
@@ -126,13 +182,21 @@ class GroupingFeatures(NamedTuple):
         steps = accelerations.shape[1]
         ends = np.arange(1, steps + 1) if motion.origin == "start" else np.arange(1 - steps, 1)
         times_s = ends * motion.step_s
-        groups = (accelerations[labels == label] for label in range(labels.max() + 1))
+        members = [np.flatnonzero(labels == label) for label in range(labels.max() + 1)]
+        contacts = self.contacts
+        collisions = describe_contacts(
+            [[contacts[row] for row in rows if contacts] for rows in members]
+        )
         return Behaviour(
             origin=motion.origin,
             times_s=times_s.astype(np.float32),
             explained=space.explained.astype(np.float32),
             scores=space.scores[order].astype(np.float32),
-            modes=tuple(_describe_mode(group, times_s, motion) for group in groups),
+            modes=tuple(
+                _describe_mode(accelerations[rows], times_s, motion, collision)
+                for rows, collision in zip(members, collisions, strict=True)
+            ),
+            struck=tuple(contacts[row].struck for row in order.tolist()) if self.has_struck else (),
         )
 
 
@@ -146,7 +210,13 @@ def select_features(failures: Aligned, settings: AnalysisSettings) -> GroupingFe
         # All steps have one unit: divided by its own deviation, a step in which all failures are
         # nearly alike would count as much as the braking.
         smooth = smooth_accelerations(accelerations, motion.step_s)
-        return GroupingFeatures("behaviour", smooth, COMPONENTS, motion, accelerations)
+        contacts = list_contacts(failures, motion)
+        struck = mark_struck(contacts) if contacts else smooth[:, :0]
+        # Rows of two different vehicles differ in two columns.
+        weight = np.float32(STRUCK_MPS2 * sqrt(smooth.shape[1] / 2.0))
+        data = np.hstack([smooth, weight * struck])
+        components = COMPONENTS + max(struck.shape[1] - 1, 0)
+        return GroupingFeatures("behaviour", data, components, motion, accelerations, contacts)
     if failures.step_s is None:
         return GroupingFeatures("noise", failures.data, settings.components)
     return GroupingFeatures("energy", compute_energy(failures, failures.step_s), COMPONENTS)
@@ -197,15 +267,38 @@ def compute_energy(failures: Aligned, step_s: float) -> Floats:
 
 
 def _describe_mode(
-    accelerations: Floats, times_s: NDArray[np.float64], motion: Motion
+    accelerations: Floats, times_s: NDArray[np.float64], motion: Motion, collision: str
 ) -> ModeBehaviour:
     shown = min(len(accelerations), MOST_MEMBERS)
     places = np.arange(shown) * len(accelerations) // shown
+    moved = describe_motion(accelerations, times_s, motion.step_s, motion.origin)
     return ModeBehaviour(
         mean=accelerations.mean(axis=0, dtype=np.float64).astype(np.float32),
         members=accelerations[places],
-        words=describe_motion(accelerations, times_s, motion.step_s, motion.origin),
+        words=f"{collision} {moved}".lstrip(),
     )
+
+
+def describe_contacts(groups: Sequence[Sequence[Contact]]) -> tuple[str, ...]:
+    """Return what the ego most often collides with in each group of failures, in a sentence.
+
+    Nothing is said of groups that all have the same, or of which it is not known.
+
+    Args:
+        groups: what it collided with in the failures of each group.
+    """
+    common = [Counter(group).most_common(1) for group in groups]
+    if len({contact for found in common for contact, _ in found}) < 2:
+        return ("",) * len(groups)
+    return tuple(
+        _describe_contact(contact, count, len(group))
+        for group, ((contact, count),) in zip(groups, common, strict=True)
+    )
+
+
+def _describe_contact(contact: Contact, count: int, total: int) -> str:
+    some = "" if count == total else f" in {count} of {total} failures"
+    return f"The {contact.side} of the ego collides with vehicle {contact.struck}{some}."
 
 
 def describe_motion(

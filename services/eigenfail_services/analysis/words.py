@@ -37,10 +37,10 @@ FAINT = 0.5
 JOINED = 3
 """Steps of less noise between two pushes the same way that make them one."""
 
-MOST_PUSHES = 3
-MOST_NEEDED = 8
-MOST_CHANNELS = 4
-"""Maximum number of pushes described of a channel, and of channels; further ones are counted."""
+MOST_PUSHES, MOST_CHANNELS = 3, 2
+MOST_NEEDED, MOST_NEEDED_CHANNELS = 8, 4
+"""Maximum number of pushes described of a channel, and of channels; further ones are counted. Of
+noise that is needed, more are described."""
 
 WAYS = {"longitudinal": ("ahead", "back"), "lateral": ("to the left", "to the right")}
 """Of positive and of negative noise of a position: where the vehicle seems to be."""
@@ -127,8 +127,10 @@ def describe(
         each._replace(level=_choose_level(each.noise))
         for each in _list_columns(z[: clock.impact], channels, shape)
     ]
-    absent = any(each.is_event and not each.noise.any() for each in columns)
-    return f"{_describe_columns(columns, clock, MOST_PUSHES)}{ABSENT * absent}"
+    ranked = _rank_columns(columns)
+    absent = any(each.is_event and not each.noise.any() for each, _ in ranked[:MOST_CHANNELS])
+    told = _describe_columns(ranked, clock, MOST_PUSHES, MOST_CHANNELS)
+    return f"{told}{ABSENT * absent}"
 
 
 def _list_columns(z: Floats, channels: Sequence[str], shape: NoiseShape) -> list[ChannelNoise]:
@@ -156,7 +158,8 @@ def describe_needed(
     """
     if not z[: clock.impact].any():
         return "It needs no noise at all."
-    return _describe_columns(_list_columns(z[: clock.impact], channels, shape), clock, MOST_NEEDED)
+    ranked = _rank_columns(_list_columns(z[: clock.impact], channels, shape))
+    return _describe_columns(ranked, clock, MOST_NEEDED, MOST_NEEDED_CHANNELS)
 
 
 def find_pushes(noise: Floats, level: float) -> list[Push]:
@@ -196,16 +199,26 @@ def _choose_level(noise: Floats) -> float:
     return float("inf") if strongest < FAINT else TELLING * strongest
 
 
-def _describe_columns(columns: Sequence[ChannelNoise], clock: Clock, most: int) -> str:
-    """Return a sentence on all channels, the one with the strongest pushes first."""
+def _rank_columns(columns: Sequence[ChannelNoise]) -> list[tuple[ChannelNoise, list[Push]]]:
+    """Return all channels with their pushes, the one with the strongest pushes first."""
     found = [(column, find_pushes(column.noise, column.level)) for column in columns]
-    found.sort(key=lambda each: -sum(map(_sum_push, each[1])))
+    return sorted(found, key=lambda each: -sum(map(_sum_push, each[1])))
+
+
+def _describe_columns(
+    ranked: Sequence[tuple[ChannelNoise, list[Push]]],
+    clock: Clock,
+    most_pushes: int,
+    most_channels: int,
+) -> str:
+    """Return a sentence on the first channels, and how many further ones there are."""
     text = "; ".join(
-        _describe_column(column, pushes[:most], clock) + _count_weaker(len(pushes) - most)
-        for column, pushes in found[:MOST_CHANNELS]
+        _describe_column(column, pushes[:most_pushes], clock)
+        + _count_weaker(len(pushes) - most_pushes)
+        for column, pushes in ranked[:most_channels]
     )
-    if len(found) > MOST_CHANNELS:
-        text += f"; {count_noun(len(found) - MOST_CHANNELS, 'further channel')} with less noise"
+    if len(ranked) > most_channels:
+        text += f"; {count_noun(len(ranked) - most_channels, 'further channel')} with less noise"
     return f"{text[:1].upper()}{text[1:]}."
 
 

@@ -26,7 +26,7 @@ from eigenfail.values import (
     Campaign,
 )
 from eigenfail.values.campaign import CampaignSpec
-from eigenfail.values.records import Failures, Job, SpeedCourse
+from eigenfail.values.records import FailureCourse, Failures, Job
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis.alignment import check_clusterer, choose_columns
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
@@ -159,9 +159,11 @@ def _list_portions(store: Store, campaigns: Sequence[Campaign]) -> Iterator[tupl
             yield campaign.id, failures
 
 
-def _list_speeds(store: Store, campaigns: Sequence[Campaign]) -> Iterator[tuple[int, SpeedCourse]]:
+def _list_courses(
+    store: Store, campaigns: Sequence[Campaign]
+) -> Iterator[tuple[int, FailureCourse]]:
     for campaign in campaigns:
-        for course in store.episodes.failure_speeds(campaign.id):
+        for course in store.episodes.failure_courses(campaign.id):
             yield campaign.id, course
 
 
@@ -433,7 +435,7 @@ def find_modes(store: Store, analysis: Analysis) -> AnalysisResult:
     failures = gather_failures(read, begun.horizon, analysis.settings, begun.channels)
     failures = failures._replace(step_s=begun.duration_s)
     if analysis.settings.features == "behaviour" and begun.has_road:
-        motion = read_motion(_list_speeds(store, begun.campaigns), begun.origin)
+        motion = read_motion(_list_courses(store, begun.campaigns), begun.origin)
         failures = failures._replace(motion=motion)
     base = begun.recounted(store)
     learning = frozenset(each.id for each in base.campaigns if _gives_proposals_up(each))

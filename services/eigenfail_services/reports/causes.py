@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from eigenfail.presentation.figures import format_number, format_share
 from eigenfail.values import EpisodeResult, Outcome, Scene
 from eigenfail.values.report import Cell, ReportPicture, ReportSection
-from eigenfail_services.campaigns.explanations import measure_clearances
+from eigenfail_services.analysis.footprints import find_struck
 from eigenfail_services.reports.material import (
     MOST_MODES,
     Analysed,
@@ -146,15 +146,6 @@ def make_crash(mode: int, medoid: EpisodeResult, scene: Scene) -> Crash:
     """Return the end of an episode."""
     first = max(0, medoid.steps - round(SHOWN_S / scene.dt_s))
     return Crash(mode, medoid.index, scene, find_struck(scene), first)
-
-
-def find_struck(scene: Scene) -> int:
-    """Return the number of the vehicle whose footprint is nearest to the truck's at the end.
-
-    Of several at the same distance it is the one whose centre is nearest.
-    """
-    centres_m = np.linalg.norm(scene.vehicles[-1, 1:, :2] - scene.vehicles[-1, 0, :2], axis=1)
-    return 1 + int(np.lexsort((centres_m, measure_clearances(scene)[-1]))[0])
 
 
 def list_moment_rows(found: Analysed, of: Crash) -> Iterator[tuple[Cell, ...]]:

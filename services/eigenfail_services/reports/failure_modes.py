@@ -71,7 +71,7 @@ SCORE_COLUMNS = (
 
 
 HOW_TO_READ = (
-    "Failures are grouped by the acceleration of the ego before the collision, or by their noise, "
+    "Failures are grouped by the behaviour of the ego before the collision, or by their noise, "
     "as the analysis says. The data are brought to a few principal components; clusters there are "
     "the failure modes. The centre of the noise of a cluster is its eigenfailure; the medoid is "
     "the real failure in the middle of the cluster. Peaks are those of the eigenfailure"

@@ -32,14 +32,15 @@ from eigenfail.values import (
 )
 from eigenfail.values.arrays import LITTLE_ENDIAN_FLOAT, decode_array, encode_array
 from eigenfail.values.learning import count_state
-from eigenfail.values.records import EpisodeRow, SpeedCourse
+from eigenfail.values.records import EpisodeRow, FailureCourse, make_failure_course
 from eigenfail.worlds import list_channels
 
 
-class _EgoCourse(msgspec.Struct):
-    # Of a scene the part that tells the speed of the ego; the rest is not decoded.
+class _Course(msgspec.Struct):
+    # Of a scene the part that tells how vehicles moved; the rest is not decoded.
     dt_s: float
     vehicles: Floats
+    sizes: Floats
 
 
 _packer = msgspec.msgpack.Encoder(enc_hook=encode_array)
@@ -47,7 +48,7 @@ _specs = msgspec.json.Decoder(CampaignSpec)
 _estimates = msgspec.json.Decoder(Estimate)
 _parts = msgspec.json.Decoder(tuple[RunPart, ...])
 _scenes = msgspec.msgpack.Decoder(Scene, dec_hook=decode_array)
-_courses = msgspec.msgpack.Decoder(_EgoCourse, dec_hook=decode_array)
+_courses = msgspec.msgpack.Decoder(_Course, dec_hook=decode_array)
 _analyses = msgspec.msgpack.Decoder(AnalysisResult, dec_hook=decode_array)
 
 COUNTS = dict(zip(Counts.__struct_encode_fields__, Counts.__struct_fields__, strict=True))
@@ -114,10 +115,10 @@ def to_scene(blob: bytes) -> Scene:
     return _scenes.decode(blob)
 
 
-def to_speed_course(index: int, blob: bytes) -> SpeedCourse:
-    """Read the speed of the ego over an episode from its scene in MessagePack."""
+def to_failure_course(index: int, blob: bytes) -> FailureCourse:
+    """Read the course of a failure from its scene in MessagePack."""
     course = _courses.decode(blob)
-    return SpeedCourse(index, course.dt_s, course.vehicles[:, 0, 3].copy())
+    return make_failure_course(index, course.dt_s, course.vehicles, course.sizes.copy())
 
 
 def to_analysis_result(blob: bytes) -> AnalysisResult:

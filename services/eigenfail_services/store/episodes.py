@@ -60,8 +60,8 @@ from eigenfail.values.records import (
     PORTION,
     Delivery,
     EpisodeRow,
+    FailureCourse,
     Failures,
-    SpeedCourse,
     Totals,
     Verdict,
 )
@@ -79,10 +79,10 @@ from eigenfail_services.store.codec import (
     pack,
     to_blob,
     to_counted_z,
+    to_failure_course,
     to_noise_form,
     to_result,
     to_row,
-    to_speed_course,
 )
 from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.events import append_event, describe_alarm
@@ -539,8 +539,8 @@ class EpisodeStore:
                     tuple(to_counted_z(z, to_noise_form(spec)) for _, z in rows_),
                 )
 
-    def failure_speeds(self, campaign: int) -> Iterator[SpeedCourse]:
-        """Yield the speed of the ego in all failures whose scene is stored, in index order."""
+    def failure_courses(self, campaign: int) -> Iterator[FailureCourse]:
+        """Yield the course of all failures whose scene is stored, in index order."""
         with self._database.reading() as connection:
             query = (
                 select(episode_index, scenes.c.scene)
@@ -550,7 +550,7 @@ class EpisodeStore:
                 .execution_options(yield_per=SCENES_AT_A_TIME)
             )
             for index, scene in connection.execute(query):
-                yield to_speed_course(index, scene)
+                yield to_failure_course(index, scene)
 
     def totals(self, campaign: int) -> Totals:
         """Return sums over all failures, and episodes counted by the classes of `assess`."""

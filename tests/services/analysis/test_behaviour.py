@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from sklearn.metrics import adjusted_rand_score
 
 from eigenfail.values import AnalysisResult, AnalysisSettings, Floats
-from eigenfail.values.records import Failures, SpeedCourse
+from eigenfail.values.records import FailureCourse, Failures
 from eigenfail_services.analysis import clusters
 from eigenfail_services.analysis.alignment import Aligned, FailureBatch, gather_failures
 from eigenfail_services.analysis.behaviour import (
@@ -43,7 +43,7 @@ class World:
         random = np.random.default_rng(seed)
         self.labels = random.integers(0, 3, failures)
         self.noise: list[Floats] = []
-        self.courses: list[SpeedCourse] = []
+        self.courses: list[FailureCourse] = []
         for index, label in enumerate(self.labels):
             steps = int(random.integers(50, HORIZON + 1))
             noise = random.standard_normal((steps, 2))
@@ -55,7 +55,7 @@ class World:
                 acceleration[-40:-25] -= 3.0
             speeds = 24.0 + STEP_S * np.concatenate([[0.0], np.cumsum(acceleration)])
             self.noise.append(noise.astype(np.float32))
-            self.courses.append(SpeedCourse(index, STEP_S, speeds.astype(np.float32)))
+            self.courses.append(FailureCourse(index, STEP_S, speeds.astype(np.float32)))
 
     def gather(self, order: list[int] | None = None, **changes: Any) -> Aligned:
         """The failures, with what the ego did in them, read in some order."""
@@ -145,7 +145,7 @@ def test_acceleration_is_aligned_at_the_collision_or_the_start(lengths, step_s) 
     noise = tuple(random.standard_normal((steps, 2)).astype(np.float32) for steps in lengths)
     wanted = [random.standard_normal(steps) for steps in lengths]
     courses = [
-        (1, SpeedCourse(index, step_s, np.concatenate([[20.0], 20.0 + step_s * np.cumsum(each)])))
+        (1, FailureCourse(index, step_s, np.concatenate([[20.0], 20.0 + step_s * np.cumsum(each)])))
         for index, each in enumerate(wanted)
     ]
     batch = FailureBatch(1, Failures(tuple(range(len(lengths))), noise))
@@ -194,7 +194,7 @@ def test_braking_that_begins_a_little_later_is_no_mode_of_its_own() -> None:
         first = 30 + random.integers(0, 9)
         acceleration[first : first + 12] -= 7.0 * label
         speeds = 24.0 + STEP_S * np.concatenate([[0.0], np.cumsum(acceleration)])
-        courses.append((1, SpeedCourse(index, STEP_S, speeds.astype(np.float32))))
+        courses.append((1, FailureCourse(index, STEP_S, speeds.astype(np.float32))))
         noise.append(random.standard_normal((60, 2)).astype(np.float32))
     batch = FailureBatch(1, Failures(tuple(range(len(labels))), tuple(noise)))
     gathered = gather_failures([batch], 60, DEFAULT)
@@ -218,7 +218,7 @@ def test_failures_in_which_the_ego_did_the_same_are_a_single_group() -> None:
     world = World(failures=30)
     speeds = [24.0 - 1.1 * STEP_S * np.arange(len(z) + 1) for z in world.noise]
     courses = [
-        (1, SpeedCourse(index, STEP_S, each.astype(np.float32)))
+        (1, FailureCourse(index, STEP_S, each.astype(np.float32)))
         for index, each in enumerate(speeds)
     ]
     found = analyse(world.gather()._replace(motion=read_motion(courses, "collision")))
@@ -232,7 +232,7 @@ def gather_courses(accelerations: list[Floats]) -> Aligned:
     courses = [
         (
             1,
-            SpeedCourse(
+            FailureCourse(
                 index, STEP_S, (40.0 + STEP_S * np.cumsum([0.0, *each])).astype(np.float32)
             ),
         )

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from eigenfail.values import Scene, VehicleState
-from eigenfail_services.campaigns.explanations import measure_clearances
+from eigenfail_services.analysis.footprints import measure_clearances
 from eigenfail_workers.measures.geometry import separation
 
 SIZES = np.array([[16.0, 2.5], [5.0, 2.0], [4.0, 1.8]], np.float32)

@@ -59,12 +59,13 @@ def test_other_channels_have_their_names_and_no_direction(count):
     z = np.zeros((STEPS, count), np.float32)
     z[8:29, -1] = -2.0
     channels = ("gust", "drift", "bias", "glare", "delay")[:count]
-    told = [f"{channels[-1]} -2.0 sigma during 32 … 11 steps before the impact"]
-    told += [f"{name} noise has no effect" for name in channels[:-1][:3]]
-    told += ["1 further channel with less noise"] if count == 5 else []
-    sentence = f"{'; '.join(told)}."
-    assert describe_needed(z, IN_STEPS, channels) == f"{sentence[0].upper()}{sentence[1:]}"
-    assert describe(z, IN_STEPS, channels) == f"{sentence[0].upper()}{sentence[1:]}"
+    for words, most in ((describe_needed, 4), (describe, 2)):
+        told = [f"{channels[-1]} -2.0 sigma during 32 … 11 steps before the impact"]
+        told += [f"{name} noise has no effect" for name in channels[:-1][: most - 1]]
+        more = count - most
+        told += [f"{more} further channel{'s' * (more > 1)} with less noise"] if more > 0 else []
+        sentence = f"{'; '.join(told)}."
+        assert words(z, IN_STEPS, channels) == f"{sentence[0].upper()}{sentence[1:]}"
 
 
 def test_a_hand_made_push_is_told_as_it_is():
@@ -201,10 +202,12 @@ def test_events_are_told_by_when_they_last():
     channels = ("missed", "ghost", "scenario.gap_m")
     told = describe(z, IN_STEPS, channels, shape)
     assert "missed during 32 … 28 steps, during 20 … 17 steps before the impact" in told.lower()
-    assert "ghost does not occur" in told
-    assert told.endswith("unless most of its failures have it at the same step.")
+    assert told.endswith("; 1 further channel with less noise.")
     assert "scenario.gap_m +1.2 sigma during 40 … 0 steps before the impact" in told.lower()
     assert "missed -2.0 sigma" in describe(z, IN_STEPS, channels).lower()
+    two = describe(z[:, :2], IN_STEPS, channels[:2], PerChannel(shape.shapes[:2]))
+    assert "ghost does not occur" in two
+    assert two.endswith("unless most of its failures have it at the same step.")
 
 
 def test_the_direction_is_that_of_any_vehicle():

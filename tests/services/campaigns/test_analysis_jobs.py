@@ -219,7 +219,28 @@ def test_behaviour_comes_from_the_scenes_of_the_failures(store: Store) -> None:
         members = np.concatenate([mode.members for mode in found.behaviour.modes])
         away = np.abs(members[:, -len(own) :] - own).max(axis=1)
         assert away.min() < 2e-3, f"Failure {row} is in no mode."
-    assert all(": The ego brakes at up to " in words for words in found.words)
+    assert all("The ego brakes at up to " in words for words in found.words)
+
+
+def test_the_vehicle_struck_comes_from_the_scenes_of_the_failures(store: Store) -> None:
+    """The first vehicle ahead, the second one behind, in six failures each."""
+    made = running(store, episodes=60)
+    for index in range(1, 13):
+        crash = collision(index, steps=20)
+        vehicles = np.zeros((21, 3, 4), np.float32)
+        vehicles[:, :, 3] = 20.0
+        vehicles[:, 1, :2], vehicles[:, 2, :2] = (40.0, 0.0), (-40.0, 0.0)
+        vehicles[-1, 1 + index % 2, 0] = -10.0 if index % 2 else 10.0
+        sizes = np.array([(16.0, 2.5), (5.0, 2.0), (5.0, 2.0)], np.float32)
+        scene = msgspec.structs.replace(crash.scene, vehicles=vehicles, sizes=sizes)
+        deliver(store, made, msgspec.structs.replace(crash, scene=scene))
+    found = analysed(store, made.id)
+    assert found.behaviour is not None
+    assert found.behaviour.struck == (2, 1) * 6
+    assert sorted(words.split(". ")[0].partition(": ")[2] for words in found.words) == [
+        "The front of the ego collides with vehicle 1",
+        "The rear of the ego collides with vehicle 2",
+    ]
 
 
 def test_without_the_scene_of_a_failure_its_noise_groups_all_and_a_note_says_so(

@@ -93,19 +93,21 @@ def hands_out_failures_in_portions(store: Store) -> None:
     alike(portions[1].noise[2], collision(indices[-1], steps=2).noise.z, "z of the last")
 
 
-def tells_the_speed_of_the_ego_in_failures(store: Store) -> None:
+def tells_the_course_of_failures(store: Store) -> None:
     """In failures with a scene, in index order."""
     campaign = running(store)
-    equal(list(store.episodes.failure_speeds(campaign.id)), [], "Speeds in no failure")
+    equal(list(store.episodes.failure_courses(campaign.id)), [], "Courses of no failure")
     crashes = [collision(8, steps=5), collision(0, steps=2)]
     without = result(3, Outcome.COLLISION)
     safe = replace(collision(1), outcome=Outcome.SAFE)
     deliver(store, campaign, *crashes, without, safe, make_errored_result(2))
-    found = list(store.episodes.failure_speeds(campaign.id))
+    found = list(store.episodes.failure_courses(campaign.id))
     equal([each.index for each in found], [0, 8], "Failures with a scene")
     for each, crash in zip(found, crashes[::-1], strict=True):
         equal(each.dt_s, 0.1, "Duration of a step")
         alike(each.speed_mps, crash.scene.vehicles[:, 0, 3], "Speed of the ego")
+        alike(each.end, crash.scene.vehicles[-2:], "Vehicles at the end")
+        alike(each.sizes, crash.scene.sizes, "Their sizes")
 
 
 def sums_up_failures(store: Store) -> None:
@@ -152,7 +154,7 @@ CHECKS = (
     finds_the_finished,
     gathers_failures,
     hands_out_failures_in_portions,
-    tells_the_speed_of_the_ego_in_failures,
+    tells_the_course_of_failures,
     sums_up_failures,
     digests_in_index_order,
     finds_no_strangers,

@@ -1,0 +1,135 @@
+"""Footprints in a stored scene: how far apart vehicles are, which one was struck, and where."""
+
+from typing import Literal, NamedTuple, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenfail.values import Floats, Scene
+
+Array = NDArray[np.float64]
+
+Side = Literal["front", "rear", "left side", "right side"]
+
+SIDES: tuple[Side, ...] = get_args(Side)
+
+CORNERS = 0.5 * np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)])
+
+
+class Contact(NamedTuple):
+    """What the ego collided with.
+
+    Attributes:
+        struck: number of the vehicle that was struck.
+        side: side of the ego that it was at.
+    """
+
+    struck: int
+    side: Side
+
+
+def measure_clearances(scene: Scene) -> Array:
+    """Smallest distance between the ego's footprint and each other vehicle's, at each moment.
+
+    Two rectangles that do not overlap are nearest at a corner of one of them.
+
+    Returns:
+        Shape (steps + 1, vehicles - 1); 0 where they touch or overlap, and infinite while a vehicle
+        is not there. [m]
+    """
+    return _measure_clearances(scene.vehicles.astype(np.float64), scene.sizes.astype(np.float64))
+
+
+def _measure_clearances(vehicles: Array, sizes: Array) -> Array:
+    ego, others = vehicles[:, :1, :3], vehicles[:, 1:, :3]
+    one_apart, one_m = _measure_beside(ego, sizes[:1], others, sizes[1:])
+    two_apart, two_m = _measure_beside(others, sizes[1:], ego, sizes[:1])
+    apart_m = np.where(one_apart | two_apart, np.minimum(one_m, two_m), 0.0)
+    return np.where(np.isnan(others[..., 0]), np.inf, apart_m)
+
+
+def find_struck(scene: Scene) -> int:
+    """Return the number of the vehicle whose footprint is nearest to the ego's at the end.
+
+    Of several at the same distance it is the one whose centre is nearest.
+    """
+    return _find_struck(scene.vehicles[-1].astype(np.float64), scene.sizes.astype(np.float64))
+
+
+def _find_struck(vehicles: Array, sizes: Array) -> int:
+    centres_m = np.linalg.norm(vehicles[1:, :2] - vehicles[0, :2], axis=1)
+    clearances_m = _measure_clearances(vehicles[None], sizes)[0]
+    return 1 + int(np.lexsort((centres_m, clearances_m))[0])
+
+
+def find_contact(end: Floats, sizes: Floats) -> Contact | None:
+    """Return what the ego collided with: the vehicle of `find_struck`.
+
+    Its side is the one on which it was farthest out before the last step: in the contact itself
+    footprints overlap by what the vehicles move within a step, which at a corner says little.
+
+    Args:
+        end: x [m], y [m], heading [rad] and speed [m/s] of all vehicles before and after the last
+            step, shape (2, vehicles, 4), or (1, vehicles, 4) without a step; vehicle 0 is the ego.
+            NaN while a vehicle is not there.
+        sizes: length and width [m], shape (vehicles, 2).
+
+    Returns:
+        None where no other vehicle is there at the end.
+    """
+    vehicles, sizes_m = end.astype(np.float64), sizes.astype(np.float64)
+    if not np.isfinite(vehicles[-1, 1:]).all(axis=1).any():
+        return None
+    struck = _find_struck(vehicles[-1], sizes_m)
+    before = vehicles[0] if np.isfinite(vehicles[0, struck]).all() else vehicles[-1]
+    corners = _transform(before[:1, :3], before[struck : struck + 1, :3], sizes_m[struck, None])[0]
+    half_length_m, half_width_m = 0.5 * sizes_m[0]
+    (rear_m, right_m), (front_m, left_m) = corners.min(axis=0), corners.max(axis=0)
+    outside_m = (
+        rear_m - half_length_m,
+        -front_m - half_length_m,
+        right_m - half_width_m,
+        -left_m - half_width_m,
+    )
+    return Contact(struck, SIDES[int(np.argmax(outside_m))])
+
+
+def _measure_beside(
+    a: Array, size_a: Array, b: Array, size_b: Array
+) -> tuple[NDArray[np.bool_], Array]:
+    """Whether a side of `a` separates the two, and the distance from `a` to a corner of `b`.
+
+    Args:
+        a: x [m], y [m] and heading [rad], shape (..., vehicles, 3).
+        size_a: length and width [m], shape (vehicles, 2).
+        b: as `a`.
+        size_b: as `size_a`.
+    """
+    corners = _transform(a, b, size_b)
+    half = 0.5 * size_a[:, None, :]
+    outside = (corners.min(axis=-2) > half[:, 0]) | (corners.max(axis=-2) < -half[:, 0])
+    beyond = np.maximum(np.abs(corners) - half, 0.0)
+    return outside.any(axis=-1), np.hypot(beyond[..., 0], beyond[..., 1]).min(axis=-1)
+
+
+def _transform(a: Array, b: Array, size_b: Array) -> Array:
+    """The corners of `b` where the centre of `a` is the origin and its heading the x axis.
+
+    Args:
+        a: x [m], y [m] and heading [rad], shape (..., vehicles, 3).
+        b: as `a`.
+        size_b: length and width [m], shape (vehicles, 2).
+
+    Returns:
+        x and y [m], shape (..., vehicles, corners, 2).
+    """
+    turned = CORNERS * size_b[:, None, :]
+    in_road = _rotate(turned, b[..., 2]) + b[..., None, :2]
+    return _rotate(in_road - a[..., None, :2], -a[..., 2])
+
+
+def _rotate(points: Array, angle: Array) -> Array:
+    """Points, shape (..., corners, 2), turned about the origin by an angle each [rad]."""
+    cos, sin = np.cos(angle)[..., None], np.sin(angle)[..., None]
+    x, y = points[..., 0], points[..., 1]
+    return np.stack([cos * x - sin * y, sin * x + cos * y], axis=-1)
