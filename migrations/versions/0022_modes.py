@@ -1,13 +1,12 @@
 """Failure modes as rows: a name for each, and the failures that belong to it."""
 
 from collections.abc import Iterator
+from textwrap import shorten
 from typing import Any
 
 import msgspec
 import sqlalchemy as sa
 from alembic import op
-
-from eigenfail.values.analysis import propose_mode_name
 
 revision = "0022"
 down_revision = "0021"
@@ -63,18 +62,23 @@ def _fill() -> None:
         for first in range(0, len(rows), BATCH):
             connection.execute(sa.insert(members), rows[first : first + BATCH])
         sizes = [mode["failures"] for mode in result["modes"]]
-        words = result.get("words") or [""] * len(sizes)
+        words = [*result.get("words", ()), *[""] * len(sizes)]
         named = [
             {
                 "analysis": analysis,
                 "number": number,
                 "failures": failures,
-                "name": propose_mode_name(number, sentence),
+                "name": _propose_name(number, sentence),
             }
-            for number, (failures, sentence) in enumerate(zip(sizes, words, strict=True), start=1)
+            for number, (failures, sentence) in enumerate(zip(sizes, words, strict=False), start=1)
         ]
         if named:
             connection.execute(sa.insert(modes), named)
+
+
+def _propose_name(number: int, words: str) -> str:
+    sentence = words.removeprefix(f"Mode {number}: ").split(". ")[0].removesuffix(".")
+    return shorten(sentence, 80, placeholder=" …") or f"Mode {number}"
 
 
 def _list_members(analysis: int, campaign: int, result: dict[str, Any]) -> Iterator[dict[str, int]]:

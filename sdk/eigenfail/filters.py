@@ -91,7 +91,6 @@ _COLUMNS = (
     Column("seed", W, "of everything random in it"),
     Column("outcome", T, "how it ended", tuple(each.word for each in Outcome), STORED_OUTCOMES),
     Column("class", T, "conflict class", tuple(ConflictClass)),
-    Column("mode", W, "failure mode in the newest analysis of its campaign, from 1"),
     Column("steps", W, "steps until it ended"),
     Column("source", T, "where its disturbances come from: prior, trajectory or policy"),
     Column("worker", T, "worker that ran it"),
@@ -101,6 +100,7 @@ _COLUMNS = (
     Column("digest", T, "SHA-256 of what happened"),
     Column("has_scene", ColumnKind.FLAG, "whether its scene was kept"),
     Column("problem", T, "why it errored"),
+    Column("mode", W, "failure mode in the newest analysis of its campaign, from 1"),
 )
 
 COLUMNS = {column.name: column for column in _COLUMNS}

@@ -15,7 +15,7 @@ from eigenfail.presentation.figures import (
     format_count,
     format_usd,
 )
-from eigenfail.values import Analysis, Campaign, Mode, Proof
+from eigenfail.values import Analysis, AnalysisResult, Campaign, Mode, Proof
 from eigenfail.values.analysis import LONGEST_MODE_NAME
 from eigenfail.values.records import EpisodeRow
 from eigenfail.worlds import find_robustness_unit, world_of
@@ -51,7 +51,7 @@ class ModeView(msgspec.Struct, frozen=True, kw_only=True):
         tiles: its figures, each with its basis.
         lines: its failures, the first in their order.
         films: addresses of the players of some failures, the medoid first.
-        every: where all its failures can be searched; empty where a newer analysis has other modes.
+        every: where all its failures can be searched; empty where no filter finds just them.
         has_animation: whether an animation of its failures can be made here.
     """
 
@@ -79,7 +79,7 @@ def make_mode_view(
     cards = make_mode_cards(result, campaign.id, proof, find_robustness_unit(campaign.spec))
     card = cards[mode.number - 1]
     rows = store.episodes.of_mode(analysis.id, mode.number, sort, FAILURES_ON_PAGE)
-    campaigns = [store.campaigns.get(each) for each in sorted({*result.campaigns} or {campaign.id})]
+    others = map(store.campaigns.get, sorted(set(analysis.settings.campaigns) - {campaign.id}))
     return ModeView(
         mode=mode,
         numbers=tuple(range(1, len(result.modes) + 1)),
@@ -87,7 +87,7 @@ def make_mode_view(
         campaign_name=campaign.spec.name,
         card=card,
         is_distinct=result.distinct,
-        tiles=list_mode_tiles(card, mode, campaigns),
+        tiles=list_mode_tiles(card, mode, [campaign, *others]),
         headings=make_headings(
             campaign.spec,
             lambda order: f"/analyses/{analysis.id}/modes/{mode.number}?sort={order}",
@@ -95,7 +95,7 @@ def make_mode_view(
         ),
         lines=tuple(map(make_episode_line, rows)),
         films=tuple(list_films(card, rows)) if world.has_road else (),
-        every=find_search_address(store, campaign.id, card, mode),
+        every=find_search_address(store, analysis, result, mode.number),
         has_animation=world.has_road and RecordingFormat.GIF in list_formats(),
     )
 
@@ -105,7 +105,7 @@ def list_mode_tiles(
 ) -> tuple[tuple[str, Tile], ...]:
     """Return the tiles of a mode's figures, each with its basis."""
     total_usd = sum(find_cost(each).total_usd for each in campaigns)
-    basis = f"{format_usd(total_usd)} USD ÷ {count_noun(mode.failures, 'failure')}"
+    basis = f"{format_usd(total_usd)} USD of its campaigns ÷ {count_noun(mode.failures, 'failure')}"
     probability = (("Probability under p(x)", card.probability),) if card.probability else ()
     return (
         ("Failures", Tile(format_count(mode.failures), (f"{card.share} of those analysed",))),
@@ -127,13 +127,18 @@ def list_films(card: ModeCard, rows: list[EpisodeRow]) -> list[str]:
     return [card.clip, *(others[place * len(others) // count] for place in range(count))]
 
 
-def find_search_address(store: Store, campaign: int, card: ModeCard, mode: Mode) -> str:
-    """Return where the failures of a mode can be searched; empty if the filter has other modes."""
-    newest = store.analyses.find_modes(card.medoid_campaign, card.medoid)
-    is_alone = card.medoid_campaign == campaign
-    if not is_alone or not newest or newest[0].analysis != mode.analysis:
+def find_search_address(
+    store: Store, analysis: Analysis, result: AnalysisResult, number: int
+) -> str:
+    """Return where the failures of a mode can be searched.
+
+    Filters have the modes of the newest analysis, and are of one campaign: empty otherwise.
+    """
+    campaign = analysis.campaign
+    is_of_one = {*result.campaigns} <= {campaign}
+    if not is_of_one or store.analyses.newest(campaign) != analysis.id:
         return ""
-    return make_address(campaign, f"mode = {mode.number}")
+    return make_address(campaign, f"mode = {number}")
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)

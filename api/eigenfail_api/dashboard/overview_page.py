@@ -75,6 +75,11 @@ class Wanted(msgspec.Struct, frozen=True):
         return f"/?{urlencode(query)}" if query else "/"
 
     @property
+    def unfiltered(self) -> str:
+        """The address of all campaigns, in the same order."""
+        return self.address(state=None, method=None, search=None, before=None)
+
+    @property
     def where(self) -> CampaignFilter:
         """The same in the words of the store."""
         besides = None if self.method else REPLAY

@@ -36,7 +36,7 @@ def list_modes(
 ) -> None:
     """List the failure modes of an analysis, with their names and numbers of failures.
 
-    A mode that nobody has named has the beginning of its description for a name.
+    A mode that was given no name has the beginning of its description for one.
     """
     with connect_to(context, url) as client:
         found = client.analyses.modes(analysis)

@@ -275,13 +275,13 @@ LONGEST_MODE_NAME = 80
 
 
 class Mode(Tabular, msgspec.Struct, frozen=True):
-    """A failure mode of an analysis, as people refer to it.
+    """A failure mode of an analysis, by number and name.
 
     Attributes:
         analysis: id of the analysis.
         number: its number there, from 1.
         failures: how many failures belong to it.
-        name: the name that somebody gave it; until then the beginning of its description.
+        name: the name that was given to it; until then the beginning of its description.
     """
 
     analysis: int
@@ -330,7 +330,7 @@ class Behaviour(Brief, msgspec.Struct, frozen=True, eq=False):
 
 
 def propose_mode_name(number: int, words: str) -> str:
-    """Return the name of a mode that nobody has named: the first sentence of its description.
+    """Return the name of a mode that was given none: the first sentence of its description.
 
     Args:
         number: its number, from 1.

@@ -141,7 +141,7 @@ Plain = TypeVar("Plain", dict[str, Any], list[Any])
 
 
 class ModeName(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The name that somebody gives a failure mode."""
+    """The name that a failure mode is to have."""
 
     name: Annotated[str, msgspec.Meta(min_length=1, max_length=LONGEST_MODE_NAME)]
 

@@ -24,7 +24,13 @@ from eigenfail_services.store.jobs import enqueue
 from eigenfail_services.store.judging import keep_finite
 from eigenfail_services.store.lifecycle import make_analysis_error, make_mode_error
 from eigenfail_services.store.references import hold_noise
-from eigenfail_services.store.schema import analyses, mode_members, modes, replays
+from eigenfail_services.store.schema import (
+    analyses,
+    mode_members,
+    modes,
+    replays,
+    select_newest_analysis,
+)
 
 UNFINISHED = (AnalysisState.QUEUED, AnalysisState.RUNNING)
 
@@ -162,6 +168,12 @@ class AnalysisStore:
         )
         with self._database.reading() as connection:
             return _read_modes(connection, query)
+
+    def newest(self, campaign: int) -> int | None:
+        """Return the id of the newest analysis of a campaign that has a mode; None without one."""
+        with self._database.reading() as connection:
+            found: int | None = connection.execute(select_newest_analysis(campaign)).scalar()
+        return found
 
     def link_replay(self, analysis: int, campaign: int) -> None:
         """Link a campaign that replays an analysis's failures; a known link changes nothing.

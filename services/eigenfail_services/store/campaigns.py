@@ -24,6 +24,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.exc import IntegrityError
 
+from eigenfail.errors import InvalidValue
 from eigenfail.filters import NEWEST_FIRST, SortOrder
 from eigenfail.values import (
     Campaign,
@@ -418,7 +419,11 @@ class CampaignStore:
         """Return campaigns that match a filter, in an order, behind the id `before` in it.
 
         By id, `before` may be any number; in another order it is the id of a campaign. Among equal
-        values the newest come first, and campaigns without a value last.
+        values the newest come first, and campaigns without a value last. Where the value of a
+        campaign changes between two pages, it may be on both of them or on none.
+
+        Raises:
+            InvalidValue: the order is not by id, and no campaign has the id `before`.
         """
         query = select(campaigns).where(*_filter_conditions(where)).limit(limit + 1)
         with self._database.reading() as connection:
@@ -522,14 +527,20 @@ def _sort_campaigns(
 ) -> Select[Any]:
     """Return the query in an order, behind the campaign `before` in it."""
     value, number = _SORTED[sort.column], campaigns.c.id
+    if sort.column == "id":  # in the order of the table: nothing is sorted
+        ordered = query.order_by(number.desc() if sort.descending else number)
+        if before is None:
+            return ordered
+        return ordered.where(number < before if sort.descending else number > before)
     ordered = query.order_by(
         value.is_(None), value.desc() if sort.descending else value, number.desc()
     )
     if before is None:
         return ordered
-    if sort.column == "id":
-        return ordered.where(number < before if sort.descending else number > before)
-    last = connection.execute(select(value).where(number == before)).scalar()
+    found = connection.execute(select(value).where(number == before)).one_or_none()
+    if found is None:
+        raise InvalidValue("before", f"Campaign {before} does not exist.", "Take `next` of a page.")
+    last = found[0]
     if last is None:
         return ordered.where(value.is_(None), number < before)
     farther = value < last if sort.descending else value > last

@@ -102,6 +102,7 @@ from eigenfail_services.store.schema import (
     mode_members,
     requirement_values,
     scenes,
+    select_newest_analysis,
     trajectories,
 )
 from eigenfail_services.store.totals import (
@@ -134,15 +135,16 @@ _CLASS = case(
 
 
 def _select_mode() -> _Expression:
-    """Return the number of the mode, in its newest analysis, of the episode of an enclosing query.
+    """Return the number of the mode, in the newest analysis, of the episode of an enclosing query.
 
-    An analysis that is done has a row for each failure: the newest is that with the largest id.
+    The newest is the analysis of the episode's campaign that ended with a mode and has the largest
+    id. An episode that it left out has no mode, also where an older one has it.
     """
-    member, any_member = mode_members.c, mode_members.alias().c
-    newest = select(func.max(any_member.analysis)).where(any_member.campaign == _c.campaign)
+    member = mode_members.c
+    newest = select_newest_analysis(_c.campaign).correlate(episodes)
     query = select(member.number).where(
         member.campaign == _c.campaign,
-        member.analysis == newest.correlate(episodes).scalar_subquery(),
+        member.analysis == newest.scalar_subquery(),
         member["index"] == episode_index,
     )
     return query.correlate(episodes).scalar_subquery()

@@ -18,11 +18,14 @@ from sqlalchemy import (
     Integer,
     LargeBinary,
     MetaData,
+    Select,
     Table,
     Text,
     TypeDecorator,
     UniqueConstraint,
     cast,
+    func,
+    select,
     text,
 )
 from sqlalchemy.ext.compiler import compiles
@@ -284,7 +287,7 @@ analyses = Table(
     sqlite_autoincrement=True,
 )
 
-# The modes of analyses that are done, each with the name that people give it.
+# The modes of analyses that are done, each with the name that was given to it.
 modes = Table(
     "modes",
     metadata,
@@ -304,6 +307,13 @@ mode_members = Table(
     Column("number", Integer, nullable=False),
     Index(None, "analysis", "number"),
 )
+
+
+def select_newest_analysis(campaign: Any) -> Select[int]:
+    """Return the query for the newest analysis of a campaign that has a mode: its id, or NULL."""
+    member = mode_members.alias().c
+    return select(func.max(member.analysis)).where(member.campaign == campaign)
+
 
 # The campaigns that replay what an analysis found.
 replays = Table(

@@ -69,6 +69,16 @@ def test_failures_of_several_campaigns_say_where_they_are_from(store, look):
     assert f"{other.id}/2" in look(f"/analyses/{analysis}/modes/2")
 
 
+def test_a_filter_is_offered_only_where_it_finds_just_the_mode(store, http):
+    one, other = crashed(store), crashed(store, 2)
+    older = analysed(store, one, analysis_result())
+    analysed(store, one, replace(analysis_result(2), episodes=(2, 3)))
+    pooled = replace(analysis_result(), episodes=(0, 1, 0, 1), campaigns=(2, 2, 1, 1))
+    both = analysed(store, other, pooled)
+    for address in (f"/analyses/{older}/modes/2", f"/analyses/{both}/modes/1"):
+        assert "filter=mode" not in http.get(address, headers=HTML).text, address
+
+
 def test_modes_that_are_not_there(mode, look):
     _, address = mode
     assert "has no mode 9" in look(f"{address[:-1]}9", 404)

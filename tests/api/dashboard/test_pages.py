@@ -44,7 +44,7 @@ def test_older_campaigns_are_behind_a_link(http, look, fields):
     ids = [http.post("/api/v1/campaigns", json=fields).json()["id"] for _ in range(51)]
     assert f'href="/?before={ids[1]}"' in http.get("/", headers=HTML).text
     assert "1 0 running" in look(f"/?before={ids[1]}")
-    assert "No older campaigns" in look(f"/?before={ids[0]}")
+    assert "No further campaigns" in look(f"/?before={ids[0]}")
 
 
 def test_what_users_write_is_text_not_markup(http, fields):

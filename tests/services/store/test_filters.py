@@ -7,6 +7,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
+from sqlalchemy import Engine, event
 from sqlalchemy.dialects import sqlite
 from store_checks.episode_filters import WITHOUT_ORDER, in_order, indices
 from store_checks.examples import deliver, running
@@ -25,6 +26,7 @@ from eigenfail.testing.examples import collision, make_errored_result, result, s
 from eigenfail.values import Measures, Outcome
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail_services.store import open_store
+from eigenfail_services.store.campaigns import CampaignStore
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.episodes import page_queries
 
@@ -98,6 +100,25 @@ def test_pages_along_an_index_sort_nothing(sqlite_url, name, where):
             for query in page_queries(connection, 1, None, parse_filter(where), sort):
                 plan = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {plain(query)}").all()
                 assert all("TEMP B-TREE" not in step[3] for step in plan), (sort, plan)
+
+
+def test_the_newest_campaigns_are_read_without_sorting(sqlite_url):
+    statements = []
+
+    def note(_connection, _cursor, statement, parameters, *_more):
+        statements.append((statement, parameters))
+
+    with closing(Database(find_backend(sqlite_url))) as database:
+        event.listen(Engine, "before_cursor_execute", note)
+        CampaignStore(database).page(5)
+        CampaignStore(database).page(5, 3)
+        event.remove(Engine, "before_cursor_execute", note)
+        asked = [(text, given) for text, given in statements if "FROM campaigns" in text]
+        with database.reading() as connection:
+            for text, given in asked:
+                plan = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {text}", given).all()
+                assert all("TEMP B-TREE" not in step[3] for step in plan), plan
+    assert len(asked) == 2
 
 
 def plain(query):

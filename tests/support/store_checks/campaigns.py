@@ -2,7 +2,7 @@
 
 import time
 
-from eigenfail.errors import IdempotencyMismatch, NotFound
+from eigenfail.errors import IdempotencyMismatch, InvalidValue, NotFound
 from eigenfail.filters import parse_campaign_sort
 from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import collision, result, spec
@@ -130,6 +130,8 @@ def sorts_campaigns(store: Store) -> None:
             before = page.next
         equal(seen, wanted, f"Campaigns by {order}")
         equal(before, None, f"The cursor of the last page by {order}")
+    with expect_error(InvalidValue, "A page behind a campaign that does not exist was read."):
+        store.campaigns.page(1, 2**40, sort=parse_campaign_sort("name"))
 
 
 def pages_one_state(store: Store) -> None:

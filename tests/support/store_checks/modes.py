@@ -89,6 +89,22 @@ def finds_episodes_by_mode(store: Store) -> None:
     equal(store.analyses.find_modes(campaign.id, 9), (), "Modes of an episode without a result")
 
 
+def knows_the_newest_analysis_of_a_campaign(store: Store) -> None:
+    """The newest with a mode; an episode that it left out has no mode, whatever older ones say."""
+    campaign, other = crashed(store), crashed(store)
+    equal(store.analyses.newest(campaign.id), None, "The newest analysis before the first")
+    older = analysed(store, campaign, analysis_result())
+    latest = replace(analysis_result(2), episodes=(2, 3), labels=(0, 0))
+    newest = analysed(store, campaign, latest)
+    store.analyses.create(campaign.id, AnalysisSettings())
+    analysed(store, other, analysis_result())
+    equal(store.analyses.newest(campaign.id), newest, "The newest analysis that is done")
+    rows = store.episodes.page(campaign.id, 10).items
+    equal([row.mode for row in rows], [None, None, 1, 1], "Modes of the newest analysis")
+    found = [mode.analysis for mode in store.analyses.find_modes(campaign.id, 0)]
+    equal(found, [older], "Analyses that have an episode")
+
+
 def sorts_the_failures_of_a_mode(store: Store) -> None:
     """They may be of several campaigns; those without a value come last in both directions."""
     one, other = crashed(store, 2), crashed(store, 2)
@@ -115,5 +131,6 @@ CHECKS = (
     keeps_the_names_of_modes,
     knows_no_modes_of_strangers,
     finds_episodes_by_mode,
+    knows_the_newest_analysis_of_a_campaign,
     sorts_the_failures_of_a_mode,
 )

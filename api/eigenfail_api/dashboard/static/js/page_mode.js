@@ -10,7 +10,7 @@ document.querySelector("[data-play-all]")?.addEventListener("click", () => {
   for (const stage of stages) stage.querySelector("[data-play]").click();
 });
 
-// Whatever played before stops at the first step.
+// A scene that plays already stops, at its first step.
 function rewind(stage) {
   const scrub = stage.querySelector("[data-scrub]");
   scrub.value = 0;
