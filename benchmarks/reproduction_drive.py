@@ -147,6 +147,10 @@ scenario in which every failure has a label of its cause, so that modes can be h
 truth. The page [The paper reproduced](reproduction.md) has the same experiments on a cut-in, and
 says how its tables are read.
 
+- **The drive** has three challenges one after the other: a *phantom* (a passing car that noise pulls
+  into the truck's lane, with a follower behind), a *reveal* (a slow car behind one that leaves the
+  lane) and a *cut-in*. A *cause* is the challenge whose vehicle was struck, and whether the planner
+  had lost its track of that vehicle or kept it ([world](world.md#the-scenario-highway_drive)).
 - **Settings**: those of the paper and our defaults, as on that page. The noise is white, of the
   paper's sigma, and on every vehicle: ten channels. The programme (`PROGRAMMES` in
   `eigenfail.reproduction.programme`), the statements and the rule of the verdicts were fixed after
@@ -172,7 +176,7 @@ says how its tables are read.
 Of {statements} statements {asked}<!-- claim paper.asked --> can be asked:
 {holds}<!-- claim paper.drive.holds --> hold, {refuted}<!-- claim paper.drive.refuted --> are
 refuted, and {undecided}<!-- claim paper.drive.undecided --> are not shown. The others are about
-DiFS, which finds no failure here, and about a setting without an effect.
+DiFS, which finds no failure in any evaluation here, and about a setting without an effect.
 """
 
 
@@ -291,8 +295,8 @@ NO_DIFS = (
     "from p(x) have next to no failure to learn from, and noise on five vehicles has ten channels."
 )
 MOVED = (
-    "Most failures happen in the phantom, where the gap to the follower is the only one of the "
-    "moved gaps that matters yet."
+    "Most failures happen in the phantom, the first challenge: of the gaps that were moved only "
+    "that to the follower plays a part in it."
 )
 SPREAD = (
     "Influence is spread over the seconds before the collision. A possible cause, not tested: "

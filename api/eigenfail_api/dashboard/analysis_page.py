@@ -1,6 +1,6 @@
 """The page of an analysis: its modes, how sure they are, and when noise matters."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 
 import msgspec
 import numpy as np
@@ -33,6 +33,7 @@ from eigenfail.values import (
     Campaign,
     Diversity,
     FailureMode,
+    Mode,
     Proof,
     ProvenMode,
 )
@@ -169,6 +170,7 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
         proof: None before there is a result.
         asked: its settings, for another like it.
         choices: of the channels that the other one may analyse.
+        names: the names that were given to modes, by number.
     """
 
     line: AnalysisLine
@@ -186,9 +188,12 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     proof: ProofView | None
     asked: AnalysisSettings
     choices: AnalysisChoices
+    names: Mapping[int, str]
 
 
-def make_analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | None) -> AnalysisView:
+def make_analysis_view(
+    analysis: Analysis, campaign: Campaign, proof: Proof | None, modes: Sequence[Mode]
+) -> AnalysisView:
     """Return the page of an analysis, with the results of the replays that have ended."""
     result = analysis.result
     world = world_of(campaign.spec.simulator)
@@ -210,7 +215,14 @@ def make_analysis_view(analysis: Analysis, campaign: Campaign, proof: Proof | No
         proof=make_proof_view(proof, unit) if proof else None,
         asked=analysis.settings,
         choices=list_analysis_choices(campaign.spec),
+        names=find_given_names(result, modes) if result else {},
     )
+
+
+def find_given_names(result: AnalysisResult, modes: Sequence[Mode]) -> dict[int, str]:
+    """Return the names that were given to modes by number, without those that are proposed."""
+    proposed = {mode.number: mode.name for mode in result.list_modes(0)}
+    return {mode.number: mode.name for mode in modes if mode.name != proposed[mode.number]}
 
 
 def is_replaying(proof: Proof | None) -> bool:
@@ -299,5 +311,8 @@ def show_analysis(store: Stored, analysis: AnalysisId) -> HTMLResponse:
     seen = store.analyses.get(analysis)
     proven = summarise_proof(store, seen) if seen.result else None
     return page(
-        "analysis.html", make_analysis_view(seen, store.campaigns.get(seen.campaign), proven)
+        "analysis.html",
+        make_analysis_view(
+            seen, store.campaigns.get(seen.campaign), proven, store.analyses.modes(analysis)
+        ),
     )

@@ -268,6 +268,7 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
         replayed: campaign and index of the episode whose noise it repeats; None if of no episode.
         verdict: whether it is the same again; None if it repeats no episode that is known.
         mode: its failure mode in the newest analysis of it; None if it was not analysed.
+        left_out_by: the newest analysis of its campaign, if that left this failure out.
     """
 
     campaign: int
@@ -294,6 +295,7 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
     replayed: tuple[int, int] | None
     verdict: ReplayVerdict | None
     mode: Mode | None
+    left_out_by: int | None
 
 
 class EpisodeContext(NamedTuple):
@@ -302,6 +304,7 @@ class EpisodeContext(NamedTuple):
     next_failure: int | None
     verdict: ReplayVerdict | None
     mode: Mode | None
+    left_out_by: int | None
 
 
 def make_episode_view(
@@ -429,9 +432,14 @@ def show_episode(
     result = store.episodes.get(campaign, index)
     mission = find_mission(seen.spec, result)
     following = find_next_failure(store, seen, index)
-    modes = store.analyses.find_modes(campaign, index)
-    verdict = judge_replay(store, Run(seen, result))
-    context = EpisodeContext(following, verdict, modes[0] if modes else None)
+    modes, newest = store.analyses.find_modes(campaign, index), store.analyses.newest(campaign)
+    is_left_out = result.outcome.is_failure and newest not in {mode.analysis for mode in modes}
+    context = EpisodeContext(
+        following,
+        judge_replay(store, Run(seen, result)),
+        modes[0] if modes else None,
+        newest if is_left_out else None,
+    )
     return page("episode.html", make_episode_view(seen, result, mission, context))
 
 

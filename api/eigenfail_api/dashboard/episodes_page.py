@@ -298,6 +298,7 @@ EXAMPLES = {
     "class = planner_failure and ttc_lead_s > 1": "avoidable by braking in time",
     "class = near_miss and source != prior": "near misses of the search",
     "outcome = errored": "episodes that errored",
+    "mode = 1": "failures of mode 1 of the newest analysis",
 }
 
 

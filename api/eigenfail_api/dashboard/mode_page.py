@@ -52,6 +52,8 @@ class ModeView(msgspec.Struct, frozen=True, kw_only=True):
         lines: its failures, the first in their order.
         films: addresses of the players of some failures, the medoid first.
         every: where all its failures can be searched; empty where no filter finds just them.
+        newer: the newest analysis of the campaign, whose modes filters and lists have; None if it
+            is this one.
         has_animation: whether an animation of its failures can be made here.
     """
 
@@ -66,6 +68,7 @@ class ModeView(msgspec.Struct, frozen=True, kw_only=True):
     lines: tuple[EpisodeLine, ...]
     films: tuple[str, ...]
     every: str
+    newer: int | None
     has_animation: bool
     longest_name: int = LONGEST_MODE_NAME
 
@@ -77,7 +80,7 @@ def make_mode_view(
     campaign = store.campaigns.get(analysis.campaign)
     result, world = read_result(analysis), world_of(campaign.spec.simulator)
     cards = make_mode_cards(result, campaign.id, proof, find_robustness_unit(campaign.spec))
-    card = cards[mode.number - 1]
+    card, newest = cards[mode.number - 1], store.analyses.newest(campaign.id)
     rows = store.episodes.of_mode(analysis.id, mode.number, sort, FAILURES_ON_PAGE)
     others = map(store.campaigns.get, sorted(set(analysis.settings.campaigns) - {campaign.id}))
     return ModeView(
@@ -95,7 +98,8 @@ def make_mode_view(
         ),
         lines=tuple(map(make_episode_line, rows)),
         films=tuple(list_films(card, rows)) if world.has_road else (),
-        every=find_search_address(store, analysis, result, mode.number),
+        every=find_search_address(analysis, result, mode.number) if newest == analysis.id else "",
+        newer=None if newest == analysis.id else newest,
         has_animation=world.has_road and RecordingFormat.GIF in list_formats(),
     )
 
@@ -127,18 +131,13 @@ def list_films(card: ModeCard, rows: list[EpisodeRow]) -> list[str]:
     return [card.clip, *(others[place * len(others) // count] for place in range(count))]
 
 
-def find_search_address(
-    store: Store, analysis: Analysis, result: AnalysisResult, number: int
-) -> str:
-    """Return where the failures of a mode can be searched.
+def find_search_address(analysis: Analysis, result: AnalysisResult, number: int) -> str:
+    """Return where the failures of a mode of the newest analysis can be searched.
 
-    Filters have the modes of the newest analysis, and are of one campaign: empty otherwise.
+    Filters are of one campaign: empty if the failures are of several.
     """
-    campaign = analysis.campaign
-    is_of_one = {*result.campaigns} <= {campaign}
-    if not is_of_one or store.analyses.newest(campaign) != analysis.id:
-        return ""
-    return make_address(campaign, f"mode = {number}")
+    is_of_one = {*result.campaigns} <= {analysis.campaign}
+    return make_address(analysis.campaign, f"mode = {number}") if is_of_one else ""
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)

@@ -180,7 +180,8 @@ def analyze(
         elif analysis.result:
             result = analysis.result
             found = (*describe_modes(campaign, result), *describe_findings(result))
-            make_console().print(render(*found, *list_mode_words(result), *proven))
+            words = (*list_mode_words(result), describe_place(analysis))
+            make_console().print(render(*found, *words, *proven))
         # The result is printed first: it is not lost where an animation cannot be made.
         if animations is not None:
             write_animations(client, analysis, animations)
@@ -191,6 +192,14 @@ def tabulate_proof(client: Client, analysis: Analysis, proof: Proof) -> tuple[Bl
     spec = client.campaigns.get(analysis.campaign).spec
     noun = analysis.result.cluster_noun if analysis.result else "mode"
     return describe_proof(proof, noun, find_robustness_unit(spec))
+
+
+def describe_place(analysis: Analysis) -> str:
+    """Return where an analysis is found again, and how its modes get names."""
+    return (
+        f"This is analysis {analysis.id}: /analyses/{analysis.id} of the dashboard. Name a mode by "
+        f'`eigenfail mode rename {analysis.id} 1 "a name"`.'
+    )
 
 
 def make_folder(folder: Path) -> None:

@@ -52,7 +52,7 @@ def rename_mode(
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Give a failure mode a name, which pages, lists and commands show."""
+    """Give a failure mode a name, which its page, its episodes' pages and `mode list` show."""
     with connect_to(context, url) as client:
         renamed = client.analyses.rename_mode(analysis, number, name)
     if as_json:
