@@ -149,8 +149,9 @@ says how its tables are read.
 
 - **The drive** has three challenges one after the other: a *phantom* (a passing car that noise
   pulls into the truck's lane, with a follower behind), a *reveal* (a slow car behind one that
-  leaves the lane) and a *cut-in*. A *cause* is the challenge whose vehicle was struck, and whether the planner
-  had lost its track of that vehicle or kept it ([world](world.md#the-scenario-highway_drive)).
+  leaves the lane) and a *cut-in*. A *cause* is the challenge whose vehicle was struck, and whether
+  the planner had lost its track of that vehicle or kept it
+  ([world](world.md#the-scenario-highway_drive)).
 - **Settings**: those of the paper and our defaults, as on that page. The noise is white, of the
   paper's sigma, and on every vehicle: ten channels. The programme (`PROGRAMMES` in
   `eigenfail.reproduction.programme`), the statements and the rule of the verdicts were fixed after
