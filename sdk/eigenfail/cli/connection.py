@@ -14,6 +14,7 @@ import typer
 from msgspec.structs import replace
 
 from eigenfail import functions
+from eigenfail.bridges import ADDRESS_OPTION, ADDRESS_VARIABLE
 from eigenfail.cli.render import skip_check
 from eigenfail.cli.specs import check_local_bridge, check_plugins
 from eigenfail.client import Client
@@ -25,6 +26,7 @@ from eigenfail.hosting.service import Plan, local_service
 from eigenfail.suites import Suite, list_references, replace_references
 from eigenfail.values import CampaignSpec
 from eigenfail.wire.http import Problem, make_error
+from eigenfail.worlds import world_of
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,21 @@ def connect_for_campaign(
         open_place(context, spec, url, plan) as place,
         connect_to(context, place.url) as client,
     ):
+        if not place.again and ADDRESS_VARIABLE in os.environ:
+            _warn_of_unused_bridge(spec, place.url)
         yield client, place
+
+
+def _warn_of_unused_bridge(spec: CampaignSpec, url: str) -> None:
+    """Say that a service that runs already has its bridges from its own workers."""
+    if world_of(spec.simulator).needs_bridge:
+        typer.echo(
+            f"{ADDRESS_VARIABLE} has no effect here: the service at {url} runs already, and has "
+            "bridges from its own workers. Start a worker for yours with `eigenfail worker "
+            f"--connect HUB {ADDRESS_OPTION} ADDRESS`, or let this command start a service of its "
+            "own with `--data FOLDER`.",
+            err=True,
+        )
 
 
 @contextmanager

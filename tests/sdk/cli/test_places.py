@@ -4,6 +4,7 @@ from contextlib import contextmanager
 
 import pytest
 import typer
+from msgspec.structs import replace
 from typer.testing import CliRunner
 
 from eigenfail.cli import connection, run
@@ -157,3 +158,21 @@ def test_the_usual_folder_is_the_one_in_which_up_works(asked_of, monkeypatch, tm
         folder.publish(OWN)
         assert asked_of() == OWN.url
     assert asked_of() == DEFAULT_URL
+
+
+@pytest.mark.parametrize("simulator", ["bridge", "highway"])
+def test_a_bridge_of_this_shell_is_not_that_of_a_service_that_runs(
+    monkeypatch, capsys, spec_file, tmp_path, simulator
+):
+    @contextmanager
+    def enter(*_given):
+        yield connection.Place("http://there:1")
+
+    monkeypatch.setattr(connection, "open_place", enter)
+    monkeypatch.setattr(connection, "connect_to", enter)
+    monkeypatch.setenv("EIGENFAIL_BRIDGE", "tcp://127.0.0.1:9")
+    spec, plan = replace(read_spec(spec_file), simulator=simulator), Plan(tmp_path, 0)
+    context = typer.Context(typer.main.get_command(run.app))
+    with connection.connect_for_campaign(context, spec, None, plan):
+        told = capsys.readouterr().err
+    assert ("http://there:1 runs already" in told) is (simulator == "bridge")
