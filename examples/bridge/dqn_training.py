@@ -20,7 +20,7 @@ from stable_baselines3.common.monitor import Monitor
 
 SEED = 2026
 STEPS = 4_000
-"""Agents that were trained for 6,000 and 8,000 steps drove faster, and collided more often."""
+"""After 6,000 steps the agent drove faster, and collided in more traffics without noise."""
 
 
 def train() -> DQN:
@@ -29,7 +29,11 @@ def train() -> DQN:
 
 
 def build(environment: Any) -> DQN:
-    """Return an agent that has learnt nothing, with the settings of highway-env's documentation."""
+    """Return an agent that has learnt nothing.
+
+    The settings are those of highway-env's documentation, but for the share of the steps with
+    exploration, since it trains for longer.
+    """
     return DQN(
         "MlpPolicy",
         environment,
