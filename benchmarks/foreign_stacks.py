@@ -71,6 +71,12 @@ STACKS = {
         ("gap_m", [*map(float, range(26, 51))]),
         200,
     ),
+    "dqn": Stack(
+        "stable-baselines3",
+        Example(python("dqn_bridge.py"), "dqn.toml", {"DQN": ALL}),
+        ("traffic", range(50)),
+        100,
+    ),
 }
 
 

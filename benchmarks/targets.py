@@ -93,6 +93,7 @@ TARGETS = {
     "intervals.covered_min": Target(low=0.88),
     "intervals.low_bias_worst": Target(low=0.8),
     "mixture_over_subset": Target(high=0.5),
+    "foreign.stacks": Target(low=4.0),
     "search.dominated": Target(high=0.0),
     "search.best_share": Target(low=0.8),
     "subset_busy_100": Target(low=0.85),

@@ -9,7 +9,7 @@ from eigenfail.cli.specs import read_spec
 from eigenfail.values import EpisodeTask, Outcome, PriorSource, TrajectorySource, episode_seed
 
 BRIDGES = Path(__file__).parents[3] / "examples" / "bridge"
-STACKS = {"idm_vehicle": "highway_env", "fiss": "fiss_planner"}
+STACKS = {"idm_vehicle": "highway_env", "fiss": "fiss_planner", "dqn": "highway_env"}
 """The package that each bridge needs."""
 
 SIDE_BY_SIDE = 4
@@ -102,6 +102,43 @@ def test_errors_are_gone_when_the_driver_has_decided() -> None:
     assert left == len(before) - 1
     assert np.isnan(seen).all()
     assert [state(each) for each in others(environment)] == before
+
+
+@pytest.mark.usefixtures("modules")
+def test_the_arrays_of_the_agent_value_actions_as_stable_baselines3_does() -> None:
+    pytest.importorskip("highway_env", reason="no highway_env: pip install '.[worker]'")
+    pytest.importorskip("stable_baselines3", reason="no stable_baselines3: pip install '.[server]'")
+    import torch
+    from dqn_bridge import Agent
+    from dqn_training import SEED, build, make, read_arrays
+
+    model = build(make(SEED))
+    agent = Agent(read_arrays(model))
+    random = np.random.default_rng(1)
+    observations = random.uniform(-1.0, 1.0, (20, 5, 5)).astype(np.float32)
+    with torch.no_grad():
+        values = model.q_net(torch.as_tensor(observations)).numpy()
+    ours = np.array([agent.value_actions(each) for each in observations])
+    np.testing.assert_allclose(ours, values, atol=1e-5)
+    assert len(set(values.argmax(1))) > 1
+
+
+@pytest.mark.usefixtures("modules")
+def test_a_policy_that_is_not_the_one_of_the_page_is_refused(monkeypatch, tmp_path) -> None:
+    pytest.importorskip("highway_env", reason="no highway_env: pip install '.[worker]'")
+    import dqn_bridge
+
+    from eigenfail.errors import SimulatorError
+
+    page = (BRIDGES.parents[1] / "docs" / "foreign_stacks.md").read_text()
+    assert dqn_bridge.DIGEST in page
+    shapes = {name: array.shape for name, array in dqn_bridge.read_policy().items()}
+    assert shapes["weight_2"] == (3, 256)
+    other = tmp_path / "other.npz"
+    np.savez(other, weight_0=np.zeros((5, 25), np.float32), bias_0=np.zeros(5, np.float32))
+    monkeypatch.setattr(dqn_bridge, "POLICY", other)
+    with pytest.raises(SimulatorError, match=r"other\.npz"):
+        dqn_bridge.read_policy()
 
 
 def test_no_module_of_a_bridge_reads_a_pickle() -> None:
