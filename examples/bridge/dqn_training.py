@@ -1,6 +1,6 @@
 """The DQN agent of dqn_bridge.py: trained with stable-baselines3, written as plain arrays.
 
-    pip install '.[worker,examples]'
+    pip install '.[worker,server]'
     python dqn_training.py dqn_policy.npz
 
 About two minutes on one core. The seed is fixed; other versions of torch, and other processors, may
