@@ -15,6 +15,7 @@ from eigenfail.values import (
     CampaignState,
     Counts,
     Estimate,
+    RateDesign,
     StopRules,
 )
 from eigenfail_services.analysis.sampling_design import SamplingDesign
@@ -68,12 +69,14 @@ def test_errored_episodes_count_in_both_bounds_where_a_rule_applied():
 
 
 def test_bounds_are_two_sided_where_a_rule_ended_it_with_failures_alone():
-    campaign = make_campaign(stop=StopRules(failures=4), failures=4)
-    counts = Counts(planned=1_000, completed=4, failures=4)
+    campaign = make_campaign(stop=StopRules(failures=4))
+    counts = Counts(planned=1_000, completed=100, failures=100)
     stopped = replace(campaign, counts=counts, stopped_because="Stopped (rule: failures = 4).")
     (known, _) = find_probability([stopped])
-    assert known.low == SamplingDesign.of_failures([stopped]).find_bounds(4, 4).low
-    assert known.low < find_failure_rate(stopped).interval.low
+    one_sided = find_failure_rate(stopped)
+    assert one_sided.design is RateDesign.FAILURES
+    assert known.low == SamplingDesign.of_failures([stopped]).find_bounds(100, 100).low
+    assert known.low < one_sided.interval.low
     assert known.high == 1.0
 
 
@@ -171,14 +174,15 @@ def test_failures_are_those_of_the_same_scenario_and_no_search(store):
     with pytest.raises(InvalidValue, match="no random sample"):
         ask(store, campaigns=(one,), failures_from=search)
     again = store.campaigns.create(replace(spec, seed=2)).id
-    with pytest.raises(InvalidValue, match="is queued. Name a campaign that has ended") as caught:
+    with pytest.raises(InvalidValue, match="is queued") as caught:
         ask(store, campaigns=(one,), failures_from=again)
     assert "scenarios[0].failures_from" in str(caught.value)
+    assert "Name a campaign that has ended" in str(caught.value)
 
 
 def test_the_campaign_of_the_severity_is_compared_as_well(store):
     spec = CampaignSpec(name="x", method="monte_carlo", episodes=9)
-    noisier = replace(spec.disturbance, sigma_m=2.0 * spec.disturbance.sigma_m)
+    noisier = replace(spec.disturbance, scale=2.0)
     one = store.campaigns.create(spec).id
     other = store.campaigns.create(replace(spec, disturbance=noisier)).id
     for state in (CampaignState.RUNNING, CampaignState.DONE):
