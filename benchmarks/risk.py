@@ -8,11 +8,13 @@ the true one times a log-normal error without bias in its median. In half of the
 campaigns of Monte Carlo have one seed: their episodes of equal index fail together as often as they
 can. `risk.cover` is the share of suites whose two-sided interval holds the truth,
 `risk.cover.at_least` and `risk.cover.at_most` are those of the one-sided bounds, `risk.monotone` is
-the share in which none of three scenarios can be left out so that a bound becomes larger, and
+the share in which none of three scenarios can be left out so that a bound becomes larger,
+`risk.renamed` by how much other names of the scenarios change the bound that they change most, and
 `risk.zero_failures` the number of scenarios without a failure in all suites.
 """
 
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from math import exp, log, sqrt
 from typing import NamedTuple
 
@@ -70,6 +72,7 @@ class SuiteCheck(NamedTuple):
         monotone: whether no bound is lower than that of the suite without one of its scenarios.
         zeros: number of scenarios without a failure.
         scenarios: their number.
+        renamed: largest relative change of a bound by other names of the scenarios.
         ratio: upper end of the interval ÷ the true rate.
     """
 
@@ -80,6 +83,7 @@ class SuiteCheck(NamedTuple):
     zeros: int
     ratio: float
     scenarios: int
+    renamed: float
 
 
 def find_cover(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
@@ -95,6 +99,7 @@ def find_cover(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     yield "risk.cover.at_least.many", share(many, f"more than {FEW} scenarios")
     yield "risk.monotone", count_share([each.monotone for each in found], note)
     yield "risk.high_over_truth", median([each.ratio for each in found], "ratio", note)
+    yield "risk.renamed", median([each.renamed for each in found], "relative change", note)
     zeros = float(sum(each.zeros for each in found))
     yield (
         "risk.zero_failures",
@@ -117,17 +122,26 @@ def check_suite(seed: int) -> SuiteCheck:
         zeros=sum(not term.probability.value for term in terms),
         ratio=whole.interval.high / truth,
         scenarios=len(terms),
+        renamed=_compare(whole, bound_sum([replace(each, name=f"{each.name}'") for each in terms])),
+    )
+
+
+def _compare(one: RateBounds, other: RateBounds) -> float:
+    """Return the largest relative difference of the bounds that are not 0."""
+    return max(abs(second / first - 1.0) for first, second in _pair(one, other) if first)
+
+
+def _pair(one: RateBounds, other: RateBounds) -> tuple[tuple[float, float], ...]:
+    return (
+        (one.at_least, other.at_least),
+        (one.at_most, other.at_most),
+        (one.interval.low, other.interval.low),
+        (one.interval.high, other.interval.high),
     )
 
 
 def _is_within(rest: RateBounds, whole: RateBounds) -> bool:
-    pairs = (
-        (rest.at_least, whole.at_least),
-        (rest.at_most, whole.at_most),
-        (rest.interval.low, whole.interval.low),
-        (rest.interval.high, whole.interval.high),
-    )
-    return all(one <= other * (1.0 + ROUNDING) for one, other in pairs)
+    return all(one <= other * (1.0 + ROUNDING) for one, other in _pair(rest, whole))
 
 
 def make_suite(generator: np.random.Generator) -> tuple[list[RiskTerm], float]:

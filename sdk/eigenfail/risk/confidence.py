@@ -18,8 +18,7 @@ a function of the confidence, these bounds are two distributions, a lower and an
 **Cut.** A log-normal distribution has a mean above its median, and none with Student's quantiles.
 The mean of a sum of draws would be above the truth, and with many summands the lower bound as well.
 Draws of a lower distribution are therefore cut where their mean is at most that of an estimate
-without bias, as it is by itself for counts: k ÷ H of Gamma(k) ÷ H, k ÷ (n + 1) of Beta(k, n - k +
-1). The estimate of runs has no bias, so that it is cut at the estimate itself. A value whose
+without bias, as it is by itself for counts. An estimate of runs is one, and the cut. A value whose
 logarithm has a normal error has the mean exp(s² ÷ 2) times the truth; exp(-s² ÷ 2) takes that off,
 and exp(-s ÷ 2) covers the skewness of a sum of few. Only draws above the cut change: the lower
 bound of one such factor stays its own, up to s = 2.3, an interval of ÷ 88 to × 88. Beyond that it
@@ -36,15 +35,14 @@ for a weighted sum of Poisson rates takes one in all: with many summands of few 
 
 **Monotone.** A further scenario adds draws that are not negative to draws that stay the same, so
 that no bound falls where a scenario is added, while the others share their noise as before. The
-method of variance estimates recovery (Zou and Donner 2008, Statistics in Medicine 27, 1693–1702),
-L = T̂ - √Σ(t̂_s - l_s)² and U = T̂ + √Σ(u_s - t̂_s)², has this property as well, since no l_s is
-below 0. It needs a point estimate of each summand, which a stop rule may leave without one, and
-another rule for the products; melding takes sums and products by the same rule.
+method of variance estimates recovery (Zou and Donner 2008, Statistics in Medicine 27, 1693–1702)
+has this property as well. It needs a point estimate of each summand, which a stop rule may leave
+without one, and another rule for the products.
 
 Draws are no random numbers: each distribution is cut into `DRAWS` parts of equal probability, and
 pairs of parts are matched by a permutation whose seed is the name of what is drawn. The same
-question has the same answer, whatever the order of its scenarios; other names move bounds by about
-1 %.
+question has the same answer, whatever the order of its scenarios; other names change bounds by as
+much as `risk.renamed` says.
 
 Campaigns with the same seed have the same noise: their errors may be correlated. The bounds are the
 outer ones of two sums: of independent draws, and of draws whose probabilities of equal noise are
@@ -347,15 +345,17 @@ class RiskTerm:
         return None if rate is None or probability is None else rate * probability
 
     def draw_lower(self) -> Array:
-        """Return draws of its failures in an hour from the lower distributions, as `_match`."""
+        """Return draws of its failures in an hour from the lower distributions, shape (2, DRAWS).
+
+        The first row is of independent draws, the second one of draws that equal noise matches.
+        """
         return self._match(self.exposure.draw_lower(), self.probability.draw_lower())
 
     def draw_upper(self) -> Array:
-        """Return draws of its failures in an hour from the upper distributions, as `_match`."""
+        """Return the same from the upper distributions."""
         return self._match(self.exposure.draw_upper(), self.probability.draw_upper())
 
     def _match(self, rates: Array, shares: Array) -> Array:
-        """Return products, shape (2, DRAWS): apart from all terms, and alike for equal noise."""
         names = (f"failures {self.name}", self.noise)
         matched = np.stack([_permute(shares, name) for name in names])
         drawn: Array = _permute(rates, f"exposure {self.name}") * matched
