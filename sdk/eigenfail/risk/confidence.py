@@ -18,20 +18,19 @@ a function of the confidence, these bounds are two distributions, a lower and an
 **Cut.** A log-normal distribution has a mean above its median, and none with Student's quantiles.
 The mean of a sum of draws would be above the truth, and with many summands the lower bound as well.
 Draws of a lower distribution are therefore cut where their mean is at most that of an estimate
-without bias, as it is by itself for counts. An estimate of runs is one, and the cut. A value whose
+without bias, as it is by itself for counts: at the estimate of runs, which is one. A value whose
 logarithm has a normal error has the mean exp(s² ÷ 2) times the truth; exp(-s² ÷ 2) takes that off,
-and exp(-s ÷ 2) covers the skewness of a sum of few. Only draws above the cut change: the lower
-bound of one such factor stays its own, up to s = 2.3, an interval of ÷ 88 to × 88. Beyond that it
-is lower.
+and exp(-s ÷ 2) covers the skewness of sums of few. Only draws above the cut change: the lower bound
+of one such factor is its own up to s = 2.3, an interval of ÷ 88 to × 88, and lower beyond that.
 
 **Melding** (Fay, Proschan and Brittain 2015, Biometrics 71, 146–156) bounds a function that rises
 in all parameters: its upper bound is the quantile of the function of independent draws from the
-upper distributions, the lower bound that of draws from the lower ones. For one factor it is the
-exact bound itself. For more of them the authors conjecture that it covers at least as often as it
-says, and show it by simulation; `risk.cover`, `risk.cover.at_least` and `risk.cover.at_most` in
-docs/claims.json are how often it does for sums as here. It takes one event more than was seen in
-each summand, where the gamma interval of Fay and Feuer (1997, Statistics in Medicine 16, 791–801)
-for a weighted sum of Poisson rates takes one in all: with many summands of few events it is wider.
+upper distributions, the lower bound that of draws from the lower ones. For one factor it is its own
+bound. For more of them the authors conjecture that it covers at least as often as it says, and show
+it by simulation; `risk.cover.` in docs/claims.json is how often it does for sums as here. It takes
+one event more than was seen in each summand, where the gamma interval of Fay and Feuer (1997,
+Statistics in Medicine 16, 791–801) for a weighted sum of Poisson rates takes one in all: with many
+summands of few events it is wider.
 
 **Monotone.** A further scenario adds draws that are not negative to draws that stay the same, so
 that no bound falls where a scenario is added, while the others share their noise as before. The
@@ -39,15 +38,13 @@ method of variance estimates recovery (Zou and Donner 2008, Statistics in Medici
 has this property as well. It needs a point estimate of each summand, which a stop rule may leave
 without one, and another rule for the products.
 
-Draws are no random numbers: each distribution is cut into `DRAWS` parts of equal probability, and
-pairs of parts are matched by a permutation whose seed is the name of what is drawn. The same
-question has the same answer, whatever the order of its scenarios; other names change bounds by as
-much as `risk.renamed` says.
+Draws are no random numbers: each distribution is divided into `DRAWS` parts of equal probability,
+which are matched by permutations whose seeds are names. The same question has the same answer,
+whatever the order of its scenarios; `risk.renamed` is how far other names change bounds.
 
 Campaigns with the same seed have the same noise: their errors may be correlated. The bounds are the
 outer ones of two sums: of independent draws, and of draws whose probabilities of equal noise are
-matched in rising order, the strongest correlation that there can be. The latter moves most bounds
-outwards, but not all of distributions with heavy tails.
+matched in rising order, the strongest correlation, which narrows some sums of heavy tails.
 """
 
 from collections.abc import Sequence
@@ -233,8 +230,7 @@ class FailureShare:
 class RunEstimate:
     """Probability of failure, from an estimate with an error between independent runs.
 
-    log P is that of the estimate plus `spread` times Student's distribution. Its own lower bound is
-    that of its interval.
+    log P is that of the estimate plus `spread` times Student's distribution.
 
     Attributes:
         value: the estimate, above 0.
