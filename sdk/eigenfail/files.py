@@ -147,9 +147,27 @@ def read_toml(file: Path, like: str) -> dict[str, Any]:
         InvalidValue: it cannot be read, or is not TOML.
     """
     try:
-        return tomllib.loads(file.read_text(encoding="utf-8"))
+        text = file.read_text(encoding="utf-8")
     except OSError as error:
         raise InvalidValue(str(file), f"cannot be read: {error.strerror}.", like) from error
+    except ValueError as error:
+        raise InvalidValue(str(file), f"is not TOML: {error}.", like) from error
+    return parse_toml(text, str(file), like)
+
+
+def parse_toml(text: str, field: str, like: str) -> dict[str, Any]:
+    """Return the table in a text.
+
+    Args:
+        text: TOML.
+        field: name of the text, for the error.
+        like: what such a text should be: the remedy of the error.
+
+    Raises:
+        InvalidValue: it is not TOML.
+    """
+    try:
+        return tomllib.loads(text)
     # tomllib gives up on deep nesting and on endless integers in errors of its own.
     except (ValueError, RecursionError) as error:
-        raise InvalidValue(str(file), f"is not TOML: {error}.", like) from error
+        raise InvalidValue(field, f"is not TOML: {error}.", like) from error

@@ -1,6 +1,5 @@
 """The risk page: a question as TOML, and its answer from the campaigns that are stored."""
 
-import tomllib
 from urllib.parse import parse_qsl
 
 import msgspec
@@ -8,7 +7,8 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, HTTPException, Request
 from fastapi.responses import HTMLResponse
 
-from eigenfail.errors import InputError, InvalidValue, NotFound
+from eigenfail.errors import InputError, NotFound
+from eigenfail.files import parse_toml
 from eigenfail.presentation.tables import Table
 from eigenfail.risk.assessment import RiskAssessment, RiskVerdict
 from eigenfail.risk.question import LIKE_RISK, RiskQuestion
@@ -108,10 +108,7 @@ def answer(store: Store, text: str) -> RiskAssessment:
         InvalidValue: the text is not TOML, or a field of it cannot be.
         NotFound: there is no such campaign.
     """
-    try:
-        given = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
-        raise InvalidValue(QUESTION, f"is not TOML: {error}.", LIKE_RISK) from None
+    given = parse_toml(text, QUESTION, LIKE_RISK)
     return assess_risk(store, convert({"name": "Risk", **given}, RiskQuestion, QUESTION))
 
 

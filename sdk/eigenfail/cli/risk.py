@@ -1,5 +1,6 @@
 """`eigenfail risk`: failures per hour and per 10^6 km of a planner, against a target rate."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,20 +11,18 @@ from typer.core import TyperGroup
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, Url
 from eigenfail.cli.render import show
-from eigenfail.errors import ServiceError
 from eigenfail.hosting.folder import DEFAULT_URL
+from eigenfail.presentation.tables import Block
 from eigenfail.presentation.terminal import render
 from eigenfail.risk.assessment import RiskAssessment, RiskVerdict
 from eigenfail.risk.question import EPISODES, read_risk_file
-from eigenfail.risk.sentences import (
-    describe_allocation,
-    describe_assessment,
-    describe_verdict,
-    list_limits,
-)
+from eigenfail.risk.sentences import describe_allocation, describe_assessment, list_limits
 
 ASSESS = "assess"
-NOT_MET = 1
+
+EXIT_CODES = {RiskVerdict.MET: 0, RiskVerdict.NOT_MET: 1, RiskVerdict.UNDECIDED: 3}
+
+NEXT = "See where the next episodes help most: eigenfail risk next FILE.toml"
 
 
 class RiskCommands(TyperGroup):
@@ -63,12 +62,13 @@ def assess(
 
     The probabilities are those of campaigns of the service that may state one: monte_carlo, subset,
     mixture or splitting. Exits with 0 if the target is met with 95 % confidence, with 1 if it is
-    not met, and with 3 if it is undecided.
+    not met, and with 3 if it is undecided. An error of the service exits with 3 as well, with a
+    message on standard error and no answer on standard output.
     """
     with connect_to(context, url) as client:
         found = client.assess_risk(read_risk_file(file))
-    show(found, as_json, lambda: render(*describe_assessment(found)))
-    _exit_by_verdict(found)
+    show(found, as_json, lambda: render(*_list_blocks(found)))
+    raise typer.Exit(EXIT_CODES[found.verdict])
 
 
 @app.command("next")
@@ -93,16 +93,8 @@ def allocate(
     )
 
 
-def _exit_by_verdict(found: RiskAssessment) -> None:
-    """Exit with 1 if the target is not met.
-
-    Raises:
-        ServiceError: the bounds show neither.
-    """
+def _list_blocks(found: RiskAssessment) -> Iterator[Block]:
+    """Yield the answer, with what to do next where it is undecided."""
+    yield from describe_assessment(found)
     if found.verdict is RiskVerdict.UNDECIDED:
-        raise ServiceError(
-            describe_verdict(found),
-            "See where the next episodes help most: eigenfail risk next FILE.toml",
-        )
-    if found.verdict is RiskVerdict.NOT_MET:
-        raise typer.Exit(NOT_MET)
+        yield NEXT

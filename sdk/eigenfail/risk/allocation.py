@@ -13,7 +13,8 @@ taken at plausible values above 0: without a failure P_s is 1 ÷ (2 (n + 1)), so
 which nothing has failed so far gets episodes.
 
 A scenario without an estimate has no σ_s. Each gets an equal part of the budget first, 1 ÷ number
-of all scenarios, for a first estimate, and the rest is divided as above. The second sum is what
+of all scenarios, for a first estimate, and the rest is divided as above; of fewer episodes than
+scenarios one each, as far as they go. The second sum is what
 episodes cannot take off; where it is the larger one, more hours of driving help more.
 """
 
@@ -71,13 +72,13 @@ def allocate_episodes(names: Sequence[str], terms: Sequence[RiskTerm], episodes:
     """
     known = {term.name: term for term in terms}
     unknown = [name for name in names if name not in known]
-    pilot = episodes // len(names)
+    pilots = max(episodes // len(names) * len(unknown), min(episodes, len(unknown)))
+    if not terms:
+        pilots = episodes
+    equal = _round_to_sum([pilots / max(len(unknown), 1)] * len(unknown), pilots)
+    more = dict(zip(unknown, equal, strict=True))
     if terms:
-        more = dict.fromkeys(unknown, pilot)
-        more |= _divide(terms, episodes - pilot * len(unknown))
-    else:
-        equal = _round_to_sum([episodes / len(names)] * len(names), episodes)
-        more = dict(zip(names, equal, strict=True))
+        more |= _divide(terms, episodes - pilots)
     shares = tuple(_make_share(name, known.get(name), more[name]) for name in names)
     exposure = sum(term.probability.centre**2 * term.exposure.variance for term in terms)
     now = sum((each.now or 0.0) ** 2 for each in shares) + exposure

@@ -71,7 +71,7 @@ class ScenarioEvidence(msgspec.Struct, frozen=True, kw_only=True):
         failures: number of failures among them.
         probability: what they state on P(failure); None where they state nothing.
         problem: why they state nothing; empty otherwise.
-        noise: name of the noise of their episodes.
+        seeds: of the noise of their episodes.
         severities: severities of a random sample of the failures [m²/s²]; None where there is none.
         sampled_failures: size of that sample; failures without a severity count.
     """
@@ -82,7 +82,7 @@ class ScenarioEvidence(msgspec.Struct, frozen=True, kw_only=True):
     failures: int = 0
     probability: Confidence | None = None
     problem: str = ""
-    noise: str = ""
+    seeds: tuple[int, ...] = ()
     severities: tuple[float, ...] | None = None
     sampled_failures: int = 0
 
@@ -176,9 +176,11 @@ def assess(
     """
     exposures = [find_exposure(question, each) for each in question.scenarios]
     named = list(zip(question.scenarios, exposures, evidence, strict=True))
+    stated = [each for each in named if each[2].probability is not None]
+    noises = name_noises([found.seeds for _, _, found in stated])
     terms = [
-        RiskTerm(scenario.name, exposure, found.probability, found.noise, found.episodes)
-        for scenario, exposure, found in named
+        RiskTerm(scenario.name, exposure, found.probability, noise, found.episodes)
+        for (scenario, exposure, found), noise in zip(stated, noises, strict=True)
         if found.probability is not None
     ]
     total = _sum_terms(terms, is_complete=len(terms) == len(named))
@@ -202,6 +204,23 @@ def assess(
     )
 
 
+def name_noises(seeds: Sequence[Sequence[int]]) -> list[str]:
+    """Return a name of the noise of each scenario, equal where it may be correlated.
+
+    Scenarios that have a seed in common have the same name, and so have those that are joined by
+    others: the connected components of scenarios and seeds.
+
+    Args:
+        seeds: those of each scenario's campaigns, one or more.
+    """
+    groups: list[frozenset[int]] = []
+    for own in seeds:
+        joined = frozenset(own).union(*(each for each in groups if not each.isdisjoint(own)))
+        groups = [*(each for each in groups if each.isdisjoint(own)), joined]
+    smallest = {seed: min(each) for each in groups for seed in each}
+    return [f"seed {smallest[own[0]]}" for own in seeds]
+
+
 def find_exposure(question: RiskQuestion, scenario: RiskScenario) -> Confidence:
     """Return what is known of the encounters with a scenario in an hour."""
     if scenario.encounters is not None:
@@ -216,17 +235,17 @@ def find_exposure(question: RiskQuestion, scenario: RiskScenario) -> Confidence:
 def judge(question: RiskQuestion, total: RiskFigure) -> RiskVerdict:
     """Return what the one-sided bounds of a total show.
 
-    Undecided while a scenario has no estimate: it may fail at any rate, also at none.
+    While a scenario has no estimate the target cannot be met, as it may fail at any rate. It is not
+    met where the other scenarios alone are above it, as no rate is negative.
     """
     target = question.target.per_hour
     if target is None:
         target = (question.target.per_million_km or 0.0) * (question.km_per_hour or 0.0)
         target /= KM_PER_FIGURE
-    if total.at_most is None or total.at_least is None:
-        return RiskVerdict.UNDECIDED
-    if total.at_most <= target:
-        return RiskVerdict.MET
-    return RiskVerdict.NOT_MET if total.at_least > target else RiskVerdict.UNDECIDED
+    if total.at_least is not None and total.at_least > target:
+        return RiskVerdict.NOT_MET
+    is_met = total.at_most is not None and total.at_most <= target
+    return RiskVerdict.MET if is_met else RiskVerdict.UNDECIDED
 
 
 def _sum_terms(terms: Sequence[RiskTerm], *, is_complete: bool) -> RiskFigure:

@@ -1,42 +1,50 @@
 """Confidence distributions of rates and probabilities, and bounds of sums of their products.
 
 The rate of failures is T = λ_1 P_1 + … + λ_m P_m, with λ_s the encounters of scenario s in an hour,
-and P_s the probability that one of them ends in a failure. Each factor is known by itself, by exact
-one-sided bounds at every confidence. Read as a function of the confidence, these bounds are two
-distributions, a lower and an upper one, which differ where counts are discrete:
+and P_s the probability that one of them ends in a failure. Each factor is known by itself, by
+one-sided bounds at every confidence: exact ones of counts, approximate ones of the others. Read as
+a function of the confidence, these bounds are two distributions, a lower and an upper one:
 
 - k encounters in H hours, a Poisson number: Gamma(k) ÷ H and Gamma(k + 1) ÷ H (Garwood 1936,
   Biometrika 28, 437–442).
 - k failures of n episodes that were drawn from p(x): Beta(k, n - k + 1) and Beta(k + 1, n - k)
   (Clopper and Pearson 1934, Biometrika 26, 404–413). Errored episodes count as failures in the
   upper one, and as none in the lower one.
-- an estimate with an error between independent runs: log-normal, with Student's quantiles.
-- a value with a 95 % interval: log-normal with this median and these ends.
+- an estimate with an error between independent runs: log-normal, with Student's quantiles. The
+  lower one is cut at the estimate.
+- a value with a 95 % interval: log-normal with this median and these ends. The lower one is cut at
+  value · exp(-s (1 + s) ÷ 2), with s the standard error of the logarithm.
+
+**Cut.** A log-normal distribution has a mean above its median, and none with Student's quantiles.
+The mean of a sum of draws would be above the truth, and with many summands the lower bound as well.
+Draws of a lower distribution are therefore cut where their mean is at most that of an estimate
+without bias, as it is by itself for counts: at the estimate of runs, which is one. A value whose
+logarithm has a normal error has the mean exp(s² ÷ 2) times the truth; exp(-s² ÷ 2) takes that off,
+and exp(-s ÷ 2) covers the skewness of sums of few. Only draws above the cut change: the lower bound
+of one such factor is its own up to s = 2.3, an interval of ÷ 88 to × 88, and lower beyond that.
 
 **Melding** (Fay, Proschan and Brittain 2015, Biometrics 71, 146–156) bounds a function that rises
 in all parameters: its upper bound is the quantile of the function of independent draws from the
-upper distributions, the lower bound that of draws from the lower ones. For one factor it is the
-exact bound itself. For more of them the authors conjecture that it covers at least as often as it
-says, and show it by simulation; `risk.cover` in docs/claims.json is how often it does for sums as
-here. It takes one event more than was seen in each summand, where the gamma interval of Fay and
-Feuer (1997, Statistics in Medicine 16, 791–801) for a weighted sum of Poisson rates takes one in
-all: with many summands of few events it is wider.
+upper distributions, the lower bound that of draws from the lower ones. For one factor it is its own
+bound. For more of them the authors conjecture that it covers at least as often as it says, and show
+it by simulation; `risk.cover.` in docs/claims.json is how often it does for sums as here. It takes
+one event more than was seen in each summand, where the gamma interval of Fay and Feuer (1997,
+Statistics in Medicine 16, 791–801) for a weighted sum of Poisson rates takes one in all: with many
+summands of few events it is wider.
 
 **Monotone.** A further scenario adds draws that are not negative to draws that stay the same, so
-that no bound falls where a scenario is added. The method of variance estimates recovery (Zou and
-Donner 2008, Statistics in Medicine 27, 1693–1702), L = T̂ - √Σ(t̂_s - l_s)² and U = T̂ + √Σ(u_s -
-t̂_s)², has this property as well, since no l_s is below 0. It needs a point estimate of each
-summand, which a stop rule may leave without one, and another rule for the products; melding takes
-sums and products by the same rule.
+that no bound falls where a scenario is added, while the others share their noise as before. The
+method of variance estimates recovery (Zou and Donner 2008, Statistics in Medicine 27, 1693–1702)
+has this property as well. It needs a point estimate of each summand, which a stop rule may leave
+without one, and another rule for the products.
 
-Draws are no random numbers: each distribution is cut into `DRAWS` parts of equal probability, and
-pairs of parts are matched by a permutation whose seed is the name of what is drawn. The same
-question has the same answer, whatever the order of its scenarios.
+Draws are no random numbers: each distribution is divided into `DRAWS` parts of equal probability,
+which are matched by permutations whose seeds are names. The same question has the same answer,
+whatever the order of its scenarios; `risk.renamed` is how far other names change bounds.
 
-Campaigns with the same seed have the same noise: their errors may be correlated. Their
-probabilities are matched in rising order, which is the strongest correlation that there can be, and
-moves the bounds of their sum outwards. Only the smallest seed of campaigns that are counted
-together is looked at.
+Campaigns with the same seed have the same noise: their errors may be correlated. The bounds are the
+outer ones of two sums: of independent draws, and of draws whose probabilities of equal noise are
+matched in rising order, the strongest correlation, which narrows some sums of heavy tails.
 """
 
 from collections.abc import Sequence
@@ -91,6 +99,8 @@ class Confidence(Protocol):
 class Stated:
     """A value with a 95 % interval, log-normal on both sides of it.
 
+    Its own lower bound is that of the interval, unless the lower end is below value ÷ 88.
+
     Attributes:
         value: the value, which is the median; None where only the interval is known.
         low: lower end; equal to the value and the upper end where it is known exactly.
@@ -114,8 +124,13 @@ class Stated:
         return ((self.high - self.low) / (2.0 * Z)) ** 2
 
     def draw_lower(self) -> Array:
-        """Return quantiles; zeros where the lower end is 0."""
-        return self._draw() if self.low else np.zeros(DRAWS)
+        """Return quantiles, cut at value · exp(-s (1 + s) ÷ 2); zeros where the lower end is 0."""
+        if not self.low:
+            return np.zeros(DRAWS)
+        error = log(self.centre / self.low) / Z
+        cut = np.minimum(_draw_student(inf), -(1.0 + error) / 2.0)
+        drawn: Array = self.centre * np.exp(error * cut)
+        return drawn
 
     def draw_upper(self) -> Array:
         """Return quantiles; those of an exponential distribution where the lower end is 0."""
@@ -249,16 +264,19 @@ class RunEstimate:
         return (self.value * self.cv) ** 2
 
     def draw_lower(self) -> Array:
-        """Return quantiles, at most 1."""
-        spread = sqrt(log1p(self.cv**2))
-        # Beyond 0 the logarithm is cut before the exponential function could overflow.
-        logs = np.minimum(log(self.value) + spread * _draw_student(self.freedom), 0.0)
-        drawn: Array = np.exp(logs)
-        return drawn
+        """Return quantiles, at most the estimate."""
+        return self._draw_up_to(min(self.value, 1.0))
 
     def draw_upper(self) -> Array:
-        """Return the same quantiles: the distribution is continuous."""
-        return self.draw_lower()
+        """Return quantiles, at most 1."""
+        return self._draw_up_to(1.0)
+
+    def _draw_up_to(self, most: float) -> Array:
+        spread = sqrt(log1p(self.cv**2))
+        # The logarithm is cut before the exponential function could overflow.
+        logs = np.minimum(log(self.value) + spread * _draw_student(self.freedom), log(most))
+        drawn: Array = np.exp(logs)
+        return drawn
 
 
 def _invert(log_density: Array, places: Array) -> Array:
@@ -306,7 +324,7 @@ class RiskTerm:
         name: name of the scenario.
         exposure: encounters in an hour.
         probability: of failure in one encounter.
-        noise: name of the noise of its episodes, equal for campaigns of equal seed.
+        noise: name of the noise of its episodes, equal where campaigns share a seed.
         episodes: number of episodes behind the probability.
     """
 
@@ -322,11 +340,21 @@ class RiskTerm:
         rate, probability = self.exposure.value, self.probability.value
         return None if rate is None or probability is None else rate * probability
 
-    def draw(self, *, upper: bool) -> Array:
-        """Return draws of its failures in an hour, from the upper or the lower distributions."""
-        factors = (self.exposure, self.probability)
-        rates, shares = (each.draw_upper() if upper else each.draw_lower() for each in factors)
-        drawn: Array = _permute(rates, f"exposure {self.name}") * _permute(shares, self.noise)
+    def draw_lower(self) -> Array:
+        """Return draws of its failures in an hour from the lower distributions, shape (2, DRAWS).
+
+        The first row is of independent draws, the second one of draws that equal noise matches.
+        """
+        return self._match(self.exposure.draw_lower(), self.probability.draw_lower())
+
+    def draw_upper(self) -> Array:
+        """Return the same from the upper distributions."""
+        return self._match(self.exposure.draw_upper(), self.probability.draw_upper())
+
+    def _match(self, rates: Array, shares: Array) -> Array:
+        names = (f"failures {self.name}", self.noise)
+        matched = np.stack([_permute(shares, name) for name in names])
+        drawn: Array = _permute(rates, f"exposure {self.name}") * matched
         return drawn
 
 
@@ -355,13 +383,14 @@ class RateBounds:
 
 
 def bound_sum(terms: Sequence[RiskTerm]) -> RateBounds:
-    """Return the bounds of the sum of terms, by melding. [1/h]"""
-    lower, upper = np.zeros(DRAWS), np.zeros(DRAWS)
+    """Return the bounds of the sum of terms, by melding: the outer ones of two matchings. [1/h]"""
+    lower, upper = np.zeros((2, DRAWS)), np.zeros((2, DRAWS))
     for term in terms:
-        lower += term.draw(upper=False)
-        upper += term.draw(upper=True)
-    low, at_least = (float(each) for each in np.quantile(lower, (ERROR / 2.0, ERROR)))
-    at_most, high = (float(each) for each in np.quantile(upper, (1.0 - ERROR, 1.0 - ERROR / 2.0)))
+        lower += term.draw_lower()
+        upper += term.draw_upper()
+    lows = np.quantile(lower, (ERROR / 2.0, ERROR), axis=1).min(axis=1)
+    highs = np.quantile(upper, (1.0 - ERROR, 1.0 - ERROR / 2.0), axis=1).max(axis=1)
+    (low, at_least), (at_most, high) = lows.tolist(), highs.tolist()
     return RateBounds(Interval(low, high), at_least, at_most)
 
 

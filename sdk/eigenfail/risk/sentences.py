@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from eigenfail.presentation.figures import (
+    DIGITS,
     UNKNOWN,
     format_count,
     format_interval,
@@ -20,6 +21,9 @@ SCENARIO = TableColumn("Scenario", is_figure=False)
 
 MOST_EXPOSURE = 0.5
 """Share of the variance from which on exposure is named as the larger part."""
+
+MOST_DIGITS = 12
+"""Digits of a float that are its own; further ones are rounding errors."""
 
 ALL_OF_95 = "Bounds are one-sided, intervals two-sided, all of 95 %."
 
@@ -47,23 +51,36 @@ def describe_verdict(found: RiskAssessment) -> str:
     """Return what the bounds show about the target, as a sentence."""
     target, unit, figure = _find_target(found)
     name, wanted = found.question.name, f"the target of {format_target(target)} {unit}"
-    missing = [each.scenario for each in found.scenarios if each.problem]
-    if missing:
-        few = ", ".join(f"'{each}'" for each in missing)
-        above = figure.at_least is not None and figure.at_least > target
-        alone = " The other scenarios alone are above it." if above else ""
+    few = ", ".join(f"'{each.scenario}'" for each in found.scenarios if each.problem)
+    if found.verdict is RiskVerdict.NOT_MET:
+        low = _format_above(figure.at_least or 0.0, target)
+        alone = f" That is without {few}, of which there is no estimate." if few else ""
+        return f"{name}: not met. Failures are at least {low} {unit}, above {wanted}.{alone}"
+    if few:
         return (
             f"{name}: undecided. {wanted[:1].upper()}{wanted[1:]} cannot be judged without an "
-            f"estimate for {few}.{alone}"
+            f"estimate for {few}."
         )
     if found.verdict is RiskVerdict.MET:
-        high = format_number(round_up(figure.at_most or 0.0))
+        high = _format_within(figure.at_most or 0.0, target)
         return f"{name}: met. Failures are at most {high} {unit}, which {wanted} allows."
     low = format_number(round_down(figure.at_least or 0.0))
-    if found.verdict is RiskVerdict.NOT_MET:
-        return f"{name}: not met. Failures are at least {low} {unit}, above {wanted}."
     high = format_number(round_up(figure.at_most or 0.0))
     return f"{name}: undecided. Failures are {low} to {high} {unit}, around {wanted}."
+
+
+def _format_above(low: float, target: float) -> str:
+    """Return a lower bound above the target with as many digits as show that it is above."""
+    enough = (each for each in range(DIGITS, MOST_DIGITS) if round_down(low, each) > target)
+    digits = next(enough, MOST_DIGITS)
+    return format_number(round_down(low, digits), digits)
+
+
+def _format_within(high: float, target: float) -> str:
+    """Return an upper bound within the target with as many digits as show that it is within."""
+    enough = (each for each in range(DIGITS, MOST_DIGITS) if round_up(high, each) <= target)
+    digits = next(enough, MOST_DIGITS)
+    return format_number(round_up(high, digits), digits)
 
 
 def _find_target(found: RiskAssessment) -> tuple[float, str, RiskFigure]:
@@ -83,7 +100,7 @@ def list_limits(found: RiskAssessment) -> Iterator[str]:
     exact = [each for each in found.scenarios if each.encounters_per_hour.interval is None]
     if exact:
         names = ", ".join(f"'{each.scenario}'" for each in exact)
-        yield f"How often {names} is met is taken to be known exactly: no interval is given."
+        yield f"Encounters with {names} are taken to be known exactly: no interval is given."
     yield (
         "The total is that of these scenarios alone, met as often as stated, with noise of the "
         "campaigns' disturbance models. Failures that no sample came near are not in it."

@@ -84,6 +84,18 @@ class SafetyTotals(msgspec.Struct, frozen=True, eq=False):
     requirements: tuple[RequirementTotals, ...] = ()
 
 
+class SeveritySample(msgspec.Struct, frozen=True):
+    """The severities of a campaign's failures, all or those after burn-in.
+
+    Attributes:
+        failures: number of failures.
+        severities: severities of those that have one, in index order. [m²/s²]
+    """
+
+    failures: int
+    severities: tuple[float, ...]
+
+
 class Violations(msgspec.Struct, frozen=True, kw_only=True):
     """A measure over the completed episodes that have one; a row of the paper's table.
 

@@ -1,20 +1,22 @@
 """The evidence of campaigns on a risk: which of their figures state a probability of failure."""
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
+from itertools import chain, pairwise
 from typing import NamedTuple
 
 from msgspec.structs import replace
 
-from eigenfail.errors import InvalidValue, NotFound
+from eigenfail.errors import Conflict, InvalidValue, NotFound, ProtocolError
 from eigenfail.methods import traits_of
 from eigenfail.risk.assessment import RiskAssessment, ScenarioEvidence, assess
 from eigenfail.risk.confidence import Confidence, FailureShare, RunEstimate, Stated
 from eigenfail.risk.question import CampaignReference, RiskQuestion, RiskScenario
-from eigenfail.values import Campaign, CampaignState, Rate, RateDesign
+from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Rate, RateDesign
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail_services.analysis.sampling_design import SamplingDesign
+from eigenfail_services.campaigns.analysis_jobs import find_first_samples
 from eigenfail_services.campaigns.chain_mixing import METHOD as CHAINS
+from eigenfail_services.campaigns.chain_mixing import find_chain_mixing
 from eigenfail_services.campaigns.summary import find_failure_rate
 from eigenfail_services.store import Store
 
@@ -56,11 +58,19 @@ def assess_risk(store: Store, question: RiskQuestion) -> RiskAssessment:
         _refuse_unlike(campaigns, field)
         found.append(campaigns)
     planner = _find_planner(question, found)
-    evidence = [
-        collect_evidence(store, scenario, campaigns, f"scenarios[{place}].failures_from")
+    sampled = [
+        find_sampled(store, scenario, campaigns, f"scenarios[{place}].failures_from")
         for place, (scenario, campaigns) in enumerate(zip(question.scenarios, found, strict=True))
     ]
-    return assess(question, evidence, planner, list(_list_notes(found)))
+    evidence = [collect_evidence(store, *each) for each in zip(found, sampled, strict=True)]
+    named = zip(question.scenarios, found, evidence, strict=True)
+    stated = [campaigns for _, campaigns, each in named if each.probability is not None]
+    notes = [
+        *_list_notes(found, sampled),
+        *_count_errored([each for of_one in stated for each in of_one]),
+        *_describe_chains(store, [each for of_one in sampled for each in of_one]),
+    ]
+    return assess(question, evidence, planner, notes)
 
 
 def find_campaign(store: Store, reference: CampaignReference) -> Campaign:
@@ -84,13 +94,13 @@ def find_campaign(store: Store, reference: CampaignReference) -> Campaign:
         before = page.next
 
 
-def collect_evidence(
+def find_sampled(
     store: Store, scenario: RiskScenario, campaigns: Sequence[Campaign], field: str
-) -> ScenarioEvidence:
-    """Return what campaigns know of a scenario.
+) -> list[Campaign]:
+    """Return the campaigns whose failures are a random sample of those of a scenario, if any.
 
     Args:
-        store: where their failures are.
+        store: where campaigns are.
         scenario: the scenario of a question.
         campaigns: its campaigns, which are alike.
         field: name of its field `failures_from`, for errors.
@@ -98,18 +108,31 @@ def collect_evidence(
     Raises:
         NotFound: there is no campaign `failures_from`.
         InvalidValue: the failures of that campaign are no sample of p(z | failure), or those of
-            another scenario.
+            another scenario, or it has not ended.
+    """
+    if scenario.failures_from is not None:
+        sampled = find_campaign(store, scenario.failures_from)
+        _refuse_other_failures(sampled, campaigns, field)
+        return [sampled]
+    drawn = [each for each in campaigns if traits_of(each.spec.method).draws_from_prior]
+    return drawn if len(drawn) == len(campaigns) else []
+
+
+def collect_evidence(
+    store: Store, campaigns: Sequence[Campaign], sampled: Sequence[Campaign]
+) -> ScenarioEvidence:
+    """Return what campaigns know of a scenario.
+
+    Args:
+        store: where their failures are.
+        campaigns: those of the scenario, which are alike.
+        sampled: those whose failures are a random sample; of `chains` the ones after burn-in are.
     """
     known, problem = find_probability(campaigns)
-    sampled = [each for each in campaigns if traits_of(each.spec.method).draws_from_prior]
-    if scenario.failures_from is not None:
-        sampled = [find_campaign(store, scenario.failures_from)]
-        _refuse_other_failures(sampled[0], campaigns, field)
-    elif len(sampled) < len(campaigns):
-        sampled = []
-    severities = tuple(
-        float(value) for each in sampled for value in store.episodes.safety(each.id).severities
-    )
+    first_samples = find_first_samples(sampled)
+    samples = [
+        store.episodes.sample_severities(each.id, first_samples.get(each.id, 0)) for each in sampled
+    ]
     return ScenarioEvidence(
         campaigns=tuple(each.id for each in campaigns),
         method=", ".join(sorted({each.spec.method for each in campaigns})),
@@ -117,9 +140,11 @@ def collect_evidence(
         failures=sum(each.counts.failures for each in campaigns),
         probability=known,
         problem=problem,
-        noise=f"seed {min((each.spec.seed for each in campaigns), default=0)}",
-        severities=severities if sampled else None,
-        sampled_failures=sum(each.counts.failures for each in sampled),
+        seeds=tuple(each.spec.seed for each in campaigns),
+        severities=tuple(chain.from_iterable(each.severities for each in samples))
+        if samples
+        else None,
+        sampled_failures=sum(each.failures for each in samples),
     )
 
 
@@ -163,9 +188,12 @@ def _read_rate(campaign: Campaign, rate: Rate) -> _Probability:
     if rate.design is RateDesign.FIXED or is_unmet:
         trials = counts.completed + counts.errored
         return _Probability(FailureShare(rate.k, counts.errored, trials, rate.value))
-    if rate.interval is None:
-        return _Probability(None, f"the rate of campaign {campaign.id} has no interval.")
-    return _Probability(Stated(rate.value, rate.interval.low, rate.interval.high))
+    # Both bounds are two-sided, also where all episodes failed, and an errored episode may have
+    # ended either way.
+    design, trials = SamplingDesign.of_failures([campaign]), counts.completed + counts.errored
+    low = design.find_bounds(rate.k, trials).low
+    high = design.find_bounds(rate.k + counts.errored, trials).high
+    return _Probability(Stated(rate.value, low, high))
 
 
 def _read_estimate(campaign: Campaign) -> _Probability:
@@ -198,6 +226,9 @@ def _refuse_other_failures(sampled: Campaign, campaigns: Sequence[Campaign], fie
             if getattr(one, name) != getattr(other, name):
                 problem = f"campaign {sampled.id} has another {name} than campaign {campaign.id}."
                 raise InvalidValue(field, problem, "Name a campaign of the same scenario.")
+    if sampled.state not in FINAL_STATES:
+        problem = f"campaign {sampled.id} is {sampled.state_word}."
+        raise InvalidValue(field, problem, "Name a campaign that has ended.")
 
 
 def _refuse_unlike(campaigns: Sequence[Campaign], field: str) -> None:
@@ -233,27 +264,47 @@ def _find_planner(question: RiskQuestion, found: Sequence[Sequence[Campaign]]) -
     return first.spec.planner if first else ""
 
 
-def _list_notes(found: Sequence[Sequence[Campaign]]) -> Iterator[str]:
-    """Yield what limits the evidence of campaigns, in sentences."""
-    campaigns = [each for of_one in found for each in of_one]
-    seeds = [min(each.spec.seed for each in of_one) for of_one in found if of_one]
+def _list_notes(
+    found: Sequence[Sequence[Campaign]], sampled: Sequence[Sequence[Campaign]]
+) -> Iterator[str]:
+    """Yield how the campaigns differ, and what they have in common, in sentences."""
+    seeds = [seed for of_one in found for seed in {each.spec.seed for each in of_one}]
     if len(set(seeds)) < len(seeds):
         yield (
-            "Campaigns of several scenarios have the same seed, and so the same noise: their "
-            "errors are taken to be fully correlated. Another seed for each narrows the interval."
+            "Campaigns of several scenarios have the same seed, and so the same noise: the bounds "
+            "allow for fully correlated errors. Another seed for each narrows the interval."
         )
+    campaigns = [each for of_one in (*found, *sampled) for each in of_one]
     if len({repr(each.spec.all_requirements) for each in campaigns}) > 1:
         yield "A failure is not the same in all campaigns: their requirements differ."
     specs = [each.spec.disturbance for each in campaigns]
     if any(not each.is_like(specs[0]) for each in specs[1:]):
         yield "The campaigns do not have the same disturbance model."
-    if errored := sum(
-        each.counts.errored for each in campaigns if traits_of(each.spec.method).draws_from_prior
-    ):
-        yield f"{errored:,} errored episodes count as failures in the upper bounds."
-    if errored := sum(
-        each.counts.errored
-        for each in campaigns
-        if not traits_of(each.spec.method).draws_from_prior
-    ):
-        yield f"{errored:,} errored episodes of other methods than Monte Carlo count as safe."
+
+
+def _count_errored(campaigns: Sequence[Campaign]) -> Iterator[str]:
+    """Yield how errored episodes of campaigns that state a probability are counted."""
+    drawn, other = 0, 0
+    for each in campaigns:
+        if traits_of(each.spec.method).draws_from_prior:
+            drawn += each.counts.errored
+        else:
+            other += each.counts.errored
+    if drawn:
+        yield f"{drawn:,} errored episodes count as failures in the upper bounds."
+    if other:
+        yield f"{other:,} errored episodes of other methods than Monte Carlo count as safe."
+
+
+def _describe_chains(store: Store, sampled: Sequence[Campaign]) -> Iterator[str]:
+    """Yield whether the chains have mixed whose failures tell the severity."""
+    for campaign in sampled:
+        if campaign.spec.method != CHAINS:
+            continue
+        try:
+            verdict = find_chain_mixing(store, campaign).verdict
+        except (Conflict, ProtocolError) as error:
+            verdict = f"Whether its chains have mixed is not known: {error}"
+        yield (
+            f"Severity from campaign {campaign.id} is that of its failures after burn-in. {verdict}"
+        )

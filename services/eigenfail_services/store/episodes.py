@@ -65,7 +65,7 @@ from eigenfail.values.records import (
     Totals,
     Verdict,
 )
-from eigenfail.values.safety import MOST_POINTS
+from eigenfail.values.safety import MOST_POINTS, SeveritySample
 from eigenfail.values.summary import MOST_LANDINGS
 from eigenfail_services.store.campaigns import (
     hash_results,
@@ -108,6 +108,7 @@ from eigenfail_services.store.schema import (
 from eigenfail_services.store.totals import (
     count_pairs,
     read_trials,
+    sample_severities,
     sum_blocks,
     sum_safety,
     sum_spending,
@@ -569,6 +570,11 @@ class EpisodeStore:
         first one on, for the smallest sufficient k.
         """
         return self._cached.once(sum_safety, campaign, most)
+
+    def sample_severities(self, campaign: int, first: int) -> SeveritySample:
+        """Return the severities of the failures from the index `first` on."""
+        with self._database.reading() as connection:
+            return sample_severities(connection, campaign, first)
 
     def trials(self, campaign: int, most: int = MOST_TRIALS) -> Trials:
         """Return seeds and outcomes of the completed episodes in index order.

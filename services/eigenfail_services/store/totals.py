@@ -46,6 +46,7 @@ from eigenfail.values.records import (
     FrequentFault,
     Totals,
 )
+from eigenfail.values.safety import SeveritySample
 from eigenfail_services.store.codec import to_row
 from eigenfail_services.store.schema import (
     campaigns,
@@ -158,6 +159,16 @@ def sum_safety(connection: Connection, campaign: int, most: int) -> SafetyTotals
         severities=severities,
         points=_read_points(connection, campaign, crashed[::every].astype(int).tolist()),
         requirements=_count_violations(connection, campaign),
+    )
+
+
+def sample_severities(connection: Connection, campaign: int, first: int) -> SeveritySample:
+    """Return the severities of the failures from an index on."""
+    failed = select(func.sum(_FAILED)).where(*_is_completed(campaign), episode_index >= first)
+    query = _select_severities(campaign).where(episode_index >= first)
+    return SeveritySample(
+        failures=connection.execute(failed).scalar_one() or 0,
+        severities=tuple(_read_columns(connection, query)[1].tolist()),
     )
 
 

@@ -51,6 +51,8 @@ def test_the_answer_has_verdict_tables_and_limits(ask, counted):
         ("encounters", "encounter", "encounters"),
         ("[target]", "[target", "is not TOML"),
         ("[1]", "[1, 1]", "is named twice"),
+        ("[1]", "[" * 3_000 + "1" + "]" * 3_000, "is not TOML"),
+        ("340", "3" * 5_000, "is not TOML"),
         ("340", "-1", "-1 is not an integer of at least 0"),
     ],
 )

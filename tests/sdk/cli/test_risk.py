@@ -71,6 +71,17 @@ def test_a_scenario_without_a_campaign_leaves_it_undecided(check_session, eigenf
     check_session("cli/risk/undecided", ("risk", file))
 
 
+def test_what_to_do_next_is_no_part_of_json(eigenfail, write, two):
+    undecided = eigenfail("risk", write(1.0, cut_in=[two[0]], merge=[]), "--json")
+    assert json.loads(undecided.stdout)["verdict"] == "undecided"
+    assert undecided.stderr == ""
+
+
+def test_a_scenario_without_a_campaign_does_not_hide_a_missed_target(eigenfail, write, two):
+    found = ask(eigenfail, write(1e-9, cut_in=[two[0]], merge=[]), 1)
+    assert found["verdict"] == "not met"
+
+
 def test_a_search_states_no_probability(eigenfail, write, spec_file, two):
     spec_file.write_text(spec_file.read_text().replace("monte_carlo", "cem"))
     search = json.loads(eigenfail("run", spec_file, "--json").stdout)["campaign"]

@@ -45,6 +45,12 @@ def test_scenarios_without_an_estimate_get_an_equal_part():
     assert give([], 11, "b", "c")[1] in ([5, 6], [6, 5])
 
 
+def test_few_episodes_go_to_scenarios_without_an_estimate_first():
+    assert give([make_term("a", 1.0, 0.3)], 1, "b", "c")[1] == [0, 1, 0]
+    assert give([make_term("a", 1.0, 0.3)], 2, "b", "c")[1] == [0, 1, 1]
+    assert give([make_term("a", 1.0, 0.3), make_term("d", 1.0, 0.3)], 2, "b")[1][2] == 1
+
+
 def test_nothing_that_is_ever_met_gets_equal_parts():
     never = Stated(0.0, 0.0, 0.0)
     terms = [RiskTerm(name, never, RunEstimate(0.1, 0.1, 4.0), name, 100) for name in "ab"]

@@ -3,7 +3,7 @@
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.risk.assessment import RiskVerdict, ScenarioEvidence, assess
+from eigenfail.risk.assessment import RiskVerdict, ScenarioEvidence, assess, name_noises
 from eigenfail.risk.confidence import FailureShare
 from eigenfail.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget
 from eigenfail.risk.sentences import describe_assessment, describe_verdict
@@ -24,7 +24,7 @@ QUESTION = RiskQuestion(
 
 def make_evidence(k, n=1_000, **fields):
     known = FailureShare(k, 0, n, k / n)
-    whole = {"episodes": n, "failures": k, "probability": known, "noise": str(k), **fields}
+    whole = {"episodes": n, "failures": k, "probability": known, "seeds": (k,), **fields}
     return ScenarioEvidence(**whole)
 
 
@@ -70,10 +70,11 @@ def test_the_target_is_met_at_the_bound_itself():
 
 
 @pytest.mark.parametrize("target", [1e-9, 1e9])
-def test_a_missing_estimate_leaves_the_total_undecided(target):
+def test_without_an_estimate_the_target_may_be_missed_but_not_met(target):
     question = replace(QUESTION, target=RiskTarget(per_hour=target))
     found = assess(question, [make_evidence(10), MISSING])
-    assert found.verdict is RiskVerdict.UNDECIDED
+    is_above = target < 1.0
+    assert found.verdict is (RiskVerdict.NOT_MET if is_above else RiskVerdict.UNDECIDED)
     assert found.per_hour.value is found.per_hour.at_most is found.per_hour.interval is None
     assert found.per_million_km.value is None
     alone = assess(replace(question, scenarios=SCENARIOS[:1]), [make_evidence(10)])
@@ -81,8 +82,8 @@ def test_a_missing_estimate_leaves_the_total_undecided(target):
     assert [each.share for each in found.scenarios] == [None, None]
     assert found.severity == ()
     text = describe_verdict(found)
-    assert "without an estimate for 'b'" in text
-    assert ("alone are above it" in text) is (target < 1.0)
+    assert ("cannot be judged without an estimate for 'b'" in text) is not is_above
+    assert ("That is without 'b', of which there is no estimate" in text) is is_above
 
 
 def test_nothing_failed_anywhere():
@@ -116,7 +117,28 @@ def test_an_exactly_known_exposure_has_no_interval_and_is_told():
     assert found.scenarios[0].encounters_per_hour.interval is None
     assert isinstance(found.scenarios[0].probability.interval, Interval)
     said = " ".join(each for each in describe_assessment(found) if isinstance(each, str))
-    assert "How often 'c' is met is taken to be known exactly" in said
+    assert "Encounters with 'c' are taken to be known exactly" in said
+
+
+@pytest.mark.parametrize("bound", ["at_least", "at_most"])
+def test_a_bound_next_to_the_target_is_printed_on_its_side_of_it(bound):
+    evidence = [make_evidence(10), make_evidence(20)]
+    value = getattr(assess(QUESTION, evidence).per_hour, bound)
+    is_above = bound == "at_least"
+    target = float(f"{value * (1.0 - 1e-6 if is_above else 1.0 + 1e-6):.9g}")
+    question = replace(QUESTION, target=RiskTarget(per_hour=target))
+    found = assess(question, evidence)
+    assert found.verdict is (RiskVerdict.NOT_MET if is_above else RiskVerdict.MET)
+    words = describe_verdict(found).replace(",", "").split()
+    printed, told = (float(each) for each in words if each[0].isdigit())
+    assert told == target
+    assert printed > told if is_above else printed <= told
+
+
+def test_scenarios_with_a_common_seed_have_one_noise():
+    one, two, three, other = name_noises([(1, 2), (3, 4), (2, 3), (5,)])
+    assert one == two == three != other
+    assert name_noises([(7,), (7, 3)]) == ["seed 3", "seed 3"]
 
 
 def test_without_a_distance_there_is_no_rate_by_distance():

@@ -56,6 +56,8 @@ def test_a_file_is_a_question(tmp_path):
             "scenario 'a'",
         ),
         ("[target", "motorway.toml"),
+        ("a = " + "[" * 3_000 + "]" * 3_000, "is not TOML"),
+        ("a = " + "3" * 5_000, "is not TOML"),
     ],
 )
 def test_what_is_refused_is_named(tmp_path, text, named):

@@ -7,11 +7,13 @@ import pytest
 from eigenfail import plugins
 from eigenfail.errors import Conflict, InvalidValue, LearnerFailed
 from eigenfail.presentation.analyses import describe_chain_mixing
+from eigenfail.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget
 from eigenfail.values import AnalysisSettings, CampaignSpec, CampaignState
 from eigenfail.values.records import Delivery
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.chain_mixing import find_chain_mixing, judge_mixing
 from eigenfail_services.campaigns.learner_context import learner_context
+from eigenfail_services.campaigns.risk import assess_risk
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.campaigns.validation import validate_campaign
 from eigenfail_services.store import Store, open_store
@@ -81,6 +83,29 @@ def test_the_mixing_of_a_campaign_is_told(campaigns, moved) -> None:
     assert sentences[0] == "Chains: the starts of 5 of 5 failed."
     assert sentences[2:] == [found.verdict, found.remark]
     assert len(table.rows) == len(found.projections)
+
+
+def test_the_severity_of_a_risk_is_that_of_failures_after_burn_in(campaigns, moved) -> None:
+    question = RiskQuestion(
+        name="q",
+        target=RiskTarget(per_hour=1.0),
+        exposure=Driving(hours=10.0),
+        scenarios=(
+            RiskScenario(
+                name="a", encounters=3, campaigns=(campaigns.before,), failures_from=moved
+            ),
+        ),
+        severity=(50.0,),
+    )
+    found = assess_risk(campaigns.store, question)
+    late = campaigns.store.episodes.finished(moved, range(CHAINS * 11, EPISODES))
+    failures = sum(result.is_failure for result in late)
+    assert failures < campaigns.store.campaigns.get(moved).counts.failures
+    assert sum(each.counted for each in found.severity) == failures
+    verdict = find_chain_mixing(campaigns.store, campaigns.store.campaigns.get(moved)).verdict
+    (note,) = (each for each in found.notes if "burn-in" in each)
+    assert note.startswith(f"Severity from campaign {moved} is that of its failures after burn-in.")
+    assert note.endswith(verdict)
 
 
 def test_an_analysis_takes_the_failures_after_burn_in_and_says_so(campaigns, moved) -> None:

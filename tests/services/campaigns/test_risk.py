@@ -15,10 +15,13 @@ from eigenfail.values import (
     CampaignState,
     Counts,
     Estimate,
+    RateDesign,
     StopRules,
 )
+from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.risk import assess_risk, find_probability
-from eigenfail_services.statistics.intervals import log_normal
+from eigenfail_services.campaigns.summary import find_failure_rate
+from eigenfail_services.statistics.intervals import confidence_sequence, log_normal
 from eigenfail_services.store import open_store
 
 SUBSET = Estimate(
@@ -55,6 +58,26 @@ def test_a_rule_that_may_have_ended_it_gives_its_own_interval():
     (known, _) = find_probability([make_campaign(stop=StopRules(half_width=0.5))])
     assert isinstance(known, Stated)
     assert 0.0 < known.low < known.value < known.high
+
+
+def test_errored_episodes_count_in_both_bounds_where_a_rule_applied():
+    rules = StopRules(half_width=0.5)
+    (known, _) = find_probability([make_campaign(stop=rules, failures=30, errored=20)])
+    assert known.value == 30 / 980
+    assert known.low == confidence_sequence(30, 1_000).low
+    assert known.high == confidence_sequence(50, 1_000).high
+
+
+def test_bounds_are_two_sided_where_a_rule_ended_it_with_failures_alone():
+    campaign = make_campaign(stop=StopRules(failures=4))
+    counts = Counts(planned=1_000, completed=100, failures=100)
+    stopped = replace(campaign, counts=counts, stopped_because="Stopped (rule: failures = 4).")
+    (known, _) = find_probability([stopped])
+    one_sided = find_failure_rate(stopped)
+    assert one_sided.design is RateDesign.FAILURES
+    assert known.low == SamplingDesign.of_failures([stopped]).find_bounds(100, 100).low
+    assert known.low < one_sided.interval.low
+    assert known.high == 1.0
 
 
 def test_an_estimate_states_it_with_its_own_interval():
@@ -150,6 +173,23 @@ def test_failures_are_those_of_the_same_scenario_and_no_search(store):
         ask(store, campaigns=(one,), failures_from=merge)
     with pytest.raises(InvalidValue, match="no random sample"):
         ask(store, campaigns=(one,), failures_from=search)
+    again = store.campaigns.create(replace(spec, seed=2)).id
+    with pytest.raises(InvalidValue, match="is queued") as caught:
+        ask(store, campaigns=(one,), failures_from=again)
+    assert "scenarios[0].failures_from" in str(caught.value)
+    assert "Name a campaign that has ended" in str(caught.value)
+
+
+def test_the_campaign_of_the_severity_is_compared_as_well(store):
+    spec = CampaignSpec(name="x", method="monte_carlo", episodes=9)
+    noisier = replace(spec.disturbance, scale=2.0)
+    one = store.campaigns.create(spec).id
+    other = store.campaigns.create(replace(spec, disturbance=noisier)).id
+    for state in (CampaignState.RUNNING, CampaignState.DONE):
+        store.campaigns.move(other, state)
+    assert not any("disturbance" in note for note in ask(store, campaigns=(one,)).notes)
+    notes = ask(store, campaigns=(one,), failures_from=other).notes
+    assert "The campaigns do not have the same disturbance model." in notes
 
 
 def test_a_name_that_others_contain_is_not_theirs(store):
