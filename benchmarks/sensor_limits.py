@@ -196,9 +196,11 @@ def find_frontier(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
         )
         yield f"{name}.limit", value
         is_met = limit.largest is not None
-        multiples = {**limit.beside, limit.channel: limit.largest or ASKED.low}
+        multiples = {**limit.beside, limit.channel: limit.largest or ASKED.within.low}
         k = count_failures(crew, scale_setup(setup, multiples), seed + place, CONFIRMING, inf)
-        where = "at the limit" if is_met else f"at {ASKED.low:g} × lateral, where none is met"
+        where = (
+            "at the limit" if is_met else f"at {ASKED.within.low:g} × lateral, where none is met"
+        )
         found = share([True] * k + [False] * (CONFIRMING - k), f"new episodes {where}")
         yield f"{name}.failure_rate", found
         low, high = found.interval or (0.0, 1.0)
