@@ -11,7 +11,7 @@ from eigenfail.methods import traits_of
 from eigenfail.risk.assessment import RiskAssessment, ScenarioEvidence, assess
 from eigenfail.risk.confidence import Confidence, FailureShare, RunEstimate, Stated
 from eigenfail.risk.question import CampaignReference, RiskQuestion, RiskScenario
-from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Rate, RateDesign
+from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, CampaignState, Rate, RateDesign
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.analysis_jobs import find_first_samples
@@ -68,6 +68,7 @@ def assess_risk(store: Store, question: RiskQuestion) -> RiskAssessment:
     notes = [
         *_list_notes(found, sampled),
         *_count_errored([each for of_one in stated for each in of_one]),
+        *_count_unresolved(store, [each for of_one in stated for each in of_one]),
         *_describe_chains(store, [each for of_one in sampled for each in of_one]),
     ]
     return assess(question, evidence, planner, notes)
@@ -201,7 +202,8 @@ def _read_estimate(campaign: Campaign) -> _Probability:
     if not traits_of(method).bounds_probability:
         problem = (
             f"campaign {campaign.id} is a search ('{method}'): it chose its episodes, so that "
-            "their failures state no probability."
+            "their failures state no probability. Name one of 'monte_carlo', 'subset', 'mixture' "
+            "or 'splitting'."
         )
         return _Probability(None, problem)
     if estimate is None or estimate.problem:
@@ -237,12 +239,20 @@ def _refuse_unlike(campaigns: Sequence[Campaign], field: str) -> None:
         fields = ("name", "episodes", "parallel", "scene_every", "price_usd_per_hour", "instances")
         alike = {name: getattr(one.spec, name) for name in (*fields, "seed", "stop")}
         if not replace(other.spec, **alike).is_like(one.spec):
-            problem = f"campaigns {one.id} and {other.id} differ in more than seed and budget."
-            raise InvalidValue(field, problem, "Name campaigns of one scenario and planner.")
+            differing = _list_differences(one.spec, replace(other.spec, **alike))
+            problem = f"campaigns {one.id} and {other.id} differ in {', '.join(differing)}."
+            remedy = "Campaigns that are counted together may differ in seed and budget alone."
+            raise InvalidValue(field, problem, remedy)
     seeds = [each.spec.seed for each in campaigns]
     if len(set(seeds)) < len(seeds):
         problem = "two campaigns have the same seed, and so the same episodes."
         raise InvalidValue(field, problem, "Name campaigns with different seeds.")
+
+
+def _list_differences(one: CampaignSpec, other: CampaignSpec) -> list[str]:
+    """Return the names of the fields in which two campaigns differ."""
+    fields = CampaignSpec.__struct_fields__
+    return [name for name in fields if getattr(one, name) != getattr(other, name)]
 
 
 def _find_planner(question: RiskQuestion, found: Sequence[Sequence[Campaign]]) -> str:
@@ -294,6 +304,16 @@ def _count_errored(campaigns: Sequence[Campaign]) -> Iterator[str]:
         yield f"{drawn:,} errored episodes count as failures in the upper bounds."
     if other:
         yield f"{other:,} errored episodes of other methods than Monte Carlo count as safe."
+
+
+def _count_unresolved(store: Store, campaigns: Sequence[Campaign]) -> Iterator[str]:
+    """Yield how many episodes ended while no braking could avoid a collision any more."""
+    conflicts = [store.episodes.totals(each.id).conflicts for each in campaigns]
+    if unresolved := sum(each.unresolved for each in conflicts):
+        yield (
+            f"{unresolved:,} episodes ended unresolved, while braking could not avoid a collision "
+            "any more: they count as no failure. With more steps they would tell."
+        )
 
 
 def _describe_chains(store: Store, sampled: Sequence[Campaign]) -> Iterator[str]:
