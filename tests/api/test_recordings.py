@@ -171,7 +171,7 @@ def test_the_failures_of_a_mode_are_one_animation(http, campaign, deliver, resul
 
 def test_a_mode_that_is_not_there_is_not_found(http, store, campaign, finished, problem):
     told = problem(http.get(f"/api/v1/analyses/{finished(2)}/modes/3/animation"), 404)
-    assert "from 1 to 2" in told["remedy"]
+    assert "eigenfail mode list" in told["remedy"]
     queued = store.analyses.create(campaign, AnalysisSettings()).id
     problem(http.get(f"/api/v1/analyses/{queued}/modes/1/animation"), 409)
     problem(http.get("/api/v1/analyses/99/modes/1/animation"), 404)

@@ -65,6 +65,7 @@ PAGES = {
     "/analyses/{analysis}": [
         *("/analyses/{analysis}", "/analyses/{failed_analysis}", "/analyses/{waiting_analysis}"),
     ],
+    "/analyses/{analysis}/modes/{mode}": ["/analyses/{snapshot}/modes/1"],
     "/comparison": [
         *("/comparison", "/comparison?a={ast}&b={long}"),
         "/comparison?campaign={ast}&campaign={long}&campaign={difs}",

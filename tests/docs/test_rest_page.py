@@ -70,10 +70,11 @@ def test_there_is_a_stream_where_the_page_says(page, browser):
 
 
 def test_what_is_said_to_be_absent_is(browser):
-    verbs = {
-        verb for item in browser.get("/openapi.json").json()["paths"].values() for verb in item
-    }
-    assert verbs == {"get", "post", "delete"}
+    paths = browser.get("/openapi.json").json()["paths"]
+    assert {verb for item in paths.values() for verb in item} == {"get", "post", "put", "delete"}
+    assert [path for path, item in paths.items() if "put" in item] == [
+        "/api/v1/analyses/{analysis}/modes/{mode}/name"
+    ]
 
 
 def test_the_problem_of_troubleshooting_is_as_shown(root, browser):

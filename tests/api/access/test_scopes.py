@@ -54,7 +54,9 @@ ROUTES = {
         POST /risk
         GET /suites
         GET /suites/{suite}
+        GET /analyses/{analysis}/modes/{mode}
         GET /api/v1/analyses/{analysis}
+        GET /api/v1/analyses/{analysis}/modes
         GET /api/v1/analyses/{analysis}/eigenfailures
         GET /api/v1/analyses/{analysis}/modes/{mode}/animation
         GET /api/v1/analyses/{analysis}/proof
@@ -107,6 +109,7 @@ ROUTES = {
     """,
     "runner": """
         POST /api/v1/analyses/{analysis}/proof
+        PUT /api/v1/analyses/{analysis}/modes/{mode}/name
         POST /api/v1/campaigns
         POST /api/v1/campaigns/bulk
         POST /api/v1/campaigns/{campaign}/analyses

@@ -93,7 +93,8 @@ def test_failures_that_an_analysis_does_not_know_are_told(store, ran) -> None:
 
 
 def test_of_several_campaigns_only_its_own_modes_count(store, ran) -> None:
-    analyse(store, ran, (0, 1, 2, 1), campaigns=(ran, ran, 99, 99))
+    other = running(store).id
+    analyse(store, ran, (0, 1, 2, 1), campaigns=(ran, ran, other, other))
     assert found(store, ran).modes == 2
 
 
