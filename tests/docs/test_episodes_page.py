@@ -20,7 +20,7 @@ from eigenfail_api.routes import episodes, recordings
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.export_jobs import MAX_EXPORTS
 from eigenfail_services.store import open_store
-from eigenfail_services.store.episodes import INDEXED
+from eigenfail_services.store.listing import INDEXED
 
 
 @pytest.fixture(scope="module")

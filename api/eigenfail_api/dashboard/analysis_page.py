@@ -37,6 +37,7 @@ from eigenfail.values import (
     Proof,
     ProvenMode,
 )
+from eigenfail.values.analysis import propose_mode_name
 from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_api.dashboard.analysis_charts import make_analysis_charts
 from eigenfail_api.dashboard.charts import Chart
@@ -221,8 +222,12 @@ def make_analysis_view(
 
 def find_given_names(result: AnalysisResult, modes: Sequence[Mode]) -> dict[int, str]:
     """Return the names that were given to modes by number, without those that are proposed."""
-    proposed = {mode.number: mode.name for mode in result.list_modes(0)}
-    return {mode.number: mode.name for mode in modes if mode.name != proposed[mode.number]}
+    words = result.words or ("",) * len(result.modes)
+    return {
+        mode.number: mode.name
+        for mode in modes
+        if mode.name != propose_mode_name(mode.number, words[mode.number - 1])
+    }
 
 
 def is_replaying(proof: Proof | None) -> bool:

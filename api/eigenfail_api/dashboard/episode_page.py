@@ -432,7 +432,7 @@ def show_episode(
     result = store.episodes.get(campaign, index)
     mission = find_mission(seen.spec, result)
     following = find_next_failure(store, seen, index)
-    modes, newest = store.analyses.find_modes(campaign, index), store.analyses.newest(campaign)
+    modes, newest = store.analyses.find_modes(campaign, index), store.analyses.find_newest(campaign)
     is_left_out = result.outcome.is_failure and newest not in {mode.analysis for mode in modes}
     context = EpisodeContext(
         following,

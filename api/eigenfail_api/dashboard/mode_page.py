@@ -80,8 +80,8 @@ def make_mode_view(
     campaign = store.campaigns.get(analysis.campaign)
     result, world = read_result(analysis), world_of(campaign.spec.simulator)
     cards = make_mode_cards(result, campaign.id, proof, find_robustness_unit(campaign.spec))
-    card, newest = cards[mode.number - 1], store.analyses.newest(campaign.id)
-    rows = store.episodes.of_mode(analysis.id, mode.number, sort, FAILURES_ON_PAGE)
+    card, newest = cards[mode.number - 1], store.analyses.find_newest(campaign.id)
+    rows = store.episodes.list_mode_failures(analysis.id, mode.number, sort, FAILURES_ON_PAGE)
     others = map(store.campaigns.get, sorted(set(analysis.settings.campaigns) - {campaign.id}))
     return ModeView(
         mode=mode,

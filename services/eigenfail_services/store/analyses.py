@@ -118,8 +118,8 @@ class AnalysisStore:
             "result": pack(result),
         }
         with self._database.writing() as connection:
-            if _change(connection, analysis, columns):
-                _insert_modes(connection, analysis, result)
+            if ended := _change(connection, analysis, columns):
+                _insert_modes(connection, ended, result)
 
     def fail(self, analysis: int, problem: str) -> None:
         """Mark an analysis as failed, with the reason."""
@@ -169,7 +169,7 @@ class AnalysisStore:
         with self._database.reading() as connection:
             return _read_modes(connection, query)
 
-    def newest(self, campaign: int) -> int | None:
+    def find_newest(self, campaign: int) -> int | None:
         """Return the id of the newest analysis of a campaign that has a mode; None without one."""
         with self._database.reading() as connection:
             found: int | None = connection.execute(select_newest_analysis(campaign)).scalar()
@@ -202,8 +202,8 @@ def give_up(connection: Connection, analysis: int, problem: str) -> None:
     _change(connection, analysis, {"state": AnalysisState.FAILED, "problem": problem})
 
 
-def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -> bool:
-    """Change an analysis that has not ended, and return whether it was changed.
+def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -> Analysis | None:
+    """Change an analysis, and return it; None where it has ended, and stays as it is.
 
     Raises:
         NotFound: no such analysis.
@@ -217,23 +217,21 @@ def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -
     changed = connection.execute(statement).mappings().one_or_none()
     if changed is None:
         _require(connection, analysis)
-        return False
-    _log(connection, _analysis(changed))
-    return True
+        return None
+    after = _analysis(changed)
+    _log(connection, after)
+    return after
 
 
-def _insert_modes(connection: Connection, analysis: int, result: AnalysisResult) -> None:
+def _insert_modes(connection: Connection, analysis: Analysis, result: AnalysisResult) -> None:
     """Insert the modes of a result, and the failures that belong to them."""
-    (campaign,) = connection.execute(
-        select(analyses.c.campaign).where(analyses.c.id == analysis)
-    ).one()
     rows: tuple[tuple[Table, list[dict[str, Any]]], ...] = (
-        (modes, [asdict(mode) for mode in result.list_modes(analysis)]),
+        (modes, [asdict(mode) for mode in result.list_modes(analysis.id)]),
         (
             mode_members,
             [
-                {"campaign": owner, "analysis": analysis, "index": index, "number": number}
-                for owner, index, number in result.list_members(campaign)
+                {"campaign": owner, "analysis": analysis.id, "index": index, "number": number}
+                for owner, index, number in result.list_members(analysis.campaign)
             ],
         ),
     )

@@ -3,28 +3,23 @@
 A suite is all campaigns with one text before the first ": " of their names.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from hashlib import sha256
 from typing import Any, TypeVar
 
 from msgspec.structs import replace
 from sqlalchemy import (
-    ColumnElement,
     Connection,
     Row,
     Select,
-    and_,
     bindparam,
-    case,
     func,
     insert,
-    or_,
     select,
     update,
 )
 from sqlalchemy.exc import IntegrityError
 
-from eigenfail.errors import InvalidValue
 from eigenfail.filters import NEWEST_FIRST, SortOrder
 from eigenfail.values import (
     Campaign,
@@ -68,14 +63,13 @@ from eigenfail_services.store.lifecycle import (
     move_campaign,
     set_priority,
 )
+from eigenfail_services.store.listing import filter_campaigns, sort_campaigns
 from eigenfail_services.store.references import hold_named_noise, refuse_pruned
 from eigenfail_services.store.schema import (
     campaigns,
     episode_index,
     episodes,
     idempotency_keys,
-    spec_field,
-    spent_usd,
 )
 
 # Made once: they are asked for with every group of results.
@@ -425,9 +419,9 @@ class CampaignStore:
         Raises:
             InvalidValue: the order is not by id, and no campaign has the id `before`.
         """
-        query = select(campaigns).where(*_filter_conditions(where)).limit(limit + 1)
+        query = select(campaigns).where(*filter_campaigns(where)).limit(limit + 1)
         with self._database.reading() as connection:
-            query = _sort_campaigns(connection, query, before, sort)
+            query = sort_campaigns(connection, query, before, sort)
             found = [to_campaign(row) for row in connection.execute(query).mappings()]
         items = tuple(found[:limit])
         return Page(items, items[-1].id if len(found) > limit else None)
@@ -512,53 +506,6 @@ class CampaignStore:
             lock_campaign(connection, campaign)
             fence(connection, claim)
             connection.execute(statement)
-
-
-_SORTED: dict[str, ColumnElement[Any]] = {
-    **{name: campaigns.c[name] for name in ("id", "state", "failures", "completed")},
-    **{name: func.lower(spec_field(name)) for name in ("name", "planner", "method")},
-    "cost_per_failure_usd": case((campaigns.c.failures > 0, spent_usd / campaigns.c.failures)),
-}
-"""Expressions by the names of orders."""
-
-
-def _sort_campaigns(
-    connection: Connection, query: Select[Any], before: int | None, sort: SortOrder
-) -> Select[Any]:
-    """Return the query in an order, behind the campaign `before` in it."""
-    value, number = _SORTED[sort.column], campaigns.c.id
-    if sort.column == "id":  # in the order of the table: nothing is sorted
-        ordered = query.order_by(number.desc() if sort.descending else number)
-        if before is None:
-            return ordered
-        return ordered.where(number < before if sort.descending else number > before)
-    ordered = query.order_by(
-        value.is_(None), value.desc() if sort.descending else value, number.desc()
-    )
-    if before is None:
-        return ordered
-    found = connection.execute(select(value).where(number == before)).one_or_none()
-    if found is None:
-        raise InvalidValue("before", f"Campaign {before} does not exist.", "Take `next` of a page.")
-    last = found[0]
-    if last is None:
-        return ordered.where(value.is_(None), number < before)
-    farther = value < last if sort.descending else value > last
-    return ordered.where(or_(farther, and_(value == last, number < before), value.is_(None)))
-
-
-def _filter_conditions(where: CampaignFilter) -> Iterator[ColumnElement[bool]]:
-    if where.method is not None:
-        yield spec_field("method") == where.method
-    if where.besides is not None:
-        yield spec_field("method") != where.besides
-    if where.state is not None:
-        yield campaigns.c.state == where.state
-    if where.suite is not None:
-        yield campaigns.c.suite == where.suite
-    if where.search is not None:
-        words = where.search.lower().replace("\x00", "�")  # which no database takes
-        yield func.lower(spec_field("name")).contains(words, autoescape=True)
 
 
 def _move_campaign(

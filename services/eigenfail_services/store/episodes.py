@@ -11,22 +11,12 @@ from typing import Any
 from msgspec.structs import replace
 from sqlalchemy import (
     BigInteger,
-    ColumnElement,
     Connection,
     RowMapping,
-    Select,
     Table,
-    Text,
     bindparam,
-    case,
-    func,
     insert,
-    literal,
-    null,
-    or_,
     select,
-    tuple_,
-    type_coerce,
     update,
 )
 from sqlalchemy.dialects import sqlite
@@ -34,17 +24,11 @@ from sqlalchemy.dialects.postgresql import psycopg
 
 from eigenfail.filters import (
     BY_INDEX,
-    COMPARE,
-    Condition,
     Conditions,
-    Operator,
     SortOrder,
-    Value,
-    find_requirement,
 )
 from eigenfail.values import (
     BlockTotals,
-    ConflictClass,
     EpisodeResult,
     Outcome,
     Page,
@@ -55,8 +39,6 @@ from eigenfail.values import (
 )
 from eigenfail.values.comparison import MOST_TRIALS
 from eigenfail.values.records import (
-    NEAR_MISS_TTC_S,
-    PEAK_BRAKING_MPS2,
     PORTION,
     Delivery,
     EpisodeRow,
@@ -88,21 +70,18 @@ from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.events import append_event, describe_alarm
 from eigenfail_services.store.judging import Kept, judge, make_rows
 from eigenfail_services.store.lifecycle import make_episode_error, make_pruned_error
+from eigenfail_services.store.listing import Expression, page_queries, select_column
 from eigenfail_services.store.query_cache import CachedQueries
 from eigenfail_services.store.references import select_pruned_ms
 from eigenfail_services.store.schema import (
-    Number,
-    Prose,
     campaigns,
     deaths,
     episode_index,
     episodes,
-    has_no_collision,
     is_failure,
     mode_members,
     requirement_values,
     scenes,
-    select_newest_analysis,
     trajectories,
 )
 from eigenfail_services.store.totals import (
@@ -114,154 +93,8 @@ from eigenfail_services.store.totals import (
     sum_spending,
 )
 
-_Expression = ColumnElement[Any]
-
 SCENES_AT_A_TIME = 100
 """Scenes that are in memory together: one of a long episode with many vehicles has 100 kB."""
-
-_c = episodes.c
-_COLLIDED = _c.outcome == Outcome.COLLISION
-_HOPELESS = or_(_c.drac_at_warning_mps2.is_(None), _c.drac_at_warning_mps2 > PEAK_BRAKING_MPS2)
-
-_CLASS = case(
-    (_c.robustness_m.is_(None), null()),
-    (has_no_collision & _c.collided_s.is_not(None), null()),
-    (has_no_collision & (_c.min_ttc_s < NEAR_MISS_TTC_S), ConflictClass.NEAR_MISS.value),
-    (has_no_collision, ConflictClass.NONE.value),
-    (_c.collided_s.is_(None), null()),
-    (_COLLIDED & _HOPELESS, ConflictClass.UNAVOIDABLE.value),
-    (_COLLIDED, ConflictClass.PLANNER_FAILURE.value),
-)
-"""As `assess` classifies episodes."""
-
-
-def _select_mode() -> _Expression:
-    """Return the number of the mode, in the newest analysis, of the episode of an enclosing query.
-
-    The newest is the analysis of the episode's campaign that ended with a mode and has the largest
-    id. An episode that it left out has no mode, also where an older one has it.
-    """
-    member = mode_members.c
-    newest = select_newest_analysis(_c.campaign).correlate(episodes)
-    query = select(member.number).where(
-        member.campaign == _c.campaign,
-        member.analysis == newest.scalar_subquery(),
-        member["index"] == episode_index,
-    )
-    return query.correlate(episodes).scalar_subquery()
-
-
-_DERIVED: dict[str, _Expression] = {
-    "class": type_coerce(_CLASS, Text()),
-    "ttc_lead_s": case((_COLLIDED, _c.collided_s - _c.ttc_violated_s)),
-    "drac_lead_s": case((_COLLIDED, _c.collided_s - _c.drac_violated_s)),
-    "log_probability_per_step": _c.log_probability / case((_c.steps > 0, _c.steps), else_=1),
-    "mode": _select_mode(),
-    "problem": type_coerce(
-        _c.fault_kind + literal(": ") + func.coalesce(_c.fault_message, ""), Prose()
-    ),
-}
-"""Columns that are computed from a row rather than stored in it."""
-
-
-def _expression(column: str) -> _Expression:
-    if (number := find_requirement(column)) is not None:
-        return _select_requirement(number)
-    return _DERIVED[column] if column in _DERIVED else _c[column]
-
-
-def _select_requirement(number: int) -> _Expression:
-    """Return the robustness of a requirement, of the episode of an enclosing query."""
-    value = requirement_values.c
-    query = select(value.robustness).where(
-        value.campaign == episodes.c.campaign,
-        value["index"] == episode_index,
-        value.requirement == number,
-    )
-    return query.correlate(episodes).scalar_subquery()
-
-
-def _filter_conditions(where: Conditions, sort: SortOrder) -> Iterator[_Expression]:
-    """Yield the conditions so that the database follows the order, not one of the conditions."""
-    for condition in where:
-        column = _expression(condition.column)
-        leads = _has_index(condition, sort)
-        # SQLite, which knows nothing of how many rows match, would take any index for a condition
-        # and then sort what it found, for every page anew.
-        compared = column if leads else func.coalesce(column, null(), type_=column.type)
-        yield COMPARE[condition.operator](compared, _bind(condition.value))
-
-
-def _bind(value: Value) -> Any:
-    """Return a value to compare with; a whole number may exceed the range of its column."""
-    return literal(value, Number()) if type(value) is int else value
-
-
-def _has_index(condition: Condition, sort: SortOrder) -> bool:
-    """Return whether an index holds the rows of a condition in the wanted order."""
-    if condition.column == sort.column:
-        return True
-    # Violations are few, or all that there is: they are sorted, and not looked for row by row.
-    of_one_outcome = condition.column == "outcome" and condition.operator is Operator.EQUAL
-    return sort.column == "index" and (of_one_outcome or condition.column == "violated")
-
-
-INDEXED = {
-    index.columns.keys()[1]
-    for index in episodes.indexes
-    if index.columns.keys()[::2] == ["campaign", "index"]
-}
-"""Columns that an index of the database sorts."""
-
-_Indices = Select[int]
-
-
-def page_queries(
-    connection: Connection, campaign: int, after: int | None, where: Conditions, sort: SortOrder
-) -> Iterator[_Indices]:
-    """Yield the queries whose answers, one after the other, are the indices behind `after`.
-
-    They select indices only: without an index of the database all rows are sorted.
-    """
-    query = select(episode_index).where(
-        episodes.c.campaign == campaign, *_filter_conditions(where, sort)
-    )
-    if sort.column == "index":
-        yield _by_index(query, after, sort)
-        return
-    column = _expression(sort.column)
-    missing = query.where(column.is_(None))
-    if after is not None:
-        last = select(column).where(episodes.c.campaign == campaign, episode_index == after)
-        found = connection.execute(last).one_or_none()
-        if found is None:
-            return
-        if found[0] is None:
-            yield _by_index(missing, after, sort)
-            return
-        # Rows never change: an index stands for its place in the order.
-        query = query.where(_beyond(tuple_(column, episode_index), tuple_(found[0], after), sort))
-    yield _by_value(query, column, sort)
-    if all(condition.column != sort.column for condition in where):
-        yield _by_index(missing, None, sort)
-
-
-def _by_index(query: _Indices, after: int | None, sort: SortOrder) -> _Indices:
-    behind = query if after is None else query.where(_beyond(episode_index, after, sort))
-    return behind.order_by(episode_index.desc() if sort.descending else episode_index)
-
-
-def _by_value(query: _Indices, column: _Expression, sort: SortOrder) -> _Indices:
-    """Select rows that have a value, by value and index: an index can be read both ways."""
-    order = (column.desc(), episode_index.desc()) if sort.descending else (column, episode_index)
-    known = query.where(column.is_not(None)).order_by(*order)
-    # Where all are sorted, SQLite would read them in the order of whatever index comes first.
-    return known if sort.column in INDEXED else known.where(episode_index >= 0)
-
-
-def _beyond(place: Any, last: Any, sort: SortOrder) -> Any:
-    return place < last if sort.descending else place > last
-
 
 _KNOWN = select(episode_index, episodes.c.digest).where(
     episodes.c.campaign == bindparam("campaign"),
@@ -388,7 +221,7 @@ _RESULTS = (
 )
 
 _ROWS = select(
-    *episodes.c, select_pruned_ms().label("noise_pruned_ms"), _DERIVED["mode"].label("mode")
+    *episodes.c, select_pruned_ms().label("noise_pruned_ms"), select_column("mode").label("mode")
 )
 _SPEC = select(campaigns.c.spec).where(campaigns.c.id == bindparam("campaign"))
 
@@ -470,19 +303,21 @@ class EpisodeStore:
         items = tuple(found[:limit])
         return Page(items, items[-1].index if len(found) > limit else None)
 
-    def of_mode(self, analysis: int, number: int, sort: SortOrder, limit: int) -> list[EpisodeRow]:
+    def list_mode_failures(
+        self, analysis: int, number: int, sort: SortOrder, limit: int
+    ) -> list[EpisodeRow]:
         """Return the first failures of a mode in an order; its campaigns may be several."""
-        column = _expression(sort.column)
+        column = select_column(sort.column)
         last_first = column.desc() if sort.descending else column
         query = (
-            select(_c.campaign, episode_index)
+            select(episodes.c.campaign, episode_index)
             .join(
                 mode_members,
-                (mode_members.c.campaign == _c.campaign)
+                (mode_members.c.campaign == episodes.c.campaign)
                 & (mode_members.c["index"] == episode_index),
             )
             .where(mode_members.c.analysis == analysis, mode_members.c.number == number)
-            .order_by(column.is_(None), last_first, _c.campaign, episode_index)
+            .order_by(column.is_(None), last_first, episodes.c.campaign, episode_index)
             .limit(limit)
         )
         with self._database.reading() as connection:
@@ -617,7 +452,7 @@ def _has_result(found: RowMapping) -> bool:
     return found["z"] is not None
 
 
-def _select_indices(indices: set[int]) -> Iterator[_Expression]:
+def _select_indices(indices: set[int]) -> Iterator[Expression]:
     """Yield conditions, each for one statement, that select these indices in rising order."""
     for chunk in chunks(indices):
         first, last = chunk[0], chunk[-1]

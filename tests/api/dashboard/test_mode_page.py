@@ -4,10 +4,9 @@ import re
 
 import pytest
 from msgspec.structs import replace
-from store_checks.examples import deliver
-from store_checks.modes import WORDS, analysed, crashed
+from store_checks.modes import WORDS, analysed, crashed, pooled
 
-from eigenfail.testing.examples import CRASH, analysis_result, collision
+from eigenfail.testing.examples import analysis_result
 
 HTML = {"Accept": "text/html"}
 
@@ -57,15 +56,7 @@ def test_the_name_of_a_mode_can_be_changed(mode, http, look):
 
 
 def test_failures_of_several_campaigns_say_where_they_are_from(store, look):
-    one, other = crashed(store, 2), crashed(store, 2)
-    deliver(store, other, collision(2, measures=replace(CRASH, severity=None)))
-    pooled = replace(
-        analysis_result(),
-        episodes=(0, 1, 1, 2),
-        campaigns=(one.id, one.id, other.id, other.id),
-        labels=(0, 1, 1, 1),
-    )
-    analysis = analysed(store, one, pooled)
+    _, other, analysis = pooled(store)
     assert f"{other.id}/2" in look(f"/analyses/{analysis}/modes/2")
 
 
@@ -73,8 +64,8 @@ def test_a_filter_is_offered_only_where_it_finds_just_the_mode(store, http):
     one, other = crashed(store), crashed(store, 2)
     older = analysed(store, one, analysis_result())
     analysed(store, one, replace(analysis_result(2), episodes=(2, 3)))
-    pooled = replace(analysis_result(), episodes=(0, 1, 0, 1), campaigns=(2, 2, 1, 1))
-    both = analysed(store, other, pooled)
+    of_both = replace(analysis_result(), episodes=(0, 1, 0, 1), campaigns=(2, 2, 1, 1))
+    both = analysed(store, other, of_both)
     for address in (f"/analyses/{older}/modes/2", f"/analyses/{both}/modes/1"):
         assert "filter=mode" not in http.get(address, headers=HTML).text, address
 

@@ -28,7 +28,7 @@ from eigenfail.values.campaign import CampaignFilter
 from eigenfail_services.store import open_store
 from eigenfail_services.store.campaigns import CampaignStore
 from eigenfail_services.store.engine import Database, find_backend
-from eigenfail_services.store.episodes import page_queries
+from eigenfail_services.store.listing import page_queries
 
 FEW = st.sampled_from([-1.0, -0.0, 0.0, 0.5, 1.5, 2.0, 7.0, 7.5, 1e300, 5e-324])
 WORDS = st.sampled_from(["prior", "policy", "'", '"; --', "", "ß", "Prior"])

@@ -31,6 +31,19 @@ def analysed(store: Store, campaign: Campaign, result: AnalysisResult) -> int:
     return analysis
 
 
+def pooled(store: Store) -> tuple[Campaign, Campaign, int]:
+    """Two campaigns, and an analysis of both; its second mode has failures of either."""
+    one, other = crashed(store, 2), crashed(store, 2)
+    deliver(store, other, collision(2, measures=replace(CRASH, severity=None)))
+    result = replace(
+        analysis_result(),
+        episodes=(0, 1, 1, 2),
+        campaigns=(one.id, one.id, other.id, other.id),
+        labels=(0, 1, 1, 1),
+    )
+    return one, other, analysed(store, one, result)
+
+
 def names_modes_by_their_words(store: Store) -> None:
     """Until somebody names it, a mode has the first sentence of its description for a name."""
     campaign = crashed(store)
@@ -92,13 +105,13 @@ def finds_episodes_by_mode(store: Store) -> None:
 def knows_the_newest_analysis_of_a_campaign(store: Store) -> None:
     """The newest with a mode; an episode that it left out has no mode, whatever older ones say."""
     campaign, other = crashed(store), crashed(store)
-    equal(store.analyses.newest(campaign.id), None, "The newest analysis before the first")
+    equal(store.analyses.find_newest(campaign.id), None, "The newest analysis before the first")
     older = analysed(store, campaign, analysis_result())
     latest = replace(analysis_result(2), episodes=(2, 3), labels=(0, 0))
     newest = analysed(store, campaign, latest)
     store.analyses.create(campaign.id, AnalysisSettings())
     analysed(store, other, analysis_result())
-    equal(store.analyses.newest(campaign.id), newest, "The newest analysis that is done")
+    equal(store.analyses.find_newest(campaign.id), newest, "The newest analysis that is done")
     rows = store.episodes.page(campaign.id, 10).items
     equal([row.mode for row in rows], [None, None, 1, 1], "Modes of the newest analysis")
     found = [mode.analysis for mode in store.analyses.find_modes(campaign.id, 0)]
@@ -107,22 +120,14 @@ def knows_the_newest_analysis_of_a_campaign(store: Store) -> None:
 
 def sorts_the_failures_of_a_mode(store: Store) -> None:
     """They may be of several campaigns; those without a value come last in both directions."""
-    one, other = crashed(store, 2), crashed(store, 2)
-    deliver(store, other, collision(2, measures=replace(CRASH, severity=None)))
-    pooled = replace(
-        analysis_result(),
-        episodes=(0, 1, 1, 2),
-        campaigns=(one.id, one.id, other.id, other.id),
-        labels=(0, 1, 1, 1),
-    )
-    analysis = analysed(store, one, pooled)
+    one, other, analysis = pooled(store)
     worst = SortOrder("severity", descending=True)
-    rows = store.episodes.of_mode(analysis, 2, worst, 10)
+    rows = store.episodes.list_mode_failures(analysis, 2, worst, 10)
     places = [(row.campaign, row.index) for row in rows]
     equal(places, [(one.id, 1), (other.id, 1), (other.id, 2)], "The worst first")
-    mildest = store.episodes.of_mode(analysis, 2, SortOrder("severity"), 2)
+    mildest = store.episodes.list_mode_failures(analysis, 2, SortOrder("severity"), 2)
     equal([row.campaign for row in mildest], [one.id, other.id], "The mildest first, two of them")
-    equal(store.episodes.of_mode(analysis, 3, worst, 10), [], "Failures of no mode")
+    equal(store.episodes.list_mode_failures(analysis, 3, worst, 10), [], "Failures of no mode")
     equal([row.mode for row in rows], [2, 2, 2], "Modes of campaigns that were analysed together")
 
 
