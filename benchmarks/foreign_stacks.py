@@ -1,8 +1,8 @@
 """Figures: driving stacks of other authors, their failures without noise, by chance and by search.
 
-The episodes without noise run at several points of a scenario, the campaigns at its defaults, each
-on a service of its own whose worker has the bridge. Also writes a film of the worst failure of each
-stack to docs/pictures/stacks.
+The episodes without noise run at several points of a scenario, the campaigns at its defaults. Each
+campaign has its own service, whose worker has the bridge. A film of the worst failure of each stack
+is written to docs/pictures/stacks.
 """
 
 import os

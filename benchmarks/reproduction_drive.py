@@ -51,7 +51,7 @@ class SeedRuns(msgspec.Struct, frozen=True):
 
 
 def find(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure | SeedRuns]]:
-    """The runs, and every number of them; a service has workers of its own."""
+    """Yield the reproductions, and the figures in them."""
     with (
         TemporaryDirectory() as folder,
         local_service(Plan(Path(folder), port=0)) as service,
@@ -143,8 +143,8 @@ OPENING = """# The paper's experiments on a drive
 
 `eigenfail reproduce --scenario highway_drive --scale full --seed {first}` runs the paper's
 experiments with our planner `rulebook` on [`highway_drive`](world.md#the-scenario-highway_drive), a
-scenario in which every failure has a label of its cause, so that modes can be held against the
-truth. The page [The paper reproduced](reproduction.md) has the same experiments on a cut-in, and
+scenario that labels every failure with its true cause, so that modes can be compared with the
+causes. The page [The paper reproduced](reproduction.md) has the same experiments on a cut-in, and
 says how its tables are read.
 
 - **The drive** has three challenges one after the other: a *phantom* (a passing car that noise
@@ -165,8 +165,8 @@ says how its tables are read.
   and with fewer episodes: 300 of each training, 100 of each evaluation. All seeds in full would
   have taken more computing time than there was. This was decided while the first one ran, before
   any statement was judged.
-- **Time**: instance-hours and cost are those of a machine that ran other programs beside these
-  campaigns, and tell little of the methods.
+- **Time**: the machine ran other programs at the same time as these campaigns, so that
+  instance-hours and cost say little of the methods.
 - **Verdicts**: a statement is judged in each seed, as the column *holds if* says. It *holds* if it
   does in more than half of the seeds that it was judged in. It *cannot be asked* unless more than
   half of them have what it is about, such as ten failures to compare. Otherwise it *does not hold*:

@@ -145,7 +145,7 @@ def _is_within(rest: RateBounds, whole: RateBounds) -> bool:
 
 
 def make_suite(generator: np.random.Generator) -> tuple[list[RiskTerm], float]:
-    """Return what is known of the scenarios of a made-up suite, and its true rate. [1/h]"""
+    """Return the evidence on the scenarios of a made-up suite, and its true rate. [1/h]"""
     hours = draw_between(generator, HOURS)
     has_one_seed = bool(generator.integers(2))
     noise = generator.random(EPISODES[1])
@@ -167,7 +167,7 @@ def make_suite(generator: np.random.Generator) -> tuple[list[RiskTerm], float]:
 
 
 def count_encounters(generator: np.random.Generator, rate: float, hours: float) -> Confidence:
-    """Return what is known of a true rate: a Poisson number, or a value with its interval."""
+    """Return the evidence on a true rate: a Poisson number, or a value with its interval."""
     if generator.random() < 0.5:
         return EventRate(int(generator.poisson(rate * hours)), hours)
     width = draw_between(generator, WIDTHS)

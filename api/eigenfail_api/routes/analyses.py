@@ -21,6 +21,7 @@ from eigenfail.values import (
     Region,
     Safety,
 )
+from eigenfail.values.analysis import LONGEST_MODE_NAME
 from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.report import MOST_CAMPAIGNS, Report
 from eigenfail.values.safety import TAIL_LEVEL
@@ -108,7 +109,8 @@ def rename_mode(
     """Give a failure mode a name."""
     name = " ".join(given.name.split())
     if not name or not name.isprintable():
-        raise InvalidValue("name", "it is empty, or contains a character that cannot be printed.")
+        problem = "it is empty, or contains a character that cannot be printed."
+        raise InvalidValue("name", problem, f"Write up to {LONGEST_MODE_NAME} characters.")
     return Json(store.analyses.rename_mode(analysis, mode, name))
 
 

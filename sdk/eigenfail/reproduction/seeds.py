@@ -1,4 +1,4 @@
-"""Verdicts on the paper's statements over several seeds, each with campaigns of its own."""
+"""Verdicts on the paper's statements over several seeds, each with other campaigns."""
 
 from collections.abc import Iterable, Sequence
 from enum import StrEnum

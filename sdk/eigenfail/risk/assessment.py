@@ -222,7 +222,7 @@ def name_noises(seeds: Sequence[Sequence[int]]) -> list[str]:
 
 
 def find_exposure(question: RiskQuestion, scenario: RiskScenario) -> Confidence:
-    """Return what is known of the encounters with a scenario in an hour."""
+    """Return the confidence distributions of the encounters with a scenario in an hour."""
     if scenario.encounters is not None:
         return EventRate(scenario.encounters, scenario.hours or question.exposure.hours)
     factor = 1.0 if scenario.per_hour is not None else question.km_per_hour or 0.0

@@ -74,7 +74,7 @@ T_GRID = np.linspace(-30.0, 30.0, 8_001)
 
 
 class Confidence(Protocol):
-    """What is known of a rate or a probability, which is not negative."""
+    """Confidence distributions of a rate or a probability, which is not negative."""
 
     @property
     def value(self) -> float | None:

@@ -1,4 +1,4 @@
-"""What is asked about a risk: the file of `eigenfail risk`, and the body of its request."""
+"""Questions about a risk: the file of `eigenfail risk`, and the body of its request."""
 
 from collections import Counter
 from pathlib import Path
@@ -108,7 +108,7 @@ class RiskScenario(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
 
 
 class RiskQuestion(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
-    """What is asked about the risk of a planner.
+    """A question about the risk of a planner.
 
     Attributes:
         name: name of the assessment.

@@ -163,7 +163,7 @@ class GroupingFeatures(NamedTuple):
 
     @property
     def has_struck(self) -> bool:
-        """Whether the data tells failures apart by the vehicle that was struck."""
+        """Whether the vehicle that was struck is a part of the data."""
         return self.accelerations is not None and self.data.shape != self.accelerations.shape
 
     def describe(
