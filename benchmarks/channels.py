@@ -8,11 +8,12 @@ from statistics import NormalDist, fmean
 import msgspec
 import numpy as np
 from bare import tasks
-from crew import Crew, staged
+from crew import Crew, horizon, staged
 from figures import Figure
 from intervals import Plan, estimate, judge
 from known_problems import Noise, Problem
 from learning_figures import of_seeds
+from mode_agreement import count_modes
 from samples import COMMAND, count_share
 from searches import Found, search
 
@@ -34,8 +35,24 @@ SETS: dict[str, tuple[Channel, ...]] = {
     "far": (*POSITION, Channel("missed", shape=Markov(0.005, 5.0, 0.0005))),
     "delay": (*POSITION, Channel("delay")),
     "occlusion": POSITION,
+    "joint": POSITION,
 }
-"""Channels by the name of their set in figures; that of `occlusion` is searched with it."""
+"""Channels by the name of their set in figures.
+
+That of `occlusion` is searched with it, and that of `joint` with two parameters of the scenario.
+"""
+
+JOINT_PARAMETERS = {
+    "cut_in": {
+        "distance_m": {"normal": [58.0, 3.0], "within": [53.0, 63.0]},
+        "ego_speed_mps": {"normal": [24.0, 0.5], "within": [23.0, 25.0]},
+    },
+    "merge_in": {
+        "behind_m": {"normal": [19.5, 2.0], "within": [13.5, 25.5]},
+        "ego_speed_mps": {"normal": [20.7, 0.3], "within": [19.7, 21.7]},
+    },
+}
+"""Parameters by their scenario. Medians are the values of the default scenario, where z = 0."""
 
 OF_SEVERAL = {"every", "occlusion"}
 """Sets that are as `position` where there is one vehicle, as in `cut_in`."""
@@ -83,9 +100,19 @@ def make_spec(scenario: str, channels: str, method: str, seed: int) -> CampaignS
         episodes=EPISODES,
         seed=seed,
         scenario=scenario,
-        disturbance=DisturbanceModel(channels=SETS[channels], occlusion=channels == "occlusion"),
+        scenario_parameters=JOINT_PARAMETERS[scenario] if channels == "joint" else {},
+        disturbance=make_model(scenario, channels),
     )
     return msgspec.structs.replace(spec, disturbance=resolve_disturbance(spec))
+
+
+def make_model(scenario: str, channels: str) -> DisturbanceModel:
+    """Return the disturbance model of a set of channels."""
+    drawn = JOINT_PARAMETERS[scenario] if channels == "joint" else {}
+    parameters = tuple(Channel(f"scenario.{name}") for name in drawn)
+    return DisturbanceModel(
+        channels=(*SETS[channels], *parameters), occlusion=channels == "occlusion"
+    )
 
 
 def describe(place: str, founds: list[Found]) -> Iterator[tuple[str, Figure]]:
@@ -93,6 +120,8 @@ def describe(place: str, founds: list[Found]) -> Iterator[tuple[str, Figure]]:
     failures = [len(one.crashes) for one in founds]
     more = f"; {EPISODES} episodes each"
     yield f"{place}.failures", of_seeds(failures, "episodes", EPISODES, more)
+    modes = [count_distinct_modes(one) for one in founds]
+    yield f"{place}.modes", of_seeds(modes, "modes", EPISODES, more)
     crashes = [crash for one in founds for crash in one.crashes]
     if not crashes:
         return
@@ -106,6 +135,13 @@ def describe(place: str, founds: list[Found]) -> Iterator[tuple[str, Figure]]:
         note = f"of all failures of {SEEDS} seeds"
         figure = Figure(value=value, unit=unit, n=len(crashes), note=note, command=COMMAND)
         yield f"{place}.{name}", figure
+
+
+def count_distinct_modes(found: Found) -> int:
+    """Return the number of distinct modes of all failures of a campaign."""
+    courses = [crash.course for crash in found.crashes if crash.course is not None]
+    noise = [crash.z for crash in found.crashes]
+    return count_modes(noise, courses, horizon(found.spec.scenario))
 
 
 def find_equal_digests(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
@@ -148,12 +184,6 @@ def runs_to_its_end(method: str, channels: int, seed: int) -> bool:
     return wide and len(found.crashed) > 0 and all(map(isfinite, found.robustness_m))
 
 
-JOINT_PARAMETERS = {
-    "distance_m": {"normal": [58.0, 3.0], "within": [53.0, 63.0]},
-    "ego_speed_mps": {"normal": [24.0, 0.5], "within": [23.0, 25.0]},
-}
-"""Their medians are the values of the default scenario, where z = 0."""
-
 JOINT_EPISODES, JOINT_SEEDS = 1_000, 5
 
 
@@ -175,14 +205,13 @@ def find_joint_gain(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
 
 def make_joint_spec(seed: int, joint: bool) -> CampaignSpec:
     """Return a campaign on noise alone, or on scenario and noise."""
-    parameters = tuple(Channel(f"scenario.{name}") for name in JOINT_PARAMETERS)
     spec = CampaignSpec(
         name="joint" if joint else "noise alone",
         method="cma",
         episodes=JOINT_EPISODES,
         seed=seed,
-        scenario_parameters=JOINT_PARAMETERS if joint else {},
-        disturbance=DisturbanceModel(channels=(*POSITION, *(parameters if joint else ()))),
+        scenario_parameters=JOINT_PARAMETERS["cut_in"] if joint else {},
+        disturbance=make_model("cut_in", "joint" if joint else "position"),
     )
     return msgspec.structs.replace(spec, disturbance=resolve_disturbance(spec))
 

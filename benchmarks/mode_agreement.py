@@ -1,11 +1,11 @@
-"""How well the modes of failures agree with known causes, by the adjusted Rand index."""
+"""Modes of the failures of one campaign: how many, and how well they agree with known causes."""
 
 from collections.abc import Sequence
 
 import msgspec
 from sklearn.metrics import adjusted_rand_score
 
-from eigenfail.values import AnalysisSettings, Floats
+from eigenfail.values import AnalysisResult, AnalysisSettings, Floats
 from eigenfail.values.records import FailureCourse, Failures
 from eigenfail_services.analysis.alignment import FailureBatch, gather_failures
 from eigenfail_services.analysis.behaviour import read_motion
@@ -37,16 +37,41 @@ def measure_agreement(
         horizon: steps of a full episode.
         settings: settings of the analysis.
     """
-    indices = tuple(each.course.index for each in failures)
-    batch = FailureBatch(1, Failures(indices, tuple(each.z for each in failures)))
-    channels = tuple(f"channel_{number}" for number in range(failures[0].z.shape[1]))
-    gathered = gather_failures([batch], horizon, settings, channels)
-    motion = read_motion([(1, each.course) for each in failures], "collision")
-    step_s = failures[0].course.dt_s
-    result = analyse_gathered(gathered._replace(motion=motion, step_s=step_s), settings, step_s, {})
+    courses = [each.course for each in failures]
+    result = analyse_courses([each.z for each in failures], courses, horizon, settings)
     causes = {each.course.index: each.cause for each in failures}
     truth = [causes[episode] for episode in result.episodes]
     return float(adjusted_rand_score(truth, result.labels))
+
+
+def count_modes(noise: Sequence[Floats], courses: Sequence[FailureCourse], horizon: int) -> int:
+    """Return the number of distinct modes of failures; one where groups are not distinct.
+
+    Args:
+        noise: z of each failure, shape (its steps, channels). [sigma]
+        courses: course of each failure.
+        horizon: steps of a full episode.
+    """
+    if not noise:
+        return 0
+    result = analyse_courses(noise, courses, horizon, AnalysisSettings())
+    return len(result.modes) if result.distinct else 1
+
+
+def analyse_courses(
+    noise: Sequence[Floats],
+    courses: Sequence[FailureCourse],
+    horizon: int,
+    settings: AnalysisSettings,
+) -> AnalysisResult:
+    """Return the analysis of all failures of one campaign; arguments as in `count_modes`."""
+    indices = tuple(course.index for course in courses)
+    batch = FailureBatch(1, Failures(indices, tuple(noise)))
+    channels = tuple(f"channel_{number}" for number in range(noise[0].shape[1]))
+    gathered = gather_failures([batch], horizon, settings, channels)
+    motion = read_motion([(1, course) for course in courses], "collision")
+    step_s = courses[0].dt_s
+    return analyse_gathered(gathered._replace(motion=motion, step_s=step_s), settings, step_s, {})
 
 
 def measure_agreement_of_struck(failures: Sequence[LabelledFailure]) -> float:

@@ -29,6 +29,7 @@ from eigenfail.values import (
     Predecessor,
     learner_seed,
 )
+from eigenfail.values.records import FailureCourse, make_failure_course
 from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns.learner_context import stack_noise
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
@@ -42,13 +43,15 @@ EARLIER = 1
 class Crash(NamedTuple):
     """A failure: its noise z, shape (steps, channels), its likelihood and its severity.
 
-    `prior` is what log p would be on average on the same steps, for noise from p(x) itself.
+    `prior` is what log p would be on average on the same steps, for noise from p(x) itself. The
+    course is None where episodes are calls of a function.
     """
 
     z: Floats
     log_probability: float
     prior: float
     severity: float
+    course: FailureCourse | None = None
 
 
 class Found(NamedTuple):
@@ -168,8 +171,13 @@ def engine(setup: bytes) -> Engine:
 def crash(result: EpisodeResult) -> Crash:
     """What is kept of a failure."""
     severity: Any = result.measures and result.measures.severity
+    scene, noise = result.scene, result.noise
     return Crash(
-        result.noise.z, result.noise.log_probability, prior(result.noise), float(severity or 0.0)
+        noise.z,
+        noise.log_probability,
+        prior(noise),
+        float(severity or 0.0),
+        scene and make_failure_course(result.index, scene.dt_s, scene.vehicles, scene.sizes),
     )
 
 
