@@ -24,6 +24,7 @@ from eigenfail_api.dashboard import (
     overview_page,
     reference_page,
     region_page,
+    replay_page,
     risk_page,
     suites_page,
 )
@@ -74,6 +75,7 @@ ROUTERS = (
     mode_page.router,
     episodes_page.router,
     episode_page.router,
+    replay_page.router,
     comparison_page.router,
     risk_page.router,
     copying.router,

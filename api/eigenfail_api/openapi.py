@@ -116,6 +116,7 @@ BODIES = (
     http.ModeName,
     http.ProofRequest,
     http.ReplayRequest,
+    http.ShrinkRequest,
 )
 NUMBERS = {
     "description": "Numbers, or equally long rows of them: an array, row by row.",

@@ -169,6 +169,7 @@ def test_bodies_are_described_where_they_are_read(document):
         "/api/v1/campaigns/{campaign}/exports",
         "/api/v1/campaigns/{campaign}/analyses",
         "/api/v1/campaigns/{campaign}/episodes/{index}/replay",
+        "/api/v1/campaigns/{campaign}/episodes/{index}/shrink",
         "/api/v1/analyses/{analysis}/modes/{mode}/name",
         "/api/v1/analyses/{analysis}/proof",
         "/api/v1/keys",

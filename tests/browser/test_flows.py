@@ -176,7 +176,7 @@ def test_measures_that_cannot_be_made_leave_the_page_as_it_was(visit, address, m
     page.route("**/measures", lambda route: route.fulfill(status=500, body="{}"))
     page.goto(f"{address}/campaigns/{made.ast}")
     expect(page.get_by_role("alert")).to_contain_text("could not be computed")
-    expect(page.get_by_role("link", name="Safety and cost")).to_be_visible()
+    expect(page.get_by_role("link", name="Safety and cost on a separate page")).to_be_visible()
 
 
 def test_an_account_that_others_hold_up_is_asked_for_again(live, made):

@@ -48,6 +48,7 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/campaigns/{{campaign}}/analyses",
         f"POST {PREFIX}/campaigns/{{campaign}}/exports",
         f"POST {PREFIX}/campaigns/{{campaign}}/episodes/{{index}}/replay",
+        f"POST {PREFIX}/campaigns/{{campaign}}/episodes/{{index}}/shrink",
         f"POST {PREFIX}/analyses/{{analysis}}/proof",
         f"PUT {PREFIX}/analyses/{{analysis}}/modes/{{mode}}/name",
     ),

@@ -59,7 +59,7 @@ def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
         id="eigenfailure-chart",
         kind="eigenfailures",
         title="Eigenfailures",
-        caption="Centre of the noise of each mode over time [sigma]."
+        caption="Centre of the noise of each mode over time [sigma], by channel."
         + (" Bands: from 10 to 90 % of the noise of its failures at each step." if bands else ""),
         data={
             "channels": {
@@ -311,12 +311,18 @@ def format_span(interval: TrainingInterval) -> str:
     return f"{100.0 * interval.start:.0f} – {100.0 * interval.end:.0f} %"
 
 
-def make_analysis_charts(result: AnalysisResult, campaign: int) -> tuple[Chart, ...]:
-    """Return the charts of an analysis."""
+def make_mode_charts(result: AnalysisResult, campaign: int) -> tuple[Chart, ...]:
+    """Return the charts that show how the modes of an analysis differ."""
     return (
-        *make_behaviour_charts(result.behaviour),
         make_eigenfailure_chart(result),
+        *make_behaviour_charts(result.behaviour),
         make_scores_chart(result, campaign),
+    )
+
+
+def make_detail_charts(result: AnalysisResult) -> tuple[Chart, ...]:
+    """Return the charts of the components of an analysis, of influence and of training."""
+    return (
         make_explained_chart(result),
         make_influence_chart(result),
         *make_training_charts(result),

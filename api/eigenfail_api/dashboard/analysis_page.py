@@ -39,7 +39,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.analysis import propose_mode_name
 from eigenfail.worlds import find_robustness_unit, world_of
-from eigenfail_api.dashboard.analysis_charts import make_analysis_charts
+from eigenfail_api.dashboard.analysis_charts import make_detail_charts, make_mode_charts
 from eigenfail_api.dashboard.charts import Chart
 from eigenfail_api.dashboard.episodes_page import (
     AnalysisChoices,
@@ -184,7 +184,8 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     tiles: tuple[tuple[str, Tile], ...]
     modes: tuple[ModeCard, ...]
     grids: tuple[Table, ...]
-    charts: tuple[Chart, ...]
+    mode_charts: tuple[Chart, ...]
+    detail_charts: tuple[Chart, ...]
     has_animations: bool
     proof: ProofView | None
     asked: AnalysisSettings
@@ -211,7 +212,8 @@ def make_analysis_view(
         tiles=make_finding_tiles(result) if result else (),
         modes=make_mode_cards(result, campaign.id, proof, unit) if result else (),
         grids=list_tables(result, step_s) if result else (),
-        charts=make_analysis_charts(result, campaign.id) if result and result.modes else (),
+        mode_charts=make_mode_charts(result, campaign.id) if result and result.modes else (),
+        detail_charts=make_detail_charts(result) if result and result.modes else (),
         has_animations=world.has_road and RecordingFormat.GIF in list_formats(),
         proof=make_proof_view(proof, unit) if proof else None,
         asked=analysis.settings,

@@ -23,6 +23,7 @@ from eigenfail.values import (
     FINAL_STATES,
     Analysis,
     AnalysisSettings,
+    AnalysisState,
     Campaign,
     CampaignSpec,
     CampaignState,
@@ -39,6 +40,7 @@ from eigenfail.values.records import EpisodeRow
 from eigenfail.values.summary import EpisodeSample
 from eigenfail.values.variation import in_words
 from eigenfail.versions import describe_mixed
+from eigenfail.wire.http import PREFIX
 from eigenfail.worlds import (
     describe_disturbance,
     describe_requirements,
@@ -59,6 +61,7 @@ from eigenfail_api.dashboard.episodes_page import (
     AnalysisChoices,
     AnalysisLine,
     EpisodeList,
+    find_failure_order,
     list_analysis_choices,
     make_analysis_line,
     make_episode_list,
@@ -173,10 +176,72 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
     at_ms: int
 
 
+class NextStep(msgspec.Struct, frozen=True):
+    """What users do next with the results of a campaign.
+
+    Attributes:
+        verb: label of its button or link.
+        words: what it does, in a sentence.
+        command: command that does the same.
+        address: page to open, or route that takes the action.
+        leads_to: page of what an action makes, without its id; empty if the step is a page to open.
+    """
+
+    verb: str
+    words: str
+    command: str
+    address: str
+    leads_to: str = ""
+
+    @property
+    def is_action(self) -> bool:
+        """Whether it makes something new."""
+        return bool(self.leads_to)
+
+
+def list_next_steps(found: Findings) -> Iterator[NextStep]:
+    """Yield the steps that the failures of a campaign call for; none without a failure."""
+    campaign, lines = found.campaign, found.listed.items
+    if not lines or campaign.spec.method == REPLAY:
+        return
+    done = [each for each in found.analyses if each.state is AnalysisState.DONE]
+    if done:
+        newest = done[0].id
+        yield NextStep(
+            "Open the modes",
+            f"Analysis {newest} is the newest of these failures.",
+            f"eigenfail mode list {newest}",
+            f"/analyses/{newest}",
+        )
+        yield NextStep(
+            "Prove",
+            "Replay the eigenfailures and medoids, in this scenario and in its neighbours.",
+            f"eigenfail analyze {campaign.id} --prove",
+            f"/analyses/{newest}#proof",
+        )
+    else:
+        yield NextStep(
+            "Analyse",
+            "Group the failures into modes, each with its eigenfailure.",
+            f"eigenfail analyze {campaign.id}",
+            f"{PREFIX}/campaigns/{campaign.id}/analyses",
+            "/analyses/",
+        )
+    worst = f"{campaign.id}/{lines[0].index}"
+    yield NextStep(
+        "Shrink",
+        f"Find the least noise with which failure {worst} still happens.",
+        f"eigenfail episode shrink {worst}",
+        f"{PREFIX}/campaigns/{campaign.id}/episodes/{lines[0].index}/shrink",
+        "/campaigns/",
+    )
+
+
 class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     """The page of a campaign.
 
     Attributes:
+        next_steps: what its failures call for, once it has ended.
         origin: words and address of what it replays; None if it is no replay.
         replays: where the replays of its episodes are listed.
         wants_workers: whether episodes wait and no worker is connected.
@@ -192,6 +257,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     standing: StandingView
+    next_steps: tuple[NextStep, ...]
     origin: tuple[str, str] | None
     replays: str
     wants_workers: bool
@@ -222,6 +288,7 @@ def make_campaign_view(found: Findings) -> CampaignView:
     channels = list_channels(campaign.spec)
     return CampaignView(
         standing=now,
+        next_steps=() if now.is_open else tuple(list_next_steps(found)),
         origin=find_origin(campaign.spec),
         replays=make_replays_address(campaign.id),
         wants_workers=campaign.state in WORKING and not found.here,
@@ -238,7 +305,7 @@ def make_campaign_view(found: Findings) -> CampaignView:
         if world_of(campaign.spec.simulator).has_road
         else (),
         charts=make_charts(found),
-        failures=make_episode_list(campaign, found.listed, None),
+        failures=make_episode_list(campaign, found.listed, find_failure_order(campaign)),
         analyses=tuple(make_analysis_line(each, channels) for each in found.analyses),
         asked=AnalysisSettings(),
         choices=list_analysis_choices(campaign.spec),
@@ -376,7 +443,7 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
     """Serve the page of a campaign; its slow second part is included only if it is cached."""
     latest, seen = store.events.last(), store.campaigns.get(campaign)
     begun = () if again else prefetch_figures(store, seen)
-    listed = read_failures(store, seen, None)
+    listed = read_failures(store, seen, find_failure_order(seen))
     first = [row.index for row in listed.items[:MOST_FAILURES]]
     here = count_present(store)
     found = Findings(

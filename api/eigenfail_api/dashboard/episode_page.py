@@ -1,18 +1,18 @@
-"""The page of an episode, and that of a replay whose episode is still to come."""
+"""The page of an episode, and its neighbours in the list that it was reached from."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from math import sqrt
 from typing import Annotated, Any, NamedTuple
 
 import msgspec
 from anyio.to_thread import run_sync
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 
-from eigenfail.errors import EigenfailError, NoisePruned, NotFound, ServiceBusy
+from eigenfail.errors import EigenfailError, NotFound, ServiceBusy
 from eigenfail.exchange import list_formats
 from eigenfail.exchange.recording import RecordingFormat
-from eigenfail.filters import parse_filter, write_failure_filter
+from eigenfail.filters import BY_INDEX, SortOrder, parse_filter, parse_sort, write_failure_filter
 from eigenfail.presentation.episodes import (
     format_event,
     list_channel_likelihoods,
@@ -21,7 +21,6 @@ from eigenfail.presentation.episodes import (
 )
 from eigenfail.presentation.figures import (
     UNKNOWN,
-    count_noun,
     format_count,
     format_duration,
     format_number,
@@ -29,11 +28,9 @@ from eigenfail.presentation.figures import (
 )
 from eigenfail.presentation.tables import Table
 from eigenfail.values import (
-    FINAL_STATES,
     MEASURES,
     Assessment,
     Campaign,
-    CampaignSpec,
     EpisodeResult,
     Measure,
     Measures,
@@ -42,24 +39,26 @@ from eigenfail.values import (
     assess,
 )
 from eigenfail.values.disturbance import find_channel_likelihoods
-from eigenfail.versions import differences
 from eigenfail.wire.http import PREFIX
 from eigenfail.worlds import drawn_for, placed_for, world_of
 from eigenfail_api.dashboard.charts import Chart, make_reference
-from eigenfail_api.dashboard.cost_charts import REPLAY
+from eigenfail_api.dashboard.episodes_page import (
+    EpisodeRequest,
+    make_address,
+    make_episode_address,
+)
 from eigenfail_api.dashboard.rendering import (
-    OUTCOME_BADGES,
     Badge,
-    make_campaign_badge,
     make_outcome_badge,
     page,
 )
+from eigenfail_api.dashboard.replay_page import ReplayVerdict, Run, find_source, judge_replay
 from eigenfail_api.dashboard.scene import (
     Jump,
     list_jumps,
     make_account_view,
-    make_clearance_chart,
     make_clip_view,
+    make_course_charts,
     make_missing_account_view,
     make_noise_chart,
     make_scene_chart,
@@ -67,7 +66,6 @@ from eigenfail_api.dashboard.scene import (
 from eigenfail_api.parameters import CampaignId, EpisodeIndex, Stored
 from eigenfail_api.routes.episodes import EXPLAINING, EXPLANATIONS
 from eigenfail_services.campaigns.recordings import find_mission
-from eigenfail_services.campaigns.summary import find_worker
 from eigenfail_services.store import Store
 
 Facts = tuple[tuple[str, str], ...]
@@ -167,87 +165,21 @@ def format_severity(value: float | None) -> str:
     return f"{format_number(value)} m²/s² (relative speed {format_number(sqrt(value))} m/s)"
 
 
-SAME = "Same result, bit for bit."
-OTHER = "Different result."
-REPEATABLE = (
-    "The digest is that of the stored episode: what happened follows from the noise, and can be "
-    "shown again."
-)
-NOT_REPEATABLE = (
-    "Nothing was changed, so the result should be the same: planner, simulator or machine is not "
-    "deterministic, or their versions differ. Use those that the campaign ran on."
-)
-WORLD = ("planner", "planner_settings", "scenario", "simulator", "disturbance", "requirements")
-
-
-class Run(NamedTuple):
-    """An episode and its campaign."""
-
-    campaign: Campaign
-    result: EpisodeResult
-
-
-class ReplayVerdict(msgspec.Struct, frozen=True, kw_only=True):
-    """Whether it is the same.
+class Neighbours(msgspec.Struct, frozen=True):
+    """The episodes before and after one in a list.
 
     Attributes:
-        meaning: what follows from that.
-        tone: of a good thing, of a doubtful one, or of neither: empty.
+        listed: address of the list; None for the failures by number, which an episode is shown with
+            that was reached from no list.
+        noun: what the list is of, as text.
+        previous: index and address of the one before it; None for the first.
+        next: index and address of the one after it; None for the last.
     """
 
-    words: str
-    meaning: str
-    tone: str
-    sign: str
-
-
-def find_source(spec: CampaignSpec, index: int) -> tuple[int, int] | None:
-    """Return campaign and index of the episode whose noise is repeated; None if of no episode."""
-    campaign, episodes = (spec.settings.get(name) for name in ("campaign", "episodes"))
-    if spec.method != REPLAY or not campaign or not episodes:
-        return None
-    return campaign, episodes[index % len(episodes)]
-
-
-def make_replay_verdict(stored: Run, again: Run, differing: Sequence[str] = ()) -> ReplayVerdict:
-    """Compare two results by their digests; `differing` lists the versions that differ."""
-    if stored.result.digest() == again.result.digest():
-        return ReplayVerdict(words=SAME, meaning=REPEATABLE, tone="is-distinct", sign="✓")
-    courses = (
-        f"Stored: {describe_course(stored.result)}; replayed: {describe_course(again.result)}."
-    )
-    changes = [*list_changes(stored, again), *(f"other versions ({each})" for each in differing)]
-    if not changes:
-        meaning = f"{courses} {NOT_REPEATABLE}"
-        return ReplayVerdict(words=OTHER, meaning=meaning, tone="is-doubtful", sign="!")
-    why = f"The result may differ, with {' and '.join(changes)}."
-    return ReplayVerdict(words=OTHER, meaning=f"{courses} {why}", tone="", sign="≠")
-
-
-def describe_course(result: EpisodeResult) -> str:
-    """Return the outcome and the number of steps, as text."""
-    after = count_noun(result.steps, "step")
-    return f"{OUTCOME_BADGES[result.outcome].word} after {after}"
-
-
-def list_changes(stored: Run, again: Run) -> Iterator[str]:
-    """In what the replay differs from a plain one."""
-    scale = again.campaign.spec.settings.get("scale", 1.0)
-    if scale != 1.0:
-        yield f"noise × {scale:g}"
-    before, now = stored.campaign.spec, again.campaign.spec
-    for name in WORLD:
-        if getattr(before, name) != getattr(now, name):
-            yield f"another {name.replace('_', ' ').replace('settings', 'setting')}"
-    if draw_parameters(stored) != draw_parameters(again):
-        yield "other scenario parameters"
-
-
-def draw_parameters(run: Run) -> dict[str, Any]:
-    """Return the scenario parameters that the episode drew."""
-    spec = run.campaign.spec
-    drawn, placed = drawn_for(spec, run.result.seed), placed_for(spec, run.result.noise)
-    return {**spec.scenario_parameters, **drawn, **placed}
+    listed: str | None
+    noun: str
+    previous: tuple[int, str] | None
+    next: tuple[int, str] | None
 
 
 class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
@@ -262,9 +194,10 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
         why_no_scene: empty if there is one.
         stage: what the first part shows, as its title.
         can_replay: whether there is noise that could be injected again.
+        is_failure: whether it violated a requirement, so that it can be shrunk.
         recordings: name and address of the episode as a file of each format for other tools.
         jumps: moments that were measured.
-        next_failure: index of the next failure of the campaign, if there is one.
+        neighbours: the episodes before and after it in a list.
         replayed: campaign and index of the episode whose noise it repeats; None if of no episode.
         verdict: whether it is the same again; None if it repeats no episode that is known.
         mode: its failure mode in the newest analysis of it; None if it was not analysed.
@@ -284,14 +217,15 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
     digest: str
     noise: Chart | None
     scene: Chart | None
-    clearance: Chart | None
+    courses: tuple[Chart, ...]
     why_no_scene: str
     stage: str
     can_replay: bool
+    is_failure: bool
     has_account: bool
     recordings: tuple[tuple[str, str], ...]
     jumps: tuple[Jump, ...]
-    next_failure: int | None
+    neighbours: Neighbours
     replayed: tuple[int, int] | None
     verdict: ReplayVerdict | None
     mode: Mode | None
@@ -301,7 +235,7 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
 class EpisodeContext(NamedTuple):
     """What other results say of an episode; the fields are those of its page."""
 
-    next_failure: int | None
+    neighbours: Neighbours
     verdict: ReplayVerdict | None
     mode: Mode | None
     left_out_by: int | None
@@ -333,10 +267,11 @@ def make_episode_view(
         digest=result.digest(),
         noise=make_noise_chart(result.noise, dt_s, channels) if result.steps else None,
         scene=make_scene_chart(scene, mission, result.outcome) if scene else None,
-        clearance=make_clearance_chart(scene) if scene else None,
+        courses=make_course_charts(scene) if scene else (),
         why_no_scene="" if scene else explain_missing_scene(campaign, result),
         stage="Scene from above" if has_road else "The noise",
         can_replay=result.steps > 0,
+        is_failure=result.is_failure,
         has_account=result.steps > 0 and has_road,
         recordings=list_recordings(campaign.id, result.index)
         if result.steps > 0 and has_road
@@ -381,43 +316,23 @@ def list_drawn_parameters(campaign: Campaign, result: EpisodeResult) -> Facts:
     return tuple((name, str(value)) for name, value in drawn.items())
 
 
-class ReplayView(msgspec.Struct, frozen=True, kw_only=True):
-    """Where it stands.
-
-    Attributes:
-        has_arrived: whether its episode can be looked at.
-        verdict: whether it is the same again, once it is in.
-        is_open: whether it may still arrive.
-    """
-
-    campaign: int
-    campaign_name: str
-    badge: Badge
-    has_arrived: bool
-    is_open: bool
-    because: str
-    verdict: ReplayVerdict | None
-
-
-def replay_view(
-    campaign: Campaign, verdict: ReplayVerdict | None, *, has_arrived: bool
-) -> ReplayView:
-    """How a replay stands."""
-    return ReplayView(
-        campaign=campaign.id,
-        campaign_name=campaign.spec.name,
-        badge=make_campaign_badge(campaign.state, campaign.counts),
-        has_arrived=has_arrived,
-        is_open=not has_arrived and campaign.state not in FINAL_STATES,
-        because=campaign.stopped_because,
-        verdict=verdict,
-    )
-
-
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 LONGEST_S = 1e6
+Conditions = Annotated[str | None, Query(alias="filter")]
 Moment = Annotated[float | None, Query(ge=0.0, le=LONGEST_S)]
+
+
+def read_list(conditions: Conditions = None, sort: str = str(BY_INDEX)) -> EpisodeRequest | None:
+    """Return the list that an episode was reached from, as its address has it.
+
+    Raises:
+        UnknownName: the list has no such order.
+    """
+    return None if conditions is None else EpisodeRequest(conditions, parse_sort(sort))
+
+
+Listed = Annotated[EpisodeRequest | None, Depends(read_list)]
 
 
 @router.get("/campaigns/{campaign}/episodes/{index}")
@@ -425,17 +340,17 @@ def show_episode(
     store: Stored,
     campaign: CampaignId,
     index: EpisodeIndex,
+    listed: Listed,
     t: Moment = None,  # noqa: ARG001  # the player reads it from the address
 ) -> HTMLResponse:
-    """One episode."""
+    """One episode, and its neighbours in the list that it was reached from."""
     seen = store.campaigns.get(campaign)
     result = store.episodes.get(campaign, index)
     mission = find_mission(seen.spec, result)
-    following = find_next_failure(store, seen, index)
     modes, newest = store.analyses.find_modes(campaign, index), store.analyses.find_newest(campaign)
     is_left_out = result.outcome.is_failure and newest not in {mode.analysis for mode in modes}
     context = EpisodeContext(
-        following,
+        find_neighbours(store, seen, index, listed),
         judge_replay(store, Run(seen, result)),
         modes[0] if modes else None,
         newest if is_left_out else None,
@@ -470,51 +385,27 @@ def show_clip(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> HTMLR
     return page("clip.html", make_clip_view(seen, result, find_mission(seen.spec, result)))
 
 
-@router.get("/replays/{campaign}")
-def show_replay(store: Stored, campaign: CampaignId) -> HTMLResponse:
-    """Where one waits for the only episode of a replay."""
-    seen, result = store.campaigns.get(campaign), find_first_result(store, campaign)
-    judged = judge_replay(store, Run(seen, result)) if result else None
-    return page("replay.html", replay_view(seen, judged, has_arrived=result is not None))
+def find_neighbours(
+    store: Store, campaign: Campaign, index: int, listed: EpisodeRequest | None
+) -> Neighbours:
+    """Return the neighbours of an episode in the list that it was reached from.
 
+    Raises:
+        InvalidValue, UnknownName: the list has no such filter or order.
+    """
+    asked = listed or EpisodeRequest(write_failure_filter(campaign.spec), BY_INDEX)
+    where, sort = parse_filter(asked.filter), asked.sort
+    turned = SortOrder(sort.column, not sort.descending)
 
-def find_first_result(store: Store, campaign: int) -> EpisodeResult | None:
-    """Return the first episode of a campaign; None before it has ended."""
-    try:
-        return store.episodes.get(campaign, 0)
-    except NotFound:
-        return None
+    def find(order: SortOrder) -> tuple[int, str] | None:
+        found = store.episodes.page(campaign.id, 1, index, where, order).items
+        if not found:
+            return None
+        return found[0].index, make_episode_address(campaign.id, found[0].index, listed)
 
-
-def judge_replay(store: Store, again: Run) -> ReplayVerdict | None:
-    """Whether a replay gave the result that is stored; None if it repeats none that is kept."""
-    source = find_source(again.campaign.spec, again.result.index)
-    if source is None:
-        return None
-    campaign, index = source
-    try:
-        stored = store.episodes.finished(campaign, [index])
-    except NoisePruned:
-        return None
-    if not stored:
-        return None
-    differing = list_differing_versions(store, source, (again.campaign.id, again.result.index))
-    return make_replay_verdict(Run(store.campaigns.get(campaign), stored[0]), again, differing)
-
-
-def list_differing_versions(
-    store: Store, first: tuple[int, int], second: tuple[int, int]
-) -> tuple[str, ...]:
-    """Return the versions that differ between two episodes, where both are known."""
-    try:
-        then, now = (find_worker(store, *each).versions for each in (first, second))
-    except NotFound:
-        return ()
-    return differences(then, now)
-
-
-def find_next_failure(store: Store, campaign: Campaign, index: int) -> int | None:
-    """Return the index of the campaign's next failure; None if there is none."""
-    wanted = parse_filter(write_failure_filter(campaign.spec))
-    following = store.episodes.page(campaign.id, 1, index, wanted).items
-    return following[0].index if following else None
+    return Neighbours(
+        make_address(campaign.id, listed.filter, str(listed.sort)) if listed else None,
+        "episode" if listed else "failure",
+        find(turned),
+        find(sort),
+    )

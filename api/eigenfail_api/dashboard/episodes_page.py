@@ -64,16 +64,26 @@ FIGURES = (
 """Column, label, unit, whether small screens do without it, whether its largest are of interest."""
 
 
+class EpisodeRequest(msgspec.Struct, frozen=True):
+    """A list of episodes, as the address of its page has it."""
+
+    filter: str
+    sort: SortOrder
+    after: int | None = None
+
+
 class EpisodeLine(msgspec.Struct, frozen=True):
     """An episode in a list, as text.
 
     Attributes:
+        address: page of the episode; it knows the list, so that it can lead to the next one.
         conflict: its class, beside the outcome.
         cells: figures, as in `FIGURES`.
     """
 
     campaign: int
     index: int
+    address: str
     badge: Badge
     conflict: str
     cells: tuple[str, ...]
@@ -106,6 +116,7 @@ class EpisodeList(msgspec.Struct, frozen=True):
     Attributes:
         every: where all episodes can be searched.
         worst: address of the failures, the worst first.
+        sort: order of the list, written as text.
         next: cursor of the next ones, if there are any already.
         last: cursor behind which new ones will appear.
         is_open: whether any may still appear.
@@ -115,6 +126,7 @@ class EpisodeList(msgspec.Struct, frozen=True):
     campaign: int
     every: str
     worst: str
+    sort: str
     headings: tuple[Heading, ...]
     lines: tuple[EpisodeLine, ...]
     next: int | None
@@ -135,16 +147,17 @@ class AnalysisLine(msgspec.Struct, frozen=True):
 
 
 def make_episode_list(
-    campaign: Campaign, page: Page[EpisodeRow], after: int | None = None
+    campaign: Campaign, page: Page[EpisodeRow], sort: SortOrder, after: int | None = None
 ) -> EpisodeList:
-    """Return the list of failures that begins after a cursor."""
+    """Return the list of failures that begins after a cursor in an order."""
     failures = write_failure_filter(campaign.spec)
     return EpisodeList(
         campaign=campaign.id,
         every=make_address(campaign.id, failures),
         worst=make_address(campaign.id, failures, find_worst_order(campaign.spec)),
-        headings=make_headings(campaign.spec, partial(make_address, campaign.id, failures), None),
-        lines=tuple(map(make_episode_line, page.items)),
+        sort=str(sort),
+        headings=make_headings(campaign.spec, partial(make_address, campaign.id, failures), sort),
+        lines=tuple(make_episode_line(row, EpisodeRequest(failures, sort)) for row in page.items),
         next=page.next,
         last=page.items[-1].index if page.items else after,
         is_open=may_grow(campaign),
@@ -152,16 +165,24 @@ def make_episode_list(
     )
 
 
+def find_failure_order(campaign: Campaign) -> SortOrder:
+    """Return the order of the list of failures: the worst first, once no more can come."""
+    # New failures are added at the end of a list that stands by index; in another order they would
+    # have to move what is being read.
+    return BY_INDEX if may_grow(campaign) else parse_sort(find_worst_order(campaign.spec))
+
+
 def may_grow(campaign: Campaign) -> bool:
     """Whether results may still arrive."""
     return campaign.ended_ms is None and campaign.counts.open > 0
 
 
-def make_episode_line(row: EpisodeRow) -> EpisodeLine:
-    """Return the line of an episode."""
+def make_episode_line(row: EpisodeRow, asked: EpisodeRequest | None = None) -> EpisodeLine:
+    """Return the line of an episode, in the list that was asked for."""
     return EpisodeLine(
         campaign=row.campaign,
         index=row.index,
+        address=make_episode_address(row.campaign, row.index, asked),
         badge=make_outcome_badge(row.outcome, is_unresolved=row.assessed.unresolved),
         conflict=describe_conflict(row),
         cells=tuple(format_cell(row, column) for column, *_ in FIGURES),
@@ -196,6 +217,14 @@ def make_address(
     given = {name: value for name, value in asked.items() if value != usual[name]}
     path = f"/campaigns/{campaign}/episodes"
     return f"{path}?{urlencode(given)}" if given else path
+
+
+def make_episode_address(campaign: int, index: int, asked: EpisodeRequest | None = None) -> str:
+    """Return the address of an episode's page, with the list that it was reached from, if any."""
+    path = f"/campaigns/{campaign}/episodes/{index}"
+    if asked is None:
+        return path
+    return f"{path}?{urlencode({'filter': asked.filter, 'sort': str(asked.sort)})}"
 
 
 def find_worst_order(spec: CampaignSpec) -> str:
@@ -310,14 +339,6 @@ class Example(msgspec.Struct, frozen=True):
     words: str
 
 
-class EpisodeRequest(msgspec.Struct, frozen=True):
-    """What stands in the address of the page."""
-
-    filter: str
-    sort: SortOrder
-    after: int | None = None
-
-
 class FoundView(msgspec.Struct, frozen=True, kw_only=True):
     """The page.
 
@@ -366,7 +387,7 @@ def make_found_view(
         command=format_export_command(here, asked),
         exports=list_exports(here, asked),
         headings=make_headings(campaign.spec, partial(make_address, here, conditions), asked.sort),
-        lines=tuple(map(make_episode_line, page.items)),
+        lines=tuple(make_episode_line(row, asked) for row in page.items),
         per_page=len(page.items),
         first="" if asked.after is None else make_address(here, conditions, sort),
         next="" if page.next is None else make_address(here, conditions, sort, page.next),
@@ -462,14 +483,21 @@ def show_episodes(
 
 
 @router.get("/campaigns/{campaign}/failures")
-def show_failures(store: Stored, campaign: CampaignId, after: After = None) -> HTMLResponse:
+def show_failures(
+    store: Stored, campaign: CampaignId, sort: str = str(BY_INDEX), after: After = None
+) -> HTMLResponse:
     """Rows of the list of failures: a piece of a page."""
-    seen = store.campaigns.get(campaign)
-    view = make_episode_list(seen, read_failures(store, seen, after), after)
+    seen, order = store.campaigns.get(campaign), parse_sort(sort)
+    view = make_episode_list(seen, read_failures(store, seen, order, after), order, after)
     return page("failures.html", view)
 
 
-def read_failures(store: Store, campaign: Campaign, after: int | None) -> Page[EpisodeRow]:
+def read_failures(
+    store: Store,
+    campaign: Campaign,
+    sort: SortOrder,
+    after: int | None = None,
+) -> Page[EpisodeRow]:
     """Return the next page of the list of failures."""
     wanted = parse_filter(write_failure_filter(campaign.spec))
-    return store.episodes.page(campaign.id, FAILURES_ON_A_PAGE, after, wanted)
+    return store.episodes.page(campaign.id, FAILURES_ON_A_PAGE, after, wanted, sort)

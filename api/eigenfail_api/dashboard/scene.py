@@ -30,7 +30,7 @@ from eigenfail.values import (
 from eigenfail.values.scene import UNKNOWN_KIND
 from eigenfail_api.dashboard.charts import Chart, round_rows, round_values
 from eigenfail_api.dashboard.rendering import Badge, make_outcome_badge
-from eigenfail_services.analysis.footprints import measure_clearances
+from eigenfail_services.analysis.footprints import measure_clearances, measure_times_to_collision
 
 
 class Jump(msgspec.Struct, frozen=True):
@@ -106,26 +106,57 @@ def make_noise_chart(
     )
 
 
-def make_clearance_chart(scene: Scene) -> Chart:
-    """Return the chart of the distance to the nearest vehicle; its minimum is the robustness."""
-    nearest = measure_clearances(scene).min(axis=1)
-    times = [step * scene.dt_s for step in range(len(nearest))]
-    return Chart(
-        id="clearance-chart",
-        kind="clearance",
-        title="Distance to the nearest vehicle",
-        caption="Between the footprints [m].",
-        data={
-            "axis": "Time [s]",
-            "end": times[-1],
-            "time": round_values(times),
-            "metres": round_values(map(float, nearest)),
-        },
-        columns=("Time [s]", "Distance [m]"),
-        rows=tuple(
-            (format_number(at), format_number(float(apart), 4))
-            for at, apart in zip(times, nearest, strict=True)
-        ),
+LONGEST_TTC_S = 10.0
+"""Times to collision beyond it are not drawn: nothing is near. [s]"""
+
+
+COURSE_CAPTIONS = {
+    "clearance": "Between the footprints.",
+    "ttc": "Distance ÷ closing speed, of the vehicle for which it is shortest. No line above "
+    f"{LONGEST_TTC_S:g} s, and where no vehicle is in the ego's path.",
+    "speed": "As it was in the simulator.",
+    "acceleration": "As the planner commanded it.",
+}
+"""Captions of the charts by the beginning of their ids."""
+
+
+def make_course_charts(scene: Scene) -> tuple[Chart, ...]:
+    """Return the charts of distance, time to collision, speed and acceleration over time.
+
+    The smallest distance is the robustness, and the smallest time to collision is MinTTC.
+    """
+    dt_s, ttc_s = scene.dt_s, measure_times_to_collision(scene)
+    end_s = dt_s * (len(scene.vehicles) - 1)
+    courses = (
+        ("Distance to the nearest vehicle", "m", measure_clearances(scene).min(axis=1)),
+        ("Time to collision", "s", np.where(ttc_s <= LONGEST_TTC_S, ttc_s, nan)),
+        ("Speed of the ego", "m/s", scene.vehicles[:, 0, 3]),
+        ("Acceleration of the ego", "m/s²", scene.controls.reshape(-1, 2)[:, 0]),
+    )
+    return tuple(
+        Chart(
+            id=f"{name}-chart",
+            kind="course",
+            title=title,
+            caption=caption,
+            data={
+                "axis": "Time [s]",
+                "end": end_s,
+                "time": round_values(dt_s * step for step in range(len(values))),
+                "unit": unit,
+                "values": round_values(
+                    float(value) if np.isfinite(value) else None for value in values
+                ),
+            },
+            columns=("Time [s]", f"{title} [{unit}]"),
+            rows=tuple(
+                (format_number(dt_s * step), format_number(float(value), 4))
+                for step, value in enumerate(values)
+            ),
+        )
+        for (name, caption), (title, unit, values) in zip(
+            COURSE_CAPTIONS.items(), courses, strict=True
+        )
     )
 
 
@@ -247,7 +278,7 @@ class AccountView(msgspec.Struct, frozen=True, kw_only=True):
         is_same: whether the replay was the stored episode, bit for bit.
         steps: for the player; None where the account is of another course than the one shown.
         scene: scene of the replay, where the stored episode kept none.
-        clearance: the strip of that scene.
+        courses: strips of that scene.
     """
 
     campaign: int
@@ -261,7 +292,7 @@ class AccountView(msgspec.Struct, frozen=True, kw_only=True):
     jumps: tuple[Jump, ...] = ()
     steps: dict[str, object] | None = None
     scene: Chart | None = None
-    clearance: Chart | None = None
+    courses: tuple[Chart, ...] = ()
 
 
 def make_account_view(
@@ -280,7 +311,7 @@ def make_account_view(
         jumps=tuple(map(make_jump, find_moments(explanation.steps))) if same else (),
         steps=make_player_columns(explanation.steps) if same else None,
         scene=make_scene_chart(scene, mission, explanation.replayed.outcome) if scene else None,
-        clearance=make_clearance_chart(scene) if scene else None,
+        courses=make_course_charts(scene) if scene else (),
     )
 
 

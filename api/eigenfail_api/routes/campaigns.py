@@ -22,12 +22,13 @@ from eigenfail.values.learning import Policy
 from eigenfail.values.mixing import ChainMixing
 from eigenfail.values.operations import Pruning
 from eigenfail.values.suite import SuiteStanding, SuiteTable
-from eigenfail.wire.http import PREFIX, CampaignCheck, Digest, make_problem
+from eigenfail.wire.http import PREFIX, CampaignCheck, Digest, ShrinkRequest, make_problem
 from eigenfail_api.openapi import FIELDS, SPECS, document_route, documented_plain
 from eigenfail_api.parameters import (
     LARGEST,
     Before,
     CampaignId,
+    EpisodeIndex,
     IdempotencyKey,
     Json,
     Limit,
@@ -45,7 +46,7 @@ from eigenfail_services.campaigns.drafts import (
     read_draft,
     read_drafts,
 )
-from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
+from eigenfail_services.campaigns.minimal_failures import find_minimal_failure, make_minimal_spec
 from eigenfail_services.campaigns.resolution import ResolvedCampaign
 from eigenfail_services.campaigns.suites import make_suite_table
 from eigenfail_services.campaigns.summary import (
@@ -241,6 +242,29 @@ def clone_campaign(
     """Queue a copy of a campaign, with other values for some fields."""
     wanted = clone(store.campaigns.get(campaign).spec, changes, store)
     return _launch(store, wanted, idempotency_key, made_by)
+
+
+def draft_minimal_campaign(
+    store: Stored,
+    campaign: CampaignId,
+    index: EpisodeIndex,
+    request: Annotated[ShrinkRequest, Depends(body_of(ShrinkRequest))],
+) -> CampaignSpec:
+    """Return the campaign that is to shrink an episode."""
+    return make_minimal_spec(store, campaign, index, request.episodes)
+
+
+@router.post(
+    "/{campaign}/episodes/{index}/shrink", **document_route(Campaign, 201, body=ShrinkRequest)
+)
+def shrink_episode(
+    store: Stored,
+    wanted: Annotated[CampaignSpec, Depends(draft_minimal_campaign)],
+    made_by: MadeBy,
+    idempotency_key: IdempotencyKey = None,
+) -> Json:
+    """Queue a campaign that finds the least noise with which an episode still fails."""
+    return _launch(store, validate_campaign(wanted, store), idempotency_key, made_by)
 
 
 @router.post("/{campaign}/pause", **document_route(Campaign))

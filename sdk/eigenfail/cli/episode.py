@@ -11,7 +11,6 @@ from msgspec.structs import replace
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, CampaignId, EpisodeId, Limit, Url, parse_episode_id
 from eigenfail.cli.render import follow, judge, show, show_rows, to_json
-from eigenfail.client.campaigns import SHRINK_WITHIN
 from eigenfail.errors import InvalidValue, NoisePruned, NotFound
 from eigenfail.exchange.recording import EgoControl, RecordingFormat
 from eigenfail.explanations import StepWindow, build_explanation
@@ -32,6 +31,7 @@ from eigenfail.values import CampaignSpec, Outcome, Replayed
 from eigenfail.values.records import EpisodeDetail
 from eigenfail.values.report import ExportFormat, ExportRequest
 from eigenfail.versions import differences, versions
+from eigenfail.wire.http import SHRINK_WITHIN
 from eigenfail.worlds import drawn_for, placed_for
 
 DIFFERENT = 1

@@ -3,8 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import msgspec
-
 from eigenfail.client.link import Link, report_progress, wait_until
 from eigenfail.errors import InvalidValue
 from eigenfail.filters import NEWEST_FIRST, parse_campaign_sort
@@ -22,23 +20,17 @@ from eigenfail.values import (
     Priority,
     Region,
     Safety,
-    StopRules,
     Summary,
 )
-from eigenfail.values.campaign import LONGEST_NAME, PriorityChange
+from eigenfail.values.campaign import PriorityChange
 from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.mixing import ChainMixing
 from eigenfail.values.operations import Pruning, WorkerShare
-from eigenfail.values.records import EpisodeDetail
 from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.values.seeds import SeedSpread
-from eigenfail.wire.http import CampaignCheck, Digest, read_fields
-from eigenfail.worlds import drawn_for
+from eigenfail.wire.http import SHRINK_WITHIN, CampaignCheck, Digest, ShrinkRequest, read_fields
 
 AT_REST = FINAL_STATES | {CampaignState.PAUSED}
-
-SHRINK_WITHIN = 2_000
-"""Replays that are enough to shrink a failure of a hundred steps, as a rule."""
 
 
 class Campaigns:
@@ -117,18 +109,8 @@ class Campaigns:
             NotFound: no such campaign, or the episode has no result.
             InvalidValue: the episode did not end in a collision.
         """
-        spec = self._link.get(f"/campaigns/{campaign}", Campaign).spec
-        failure = self._link.get(f"/campaigns/{campaign}/episodes/{episode}", EpisodeDetail)
-        wanted = msgspec.structs.replace(
-            spec,
-            name=f"{spec.name}: minimal failure of {campaign}/{episode}"[-LONGEST_NAME:],
-            method="minimal",
-            settings={"campaign": campaign, "episode": episode},
-            episodes=episodes,
-            stop=StopRules(),
-            scenario_parameters={**spec.scenario_parameters, **drawn_for(spec, failure.seed)},
-        )
-        return self.create(wanted)
+        path = f"/campaigns/{campaign}/episodes/{episode}/shrink"
+        return self._link.post_once_only(path, Campaign, ShrinkRequest(episodes))
 
     def get(self, campaign: int) -> Campaign:
         """The campaign as it stands.

@@ -167,6 +167,20 @@ class ReplayRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     scale: Annotated[float, msgspec.Meta(ge=0.1, le=2.0)] = 1.0
 
 
+SHRINK_WITHIN = 2_000
+"""Replays that are enough to shrink a failure of a hundred steps, as a rule."""
+
+
+class ShrinkRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Search for the least noise with which an episode still fails.
+
+    Attributes:
+        episodes: budget of replays.
+    """
+
+    episodes: Annotated[int, msgspec.Meta(ge=1)] = SHRINK_WITHIN
+
+
 class Digest(msgspec.Struct, frozen=True):
     """SHA-256 over the digests of all results so far, in index order.
 

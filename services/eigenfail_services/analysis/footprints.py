@@ -1,4 +1,4 @@
-"""Footprints in a stored scene: how far apart vehicles are, which one was struck, and where."""
+"""Footprints in a stored scene: distances, times to collision, and which vehicle was struck."""
 
 from typing import Literal, NamedTuple, get_args
 
@@ -14,6 +14,13 @@ Side = Literal["front", "rear", "left side", "right side"]
 SIDES: tuple[Side, ...] = get_args(Side)
 
 CORNERS = 0.5 * np.array([(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)])
+
+
+LOOK_AHEAD_S = 1.0
+"""As in the measures: who overlaps the ego laterally within this time enters its path. [s]"""
+
+MOVED_S = 1e-4
+"""Time over which the change of a distance is taken: its rate, but for rounding. [s]"""
 
 
 class Contact(NamedTuple):
@@ -46,6 +53,40 @@ def _measure_clearances(vehicles: Array, sizes: Array) -> Array:
     two_apart, two_m = _measure_beside(others, sizes[1:], ego, sizes[:1])
     apart_m = np.where(one_apart | two_apart, np.minimum(one_m, two_m), 0.0)
     return np.where(np.isnan(others[..., 0]), np.inf, apart_m)
+
+
+def measure_times_to_collision(scene: Scene) -> Array:
+    """Shortest time to collision of the ego with any other vehicle, at each moment.
+
+    The definition is that of the measure `min_ttc_s` (FHWA-RD-03-050, in the plane): the distance
+    between the footprints ÷ the speed at which it shrinks, for vehicles that are in the ego's path
+    or entering it.
+
+    Returns:
+        Shape (steps + 1,); infinite where there is no conflict. [s]
+    """
+    vehicles, sizes = scene.vehicles.astype(np.float64), scene.sizes.astype(np.float64)
+    heading, speed = vehicles[..., 2], vehicles[..., 3]
+    velocity = speed[..., None] * np.stack([np.cos(heading), np.sin(heading)], axis=-1)
+    way = np.zeros_like(vehicles)
+    way[..., :2] = 0.5 * MOVED_S * velocity
+    apart_m = _measure_clearances(vehicles, sizes)
+    before_m, after_m = (
+        _measure_clearances(each, sizes) for each in (vehicles - way, vehicles + way)
+    )
+    there = np.isfinite(apart_m)
+    closing_m = np.subtract(before_m, after_m, out=np.zeros_like(apart_m), where=there)
+
+    half_m = 0.5 * (sizes[:, 0] * np.abs(np.sin(heading)) + sizes[:, 1] * np.abs(np.cos(heading)))
+    offset_m = vehicles[:, 1:, 1] - vehicles[:, :1, 1]
+    drift_mps = velocity[:, 1:, 1] - velocity[:, :1, 1]
+    gap_m = np.abs(offset_m) - half_m[:, :1] - half_m[:, 1:]
+    approach_mps = np.maximum(np.where(offset_m > 0.0, -drift_mps, drift_mps), 0.0)
+    conflicts = there & (apart_m > 0.0) & (gap_m <= LOOK_AHEAD_S * approach_mps) & (closing_m > 0.0)
+    times_s = np.full_like(apart_m, np.inf)
+    np.divide(MOVED_S * apart_m, closing_m, out=times_s, where=conflicts)
+    shortest_s: Array = times_s.min(axis=1, initial=np.inf)
+    return shortest_s
 
 
 def find_struck(scene: Scene) -> int:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+import msgspec
 import numpy as np
 
 from eigenfail.errors import Conflict
@@ -9,12 +10,15 @@ from eigenfail.presentation.analyses import choose_channel_words
 from eigenfail.values import (
     FINAL_STATES,
     Campaign,
+    CampaignSpec,
     EpisodeResult,
     Floats,
     MinimalFailure,
     Outcome,
+    StopRules,
 )
-from eigenfail.worlds import list_channels
+from eigenfail.values.campaign import LONGEST_NAME
+from eigenfail.worlds import drawn_for, list_channels
 from eigenfail_services.analysis.words import Clock, describe_needed
 from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.methods.minimal import MinimalFacts, read_state
@@ -22,6 +26,24 @@ from eigenfail_services.methods.minimal_search import SearchPhase, compute_energ
 from eigenfail_services.store import Store
 
 METHOD = "minimal"
+
+
+def make_minimal_spec(store: Store, campaign: int, index: int, episodes: int) -> CampaignSpec:
+    """Return the spec of a campaign that shrinks a failure, in the scenario that its episode drew.
+
+    Raises:
+        NotFound: no such campaign, or the episode has no result yet.
+    """
+    spec, failure = store.campaigns.get(campaign).spec, store.episodes.get(campaign, index)
+    return msgspec.structs.replace(
+        spec,
+        name=f"{spec.name}: minimal failure of {campaign}/{index}"[-LONGEST_NAME:],
+        method=METHOD,
+        settings={"campaign": campaign, "episode": index},
+        episodes=episodes,
+        stop=StopRules(),
+        scenario_parameters={**spec.scenario_parameters, **drawn_for(spec, failure.seed)},
+    )
 
 
 def find_minimal_failure(store: Store, campaign: Campaign) -> MinimalFailure:

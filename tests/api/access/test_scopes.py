@@ -116,6 +116,7 @@ ROUTES = {
         POST /api/v1/campaigns/{campaign}/cancel
         POST /api/v1/campaigns/{campaign}/clone
         POST /api/v1/campaigns/{campaign}/episodes/{index}/replay
+        POST /api/v1/campaigns/{campaign}/episodes/{index}/shrink
         POST /api/v1/campaigns/{campaign}/exports
         POST /api/v1/campaigns/{campaign}/pause
         POST /api/v1/campaigns/{campaign}/priority

@@ -27,7 +27,7 @@ def filled(store, campaign, deliver, result, failed):
 
 def listed(page):
     """The episodes in the list, in its order."""
-    return [int(index) for index in re.findall(r'<th scope="row"><a href="[^"]*/(\d+)"', page)]
+    return [int(index) for index in re.findall(r'<th scope="row"><a href="[^"?]*/(\d+)[?"]', page)]
 
 
 def lines(page):
@@ -89,6 +89,29 @@ def test_nothing_is_said_in_words(http, campaign, filled, fields, check_page):
     check_page("dashboard/episodes/no_match", f"{address}?filter=severity > 999", "found")
     check_page("dashboard/episodes/none", f"/campaigns/{other}/episodes")
     check_page("dashboard/episodes/none_further", f"{address}?after=8", "found")
+
+
+def test_an_episode_leads_to_its_neighbours_in_the_list_that_it_was_reached_from(http, filled):
+    page = get(http, filled, filter="outcome = collision and severity < 30", sort="-severity")
+    assert listed(page) == [2, 1, 0]
+    address = html.unescape(re.search(r'<th scope="row"><a href="([^"]*/2\?[^"]*)"', page)[1])
+    walked, listings = [], set()
+    while address:
+        page = http.get(address, headers=HTML).text
+        walked.append(int(re.search(r"/episodes/(\d+)", address)[1]))
+        listings |= {*re.findall(r'<a href="([^"]*)">episodes</a>', page)}
+        following = re.search(r'rel="next" href="([^"]*)"', page)
+        address = html.unescape(following[1]) if following else None
+    assert walked == [2, 1, 0]
+    (back,) = listings
+    assert listed(http.get(html.unescape(back), headers=HTML).text) == [2, 1, 0]
+    assert "Previous episode (1)" in page
+
+
+def test_a_list_that_cannot_be_is_refused_on_the_page_of_an_episode_too(http, filled):
+    address = f"/campaigns/{filled}/episodes/2"
+    for wrong in ({"filter": "sevrity > 15"}, {"filter": "", "sort": "sevrity"}):
+        assert http.get(address, params=wrong, headers=HTML).status_code == 422
 
 
 def test_the_files_hold_what_the_list_shows(http, filled):

@@ -1,5 +1,6 @@
 """Pages as they leave the server, before any script runs."""
 
+import html
 import re
 
 import pytest
@@ -81,7 +82,7 @@ def test_failures_come_page_by_page(http, look, campaign, deliver, result):
     first = http.get(f"/campaigns/{campaign}", headers=HTML).text
     assert first.count(f'href="/campaigns/{campaign}/episodes/') == 10
     rest = http.get(f"/campaigns/{campaign}/failures?after=6", headers=HTML).text
-    links = [f'href="/campaigns/{campaign}/episodes/{index}"' in rest for index in range(10)]
+    links = [f'href="/campaigns/{campaign}/episodes/{index}?' in rest for index in range(10)]
     assert links == [False] * 7 + [True] * 3
     assert "<html" not in rest
 
@@ -89,7 +90,11 @@ def test_failures_come_page_by_page(http, look, campaign, deliver, result):
 def test_a_long_list_of_failures_offers_more(http, fields, deliver, result):
     long = http.post("/api/v1/campaigns", json={**fields, "episodes": 30}).json()["id"]
     deliver(long, *(result(index, Outcome.COLLISION) for index in range(30)))
-    assert f"/campaigns/{long}/failures?after=24" in http.get(f"/campaigns/{long}").text
+    page = http.get(f"/campaigns/{long}").text
+    more = html.unescape(re.search(r'hx-get="([^"]*/failures[^"]*)"', page)[1])
+    rows = re.compile(r'<th scope="row"><a href="/campaigns/\d+/episodes/(\d+)')
+    found = rows.findall(page) + rows.findall(http.get(more).text)
+    assert sorted(map(int, found)) == [*range(30)]
 
 
 def test_an_episode_that_crashed_has_its_scene(check_page, campaign, deliver, result):
@@ -248,7 +253,36 @@ def test_the_next_failure_is_one_click_away(http, campaign, deliver, result):
     deliver(campaign, result(1, Outcome.COLLISION), result(2), result(5, Outcome.COLLISION))
     page = http.get(f"/campaigns/{campaign}/episodes/1").text
     assert f'href="/campaigns/{campaign}/episodes/5"' in page
-    assert "Next failure" not in http.get(f"/campaigns/{campaign}/episodes/5").text
+    last = http.get(f"/campaigns/{campaign}/episodes/5").text
+    assert "Next failure" not in last
+    assert "Previous failure (1)" in last
+
+
+def test_the_worst_failure_is_first_once_a_campaign_has_ended(
+    http, store, campaign, deliver, result
+):
+    severe = [
+        replace(result(index, Outcome.COLLISION), measures=Measures(0.0, severity=float(index % 3)))
+        for index in range(6)
+    ]
+    deliver(campaign, *severe)
+    rows = re.compile(r'<th scope="row"><a href="/campaigns/\d+/episodes/(\d+)\?')
+    assert rows.findall(http.get(f"/campaigns/{campaign}").text) == list("012345")
+    store.campaigns.move(campaign, CampaignState.DONE)
+    assert rows.findall(http.get(f"/campaigns/{campaign}").text) == list("524130")
+
+
+def test_the_next_steps_are_what_the_failures_call_for(http, store, campaign, deliver, result):
+    deliver(campaign, result(1, Outcome.COLLISION), result(2))
+    assert "Next steps" not in http.get(f"/campaigns/{campaign}").text
+    store.campaigns.move(campaign, CampaignState.DONE)
+    page = http.get(f"/campaigns/{campaign}").text
+    shrink = f"/api/v1/campaigns/{campaign}/episodes/1/shrink"
+    assert f'action="/api/v1/campaigns/{campaign}/analyses"' in page
+    assert f'action="{shrink}"' in page
+    made = http.post(shrink, json={}).json()
+    assert made["spec"]["settings"] == {"campaign": campaign, "episode": 1}
+    assert http.post(shrink.replace("episodes/1", "episodes/2"), json={}).status_code == 422
 
 
 def test_an_analysis_waits_fails_or_shows_its_modes(check_page, store, campaign, finished):

@@ -1,10 +1,14 @@
-"""Distances between footprints, over a whole scene at once."""
+"""Distances between footprints and times to collision, over a whole scene at once."""
 
 import numpy as np
 import pytest
 
 from eigenfail.values import Scene, VehicleState
-from eigenfail_services.analysis.footprints import measure_clearances
+from eigenfail_services.analysis.footprints import (
+    measure_clearances,
+    measure_times_to_collision,
+)
+from eigenfail_workers.measures.conflict import find_conflict
 from eigenfail_workers.measures.geometry import separation
 
 SIZES = np.array([[16.0, 2.5], [5.0, 2.0], [4.0, 1.8]], np.float32)
@@ -53,3 +57,25 @@ def test_a_vehicle_that_is_not_there_is_infinitely_far():
         [(0.0, 0.0, 0.0, 20.0), (20.0, 0.0, 0.0, 20.0), absent],
     ]
     assert measure_clearances(scene(moments)).tolist() == [[np.inf, 20.0], [9.5, np.inf]]
+
+
+def test_times_to_collision_are_those_that_episodes_are_measured_by():
+    rng = np.random.default_rng(4)
+    low, high = (-40, -4, -0.2, 5), (40, 4, 0.2, 35)
+    vehicles = rng.uniform(low, high, (300, 3, 4)).astype(np.float32)
+    vehicles[::7, 2] = np.nan
+    found = measure_times_to_collision(scene(vehicles))
+    wanted = [min(times_of(row), default=np.inf) for row in vehicles]
+    assert 50 < np.count_nonzero(np.isfinite(found)) < 250
+    assert found == pytest.approx(np.array(wanted), rel=1e-4)
+
+
+def times_of(row):
+    """Times to collision of the ego with each vehicle that it is in conflict with."""
+    ego, *others = [
+        VehicleState(*map(float, (*pose, *size)))
+        for pose, size in zip(row, SIZES, strict=True)
+        if np.isfinite(pose[0])
+    ]
+    found = [find_conflict(ego, other, separation(ego, other)) for other in others]
+    return [conflict.ttc_s for conflict in found if conflict is not None]

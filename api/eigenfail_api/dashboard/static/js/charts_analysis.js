@@ -1,62 +1,68 @@
 // What PCA and K-means found.
+import { columnsOf, heightOf, placeOf, rangeOf } from "./panels.js";
 import { axis, compact, grid, legend, tip, tooltip, yAxis } from "./parts.js";
 import { colour, dash, mark, symbol } from "./theme.js";
 
-const PANEL_PX = 190;
-const SINGLE_PX = 240;
+const LEGEND_PX = 30;
 
-export function eigenfailures({ channels, bands: limits }) {
+// Bands of more channels would hide each other.
+const MOST_BANDS = 2;
+
+export function eigenfailures({ channels, bands: limits }, width) {
   const names = Object.keys(channels);
-  const modes = channels[names[0]].map((_, mode) => `mode ${mode + 1}`);
-  const last = names.length - 1;
+  const modes = channels[names[0]].map((_, mode) => mode);
+  const columns = columnsOf(modes.length, width);
+  const drawn = names.length > MOST_BANDS ? {} : limits;
+  const shown = Object.values(drawn).flat(3).concat(Object.values(channels).flat(2));
+  const [min, max] = rangeOf(shown.filter((value) => value !== null));
   return {
-    height: last ? PANEL_PX * names.length : SINGLE_PX,
-    legend: legend({ data: modes, itemWidth: 30 }),
-    grid: names.map((_, panel) => grid(place(panel, names.length))),
-    xAxis: names.map((_, panel) => axis(panel === last ? "Step" : "", { gridIndex: panel })),
-    yAxis: names.map((name, panel) => yAxis(`${name} [sigma]`, { gridIndex: panel })),
+    height: heightOf(modes.length, columns, LEGEND_PX),
+    legend: legend({ data: names, itemWidth: 30 }),
+    grid: modes.map((mode) => placeOf(mode, columns, LEGEND_PX)),
+    xAxis: modes.map((mode) => axis("Step", { gridIndex: mode })),
+    yAxis: modes.map((mode) => yAxis(`Mode ${mode + 1} [sigma]`, { gridIndex: mode, min, max })),
     tooltip: tooltip(({ seriesName, data }) => tip(seriesName, [`step ${data[0]}: ${compact(data[1])} sigma`])),
-    series: [...names.flatMap((name, panel) => channels[name].map((z, mode) => ({
-      name: modes[mode],
-      type: "line",
-      xAxisIndex: panel,
-      yAxisIndex: panel,
-      data: z.map((value, step) => [step, value]),
-      symbol: "circle",
-      symbolSize: 8,
-      showSymbol: false,
-      itemStyle: { color: mark(mode) },
-      lineStyle: { color: mark(mode), type: dash(mode), width: 2 },
-    }))), ...names.flatMap((name, panel) => bands(limits?.[name] ?? [], modes, panel))],
+    series: names.flatMap((name, position) => modes.flatMap((mode) => [
+      line(name, position, mode, channels[name][mode]),
+      ...band(name, position, mode, drawn[name]?.[mode]),
+    ])),
   };
 }
 
-// Panels stand one below the other; the first leaves room for the legend, the last for its name.
-function place(panel, panels) {
-  const upTo = (count) => `${(100 * count + 8) / panels}%`;
+function line(name, position, mode, z) {
   return {
-    ...(panel ? { top: upTo(panel) } : {}),
-    ...(panel < panels - 1 ? { bottom: upTo(panels - 1 - panel) } : {}),
+    name,
+    type: "line",
+    xAxisIndex: mode,
+    yAxisIndex: mode,
+    data: z.map((value, step) => [step, value]),
+    symbol: "circle",
+    symbolSize: 8,
+    showSymbol: false,
+    itemStyle: { color: mark(position) },
+    lineStyle: { color: mark(position), type: dash(position), width: 2 },
   };
 }
 
-// A band is drawn as an unseen line with an area stacked upon it; the legend hides it with its mode.
-function bands(limits, modes, panel) {
-  return limits.flatMap(([low, high], mode) => [low, high.map((value, step) => value - low[step])].map((side, upper) => ({
-    name: modes[mode],
+// A band is drawn as an unseen line with an area stacked upon it; the legend hides it with its channel.
+function band(name, position, mode, limits) {
+  if (!limits) return [];
+  const [low, high] = limits;
+  return [low, high.map((value, step) => value - low[step])].map((side, upper) => ({
+    name,
     type: "line",
-    xAxisIndex: panel,
-    yAxisIndex: panel,
-    stack: `band ${panel} ${mode}`,
+    xAxisIndex: mode,
+    yAxisIndex: mode,
+    stack: `band ${mode} ${position}`,
     stackStrategy: "all",
     data: side.map((value, step) => [step, value]),
     symbol: "none",
     silent: true,
     z: 1,
     lineStyle: { opacity: 0 },
-    itemStyle: { color: mark(mode) },
-    ...(upper ? { areaStyle: { color: mark(mode), opacity: 0.13 } } : {}),
-  })));
+    itemStyle: { color: mark(position) },
+    ...(upper ? { areaStyle: { color: mark(position), opacity: 0.13 } } : {}),
+  }));
 }
 
 export function scores({ episode, mode, x, y, centres }) {

@@ -1,4 +1,4 @@
-// Strips of one episode: its noise, and how far the nearest vehicle was.
+// Strips of one episode: its noise, and quantities of its course such as distance and speed.
 import { axis, compact, grid, legend, tip, tooltip, yAxis } from "./parts.js";
 import { colour, dash, mark } from "./theme.js";
 
@@ -41,16 +41,17 @@ function band() {
   };
 }
 
-export function clearance({ axis: name, end, time, metres }) {
+export function course({ axis: name, end, time, unit, values }) {
   return {
-    height: 180,
-    grid: grid(),
+    height: 132,
+    grid: grid({ top: 12 }),
     xAxis: axis(name, { min: 0, max: Number(end.toPrecision(DIGITS)) }),
-    yAxis: yAxis("Distance [m]", { min: 0 }),
-    tooltip: tooltip(({ data }) => tip(`${compact(data[0])} s`, [`${compact(data[1])} m apart`])),
+    yAxis: yAxis(`[${unit}]`, { splitNumber: 3 }),
+    tooltip: tooltip(({ data }) => tip(`${compact(data[0])} s`, [`${compact(data[1])} ${unit}`])),
     series: [{
       type: "line",
-      data: metres.map((value, step) => [time[step], value]),
+      data: values.map((value, step) => [time[step], value]),
+      connectNulls: false,
       symbol: "circle",
       symbolSize: 8,
       showSymbol: false,

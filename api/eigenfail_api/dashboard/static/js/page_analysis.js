@@ -3,9 +3,9 @@ import "./main.js";
 import { startCharts } from "./charts.js";
 import { eigenfailures, explained, influence, scores } from "./charts_analysis.js";
 import { behaviour } from "./charts_behaviour.js";
-import { clearance, noise } from "./charts_noise.js";
+import { course, noise } from "./charts_noise.js";
 import { training } from "./charts_training.js";
 import { startPlayers } from "./player.js";
 
-startCharts({ behaviour, clearance, eigenfailures, explained, influence, noise, scores, training });
+startCharts({ behaviour, course, eigenfailures, explained, influence, noise, scores, training });
 startPlayers();
