@@ -1,15 +1,20 @@
 """The launch form in a real browser: filled in, refused, launched once, without a mouse."""
 
 import re
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import expect
 
+from eigenfail.cli.specs import read_spec
 from eigenfail.values import CampaignState
 
 pytestmark = pytest.mark.browser
 
 OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "ast.toml"
 
 
 def fill(page, name="from the form"):
@@ -22,6 +27,7 @@ def test_a_campaign_is_launched_and_watched_to_its_end(visit, store, bring):
     page = visit("/launch")
     fill(page)
     page.locator("#field-method").select_option("cem")
+    page.locator("#settings-method > summary").click()
     page.locator("#field-settings-batch").fill("8")
     page.get_by_label("distance_m, fixed or sampled").select_option("uniform")
     page.get_by_label("distance_m, smallest").fill("53")
@@ -38,6 +44,17 @@ def test_a_campaign_is_launched_and_watched_to_its_end(visit, store, bring):
     expect(page.locator(".tiles").first).to_contain_text("40 of 40")
     store.campaigns.move(campaign, CampaignState.DONE)
     expect(page.locator("#live .badge").first).to_contain_text("done")
+
+
+def test_a_file_fills_in_the_form_and_is_launched(visit, store):
+    page = visit("/launch")
+    page.locator("#import > summary").click()
+    page.locator("#import-file").set_input_files(EXAMPLE)
+    expect(page.locator("#field-method")).to_have_value("ast")
+    page.get_by_role("button", name="Launch", exact=True).click()
+    expect(page.locator("#live .badge").first).to_contain_text("queued")
+    spec = store.campaigns.get(int(page.url.rsplit("/", 1)[1])).spec
+    assert spec == read_spec(EXAMPLE)
 
 
 def test_choosing_a_method_swaps_its_settings_and_keeps_the_rest(visit):
@@ -69,7 +86,7 @@ def test_what_is_typed_while_the_form_is_drawn_stays(visit):
     while not held:
         page.wait_for_timeout(10)
     held[0].continue_()
-    expect(page.locator("#field-settings-batch")).to_be_visible()
+    expect(page.locator("#field-settings-batch")).to_have_count(1)
     expect(page.locator("#field-name")).to_have_value("typed meanwhile")
 
 
@@ -183,6 +200,7 @@ def test_the_form_can_be_checked_before_any_script_runs(visit):
     page = visit("/launch", java_script_enabled=False)
     page.locator("#field-method").select_option("cem")
     page.get_by_role("button", name="Show its settings").first.click()
+    page.locator("#settings-method > summary").click()
     page.locator("#field-settings-batch").fill("1")
     page.get_by_label("name").fill("plain")
     page.locator("#field-episodes").fill("40")

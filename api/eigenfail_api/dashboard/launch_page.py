@@ -1,5 +1,6 @@
 """The page that launches a campaign, and the form that it checks."""
 
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
@@ -11,8 +12,10 @@ from fastapi import APIRouter, HTTPException, Request
 from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import InputError, InvalidValue, UnknownName
-from eigenfail.presentation.figures import count_noun
-from eigenfail.values import Campaign, CampaignSpec
+from eigenfail.presentation.figures import count_noun, format_count, format_duration, format_usd
+from eigenfail.suites import describes_suite
+from eigenfail.values import Campaign, CampaignSpec, CampaignState
+from eigenfail.values.campaign import CampaignFilter
 from eigenfail_api.dashboard.copying import (
     CopiedRequest,
     Copies,
@@ -41,6 +44,7 @@ from eigenfail_services.campaigns.drafts import (
     list_continuations,
     read_draft,
 )
+from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.store import Store
 
 SWAPS = frozenset({"method", "scenario", "planner", "simulator", "disturbance.shape.kind"})
@@ -99,6 +103,8 @@ class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
         shown: texts shown, by the name of the field.
         body: the specification that is launched.
         checked: in words, once it was checked and is in order; empty otherwise.
+        estimate: duration and cost after those of an earlier campaign of the same kind, as text;
+            empty where there is none.
         completed: all that it would be, by path; nothing before that.
         key: idempotency key of this launch; empty while there is nothing to launch.
         token: token of this page.
@@ -111,6 +117,7 @@ class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
     origin: LaunchOrigin | None
     body: Mapping[str, Any]
     checked: str
+    estimate: str
     completed: tuple[tuple[str, str], ...]
     key: str
     token: str
@@ -123,7 +130,17 @@ class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
 
     def opens(self, group: LaunchGroup) -> bool:
         """Whether something in a group is given, or wrong, or differs."""
-        return any(is_told(self.shown[field.name]) for field in group.all_fields())
+        return self.count_given(group) > 0
+
+    def count_given(self, group: LaunchGroup) -> int:
+        """How many fields of a group hold more than their default."""
+        return sum(is_told(self.shown[field.name]) for field in group.all_fields())
+
+    def describe_group(self, group: LaunchGroup) -> str:
+        """How many fields a group has, and how many of them hold more than their default."""
+        given = self.count_given(group)
+        told = f"{format_count(given)} changed" if given else "all at their defaults"
+        return f"{format_count(sum(1 for _ in group.all_fields()))}, {told}"
 
 
 def list_fields(parts: Sequence[LaunchPart]) -> tuple[LaunchField, ...]:
@@ -234,6 +251,36 @@ def is_told(one: LaunchPage) -> bool:
     return bool(format_entry(one.entry) or one.problem or one.before)
 
 
+MOST_PRECEDENTS = 100
+
+
+def describe_estimate(store: Store, spec: CampaignSpec) -> str:
+    """Return duration and cost after those of the newest campaign of the same kind, as text.
+
+    Of the same kind are campaigns of the same method against the same planner in the same scenario.
+    """
+    done = CampaignFilter(method=spec.method, state=CampaignState.DONE)
+    alike = (
+        each
+        for each in store.campaigns.page(MOST_PRECEDENTS, where=done).items
+        if all(getattr(each.spec, name) == getattr(spec, name) for name in COMPARED)
+        and each.counts.completed
+        and each.active_s
+    )
+    if (earlier := next(alike, None)) is None:
+        return ""
+    share = spec.episodes / earlier.counts.completed
+    duration = format_duration(earlier.active_s * share)
+    cost = format_usd(find_cost(earlier).total_usd * share)
+    return (
+        f"About {duration} and {cost} USD, if each episode takes and costs what those of campaign "
+        f"{earlier.id} did, the newest of this method, planner and scenario."
+    )
+
+
+COMPARED = ("planner", "scenario", "simulator")
+
+
 def iterate_leaves(value: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
     """Yield every value of a spec by its path, as text."""
     for name, part in value.items():
@@ -250,9 +297,10 @@ def as_text(value: Any) -> str:
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
-FROM, WISH, TOKEN = "from", "wish", "token"
+FROM, WISH, TOKEN, TOML = "from", "wish", "token", "toml"
+IMPORT = "import"
 MOST_FIELDS = 2_000
-KNOWN = frozenset({FROM, WISH, TOKEN, *CampaignSpec.__struct_fields__})
+KNOWN = frozenset({FROM, WISH, TOKEN, TOML, *CampaignSpec.__struct_fields__})
 
 
 @router.get("/launch")
@@ -284,15 +332,17 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> Lau
         NotFound: there is no such campaign.
     """
     refuse_strangers(typed)
-    origin = find_origin(store, typed)
-    texts = Texts(typed, make_base(origin, typed))
+    wish = typed.get(WISH, "")
+    table, refused = read_imported(typed.get(TOML, "")) if wish == IMPORT else ({}, ())
+    origin = None if wish == IMPORT else find_origin(store, typed)
+    texts = Texts({}, table) if wish == IMPORT else Texts(typed, make_base(origin, typed))
     parts = make_layout(texts)
     fields = list_fields(parts)
     body = make_body(fields, texts)
-    wished = typed.get(WISH, "") != ""
-    problems = find_problems(body, store) if wished else ()
+    # A file may hold fields that the form does not have.
+    problems = refused or (find_problems(table or body, store) if wish else ())
     troubles = list_troubles(problems, fields)
-    in_order = wished and not problems
+    in_order = wish != "" and not problems
     token = typed.get(TOKEN, "") or str(uuid4())
     return LaunchView(
         parts=parts,
@@ -301,6 +351,7 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> Lau
         origin=make_origin(origin, body) if origin else None,
         body=body,
         checked=describe_checked(body) if in_order else "",
+        estimate=describe_estimate(store, read_draft(body, store).spec) if in_order else "",
         completed=list_full_spec(body, store) if in_order else (),
         key=make_key(token, body) if in_order else "",
         token=token,
@@ -308,6 +359,18 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> Lau
         if in_order
         else None,
     )
+
+
+def read_imported(text: str) -> tuple[dict[str, Any], tuple[InputError, ...]]:
+    """Return the fields of a campaign's file, and why it cannot be imported, if so."""
+    try:
+        table = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        return {}, (InvalidValue(TOML, f"The file is not TOML: {error}."),)
+    if describes_suite(table):
+        remedy = "Run it with `eigenfail suite run FILE`."
+        return {}, (InvalidValue(TOML, "The file is a suite of campaigns.", remedy),)
+    return table, ()
 
 
 def refuse_strangers(typed: Mapping[str, str]) -> None:

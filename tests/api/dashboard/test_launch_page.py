@@ -2,7 +2,9 @@
 
 import asyncio
 import html
+import json
 import re
+import tomllib
 
 import msgspec
 import pytest
@@ -325,3 +327,63 @@ def test_the_form_is_made_in_a_thread_while_others_are_answered(http, monkeypatc
 
     monkeypatch.setattr(launch_page, "launch_view", aside)
     assert ask(http).status_code == 200
+
+
+FILE = """
+name = "from a file"
+method = "ast"
+episodes = 50
+simulator = "point_mass"
+seed = 7
+
+[settings]
+alpha = 250.0
+
+[scenario_parameters]
+distance_m = { uniform = [54.0, 60.0] }
+"""
+
+
+def import_file(http, text):
+    return http.post(FORM, data={"wish": "import", "toml": text, "name": "typed before"}).text
+
+
+def test_a_file_fills_in_the_form_and_is_what_would_be_launched(http):
+    page = import_file(http, FILE)
+    body = json.loads(html.unescape(BODY.search(page)[1]))
+    assert body == tomllib.loads(FILE)
+    assert KEY.search(page)[1]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("name = ", "The file is not TOML"),
+        ("[" * 5_000, "The file is not TOML"),
+        ('[[campaigns]]\nname = "a"', "suite run"),
+        (FILE.replace("episodes = 50", "episods = 50"), "Did you mean 'episodes'"),
+        (FILE.replace("alpha", "alfa"), "Did you mean 'alpha'"),
+        (FILE.replace("50", "0"), "from 1 to"),
+    ],
+)
+def test_a_file_that_is_no_campaign_is_refused_in_words(http, text, words):
+    page = import_file(http, text)
+    assert words in html.unescape(page)
+    assert not KEY.search(page)[1]
+
+
+def test_the_estimate_is_that_of_the_newest_campaign_of_the_same_kind(
+    http, store, fields, deliver, result
+):
+    others = ({}, {"method": "cem"}, {"scenario": "merge_in"})
+    made = [http.post("/api/v1/campaigns", json={**fields, **more}).json()["id"] for more in others]
+    for campaign in made:
+        deliver(campaign, *(result(index) for index in range(10)))
+        store.campaigns.add_active(campaign, 2.0)
+        store.campaigns.move(campaign, CampaignState.DONE)
+    named = ("name", "method", "simulator", "planner")
+    typed = {**{name: fields[name] for name in named}, "episodes": 100, "wish": "check"}
+    told = post(http, **typed).text
+    assert "About 20 s and" in told
+    assert f"those of campaign {made[0]} did" in told
+    assert "each episode takes" not in post(http, **{**typed, "planner": "rulebook"}).text

@@ -17,6 +17,7 @@ export function armLaunch() {
   if (!form) return;
   document.addEventListener("change", ({ target }) => {
     if (target.matches("#launch [data-swaps]")) redraw("");
+    if (target.matches("[data-import]")) importFile(target);
   });
   document.addEventListener("input", ({ target }) => {
     if (target.form?.id === "launch") typedMeanwhile.set(target.name, target.value);
@@ -44,6 +45,12 @@ async function submit(wish) {
   } finally {
     sending = false;
   }
+}
+
+async function importFile({ files: [file] }) {
+  if (!file) return;
+  document.getElementById("import-text").value = await file.text();
+  submit("import");
 }
 
 // One drawing after the other: what is asked for while one is under way begins where that ends.
