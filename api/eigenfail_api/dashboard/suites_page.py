@@ -1,6 +1,7 @@
 """The list of suites, and the page of one."""
 
 from collections.abc import Iterable, Iterator
+from math import ceil
 from urllib.parse import quote
 
 import msgspec
@@ -12,6 +13,7 @@ from eigenfail.presentation.figures import (
     count_noun,
     format_count,
     format_number,
+    format_share,
     format_usd,
     put_unit,
 )
@@ -104,10 +106,43 @@ class MeanLine(msgspec.Struct, frozen=True, kw_only=True):
     severity: Tile
 
 
+class HeatCell(msgspec.Struct, frozen=True):
+    """Failures of the members that have one pair of values.
+
+    Attributes:
+        count: failures and episodes, as text; empty where no member has these values.
+        share: failures ÷ completed episodes, as text.
+        level: 0 without a failure, up to `LEVELS` for the largest share of the map.
+        address: page of the member; empty where there are several, or none.
+    """
+
+    count: str
+    share: str
+    level: int
+    address: str
+
+
+class HeatMap(msgspec.Struct, frozen=True):
+    """Shares of failures by two settings.
+
+    Attributes:
+        down: name of the setting whose values are the rows.
+        across: name of the setting whose values are the columns.
+        columns: values of the latter.
+        rows: each value of the former, with a cell for each column.
+    """
+
+    down: str
+    across: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[HeatCell, ...]], ...]
+
+
 class SuiteView(msgspec.Struct, frozen=True, kw_only=True):
     """One suite's page.
 
     Attributes:
+        heat: map of the failures; None unless the members differ in two settings, seeds aside.
         means: a row for each group of members that differ in their seeds alone.
         over_seeds: mean and spread of these groups; None without one.
     """
@@ -116,6 +151,7 @@ class SuiteView(msgspec.Struct, frozen=True, kw_only=True):
     address: str
     tiles: tuple[tuple[str, Tile], ...]
     columns: tuple[str, ...]
+    heat: HeatMap | None
     lines: tuple[MemberLine, ...]
     means: tuple[MeanLine, ...]
     over_seeds: Table | None
@@ -168,6 +204,7 @@ def make_suite_view(table: SuiteTable) -> SuiteView:
         address=make_suite_address(table.suite),
         tiles=make_tiles(table),
         columns=table.columns,
+        heat=make_heat_map(table),
         lines=tuple(make_member_line(table, row) for row in table.members),
         means=tuple(make_mean_line(each, table) for each in table.over_seeds),
         over_seeds=tabulate_spreads(table.over_seeds) if table.over_seeds else None,
@@ -177,6 +214,58 @@ def make_suite_view(table: SuiteTable) -> SuiteView:
         notes=tuple(list_notes(table)),
         is_open=any(row.state not in FINAL_STATES for row in table.members),
     )
+
+
+LEVELS = 5
+
+
+def make_heat_map(table: SuiteTable) -> HeatMap | None:
+    """Return the map of failures by two settings; None where members differ in fewer or in more."""
+    varied = [name for name in table.columns if name != SEED]
+    if len(varied) != 2:
+        return None
+    down, across = varied
+    found: dict[tuple[str, str], list[SuiteRow]] = {}
+    for row in table.members:
+        told = describe_settings(row)
+        found.setdefault((told.get(down, DEFAULT), told.get(across, DEFAULT)), []).append(row)
+    rows, columns = (tuple(dict.fromkeys(names)) for names in zip(*found, strict=True))
+    if len(rows) < 2 or len(columns) < 2:
+        return None
+    largest = max(map(find_failure_share, found.values()))
+    return HeatMap(
+        down,
+        across,
+        columns,
+        tuple(
+            (
+                name,
+                tuple(make_heat_cell(found.get((name, column), []), largest) for column in columns),
+            )
+            for name in rows
+        ),
+    )
+
+
+def find_failure_share(members: Iterable[SuiteRow]) -> float:
+    """Return failures ÷ completed episodes of some members; 0 before the first episode."""
+    counts = [row.summary.counts for row in members]
+    completed = sum(each.completed for each in counts)
+    return sum(each.failures for each in counts) / completed if completed else 0.0
+
+
+def make_heat_cell(members: list[SuiteRow], largest: float) -> HeatCell:
+    """Return the cell of some members, whose colour is relative to the largest share of the map."""
+    if not members:
+        return HeatCell("", "", 0, "")
+    counts, share = [row.summary.counts for row in members], find_failure_share(members)
+    failures, completed = (
+        format_count(sum(getattr(each, name) for each in counts))
+        for name in ("failures", "completed")
+    )
+    address = f"/campaigns/{members[0].campaign}" if len(members) == 1 else ""
+    level = ceil(LEVELS * share / largest) if largest else 0
+    return HeatCell(f"{failures} of {completed}", format_share(share), level, address)
 
 
 def make_tiles(table: SuiteTable) -> tuple[tuple[str, Tile], ...]:

@@ -91,3 +91,24 @@ def test_without_several_seeds_there_is_no_mean(look, make):
     make("s: a", seed=1)
     make("s: b", seed=2, planner="rulebook")
     assert "Over seeds" not in look("/suites/s")
+
+
+def test_two_settings_make_a_map_of_the_failures(http, check_page, deliver, make, result):
+    made = {}
+    for planner in ("idm", "rulebook"):
+        for distance_m in (53.0, 60.0):
+            drawn = {"distance_m": distance_m}
+            name = f"grid: {planner} {distance_m}"
+            made[planner, distance_m] = make(name, planner=planner, scenario_parameters=drawn)
+    deliver(made["idm", 60.0], *(result(index) for index in range(2, 10)))
+    check_page("dashboard/suite/heat_map", "/suites/grid")
+    page = http.get("/suites/grid").text
+    assert page.count("heat-5") == 3
+    assert page.count("heat-1") == 1  # a tenth, where the largest share is a half
+    assert '<span class="note">1 of 10</span>' in page
+
+
+def test_a_single_setting_makes_no_map(look, make):
+    make("s: a", planner="idm")
+    make("s: b", planner="rulebook")
+    assert "Failures by" not in look("/suites/s")
