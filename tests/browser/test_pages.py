@@ -35,6 +35,7 @@ CHARTS = {
     "snapshot analysis": 7,
 }
 DARK = ("overview", "done campaign", "analysis", "snapshot analysis")
+GROUND = "getComputedStyle(document.body).backgroundColor"
 OVERFLOW = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
 
 
@@ -84,6 +85,24 @@ def test_charts_in_view_are_drawn_before_the_observer_reports(
     page.goto(address + path_of("done campaign"))
     expect(page.locator("html.js .plot")).to_have_count(4)
     expect(page.locator(".plot:has(canvas)")).to_have_count(drawn)
+
+
+DRAWN = "element => echarts.getInstanceByDom(element).getOption().xAxis[0].nameTextStyle.color"
+
+
+def test_the_theme_that_is_chosen_holds_for_every_page_and_chart(visit, address, path_of):
+    page = visit(path_of("done campaign"), color_scheme="light")
+    plot = page.locator("#curve-chart .plot")
+    expect(plot.locator("canvas").first).to_be_visible()
+    ground, axis = page.evaluate(GROUND), plot.evaluate(DRAWN)
+    page.get_by_role("button", name="Switch between the light and the dark theme").click()
+    dark = page.evaluate(GROUND)
+    assert dark != ground
+    assert plot.evaluate(DRAWN) != axis
+    page.goto(f"{address}/glossary")
+    assert page.evaluate(GROUND) == dark
+    page.get_by_role("button", name="Switch between the light and the dark theme").click()
+    assert page.evaluate(GROUND) == ground
 
 
 def test_the_first_page_of_an_empty_service(bare_address, visit):

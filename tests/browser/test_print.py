@@ -14,10 +14,10 @@ EMPTY_PLOTS = """() => [...document.querySelectorAll(".plot")].filter((plot) => 
   const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
   return !data.some((value, place) => place % 4 === 3 && value > 0);
 }).map((plot) => plot.id)"""
-LIGHT_INK = "#16202a"
-INK = "getComputedStyle(document.documentElement).getPropertyValue('--ink').trim()"
+LIGHT_INK = "rgb(22, 32, 42)"
+INK = "getComputedStyle(document.body).color"
 NOTE_INK = """() => {
-  const ink = () => getComputedStyle(document.documentElement).getPropertyValue("--ink").trim();
+  const ink = () => getComputedStyle(document.body).color;
   addEventListener("beforeprint", () => { window.inkOfPaper = ink(); });
   addEventListener("afterprint", () => { window.inkOfScreen = ink(); });
 }"""
@@ -27,7 +27,7 @@ PAGES = {
     "/campaigns/{ast}": 4,
     "/analyses/{analysis}": 7,
     "/comparison?campaign={ast}&campaign={difs}": 4,
-    "/campaigns/{ast}/episodes/{failure}": 2,
+    "/campaigns/{ast}/episodes/{failure}": 5,
 }
 """Pages with charts, and how many each has."""
 

@@ -6,11 +6,9 @@ import pytest
 
 from eigenfail_api.dashboard.rendering import STATIC
 
-TOKEN = re.compile(r"--([\w-]+): (#[0-9a-f]{6})")
-LIGHT, DARK = (
-    dict(TOKEN.findall(block))
-    for block in (STATIC / "css" / "tokens.css").read_text().split("@media")
-)
+TOKEN = re.compile(r"--([\w-]+): light-dark\((#[0-9a-f]{6}), (#[0-9a-f]{6})\);")
+TOKENS = TOKEN.findall((STATIC / "css" / "tokens.css").read_text())
+LIGHT, DARK = ({name: themes[place] for name, *themes in TOKENS} for place in (0, 1))
 TEXT = ("ink", "muted", "accent", "good", "bad", "waiting", "active")
 MARKS = ("safe", *(f"mark-{n}" for n in range(8)))
 

@@ -3,8 +3,14 @@ export const SYMBOLS = ["circle", "rect", "triangle", "diamond", "pin", "roundRe
 export const DASHES = ["solid", "dashed", "dotted", [8, 3, 2, 3], [2, 2], [12, 4], [5, 2, 1, 2, 1, 2], [1, 4]];
 const MARKS = 8;
 
+// A variable holds the colours of both themes: an element that has it as its colour tells the one.
+const probe = document.createElement("span");
+probe.hidden = true;
+
 export function colour(name) {
-  return getComputedStyle(document.documentElement).getPropertyValue(`--${name}`).trim();
+  if (!probe.isConnected) document.body.append(probe);
+  probe.style.setProperty("color", `var(--${name})`);
+  return getComputedStyle(probe).color;
 }
 
 export function mark(position) {
@@ -25,7 +31,7 @@ function setPaper(isPaper) {
   if (isPaper === "paper" in document.documentElement.dataset) return;
   if (isPaper) document.documentElement.dataset.paper = "";
   else delete document.documentElement.dataset.paper;
-  for (const listener of listeners) listener();
+  tellAll();
 }
 
 const listeners = [];
@@ -33,9 +39,12 @@ const listeners = [];
 window.addEventListener("beforeprint", () => setPaper(true));
 window.addEventListener("afterprint", () => setPaper(false));
 window.matchMedia("print").addEventListener("change", ({ matches }) => setPaper(matches));
-window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+window.matchMedia("(prefers-color-scheme: dark)").addEventListener("change", tellAll);
+window.addEventListener("eigenfail:scheme", tellAll);
+
+function tellAll() {
   for (const listener of listeners) listener();
-});
+}
 
 export function onThemeChange(listener) {
   listeners.push(listener);
