@@ -48,6 +48,7 @@ def test_a_campaign_is_launched_and_watched_to_its_end(visit, store, bring):
 
 def test_a_file_fills_in_the_form_and_is_launched(visit, store):
     page = visit("/launch")
+    assert "" not in page.get_by_role("button").all_inner_texts()
     page.locator("#import > summary").click()
     page.locator("#import-file").set_input_files(EXAMPLE)
     expect(page.locator("#field-method")).to_have_value("ast")
