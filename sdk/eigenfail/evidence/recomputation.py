@@ -28,6 +28,7 @@ from eigenfail.evidence.records import (
     SolutionInput,
     decode_file,
     encode_canonical,
+    hash_bytes,
     hash_episodes,
 )
 from eigenfail.evidence.solutions import (
@@ -111,6 +112,7 @@ def compare_contents(
         *_check_names(files, read.records, made),
         *(each for record in read.records.campaigns.values() for each in check_campaign(record)),
         *(each for one, other in pairs for each in _compare_figures(one, other)),
+        *(each for one in stored for each in _compare_chain(files, one)),
         *_compare_graph(manifest, files, graph),
     ]
     if not is_same_release:
@@ -171,6 +173,17 @@ def check_campaign(record: CampaignRecord) -> Iterator[BundleDefect]:
             problem = f"The seed of episode {episode.index} is not that of the campaign's seed."
             yield BundleDefect(where=f"{CAMPAIGNS}{campaign.id}{TABLE}", problem=problem)
             return
+
+
+def _compare_chain(files: Mapping[str, bytes], stored: SolutionRecord) -> Iterator[BundleDefect]:
+    """Yield the files that a solution rests on, and that do not have the hashes in it."""
+    hashes = dict(stored.inputs)
+    for campaign in stored.campaigns:
+        hashes |= campaign.files
+    for name, said in hashes.items():
+        if name not in files or hash_bytes(files[name]) != said:
+            problem = f"Its SHA-256 is not the one in solutions/{stored.id}.json."
+            yield BundleDefect(where=name, problem=problem)
 
 
 def _compare_figures(stored: SolutionRecord, made: SolutionRecord) -> Iterator[BundleDefect]:

@@ -122,6 +122,12 @@ def test_an_episode_that_contradicts_its_campaign_is_found(bundle, verify, old, 
     assert f"campaigns/1.json: campaign.{field}" in places
 
 
+def test_a_field_that_is_not_read_is_found_by_the_chain_of_hashes(bundle, verify):
+    name = "campaigns/1.json"
+    forged = bundle.files[name].replace(b'"trained_episodes"', b'"trained_episodez"')
+    assert list_places(verify(rehash(bundle, **{name: forged}))) == [name]
+
+
 def test_a_seed_of_another_campaign_is_found(bundle, verify):
     name = "campaigns/1.episodes.csv"
     lines = bundle.files[name].split(b"\r\n")
