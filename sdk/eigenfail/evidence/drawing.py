@@ -94,10 +94,12 @@ def draw_graph(graph: ArgumentGraph) -> str:
         'aria-labelledby="argument-title argument-description" '
         'font-family="system-ui, Segoe UI, Noto Sans, Arial, sans-serif" font-size="12">'
     )
+    ground = f'width="100%" height="100%" fill="{PAPER}"'
     parts = (
         opening,
         f'<title id="argument-title">Argument: {escape(graph.name)}</title>',
         f'<desc id="argument-description">{escape(describe_graph(graph))}</desc>',
+        f'<rect x="{_format(left)}" y="{_format(-MARGIN)}" {ground}/>',
         _ARROWS,
         *(_draw_link(places[e.source], places[e.target], e.kind) for e in graph.links),
         *(part for place in places.values() for part in _draw_element(place)),

@@ -182,13 +182,17 @@ def read_evidence_file(file: Path | str) -> EvidenceQuestion:
 
 def _read_outputs(claim: Mapping[str, Any], folder: Path, field: str) -> dict[str, Any]:
     """Return a claim with the content of the files that its solutions name."""
+    if field.count(".") >= DEEPEST_CLAIM:
+        # Deeper ones would end the reader, which calls itself for each level.
+        remedy = f"Give claims up to {DEEPEST_CLAIM} deep."
+        raise InvalidValue("claim", "claims are nested too deeply.", remedy)
     read = dict(claim)
     if isinstance(solutions := claim.get("solutions"), list):
         read["solutions"] = [
             _read_output(each, folder, f"{field}.solutions[{place}].file")
             for place, each in enumerate(solutions)
         ]
-    if isinstance(claims := claim.get("claims"), list) and field.count(".") < DEEPEST_CLAIM:
+    if isinstance(claims := claim.get("claims"), list):
         read["claims"] = [
             _read_outputs(each, folder, f"{field}.claims[{place}]")
             if isinstance(each, dict)
@@ -202,7 +206,7 @@ def _read_output(solution: Any, folder: Path, field: str) -> Any:
     if not isinstance(solution, dict) or "file" not in solution:
         return solution
     others = {name: value for name, value in solution.items() if name != "file"}
-    name, kind = solution["file"], solution.get("kind")
+    name, kind = solution["file"], str(solution.get("kind"))
     if not isinstance(name, str) or kind not in _FILE_FIELDS:
         kinds = ", ".join(_FILE_FIELDS)
         raise InvalidValue(field, f"only solutions of the kinds {kinds} name a file.")
