@@ -7,8 +7,8 @@ InContextOf an open one. Verdicts are written out; besides, a refuted element ha
 double border, and one that is not decided a dashed border.
 """
 
+import html
 from collections.abc import Callable, Iterator, Mapping
-from html import escape
 from math import ceil, hypot, sqrt
 from textwrap import wrap
 from typing import NamedTuple
@@ -20,6 +20,7 @@ from eigenfail.evidence.argument import (
     LinkKind,
 )
 from eigenfail.evidence.judgement import ClaimVerdict
+from eigenfail.gate.report import ILLEGAL
 
 INK, MUTED, PAPER = "#16202a", "#525e6b", "#ffffff"
 FILLS = {
@@ -97,8 +98,8 @@ def draw_graph(graph: ArgumentGraph) -> str:
     ground = f'width="100%" height="100%" fill="{PAPER}"'
     parts = (
         opening,
-        f'<title id="argument-title">Argument: {escape(graph.name)}</title>',
-        f'<desc id="argument-description">{escape(describe_graph(graph))}</desc>',
+        f'<title id="argument-title">Argument: {_escape(graph.name)}</title>',
+        f'<desc id="argument-description">{_escape(describe_graph(graph))}</desc>',
         f'<rect x="{_format(left)}" y="{_format(-MARGIN)}" {ground}/>',
         _ARROWS,
         *(_draw_link(places[e.source], places[e.target], e.kind) for e in graph.links),
@@ -122,6 +123,11 @@ _ARROWS = (
     f'markerHeight="10" orient="auto"><path d="M0 0 L10 5 L0 10 z" fill="{PAPER}" '
     f'stroke="{INK}" stroke-width="1.2"/></marker></defs>'
 )
+
+
+def _escape(text: str) -> str:
+    """Return a text for XML, without characters that XML does not have."""
+    return html.escape(ILLEGAL.sub("\ufffd", text))
 
 
 def _format(value: float) -> str:
@@ -254,7 +260,7 @@ def _draw_element(place: _Place) -> Iterator[str]:
     element, box = place.box.element, place.box
     verdict = element.verdict
     words = f"{element.kind} {element.id}" + (f", {verdict}" if verdict else "")
-    yield f'<g id="{escape(element.id)}"><title>{escape(words)}: {escape(element.text)}</title>'
+    yield f'<g id="{_escape(element.id)}"><title>{_escape(words)}: {_escape(element.text)}</title>'
     fill = FILLS[verdict] if verdict else PAPER
     dash = ' stroke-dasharray="6 3"' if verdict is ClaimVerdict.UNDECIDED else ""
     look = f'fill="{fill}" stroke="{INK}" stroke-width="1.4"{dash}'
@@ -332,7 +338,7 @@ def _draw_text(place: _Place) -> Iterator[str]:
     for number, line in enumerate(place.box.lines):
         weight = "" if number else ' font-weight="bold"'
         at = f'x="{x}" y="{_format(y + LINE * number)}"'
-        yield f'<text {at} text-anchor="middle" fill="{INK}"{weight}>{escape(line)}</text>'
+        yield f'<text {at} text-anchor="middle" fill="{INK}"{weight}>{_escape(line)}</text>'
     if place.box.element.kind is ElementKind.ASSUMPTION:
         at_x, at_y = place.x + place.box.width * 0.42, place.y + place.box.height * 0.48
         where = f'x="{_format(at_x)}" y="{_format(at_y)}"'

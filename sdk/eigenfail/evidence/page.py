@@ -29,6 +29,9 @@ WHAT_HASHES_SHOW = (
     "compute the hashes again: compare the root hash with one that came another way."
 )
 
+SCROLLED = '<div class="scroll" role="region" tabindex="0" aria-label="'
+"""Opens a part that scrolls by itself, also with the keyboard; its name follows."""
+
 CAMPAIGN_COLUMNS = ("Campaign", "Planner", "Digest of all episodes", "Services", "Workers")
 
 
@@ -53,7 +56,7 @@ def format_evidence_page(
             f"<h1>{escape(title)}</h1>",
             f'<section class="answer"><p>{escape(describe_verdict(graph))}</p></section>',
             "<h2>Argument</h2>",
-            f'<figure><div class="scroll" tabindex="0">{picture}</div>',
+            f'<figure>{SCROLLED}Argument">{picture}</div>',
             f"<figcaption>{escape(CAPTION)}</figcaption></figure>",
             "<h2>Claims</h2>",
             _format_claims(graph),
@@ -130,13 +133,13 @@ def _format_sides(graph: ArgumentGraph) -> Iterator[str]:
         if found:
             yield f"<h2>{heading}</h2>"
             rows = [(each.id, sources[each.id], each.text) for each in found]
-            yield _format_table(("", "Claim", "Text"), rows)
+            yield _format_table((heading, "Claim", "Text"), rows)
 
 
 def _format_solution(solution: SolutionRecord, graph: ArgumentGraph) -> Iterator[str]:
     element = next(each for each in graph.elements if each.id == solution.id)
     found = solution.finding
-    yield f'<h3 id="{solution.id}">{solution.id}: {escape(solution.kind)}</h3>'
+    yield f'<h3 id="solution-{solution.id}">{solution.id}: {escape(solution.kind)}</h3>'
     yield f"<p>{MARKS[found.verdict]} {found.verdict}. {escape(found.words)}</p>"
     figures = [
         (name, format_cell(value, PLAIN).line) for name, value in sorted(found.figures.items())
@@ -170,6 +173,6 @@ def _format_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
         f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in row)}</tr>" for row in rows
     )
     return (
-        '<div class="scroll" tabindex="0"><table>'
+        f'{SCROLLED}{escape(columns[0] or columns[1])}"><table>'
         f"<thead><tr>{head}</tr></thead><tbody>{body}</tbody></table></div>"
     )

@@ -62,17 +62,28 @@ def check_output(output: Path, *, force: bool) -> None:
     Raises:
         InvalidValue: it cannot be written there.
     """
-    if not output.exists():
+    if not output.exists() or (output.is_dir() and not any(output.iterdir())):
         return
-    if output.is_dir() and not any(output.iterdir()):
-        return
-    is_bundle = (output / MANIFEST).is_file() or (
-        output.suffix == ".zip" and zipfile.is_zipfile(output)
-    )
-    if not is_bundle:
-        raise InvalidValue("--output", f"'{output}' exists, and is no bundle.", "Choose another.")
+    if foreign := _find_foreign(output):
+        problem = f"'{output}' exists, and {foreign}."
+        raise InvalidValue("--output", problem, "Choose another folder.")
     if not force:
         raise InvalidValue("--output", f"'{output}' already holds a bundle.", ANOTHER)
+
+
+def _find_foreign(output: Path) -> str:
+    """Return what in a place is no bundle; empty if it is one."""
+    if output.is_dir():
+        files = (each for each in output.rglob("*") if each.is_symlink() or not each.is_dir())
+        names = [each.relative_to(output).as_posix() for each in files]
+        strange = next(
+            (each for each in names if each != MANIFEST and not NAME.fullmatch(each)), ""
+        )
+        if strange:
+            return f"holds a file of no bundle: {strange}"
+        return "" if MANIFEST in names else f"holds no {MANIFEST}"
+    is_archive = output.suffix == ".zip" and zipfile.is_zipfile(output)
+    return "" if is_archive else "is no bundle"
 
 
 def write_bundle(files: Mapping[str, bytes], output: Path) -> None:

@@ -173,6 +173,34 @@ def test_modes_are_proved_by_their_replays(eigenfail, write, done, tmp_path):
     assert found["replayed"] == found["episodes"]
 
 
+def test_a_sensor_requirement_is_computed_again_from_its_campaigns(
+    eigenfail, write, spec_file, tmp_path
+):
+    words = ("--target", 0.3, "--low", 0.05, "--high", 2, "--tolerance", 1, "--budget", 24)
+    asked = eigenfail("requirement", spec_file, *words, "--json")
+    assert asked.exit_code == 0, asked.output
+    (tmp_path / "sensor.json").write_text(asked.stdout)
+    (limit,) = json.loads(asked.stdout)["answer"]["limits"]
+    text = '[[claim.solutions]]\nkind = "requirement"\nfile = "sensor.json"\nchannel = "scale"\n'
+    for multiple, code in ((limit["largest"], 0), (2.0, 1)):
+        file = write(f"{text}multiple = {multiple}\n")
+        made = eigenfail("evidence", file, "-o", tmp_path / "out", "--force")
+        assert made.exit_code == code, made.output
+        assert verify(eigenfail, tmp_path / "out")[0] == 0
+    unknown = write(text.replace('"scale"', '"nearest.speed"'))
+    assert eigenfail("evidence", unknown, "-o", tmp_path / "out", "--force").exit_code == 3
+
+
+def test_force_replaces_a_bundle_and_nothing_else(eigenfail, write, bundle):
+    file = write()
+    assert eigenfail("evidence", file, "--output", bundle, "--force").exit_code == 3
+    (bundle / "notes.txt").write_text("mine")
+    refused = eigenfail("evidence", file, "--output", bundle, "--force")
+    assert refused.exit_code == 2
+    assert "notes.txt" in refused.stderr
+    assert (bundle / "notes.txt").read_text() == "mine"
+
+
 def forge(bundle, name, old, new):
     """Change a file and all hashes, as anybody can who may write to the bundle."""
     file = bundle / name

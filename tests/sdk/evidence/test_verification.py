@@ -2,6 +2,7 @@
 
 import io
 import zipfile
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,13 +10,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from eigenfail import __version__
+from eigenfail import __version__, plugins
+from eigenfail.cli.specs import read_spec
 from eigenfail.errors import InvalidValue
 from eigenfail.evidence import storage
 from eigenfail.evidence.bundle import MANIFEST, make_bundle, make_manifest
 from eigenfail.evidence.records import NoiseLine, encode_canonical
 from eigenfail.evidence.storage import pack_bundle, write_bundle
 from eigenfail.evidence.verification import verify_bundle
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
 @pytest.fixture
@@ -50,6 +54,22 @@ def test_a_bundle_is_verified(bundle, verify):
     checked = verify(bundle.files, root_hash=bundle.manifest.sha256.upper())
     assert checked.is_verified
     assert (checked.solutions, checked.episodes, checked.verdict) == (1, 4, "supported")
+
+
+def test_it_needs_no_plugin(bundle, verify, monkeypatch):
+    monkeypatch.setattr(plugins, "load", lambda *_: pytest.fail("a plug-in was loaded"))
+    assert verify(bundle.files).is_verified
+
+
+@pytest.mark.parametrize("name", ["ast", "correlated", "highway_drive", "any_function", "subset"])
+def test_a_campaign_is_read_back_byte_for_byte(name, small, verify, monkeypatch):
+    monkeypatch.chdir(EXAMPLES)
+    question, records = small
+    record = records.campaigns[1]
+    spec = replace(read_spec(EXAMPLES / f"{name}.toml"), seed=record.campaign.spec.seed)
+    facts = replace(record.facts, campaign=replace(record.campaign, spec=spec))
+    other = records._replace(campaigns={1: replace(record, facts=facts)})
+    assert verify(make_bundle(question, other, __version__).files).is_verified
 
 
 def test_the_same_records_have_the_same_bytes(bundle, small):
