@@ -11,14 +11,13 @@ from rich.console import Group, RenderableType
 from rich.text import Text
 from typer.core import TyperGroup
 
-from eigenfail import __version__
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, Url
 from eigenfail.cli.render import show
 from eigenfail.errors import InvalidValue
 from eigenfail.evidence.argument import ArgumentGraph
-from eigenfail.evidence.bundle import EvidenceBundle, make_bundle
-from eigenfail.evidence.collection import collect_records
+from eigenfail.evidence.bundle import EvidenceBundle
+from eigenfail.evidence.collection import collect_bundle
 from eigenfail.evidence.judgement import ClaimVerdict
 from eigenfail.evidence.page import describe_verdict, list_lines
 from eigenfail.evidence.question import read_evidence_file
@@ -119,8 +118,7 @@ def collect(
     question = read_evidence_file(file)
     check_output(output, force=force)
     with connect_to(context, url) as client:
-        records = collect_records(client, question)
-    bundle = make_bundle(question, records, __version__)
+        bundle = collect_bundle(client, question)
     write_bundle(bundle.files, output)
     said = CollectedEvidence(
         output=str(output), root_hash=bundle.manifest.sha256, argument=bundle.graph

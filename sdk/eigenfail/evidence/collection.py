@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
+from eigenfail import __version__
 from eigenfail.client import Client
 from eigenfail.errors import Conflict, InvalidValue, NotFound
+from eigenfail.evidence.bundle import EvidenceBundle, make_bundle
 from eigenfail.evidence.question import (
     AnySolution,
     EvidenceQuestion,
@@ -45,6 +47,21 @@ from eigenfail.values.operations import Versions
 
 MOST_NOISE = 50
 """Episodes of a campaign whose noise is recorded where it does not follow from their seeds."""
+
+
+def collect_bundle(client: Client, question: EvidenceQuestion) -> EvidenceBundle:
+    """Return the bundle of a question, as the campaigns of a service stand; nothing is written.
+
+    Args:
+        client: client of the service that has the campaigns.
+        question: claims and solutions; see `eigenfail.evidence.question.read_evidence_file`.
+
+    Raises:
+        NotFound: a campaign that is named does not exist.
+        InvalidValue: a campaign is named twice, does not fit the others that it is counted together
+            with, or is too large.
+    """
+    return make_bundle(question, collect_records(client, question), __version__)
 
 
 def collect_records(client: Client, question: EvidenceQuestion) -> EvidenceRecords:

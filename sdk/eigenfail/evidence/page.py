@@ -22,7 +22,10 @@ MARKS = {
     ClaimVerdict.UNDEVELOPED: "◇",
 }
 
-PICTURE_STYLE = "figure svg { width: auto; max-width: none; } .scroll { overflow-x: auto; }"
+PICTURE_STYLE = """
+body { max-width: 100rem; } p, h1, h2, h3, table { max-width: 60rem; }
+figure svg { max-width: none; min-width: 40rem; }
+"""
 
 WHAT_HASHES_SHOW = (
     "Hashes show that the files of this bundle belong together. Whoever can change all of them can "
@@ -72,7 +75,8 @@ def format_evidence_page(
 CAPTION = (
     "Goal Structuring Notation: rectangles are claims, parallelograms strategies, circles "
     "solutions, round rectangles contexts, ellipses with an A assumptions. A diamond marks a claim "
-    "that nothing supports so far; a cross and a double border one that is refuted."
+    "that nothing supports so far; a cross and a double border one that is refuted. The file "
+    "argument.svg beside this page is the same picture, to enlarge."
 )
 
 

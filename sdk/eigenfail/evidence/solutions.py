@@ -1,9 +1,10 @@
 """Solutions as files of a bundle: judged, with the hashes and versions of what they rest on."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import msgspec
+from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
 from eigenfail.evidence.argument import ArgumentGraph, JudgedSolution, build_graph
@@ -143,4 +144,21 @@ def make_graph(question: EvidenceQuestion, solutions: tuple[SolutionRecord, ...]
         )
         for each in solutions
     ]
-    return build_graph(question.name, question.claim, judged)
+    assumptions = (*question.claim.assumptions, *_describe_planners(solutions))
+    return build_graph(question.name, replace(question.claim, assumptions=assumptions), judged)
+
+
+def _describe_planners(solutions: Sequence[SolutionRecord]) -> Iterator[str]:
+    """Yield that solutions test several planners, if they do; a gate always compares two."""
+    planners = [
+        campaign.planner
+        for solution in solutions
+        if solution.kind != "gate"
+        for campaign in solution.campaigns
+    ]
+    if len({encode_canonical(each) for each in planners}) > 1:
+        names = dict.fromkeys(f"'{each.name}' {each.version}".strip() for each in planners)
+        yield (
+            f"The solutions test several planners or settings ({', '.join(names)}): what holds "
+            "for one of them is taken to hold for the planner of the claim."
+        )

@@ -59,7 +59,7 @@ NO_ROOT_HASH = (
 
 
 def verify_bundle(
-    path: Path, root_hash: str = "", replay: int = 0, seed: int | None = None
+    path: Path | str, root_hash: str = "", replay: int = 0, seed: int | None = None
 ) -> EvidenceCheck:
     """Return what is wrong with a bundle.
 
@@ -73,7 +73,7 @@ def verify_bundle(
         InvalidValue: there is no bundle, or another release wrote it in another format.
         ServiceError: episodes are to be run again, and none can be run here.
     """
-    stored = read_bundle(path)
+    stored = read_bundle(Path(path))
     if stored.defects:
         defects, notes = stored.defects, (NOT_COMPUTED,)
         return EvidenceCheck(root_hash="", verdict="", files=0, defects=defects, notes=notes)

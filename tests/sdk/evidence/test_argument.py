@@ -6,12 +6,15 @@ from xml.etree import ElementTree as ET
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec.structs import replace
 
 from eigenfail.evidence.argument import JudgedSolution, build_graph, judge_claim
 from eigenfail.evidence.assumptions import Surroundings
+from eigenfail.evidence.bundle import make_bundle
 from eigenfail.evidence.drawing import draw_graph
 from eigenfail.evidence.judgement import ClaimVerdict, SolutionFinding
-from eigenfail.evidence.question import Claim, SearchSolution
+from eigenfail.evidence.question import Claim, EvidenceQuestion, SearchSolution
+from eigenfail.evidence.records import EvidenceRecords, SolutionInput
 
 SVG = "{http://www.w3.org/2000/svg}"
 SOLUTION = SearchSolution(campaigns=(1,))
@@ -83,6 +86,21 @@ def test_a_strategy_stands_between_a_claim_and_its_parts():
     assert [(each.source, each.target) for each in graph.links] == [("G1", "S1"), ("S1", "Sn1")]
     alone = build_graph("Name", claim_with(0, argument="By nothing."), [])
     assert [each.id for each in alone.elements] == ["G1"]
+
+
+def test_several_planners_are_an_assumption_of_the_top_claim(make):
+    records = {number: make("ss", number) for number in (1, 2)}
+    inputs = tuple(SolutionInput(campaigns=((number,),)) for number in records)
+    question = EvidenceQuestion(name="Name", claim=claim_with(0, claim_with(1), claim_with(1)))
+    alike = make_bundle(question, EvidenceRecords(records, inputs), "1").graph
+    assert not any("several planners" in each.text for each in alike.elements)
+    facts = records[2].facts
+    spec = replace(facts.campaign.spec, planner="rulebook")
+    facts = replace(facts, campaign=replace(facts.campaign, spec=spec))
+    records[2] = replace(records[2], facts=facts)
+    other = make_bundle(question, EvidenceRecords(records, inputs), "1").graph
+    (told,) = [each.id for each in other.elements if "('idm', 'rulebook')" in each.text]
+    assert [each.source for each in other.links if each.target == told] == ["G1"]
 
 
 words = st.text(max_size=150).map(lambda text: f"Text {text}")
