@@ -96,7 +96,7 @@ def replay_episodes(
         sampled, record = list(group), campaigns[campaign]
         for each, again in zip(sampled, _run_again(record, sampled), strict=False):
             if isinstance(again, EigenfailError):
-                notes.append(f"Episode {campaign}/{each.stored.index} was not run again: {again}")
+                notes.append(f"Not all of campaign {campaign} was run again: {again}")
                 continue
             replayed += 1
             defects += _compare_outcomes(record, each, again)

@@ -1,6 +1,7 @@
 """What verification finds: changed bytes, strange files, and numbers that episodes do not give."""
 
 import io
+import json
 import zipfile
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from msgspec.structs import replace
 
 from eigenfail import __version__, plugins
 from eigenfail.cli.specs import read_spec
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.evidence import storage
 from eigenfail.evidence.bundle import MANIFEST, make_bundle, make_manifest
 from eigenfail.evidence.records import NoiseLine, encode_canonical
@@ -230,6 +231,26 @@ def test_a_bundle_of_another_release_is_compared_by_its_numbers(small, verify):
     checked = verify(old.files)
     assert checked.is_verified
     assert any("0.0.1" in each for each in checked.notes)
+
+
+def test_a_file_that_a_solution_does_not_name_is_found(bundle, verify):
+    name = "solutions/Sn1.json"
+    solution = json.loads(bundle.files[name])
+    del solution["campaigns"][0]["files"]["campaigns/1.episodes.csv"]
+    places = list_places(verify(rehash(bundle, **{name: encode_canonical(solution)})))
+    assert f"{name}: campaigns[0].files.campaigns/1.episodes.csv" in places
+
+
+def test_a_planner_that_is_not_installed_is_no_defect(small, verify):
+    question, records = small
+    facts = records.campaigns[1].facts
+    spec = replace(facts.campaign.spec, planner="absent")
+    facts = replace(facts, campaign=replace(facts.campaign, spec=spec))
+    absent = records._replace(campaigns={1: replace(records.campaigns[1], facts=facts)})
+    files = make_bundle(question, absent, __version__).files
+    assert verify(files).is_verified
+    with pytest.raises(ServiceError, match="'absent' is not known"):
+        verify(files, replay=2)
 
 
 def test_a_bundle_is_written_whole_or_not_at_all(bundle, tmp_path, monkeypatch):
