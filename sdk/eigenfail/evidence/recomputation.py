@@ -39,7 +39,7 @@ from eigenfail.evidence.solutions import (
     make_graph,
     make_solutions,
 )
-from eigenfail.evidence.storage import BundleDefect
+from eigenfail.evidence.storage import BundleDefect, make_defect
 from eigenfail.values import episode_seed
 
 CAMPAIGNS, TABLE, NOISE = "campaigns/", ".episodes.csv", ".noise.json"
@@ -136,7 +136,10 @@ def _describe_release(manifest: Manifest) -> str:
 
 def _read_solution(files: Mapping[str, bytes], made: SolutionRecord) -> SolutionRecord:
     name = f"solutions/{made.id}.json"
-    return decode_file(_find_file(files, name), SolutionRecord, name)
+    found = decode_file(_find_file(files, name), SolutionRecord, name)
+    if found.id != made.id:
+        raise InvalidValue(f"{name}: id", f"It is '{found.id}'.")
+    return found
 
 
 def _check_names(
@@ -153,7 +156,7 @@ def _check_names(
 
 
 def check_campaign(record: CampaignRecord) -> Iterator[BundleDefect]:
-    """Yield what contradicts the episodes of a campaign: its digest, counts and seeds.
+    """Yield what is wrong with a campaign: its digest, counts, seeds, and recorded noise.
 
     Raises:
         InvalidValue: the episodes cannot be read.
@@ -169,6 +172,11 @@ def check_campaign(record: CampaignRecord) -> Iterator[BundleDefect]:
         if one != other and campaign.digest is not None:
             problem = f"It is {one}, and there are {other} such episodes."
             yield BundleDefect(where=f"{name}.counts.{field}", problem=problem)
+    for line in record.noise:
+        try:
+            line.read()
+        except InvalidValue as error:
+            yield replace(make_defect(error), where=f"{CAMPAIGNS}{campaign.id}{NOISE}")
     for episode in counted.episodes:
         if episode.seed != episode_seed(campaign.spec.seed, episode.index):
             problem = f"The seed of episode {episode.index} is not that of the campaign's seed."

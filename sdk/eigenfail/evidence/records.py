@@ -139,9 +139,8 @@ class NoiseLine(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
         try:
             found = np.frombuffer(b64decode(self.z, validate=True), "<f4").reshape(self.shape)
         except (NoBase64, ValueError) as error:
-            raise InvalidValue(
-                "z", f"episode {self.index} has no noise to read: {error}."
-            ) from error
+            problem = f"the noise of episode {self.index} cannot be read: {error}."
+            raise InvalidValue("z", problem) from error
         return found.astype(np.float32)
 
 
@@ -270,7 +269,8 @@ def list_campaigns(solution: AnySolution, given: SolutionInput) -> list[int]:
     """
     found = [each for group in given.campaigns for each in group]
     if given.proof is not None:
-        found += [scenario.campaign for scenario in given.proof.scenarios if scenario.is_same]
+        same = (each for each in given.proof.scenarios if each.is_same)
+        found += [replay.campaign for scenario in same for replay in scenario.replays]
     if isinstance(solution, GateSolution):
         found += _list_gate_campaigns(solution.report)
     if isinstance(solution, SensorSolution):

@@ -11,7 +11,7 @@ from eigenfail.evidence.argument import ArgumentGraph, JudgedSolution, build_gra
 from eigenfail.evidence.assumptions import Surroundings, gather_surroundings
 from eigenfail.evidence.counting import Counted, CountedCampaign
 from eigenfail.evidence.judgement import SolutionFinding, judge_solution
-from eigenfail.evidence.question import AnySolution, EvidenceQuestion
+from eigenfail.evidence.question import AnySolution, EvidenceQuestion, RiskSolution
 from eigenfail.evidence.records import (
     EvidenceRecords,
     PlannerIdentity,
@@ -109,6 +109,11 @@ def _make_solution(
     used = list_campaigns(solution, given)
     if missing := [str(each) for each in used if each not in context.counted]:
         raise InvalidValue(name, f"there is no record of campaign {', '.join(missing)}.")
+    if isinstance(solution, RiskSolution):
+        scenarios = len(solution.question.scenarios)
+        if len(given.campaigns) != scenarios:
+            problem = f"{name} has campaigns of {len(given.campaigns)} scenarios, not {scenarios}."
+            raise InvalidValue(INPUTS, problem)
     surroundings = gather_surroundings(solution, given, context.counted)
     return SolutionRecord(
         id=name,

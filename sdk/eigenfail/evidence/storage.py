@@ -44,6 +44,12 @@ class BundleDefect(msgspec.Struct, frozen=True, kw_only=True):
     problem: str
 
 
+def make_defect(error: InvalidValue) -> BundleDefect:
+    """Return the defect that an error about a file of a bundle describes."""
+    problem = error.problem.removeprefix(f"{error.field}: ")
+    return BundleDefect(where=error.field, problem=f"{problem[:1].upper()}{problem[1:]}")
+
+
 class StoredBundle(NamedTuple):
     """The files of a bundle by name, and what could not be read."""
 

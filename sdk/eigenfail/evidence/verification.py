@@ -11,12 +11,13 @@ from pathlib import Path
 import msgspec
 from msgspec.structs import replace
 
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import InvalidValue, describe_error
 from eigenfail.evidence.bundle import FORMAT, MANIFEST, Manifest
 from eigenfail.evidence.recomputation import compare_contents, read_records
 from eigenfail.evidence.records import decode_file, encode_canonical, hash_bytes
 from eigenfail.evidence.sampled_replays import choose_episodes, replay_episodes
-from eigenfail.evidence.storage import BundleDefect, read_bundle
+from eigenfail.evidence.solutions import INPUTS
+from eigenfail.evidence.storage import BundleDefect, make_defect, read_bundle
 
 
 class EvidenceCheck(msgspec.Struct, frozen=True, kw_only=True):
@@ -128,8 +129,12 @@ def _recompute(
         read = read_records(files)
         found = compare_contents(manifest, files, read)
     except InvalidValue as error:
-        defect = BundleDefect(where=error.field, problem=f"{error.problem}")
-        return replace(checked, defects=(defect,))
+        return replace(checked, defects=(make_defect(error),))
+    except (ArithmeticError, LookupError, ValueError) as error:
+        # Records that fit their types may still contradict one another, or hold numbers of which
+        # none can be computed: no campaign that was run is like that.
+        problem = f"The records do not fit together: {describe_error(error)}."
+        return replace(checked, defects=(BundleDefect(where=INPUTS, problem=problem),))
     return replace(
         checked,
         solutions=len(read.records.inputs),
@@ -148,7 +153,7 @@ def _read_manifest(content: bytes, root_hash: str) -> tuple[Manifest, list[Bundl
     try:
         manifest = decode_file(content, Manifest, MANIFEST)
     except InvalidValue as error:
-        return NO_MANIFEST, [BundleDefect(where=MANIFEST, problem=f"It {error.problem}")]
+        return NO_MANIFEST, [make_defect(error)]
     if manifest.sha256 == manifest.find_hash() and manifest.format != FORMAT:
         problem = f"the format is '{manifest.format}', not '{FORMAT}'."
         raise InvalidValue(MANIFEST, problem, "Use the release that wrote it.")

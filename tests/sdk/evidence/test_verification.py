@@ -157,21 +157,28 @@ def test_a_seed_of_another_campaign_is_found(bundle, verify):
 
 
 @pytest.mark.parametrize(
-    ("name", "content"),
+    "case",
     [
-        ("question.json", b"{}"),
-        ("inputs.json", b"[]"),
-        ("inputs.json", b'[{"campaigns":[[2]]}]'),
-        ("campaigns/1.json", b"[" * 5_000),
-        ("campaigns/1.episodes.csv", b"\xff"),
-        ("campaigns/1.episodes.csv", b"index\r\n"),
-        ("campaigns/1.noise.json", b'[{"index":0,"shape":[1,2],"z":"?"}]'),
-        ("solutions/Sn1.json", b"null"),
+        ("question.json", b"{}", "question.json"),
+        ("inputs.json", b"[]", "inputs.json"),
+        ("inputs.json", b'[{"campaigns":[[2]]}]', "Sn1"),
+        ("inputs.json", b'[{"campaigns":[]}]', "solutions/Sn1.json: finding.verdict"),
+        ("solutions/Sn1.json", b"null", "solutions/Sn1.json"),
+        ("campaigns/1.json", b"[" * 5_000, "campaigns/1.json"),
+        ("campaigns/1.episodes.csv", b"\xff", "campaigns/1.episodes.csv"),
+        ("campaigns/1.episodes.csv", b"index\r\n", "campaigns/1.episodes.csv"),
+        (
+            "campaigns/1.noise.json",
+            b'[{"index":0,"shape":[1,2],"z":"?"}]',
+            "campaigns/1.noise.json",
+        ),
     ],
 )
-def test_what_cannot_be_read_is_a_defect_and_no_traceback(bundle, verify, name, content):
+def test_what_cannot_be_read_is_a_defect_and_no_traceback(bundle, verify, case):
+    name, content, place = case
     checked = verify(rehash(bundle, **{name: content}))
-    assert not checked.is_verified or "noise" in name
+    assert place in list_places(checked)
+    assert all(each.problem[:1].isupper() for each in checked.defects)
 
 
 def test_a_name_that_leads_out_of_an_archive_is_refused(bundle, tmp_path):
