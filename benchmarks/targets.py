@@ -110,6 +110,8 @@ TARGETS = {
     "risk.cover.at_least": Target(low=0.93),
     "risk.cover.at_most": Target(low=0.93),
     "risk.monotone": Target(low=1.0),
+    "evidence.tampering_found": Target(low=1.0),
+    "evidence.intact_found": Target(high=0.0),
     "requirements.closed_form.subset_over_truth": Target(low=0.8, high=1.2),
     "requirements.closed_form.covered": Target(low=0.88),
     "joint.interval_cover": Target(low=0.9),

@@ -9,6 +9,7 @@ import channels
 import difs_network
 import drive
 import eigenfailures
+import evidence
 import exchange
 import foreign_stacks
 import intervals
@@ -128,6 +129,7 @@ TRIALS = (
     Trial(("requirement.covered",), sensor_limits.find_covered),
     Trial(("requirement.cut_in.",), sensor_limits.find_frontier),
     Trial(("risk.",), risk.find_cover),
+    Trial(("evidence.",), evidence.find_tampering),
     Trial(("requirements.closed_form.",), requirements.find_closed_form),
     Trial(("requirements.merge_in.uncaused_braking.",), requirements.find_searches),
     Trial(

@@ -29,6 +29,7 @@ import msgspec
 import pytest
 
 from eigenfail.cli.specs import check_plugins
+from eigenfail.evidence.question import EvidenceQuestion
 from eigenfail.hosting.folder import DataFolder
 from eigenfail.risk.question import RiskQuestion
 from eigenfail.suites import Suite, replace_references
@@ -62,6 +63,7 @@ READY_WITHIN_S = deadlines.CAMPAIGN_S
 COMMAND_WITHIN_S = deadlines.CAMPAIGN_S
 GATE_CLOSED = 1
 RISK_UNDECIDED = 3
+EVIDENCE_REFUTED = 1
 CURL_TIMED_OUT = 28
 
 EXECUTED = {"sh", "python", "toml"}
@@ -192,6 +194,8 @@ class Shell:
         allowed = (0, GATE_CLOSED) if {"gate", "--gate"} & set(words) else (0,)
         if words[:2] == ["eigenfail", "risk"]:
             allowed = (0, RISK_UNDECIDED)
+        if words[:2] == ["eigenfail", "evidence"]:
+            allowed = (0,) if words[2] == "verify" else (0, EVIDENCE_REFUTED)
         if "--max-time" in words:
             allowed = (0, CURL_TIMED_OUT)
         self.type(line.replace("http://127.0.0.1:8440", self.url), allowed)
@@ -322,6 +326,9 @@ def check(block):
     if "exposure" in given:
         msgspec.convert(given, RiskQuestion)
         return
+    if "claim" in given:
+        msgspec.convert(given, EvidenceQuestion)
+        return
     if "base" in given:
         for member in Suite.of("page", **given).members:
             check_plugins(replace_references(member.spec))
@@ -358,6 +365,7 @@ AFTER_DEMO = {
     "docs/suites.md": (r"Planners on cut-in",),
     "docs/sensor_requirement.md": (r"With 95 % confidence",),
     "docs/risk.md": (r"Motorway: undecided", r"next episodes", r"undecided.*RiskFigure"),
+    "docs/evidence.md": (r"Cut-in: refuted", r"10 of them run", r"refuted True"),
     "docs/gate.md": (r"v1",),
     "docs/rest.md": (r"first try",),
     "docs/cli.md": (r"monte_carlo",),
