@@ -24,11 +24,12 @@ _CONVERTERS = {
     "html": ("eigenfail.presentation.notebook", "to_html"),
     "pandas": ("eigenfail.frames", "to_pandas"),
     "numpy": ("eigenfail.frames", "to_numpy"),
+    "arrow": ("eigenfail.frames", "to_arrow"),
 }
 
 
 def convert(value: object, form: str) -> Any:
-    """Return a value in another form: `html` for a notebook, or a `pandas` or `numpy` table."""
+    """Return a value as `html` for a notebook, or as a table of `pandas`, `numpy` or `arrow`."""
     module, function = _CONVERTERS[form]
     return getattr(import_module(module), function)(value)
 

@@ -1,12 +1,13 @@
 """Campaigns, as a client sees them: created, followed, steered and judged."""
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, Unpack, overload
 
 import msgspec
 
 from eigenfail.client.fields import CampaignChanges, CampaignFields
-from eigenfail.client.link import Link, report_progress, wait_until
+from eigenfail.client.link import Extent, Link, report_progress, reverse_order, wait_until
 from eigenfail.client.references import (
     CampaignLike,
     CampaignsLike,
@@ -185,7 +186,9 @@ class Campaigns:
         """
         order = str(parse_campaign_sort(sort))
         asked = {"state": state, "suite": suite, "method": method, "search": search, "sort": order}
-        return self._link.pages("/campaigns", Page[Campaign], "before", asked)
+        reverse = reverse_order(asked, parse_campaign_sort(sort), "id")
+        extent = Extent(partial(self._link.count, "/campaigns", asked), reverse)
+        return self._link.pages("/campaigns", Page[Campaign], "before", asked, extent)
 
     def pause(self, campaign: CampaignLike) -> Campaign:
         """Let it rest once the rounds at work are in.
@@ -268,7 +271,8 @@ class Campaigns:
 
     def summaries(self) -> Rows[Summary]:
         """The summaries of all campaigns, newest first."""
-        return self._link.pages("/campaigns/summaries", Page[Summary], "before")
+        extent = Extent(partial(self._link.count, "/campaigns"))
+        return self._link.pages("/campaigns/summaries", Page[Summary], "before", None, extent)
 
     def course(self, campaign: CampaignLike, per: int | None = None) -> Course:
         """Failure rate, likelihood and robustness by blocks of episodes, so far.

@@ -7,7 +7,7 @@ from typing import Any, TypedDict, Unpack, overload
 
 import msgspec
 
-from eigenfail.client.link import Link, wait_until
+from eigenfail.client.link import Extent, Link, reverse_order, wait_until
 from eigenfail.client.references import (
     CampaignLike,
     EpisodeLike,
@@ -18,7 +18,7 @@ from eigenfail.client.references import (
 from eigenfail.errors import InvalidValue, ServiceError, UnknownName
 from eigenfail.exchange.recording import EgoControl, RecordingFormat
 from eigenfail.files import write_whole
-from eigenfail.filters import Value
+from eigenfail.filters import Value, parse_sort
 from eigenfail.frames import Rows
 from eigenfail.values import Campaign, Explanation, Outcome, Page
 from eigenfail.values.operations import Presence
@@ -108,10 +108,11 @@ class Episodes:
         """
         path = f"{locate_campaign(campaign)}/episodes"
         asked = {"outcome": outcome, "filter": filter or None, "sort": sort}
-        if not fields:
-            return self._link.pages(path, Page[EpisodeRow], "after", asked)
-        picked = {**asked, "fields": ",".join(fields)}
-        return self._link.pages(path, Page[Picked], "after", picked)
+        picked = {**asked, "fields": ",".join(fields)} if fields else asked
+        kind: type[Page[Any]] = Page[Picked] if fields else Page[EpisodeRow]
+        reverse = reverse_order(picked, parse_sort(sort), "index")
+        extent = Extent(partial(self._link.count, path, asked), reverse)
+        return self._link.pages(path, kind, "after", picked, extent)
 
     def export(
         self,

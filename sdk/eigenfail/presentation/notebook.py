@@ -9,7 +9,7 @@ from html import escape
 from itertools import chain
 from typing import Any
 
-from eigenfail.frames import SHOWN, Rows, flat
+from eigenfail.frames import SHOWN, Rows
 from eigenfail.presentation.analyses import describe_analysis, describe_proof
 from eigenfail.presentation.campaigns import (
     describe_comparison,
@@ -24,6 +24,7 @@ from eigenfail.presentation.episodes import tabulate_episodes
 from eigenfail.presentation.seeds import tabulate_spreads
 from eigenfail.presentation.suites import describe_suite, tabulate_suites
 from eigenfail.presentation.tables import Block, FactTable, Table, name_columns
+from eigenfail.tabulation import flat
 from eigenfail.values import (
     Analysis,
     Campaign,

@@ -356,7 +356,13 @@ Item = TypeVar("Item")
 
 
 class Page(msgspec.Struct, Generic[Item], frozen=True):
-    """Some items, and the cursor that asks for those behind them (None at the end)."""
+    """Some items, and the cursor that asks for those behind them (None at the end).
+
+    Attributes:
+        total: number of items that match the request, on all pages together; absent where the
+            request did not ask for it.
+    """
 
     items: tuple[Item, ...]
     next: int | None = None
+    total: int | msgspec.UnsetType = msgspec.UNSET

@@ -10,6 +10,7 @@ import eigenfail
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow as pa
 
 MOST_ITEMS = 6
 """Number of items of a sequence that a repr shows."""
@@ -45,7 +46,7 @@ class Brief:
 
 
 class Tabular:
-    """A value with a table in it; `eigenfail.frames` says which."""
+    """A value with a table in it; `eigenfail.tabulation` says which."""
 
     __slots__ = ()
 
@@ -57,6 +58,15 @@ class Tabular:
         """
         frame: pd.DataFrame = eigenfail.convert(self, "pandas")
         return frame
+
+    def to_arrow(self) -> "pa.Table":
+        """The table as an Arrow table; null where nothing is known, JSON in place of nested values.
+
+        Raises:
+            ServiceError: pyarrow is not installed.
+        """
+        table: pa.Table = eigenfail.convert(self, "arrow")
+        return table
 
     def to_numpy(self) -> NDArray[np.generic]:
         """The table as a structured array with a field for each column; NaN where nothing is known.

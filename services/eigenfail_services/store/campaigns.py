@@ -426,6 +426,12 @@ class CampaignStore:
         items = tuple(found[:limit])
         return Page(items, items[-1].id if len(found) > limit else None)
 
+    def count(self, where: CampaignFilter = ANY_CAMPAIGN) -> int:
+        """Return the number of campaigns that match a filter."""
+        query = select(func.count()).select_from(campaigns).where(*filter_campaigns(where))
+        with self._database.reading() as connection:
+            return connection.execute(query).scalar_one()
+
     def suites(self, limit: int, before: int | None = None) -> Page[SuiteStanding]:
         """Return suites by their newest campaigns, newest first, with ids below `before`."""
         with self._database.reading() as connection:

@@ -21,6 +21,7 @@ from sqlalchemy import (
 
 from eigenfail.errors import InvalidValue
 from eigenfail.filters import (
+    BY_INDEX,
     COMPARE,
     Condition,
     Conditions,
@@ -174,6 +175,12 @@ def page_queries(
     yield _by_value(query, column, sort)
     if all(condition.column != sort.column for condition in where):
         yield _by_index(missing, None, sort)
+
+
+def count_episodes(campaign: int, where: Conditions) -> Select[int]:
+    """Return the query of the number of episodes that fulfil all conditions."""
+    matching = _compare_episodes(where, BY_INDEX)
+    return select(func.count()).where(episodes.c.campaign == campaign, *matching)
 
 
 def _by_index(query: _Indices, after: int | None, sort: SortOrder) -> _Indices:
