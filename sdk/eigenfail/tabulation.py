@@ -17,7 +17,6 @@ import numpy as np
 from eigenfail.errors import InvalidValue
 from eigenfail.filters import COLUMNS, read_value
 from eigenfail.values import (
-    AXES,
     Analysis,
     AnalysisResult,
     CampaignCost,
@@ -30,6 +29,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.campaign import CampaignSpec, Counts
 from eigenfail.values.channels import name_columns
+from eigenfail.values.disturbance import number_channels
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.safety import FailurePoint
 from eigenfail.values.suite import SuiteTable
@@ -90,10 +90,7 @@ def _(value: AnalysisResult) -> Iterator[Record]:
 
 @records.register
 def _(value: NoiseTrajectory) -> Iterator[Record]:
-    count = value.z.shape[1]
-    numbered = tuple(f"channel_{number}" for number in range(1, count + 1))
-    # Noise by itself knows no names; two channels have those that they always had in tables.
-    return list_noise(value, AXES if count == len(AXES) else numbered)
+    return list_noise(value, number_channels(value.z.shape[1]))
 
 
 def list_noise(noise: NoiseTrajectory, channels: Sequence[str]) -> Iterator[Record]:

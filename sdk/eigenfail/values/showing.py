@@ -11,6 +11,7 @@ import eigenfail
 if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
+    from matplotlib.axes import Axes
 
 MOST_ITEMS = 6
 """Number of items of a sequence that a repr shows."""
@@ -43,6 +44,28 @@ class Brief:
         """The value on few lines, however large it is."""
         fields = (f"{name}={brief(getattr(self, name))}" for name in self.__struct_fields__)
         return f"{type(self).__name__}({', '.join(fields)})"
+
+
+class Plottable:
+    """A value with a diagram, which `eigenfail.presentation.plots` draws."""
+
+    __slots__ = ()
+
+    def plot(self, axes: "Axes | None" = None) -> "Axes":
+        """Draw the value with matplotlib.
+
+        Args:
+            axes: where it is drawn; None: into a new figure.
+
+        Returns:
+            The axes, to go on drawing; their `figure` can be saved.
+
+        Raises:
+            InvalidValue: there is no result to draw.
+            ServiceError: matplotlib is not installed.
+        """
+        drawn: Axes = eigenfail.convert(self, "plot", axes)
+        return drawn
 
 
 class Tabular:
