@@ -25,7 +25,9 @@ from eigenfail_api.dashboard import (
     reference_page,
     region_page,
     risk_page,
+    search_page,
     suites_page,
+    workers_page,
 )
 from eigenfail_api.dashboard.rendering import STATIC, Assets, wrap_for_browsers
 from eigenfail_api.middleware import Disconnects, EntityTags, HeadRequests, SecurityHeaders
@@ -76,6 +78,8 @@ ROUTERS = (
     episode_page.router,
     comparison_page.router,
     risk_page.router,
+    workers_page.router,
+    search_page.router,
     copying.router,
     suites_page.router,
     reference_page.router,

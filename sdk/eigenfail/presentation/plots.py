@@ -31,7 +31,6 @@ from eigenfail.values.records import EpisodeDetail
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.lines import Line2D
 
 FAILURES, OTHERS, ERRORED, OPEN = "#c0392b", "#4c78a8", "#8c8c8c", "#d9d9d9"
 """Colours of failures, of other completed episodes, of errored ones, and of those to come."""
@@ -153,13 +152,8 @@ def _(value: AnalysisResult, axes: "Axes") -> None:
 
 @_draw.register(FailureMode)
 def _(value: FailureMode, axes: "Axes") -> None:
-    lines = _draw_noise(axes, value.eigenfailure, number_channels(value.eigenfailure.shape[1]))
-    if value.band is not None:
-        low, high = value.band
-        for channel, line in enumerate(lines):
-            steps = np.arange(len(low))
-            between = (low[:, channel], high[:, channel])
-            axes.fill_between(steps, *between, color=line.get_color(), alpha=0.2, linewidth=0)
+    channels = number_channels(value.eigenfailure.shape[1])
+    _draw_noise(axes, value.eigenfailure, channels, value.band)
     axes.set_title(f"Eigenfailure of {count_noun(value.failures, 'failure')}")
 
 
@@ -175,16 +169,19 @@ def _(value: EpisodeDetail, axes: "Axes") -> None:
     axes.set_title(f"Episode {value.index}: {value.outcome.word}")
 
 
-def _draw_noise(axes: "Axes", z: Floats, channels: Sequence[str]) -> "list[Line2D]":
-    """Draw the noise of each channel by step, and return its lines."""
-    lines = [
-        axes.plot(np.arange(len(z)), z[:, place], label=name, drawstyle="steps-mid")[0]
-        for place, name in enumerate(channels)
-    ]
+def _draw_noise(
+    axes: "Axes", z: Floats, channels: Sequence[str], band: Floats | None = None
+) -> None:
+    """Draw the noise of each channel by step, with its band where there is one."""
+    for place, name in enumerate(channels):
+        (line,) = axes.plot(np.arange(len(z)), z[:, place], label=name, drawstyle="steps-mid")
+        if band is not None:
+            low, high = band[:, :, place]
+            steps, colour = np.arange(len(low)), line.get_color()
+            axes.fill_between(steps, low, high, color=colour, alpha=0.2, linewidth=0)
     axes.axhline(0.0, color=OPEN, linewidth=0.8, zorder=0)
     axes.set(xlabel="step", ylabel="z [sigma]")
     axes.legend()
-    return lines
 
 
 def _draw_rates(axes: "Axes", places: Sequence[float], rates: Sequence[Rate]) -> None:

@@ -248,5 +248,10 @@ def filter_campaigns(where: CampaignFilter) -> Iterator[ColumnElement[bool]]:
     if where.suite is not None:
         yield campaigns.c.suite == where.suite
     if where.search is not None:
-        words = where.search.lower().replace("\x00", "�")  # which no database takes
-        yield func.lower(spec_field("name")).contains(words, autoescape=True)
+        yield contains_text(spec_field("name"), where.search)
+
+
+def contains_text(column: ColumnElement[Any], text: str) -> ColumnElement[bool]:
+    """Return the condition that a column contains a text, in small or large letters."""
+    words = text.lower().replace("\x00", "�")  # which no database takes
+    return func.lower(column).contains(words, autoescape=True)
