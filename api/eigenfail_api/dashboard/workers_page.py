@@ -80,7 +80,8 @@ def make_workers_view(store: Store) -> WorkersView:
     results = Counter[str]()
     for share in lately:
         results[share.worker] += share.episodes
-    workers = combine_activity(count_present(store), list_recent_workers(store), lately)
+    found = combine_activity(count_present(store), list_recent_workers(store), lately)
+    workers = tuple(sorted(found, key=lambda each: each.state is WorkerState.GONE))
     return WorkersView(
         tiles=_make_tiles(workers, results.total()),
         lines=tuple(_make_line(each, results[each.worker]) for each in workers),
