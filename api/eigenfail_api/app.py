@@ -26,7 +26,9 @@ from eigenfail_api.dashboard import (
     region_page,
     replay_page,
     risk_page,
+    search_page,
     suites_page,
+    workers_page,
 )
 from eigenfail_api.dashboard.rendering import STATIC, Assets, wrap_for_browsers
 from eigenfail_api.middleware import Disconnects, EntityTags, HeadRequests, SecurityHeaders
@@ -78,6 +80,8 @@ ROUTERS = (
     replay_page.router,
     comparison_page.router,
     risk_page.router,
+    workers_page.router,
+    search_page.router,
     copying.router,
     suites_page.router,
     reference_page.router,

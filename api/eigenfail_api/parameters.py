@@ -116,10 +116,33 @@ AnalysisId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of an analysi
 ModeNumber = Annotated[int, Path(ge=1, le=LARGEST, description="Number of the mode, from 1.")]
 EpisodeIndex = Annotated[int, Path(ge=0, le=LARGEST, description="Index within the campaign.")]
 Limit = Annotated[int, Query(ge=1, le=1000, description="Maximum number of items on a page.")]
+WithTotal = Annotated[
+    bool,
+    Query(
+        alias="total",
+        description="Whether `total` is the number of items that match, on all pages together.",
+    ),
+]
 Before = Annotated[
     int | None,
     Query(ge=1, le=LARGEST, description="Only ids below this one (`next` of a page)."),
 ]
+
+
+class PageRequest(msgspec.Struct, frozen=True):
+    """The page of a list that a request asks for.
+
+    Attributes:
+        limit: maximum number of items.
+        cursor: `next` of the page before; None for the first page.
+        with_total: whether the page says how many items match in all.
+    """
+
+    limit: int
+    cursor: int | None
+    with_total: bool
+
+
 IdempotencyKey = Annotated[
     str | None,
     Header(

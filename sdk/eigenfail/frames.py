@@ -1,163 +1,24 @@
-"""What the rows of a value's table are.
+"""Values as data frames and arrays, and lists on a service."""
 
-A list, or any sequence of values, has a row for each; a course its blocks, safety its failures, an
-analysis a row for each failure with its mode and scores, a comparison its two sides, a cost its
-curve, noise its steps, a suite its members with what sets them apart and what they found.
-"""
-
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from enum import Enum
 from functools import singledispatch
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from operator import index as convert_index
+from typing import TYPE_CHECKING, Any, Generic, SupportsIndex, TypeVar, overload
 
-import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.errors import InvalidValue, ServiceError
-from eigenfail.values import (
-    AXES,
-    Analysis,
-    AnalysisResult,
-    CampaignCost,
-    Comparison,
-    Course,
-    EpisodeResult,
-    NoiseTrajectory,
-    Safety,
-)
-from eigenfail.values.channels import name_columns
-from eigenfail.values.records import EpisodeDetail, EpisodeRow
+from eigenfail.errors import ServiceError
+from eigenfail.tabulation import Record, records, result_of
+from eigenfail.values import Analysis, AnalysisResult, EpisodeResult, NoiseTrajectory
 from eigenfail.values.showing import Shown, Tabular
-from eigenfail.values.suite import SuiteTable
-
-Record = dict[str, Any]
-
-
-@singledispatch
-def records(value: object) -> Iterator[Record]:
-    """The rows of a value's table.
-
-    Raises:
-        InvalidValue: there is no table in it.
-    """
-    if isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping)):
-        return (flat(row) for row in value if row is not None)
-    if isinstance(value, msgspec.Struct):
-        return iter([flat(value)])
-    problem = f"there is no table in a {type(value).__name__}."
-    raise InvalidValue("value", problem, "Pass a list or an eigenfail object.")
-
-
-@records.register
-def _(value: Course) -> Iterator[Record]:
-    return map(flat, value.blocks)
-
-
-@records.register
-def _(value: Safety) -> Iterator[Record]:
-    return map(flat, value.scatter.points)
-
-
-@records.register
-def _(value: CampaignCost) -> Iterator[Record]:
-    return map(flat, value.curve)
-
-
-@records.register
-def _(value: Comparison) -> Iterator[Record]:
-    yield {"side": "A", **flat(value.a)}
-    yield {"side": "B", **flat(value.b)}
-
-
-@records.register
-def _(value: Analysis) -> Iterator[Record]:
-    result = result_of(value)
-    campaigns = result.campaigns or (value.campaign,) * len(result.episodes)
-    for campaign, row in zip(campaigns, records(result), strict=True):
-        yield {"campaign": campaign, **row}
-
-
-@records.register
-def _(value: AnalysisResult) -> Iterator[Record]:
-    for episode, mode, scores in zip(value.episodes, value.labels, value.scores, strict=True):
-        named = {f"score_{number}": float(score) for number, score in enumerate(scores, 1)}
-        yield {"episode": episode, "mode": mode + 1, **named}
-
-
-@records.register
-def _(value: NoiseTrajectory) -> Iterator[Record]:
-    count = value.z.shape[1]
-    numbered = tuple(f"channel_{number}" for number in range(1, count + 1))
-    # Noise by itself knows no names; two channels have those that they always had in tables.
-    return list_noise(value, AXES if count == len(AXES) else numbered)
-
-
-def list_noise(noise: NoiseTrajectory, channels: Sequence[str]) -> Iterator[Record]:
-    """Return a row for each step of noise, with columns for each of its channels by these names."""
-    columns = [name_columns(name) for name in channels]
-    rows = zip(noise.injected, noise.z, noise.sigma, strict=True)
-    for step, (injected, z, sigma) in enumerate(rows):
-        row: Record = {"step": step}
-        for names, a_t, z_t, sigma_t in zip(columns, injected, z, sigma, strict=True):
-            row |= {names.error: float(a_t), names.z: float(z_t), names.sigma: float(sigma_t)}
-        yield row
-
-
-@records.register
-def _(value: EpisodeResult) -> Iterator[Record]:
-    return records(value.noise)
-
-
-@records.register
-def _(value: EpisodeDetail) -> Iterator[Record]:
-    return list_noise(value.noise, value.channels)
-
-
-@records.register
-def _(value: SuiteTable) -> Iterator[Record]:
-    for row in value.members:
-        standing: Record = {"member": row.member, "state": row.state.value}
-        standing["stopped_because"] = row.stopped_because
-        settings = {column: row.settings.get(column) for column in value.columns}
-        yield {**standing, **settings, **flat(row.summary)}
-
-
-def result_of(analysis: Analysis) -> AnalysisResult:
-    """What an analysis found.
-
-    Raises:
-        InvalidValue: nothing yet, or it failed.
-    """
-    if analysis.result is None:
-        why = analysis.problem or f"analysis {analysis.id} is {analysis.state}."
-        raise InvalidValue("analysis", why, "Wait for it with client.analyses.wait(id).")
-    return analysis.result
-
-
-def flat(row: object) -> Record:
-    """Return the fields of a value, nested fields as `outer_inner`; arrays are left out.
-
-    The requirements of an episode are numbered, as in filters and files.
-    """
-    if not isinstance(row, msgspec.Struct):
-        return dict(row) if isinstance(row, Mapping) else {"value": row}
-    found: Record = {}
-    for name in row.__struct_fields__:
-        content = getattr(row, name)
-        if isinstance(content, msgspec.Struct):
-            found |= {f"{name}_{inner}": each for inner, each in flat(content).items()}
-        elif not isinstance(content, np.ndarray):
-            found[name] = content.value if isinstance(content, Enum) else content
-    if isinstance(row, EpisodeRow):
-        judged = found.pop("requirements")
-        found |= {f"requirement_{number}": each for number, each in enumerate(judged, start=1)}
-    return found
-
+from eigenfail.wire.http import encode
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow as pa
 
 
 EMPTY = np.empty(0, dtype=[])
@@ -181,6 +42,24 @@ def to_pandas(value: object) -> "pd.DataFrame":
             "Run in a clone: pip install '.[export]'; or use to_numpy().",
         ) from error
     return pd.DataFrame(columns_of(records(value)))
+
+
+def to_arrow(value: object) -> "pa.Table":
+    """The table of a value, or of a sequence of values, as an Arrow table; null if not known.
+
+    Raises:
+        InvalidValue: there is no table in it.
+        ServiceError: pyarrow is not installed.
+    """
+    try:
+        import pyarrow as pa
+    except ImportError as error:
+        raise ServiceError(
+            "pyarrow is not installed.",
+            "Run in a clone: pip install '.[export]'; or use to_numpy().",
+        ) from error
+    columns = gather_columns(records(value))
+    return pa.table({name: pa.array(simplify(column)) for name, column in columns.items()})
 
 
 @singledispatch
@@ -222,14 +101,17 @@ def _(value: EpisodeResult) -> NDArray[np.generic]:
     return value.noise.injected
 
 
-def columns_of(rows: Iterable[Record]) -> dict[str, list[Any]]:
-    """The columns of a table; what a row does not have is not known."""
+def gather_columns(rows: Iterable[Record]) -> dict[str, list[Any]]:
+    """Return the columns of a table; None where a row has no value."""
     table = list(rows)
     names = dict.fromkeys(name for row in table for name in row)
     columns = {name: [row.get(name) for row in table] for name in names}
-    return {
-        name: fill_column(column) for name, column in columns.items() if not hollow(name, columns)
-    }
+    return {name: column for name, column in columns.items() if not hollow(name, columns)}
+
+
+def columns_of(rows: Iterable[Record]) -> dict[str, list[Any]]:
+    """The columns of a table; what a row does not have is not known."""
+    return {name: fill_column(column) for name, column in gather_columns(rows).items()}
 
 
 def hollow(name: str, columns: Mapping[str, Sequence[Any]]) -> bool:
@@ -250,6 +132,12 @@ def fill_column(column: list[Any]) -> list[Any]:
     return column
 
 
+def simplify(column: list[Any]) -> list[Any]:
+    """A column in which values other than numbers and texts are JSON, which every file can hold."""
+    plain = (*NUMBER, str, type(None))
+    return [each if isinstance(each, plain) else encode(each).decode() for each in column]
+
+
 def array(column: list[Any]) -> NDArray[np.generic]:
     """A column as an array; of objects where it holds neither numbers nor texts alone."""
     if all(isinstance(each, NUMBER) for each in column) or all(
@@ -268,25 +156,110 @@ SHOWN = 20
 
 
 class Rows(Iterable[Row], Shown, Tabular, Generic[Row]):
-    """A list on a service: nothing is asked before the first row is wanted.
+    """A list on a service: nothing is asked before a row, or the number of rows, is wanted.
 
     Each iteration asks anew, so that a list of millions needs no memory; `list(rows)` keeps them.
 
     Args:
-        fetch: begins an iteration.
+        fetch: begins an iteration over all rows.
+        start: begins an iteration that asks for no more than so many rows; None: `fetch` does.
+        count: returns the number of rows; None: they are counted one by one.
+        backwards: begins an iteration from the last row towards the first that asks for no more
+            than so many rows; None where the list cannot be read so.
     """
 
-    def __init__(self, fetch: Callable[[], Iterator[Row]]) -> None:
+    def __init__(
+        self,
+        fetch: Callable[[], Iterator[Row]],
+        *,
+        start: Callable[[int], Iterator[Row]] | None = None,
+        count: Callable[[], int] | None = None,
+        backwards: Callable[[int], Iterator[Row]] | None = None,
+    ) -> None:
         self._fetch = fetch
+        self._start = start
+        self._count = count
+        self._backwards = backwards
 
     def __iter__(self) -> Iterator[Row]:
         """All rows, page by page."""
         return self._fetch()
 
+    def __len__(self) -> int:
+        """Number of rows; one request where the service counts them."""
+        return self.count()
+
+    def __bool__(self) -> bool:
+        """Whether there is a row; asks for one alone."""
+        return bool(self.first(1))
+
+    @overload
+    def __getitem__(self, place: SupportsIndex) -> Row: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> tuple[Row, ...]: ...
+
+    def __getitem__(self, place: SupportsIndex | slice) -> Row | tuple[Row, ...]:
+        """One row, or those of a slice as a tuple; negative places count from the end.
+
+        Rows are asked for from the nearer end where the place says which, and only up to the last
+        one that is wanted.
+
+        Raises:
+            IndexError: there are fewer rows.
+        """
+        return self._slice(place) if isinstance(place, slice) else self._find(convert_index(place))
+
+    def count(self) -> int:
+        """Return the number of rows, as `len(rows)` does."""
+        return sum(1 for _ in self) if self._count is None else self._count()
+
     def first(self, n: int = SHOWN) -> tuple[Row, ...]:
         """The first n rows, or all where there are fewer."""
-        return tuple(islice(self, n))
+        return tuple(islice(self._begin(n), n))
 
     def __repr__(self) -> str:
         """How to get at them; asks nothing."""
-        return "<Rows: iterate, or take first(n), to_pandas(), to_numpy()>"
+        return (
+            "<Rows: iterate, or take len(rows), rows[i], rows[i:j], first(n), "
+            "to_pandas(), to_arrow(), to_numpy()>"
+        )
+
+    def _begin(self, n: int) -> Iterator[Row]:
+        return self._fetch() if self._start is None else self._start(n)
+
+    def _find(self, place: int) -> Row:
+        rows = self._take_last(-place) if place < 0 else self._slice(slice(place, place + 1))
+        if len(rows) < max(-place, 1):
+            raise IndexError(f"There is no row {place}.")
+        return rows[0]
+
+    def _take_last(self, n: int) -> tuple[Row, ...]:
+        """The last n rows in their order, or all where there are fewer."""
+        if self._backwards is None:
+            return tuple(deque(self, n))
+        return tuple(islice(self._backwards(n), n))[::-1]
+
+    def _slice(self, place: slice) -> tuple[Row, ...]:
+        if is_from_start(place):
+            source = self._fetch() if place.stop is None else self._begin(place.stop)
+            return tuple(islice(source, place.start, place.stop, place.step))
+        if is_tail(place):
+            return self._take_last(-place.start)
+        wanted = range(self.count())[place]
+        if not wanted:
+            return ()
+        low, high = min(wanted), max(wanted)
+        rows = tuple(islice(self._begin(high + 1), low, high + 1))
+        return tuple(rows[each - low] for each in wanted if each - low < len(rows))
+
+
+def is_from_start(place: slice) -> bool:
+    """Whether a slice counts from the first row, forwards."""
+    bounds = (place.start, place.stop)
+    return all(each is None or each >= 0 for each in bounds) and (place.step or 1) > 0
+
+
+def is_tail(place: slice) -> bool:
+    """Whether a slice is the last rows, all of them."""
+    return (place.start or 0) < 0 and place.stop is None and place.step in {None, 1}

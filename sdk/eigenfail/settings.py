@@ -83,6 +83,9 @@ def invalid_value(
         known = _list_known(kind, given, _STEP.findall(path), named)
         remedy = suggest_name(named["name"], known) if known else ""
         return InvalidValue(".".join(filter(None, (field, path))), f"{problem}.", remedy)
+    elif wrong := _ENUM.match(problem):
+        known = _list_choices(kind, _STEP.findall(path))
+        problem = f"'{wrong['name']}' is none of {', '.join(known)}" if known else problem
     elif expected := _EXPECTED.match(problem):
         steps = _STEP.findall(path)
         problem = _describe_refusal(_find_value(given, steps), _find_type(kind, steps), expected)
@@ -93,6 +96,7 @@ _PATH = re.compile(r" - at `\$\.?(?P<path>[^`]*)`")
 _MISSING = re.compile(r"missing required field `(?P<name>[^`]+)`")
 _EXPECTED = re.compile(r"Expected `(?P<kinds>[^`]+)`(?P<bound>[^,]*)")
 _UNKNOWN = re.compile(r"(?:Object contains unknown field `|Invalid value ')(?P<name>[^`']+)[`']")
+_ENUM = re.compile(r"Invalid enum value '(?P<name>[^']*)'")
 _STEP = re.compile(r"[^.\[\]]+|\.\.\.")
 _NAMES = {
     "int": "an integer",
@@ -154,6 +158,18 @@ def _find_type(kind: type, path: Sequence[str]) -> Any:
     kinds = found.types if isinstance(found, msgspec.inspect.UnionType) else (found,)
     numbers = (msgspec.inspect.IntType, msgspec.inspect.FloatType)
     return next((each for each in map(_without_metadata, kinds) if isinstance(each, numbers)), None)
+
+
+def _list_choices(kind: type, path: Sequence[str]) -> list[str]:
+    """Return the texts that may stand at a path; empty where msgspec does not list them."""
+    found = _flatten([msgspec.inspect.type_info(kind)])
+    for step in path:
+        fields = [field for each in found for field in getattr(each, "fields", ())]
+        found = _flatten([field.type for field in fields if field.encode_name == step])
+    enums = [each.cls for each in found if isinstance(each, msgspec.inspect.EnumType)]
+    literals = [each.values for each in found if isinstance(each, msgspec.inspect.LiteralType)]
+    members = [member.value for enum in enums for member in enum]
+    return [str(each) for each in (*members, *(value for values in literals for value in values))]
 
 
 def _list_known(kind: type, given: Any, path: Sequence[str], named: re.Match[str]) -> Sequence[str]:

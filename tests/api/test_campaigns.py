@@ -223,6 +223,16 @@ def test_campaigns_are_found_by_method_and_name(http, fields):
     assert found("search=night&method=ast") == [2]
     assert found("search=%25") == []
 
+    def count(asked):
+        return http.get(f"/api/v1/campaigns?{asked}&limit=1&total=true").json()["total"]
+
+    assert [count(asked) for asked in ("", "method=ast", "search=NIGHT", "search=%25")] == [
+        3,
+        2,
+        2,
+        0,
+    ]
+
 
 @pytest.mark.fault("pause, resume or cancel that comes twice, too early or too late")
 def test_no_campaign_can_be_steered_against_its_state(http, problem, finished):

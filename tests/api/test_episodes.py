@@ -131,6 +131,19 @@ def test_fields_leave_the_rest_away(http, filled):
     ]
 
 
+def test_a_total_counts_what_matches_on_all_pages_where_it_is_asked_for(http, filled):
+    asked = {"filter": "index >= 5", "limit": 1}
+    without = http.get(f"{URL}/{filled}/episodes", params=asked).json()
+    assert set(without) == {"items", "next"}
+    for fields in ({}, {"fields": "index"}):
+        page = http.get(
+            f"{URL}/{filled}/episodes", params={**asked, **fields, "total": "true"}
+        ).json()
+        assert (len(page["items"]), page["total"]) == (1, 3)
+    every = http.get(f"{URL}/{filled}/episodes", params={"total": "true"}).json()
+    assert every["total"] == len(every["items"])
+
+
 def test_unknown_fields_are_refused(http, filled, problem):
     told = problem(http.get(f"{URL}/{filled}/episodes", params={"fields": "index,sevrity"}), 422)
     assert told["field"] == "fields"

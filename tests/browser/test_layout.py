@@ -71,6 +71,8 @@ PAGES = {
         "/comparison?campaign={ast}&campaign={long}&campaign={difs}",
     ],
     "/risk": ["/risk"],
+    "/workers": ["/workers"],
+    "/search": ["/search", "/search?q=a", "/search?q=nothing-has-this-name"],
     "/copies": ["/copies?path=/campaigns"],
     "/suites": ["/suites"],
     "/suites/{suite:path}": ["/suites/{suite}"],

@@ -14,7 +14,7 @@ def test_the_page_is_the_help_of_today(root):
 def test_every_command_is_on_it_with_its_options(root):
     text = (root / "docs" / "cli.md").read_text()
     assert [name for name in COMMANDS if f"\n## eigenfail {name}\n" not in text] == []
-    assert "| `--limit <int>` | Maximum number of rows. Default: `20`. |" in text
+    assert "| `--limit N` | Maximum number of rows. Default: `20`. |" in text
     assert "| `FILE.toml` | The campaign: fields of a CampaignSpec, as TOML. Required. |" in text
 
 

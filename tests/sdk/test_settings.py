@@ -8,6 +8,7 @@ from msgspec import Meta
 
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import convert, defaults_of, read_settings
+from eigenfail.values import AnalysisSettings, CampaignSpec
 
 
 class Inner(msgspec.Struct, frozen=True):
@@ -85,3 +86,22 @@ def test_a_refusal_says_what_was_given_and_what_is_wanted(given, refusal) -> Non
     with pytest.raises(InvalidValue) as raised:
         convert(given, Bounded, "spec")
     assert str(raised.value).startswith(refusal)
+
+
+@pytest.mark.parametrize(
+    ("kind", "given", "words"),
+    [
+        (
+            CampaignSpec,
+            {"name": "n", "method": "m", "episodes": 1, "priority": "urgent"},
+            "priority: 'urgent' is none of low, normal, high.",
+        ),
+        (AnalysisSettings, {"centre": "middle"}, "centre: 'middle' is none of mean, median."),
+    ],
+)
+def test_a_value_that_is_no_choice_is_shown_with_the_choices(
+    kind: type, given: dict[str, object], words: str
+) -> None:
+    with pytest.raises(InvalidValue) as refusal:
+        convert(given, kind)
+    assert str(refusal.value).startswith(words)

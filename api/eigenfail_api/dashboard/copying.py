@@ -112,6 +112,7 @@ WORDS: Mapping[tuple[str, str], Words] = {
     ),
     ("GET", "/suites"): Words("list(client.suites.list())", "suite list"),
     ("GET", "/suites/{suite}"): Words("client.suites.table({suite!r})", "suite show {suite}"),
+    ("GET", "/workers/present"): Words("client.present_workers()", "worker list"),
     ("GET", "/comparisons"): Words("client.campaigns.compare({a}, {b})", "compare {a} {b}"),
 }
 """By method and path."""

@@ -33,7 +33,9 @@ from eigenfail_api.parameters import (
     Json,
     Limit,
     MadeBy,
+    PageRequest,
     Stored,
+    WithTotal,
     body_of,
     plain_body,
 )
@@ -165,6 +167,13 @@ def parse_query(
     return CampaignFilter(method, search, state=state, suite=suite)
 
 
+def read_page(
+    limit: Limit = 50, before: Before = None, with_total: WithTotal = False
+) -> PageRequest:
+    """Return the page that a request asks for."""
+    return PageRequest(limit, before, with_total)
+
+
 def _launch(store: Store, wanted: ResolvedCampaign, key: str | None, made_by: int | None) -> Json:
     # A repeated request is answered as the first one was, whatever workers are connected now.
     if not store.campaigns.is_key_used(key):
@@ -210,12 +219,13 @@ def create_campaigns(
 def list_campaigns(
     store: Stored,
     where: Annotated[CampaignFilter, Depends(parse_query)],
-    limit: Limit = 50,
-    before: Before = None,
+    asked: Annotated[PageRequest, Depends(read_page)],
     sort: Sort = str(NEWEST_FIRST),
 ) -> Json:
     """List campaigns in an order, by default newest first."""
-    return Json(store.campaigns.page(limit, before, where, parse_campaign_sort(sort)))
+    total = store.campaigns.count(where) if asked.with_total else msgspec.UNSET
+    found = store.campaigns.page(asked.limit, asked.cursor, where, parse_campaign_sort(sort))
+    return Json(Page(found.items, found.next, total))
 
 
 @router.get("/summaries", **document_route(Page[Summary]))

@@ -33,7 +33,9 @@ from eigenfail_api.parameters import (
     Json,
     Limit,
     MadeBy,
+    PageRequest,
     Stored,
+    WithTotal,
     body_of,
 )
 from eigenfail_services.campaigns.explanations import Explanations, replay_episode, write_steps
@@ -110,6 +112,13 @@ async def parse_query(
     return EpisodeQuery(where, parse_sort(sort), parse_fields(fields))
 
 
+def read_page(
+    limit: Limit = 100, after: After = None, with_total: WithTotal = False
+) -> PageRequest:
+    """Return the page that a request asks for."""
+    return PageRequest(limit, after, with_total)
+
+
 def _find_channels(store: Store, campaign: int) -> tuple[str, ...]:
     """Return the names of the channels of a campaign's noise."""
     spec = store.campaigns.get(campaign).spec
@@ -124,16 +133,16 @@ def list_episodes(
     store: Stored,
     campaign: CampaignId,
     query: QueriedEpisodes,
-    limit: Limit = 100,
-    after: After = None,
+    asked: Annotated[PageRequest, Depends(read_page)],
 ) -> Json:
     """List finished episodes that match a filter, in index order or another."""
     store.campaigns.get(campaign)
-    found = store.episodes.page(campaign, limit, after, query.where, query.sort)
+    total = store.episodes.count(campaign, query.where) if asked.with_total else msgspec.UNSET
+    found = store.episodes.page(campaign, asked.limit, asked.cursor, query.where, query.sort)
     if not query.columns:
-        return Json(found)
+        return Json(Page(found.items, found.next, total))
     items = tuple(pick_columns(row, query.columns) for row in found.items)
-    return Json(Page(items, found.next))
+    return Json(Page(items, found.next, total))
 
 
 @router.get(f"{EPISODES}/{{index}}", **document_route(EpisodeDetail))

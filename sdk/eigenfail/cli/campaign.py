@@ -114,9 +114,10 @@ def clone(
 ) -> None:
     """Launch a copy of an earlier campaign with changed values, and print it."""
     given = {"name": name, "episodes": episodes, "seed": seed}
-    changes = {field: value for field, value in given.items() if value is not None}
+    named = {field: value for field, value in given.items() if value is not None}
+    changes = {**named, **parse_changes(values or [])}
     with connect_to(context, url) as client:
-        created = client.campaigns.clone(campaign, **changes, **parse_changes(values or []))
+        created = client.campaigns.clone(campaign, **changes)
     _show_launched(created, quiet, as_json)
 
 

@@ -234,7 +234,9 @@ BridgeAddress = Annotated[
 BridgeCampaign = Annotated[
     Path | None,
     typer.Option(
-        "--campaign", metavar="FILE", help="Only run one episode of this campaign on the bridge."
+        "--campaign",
+        metavar="FILE.toml",
+        help="Only run one episode of this campaign on the bridge.",
     ),
 ]
 GoldenFolder = Annotated[

@@ -244,7 +244,7 @@ CLOSED = 1
 app = typer.Typer(add_completion=False)
 
 SuiteFile = Annotated[
-    Path, typer.Argument(metavar="SUITE.toml", help="The suite, with the planners under test.")
+    Path, typer.Argument(metavar="FILE.toml", help="The suite, with the planners under test.")
 ]
 Baseline = Annotated[
     str | None,

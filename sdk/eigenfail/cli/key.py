@@ -115,7 +115,7 @@ MaxEpisodesPerDay = Annotated[
         metavar="N", help="Maximum sum of budgets within 24 hours; none: no limit. [episodes]"
     ),
 ]
-KeyId = Annotated[int, typer.Argument(metavar="ID", min=1, help="Id of a key.")]
+KeyId = Annotated[int, typer.Argument(metavar="KEY", min=1, help="Id of a key.")]
 
 
 @app.command()

@@ -66,7 +66,9 @@ class DeferredCommand(TyperCommand):
 
     def load(self) -> Any:
         """Return the command itself."""
-        return typer.main.get_command(self._load_app())
+        from eigenfail.cli.value_names import name_values
+
+        return name_values(typer.main.get_command(self._load_app()))
 
     def make_context(self, *args: Any, **extra: Any) -> Any:
         """Return the context of the command itself: from here on that command answers."""

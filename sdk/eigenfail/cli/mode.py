@@ -18,7 +18,7 @@ app = typer.Typer(add_completion=False, no_args_is_help=True)
 
 AnalysisId = Annotated[int, typer.Argument(metavar="ANALYSIS", min=1, help="Id of an analysis.")]
 ModeNumber = Annotated[
-    int, typer.Argument(metavar="NUMBER", min=1, help="Number of the mode, from 1.")
+    int, typer.Argument(metavar="MODE", min=1, help="Number of the mode, from 1.")
 ]
 ModeName = Annotated[
     str, typer.Argument(metavar="NAME", help="Its name, of at most 80 characters.")

@@ -16,7 +16,12 @@ CampaignIds = Annotated[
     list[int], typer.Argument(metavar="CAMPAIGN...", min=1, help="Ids of campaigns.")
 ]
 Output = Annotated[
-    Path, typer.Option("--output", "-o", help="Folder of the report; created if it does not exist.")
+    Path,
+    typer.Option(
+        *("--output", "-o"),
+        metavar="FOLDER",
+        help="Folder of the report; created if it does not exist.",
+    ),
 ]
 Force = Annotated[bool, typer.Option("--force", help="Replace the report that is in the folder.")]
 

@@ -95,7 +95,11 @@ Seed = Annotated[
 ]
 Output = Annotated[
     Path | None,
-    typer.Option("--output", "-o", help="Folder for the report, the paper's tables and the data."),
+    typer.Option(
+        *("--output", "-o"),
+        metavar="FOLDER",
+        help="Folder for the report, the paper's tables and the data.",
+    ),
 ]
 
 

@@ -3,15 +3,12 @@
 import re
 import runpy
 import sys
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from enum import StrEnum
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated, Any
 
-import msgspec
 import typer
 from rich.console import Group, RenderableType
 from rich.markup import escape
@@ -29,11 +26,11 @@ from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.processes import interruptible
 from eigenfail.presentation.figures import UNKNOWN, format_local_time
 from eigenfail.presentation.terminal import start_grid
+from eigenfail.presentation.workers import PACKAGE, WorkerActivity, combine_activity
 from eigenfail.values import Campaign, CampaignState
-from eigenfail.values.operations import ACTIVE_S, DAY_S, Presence, WorkerShare
+from eigenfail.values.operations import ACTIVE_S, DAY_S
 from eigenfail.wire.keys import WORKER_KEY_VARIABLE
 
-PACKAGE = "eigenfail"
 COUNTS = ("campaigns", "episodes", "failures", "errored")
 NO_WORKER = (
     "No worker is connected, and no results arrived in the last {} s. "
@@ -46,39 +43,6 @@ Within = Annotated[
         "--within-s", min=ACTIVE_S, max=DAY_S, help="Include workers with results in this time. [s]"
     ),
 ]
-
-
-class WorkerState(StrEnum):
-    """What a worker is at."""
-
-    AT_WORK = "at work"
-    WAITING = "waiting"
-    GONE = "gone"
-
-
-class WorkerActivity(msgspec.Struct, frozen=True, kw_only=True):
-    """What a worker did lately; only results that came within the time asked for count.
-
-    Attributes:
-        worker: its name; that of a worker without one is its host and process.
-        host: the machine that it runs on; empty if it is not connected now.
-        version: version of its eigenfail; empty likewise.
-        state: gone if it is not connected; at work if it brought a result in the last minute.
-        campaigns: whose episodes it ran.
-        since_ms: when it connected; milliseconds since 1970, null if it is not connected now.
-        last_ms: when its last result was stored; null before the first one.
-    """
-
-    worker: str
-    host: str
-    version: str
-    state: WorkerState
-    campaigns: tuple[int, ...]
-    episodes: int
-    failures: int
-    errored: int = msgspec.field(name="failed")
-    since_ms: int | None
-    last_ms: int | None
 
 
 Seen = tuple[tuple[WorkerActivity, ...], tuple[Campaign, ...]]
@@ -116,35 +80,8 @@ def _list_running_campaigns(client: Client) -> tuple[Campaign, ...]:
 
 def list_activity(client: Client, within_s: int) -> tuple[WorkerActivity, ...]:
     """Who is connected, and who worked within some seconds; who came last first."""
-    at_work = {share.worker for share in client.workers(ACTIVE_S)}
-    here = {presence.worker: presence for presence in client.present_workers()}
-    shares = defaultdict[str, list[WorkerShare]](list, {name: [] for name in here})
-    for share in client.workers(within_s):
-        shares[share.worker].append(share)
-    found = [
-        summarize_activity(name, theirs, here.get(name), is_at_work=name in at_work)
-        for name, theirs in shares.items()
-    ]
-    return tuple(sorted(found, key=lambda each: (-(each.last_ms or 0), each.worker)))
-
-
-def summarize_activity(
-    name: str, shares: Sequence[WorkerShare], here: Presence | None, *, is_at_work: bool
-) -> WorkerActivity:
-    """What one worker did, of all campaigns together."""
-    present = WorkerState.AT_WORK if is_at_work else WorkerState.WAITING
-    return WorkerActivity(
-        worker=name,
-        host=here.host if here else "",
-        version=here.versions.get(PACKAGE, "") if here else "",
-        state=present if here else WorkerState.GONE,
-        campaigns=tuple(sorted(share.campaign for share in shares)),
-        episodes=sum(share.episodes for share in shares),
-        failures=sum(share.failures for share in shares),
-        errored=sum(share.errored for share in shares),
-        since_ms=here.arrived_ms if here else None,
-        last_ms=max((share.last_ms for share in shares), default=None),
-    )
+    at_work = client.workers(ACTIVE_S)
+    return combine_activity(client.present_workers(), client.workers(within_s), at_work)
 
 
 def _draw_activity(workers: Sequence[WorkerActivity], within_s: int) -> RenderableType:

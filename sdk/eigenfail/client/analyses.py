@@ -9,12 +9,23 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import mkdtemp
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Unpack
 from zipfile import BadZipFile, ZipFile, is_zipfile
 
 import httpx2
 
+from eigenfail.client.fields import AnalysisFields
 from eigenfail.client.link import Link, wait_until
+from eigenfail.client.references import (
+    AnalysisLike,
+    CampaignLike,
+    CampaignsLike,
+    ModeLike,
+    find_campaign_ids,
+    locate_analysis,
+    locate_campaign,
+    locate_mode,
+)
 from eigenfail.errors import InvalidValue, ProtocolError, ServiceError
 from eigenfail.files import write_whole
 from eigenfail.frames import Rows
@@ -43,12 +54,15 @@ class Analyses:
         self._link = link
 
     def create(
-        self, campaign: int, settings: AnalysisSettings | None = None, **fields: Any
+        self,
+        campaign: CampaignLike,
+        settings: AnalysisSettings | None = None,
+        **fields: Unpack[AnalysisFields],
     ) -> Analysis:
         """A new analysis of a campaign's failures, queued.
 
         Args:
-            campaign: its id.
+            campaign: the campaign, or its id.
             settings: all of them; or give those that are not as usual by name.
             fields: fields of AnalysisSettings, as plain data.
 
@@ -59,25 +73,27 @@ class Analyses:
                 do not go together with this one.
         """
         wanted = settings or read_fields(fields, AnalysisSettings)
-        return self._link.post(f"/campaigns/{campaign}/analyses", Analysis, wanted)
+        return self._link.post(f"{locate_campaign(campaign)}/analyses", Analysis, wanted)
 
-    def get(self, analysis: int) -> Analysis:
+    def get(self, analysis: AnalysisLike) -> Analysis:
         """The analysis, with its result once it is done.
 
         Raises:
             NotFound: no such analysis.
         """
-        return self._link.get(f"/analyses/{analysis}", Analysis)
+        return self._link.get(locate_analysis(analysis), Analysis)
 
-    def list(self, campaign: int) -> Rows[Analysis]:
+    def list(self, campaign: CampaignLike) -> Rows[Analysis]:
         """The analyses of a campaign, newest first, without their results.
 
         Raises:
             NotFound: no such campaign.
         """
-        return self._link.pages(f"/campaigns/{campaign}/analyses", Page[Analysis], "before")
+        return self._link.pages(f"{locate_campaign(campaign)}/analyses", Page[Analysis], "before")
 
-    def wait(self, analysis: int, poll_s: float = 0.3, timeout_s: float | None = None) -> Analysis:
+    def wait(
+        self, analysis: AnalysisLike, poll_s: float = 0.3, timeout_s: float | None = None
+    ) -> Analysis:
         """The analysis once it is done or has failed.
 
         Raises:
@@ -88,44 +104,44 @@ class Analyses:
             lambda: self.get(analysis), lambda seen: seen.state in OVER, poll_s, timeout_s
         )
 
-    def eigenfailures(self, analysis: int) -> tuple[FailureMode, ...]:
+    def eigenfailures(self, analysis: AnalysisLike) -> tuple[FailureMode, ...]:
         """The failure modes, each with its eigenfailure.
 
         Raises:
             NotFound: no such analysis.
             Conflict: it is not done.
         """
-        return self._link.get(f"/analyses/{analysis}/eigenfailures", Page[FailureMode]).items
+        return self._link.get(f"{locate_analysis(analysis)}/eigenfailures", Page[FailureMode]).items
 
-    def modes(self, analysis: int) -> tuple[Mode, ...]:
+    def modes(self, analysis: AnalysisLike) -> tuple[Mode, ...]:
         """The failure modes by number, with their names and without their noise.
 
         Raises:
             NotFound: no such analysis.
         """
-        return self._link.get(f"/analyses/{analysis}/modes", Page[Mode]).items
+        return self._link.get(f"{locate_analysis(analysis)}/modes", Page[Mode]).items
 
-    def rename_mode(self, analysis: int, mode: int, name: str) -> Mode:
+    def rename_mode(self, analysis: AnalysisLike, mode: ModeLike, name: str) -> Mode:
         """Give a failure mode a name.
 
         Args:
-            analysis: id of the analysis.
-            mode: number of the mode, from 1.
+            analysis: the analysis, or its id.
+            mode: the mode, or its number, from 1.
             name: at most 80 characters.
 
         Raises:
             NotFound: no such analysis or mode.
             InvalidValue: the name is empty, too long, or cannot be printed.
         """
-        place = f"/analyses/{analysis}/modes/{mode}/name"
+        place = f"{locate_mode(analysis, mode)}/name"
         return self._link.put(place, Mode, read_fields({"name": name}, ModeName))
 
-    def animate(self, analysis: int, mode: int, path: Path | str) -> Path:
+    def animate(self, analysis: AnalysisLike, mode: ModeLike, path: Path | str) -> Path:
         """Write the failures of a mode, drawn over each other, as an animated GIF.
 
         Args:
-            analysis: its id.
-            mode: number of the mode, from 1.
+            analysis: the analysis, or its id.
+            mode: the mode, or its number, from 1.
             path: path of the file; one that is there is replaced.
 
         Returns:
@@ -138,18 +154,20 @@ class Analyses:
             ServiceError: the file cannot be written.
         """
         path = Path(path)
-        place = f"/analyses/{analysis}/modes/{mode}/animation"
+        place = f"{locate_mode(analysis, mode)}/animation"
         write_whole(path, self._link.chunks(place, {}))
         return path
 
-    def prove(self, analysis: int, variations: Sequence[Mapping[str, Any]] | None = None) -> Proof:
+    def prove(
+        self, analysis: AnalysisLike, variations: Sequence[Mapping[str, Any]] | None = None
+    ) -> Proof:
         """Have eigenfailures and medoids replayed, in a campaign for each scenario.
 
         Failures that are replayed there already are not replayed again. Wait for the end with
         `wait_for_proof`.
 
         Args:
-            analysis: its id.
+            analysis: the analysis, or its id.
             variations: scenario parameters, each put over those of the analysed campaign, {} for
                 its own scenario; None takes that and its neighbours to both sides.
 
@@ -160,19 +178,19 @@ class Analyses:
             InvalidValue: a parameter outside its bounds, a distribution, or no variation.
         """
         asked = read_fields({"variations": variations}, ProofRequest)
-        return self._link.post_once_only(f"/analyses/{analysis}/proof", Proof, asked)
+        return self._link.post_once_only(f"{locate_analysis(analysis)}/proof", Proof, asked)
 
-    def proof(self, analysis: int) -> Proof:
+    def proof(self, analysis: AnalysisLike) -> Proof:
         """How many replays failed again, in which scenarios, as far as results are in.
 
         Raises:
             NotFound: no such analysis.
             Conflict: it is not done.
         """
-        return self._link.get(f"/analyses/{analysis}/proof", Proof)
+        return self._link.get(f"{locate_analysis(analysis)}/proof", Proof)
 
     def wait_for_proof(
-        self, analysis: int, poll_s: float = 0.3, timeout_s: float | None = None
+        self, analysis: AnalysisLike, poll_s: float = 0.3, timeout_s: float | None = None
     ) -> Proof:
         """The proof once all of its replays have ended; `prove` comes first.
 
@@ -223,10 +241,10 @@ UNUSUAL = (
 NOTHING: Mapping[str, bytes] = MappingProxyType({})
 
 
-def fetch_report(link: Link, campaigns: int | Sequence[int]) -> dict[str, bytes]:
+def fetch_report(link: Link, campaigns: CampaignsLike) -> dict[str, bytes]:
     """The files of a report by name; raises as `Client.report` does."""
-    ids = [campaigns] if isinstance(campaigns, int) else list(campaigns)
-    asked = httpx2.QueryParams({"campaign": ids, "format": "zip"})
+    ids = find_campaign_ids(campaigns)
+    asked = httpx2.QueryParams({"campaign": list(ids), "format": "zip"})
     return unpack(link.get_bytes("/report", asked, WITHIN_S))
 
 

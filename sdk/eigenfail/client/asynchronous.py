@@ -8,13 +8,13 @@ single request when its answer is in.
 """
 
 import inspect
-from collections.abc import AsyncIterator, Callable, Iterable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial, update_wrapper
 from itertools import islice
 from threading import Event
 from types import TracebackType
-from typing import Any, Generic, Self, TypeVar, get_origin
+from typing import Any, Generic, Self, SupportsIndex, TypeVar, get_origin
 
 import httpx2
 from anyio import CapacityLimiter, get_cancelled_exc_class, to_thread
@@ -97,7 +97,10 @@ class AsyncRows(Generic[Row]):
 
     def __repr__(self) -> str:
         """How to get at them; asks nothing."""
-        return "<AsyncRows: async for, or await first(n), to_pandas(), to_numpy()>"
+        return (
+            "<AsyncRows: async for, or await count(), rows[i], rows[i:j], first(n), "
+            "to_pandas(), to_arrow(), to_numpy()>"
+        )
 
     async def __aiter__(self) -> AsyncIterator[Row]:
         """All of them: rows page by page, events one by one."""
@@ -112,20 +115,33 @@ class AsyncRows(Generic[Row]):
             with suppress(ValueError):  # a thread is in it still, and about to leave
                 getattr(rows, "close", lambda: None)()
 
+    def __getitem__(self, place: SupportsIndex | slice) -> Awaitable[Any]:
+        """One row, or those of a slice as a tuple, once awaited: `await rows[-1]`."""
+        return self._threads.run(lambda: self._rows()[place])
+
+    async def count(self) -> int:
+        """Return the number of rows; one request where the service counts them."""
+        return await self._threads.run(lambda: self._rows().count())
+
     async def first(self, n: int = SHOWN) -> tuple[Row, ...]:
         """The first n of them, or all where there are fewer."""
-        return await self._threads.run(lambda: take_rows(iter(self._begin()), n))
+        return await self._threads.run(lambda: self._rows().first(n))
 
     async def to_pandas(self) -> Any:
         """All rows as a data frame; raises as `Rows.to_pandas` does."""
         return await self._threads.run(lambda: self._rows().to_pandas())
+
+    async def to_arrow(self) -> Any:
+        """All rows as an Arrow table; raises as `Rows.to_arrow` does."""
+        return await self._threads.run(lambda: self._rows().to_arrow())
 
     async def to_numpy(self) -> Any:
         """All rows as a structured array; raises as `Rows.to_numpy` does."""
         return await self._threads.run(lambda: self._rows().to_numpy())
 
     def _rows(self) -> Rows[Row]:
-        return Rows(lambda: iter(self._begin()))
+        source = self._begin()
+        return source if isinstance(source, Rows) else Rows(lambda: iter(source))
 
 
 class AsyncVerbs:

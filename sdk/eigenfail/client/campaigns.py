@@ -1,10 +1,20 @@
 """Campaigns, as a client sees them: created, followed, steered and judged."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from functools import partial
+from typing import Any, Unpack, overload
 
-from eigenfail.client.link import Link, report_progress, wait_until
-from eigenfail.errors import InvalidValue
+from eigenfail.client.fields import CampaignChanges, CampaignFields
+from eigenfail.client.link import Extent, Link, report_progress, reverse_order, wait_until
+from eigenfail.client.references import (
+    CampaignLike,
+    CampaignsLike,
+    EpisodeLike,
+    find_campaign_ids,
+    find_episode_id,
+    locate_campaign,
+    locate_episode,
+)
 from eigenfail.filters import NEWEST_FIRST, parse_campaign_sort
 from eigenfail.frames import Rows
 from eigenfail.values import (
@@ -42,12 +52,18 @@ class Campaigns:
     def __init__(self, link: Link) -> None:
         self._link = link
 
+    @overload
+    def create(self, spec: CampaignSpec) -> Campaign: ...
+
+    @overload
+    def create(self, **fields: Unpack[CampaignFields]) -> Campaign: ...
+
     def create(self, spec: CampaignSpec | None = None, **fields: Any) -> Campaign:
         """A new campaign, queued.
 
         Args:
             spec: all of it; or give its fields by name.
-            fields: fields of a CampaignSpec, as structs or plain data.
+            fields: fields of a CampaignSpec, as values or plain data; type checkers know them.
 
         Raises:
             UnknownName: a field, plug-in, setting or parameter that does not exist.
@@ -71,7 +87,9 @@ class Campaigns:
         """
         return self._link.post_once_only("/campaigns/bulk", Page[Campaign], list(specs), key).items
 
-    def check(self, spec: CampaignSpec | None = None, **fields: Any) -> CampaignCheck:
+    def check(
+        self, spec: CampaignSpec | None = None, **fields: Unpack[CampaignChanges]
+    ) -> CampaignCheck:
         """What a campaign would be, or everything that is wrong with it; nothing is launched.
 
         Args:
@@ -80,11 +98,11 @@ class Campaigns:
         """
         return self._link.post("/campaigns/check", CampaignCheck, spec or fields)
 
-    def clone(self, campaign: int, **changes: Any) -> Campaign:
+    def clone(self, campaign: CampaignLike, **changes: Unpack[CampaignChanges]) -> Campaign:
         """A new campaign like an earlier one, queued.
 
         Args:
-            campaign: the earlier one.
+            campaign: the earlier one, or its id.
             changes: fields of a CampaignSpec that are to be other than there. Settings and
                 parameters are put over the earlier ones, unless their plug-in is another one.
 
@@ -93,32 +111,37 @@ class Campaigns:
             UnknownName: a field, plug-in, setting or parameter that does not exist.
             InvalidValue: a value outside its bounds.
         """
-        return self._link.post_once_only(f"/campaigns/{campaign}/clone", Campaign, changes)
+        return self._link.post_once_only(f"{locate_campaign(campaign)}/clone", Campaign, changes)
 
-    def shrink(self, campaign: int, episode: int, episodes: int = SHRINK_WITHIN) -> Campaign:
+    def shrink(
+        self,
+        campaign: CampaignLike,
+        episode: EpisodeLike | None = None,
+        episodes: int = SHRINK_WITHIN,
+    ) -> Campaign:
         """A new campaign that finds out how little noise a failure needs; see `minimal`.
 
         It runs in the scenario that the episode drew, where its campaign drew one.
 
         Args:
-            campaign: campaign of the failure.
-            episode: its index.
+            campaign: campaign of the failure, or its id; or the failure itself.
+            episode: the failure, or its index; None where `campaign` is the failure.
             episodes: the budget of replays.
 
         Raises:
             NotFound: no such campaign, or the episode has no result.
             InvalidValue: the episode did not end in a collision.
         """
-        path = f"/campaigns/{campaign}/episodes/{episode}/shrink"
+        path = f"{locate_episode(*find_episode_id(campaign, episode))}/shrink"
         return self._link.post_once_only(path, Campaign, ShrinkRequest(episodes))
 
-    def get(self, campaign: int) -> Campaign:
+    def get(self, campaign: CampaignLike) -> Campaign:
         """The campaign as it stands.
 
         Raises:
             NotFound: no such campaign.
         """
-        return self._link.get(f"/campaigns/{campaign}", Campaign)
+        return self._link.get(locate_campaign(campaign), Campaign)
 
     def list(
         self,
@@ -144,36 +167,38 @@ class Campaigns:
         """
         order = str(parse_campaign_sort(sort))
         asked = {"state": state, "suite": suite, "method": method, "search": search, "sort": order}
-        return self._link.pages("/campaigns", Page[Campaign], "before", asked)
+        reverse = reverse_order(asked, parse_campaign_sort(sort), "id")
+        extent = Extent(partial(self._link.count, "/campaigns", asked), reverse)
+        return self._link.pages("/campaigns", Page[Campaign], "before", asked, extent)
 
-    def pause(self, campaign: int) -> Campaign:
+    def pause(self, campaign: CampaignLike) -> Campaign:
         """Let it rest once the rounds at work are in.
 
         Raises:
             NotFound: no such campaign.
             IllegalTransition: it has ended.
         """
-        return self._link.post(f"/campaigns/{campaign}/pause", Campaign)
+        return self._link.post(f"{locate_campaign(campaign)}/pause", Campaign)
 
-    def resume(self, campaign: int) -> Campaign:
+    def resume(self, campaign: CampaignLike) -> Campaign:
         """Let it go on.
 
         Raises:
             NotFound: no such campaign.
             IllegalTransition: it is not paused.
         """
-        return self._link.post(f"/campaigns/{campaign}/resume", Campaign)
+        return self._link.post(f"{locate_campaign(campaign)}/resume", Campaign)
 
-    def cancel(self, campaign: int) -> Campaign:
+    def cancel(self, campaign: CampaignLike) -> Campaign:
         """End it; finished episodes are kept.
 
         Raises:
             NotFound: no such campaign.
             IllegalTransition: it has ended otherwise.
         """
-        return self._link.post(f"/campaigns/{campaign}/cancel", Campaign)
+        return self._link.post(f"{locate_campaign(campaign)}/cancel", Campaign)
 
-    def prioritise(self, campaign: int, priority: Priority | str) -> Campaign:
+    def prioritise(self, campaign: CampaignLike, priority: Priority | str) -> Campaign:
         """Give it another priority, low, normal or high, from now on; its episodes stay the same.
 
         Raises:
@@ -182,11 +207,11 @@ class Campaigns:
             InvalidValue: there is no such priority.
         """
         change = read_fields({"priority": priority}, PriorityChange)
-        return self._link.post(f"/campaigns/{campaign}/priority", Campaign, change)
+        return self._link.post(f"{locate_campaign(campaign)}/priority", Campaign, change)
 
     def wait(
         self,
-        campaign: int,
+        campaign: CampaignLike,
         on_progress: Callable[[Campaign], None] | None = None,
         poll_s: float = 0.3,
         timeout_s: float | None = None,
@@ -197,7 +222,7 @@ class Campaigns:
         A campaign of which every episode errored ends, too; its `is_errored` is then true.
 
         Args:
-            campaign: its id.
+            campaign: the campaign, or its id.
             on_progress: called with the campaign after every poll, the last one included.
             poll_s: time between two looks.
             timeout_s: give up after this time; None waits for ever.
@@ -217,59 +242,60 @@ class Campaigns:
 
             return wait_until(look, lambda seen: seen.state in AT_REST, poll_s, timeout_s)
 
-    def summary(self, campaign: int) -> Summary:
+    def summary(self, campaign: CampaignLike) -> Summary:
         """Failures, rate, likelihood and cost so far.
 
         Raises:
             NotFound: no such campaign.
         """
-        return self._link.get(f"/campaigns/{campaign}/summary", Summary)
+        return self._link.get(f"{locate_campaign(campaign)}/summary", Summary)
 
     def summaries(self) -> Rows[Summary]:
         """The summaries of all campaigns, newest first."""
-        return self._link.pages("/campaigns/summaries", Page[Summary], "before")
+        extent = Extent(partial(self._link.count, "/campaigns"))
+        return self._link.pages("/campaigns/summaries", Page[Summary], "before", None, extent)
 
-    def course(self, campaign: int, per: int | None = None) -> Course:
+    def course(self, campaign: CampaignLike, per: int | None = None) -> Course:
         """Failure rate, likelihood and robustness by blocks of episodes, so far.
 
         Args:
-            campaign: its id.
+            campaign: the campaign, or its id.
             per: episodes of a block; None chooses by the budget.
 
         Raises:
             NotFound: no such campaign.
             InvalidValue: so short blocks would be too many.
         """
-        return self._link.get(f"/campaigns/{campaign}/course", Course, {"per": per})
+        return self._link.get(f"{locate_campaign(campaign)}/course", Course, {"per": per})
 
-    def safety(self, campaign: int, level: float = TAIL_LEVEL) -> Safety:
+    def safety(self, campaign: CampaignLike, level: float = TAIL_LEVEL) -> Safety:
         """Collisions, near misses, MinTTC, DRAC and severity of the episodes so far.
 
         Args:
-            campaign: its id.
+            campaign: the campaign, or its id.
             level: level of VaR and CVaR of severity, between 0 and 1.
 
         Raises:
             NotFound: no such campaign.
             InvalidValue: the level is outside its bounds.
         """
-        return self._link.get(f"/campaigns/{campaign}/safety", Safety, {"level": str(level)})
+        return self._link.get(f"{locate_campaign(campaign)}/safety", Safety, {"level": str(level)})
 
-    def prunings(self, campaign: int) -> tuple[Pruning, ...]:
+    def prunings(self, campaign: CampaignLike) -> tuple[Pruning, ...]:
         """Return the prunings of its noise: by which rule, when, by whom, how much.
 
         Raises:
             NotFound: no such campaign.
         """
-        return self._link.get(f"/campaigns/{campaign}/prunings", Page[Pruning]).items
+        return self._link.get(f"{locate_campaign(campaign)}/prunings", Page[Pruning]).items
 
-    def workers(self, campaign: int) -> tuple[WorkerShare, ...]:
+    def workers(self, campaign: CampaignLike) -> tuple[WorkerShare, ...]:
         """Who ran its episodes; who ran most comes first.
 
         Raises:
             NotFound: no such campaign.
         """
-        return self._link.get(f"/campaigns/{campaign}/workers", Page[WorkerShare]).items
+        return self._link.get(f"{locate_campaign(campaign)}/workers", Page[WorkerShare]).items
 
     def costs_by_method(self) -> tuple[PeerCosts, ...]:
         """What a failure costs by method, over all campaigns of one planner and scenario.
@@ -278,15 +304,15 @@ class Campaigns:
         """
         return self._link.get("/costs", Page[PeerCosts]).items
 
-    def cost(self, campaign: int) -> CampaignCost:
+    def cost(self, campaign: CampaignLike) -> CampaignCost:
         """What failures and modes cost so far, by when, and what the time went into.
 
         Raises:
             NotFound: no such campaign.
         """
-        return self._link.get(f"/campaigns/{campaign}/cost", CampaignCost)
+        return self._link.get(f"{locate_campaign(campaign)}/cost", CampaignCost)
 
-    def region(self, campaigns: int | Sequence[int]) -> Region:
+    def region(self, campaigns: CampaignsLike) -> Region:
         """Where among the scenario's parameters the episodes so far fail.
 
         Args:
@@ -299,7 +325,7 @@ class Campaigns:
         """
         return self._link.get("/campaigns/region", Region, {"campaigns": _join_ids(campaigns)})
 
-    def compare(self, a: int | Sequence[int], b: int | Sequence[int]) -> Comparison:
+    def compare(self, a: CampaignsLike, b: CampaignsLike) -> Comparison:
         """Two campaigns side by side, or two groups of them that differ in their seeds alone.
 
         Raises:
@@ -308,12 +334,12 @@ class Campaigns:
         """
         return self._link.get("/comparisons", Comparison, {"a": _join_ids(a), "b": _join_ids(b)})
 
-    def over_seeds(self, campaigns: Sequence[int]) -> tuple[SeedSpread, ...]:
+    def over_seeds(self, campaigns: CampaignsLike) -> tuple[SeedSpread, ...]:
         """Mean and spread of campaigns that differ in their seeds alone.
 
         Args:
-            campaigns: ids; those that differ in more are several groups, and a group with one seed
-                or without a completed episode is left out.
+            campaigns: campaigns or ids; those that differ in more are several groups, and a group
+                with one seed or without a completed episode is left out.
 
         Raises:
             NotFound: no such campaign.
@@ -321,35 +347,32 @@ class Campaigns:
         asked = {"campaigns": _join_ids(campaigns)}
         return self._link.get("/seeds", Page[SeedSpread], asked).items
 
-    def minimal(self, campaign: int) -> MinimalFailure:
+    def minimal(self, campaign: CampaignLike) -> MinimalFailure:
         """How little noise a failure needs, so far: of a campaign of the method `minimal`.
 
         Raises:
             NotFound: no such campaign.
             Conflict: it shrinks no failure, or no replay of it has failed.
         """
-        return self._link.get(f"/campaigns/{campaign}/minimal", MinimalFailure)
+        return self._link.get(f"{locate_campaign(campaign)}/minimal", MinimalFailure)
 
-    def mixing(self, campaign: int) -> ChainMixing:
+    def mixing(self, campaign: CampaignLike) -> ChainMixing:
         """How far the chains of a campaign of the method `chains` have mixed.
 
         Raises:
             NotFound: no such campaign.
             Conflict: it has no chains, or none has started.
         """
-        return self._link.get(f"/campaigns/{campaign}/mixing", ChainMixing)
+        return self._link.get(f"{locate_campaign(campaign)}/mixing", ChainMixing)
 
-    def digest(self, campaign: int) -> str:
+    def digest(self, campaign: CampaignLike) -> str:
         """SHA-256 over the results that are in: equal for equal campaigns.
 
         Raises:
             NotFound: no such campaign.
         """
-        return self._link.get(f"/campaigns/{campaign}/digest", Digest).digest
+        return self._link.get(f"{locate_campaign(campaign)}/digest", Digest).digest
 
 
-def _join_ids(campaigns: int | Sequence[int]) -> str:
-    ids = [campaigns] if isinstance(campaigns, int) else campaigns
-    if not ids:
-        raise InvalidValue("campaigns", "none is named.", "Name at least one.")
-    return ",".join(map(str, ids))
+def _join_ids(campaigns: CampaignsLike) -> str:
+    return ",".join(map(str, find_campaign_ids(campaigns)))

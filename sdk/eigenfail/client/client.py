@@ -1,7 +1,7 @@
 """The client: one object for one service, with its keys and its events."""
 
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -12,6 +12,15 @@ from eigenfail.client.analyses import NOTHING, Analyses, check_folder, fetch_rep
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.client.episodes import Episodes
 from eigenfail.client.link import Link, waiter
+from eigenfail.client.references import (
+    CampaignLike,
+    CampaignsLike,
+    EventLike,
+    KeyLike,
+    find_campaign_id,
+    find_event_id,
+    locate_key,
+)
 from eigenfail.client.suites import Suites
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.frames import Rows
@@ -107,7 +116,7 @@ class Client:
 
     def report(
         self,
-        campaigns: int | Sequence[int],
+        campaigns: CampaignsLike,
         folder: Path | str,
         force: bool = False,
         also: Mapping[str, bytes] = NOTHING,
@@ -212,37 +221,37 @@ class Keys:
         """All keys, newest first; those that are no longer valid, too."""
         return self._link.pages("/keys", Page[ApiKey], "before")
 
-    def get(self, key: int) -> ApiKey:
+    def get(self, key: KeyLike) -> ApiKey:
         """A key, without its secret.
 
         Raises:
             NotFound: no such key.
         """
-        return self._link.get(f"/keys/{key}", ApiKey)
+        return self._link.get(locate_key(key), ApiKey)
 
-    def usage(self, key: int) -> Usage:
+    def usage(self, key: KeyLike) -> Usage:
         """What the campaigns of a key use of its quotas now.
 
         Raises:
             NotFound: no such key.
         """
-        return self._link.get(f"/keys/{key}/usage", Usage)
+        return self._link.get(f"{locate_key(key)}/usage", Usage)
 
-    def limit(self, key: int, quotas: Quotas) -> ApiKey:
+    def limit(self, key: KeyLike, quotas: Quotas) -> ApiKey:
         """Set the quotas of a key from now on; its earlier campaigns stay, and count.
 
         Raises:
             NotFound: no such key.
         """
-        return self._link.post(f"/keys/{key}/quotas", ApiKey, quotas)
+        return self._link.post(f"{locate_key(key)}/quotas", ApiKey, quotas)
 
-    def revoke(self, key: int) -> ApiKey:
+    def revoke(self, key: KeyLike) -> ApiKey:
         """Revoke a key, for good.
 
         Raises:
             NotFound: no such key.
         """
-        return self._link.delete(f"/keys/{key}", ApiKey)
+        return self._link.delete(locate_key(key), ApiKey)
 
     def audit(self) -> Rows[AuditEntry]:
         """Who changed what, newest first."""
@@ -255,22 +264,23 @@ class Events:
     def __init__(self, link: Link) -> None:
         self._link = link
 
-    def follow(self, after: int = 0, campaign: int | None = None) -> Iterator[Event]:
+    def follow(self, after: EventLike = 0, campaign: CampaignLike | None = None) -> Iterator[Event]:
         """Every event from now on without end, through cut connections and restarts.
 
         Args:
-            after: begin behind the event with this id; 0 begins with the oldest one.
+            after: begin behind this event, or the event with this id; 0 begins with the oldest one.
             campaign: only events of this campaign.
 
         Raises:
             NotFound: no such campaign.
             ServiceUnreachable: the service stays away.
         """
-        failures = 0
+        last, failures = find_event_id(after), 0
+        number = None if campaign is None else find_campaign_id(campaign)
         while True:
             try:
-                for event in self._connected(after, campaign):
-                    after, failures = event.id, 0
+                for event in self._connected(last, number):
+                    last, failures = event.id, 0
                     yield event
             except httpx2.TransportError as error:
                 failures += 1

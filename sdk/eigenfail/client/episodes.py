@@ -7,11 +7,18 @@ from typing import Any, TypedDict, Unpack, overload
 
 import msgspec
 
-from eigenfail.client.link import Link, wait_until
+from eigenfail.client.link import Extent, Link, reverse_order, wait_until
+from eigenfail.client.references import (
+    CampaignLike,
+    EpisodeLike,
+    find_campaign_id,
+    locate_campaign,
+    locate_episode,
+)
 from eigenfail.errors import InvalidValue, ServiceError, UnknownName
 from eigenfail.exchange.recording import EgoControl, RecordingFormat
 from eigenfail.files import write_whole
-from eigenfail.filters import Value
+from eigenfail.filters import Value, parse_sort
 from eigenfail.frames import Rows
 from eigenfail.values import Campaign, Explanation, Outcome, Page
 from eigenfail.values.operations import Presence
@@ -56,7 +63,7 @@ class Episodes:
     @overload
     def list(
         self,
-        campaign: int,
+        campaign: CampaignLike,
         outcome: Outcome | str | None = None,
         *,
         filter: str = "",
@@ -66,7 +73,7 @@ class Episodes:
     @overload
     def list(
         self,
-        campaign: int,
+        campaign: CampaignLike,
         outcome: Outcome | str | None = None,
         *,
         filter: str = "",
@@ -76,7 +83,7 @@ class Episodes:
 
     def list(
         self,
-        campaign: int,
+        campaign: CampaignLike,
         outcome: Outcome | str | None = None,
         *,
         filter: str = "",  # noqa: A002 - the word that users know it by
@@ -86,7 +93,7 @@ class Episodes:
         """List the finished episodes of a campaign, loaded page by page on demand.
 
         Args:
-            campaign: its id.
+            campaign: the campaign, or its id.
             outcome: only those that ended like this: collision, safe or errored; the same as a
                 condition of the filter.
             filter: conditions such as "severity > 80 and min_ttc_s < 1.5".
@@ -99,16 +106,17 @@ class Episodes:
             UnknownName: a column or a value that there is not.
             InvalidValue: a filter that cannot be read; the error says where.
         """
-        path = f"/campaigns/{campaign}/episodes"
+        path = f"{locate_campaign(campaign)}/episodes"
         asked = {"outcome": outcome, "filter": filter or None, "sort": sort}
-        if not fields:
-            return self._link.pages(path, Page[EpisodeRow], "after", asked)
-        picked = {**asked, "fields": ",".join(fields)}
-        return self._link.pages(path, Page[Picked], "after", picked)
+        picked = {**asked, "fields": ",".join(fields)} if fields else asked
+        kind: type[Page[Any]] = Page[Picked] if fields else Page[EpisodeRow]
+        reverse = reverse_order(picked, parse_sort(sort), "index")
+        extent = Extent(partial(self._link.count, path, asked), reverse)
+        return self._link.pages(path, kind, "after", picked, extent)
 
     def export(
         self,
-        campaign: int,
+        campaign: CampaignLike,
         path: Path | str,
         format: ExportFormat | str | None = None,  # noqa: A002 - as for files elsewhere
         **wanted: Unpack[ExportOptions],
@@ -116,7 +124,7 @@ class Episodes:
         """Write finished episodes of a campaign to a file; it is there whole, or not at all.
 
         Args:
-            campaign: its id.
+            campaign: the campaign, or its id.
             path: path of the file; one that is there is replaced.
             format: csv, ndjson or parquet; by the file's name if it is not given.
             wanted: filter, sort and fields as in `list`; noise=True for z, in Parquet.
@@ -132,12 +140,12 @@ class Episodes:
             ServiceError: the export failed, or the file cannot be written.
         """
         request = read_fields(wanted, ExportRequest)
-        return self._exports.save(campaign, request, Path(path), format)
+        return self._exports.save(find_campaign_id(campaign), request, Path(path), format)
 
     def export_recording(
         self,
-        campaign: int,
-        index: int,
+        campaign: CampaignLike,
+        index: EpisodeLike,
         path: Path | str,
         format: RecordingFormat | str | None = None,  # noqa: A002 - as for files elsewhere
         ego: EgoControl | str = EgoControl.RECORDED,
@@ -147,8 +155,8 @@ class Episodes:
         An episode whose scene was not kept is run again by the service.
 
         Args:
-            campaign: its id.
-            index: index of the episode.
+            campaign: the campaign, or its id.
+            index: the episode, or its index.
             path: path of the file; one that is there is replaced.
             format: openscenario (a ZIP archive), mcap or gif; by the file's name if it is not
                 given.
@@ -167,32 +175,32 @@ class Episodes:
         """
         path = Path(path)
         asked = {"format": choose_recording_format(path, format), "ego": _choose_ego(ego)}
-        place = f"/campaigns/{campaign}/episodes/{index}/recording"
+        place = f"{locate_episode(campaign, index)}/recording"
         write_whole(path, self._link.chunks(place, asked))
         return path
 
-    def get(self, campaign: int, index: int) -> EpisodeDetail:
+    def get(self, campaign: CampaignLike, index: EpisodeLike | None = None) -> EpisodeDetail:
         """One result with its class, its noise and, where it was kept, its scene.
 
         Raises:
             NotFound: no such campaign, or the episode has no result yet.
         """
-        result = self._link.get(f"/campaigns/{campaign}/episodes/{index}", EpisodeDetail)
+        result = self._link.get(locate_episode(campaign, index), EpisodeDetail)
         # JSON forgets the shape (steps, channels) where there is no step.
         arrays = (result.noise.z, result.noise.sigma)
         z, sigma = (each.reshape(-1, len(result.channels)) for each in arrays)
         noise = msgspec.structs.replace(result.noise, z=z, sigma=sigma)
         return msgspec.structs.replace(result, noise=noise)
 
-    def worker(self, campaign: int, index: int) -> Presence:
+    def worker(self, campaign: CampaignLike, index: EpisodeLike | None = None) -> Presence:
         """Who ran an episode, where, and with which versions.
 
         Raises:
             NotFound: no such episode, or nothing is known of its worker any more.
         """
-        return self._link.get(f"/campaigns/{campaign}/episodes/{index}/worker", Presence)
+        return self._link.get(f"{locate_episode(campaign, index)}/worker", Presence)
 
-    def explanation(self, campaign: int, index: int) -> Explanation:
+    def explanation(self, campaign: CampaignLike, index: EpisodeLike | None = None) -> Explanation:
         """An episode run again by the service, with its planner's account of each step.
 
         Raises:
@@ -201,21 +209,23 @@ class Episodes:
             InvalidValue: the episode cannot be run again.
             ServiceError: too many wait for an explanation already.
         """
-        return self._link.get(f"/campaigns/{campaign}/episodes/{index}/explanation", Explanation)
+        return self._link.get(f"{locate_episode(campaign, index)}/explanation", Explanation)
 
-    def replay(self, campaign: int, index: int, scale: float = 1.0) -> Campaign:
+    def replay(
+        self, campaign: CampaignLike, index: EpisodeLike | None = None, scale: float = 1.0
+    ) -> Campaign:
         """A new campaign of one episode that injects this one's noise again, queued.
 
         Args:
-            campaign: its id.
-            index: index of the episode.
+            campaign: the campaign, or its id.
+            index: the episode, or its index.
             scale: scale by which the noise is multiplied, 0.1 to 2; 1 injects it as it was.
 
         Raises:
             NotFound: no such campaign, or the episode has no result yet.
             InvalidValue: the scale is outside its bounds, or the episode has no noise.
         """
-        path = f"/campaigns/{campaign}/episodes/{index}/replay"
+        path = f"{locate_episode(campaign, index)}/replay"
         return self._link.post(path, Campaign, ReplayRequest(scale))
 
 

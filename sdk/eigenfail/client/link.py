@@ -21,11 +21,13 @@ from eigenfail.addresses import is_loopback
 from eigenfail.errors import (
     EigenfailError,
     InvalidValue,
+    ProtocolError,
     ServiceBusy,
     ServiceError,
     ServiceUnreachable,
     StoreUnavailable,
 )
+from eigenfail.filters import SortOrder
 from eigenfail.frames import Rows
 from eigenfail.values import Campaign, Page
 from eigenfail.wire import http
@@ -216,6 +218,19 @@ ZEROMQ_GREETING = b"\xff"
 Params = Mapping[str, int | str | None]
 
 
+class Extent(msgspec.Struct, frozen=True):
+    """How the rows of a list are counted, and read from the last one on.
+
+    Attributes:
+        count: returns the number of rows; None: they are counted one by one.
+        reverse: the parameters with which the same list begins with its last row; None where there
+            is no such order.
+    """
+
+    count: Callable[[], int] | None = None
+    reverse: Params | None = None
+
+
 class Link:
     """The way to one service.
 
@@ -293,27 +308,52 @@ class Link:
         return http.decode(self._repeatedly("DELETE", path), kind)
 
     def pages(
-        self, path: str, kind: type[Page[Kind]], cursor: str, params: Params | None = None
+        self,
+        path: str,
+        kind: type[Page[Kind]],
+        cursor: str,
+        params: Params | None = None,
+        extent: Extent | None = None,
     ) -> Rows[Kind]:
-        """Yield all items of a list, loaded page by page on demand.
+        """Return the rows of a list, loaded page by page on demand.
 
         Args:
             path: path of the list.
             kind: kind of its pages.
             cursor: the parameter that asks for the next page.
             params: further ones.
+            extent: how its rows are counted, and read from the last one on.
         """
+        known = extent or Extent()
 
-        def fetch() -> Iterator[Kind]:
-            asked: dict[str, int | str | None] = {"limit": PAGE, **(params or {})}
-            while True:
-                page = self.get(path, kind, asked)
+        def iterate(asked: Params | None, most: float) -> Iterator[Kind]:
+            query: dict[str, int | str | None] = {"limit": PAGE, **(asked or {})}
+            while most > 0:
+                query["limit"] = int(min(PAGE, most))
+                page = self.get(path, kind, query)
                 yield from page.items
                 if page.next is None:
                     return
-                asked[cursor] = page.next
+                query[cursor] = page.next
+                most -= len(page.items)
 
-        return Rows(fetch)
+        return Rows(
+            lambda: iterate(params, inf),
+            start=partial(iterate, params),
+            count=known.count,
+            backwards=None if known.reverse is None else partial(iterate, known.reverse),
+        )
+
+    def count(self, path: str, params: Params | None = None) -> int:
+        """Return the number of items that match a request, on all pages of a list together.
+
+        Raises:
+            ProtocolError: the service does not say.
+        """
+        page = self.get(path, Page[Any], {**(params or {}), "limit": 1, "total": "true"})
+        if isinstance(page.total, msgspec.UnsetType):
+            raise ProtocolError(f"{self.base_url} does not say how many items {path} has.")
+        return page.total
 
     @contextmanager
     def stream(
@@ -375,6 +415,21 @@ class Link:
             raise read_refusal(error.response) from None
         except httpx2.TransportError as error:
             raise self.unreachable(error) from error
+
+
+def reverse_order(params: Params, sort: SortOrder, key: str) -> Params | None:
+    """Return the parameters of a list with its last row first.
+
+    Args:
+        params: parameters of the list.
+        sort: its order.
+        key: the column that every row has and no two rows share; by any other one, rows without a
+            value come last both ways, so that the answer is None.
+    """
+    if sort.column != key:
+        return None
+    turned = msgspec.structs.replace(sort, descending=not sort.descending)
+    return {**params, "sort": str(turned)}
 
 
 def read_refusal(response: httpx2.Response) -> EigenfailError:

@@ -10,6 +10,7 @@ import msgspec
 
 from eigenfail.client.campaigns import AT_REST, Campaigns
 from eigenfail.client.link import Link, wait_until
+from eigenfail.client.references import SuiteLike, find_suite_name
 from eigenfail.errors import IllegalTransition
 from eigenfail.frames import Rows
 from eigenfail.suites import Suite, list_ready_members, match_campaigns
@@ -133,13 +134,16 @@ class Suites:
         """All suites that have campaigns, those with the newest ones first."""
         return self._link.pages("/suites", Page[SuiteStanding], "before")
 
-    def table(self, name: str) -> SuiteTable:
-        """A suite by its name: the newest campaign of each member, and what differs between them.
+    def table(self, suite: SuiteLike) -> SuiteTable:
+        """The newest campaign of each member of a suite, and what differs between them.
+
+        Args:
+            suite: the suite, or its name.
 
         Raises:
             NotFound: no campaign belongs to such a suite.
         """
-        return self._link.get(f"/suites/{quote(name, safe='')}", SuiteTable)
+        return self._link.get(f"/suites/{quote(find_suite_name(suite), safe='')}", SuiteTable)
 
     def _found(self, suite: Suite) -> dict[str, Campaign]:
         """The campaigns of members that have one, by the members' names."""

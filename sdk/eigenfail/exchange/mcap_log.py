@@ -19,7 +19,7 @@ from eigenfail.exchange.recording import (
     find_height,
     name_vehicle,
 )
-from eigenfail.frames import list_noise
+from eigenfail.tabulation import list_noise
 from eigenfail.versions import PACKAGE, read_version
 
 if TYPE_CHECKING:

@@ -27,7 +27,7 @@ from eigenfail.exchange.recording import (
     find_presence,
     name_vehicle,
 )
-from eigenfail.frames import list_noise
+from eigenfail.tabulation import list_noise
 from eigenfail.values import Scene
 from eigenfail.values.records import PEAK_BRAKING_MPS2
 from eigenfail.values.scene import UNKNOWN_KIND

@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from eigenfail.presentation.figures import (
+    count_noun,
     format_count,
     format_interval,
     format_number,
@@ -20,6 +21,7 @@ from eigenfail.presentation.tables import (
     Table,
     TableColumn,
     count_columns,
+    format_cell,
     name_columns,
 )
 from eigenfail.values import (
@@ -34,6 +36,7 @@ from eigenfail.values import (
     ReplayedNoise,
     Reproduction,
 )
+from eigenfail.values.disturbance import number_channels
 from eigenfail.values.mixing import ChainMixing
 
 NO_FAILURE = (
@@ -113,6 +116,29 @@ def _list_disturbances(mode: FailureMode, _channels: Sequence[str]) -> Iterator[
     noises = mode.eigenfailure.T
     yield from (FormattedCell(format_signed(float(noise.mean()))) for noise in noises)
     yield from map(format_peak, noises)
+
+
+def list_mode_facts(mode: FailureMode) -> FactTable:
+    """Return one failure mode by itself: its size, its medoid and its strongest noise."""
+    place = "" if mode.medoid_campaign is None else f" of campaign {mode.medoid_campaign}"
+    steps, channels = mode.eigenfailure.shape
+    peaks = map(format_peak, mode.eigenfailure.T) if steps else ()
+    rows = (
+        ("failures", format_count(mode.failures)),
+        ("medoid", f"episode {mode.medoid}{place}"),
+        ("eigenfailure", f"{count_noun(steps, 'step')}, {count_noun(channels, 'channel')}"),
+        *(
+            (f"peak of {name} [sigma]", peak)
+            for name, peak in zip(number_channels(channels), peaks, strict=False)
+        ),
+        *_list_probability(mode),
+    )
+    return FactTable("Failure mode", rows)
+
+
+def _list_probability(mode: FailureMode) -> Iterator[tuple[str, str]]:
+    if mode.probability is not None:
+        yield "probability under p(x)", format_cell(mode.probability).line
 
 
 def format_peak(noise: Floats) -> str:

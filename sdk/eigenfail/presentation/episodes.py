@@ -109,6 +109,23 @@ def list_episode_facts(
     return FactTable("Episode", tuple(rows))
 
 
+def list_result_facts(result: EpisodeDetail) -> FactTable:
+    """Return one episode by itself: how it ended, and what was measured of it."""
+    likelihood = format_number(result.noise.log_probability, LOG_P_DIGITS)
+    rows = (
+        ("episode", f"{result.index}, seed {result.seed}"),
+        ("outcome", result.outcome.word),
+        ("class", result.assessed.words or UNKNOWN),
+        ("steps", str(result.steps)),
+        ("disturbances", f"from {result.source}, log p {likelihood}"),
+        *list_channel_likelihoods(result.likelihoods),
+        *_list_measured(result, has_road=True),
+        ("scene", "stored" if result.scene else "not stored"),
+        *([("problem", f"{result.fault.kind}: {result.fault.message}")] if result.fault else []),
+    )
+    return FactTable("Episode", rows)
+
+
 def list_channel_likelihoods(
     likelihoods: Sequence[ChannelLikelihood],
 ) -> Iterator[tuple[str, str]]:

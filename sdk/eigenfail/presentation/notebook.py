@@ -9,8 +9,8 @@ from html import escape
 from itertools import chain
 from typing import Any
 
-from eigenfail.frames import SHOWN, Rows, flat
-from eigenfail.presentation.analyses import describe_analysis, describe_proof
+from eigenfail.frames import SHOWN, Rows
+from eigenfail.presentation.analyses import describe_analysis, describe_proof, list_mode_facts
 from eigenfail.presentation.campaigns import (
     describe_comparison,
     describe_costs,
@@ -20,21 +20,24 @@ from eigenfail.presentation.campaigns import (
     tabulate_course,
     tabulate_results,
 )
-from eigenfail.presentation.episodes import tabulate_episodes
+from eigenfail.presentation.episodes import list_result_facts, tabulate_episodes
 from eigenfail.presentation.seeds import tabulate_spreads
 from eigenfail.presentation.suites import describe_suite, tabulate_suites
 from eigenfail.presentation.tables import Block, FactTable, Table, name_columns
+from eigenfail.tabulation import flat
 from eigenfail.values import (
     Analysis,
     Campaign,
     CampaignCost,
     Comparison,
     Course,
+    FailureMode,
+    Mode,
     Proof,
     Safety,
     Summary,
 )
-from eigenfail.values.records import EpisodeRow
+from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.report import Report
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable
@@ -87,6 +90,26 @@ describe.register(Comparison, describe_comparison)
 describe.register(SuiteTable, describe_suite)
 describe.register(Proof, describe_proof)
 describe.register(Analysis, describe_analysis)
+
+
+@describe.register
+def _(value: EpisodeRow) -> Blocks:
+    return (tabulate_episodes([value]),)
+
+
+@describe.register
+def _(value: EpisodeDetail) -> Blocks:
+    return (list_result_facts(value),)
+
+
+@describe.register
+def _(value: FailureMode) -> Blocks:
+    return (list_mode_facts(value),)
+
+
+@describe.register
+def _(value: Mode) -> Blocks:
+    return (_tabulate_fields((value,)),)
 
 
 @describe.register

@@ -11,7 +11,7 @@ import numpy as np
 from eigenfail.values.arrays import Floats
 from eigenfail.values.campaign import Estimate, Interval
 from eigenfail.values.disturbance import AXES
-from eigenfail.values.showing import Brief, Shown, Tabular
+from eigenfail.values.showing import Brief, Plottable, Shown, Tabular
 
 COLLAPSED_SHARE = 0.9
 """A larger share of the failures in one mode is called mode collapse."""
@@ -236,7 +236,7 @@ class AnalysisState(StrEnum):
     FAILED = "failed"
 
 
-class FailureMode(Brief, msgspec.Struct, frozen=True, eq=False):
+class FailureMode(Brief, Shown, Plottable, msgspec.Struct, frozen=True, eq=False):
     """A cluster of failures.
 
     Attributes:
@@ -274,7 +274,7 @@ LONGEST_MODE_NAME = 80
 """Characters of the name of a mode."""
 
 
-class Mode(Tabular, msgspec.Struct, frozen=True):
+class Mode(Shown, Tabular, msgspec.Struct, frozen=True):
     """A failure mode of an analysis, by number and name.
 
     Attributes:
@@ -340,7 +340,7 @@ def propose_mode_name(number: int, words: str) -> str:
     return shorten(sentence, LONGEST_MODE_NAME, placeholder=" …") or f"Mode {number}"
 
 
-class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
+class AnalysisResult(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq=False):
     """What PCA and clustering found. Fields that older releases did not store have their default.
 
     Attributes:
@@ -461,7 +461,7 @@ class AnalysisResult(Brief, Tabular, msgspec.Struct, frozen=True, eq=False):
         return f"{len(self.modes)} distinct modes ({against}; {again})."
 
 
-class Analysis(Brief, Shown, Tabular, msgspec.Struct, frozen=True, eq=False):
+class Analysis(Brief, Shown, Tabular, Plottable, msgspec.Struct, frozen=True, eq=False):
     """Current state of an analysis.
 
     Attributes:

@@ -11,7 +11,7 @@ from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.episode import ERRORED, MAX_SEED, EpisodeSetup
 from eigenfail.values.operations import Versions
 from eigenfail.values.requirements import COLLISION_ALONE, AnyRequirement, Requirements
-from eigenfail.values.showing import Shown
+from eigenfail.values.showing import Plottable, Shown
 
 MAX_USD = 1e9
 
@@ -460,7 +460,7 @@ class RunPart(msgspec.Struct, frozen=True, kw_only=True):
     results: int
 
 
-class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
+class Campaign(Shown, Plottable, msgspec.Struct, frozen=True, kw_only=True):
     """Current state of a campaign.
 
     Attributes:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from eigenfail.values.campaign import Cost, Interval, Rate, Settings
 from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.requirements import Requirements
-from eigenfail.values.showing import Brief, Shown, Tabular
+from eigenfail.values.showing import Brief, Plottable, Shown, Tabular
 
 
 class PairTotals(msgspec.Struct, frozen=True):
@@ -120,7 +120,7 @@ class Distinction(msgspec.Struct, frozen=True):
     b: str
 
 
-class Comparison(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
+class Comparison(Brief, Shown, Tabular, Plottable, msgspec.Struct, frozen=True, kw_only=True):
     """Two groups of campaigns, side by side.
 
     Attributes:

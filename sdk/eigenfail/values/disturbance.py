@@ -22,7 +22,7 @@ from eigenfail.values.channels import (
     write_out,
 )
 from eigenfail.values.shapes import NoiseShape, PerChannel, Row, Shape, White
-from eigenfail.values.showing import Brief, Tabular
+from eigenfail.values.showing import Brief, Plottable, Tabular
 from eigenfail.values.student_t import LOG_SQRT_TWO_PI
 from eigenfail.values.variation import make_correlation_matrix
 
@@ -276,7 +276,15 @@ TRAJECTORIES_AT_A_TIME = 32
 doubles stay in the cache of the processor."""
 
 
-class NoiseTrajectory(Brief, Tabular, msgspec.Struct, frozen=True, eq=False, dict=True):
+def number_channels(count: int) -> tuple[str, ...]:
+    """Return names of so many channels whose own names are not known.
+
+    Two channels have the names of those that there always were.
+    """
+    return AXES if count == len(AXES) else tuple(f"channel_{each + 1}" for each in range(count))
+
+
+class NoiseTrajectory(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq=False, dict=True):
     """The disturbances of one episode, step by step, up to its end.
 
     Attributes:

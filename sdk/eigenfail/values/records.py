@@ -9,7 +9,7 @@ from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import AXES, ChannelLikelihood, find_channel_likelihoods
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.measures import LaterMeasures, Measure, Measures, read_declarations
-from eigenfail.values.showing import Tabular
+from eigenfail.values.showing import Plottable, Shown, Tabular
 
 NEAR_MISS_TTC_S = 1.5
 """A time to collision below this is a violation."""
@@ -167,7 +167,7 @@ class Verdict(StrEnum):
     UNWANTED = "unwanted"
 
 
-class _EpisodeIdentity(LaterMeasures, frozen=True):
+class _EpisodeIdentity(Shown, LaterMeasures, frozen=True):
     # Positional fields stand before the inherited ones, which are keyword-only: this class exists
     # for the order of the fields in answers and files.
     campaign: int
@@ -208,7 +208,7 @@ class EpisodeRow(_EpisodeIdentity, frozen=True, kw_only=True):
     mode: int | None = None
 
 
-class EpisodeDetail(Tabular, EpisodeResult, frozen=True, eq=False, kw_only=True):
+class EpisodeDetail(Shown, Tabular, Plottable, EpisodeResult, frozen=True, eq=False, kw_only=True):
     """A result with its assessment from outcome and measures, as the service returns it.
 
     Its table is that of its noise, with the names of the channels.
@@ -356,7 +356,13 @@ Item = TypeVar("Item")
 
 
 class Page(msgspec.Struct, Generic[Item], frozen=True):
-    """Some items, and the cursor that asks for those behind them (None at the end)."""
+    """Some items, and the cursor that asks for those behind them (None at the end).
+
+    Attributes:
+        total: number of items that match the request, on all pages together; absent where the
+            request did not ask for it.
+    """
 
     items: tuple[Item, ...]
     next: int | None = None
+    total: int | msgspec.UnsetType = msgspec.UNSET

@@ -6,7 +6,7 @@ from typing import Annotated
 import msgspec
 
 from eigenfail.values.campaign import Campaign
-from eigenfail.values.showing import Brief, Shown
+from eigenfail.values.showing import Shown
 
 MOST_CAMPAIGNS = 20
 """Maximum number of campaigns in one report."""
@@ -83,7 +83,7 @@ class ReportSection(msgspec.Struct, frozen=True, kw_only=True):
     pictures: tuple[ReportPicture, ...] = ()
 
 
-class Report(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
+class Report(Shown, msgspec.Struct, frozen=True, kw_only=True):
     """What campaigns found, as it stood when the report was made.
 
     Attributes:
@@ -99,6 +99,12 @@ class Report(Brief, Shown, msgspec.Struct, frozen=True, kw_only=True):
     warnings: tuple[str, ...]
     campaigns: tuple[Campaign, ...]
     sections: tuple[ReportSection, ...]
+
+    def __repr__(self) -> str:
+        """Title and size, on one line."""
+        ids = tuple(campaign.id for campaign in self.campaigns)
+        sizes = f"sections={len(self.sections)}, tables={len(self.tables)}"
+        return f"Report({self.title!r}, campaigns={ids}, {sizes})"
 
     @property
     def tables(self) -> tuple[ReportTable, ...]:

@@ -10,6 +10,8 @@ import eigenfail
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow as pa
+    from matplotlib.axes import Axes
 
 MOST_ITEMS = 6
 """Number of items of a sequence that a repr shows."""
@@ -44,8 +46,30 @@ class Brief:
         return f"{type(self).__name__}({', '.join(fields)})"
 
 
+class Plottable:
+    """A value with a diagram, which `eigenfail.presentation.plots` draws."""
+
+    __slots__ = ()
+
+    def plot(self, axes: "Axes | None" = None) -> "Axes":
+        """Draw the value with matplotlib.
+
+        Args:
+            axes: where it is drawn; None: into a new figure.
+
+        Returns:
+            The axes, to go on drawing; their `figure` can be saved.
+
+        Raises:
+            InvalidValue: there is no result to draw.
+            ServiceError: matplotlib is not installed.
+        """
+        drawn: Axes = eigenfail.convert(self, "plot", axes)
+        return drawn
+
+
 class Tabular:
-    """A value with a table in it; `eigenfail.frames` says which."""
+    """A value with a table in it; `eigenfail.tabulation` says which."""
 
     __slots__ = ()
 
@@ -57,6 +81,15 @@ class Tabular:
         """
         frame: pd.DataFrame = eigenfail.convert(self, "pandas")
         return frame
+
+    def to_arrow(self) -> "pa.Table":
+        """The table as an Arrow table; null where nothing is known, JSON in place of nested values.
+
+        Raises:
+            ServiceError: pyarrow is not installed.
+        """
+        table: pa.Table = eigenfail.convert(self, "arrow")
+        return table
 
     def to_numpy(self) -> NDArray[np.generic]:
         """The table as a structured array with a field for each column; NaN where nothing is known.

@@ -4,7 +4,7 @@ import msgspec
 
 from eigenfail.values.campaign import Cost, Counts, Estimate, Rate
 from eigenfail.values.episode import Outcome
-from eigenfail.values.showing import Brief, Shown, Tabular
+from eigenfail.values.showing import Brief, Plottable, Shown, Tabular
 
 
 class MeanTime(msgspec.Struct, frozen=True):
@@ -209,7 +209,7 @@ class CourseBlock(msgspec.Struct, frozen=True, kw_only=True):
     median_robustness_m: float | None
 
 
-class Course(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
+class Course(Brief, Shown, Tabular, Plottable, msgspec.Struct, frozen=True, kw_only=True):
     """A campaign over its episodes.
 
     Attributes:
@@ -320,7 +320,7 @@ class TimeSplit(msgspec.Struct, frozen=True, kw_only=True):
     problem: str = ""
 
 
-class CampaignCost(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=True):
+class CampaignCost(Brief, Shown, Tabular, Plottable, msgspec.Struct, frozen=True, kw_only=True):
     """Cost of a campaign, with the failures and modes found.
 
     Attributes:

@@ -14,8 +14,8 @@ from eigenfail import plugins
 from eigenfail.contracts import Explainer
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.explanations import encode_question, explain_in_process
-from eigenfail.frames import Record, list_noise
 from eigenfail.process_state import ProcessState
+from eigenfail.tabulation import Record, list_noise
 from eigenfail.values import (
     Analysis,
     AnalysisResult,

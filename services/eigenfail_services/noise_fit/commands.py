@@ -55,7 +55,7 @@ app = typer.Typer(
 LogFile = Annotated[
     Path,
     typer.Argument(
-        metavar="LOG",
+        metavar="FILE",
         help="CSV or Parquet: track, time_s [s], true position dx_m, dy_m and reported position "
         "seen_dx_m, seen_dy_m of a vehicle from the ego [m]; heading_rad, speed_mps, length_m and "
         "width_m if known, each with what was reported as seen_heading_rad and so on; 30 tracks or "

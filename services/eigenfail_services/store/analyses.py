@@ -23,6 +23,7 @@ from eigenfail_services.store.events import append_event, describe_analysis
 from eigenfail_services.store.jobs import enqueue
 from eigenfail_services.store.judging import keep_finite
 from eigenfail_services.store.lifecycle import make_analysis_error, make_mode_error
+from eigenfail_services.store.listing import contains_text
 from eigenfail_services.store.references import hold_noise
 from eigenfail_services.store.schema import (
     analyses,
@@ -168,6 +169,14 @@ class AnalysisStore:
         )
         with self._database.reading() as connection:
             return _read_modes(connection, query)
+
+    def search_modes(self, text: str, limit: int) -> tuple[Mode, ...]:
+        """Return modes whose names contain a text in small or large letters, newest first."""
+        matching = contains_text(modes.c.name, text)
+        query = select(*modes.c).where(matching).limit(limit)
+        with self._database.reading() as connection:
+            newest = query.order_by(modes.c.analysis.desc(), modes.c.number)
+            return _read_modes(connection, newest)
 
     def find_newest(self, campaign: int) -> int | None:
         """Return the id of the newest analysis of a campaign that has a mode; None without one."""

@@ -63,7 +63,7 @@ from eigenfail_services.store.lifecycle import (
     move_campaign,
     set_priority,
 )
-from eigenfail_services.store.listing import filter_campaigns, sort_campaigns
+from eigenfail_services.store.listing import contains_text, filter_campaigns, sort_campaigns
 from eigenfail_services.store.references import hold_named_noise, refuse_pruned
 from eigenfail_services.store.schema import (
     campaigns,
@@ -426,10 +426,28 @@ class CampaignStore:
         items = tuple(found[:limit])
         return Page(items, items[-1].id if len(found) > limit else None)
 
+    def count(self, where: CampaignFilter = ANY_CAMPAIGN) -> int:
+        """Return the number of campaigns that match a filter."""
+        query = select(func.count()).select_from(campaigns).where(*filter_campaigns(where))
+        with self._database.reading() as connection:
+            return connection.execute(query).scalar_one()
+
     def suites(self, limit: int, before: int | None = None) -> Page[SuiteStanding]:
         """Return suites by their newest campaigns, newest first, with ids below `before`."""
         with self._database.reading() as connection:
             return _read_suites(connection, limit, before)
+
+    def search_suites(self, text: str, limit: int) -> tuple[str, ...]:
+        """Return suites whose names contain a text in small or large letters, newest first."""
+        query = (
+            select(campaigns.c.suite)
+            .where(contains_text(campaigns.c.suite, text))
+            .group_by(campaigns.c.suite)
+            .order_by(func.max(campaigns.c.id).desc())
+            .limit(limit)
+        )
+        with self._database.reading() as connection:
+            return tuple(connection.execute(query).scalars())
 
     def move(
         self, campaign: int, to: CampaignState, because: str = "", claim: Job | None = None

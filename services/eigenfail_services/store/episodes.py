@@ -70,7 +70,7 @@ from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.events import append_event, describe_alarm
 from eigenfail_services.store.judging import Kept, judge, make_rows
 from eigenfail_services.store.lifecycle import make_episode_error, make_pruned_error
-from eigenfail_services.store.listing import Expression, page_queries, select_column
+from eigenfail_services.store.listing import Expression, count_episodes, page_queries, select_column
 from eigenfail_services.store.query_cache import CachedQueries
 from eigenfail_services.store.references import select_pruned_ms
 from eigenfail_services.store.schema import (
@@ -302,6 +302,11 @@ class EpisodeStore:
                     break
         items = tuple(found[:limit])
         return Page(items, items[-1].index if len(found) > limit else None)
+
+    def count(self, campaign: int, where: Conditions = ()) -> int:
+        """Return the number of finished episodes that fulfil all conditions."""
+        with self._database.reading() as connection:
+            return connection.execute(count_episodes(campaign, where)).scalar_one()
 
     def list_mode_failures(
         self, analysis: int, number: int, sort: SortOrder, limit: int

@@ -21,6 +21,7 @@ from sqlalchemy import (
 
 from eigenfail.errors import InvalidValue
 from eigenfail.filters import (
+    BY_INDEX,
     COMPARE,
     Condition,
     Conditions,
@@ -176,6 +177,12 @@ def page_queries(
         yield _by_index(missing, None, sort)
 
 
+def count_episodes(campaign: int, where: Conditions) -> Select[int]:
+    """Return the query of the number of episodes that fulfil all conditions."""
+    matching = _compare_episodes(where, BY_INDEX)
+    return select(func.count()).where(episodes.c.campaign == campaign, *matching)
+
+
 def _by_index(query: _Indices, after: int | None, sort: SortOrder) -> _Indices:
     behind = query if after is None else query.where(_beyond(episode_index, after, sort))
     return behind.order_by(episode_index.desc() if sort.descending else episode_index)
@@ -241,5 +248,10 @@ def filter_campaigns(where: CampaignFilter) -> Iterator[ColumnElement[bool]]:
     if where.suite is not None:
         yield campaigns.c.suite == where.suite
     if where.search is not None:
-        words = where.search.lower().replace("\x00", "�")  # which no database takes
-        yield func.lower(spec_field("name")).contains(words, autoescape=True)
+        yield contains_text(spec_field("name"), where.search)
+
+
+def contains_text(column: ColumnElement[Any], text: str) -> ColumnElement[bool]:
+    """Return the condition that a column contains a text, in small or large letters."""
+    words = text.lower().replace("\x00", "�")  # which no database takes
+    return func.lower(column).contains(words, autoescape=True)

@@ -52,8 +52,10 @@ ROUTES = {
         GET /replays/{campaign}
         GET /risk
         POST /risk
+        GET /search
         GET /suites
         GET /suites/{suite}
+        GET /workers
         GET /analyses/{analysis}/modes/{mode}
         GET /api/v1/analyses/{analysis}
         GET /api/v1/analyses/{analysis}/modes

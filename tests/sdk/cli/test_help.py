@@ -1,8 +1,10 @@
 """What `--help` prints is what is written in the commands."""
 
 import re
+from pathlib import Path
 
 import pytest
+import typer
 from typer.testing import CliRunner
 
 from eigenfail.cli.main import COMMANDS, DeferredCommand, app, defer
@@ -40,3 +42,40 @@ def test_a_check_says_what_quiet_means_for_it():
     printed = text_of(CliRunner().invoke(app, ["campaign", "check", "--help"], env=WIDE).output)
     assert "Print nothing; the exit code gives the result." in printed
     assert "launched campaign" not in printed
+
+
+def list_values():
+    """The name of each value in the help of any command, with its option or argument."""
+    for name in COMMANDS:
+        for path, command in below((name,), defer(name)):
+            for parameter in getattr(command, "params", ()):
+                if hasattr(parameter, "type_descriptor"):
+                    shown = parameter.display_type_rich(ctx=typer.Context(command))
+                    yield path, parameter, shown or ""
+
+
+def test_values_have_the_same_names_in_all_commands():
+    seen = {}
+    for path, parameter, shown in list_values():
+        if parameter.param_type_name == "argument":
+            assert re.match("[A-Z]", parameter.display_name_raw), (path, parameter.name)
+        else:
+            assert not re.match(r"<(int|float|str|path|bool|list)\b", shown), (path, shown)
+            seen.setdefault((parameter.opts[0], parameter.type_descriptor.annotation), set()).add(
+                shown
+            )
+    several = {option: names for (option, _), names in seen.items() if len(names) > 1}
+    # A report is a folder; a plug-in that is checked need not be installed.
+    assert several.keys() <= {"--output", "--scenario", "--campaign"}
+    assert len(seen) > 80
+
+
+def test_whole_numbers_are_n_and_files_are_named_by_their_kind():
+    kinds = {}
+    for _, parameter, shown in list_values():
+        if parameter.param_type_name == "option":
+            kinds.setdefault(parameter.type_descriptor.annotation, set()).add(shown)
+    assert kinds[int] == {"N"}
+    assert kinds[float] == {"NUMBER"}
+    assert kinds[bool] == {""}
+    assert kinds[Path] == {"FILE", "FOLDER", "FILE.toml"}

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from eigenfail.cli.worker import WorkerState, summarize_activity
+from eigenfail.presentation.workers import WorkerState, summarize_activity
 from eigenfail.values.operations import Arrival, Presence, WorkerShare
 
 

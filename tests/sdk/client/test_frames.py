@@ -5,20 +5,25 @@ import math
 
 import msgspec
 import numpy as np
+import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from eigenfail import frames
 from eigenfail.errors import InvalidValue, ServiceError
+from eigenfail.filters import CAMPAIGN_ORDERS, COLUMNS, read_value
 from eigenfail.frames import Rows
 from eigenfail.values import (
     Analysis,
     AnalysisResult,
     AnalysisSettings,
     AnalysisState,
+    CampaignSpec,
     NoiseTrajectory,
     Outcome,
 )
-from eigenfail.values.records import EpisodeRow
+from eigenfail.values.records import Assessment, ConflictClass, EpisodeRow
 
 ROW = EpisodeRow(
     campaign=1,
@@ -61,8 +66,57 @@ def test_a_list_has_a_row_for_each_and_a_column_for_each_field():
     frame = Rows(lambda: iter([ROW, SAFE])).to_pandas()
     assert list(frame["outcome"]) == ["collision", "safe"]
     assert list(frame.loc[frame["severity"] > 0, "index"]) == [0]
-    assert "assessed_conflict" in frame.columns
-    assert "assessed" not in frame.columns
+    assert not any(name.startswith("assessed") for name in frame.columns)
+
+
+def test_an_episode_has_the_columns_of_filters_and_files_and_no_other_name():
+    assessed = Assessment(ConflictClass.PLANNER_FAILURE, 2.0, 0.25, unresolved=False)
+    row = msgspec.structs.replace(ROW, assessed=assessed, requirements=(-0.5, 2.0))
+    frame = Rows(lambda: iter([row])).to_pandas()
+    beside = ["unresolved", "noise_pruned_ms"]
+    assert list(frame.columns) == [*COLUMNS, "requirement_1", "requirement_2", *beside]
+    first = frame.iloc[0]
+    assert first["class"] == "planner_failure"
+    for name in (*COLUMNS, "requirement_2"):
+        value = read_value(row, name)
+        assert pd.isna(first[name]) if value is None else first[name] == value
+    assert isinstance(first["outcome"], str)
+
+
+def test_a_campaign_has_the_columns_that_campaigns_are_sorted_by(client, fields):
+    client.campaigns.create(**fields)
+    campaign = client.campaigns.list().to_pandas()
+    summary = client.campaigns.summaries().to_pandas()
+    assert {*CAMPAIGN_ORDERS} <= {*campaign.columns, *summary.columns}
+    assert {"failures", "completed", "planned", "errored"} <= {*campaign.columns} & {
+        *summary.columns
+    }
+    assert {*CampaignSpec.__struct_fields__} - {"stop", "disturbance"} <= {*campaign.columns}
+    assert "stop_failures" in campaign.columns
+
+
+def test_a_setting_with_the_name_of_a_finding_is_kept_apart(client, fields):
+    for failures in (1, 2):
+        stop = {"failures": failures}
+        client.campaigns.create(**fields | {"name": f"s: {failures}", "stop": stop})
+    table = client.suites.table("s").to_pandas()
+    assert table["setting_failures"].tolist() == [1, 2]
+    assert table["failures"].tolist() == [0, 0]
+
+
+def test_arrow_has_null_where_nothing_is_known_and_json_in_place_of_nested_values(client, fields):
+    table = Rows(lambda: iter([ROW, SAFE])).to_arrow()
+    assert table.column_names == list(Rows(lambda: iter([ROW])).to_pandas().columns)
+    assert table["severity"].to_pylist() == [9.0, None]
+    assert table["has_scene"].to_pylist() == [True, True]
+    client.campaigns.create(**fields | {"settings": {"round_size": 5}})
+    campaigns = client.campaigns.list().to_arrow()
+    assert campaigns["requirements"].to_pylist() == [None]
+    assert campaigns["settings"].to_pylist() == ['{"round_size":5}']
+    kept = pa.BufferOutputStream()
+    pq.write_table(campaigns, kept)
+    assert pq.read_table(pa.BufferReader(kept.getvalue())).equals(campaigns)
+    assert Rows(lambda: iter(())).to_arrow().num_rows == 0
 
 
 def test_numbers_that_are_not_known_are_nan_in_numpy():
@@ -84,7 +138,7 @@ def test_an_analysis_has_a_row_for_each_failure_and_its_scores(analysis):
     frame = analysis.to_pandas()
     assert frame.to_dict("list") == {
         "campaign": [2, 2],
-        "episode": [3, 7],
+        "index": [3, 7],
         "mode": [2, 1],
         "score_1": [1.0, 3.0],
         "score_2": [2.0, 4.0],
@@ -137,7 +191,7 @@ def test_values_of_a_service_are_tables(client, fields):
     assert client.campaigns.cost(made[0]).to_pandas()["usd"].tolist()[0] == 0.0
     summaries = tuple(client.campaigns.summaries())
     assert frames.to_pandas((*summaries, None))["campaign"].tolist() == made[::-1]
-    assert frames.to_numpy(client.campaigns.get(made[0]))["spec_name"].tolist() == ["first"]
+    assert frames.to_numpy(client.campaigns.get(made[0]))["name"].tolist() == ["first"]
 
 
 @pytest.mark.parametrize("value", [3, "text", {"a": 1}])
@@ -146,15 +200,16 @@ def test_what_has_no_table_is_refused(value):
         frames.to_numpy(value)
 
 
-def test_without_pandas_the_remedy_is_said(monkeypatch):
+@pytest.mark.parametrize(("package", "method"), [("pandas", "to_pandas"), ("pyarrow", "to_arrow")])
+def test_without_a_package_the_remedy_is_said(monkeypatch, package, method):
     ordinary = builtins.__import__
 
     def without(name, *rest):
-        if name == "pandas":
+        if name == package:
             raise ImportError(name)
         return ordinary(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(ServiceError, match=r"pip install '\.\[export\]'"):
-        Rows(lambda: iter([ROW])).to_pandas()
+        getattr(Rows(lambda: iter([ROW])), method)()
     assert len(Rows(lambda: iter([ROW])).to_numpy()) == 1

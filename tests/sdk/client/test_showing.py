@@ -5,10 +5,12 @@ from html.parser import HTMLParser
 
 import pytest
 from msgspec.structs import replace
+from store_checks.examples import deliver, running
 
 from eigenfail.frames import SHOWN, Rows
 from eigenfail.presentation.notebook import to_html
-from eigenfail.values import Cost, Interval
+from eigenfail.testing.examples import collision, make_errored_result
+from eigenfail.values import Cost, Interval, Mode
 from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread, SeedValue
 
 NASTY = "<script>alert('[b]x[/b]')</script>"
@@ -76,6 +78,31 @@ def test_every_page_is_small_well_formed_and_escaped(client, campaign, fields, t
     assert "&lt;script&gt;" in pages["suite"]._repr_html_()
     assert pages["episodes"]._repr_html_() == "<p>Nothing.</p>"
     assert f"{campaign.id}: &lt;script&gt;" in pages["report"]._repr_html_()
+
+
+def test_episodes_and_modes_are_shown_by_themselves(client, store):
+    made = running(store, name=NASTY)
+    deliver(store, made, collision(0), make_errored_result(1, NASTY))
+    rows = client.episodes.list(made)
+    mode = Mode(5, 2, 30, NASTY)
+    texts = [each._repr_html_() for each in (*rows, *map(client.episodes.get, rows), mode)]
+    for text in texts:
+        assert tags(text) <= ALLOWED
+        assert tags(text)
+        assert "<script" not in text
+        assert len(text) < 8_000
+    assert f"<td>{made.id}/0</td><td>collision</td>" in texts[0]
+    assert "<th>outcome</th><td>collision</td>" in texts[2]
+    assert "&lt;script&gt;" in texts[3]
+    assert "<th>mode</th>" in texts[4]
+    assert "&lt;script&gt;" in texts[4]
+
+
+def test_a_report_as_the_last_line_of_a_cell_is_one_line(client, campaign, tmp_path):
+    report = client.report(campaign, tmp_path / "report")
+    assert len(repr(report)) < 400
+    assert f"campaigns=({campaign.id},), sections=" in repr(report)
+    assert len(report._repr_html_()) < 4_000
 
 
 def test_campaigns_over_seeds_are_shown_as_their_table():

@@ -232,7 +232,7 @@ def test_suites_are_listed_and_told_by_their_names(client, suite):
         ["seed=1", 1, 1],
         ["seed=2", 2, 2],
     ]
-    assert {"state", "counts_failures", "failure_rate"} <= set(frame.columns)
+    assert {"state", "failures", "failure_rate"} <= set(frame.columns)
     assert table.to_numpy()["seed"].tolist() == [1, 2]
     with pytest.raises(NotFound, match="No campaign belongs to a suite 'duo'"):
         client.suites.table("duo")

@@ -59,6 +59,8 @@ def filters_by_every_column(store: Store) -> None:
         found = [row.index for row in store.episodes.page(campaign, 100, where=(condition,)).items]
         wanted = [row.index for row in rows if condition.holds(row)]
         equal(found, wanted, f"Episodes with {condition}")
+        counted = store.episodes.count(campaign, (condition,))
+        equal(counted, len(wanted), f"Number of episodes with {condition}")
     nothing = parse_filter("severity > 0 and index > 9000000000000000000")
     equal(store.episodes.page(campaign, 5, where=nothing).items, (), "Episodes of no index")
 

@@ -9,6 +9,13 @@ fetchLater();
 follow();
 // A swap replaces a part of the page: the title of the document that the part came from is not its title.
 document.addEventListener("htmx:before:swap", ({ detail }) => { detail.ctx.title = null; });
+// As on other sites, / goes to the search, unless it is typed into a field.
+document.addEventListener("keydown", (event) => {
+  if (event.key !== "/" || event.ctrlKey || event.metaKey || event.altKey) return;
+  if (event.target.closest("input, textarea, select, [contenteditable]")) return;
+  event.preventDefault();
+  document.getElementById("search").focus();
+});
 // Their scripts come with the first click: most pages are read without one.
 document.addEventListener("click", ({ target }) => {
   const term = target.closest("[data-term]");

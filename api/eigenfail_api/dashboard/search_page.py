@@ -1,0 +1,137 @@
+"""The search: campaigns, episodes, failure modes and suites by id or by a part of their names."""
+
+import re
+from typing import Annotated
+from urllib.parse import quote
+
+import msgspec
+from fastapi import APIRouter, Query
+from fastapi.responses import HTMLResponse
+
+from eigenfail.errors import NotFound
+from eigenfail.values import Campaign
+from eigenfail.values.campaign import LONGEST_NAME, CampaignFilter
+from eigenfail_api.dashboard.rendering import Badge, make_campaign_badge, page
+from eigenfail_api.parameters import LARGEST, Stored
+from eigenfail_services.store import Store
+
+MOST_HITS = 20
+"""Maximum number of hits of one kind on the page."""
+
+Text = Annotated[
+    str,
+    Query(
+        alias="q",
+        max_length=LONGEST_NAME,
+        description="A campaign's id, an episode such as 3/17, or a part of a name.",
+    ),
+]
+
+_NUMBER = re.compile(r"#?([1-9]\d{0,18})")
+_EPISODE = re.compile(r"([1-9]\d{0,18})/(\d{1,19})")
+
+
+class Hit(msgspec.Struct, frozen=True):
+    """A line of the answer.
+
+    Attributes:
+        note: what tells it from others of its name.
+        state: state of a campaign; None for anything else.
+    """
+
+    name: str
+    address: str
+    note: str = ""
+    state: Badge | None = None
+
+
+class HitGroup(msgspec.Struct, frozen=True):
+    """The hits of one kind.
+
+    Attributes:
+        more: address of the list of all; empty where all of them are here.
+    """
+
+    title: str
+    hits: tuple[Hit, ...]
+    more: str = ""
+
+
+class SearchView(msgspec.Struct, frozen=True):
+    """The page; without a text it has nothing but the field."""
+
+    text: str
+    groups: tuple[HitGroup, ...] = ()
+
+
+router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
+
+
+@router.get("/search")
+def show_search(store: Stored, text: Text = "") -> HTMLResponse:
+    """Serve what is found by an id or a part of a name."""
+    return page("search.html", make_search_view(store, " ".join(text.split())))
+
+
+def make_search_view(store: Store, text: str) -> SearchView:
+    """Return what is found, the exact ids first; groups without a hit are left out."""
+    if not text:
+        return SearchView(text)
+    groups = (
+        HitGroup("By id", (*_find_campaign(store, text), *_find_episode(store, text))),
+        _search_campaigns(store, text),
+        HitGroup("Failure modes", _search_modes(store, text)),
+        HitGroup("Suites", _search_suites(store, text)),
+    )
+    return SearchView(text, tuple(group for group in groups if group.hits))
+
+
+def _find_campaign(store: Store, text: str) -> tuple[Hit, ...]:
+    found = _NUMBER.fullmatch(text)
+    if found is None or int(found[1]) > LARGEST:
+        return ()
+    try:
+        return (_make_campaign_hit(store.campaigns.get(int(found[1]))),)
+    except NotFound:
+        return ()
+
+
+def _find_episode(store: Store, text: str) -> tuple[Hit, ...]:
+    found = _EPISODE.fullmatch(text)
+    if found is None or max(map(int, found.groups())) > LARGEST:
+        return ()
+    campaign, index = map(int, found.groups())
+    rows = store.episodes.page(campaign, 1, index - 1 if index else None).items
+    if not rows or rows[0].index != index:
+        return ()
+    address = f"/campaigns/{campaign}/episodes/{index}"
+    return (Hit(f"Episode {campaign}/{index}", address, rows[0].outcome.word),)
+
+
+def _search_campaigns(store: Store, text: str) -> HitGroup:
+    found = store.campaigns.page(MOST_HITS, where=CampaignFilter(search=text))
+    more = "" if found.next is None else f"/?search={quote(text)}"
+    return HitGroup("Campaigns", tuple(map(_make_campaign_hit, found.items)), more)
+
+
+def _make_campaign_hit(campaign: Campaign) -> Hit:
+    spec = campaign.spec
+    note = f"campaign {campaign.id}, {spec.method} on {spec.planner} in {spec.scenario}"
+    badge = make_campaign_badge(campaign.state, campaign.counts)
+    return Hit(spec.name, f"/campaigns/{campaign.id}", note, badge)
+
+
+def _search_modes(store: Store, text: str) -> tuple[Hit, ...]:
+    return tuple(
+        Hit(
+            mode.name,
+            f"/analyses/{mode.analysis}/modes/{mode.number}",
+            f"mode {mode.number} of analysis {mode.analysis}",
+        )
+        for mode in store.analyses.search_modes(text, MOST_HITS)
+    )
+
+
+def _search_suites(store: Store, text: str) -> tuple[Hit, ...]:
+    names = store.campaigns.search_suites(text, MOST_HITS)
+    return tuple(Hit(name, f"/suites/{quote(name, safe='')}") for name in names)

@@ -1,0 +1,69 @@
+"""Fields of campaigns and analyses as keyword arguments, with the types that may be given.
+
+Fields of values may be values or plain data, as in TOML and JSON.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any, TypedDict
+
+from eigenfail.values import DisturbanceModel, Priority, StopRules
+from eigenfail.values.requirements import AnyRequirement
+
+Plain = Mapping[str, Any]
+"""A value as plain data: its fields by their names."""
+
+
+class _DefaultedFields(TypedDict, total=False):
+    seed: int
+    settings: Plain
+    scenario: str
+    scenario_parameters: Plain
+    planner: str
+    planner_settings: Plain
+    simulator: str
+    disturbance: DisturbanceModel | Plain
+    stop: StopRules | Plain
+    parallel: int | None
+    price_usd_per_hour: float
+    instances: int
+    scene_every: int
+    priority: Priority | str
+    requirements: Sequence[AnyRequirement | Plain]
+    importance: AnyRequirement | Plain
+
+
+class CampaignFields(_DefaultedFields):
+    """Fields of a new campaign; those of `eigenfail.values.CampaignSpec`, which tells of each.
+
+    Attributes:
+        name: name of the campaign.
+        method: name of the search method.
+        episodes: the budget.
+    """
+
+    name: str
+    method: str
+    episodes: int
+
+
+class CampaignChanges(_DefaultedFields, total=False):
+    """Fields of a campaign, any of which may be left out."""
+
+    name: str
+    method: str
+    episodes: int
+
+
+class AnalysisFields(TypedDict, total=False):
+    """Fields of `eigenfail.values.AnalysisSettings`, any of which may be left out."""
+
+    align: str
+    components: int
+    clusters: int | None
+    axes: str
+    clusterer: str
+    campaigns: Sequence[int]
+    bootstrap: int
+    failures: str
+    centre: str
+    features: str

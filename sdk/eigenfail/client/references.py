@@ -1,0 +1,154 @@
+"""Ids and paths of campaigns, episodes and others that are given as ids or as objects."""
+
+from collections.abc import Iterable, Mapping
+from operator import index as convert_index
+from types import MappingProxyType
+from typing import SupportsIndex
+
+from eigenfail.errors import InvalidValue
+from eigenfail.values import Analysis, Campaign, EpisodeResult, Event, Mode, Summary
+from eigenfail.values.access import ApiKey, NewKey
+from eigenfail.values.records import EpisodeRow
+from eigenfail.values.suite import SuiteRow, SuiteStanding
+
+CampaignLike = SupportsIndex | Campaign | Summary | SuiteRow | EpisodeRow
+"""A campaign: its id, or an object that is the campaign or belongs to it."""
+
+CampaignsLike = CampaignLike | Iterable[CampaignLike]
+"""One campaign, or several, such as those of a list."""
+
+EpisodeLike = SupportsIndex | EpisodeRow | EpisodeResult
+"""An episode of a campaign that is named beside it: its index, or the episode."""
+
+AnalysisLike = SupportsIndex | Analysis | Mode
+"""An analysis: its id, or an object that is the analysis or belongs to it."""
+
+ModeLike = SupportsIndex | Mode
+"""A failure mode of an analysis that is named beside it: its number, from 1, or the mode."""
+
+KeyLike = SupportsIndex | ApiKey | NewKey
+"""A key: its id, or the key."""
+
+EventLike = SupportsIndex | Event
+"""An event: its id, or the event."""
+
+SuiteLike = str | SuiteStanding
+"""A suite that the service knows: its name, or the suite."""
+
+_CAMPAIGN_FIELDS: Mapping[type, str] = MappingProxyType(
+    {Campaign: "id", Summary: "campaign", SuiteRow: "campaign", EpisodeRow: "campaign"}
+)
+
+
+def find_campaign_id(campaign: CampaignLike) -> int:
+    """Return the id of a campaign.
+
+    Raises:
+        InvalidValue: the value is neither an id nor an object of a campaign.
+    """
+    return _find_id("campaign", campaign, _CAMPAIGN_FIELDS)
+
+
+def find_campaign_ids(campaigns: CampaignsLike) -> tuple[int, ...]:
+    """Return the ids of campaigns, in their order.
+
+    Raises:
+        InvalidValue: no campaign is named, or one is neither an id nor an object of a campaign.
+    """
+    named = campaigns if isinstance(campaigns, Iterable) else (campaigns,)
+    if not (ids := tuple(map(find_campaign_id, named))):
+        raise InvalidValue("campaigns", "none is named.", "Name at least one.")
+    return ids
+
+
+def find_episode_id(campaign: CampaignLike, index: EpisodeLike | None) -> tuple[int, int]:
+    """Return campaign and index of an episode.
+
+    Args:
+        campaign: its campaign; or the episode itself, as lists have it.
+        index: the episode; None where `campaign` is the episode.
+
+    Raises:
+        InvalidValue: a value is neither an id nor such an object, the index is missing, or the
+            episode belongs to another campaign.
+    """
+    number = find_campaign_id(campaign)
+    if index is None:
+        if not isinstance(campaign, EpisodeRow):
+            raise InvalidValue("index", "is missing.", "Name the index of the episode.")
+        index = campaign
+    if isinstance(index, EpisodeRow) and index.campaign != number:
+        problem = f"the episode belongs to campaign {index.campaign}, not to {number}."
+        raise InvalidValue("index", problem, "Name its own campaign.")
+    return number, _find_id("index", index, {EpisodeRow: "index", EpisodeResult: "index"})
+
+
+def locate_campaign(campaign: CampaignLike) -> str:
+    """Return the path of a campaign in the API; raises as `find_campaign_id` does."""
+    return f"/campaigns/{find_campaign_id(campaign)}"
+
+
+def locate_episode(campaign: CampaignLike, index: EpisodeLike | None) -> str:
+    """Return the path of an episode in the API; raises as `find_episode_id` does."""
+    number, of_episode = find_episode_id(campaign, index)
+    return f"/campaigns/{number}/episodes/{of_episode}"
+
+
+def locate_analysis(analysis: AnalysisLike) -> str:
+    """Return the path of an analysis in the API.
+
+    Raises:
+        InvalidValue: the value is neither an id nor an object of an analysis.
+    """
+    number = _find_id("analysis", analysis, {Analysis: "id", Mode: "analysis"})
+    return f"/analyses/{number}"
+
+
+def locate_mode(analysis: AnalysisLike, mode: ModeLike) -> str:
+    """Return the path of a failure mode in the API.
+
+    Raises:
+        InvalidValue: a value is neither an id nor such an object, or the mode belongs to another
+            analysis.
+    """
+    place = locate_analysis(analysis)
+    if isinstance(mode, Mode) and locate_analysis(mode) != place:
+        problem = f"the mode belongs to analysis {mode.analysis}."
+        raise InvalidValue("mode", problem, "Name its own analysis.")
+    return f"{place}/modes/{_find_id('mode', mode, {Mode: 'number'})}"
+
+
+def locate_key(key: KeyLike) -> str:
+    """Return the path of a key in the API.
+
+    Raises:
+        InvalidValue: the value is neither an id nor a key.
+    """
+    of_key = key.key if isinstance(key, NewKey) else key
+    return f"/keys/{_find_id('key', of_key, {ApiKey: 'id'})}"
+
+
+def find_event_id(event: EventLike) -> int:
+    """Return the id of an event.
+
+    Raises:
+        InvalidValue: the value is neither an id nor an event.
+    """
+    return _find_id("event", event, {Event: "id"})
+
+
+def find_suite_name(suite: SuiteLike) -> str:
+    """Return the name of a suite."""
+    return suite if isinstance(suite, str) else suite.name
+
+
+def _find_id(parameter: str, given: object, fields: Mapping[type, str]) -> int:
+    for kind, field in fields.items():
+        if isinstance(given, kind):
+            found: int = getattr(given, field)
+            return found
+    if isinstance(given, SupportsIndex) and not isinstance(given, bool):
+        return convert_index(given)
+    known = ", ".join(kind.__name__ for kind in fields)
+    problem = f"{given!r:.80} is neither an id nor one of {known}."
+    raise InvalidValue(parameter, problem, "Give the id or the object.")

@@ -1,0 +1,92 @@
+"""Workers of a service, connected or gone, with what each of them did lately."""
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from enum import StrEnum
+
+import msgspec
+
+from eigenfail.values.operations import Presence, WorkerShare
+
+PACKAGE, PROCESSOR = "eigenfail", "processor"
+"""Names of versions that lists of workers show."""
+
+
+class WorkerState(StrEnum):
+    """What a worker is at."""
+
+    AT_WORK = "at work"
+    WAITING = "waiting"
+    GONE = "gone"
+
+
+class WorkerActivity(msgspec.Struct, frozen=True, kw_only=True):
+    """What a worker did lately; only results that came within the time asked for count.
+
+    Attributes:
+        worker: its name; that of a worker without one is its host and process.
+        host: the machine that it runs on; empty if it is not connected now.
+        version: version of its eigenfail; empty likewise.
+        state: gone if it is not connected; at work if it brought a result in the last minute.
+        campaigns: whose episodes it ran.
+        since_ms: when it connected; milliseconds since 1970, null if it is not connected now.
+        last_ms: when its last result was stored; null before the first one.
+        processor: processor of its machine; empty if it is not connected now.
+        heard_ms: when its hub last said that it is there; null if it is not connected now.
+    """
+
+    worker: str
+    host: str
+    version: str
+    state: WorkerState
+    campaigns: tuple[int, ...]
+    episodes: int
+    failures: int
+    errored: int = msgspec.field(name="failed")
+    since_ms: int | None
+    last_ms: int | None
+    processor: str = ""
+    heard_ms: int | None = None
+
+
+def combine_activity(
+    present: Iterable[Presence], recent: Iterable[WorkerShare], at_work: Iterable[WorkerShare]
+) -> tuple[WorkerActivity, ...]:
+    """Return the workers that are connected or had results, latest results first.
+
+    Args:
+        present: workers that are connected now.
+        recent: their results within the time that counts.
+        at_work: those of the last minute.
+    """
+    here = {presence.worker: presence for presence in present}
+    busy = {share.worker for share in at_work}
+    shares = defaultdict[str, list[WorkerShare]](list, {name: [] for name in here})
+    for share in recent:
+        shares[share.worker].append(share)
+    found = [
+        summarize_activity(name, theirs, here.get(name), is_at_work=name in busy)
+        for name, theirs in shares.items()
+    ]
+    return tuple(sorted(found, key=lambda each: (-(each.last_ms or 0), each.worker)))
+
+
+def summarize_activity(
+    name: str, shares: Sequence[WorkerShare], here: Presence | None, *, is_at_work: bool
+) -> WorkerActivity:
+    """Return what one worker did, of all campaigns together."""
+    connected = WorkerState.AT_WORK if is_at_work else WorkerState.WAITING
+    return WorkerActivity(
+        worker=name,
+        host=here.host if here else "",
+        version=here.versions.get(PACKAGE, "") if here else "",
+        state=connected if here else WorkerState.GONE,
+        campaigns=tuple(sorted(share.campaign for share in shares)),
+        episodes=sum(share.episodes for share in shares),
+        failures=sum(share.failures for share in shares),
+        errored=sum(share.errored for share in shares),
+        since_ms=here.arrived_ms if here else None,
+        last_ms=max((share.last_ms for share in shares), default=None),
+        processor=here.versions.get(PROCESSOR, "") if here else "",
+        heard_ms=here.heard_ms if here else None,
+    )

@@ -1,0 +1,120 @@
+"""Campaigns, episodes, analyses, modes, keys and suites, named by ids or by the objects."""
+
+import inspect
+from typing import get_type_hints
+
+import numpy as np
+import pytest
+from store_checks.examples import deliver, result, running
+
+from eigenfail.client import references
+from eigenfail.client.references import (
+    find_campaign_id,
+    find_campaign_ids,
+    find_episode_id,
+    find_event_id,
+    find_suite_name,
+    locate_analysis,
+    locate_episode,
+    locate_key,
+    locate_mode,
+)
+from eigenfail.errors import InvalidValue
+from eigenfail.values import Event, Mode
+from eigenfail.values.access import UNLIMITED, ApiKey, NewKey, Scope
+
+MODE = Mode(5, 2, 30, "hard braking")
+KEY = ApiKey(id=4, name="ci", scope=Scope.VIEWER, created_ms=0, quotas=UNLIMITED)
+
+NAMED = {
+    "campaign": {"CampaignLike", "CampaignsLike"},
+    "campaigns": {"CampaignsLike"},
+    "a": {"CampaignsLike"},
+    "b": {"CampaignsLike"},
+    "index": {"EpisodeLike"},
+    "episode": {"EpisodeLike"},
+    "analysis": {"AnalysisLike"},
+    "mode": {"ModeLike"},
+    "key": {"KeyLike"},
+    "after": {"EventLike"},
+}
+"""Parameters that name a thing of the service, and what they take."""
+
+
+@pytest.fixture
+def campaign(client, store):
+    made = running(store, name="sweep: a")
+    deliver(store, made, result(0))
+    return client.campaigns.get(made.id)
+
+
+def test_an_object_stands_for_its_id_everywhere(client, campaign):
+    row = client.episodes.list(campaign).first(1)[0]
+    summary = client.campaigns.summary(campaign)
+    assert client.campaigns.get(summary) == campaign
+    assert client.campaigns.get(row) == campaign
+    assert client.campaigns.digest(campaign) == client.campaigns.digest(campaign.id)
+    detail = client.episodes.get(row)
+    assert detail.index == row.index
+    assert client.episodes.get(campaign, detail).seed == row.seed
+    assert client.episodes.replay(row, scale=0.5).spec.settings["scale"] == 0.5
+    other = client.campaigns.clone(campaign)
+    assert client.campaigns.compare([campaign], other).a.campaigns == (campaign.id,)
+    analysis = client.analyses.create(campaign)
+    assert client.analyses.get(analysis).id == analysis.id
+    assert [each.id for each in client.analyses.list(row)] == [analysis.id]
+    table = client.suites.table(client.suites.list().first(1)[0])
+    assert client.campaigns.cost(table.members[0]).campaign == table.members[0].campaign
+    assert client.campaigns.cancel(other).id == other.id
+
+
+def test_lists_and_arrays_of_campaigns_are_named_as_they_are(client, fields):
+    ids = [client.campaigns.create(**fields).id for _ in range(3)]
+    assert find_campaign_ids(client.campaigns.list()) == (*ids[::-1],)
+    assert find_campaign_ids(np.array(ids)) == (*ids,)
+    assert find_campaign_ids(np.int64(7)) == (7,)
+    with pytest.raises(InvalidValue, match="Name at least one"):
+        find_campaign_ids([])
+
+
+def test_modes_keys_events_and_suites_have_their_paths():
+    assert locate_mode(MODE, MODE) == locate_mode(5, 2) == "/analyses/5/modes/2"
+    assert locate_analysis(MODE) == "/analyses/5"
+    assert locate_key(KEY) == locate_key(NewKey(KEY, "ef_4_x")) == locate_key(4) == "/keys/4"
+    assert find_event_id(Event(9, 0, "campaign.state", "It ended.")) == find_event_id(9) == 9
+    assert find_suite_name("sweep") == "sweep"
+
+
+@pytest.mark.parametrize("given", ["7", 7.0, True, None, MODE])
+def test_what_names_no_campaign_is_refused_with_what_was_given(given):
+    with pytest.raises(InvalidValue) as error:
+        find_campaign_id(given)
+    assert error.value.field == "campaign"
+    assert repr(given)[:60] in error.value.problem
+    assert "Campaign" in error.value.problem
+
+
+def test_an_episode_is_never_looked_up_in_another_campaign(client, campaign):
+    row = client.episodes.list(campaign).first(1)[0]
+    assert locate_episode(campaign, row) == locate_episode(row, None)
+    with pytest.raises(InvalidValue, match=f"belongs to campaign {campaign.id}, not to 99"):
+        find_episode_id(99, row)
+    with pytest.raises(InvalidValue, match="Name the index"):
+        find_episode_id(campaign, None)
+    with pytest.raises(InvalidValue, match="belongs to analysis 5"):
+        locate_mode(6, MODE)
+
+
+def test_no_method_takes_ids_alone(client):
+    taken = {name: kind for name, kind in vars(references).items() if name.endswith("Like")}
+    seen = set()
+    for resource in ("campaigns", "episodes", "analyses", "keys", "events"):
+        for name, method in inspect.getmembers(getattr(client, resource), inspect.ismethod):
+            if name.startswith("_"):
+                continue
+            for parameter, kind in get_type_hints(method).items():
+                if parameter in NAMED and kind != str | None:  # an idempotency key
+                    allowed = [taken[each] for each in NAMED[parameter]]
+                    assert kind in (*allowed, *(each | None for each in allowed)), (name, parameter)
+                    seen.add(parameter)
+    assert seen == {*NAMED}

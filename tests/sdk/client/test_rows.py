@@ -1,0 +1,114 @@
+"""Lists on a service as sequences: length, places and slices, and what is asked for them."""
+
+import asyncio
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from store_checks.examples import deliver, result, running
+
+from eigenfail.client import AsyncClient
+from eigenfail.frames import Rows
+from eigenfail.testing.examples import collision
+
+PLACES = st.none() | st.integers(-7, 7)
+STEPS = st.none() | st.integers(-3, 3).filter(bool)
+
+
+def rows_of(count, *, is_counted, is_reversible):
+    """A list of numbers that may know its length, and may be read from its end."""
+    numbers = range(count)
+    return Rows(
+        lambda: iter(numbers),
+        start=lambda most: iter(numbers[:most]),
+        count=(lambda: count) if is_counted else None,
+        backwards=(lambda most: iter(numbers[::-1][:most])) if is_reversible else None,
+    )
+
+
+@given(st.integers(0, 6), st.booleans(), st.booleans(), st.tuples(PLACES, PLACES, STEPS))
+def test_a_slice_is_that_of_a_tuple(count, is_counted, is_reversible, bounds):
+    rows = rows_of(count, is_counted=is_counted, is_reversible=is_reversible)
+    assert rows[slice(*bounds)] == tuple(range(count))[slice(*bounds)]
+    assert len(rows) == count
+    assert bool(rows) == bool(count)
+
+
+@given(st.integers(0, 6), st.booleans(), st.booleans(), st.integers(-7, 7))
+def test_a_place_is_that_of_a_tuple(count, is_counted, is_reversible, place):
+    rows = rows_of(count, is_counted=is_counted, is_reversible=is_reversible)
+    if -count <= place < count:
+        assert rows[place] == range(count)[place]
+    else:
+        with pytest.raises(IndexError, match=f"There is no row {place}"):
+            _ = rows[place]
+
+
+@pytest.fixture
+def campaign(store):
+    made = running(store, episodes=40)
+    deliver(
+        store, made, *(collision(index) if index % 5 == 0 else result(index) for index in range(9))
+    )
+    return made
+
+
+@pytest.fixture
+def asked(client, monkeypatch):
+    """The limits of the pages that were asked for."""
+    limits, get = [], client._link.get
+
+    def note(path, kind, params=None):
+        limits.append((params or {}).get("limit"))
+        return get(path, kind, params)
+
+    monkeypatch.setattr(client._link, "get", note)
+    return limits
+
+
+def test_what_is_asked_for_is_what_is_wanted(client, campaign, asked):
+    episodes = client.episodes.list(campaign)
+    assert [row.index for row in episodes[2:4]] == [2, 3]
+    assert asked == [4]
+    assert episodes[-1].index == 8
+    assert [row.index for row in episodes[-3:]] == [6, 7, 8]
+    assert asked[1:] == [1, 3]
+    assert len(episodes) == 9
+    assert asked[3:] == [1]
+    assert episodes
+    assert not client.episodes.list(campaign, filter="severity > 1e9")
+    assert asked[4:] == [1, 1]
+
+
+def test_a_filtered_list_has_its_own_length_and_end(client, campaign):
+    failures = client.episodes.list(campaign, "collision")
+    assert (len(failures), failures[0].index, failures[-1].index) == (2, 0, 5)
+    picked = client.episodes.list(campaign, filter="index >= 4", fields=["index"], sort="-index")
+    assert (len(picked), picked[0], picked[-1]) == (5, {"index": 8}, {"index": 4})
+    worst = client.episodes.list(campaign, sort="-severity")
+    assert worst[-1].severity is None
+    assert len(worst[::2]) == 5
+
+
+def test_campaigns_have_a_length_and_an_end(client, campaign, fields):
+    made = [client.campaigns.create(**fields).id for _ in range(3)]
+    assert (len(client.campaigns.list()), len(client.campaigns.list(state="queued"))) == (4, 3)
+    assert [each.id for each in client.campaigns.list()[:2]] == made[:0:-1]
+    assert client.campaigns.list()[-1].id == campaign.id
+    assert client.campaigns.list(sort="name")[-1].spec.name == "first"
+    assert len(client.campaigns.summaries()) == 4
+    assert (len(client.suites.list()), len(client.analyses.list(campaign))) == (0, 0)
+
+
+def test_the_asynchronous_client_has_the_same_places(client, campaign):
+    async def program():
+        async with AsyncClient(transport=client._link._http._transport) as asynchronous:
+            episodes = asynchronous.episodes.list(campaign)
+            assert await episodes.count() == 9
+            assert (await episodes[-1]).index == 8
+            assert [row.index for row in await episodes[1:3]] == [1, 2]
+            assert (await episodes.to_arrow()).num_rows == 9
+            with pytest.raises(IndexError):
+                await episodes[9]
+
+    asyncio.run(program())
