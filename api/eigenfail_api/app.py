@@ -45,6 +45,7 @@ from eigenfail_api.routes import (
     operations,
     plugins,
     recordings,
+    webhooks,
 )
 from eigenfail_api.routes.events import EventFeed
 from eigenfail_api.settings import ApiSettings, refuse_open_door, refuse_without_keys
@@ -65,6 +66,7 @@ ROUTERS = (
     plugins.router,
     operations.router,
     keys.router,
+    webhooks.router,
     keys_page.router,
     overview_page.router,
     campaign_page.router,

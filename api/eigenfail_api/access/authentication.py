@@ -50,6 +50,7 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/campaigns/{{campaign}}/episodes/{{index}}/replay",
         f"POST {PREFIX}/analyses/{{analysis}}/proof",
         f"PUT {PREFIX}/analyses/{{analysis}}/modes/{{mode}}/name",
+        f"POST {PREFIX}/gates",
     ),
     Scope.ADMIN: (
         "GET /audit",
@@ -61,6 +62,10 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/keys/{{key}}/quotas",
         f"GET {PREFIX}/keys/{{key}}/usage",
         f"DELETE {PREFIX}/keys/{{key}}",
+        f"GET {PREFIX}/webhooks",
+        f"GET {PREFIX}/webhooks/{{webhook}}",
+        f"GET {PREFIX}/webhooks/{{webhook}}/deliveries",
+        f"GET {PREFIX}/webhooks/{{webhook}}/deliveries/{{delivery}}",
     ),
 }
 

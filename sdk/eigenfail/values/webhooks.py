@@ -119,8 +119,11 @@ class WebhookDelivery(msgspec.Struct, frozen=True):
     payload: str
 
 
-Sentence = Annotated[str, msgspec.Meta(max_length=500)]
-Word = Annotated[str, msgspec.Meta(max_length=200)]
+LONGEST_NAME, LONGEST_SENTENCE, MOST_SENTENCES = 200, 500, 20
+"""Of a verdict, in characters and in number."""
+
+Name = Annotated[str, msgspec.Meta(max_length=LONGEST_NAME)]
+Sentence = Annotated[str, msgspec.Meta(max_length=LONGEST_SENTENCE)]
 
 
 class GateVerdictRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -135,9 +138,9 @@ class GateVerdictRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True)
         conclusions: the verdict in sentences.
     """
 
-    suite: Word
-    version: Word
-    run: Word
-    baseline: Word
+    suite: Name
+    version: Name
+    run: Name
+    baseline: Name
     passed: bool
-    conclusions: Annotated[tuple[Sentence, ...], msgspec.Meta(max_length=20)] = ()
+    conclusions: Annotated[tuple[Sentence, ...], msgspec.Meta(max_length=MOST_SENTENCES)] = ()
