@@ -16,6 +16,7 @@ from sqlalchemy import (
     Connection,
     Row,
     Select,
+    and_,
     delete,
     exists,
     insert,
@@ -225,7 +226,7 @@ class Outbox:
                 return None
             query = select(webhooks.c.url, webhooks.c.secret)
             target = connection.execute(query.where(webhooks.c.id == found.webhook)).one()
-        return ClaimedDelivery(*found, *target)
+        return ClaimedDelivery(*found[:5], found.webhook, target.url, target.secret)
 
     def conclude(self, claimed: ClaimedDelivery, attempt: DeliveryAttempt, at_ms: int) -> bool:
         """Record the outcome of an attempt; return False if the claim was lost."""
@@ -295,7 +296,7 @@ def _is_due(at_ms: int) -> tuple[ColumnElement[bool], ...]:
 def _is_leased(columns: Any) -> ColumnElement[bool]:
     # A lease that is yet to begin is of another clock: of before the machine was started anew.
     begun_ms = columns.lease_until_ms - columns.lease_ms
-    return (LeaseClock() < columns.lease_until_ms) & (begun_ms <= LeaseClock())
+    return and_(LeaseClock() < columns.lease_until_ms, begun_ms <= LeaseClock())
 
 
 def _select_first(at_ms: int) -> Select[int]:

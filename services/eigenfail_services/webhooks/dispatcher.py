@@ -32,7 +32,7 @@ SLOTS = 8
 ATTEMPT_S = 15.0
 """For an attempt from the resolution of the name to the status of the answer."""
 
-LEASE_S = 60.0
+LEASE_S = 45.0
 """Longer than an attempt and its record in the database, so that a living process keeps it."""
 
 STOP_S = 3.0

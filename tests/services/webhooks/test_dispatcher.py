@@ -5,7 +5,9 @@ import shutil
 import socket
 import ssl
 import subprocess
+from collections import Counter
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Event, Thread
@@ -17,6 +19,7 @@ import pytest
 from eigenfail.signatures import make_secret, verify_message
 from eigenfail.values.webhooks import DeliveryState, WebhookRequest
 from eigenfail_services.store import open_store
+from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.outbox import ClaimedDelivery
 from eigenfail_services.webhooks import dispatcher
 from eigenfail_services.webhooks.addresses import parse_networks
@@ -252,6 +255,27 @@ def test_one_that_answers_slowly_holds_up_no_other(store, monkeypatch):
         WebhookDispatcher(store, LOOPBACK).turn()
     states = [store.webhooks.deliveries(each.id, 1).items[0].state for each in made]
     assert states == ["delivered", "delivered"]
+
+
+@pytest.mark.fault("two services on one database")
+def test_two_services_send_each_event_once(postgres_url):
+    """Both claim from one PostgreSQL at once; where none dies, nothing is sent twice."""
+    stores = [open_store(postgres_url) for _ in range(2)]
+    with receiving(answering(204)) as receiver:
+        url = f"http://127.0.0.1:{receiver.server_port}/"
+        for _ in range(6):
+            webhook = stores[0].webhooks.create(WebhookRequest(url), make_secret())
+            for _ in range(4):
+                stores[0].webhooks.test(webhook.id)
+        with ThreadPoolExecutor(2) as pool:
+            turns = [pool.submit(WebhookDispatcher(store, LOOPBACK).turn) for store in stores]
+        assert [turn.result() for turn in turns] == [None, None]
+    for store in stores:
+        assert not store.webhooks.outbox.has_due(now_ms())
+        store.close()
+    sent = Counter(headers["webhook-id"] for _, headers, _ in receiver.received)
+    assert len(sent) == 24
+    assert {*sent.values()} == {1}
 
 
 def test_a_secret_that_was_damaged_fails_its_own_delivery(store):
