@@ -226,7 +226,16 @@ class Outbox:
                 return None
             query = select(webhooks.c.url, webhooks.c.secret)
             target = connection.execute(query.where(webhooks.c.id == found.webhook)).one()
-        return ClaimedDelivery(*found[:5], found.webhook, target.url, target.secret)
+        return ClaimedDelivery(
+            id=found.id,
+            token=found.token,
+            attempt=found.attempts,
+            event=found.event,
+            payload=found.payload,
+            webhook=found.webhook,
+            url=target.url,
+            secret=target.secret,
+        )
 
     def conclude(self, claimed: ClaimedDelivery, attempt: DeliveryAttempt, at_ms: int) -> bool:
         """Record the outcome of an attempt; return False if the claim was lost."""
