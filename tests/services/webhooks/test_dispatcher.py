@@ -132,6 +132,11 @@ def test_what_arrives_is_signed_and_is_what_was_written(store):
     assert not any("authorization" in name for name in headers)
 
 
+@pytest.mark.fault(
+    "webhook to a private address, by name, number, redirect or changing names",
+    group="api",
+    outcome="No connection is made, and the attempt has failed. The operator can allow networks.",
+)
 def test_a_private_address_is_not_even_connected_to(store):
     with receiving(answering(204)) as receiver:
         _, delivery = attempt(store, f"http://127.1:{receiver.server_port}/", ())
@@ -140,6 +145,7 @@ def test_a_private_address_is_not_even_connected_to(store):
     assert "127.0.0.1 is not a public address" in delivery.problem
 
 
+@pytest.mark.fault("webhook to a private address, by name, number, redirect or changing names")
 def test_a_name_is_resolved_once_and_that_address_is_connected_to(store, monkeypatch):
     """The second answer of a rebinding resolver would lead elsewhere: it is never asked for."""
     resolve, asked = socket.getaddrinfo, []
@@ -159,6 +165,7 @@ def test_a_name_is_resolved_once_and_that_address_is_connected_to(store, monkeyp
     assert receiver.received[0][1]["host"] == f"hooks.example:{receiver.server_port}"
 
 
+@pytest.mark.fault("webhook to a private address, by name, number, redirect or changing names")
 def test_redirects_are_not_followed(store):
     with receiving(answering(204)) as target:
         location = f"http://127.0.0.1:{target.server_port}/"
@@ -201,6 +208,12 @@ def test_a_body_without_end_is_not_read(store):
     assert delivery.state == "delivered"
 
 
+@pytest.mark.fault(
+    "receiver of a webhook that does not answer, drips, or speaks no HTTP",
+    group="api",
+    outcome="The attempt ends after 15 s. The message is sent again, up to 10 times over 19.6 h, "
+    "and is listed as failed then. Other webhooks are not held up.",
+)
 def test_headers_that_drip_end_with_the_attempt(store, monkeypatch):
     monkeypatch.setattr(dispatcher, "ATTEMPT_S", 0.5)
     left = Event()
@@ -219,6 +232,7 @@ def test_headers_that_drip_end_with_the_attempt(store, monkeypatch):
     assert (delivery.state, delivery.problem) == ("pending", "No answer within 0.5 s.")
 
 
+@pytest.mark.fault("receiver of a webhook that does not answer, drips, or speaks no HTTP")
 def test_who_speaks_no_http_or_is_not_there_is_tried_again(store):
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
