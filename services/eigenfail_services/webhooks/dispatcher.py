@@ -26,6 +26,7 @@ from eigenfail_services.webhooks.addresses import AddressRefused, IpNetwork, res
 
 TURN_S = 0.5
 PAUSE_S = 0.1
+RETRY_S = 2.0
 SLOTS = 8
 """Attempts at a time; a webhook has one at most."""
 
@@ -171,10 +172,15 @@ class WebhookDispatcher:
 
     def _run(self) -> None:
         while not self._stopping.wait(TURN_S):
+            # The thread goes on, whatever one turn meets.
             try:
                 self.turn()
-            except Exception:  # the thread goes on, whatever one turn meets
-                log.warning("webhooks were held up", exc_info=True)
+            except* EigenfailError as errors:
+                log.warning("webhooks wait for the database", problem=str(errors.exceptions[0]))
+                self._stopping.wait(RETRY_S)
+            except* Exception:
+                log.exception("a turn of the webhooks broke off")
+                self._stopping.wait(RETRY_S)
 
     async def _send_due(self) -> None:
         # The context reads the certificates of the machine, which takes tens of milliseconds.

@@ -16,6 +16,7 @@ import anyio
 import deadlines
 import pytest
 
+from eigenfail.errors import StoreUnavailable
 from eigenfail.signatures import make_secret, verify_message
 from eigenfail.values.webhooks import DeliveryState, WebhookRequest
 from eigenfail_services.store import open_store
@@ -290,6 +291,24 @@ def test_two_services_send_each_event_once(postgres_url):
     sent = Counter(headers["webhook-id"] for _, headers, _ in receiver.received)
     assert len(sent) == 24
     assert {*sent.values()} == {1}
+
+
+def test_the_thread_outlives_a_database_that_is_away(store, monkeypatch):
+    monkeypatch.setattr(dispatcher, "RETRY_S", 0.01)
+    monkeypatch.setattr(dispatcher, "TURN_S", 0.01)
+    answers, reached = iter([StoreUnavailable("It is away.", "Wait."), ValueError()]), Event()
+
+    def claim(*_):
+        for error in answers:
+            raise error
+        reached.set()
+
+    monkeypatch.setattr(store.webhooks.outbox, "has_due", lambda _at_ms: True)
+    monkeypatch.setattr(store.webhooks.outbox, "claim", claim)
+    sending = WebhookDispatcher(store, ())
+    sending.start()
+    assert reached.wait(deadlines.PROCESS_S)
+    sending.stop()
 
 
 def test_a_secret_that_was_damaged_fails_its_own_delivery(store):
