@@ -28,6 +28,7 @@ from eigenfail_api.dashboard import (
     region_page,
     risk_page,
     suites_page,
+    webhooks_page,
 )
 from eigenfail_api.dashboard.rendering import STATIC, Assets, wrap_for_browsers
 from eigenfail_api.middleware import Disconnects, EntityTags, HeadRequests, SecurityHeaders
@@ -75,6 +76,7 @@ ROUTERS = (
     keys.router,
     webhooks.router,
     keys_page.router,
+    webhooks_page.router,
     overview_page.router,
     campaign_page.router,
     measures_page.router,

@@ -56,6 +56,7 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
     Scope.ADMIN: (
         "GET /audit",
         "GET /keys",
+        "GET /webhooks",
         f"GET {PREFIX}/audit",
         f"GET {PREFIX}/keys",
         f"GET {PREFIX}/keys/{{key}}",

@@ -19,6 +19,7 @@ from sqlalchemy import (
     and_,
     delete,
     exists,
+    func,
     insert,
     not_,
     select,
@@ -271,15 +272,26 @@ class Outbox:
             found = connection.execute(soon.returning(*_SHOWN)).one_or_none()
         return None if found is None else _to_delivery(found)
 
+    def count_by_state(self) -> dict[int, dict[DeliveryState, int]]:
+        """Return the numbers of deliveries that are kept, by webhook and state."""
+        query = select(_out.webhook, _out.state, func.count()).group_by(_out.webhook, _out.state)
+        counts: dict[int, dict[DeliveryState, int]] = {}
+        with self._database.reading() as connection:
+            for webhook, state, count in connection.execute(query):
+                counts.setdefault(webhook, {})[DeliveryState(state)] = count
+        return counts
+
     def page(
         self,
-        webhook: int,
+        webhook: int | None,
         limit: int,
         before: int | None = None,
         state: DeliveryState | None = None,
     ) -> list[WebhookDelivery]:
-        """Return deliveries of a webhook, newest first, with ids below `before`."""
-        query = select(*_SHOWN).where(_out.webhook == webhook).order_by(_out.id.desc()).limit(limit)
+        """Return deliveries of a webhook or of all, newest first, with ids below `before`."""
+        query = select(*_SHOWN).order_by(_out.id.desc()).limit(limit)
+        if webhook is not None:
+            query = query.where(_out.webhook == webhook)
         if before is not None:
             query = query.where(_out.id < before)
         if state is not None:

@@ -125,6 +125,7 @@ ROUTES = {
     "admin": """
         GET /audit
         GET /keys
+        GET /webhooks
         GET /api/v1/audit
         GET /api/v1/keys
         POST /api/v1/keys
