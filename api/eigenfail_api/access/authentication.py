@@ -113,6 +113,11 @@ class Caller:
     key: int | None = None
     signed_in: bool = False
 
+    @property
+    def description(self) -> str:
+        """The caller in a sentence about the scope: a key, or a user without one."""
+        return f"the {'user' if self.key is None else 'key of'} '{self.name}'"
+
 
 _caller: ContextVar[Caller | None] = ContextVar("caller", default=None)
 

@@ -1,8 +1,8 @@
 """Sign-in by a reverse proxy, which names the user in headers that are trusted from it alone.
 
-Whoever can connect to the service can send any header. So the headers of a user count only where
-the peer of the TCP connection is in a network that the operator named: neither `X-Forwarded-For`
-nor another header changes who the peer is. From other peers they are ignored.
+A client can send any header. So the headers of a user count only where the peer of the TCP
+connection is in a network that the operator named: neither `X-Forwarded-For` nor another header
+changes which address the peer has. The headers of other peers are ignored.
 """
 
 import re

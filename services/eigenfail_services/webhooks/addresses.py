@@ -1,9 +1,9 @@
 """Addresses to which events may be sent: public ones, and those that the operator allows.
 
-A webhook names a host, and who may create webhooks could have the service ask hosts that only the
-service reaches (server-side request forgery). So not the name is judged but the address that it
-stands for at the time of each attempt, and the connection is made to that very address: a name that
-is resolved once more could stand for another one (DNS rebinding).
+A webhook names a host, and a user who creates webhooks could make the service connect to hosts that
+only the service reaches (server-side request forgery). So the address to which the name is resolved
+is judged at each attempt, and the connection is made to this address: a name that is resolved once
+more could lead to another one (DNS rebinding).
 """
 
 import argparse

@@ -55,6 +55,7 @@ def test_the_user_of_a_trusted_proxy_has_the_scope_of_the_groups(proxy, fields, 
     assert proxy.post(WRITE, json=fields, headers=own).status_code == 201
     refused = proxy.post("/api/v1/keys", json={"name": "x", "scope": "admin"}, headers=own)
     assert refused.status_code == 403
+    assert "the user 'proxy:ada@example.org' has scope 'runner'" in refused.json()["detail"]
     lines = [(entry.who, entry.key, entry.status, entry.route) for entry in changes()]
     assert lines == [
         ("proxy:ada@example.org", None, 201, "/api/v1/campaigns"),

@@ -1,6 +1,8 @@
 """Checks of webhooks: events are queued with what they are about, and claimed by one process."""
 
 import json
+from collections.abc import Callable
+from functools import partial
 from unittest.mock import patch
 
 from msgspec.structs import replace
@@ -8,7 +10,7 @@ from msgspec.structs import replace
 from eigenfail.errors import Conflict, IllegalTransition, NotFound
 from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import analysis_result
-from eigenfail.values import AnalysisSettings, CampaignState
+from eigenfail.values import AnalysisSettings, AnalysisState, CampaignState
 from eigenfail.values.webhooks import (
     EVERY_EVENT,
     MAX_WEBHOOKS,
@@ -106,18 +108,38 @@ def tells_of_modes_and_gates(store: Store) -> None:
 
 
 def queues_all_or_nothing(store: Store) -> None:
-    """Where the change of state is rolled back, nothing of its event stays."""
-    webhook, campaign = add(store), running(store)
-    place = "eigenfail_services.store.campaigns.append_event"
-    with (
-        patch(place, side_effect=ZeroDivisionError),
-        expect_error(ZeroDivisionError, "The log cannot be written."),
-    ):
-        store.campaigns.move(campaign.id, CampaignState.DONE)
+    """Where the change of state is rolled back, nothing of its event stays; and the other way."""
+    webhook, campaign = add(store), crashed(store)
+    analysis = store.analyses.create(campaign.id, AnalysisSettings()).id
+    changes: dict[str, Callable[[], object]] = {
+        "campaigns": partial(store.campaigns.move, campaign.id, CampaignState.DONE),
+        "analyses": partial(store.analyses.finish, analysis, analysis_result()),
+        "webhooks": partial(store.webhooks.record_gate, GATE),
+    }
+    last = store.events.last()
+    for module, change in changes.items():
+        place = f"eigenfail_services.store.{module}.append_event"
+        with (
+            patch(place, side_effect=ZeroDivisionError),
+            expect_error(ZeroDivisionError, "The log cannot be written."),
+        ):
+            change()
     equal(store.campaigns.get(campaign.id).state, CampaignState.RUNNING, "State")
+    equal(store.analyses.get(analysis).state, AnalysisState.QUEUED, "State of the analysis")
+    equal(store.events.last(), last, "The last event in the log")
     equal(queued(store, webhook), [], "Deliveries")
-    store.campaigns.move(campaign.id, CampaignState.DONE)
-    equal(len(queued(store, webhook)), 1, "Deliveries of the end")
+    place = "eigenfail_services.store.outbox.insert"
+    for change in changes.values():
+        with (
+            patch(place, side_effect=ZeroDivisionError),
+            expect_error(ZeroDivisionError, "The outbox cannot be written."),
+        ):
+            change()
+    equal(store.campaigns.get(campaign.id).state, CampaignState.RUNNING, "State")
+    for change in changes.values():
+        change()
+    kinds = [each.kind for each in queued(store, webhook)]
+    equal(kinds, ["campaign.ended", "analysis.finished", "gate.failed"], "Deliveries of the ends")
 
 
 def claims_one_at_a_time(store: Store) -> None:
