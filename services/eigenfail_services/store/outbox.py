@@ -18,7 +18,6 @@ from sqlalchemy import (
     Select,
     and_,
     delete,
-    exists,
     func,
     insert,
     not_,
@@ -322,13 +321,14 @@ def _is_leased(columns: Any) -> ColumnElement[bool]:
 
 def _select_first(at_ms: int) -> Select[int]:
     other = webhook_deliveries.alias().c
-    is_busy = exists().where(other.webhook == _out.webhook, _is_leased(other))
+    pending = DeliveryState.PENDING.value
+    busy = select(other.webhook).where(other.state == pending, _is_leased(other))
     return (
         select(_out.id)
         .select_from(_JOINED)
         # PostgreSQL looks again at the row that it locks, though not at other ones: of two
         # processes that claim at once, the second must find the lease in the row itself.
-        .where(*_is_due(at_ms), not_(_is_leased(_out)), not_(is_busy))
+        .where(*_is_due(at_ms), not_(_is_leased(_out)), _out.webhook.not_in(busy))
         .order_by(_out.next_ms, _out.id)
         .limit(1)
         .with_for_update(of=webhook_deliveries, skip_locked=True)

@@ -162,7 +162,7 @@ class WebhookDispatcher:
             self._thread.join(STOP_S)
 
     def turn(self) -> None:
-        """Send all that is due, and return when nothing is left.
+        """Send what is due, until nothing is left that no other process is sending.
 
         Raises:
             StoreUnavailable: the database does not answer.
