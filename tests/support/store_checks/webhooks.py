@@ -31,6 +31,7 @@ from store_checks.modes import crashed
 URL, SECRET = "https://hooks.example/eigenfail", "whsec_bm90IGEgc2VjcmV0IG9mIGFueWJvZHk="
 LONG_S, PASSED_S = 600.0, 0.0
 DELIVERED = DeliveryAttempt(DeliveryState.DELIVERED, 204)
+LATER = DeliveryAttempt(DeliveryState.PENDING, 500, "It answered 500.", 3_600_000)
 GATE = GateVerdictRecord(
     suite="nightly", version="v2", run="nightly@v2", baseline="v1", passed=False
 )
@@ -221,6 +222,20 @@ def bounds_the_number_of_webhooks(store: Store) -> None:
         add(store)
 
 
+def deletes_old_deliveries_that_ended(store: Store) -> None:
+    """Ended ones beyond the bound are deleted; pending ones stay, however old they are."""
+    webhook, outbox = add(store), store.webhooks.outbox
+    waiting = store.webhooks.test(webhook.id)
+    expect(outbox.conclude(taken(store), LATER, now_ms()), "It was claimed.")
+    module = "eigenfail_services.store.outbox"
+    with patch(f"{module}.KEPT_DELIVERIES", 2), patch(f"{module}.PRUNED_EVERY", 1):
+        for _ in range(5):
+            store.webhooks.test(webhook.id)
+            expect(outbox.conclude(taken(store), DELIVERED, now_ms()), "It was claimed.")
+    kept = [each.id for each in queued(store, webhook)]
+    equal(kept, [waiting.id, *(waiting.id + n for n in (4, 5))], "Deliveries that are kept")
+
+
 def hands_out_each_delivery_once(store: Store) -> None:
     """Of several processes that claim at once, each delivery goes to one."""
     webhooks = [add(store) for _ in range(3)]
@@ -240,5 +255,6 @@ CHECKS = (
     delivers_again_what_is_asked_for,
     removes_webhooks,
     bounds_the_number_of_webhooks,
+    deletes_old_deliveries_that_ended,
     hands_out_each_delivery_once,
 )
