@@ -122,8 +122,8 @@ class Server(uvicorn.Server):
     """uvicorn, which lets followers of events go before it waits for requests to end.
 
     Args:
-        app: what it serves. Its settings say how many connections may be open, and whose word is
-            taken on who asks; uvicorn would take that of any local program.
+        app: what it serves. Its settings say how many connections may be open. The application
+            reads the headers of proxies itself: uvicorn would believe any local program.
     """
 
     def __init__(self, app: FastAPI) -> None:
@@ -136,8 +136,7 @@ class Server(uvicorn.Server):
             http=make_protocol(settings.max_connections),
             ws="none",
             backlog=BACKLOG,
-            proxy_headers=bool(settings.proxies),
-            forwarded_allow_ips=[*settings.proxies],
+            proxy_headers=False,  # the application reads them
             timeout_graceful_shutdown=GRACE_S,
         )
         super().__init__(config)

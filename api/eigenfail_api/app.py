@@ -5,11 +5,13 @@ from functools import cache
 from fastapi import APIRouter, Depends, FastAPI
 from prometheus_client import CollectorRegistry
 from starlette.routing import BaseRoute
+from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from eigenfail import __version__
 from eigenfail_api import openapi
 from eigenfail_api.access.authentication import Authenticator, Clock
 from eigenfail_api.access.middleware import AuthMiddleware, OriginGuard, redact_logs
+from eigenfail_api.access.proxy import PeerRecorder
 from eigenfail_api.dashboard import (
     analysis_page,
     campaign_page,
@@ -28,6 +30,7 @@ from eigenfail_api.dashboard import (
     risk_page,
     search_page,
     suites_page,
+    webhooks_page,
     workers_page,
 )
 from eigenfail_api.dashboard.rendering import STATIC, Assets, wrap_for_browsers
@@ -48,9 +51,15 @@ from eigenfail_api.routes import (
     operations,
     plugins,
     recordings,
+    webhooks,
 )
 from eigenfail_api.routes.events import EventFeed
-from eigenfail_api.settings import ApiSettings, refuse_open_door, refuse_without_keys
+from eigenfail_api.settings import (
+    ApiSettings,
+    refuse_open_door,
+    refuse_unsafe_sign_in,
+    refuse_without_keys,
+)
 from eigenfail_services.export_jobs import ExportJobs, find_export_folder
 from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
@@ -68,7 +77,9 @@ ROUTERS = (
     plugins.router,
     operations.router,
     keys.router,
+    webhooks.router,
     keys_page.router,
+    webhooks_page.router,
     overview_page.router,
     campaign_page.router,
     measures_page.router,
@@ -116,9 +127,11 @@ def create_app(store: Store, settings: ApiSettings, clock: Clock = now_ms) -> Fa
         clock: milliseconds since 1970, for the expiry of keys and sessions.
 
     Raises:
-        InvalidValue: other machines could reach the service without a key.
+        InvalidValue: other machines could reach the service without a key, or clients could name
+            any user.
     """
     refuse_open_door(settings)
+    refuse_unsafe_sign_in(settings)
     refuse_without_keys(settings, store.keys)
     redact_logs()
     app = FastAPI(
@@ -150,4 +163,7 @@ def create_app(store: Store, settings: ApiSettings, clock: Clock = now_ms) -> Fa
     app.add_middleware(OriginGuard, hosts=settings.names)
     app.add_middleware(operations.RequestCounter, registry=app.state.registry)
     app.add_middleware(SecurityHeaders)
+    if settings.proxies:
+        app.add_middleware(ProxyHeadersMiddleware, trusted_hosts=[*settings.proxies])
+    app.add_middleware(PeerRecorder)
     return app

@@ -45,6 +45,13 @@ from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.report import Export, ExportRequest, Report
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable
+from eigenfail.values.webhooks import (
+    GateVerdictRecord,
+    NewWebhook,
+    Webhook,
+    WebhookDelivery,
+    WebhookRequest,
+)
 from eigenfail.wire import http
 from eigenfail.wire.http import (
     MAX_CAMPAIGNS_AT_ONCE,
@@ -77,9 +84,11 @@ BODIES = (
     Explanation,
     Export,
     ExportRequest,
+    GateVerdictRecord,
     KeyRequest,
     MinimalFailure,
     NewKey,
+    NewWebhook,
     Page[Analysis],
     Page[ApiKey],
     Page[AuditEntry],
@@ -97,6 +106,8 @@ BODIES = (
     Page[WorkerShare],
     Staffing,
     Page[SuiteStanding],
+    Page[Webhook],
+    Page[WebhookDelivery],
     Page[http.PluginInfo],
     Policy,
     PriorityChange,
@@ -111,6 +122,9 @@ BODIES = (
     SuiteTable,
     Summary,
     Usage,
+    Webhook,
+    WebhookDelivery,
+    WebhookRequest,
     http.Digest,
     http.Health,
     http.ModeName,
@@ -203,6 +217,7 @@ TAGS = {
     "workers": "Processes that run episodes.",
     "plug-ins": "Methods, planners, scenarios and simulators that campaigns can use.",
     "keys": "API keys and the audit log; for administrators.",
+    "webhooks": "Addresses that are told of events, and deliveries to them; for administrators.",
     "operations": "Liveness, readiness and metrics, for operators.",
 }
 WORDS = {
@@ -229,6 +244,18 @@ EXAMPLES: dict[str, Node] = {
     "check_campaign": {"name": "first try", "method": "monte_carlo", "episodes": 100},
     "clone_campaign": {"name": "another seed", "seed": 1},
     "create_key": {"name": "nightly pipeline", "scope": "runner", "expires_s": 7_776_000},
+    "create_webhook": {
+        "url": "https://hooks.example.org/eigenfail",
+        "events": ["campaign.ended", "gate.failed"],
+    },
+    "record_gate": {
+        "suite": "nightly",
+        "version": "9f3c2a1",
+        "run": "nightly@9f3c2a1",
+        "baseline": "v1.4",
+        "passed": False,
+        "conclusions": ["The gate is closed: 2 failures are new."],
+    },
     "find_risk": {
         "name": "motorway",
         "target": {"per_hour": 0.001},

@@ -1,5 +1,6 @@
 """How the API is set up."""
 
+from ipaddress import IPv4Network, IPv6Network
 from typing import Annotated
 
 from pydantic import Field
@@ -7,10 +8,13 @@ from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from eigenfail.addresses import is_loopback
 from eigenfail.errors import InvalidValue
+from eigenfail.values.access import Scope
 from eigenfail_services.store.access import KeyStore
 from eigenfail_services.store.clock import now_ms
 
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
+
+HeaderName = Annotated[str, Field(pattern=r"^[A-Za-z0-9-]{1,100}$")]
 
 
 class ApiSettings(BaseSettings):
@@ -27,6 +31,11 @@ class ApiSettings(BaseSettings):
         hosts: names under which it may be asked, against DNS rebinding; see `names`.
         proxies: addresses of proxies before it, whose X-Forwarded-For and X-Forwarded-Proto say who
             asks.
+        sign_in_proxies: networks of proxies that sign users in; of these peers alone, headers that
+            name a user are believed.
+        sign_in_user_header: the header that names the user.
+        sign_in_groups_header: the header that lists the groups of the user, with commas in between.
+        sign_in_scopes: scope of each group; `*` stands for every user.
         max_body_bytes: largest body of a request.
         max_connections: open at a time; of more, those that idle longest are closed.
         max_requests_per_s: requests of one key that are answered, on average
@@ -44,6 +53,10 @@ class ApiSettings(BaseSettings):
     trust_network: bool = False
     hosts: tuple[str, ...] | None = None
     proxies: tuple[str, ...] = ()
+    sign_in_proxies: tuple[IPv4Network | IPv6Network, ...] = ()
+    sign_in_user_header: HeaderName = "X-Forwarded-User"
+    sign_in_groups_header: HeaderName = "X-Forwarded-Groups"
+    sign_in_scopes: dict[str, Scope] = {}
     max_body_bytes: Annotated[int, Field(ge=1)] = 1_000_000
     max_connections: Annotated[int, Field(ge=10)] = 500
     max_requests_per_s: Annotated[float, Field(gt=0.0)] = 200.0
@@ -96,3 +109,26 @@ def refuse_without_keys(settings: ApiSettings, keys: KeyStore) -> None:
             "key.",
             "Create one: `eigenfail key create NAME --scope admin --database URL`.",
         )
+
+
+def refuse_unsafe_sign_in(settings: ApiSettings) -> None:
+    """Refuse settings of the sign-in by a proxy with which anybody could name any user.
+
+    Raises:
+        InvalidValue: a network holds all addresses, no group has a scope, or one header is to name
+            user and groups.
+    """
+    if not settings.sign_in_proxies:
+        return
+    if any(network.prefixlen == 0 for network in settings.sign_in_proxies):
+        problem = "a network of all addresses lets every client name any user."
+        raise InvalidValue("sign_in_proxies", problem, "Name the addresses of the proxies alone.")
+    if not settings.sign_in_scopes:
+        raise InvalidValue(
+            "sign_in_scopes",
+            "no group has a scope, so that no user whom the proxy signs in could do anything.",
+            'Set EIGENFAIL_SIGN_IN_SCOPES, such as \'{"*": "viewer", "safety": "runner"}\'.',
+        )
+    if settings.sign_in_user_header.lower() == settings.sign_in_groups_header.lower():
+        problem = "the same header cannot name both the user and the groups."
+        raise InvalidValue("sign_in_groups_header", problem, "Name two headers.")

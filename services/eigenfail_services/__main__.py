@@ -32,6 +32,8 @@ from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.server import Hub
 from eigenfail_services.hub.transport import KEYS_VARIABLE, load_keys
 from eigenfail_services.store import open_store
+from eigenfail_services.webhooks import addresses
+from eigenfail_services.webhooks.dispatcher import WebhookDispatcher
 
 TURN_S = 0.25
 RETRY_S = 1.0
@@ -57,6 +59,7 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
     launcher_options.add_arguments(parser)
     bounds.add_arguments(parser)
     observability.add_arguments(parser)
+    addresses.add_arguments(parser)
     commands = parser.add_subparsers(title="commands")
     analyse = commands.add_parser("analyse", help="work on one analysis, then end")
     analyse.add_argument("analysis", type=int)
@@ -103,15 +106,18 @@ def serve(arguments: argparse.Namespace) -> None:
     analyses = AnalysisJobs(store, arguments.database, bounds.of_analyses(arguments))
     supervisor = Supervisor(store, hub, analyses, arguments.campaigns)
     staffing = WorkerScaling(launcher, hub, store.events)
+    webhooks = WebhookDispatcher(store, arguments.webhook_networks)
     with ExitStack() as endings:  # the last one first, and each of them whatever the others meet
         endings.callback(observability.configure("services"))
         stores = (store.close, hub_store.close)
-        for ending in (*stores, launcher.stop, analyses.stop, supervisor.release, hub.stop):
+        parts = (launcher.stop, analyses.stop, supervisor.release, hub.stop)
+        for ending in (*stores, webhooks.stop, *parts):
             endings.callback(ending)
         if arguments.metrics:
             endings.callback(observability.serve(arguments.metrics, hub.metrics.registry))
         gc.freeze()  # all that is loaded by now stays: looking through it would hold up the hub
         hub.start()
+        webhooks.start()
         is_local = arguments.launcher == Launcher.LOCAL
         reached = hub.address if is_local else arguments.advertise or hub.address
         launcher.start(reached, keys.create_own(OWN_WORKERS) if keys else None, stopping.is_set)

@@ -81,6 +81,19 @@ def test_only_a_proxy_that_was_named_says_who_asks(start, proxies, statuses):
     assert found == statuses
 
 
+@pytest.mark.parametrize(("signs_in", "status"), [("127.0.0.1", 200), ("10.9.0.1", 401)])
+def test_only_the_peer_of_a_connection_can_name_a_user(start, signs_in, status):
+    """The address in X-Forwarded-For is believed for limits and logs, and never for this."""
+    named = {
+        "EIGENFAIL_SIGN_IN_PROXIES": f'["{signs_in}"]',
+        "EIGENFAIL_SIGN_IN_SCOPES": '{"*": "viewer"}',
+        "EIGENFAIL_PROXIES": '["127.0.0.1"]',
+    }
+    address = start("--port", "0", **named).stdout.readline().split()[-1]
+    headers = {"X-Forwarded-User": "ada", "X-Forwarded-For": "10.9.0.1"}
+    assert httpx2.get(f"{address}/api/v1/campaigns", headers=headers).status_code == status
+
+
 @pytest.mark.parametrize("stop", [signal.SIGINT, signal.SIGTERM])
 def test_it_stops_when_told_to_with_a_follower_listening(running, stop):
     process, address = running

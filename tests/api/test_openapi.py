@@ -174,6 +174,8 @@ def test_bodies_are_described_where_they_are_read(document):
         "/api/v1/analyses/{analysis}/proof",
         "/api/v1/keys",
         "/api/v1/keys/{key}/quotas",
+        "/api/v1/gates",
+        "/api/v1/webhooks",
     }
 
 

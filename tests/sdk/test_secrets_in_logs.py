@@ -13,16 +13,17 @@ from eigenfail.values.access import redact
 from eigenfail.wire.keys import WorkerKey
 
 KEY = f"ef_7_{'a' * 43}"
+WEBHOOK = f"whsec_{'+b/' * 14}=="
 PASSWORD = "hunter2"
 WORKER = WorkerKey(b"h" * 32, b"s" * 32).text()
 URL = f"postgresql+psycopg://eigenfail:{PASSWORD}@db.example/eigenfail"
-SECRETS = (KEY, PASSWORD, WORKER)
+SECRETS = (KEY, PASSWORD, WORKER, WEBHOOK)
 
 BEGIN = f"""
 import logging, sys, threading
 import structlog
 from eigenfail import logs
-KEY, URL, WORKER = "{KEY}", "{URL}", "{WORKER}"
+KEY, URL, WORKER = "{KEY} {WEBHOOK}", "{URL}", "{WORKER}"
 def fail(said):
     database, key, curve, local = URL, KEY, WORKER, "only-a-local"
     raise ValueError(said)

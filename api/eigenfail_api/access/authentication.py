@@ -14,6 +14,7 @@ from starlette.routing import compile_path
 from eigenfail.errors import EigenfailError, Forbidden, NotFound, Unauthorized
 from eigenfail.values.access import TOKEN, ApiKey, Scope
 from eigenfail.wire.http import PREFIX
+from eigenfail_api.access.proxy import ProxySignIn
 from eigenfail_api.access.throttling import LoginThrottle, RateLimiter
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.access import no_valid_key, note_use, shown_key, valid
@@ -51,10 +52,12 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/campaigns/{{campaign}}/episodes/{{index}}/shrink",
         f"POST {PREFIX}/analyses/{{analysis}}/proof",
         f"PUT {PREFIX}/analyses/{{analysis}}/modes/{{mode}}/name",
+        f"POST {PREFIX}/gates",
     ),
     Scope.ADMIN: (
         "GET /audit",
         "GET /keys",
+        "GET /webhooks",
         f"GET {PREFIX}/audit",
         f"GET {PREFIX}/keys",
         f"GET {PREFIX}/keys/{{key}}",
@@ -62,6 +65,10 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/keys/{{key}}/quotas",
         f"GET {PREFIX}/keys/{{key}}/usage",
         f"DELETE {PREFIX}/keys/{{key}}",
+        f"GET {PREFIX}/webhooks",
+        f"GET {PREFIX}/webhooks/{{webhook}}",
+        f"GET {PREFIX}/webhooks/{{webhook}}/deliveries",
+        f"GET {PREFIX}/webhooks/{{webhook}}/deliveries/{{delivery}}",
     ),
 }
 
@@ -95,16 +102,22 @@ class Caller:
     """The sender of a request.
 
     Attributes:
-        name: name of the key; `loopback` or `network` where no key is required.
-        scope: what the key allows.
-        key: its id.
-        signed_in: whether the key was given on the login page, and a cookie stands for it.
+        name: name of the key; `loopback` or `network` where no key is required; `proxy:` and the
+            name of the user whom a proxy signed in.
+        scope: what the key, or the groups of the user, allow.
+        key: id of the key; None without one.
+        signed_in: whether a browser is signed in, by a key on the login page or by a proxy.
     """
 
     name: str
     scope: Scope
     key: int | None = None
     signed_in: bool = False
+
+    @property
+    def description(self) -> str:
+        """The caller in a sentence about the scope: a key, or a user without one."""
+        return f"the {'user' if self.key is None else 'key of'} '{self.name}'"
 
 
 _caller: ContextVar[Caller | None] = ContextVar("caller", default=None)
@@ -220,9 +233,11 @@ class Authenticator:
         self._store = store
         self._throttle = LoginThrottle()
         self._per_key = RateLimiter(settings.max_requests_per_s, "This key")
+        self._per_user = RateLimiter(settings.max_requests_per_s, "This user")
         self._per_address = RateLimiter(settings.max_keyless_requests_per_s, "This address")
         self._lock = Lock()
-        self._requires_keys = settings.require_keys
+        self._proxy = ProxySignIn(settings)
+        self._requires_keys = settings.require_keys or bool(settings.sign_in_proxies)
         self._checked_ms: int | None = None
         self._keys_made = 0
         self._anonymous = Caller("loopback" if settings.is_private else "network", Scope.ADMIN)
@@ -269,11 +284,18 @@ class Authenticator:
 
         Raises:
             Unauthorized: a key is required, and the request has no valid one.
-            Forbidden: a request of a browser that does not name the page that sends it.
+            Forbidden: a request of a browser that does not name the page that sends it; or a proxy
+                that does not name one user, or one without a scope.
             HTTPException: 429, too many requests or failed logins.
         """
         if not self.requires_keys():
             return self._admit_anonymous(request)
+        if (user := self._proxy.find_user(request)) is not None:
+            # A browser sends the proxy's cookie by itself, as it sends that of a session.
+            _refuse_without_origin(request)
+            name = f"proxy:{user.name}"
+            self._per_user.take(name, self.clock())
+            return Caller(name, user.scope, signed_in=True)
         header = request.headers.get("authorization")
         if header is None:
             return self._identify_session(request)
@@ -308,12 +330,7 @@ class Authenticator:
             key = valid(self._store.keys.find(key_id).key, at_ms)
         except NotFound:
             raise no_valid_key() from None
-        # `OriginGuard` compares the Origin with the Host; here the Origin is required.
-        if request.scope["method"] not in SAFE and "origin" not in request.headers:
-            raise Forbidden(
-                "The request does not state its origin.",
-                "Use the pages of this service, or send a key in `Authorization`.",
-            )
+        _refuse_without_origin(request)
         return caller_of_key(self._admit(key, at_ms), signed_in=True)
 
     def _admit(self, key: ApiKey, at_ms: int) -> ApiKey:
@@ -322,6 +339,19 @@ class Authenticator:
         with suppress(EigenfailError):
             note_use(self._store, key, at_ms)
         return key
+
+
+def _refuse_without_origin(request: HTTPConnection) -> None:
+    """Refuse a change by a browser that does not name the page; `OriginGuard` compares it.
+
+    Raises:
+        Forbidden: the request is a change, and has no Origin.
+    """
+    if request.scope["method"] not in SAFE and "origin" not in request.headers:
+        raise Forbidden(
+            "The request does not state its origin.",
+            "Use the pages of this service, or send a key in `Authorization`.",
+        )
 
 
 async def authenticator_of(request: Request) -> Authenticator:

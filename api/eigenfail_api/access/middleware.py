@@ -132,7 +132,7 @@ class AuthMiddleware:
         if caller.scope.allows(required):
             return self._app, caller
         refusal = Forbidden(
-            f"This needs a key with scope '{required}'; the key of '{caller.name}' has scope "
+            f"This needs a key with scope '{required}'; {caller.description} has scope "
             f"'{caller.scope}'.",
             "Request such a key from an administrator.",
         )

@@ -227,8 +227,7 @@ def disable_without_scope(needed: str) -> Markup:
     if caller is None:
         return Markup()
     why = (
-        f"This needs a key with scope '{needed}'; the key of '{caller.name}' has scope "
-        f"'{caller.scope}'."
+        f"This needs a key with scope '{needed}'; {caller.description} has scope '{caller.scope}'."
     )
     return Markup(' disabled title="{}"').format(why)
 

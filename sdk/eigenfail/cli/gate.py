@@ -20,7 +20,8 @@ from eigenfail.cli.connection import MaybeUrl, connect_for_suite, this_command
 from eigenfail.cli.gate_runs import Runner
 from eigenfail.cli.options import AsJson, Data, Workers
 from eigenfail.cli.render import INTERRUPTED, show
-from eigenfail.errors import InvalidValue, ServiceError
+from eigenfail.client import Client
+from eigenfail.errors import EigenfailError, InvalidValue, ServiceError
 from eigenfail.gate.baselines import name_run
 from eigenfail.gate.report import GateReport, GateRun, list_conclusions, to_junit
 from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
@@ -31,6 +32,12 @@ from eigenfail.presentation.figures import UNKNOWN
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.suites import Suite
 from eigenfail.values import CampaignSpec
+from eigenfail.values.webhooks import (
+    LONGEST_NAME,
+    LONGEST_SENTENCE,
+    MOST_SENTENCES,
+    GateVerdictRecord,
+)
 from eigenfail.worlds import world_of
 
 
@@ -305,6 +312,7 @@ def gate(
     _check_folder(junit)
     with connect_for_suite(context, suite, url, Plan(data, 0, workers)) as (client, place):
         report = _run_and_write(Runner(client, place, this_command()), suite, asked)
+        _record_verdict(client, report)
     if junit:
         _write_junit(junit, to_junit(report))
     show(report, as_json, lambda: draw_report(report))
@@ -318,6 +326,28 @@ def _run_and_write(runner: Runner, suite: Suite, asked: GateRun) -> GateReport:
     except KeyboardInterrupt:
         typer.echo(f"Interrupted. To continue, run: {this_command()}", err=True)
         raise typer.Exit(INTERRUPTED) from None
+
+
+def _record_verdict(client: Client, report: GateReport) -> None:
+    """Report the verdict to the service, for its event log and webhooks.
+
+    The verdict of this command is the same where the service does not take it.
+    """
+    if report.in_trouble:
+        return
+    sentences = [each[:LONGEST_SENTENCE] for each in list_conclusions(report)]
+    record = GateVerdictRecord(
+        suite=report.gate.suite[:LONGEST_NAME],
+        version=report.gate.version[:LONGEST_NAME],
+        run=report.gate.run[:LONGEST_NAME],
+        baseline=report.gate.baseline[:LONGEST_NAME],
+        passed=report.open,
+        conclusions=tuple(sentences[:MOST_SENTENCES]),
+    )
+    try:
+        client.record_gate(record)
+    except EigenfailError as error:
+        typer.echo(f"The service did not record the verdict: {error}", err=True)
 
 
 def _exit_by_verdict(report: GateReport) -> None:

@@ -22,6 +22,7 @@ from eigenfail.client.references import (
     locate_key,
 )
 from eigenfail.client.suites import Suites
+from eigenfail.client.webhooks import Webhooks
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.frames import Rows
 from eigenfail.risk.assessment import RiskAssessment
@@ -40,6 +41,7 @@ from eigenfail.values.access import (
 )
 from eigenfail.values.operations import Presence, Staffing, WorkerShare
 from eigenfail.values.report import Report
+from eigenfail.values.webhooks import GateVerdictRecord
 from eigenfail.wire import http
 from eigenfail.wire.http import PluginInfo, read_fields
 
@@ -79,6 +81,7 @@ class Client:
         self.analyses = Analyses(self._link)
         self.events = Events(self._link)
         self.keys = Keys(self._link)
+        self.webhooks = Webhooks(self._link)
 
     @property
     def url(self) -> str:
@@ -152,6 +155,13 @@ class Client:
             InvalidValue: a campaign is named twice, or does not fit the others.
         """
         return self._link.post("/risk", RiskAssessment, question)
+
+    def record_gate(self, record: GateVerdictRecord) -> Event:
+        """Record the verdict of a gate in the event log; webhooks are told of one that is closed.
+
+        `eigenfail gate` does so. The service takes the verdict as it is.
+        """
+        return self._link.post("/gates", Event, record)
 
     def health(self) -> bool:
         """Whether the service answers and reaches its database."""

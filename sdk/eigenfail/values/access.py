@@ -54,6 +54,8 @@ HIDDEN = (
     (SECRET, r"\1_…"),
     # The key of a worker, with a CURVE secret in it.
     (re.compile(r"(?<=efw_)[\w-]{16,}", re.ASCII), "…"),
+    # The secret of a webhook.
+    (re.compile(r"(?<=whsec_)[\w+/=-]{16,}", re.ASCII), "…"),
     # The password in the URL of a database, and among the words of a connection.
     (
         re.compile(

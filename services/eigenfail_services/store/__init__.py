@@ -18,6 +18,7 @@ from eigenfail_services.store.query_cache import CachedQueries, FigureStore
 from eigenfail_services.store.retention import RetentionStore
 from eigenfail_services.store.roster import Roster
 from eigenfail_services.store.sqlite import SqliteMemory
+from eigenfail_services.store.webhooks import WebhookStore
 
 __all__ = ["Store", "open_store"]
 
@@ -44,6 +45,7 @@ class Store:
         self.keys = KeyStore(database)
         self.audit = AuditLog(database)
         self.roster = Roster(database)
+        self.webhooks = WebhookStore(database)
 
     def ping(self) -> None:
         """Raises StoreUnavailable, within seconds, if the database does not answer.

@@ -24,6 +24,7 @@ from eigenfail_services.store.jobs import enqueue
 from eigenfail_services.store.judging import keep_finite
 from eigenfail_services.store.lifecycle import make_analysis_error, make_mode_error
 from eigenfail_services.store.listing import contains_text
+from eigenfail_services.store.outbox import queue_analysis_end
 from eigenfail_services.store.references import hold_noise
 from eigenfail_services.store.schema import (
     analyses,
@@ -228,6 +229,8 @@ def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -
         _require(connection, analysis)
         return None
     after = _analysis(changed)
+    if after.state not in UNFINISHED:
+        queue_analysis_end(connection, after)
     _log(connection, after)
     return after
 

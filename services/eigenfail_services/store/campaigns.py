@@ -64,6 +64,7 @@ from eigenfail_services.store.lifecycle import (
     set_priority,
 )
 from eigenfail_services.store.listing import contains_text, filter_campaigns, sort_campaigns
+from eigenfail_services.store.outbox import queue_campaign_end
 from eigenfail_services.store.references import hold_named_noise, refuse_pruned
 from eigenfail_services.store.schema import (
     campaigns,
@@ -546,6 +547,7 @@ def _move_campaign(
         enqueue(connection, JobKind.CAMPAIGN, campaign)
     if before.state is CampaignState.QUEUED and after.state in WITHDRAWN:
         withdraw(connection, JobKind.CAMPAIGN, campaign)
+    queue_campaign_end(connection, after)
     append_event(connection, "campaign.state", describe_move(after, because), campaign)
     return after
 

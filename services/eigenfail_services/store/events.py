@@ -20,6 +20,7 @@ from eigenfail.values import (
     Event,
 )
 from eigenfail.values.operations import Retention
+from eigenfail.values.webhooks import GateVerdictRecord
 from eigenfail.versions import describe_mixed
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
@@ -82,6 +83,13 @@ def describe_analysis(analysis: Analysis) -> str:
     }
     story = f"Analysis {analysis.id} of campaign {analysis.campaign} {stories[analysis.state]}."
     return f"{story} {analysis.problem}".strip()
+
+
+def describe_gate(record: GateVerdictRecord) -> str:
+    """Describe the verdict of a gate."""
+    against = f" against {record.baseline}" if record.baseline else ""
+    verdict = "passed" if record.passed else "did not pass"
+    return f"Version {record.version} {verdict} the gate of suite '{record.suite}'{against}."
 
 
 def _name_of(campaign: Campaign) -> str:

@@ -210,6 +210,19 @@ def make_key_error(key: int) -> NotFound:
     return NotFound(f"Key {key} does not exist.", "`eigenfail key list` lists them.")
 
 
+def make_webhook_error(webhook: int) -> NotFound:
+    """Return the error that no webhook has the id."""
+    return NotFound(f"Webhook {webhook} does not exist.", "`eigenfail webhook list` lists them.")
+
+
+def make_delivery_error(webhook: int, delivery: int) -> NotFound:
+    """Return the error that a webhook has no delivery of the id."""
+    return NotFound(
+        f"Webhook {webhook} has no delivery {delivery}.",
+        f"`eigenfail webhook deliveries {webhook}` lists them.",
+    )
+
+
 def claim_lost(claim: Job) -> ClaimLost:
     """The job is no longer that of who wants to write."""
     return ClaimLost(

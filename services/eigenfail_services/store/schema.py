@@ -36,7 +36,7 @@ from sqlalchemy.types import TypeEngine
 from eigenfail.values import MEASURES, Measure, Priority
 from eigenfail.values.episode import FAILURES, Outcome
 
-VERSION = "0022"
+VERSION = "0025"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -409,6 +409,44 @@ audit = Table(
     Column("subject", Prose, nullable=False),
     Column("address", Prose, nullable=False),
     Column("status", Integer, nullable=False),
+    sqlite_autoincrement=True,
+)
+
+
+# A webhook's secret signs what is sent to it: a digest of it could not.
+webhooks = Table(
+    "webhooks",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("url", Text, nullable=False),
+    Column("events", Text, nullable=False),  # JSON
+    Column("secret", Text, nullable=False),
+    Column("active", Boolean, nullable=False),
+    Column("created_ms", BigInteger, nullable=False),
+    sqlite_autoincrement=True,
+)
+
+# The outbox: a row for each event and webhook, of the transaction that the event is about.
+webhook_deliveries = Table(
+    "webhook_deliveries",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("webhook", Number, ForeignKey("webhooks.id"), nullable=False),
+    Column("event", Text, nullable=False),
+    Column("kind", Text, nullable=False),
+    Column("payload", Text, nullable=False),  # JSON, as it is sent
+    Column("created_ms", BigInteger, nullable=False),
+    Column("state", Text, nullable=False),
+    Column("attempts", Integer, nullable=False),
+    Column("next_ms", BigInteger, nullable=False),
+    Column("ended_ms", BigInteger),
+    Column("status", Integer),
+    Column("problem", Prose, nullable=False),
+    Column("token", Text),
+    Column("lease_until_ms", BigInteger, nullable=False),  # by the clock of leases
+    Column("lease_ms", BigInteger, nullable=False),
+    Index(None, "state", "next_ms"),
+    Index(None, "webhook", "id"),
     sqlite_autoincrement=True,
 )
 

@@ -112,6 +112,7 @@ ROUTES = {
     "runner": """
         POST /api/v1/analyses/{analysis}/proof
         PUT /api/v1/analyses/{analysis}/modes/{mode}/name
+        POST /api/v1/gates
         POST /api/v1/campaigns
         POST /api/v1/campaigns/bulk
         POST /api/v1/campaigns/{campaign}/analyses
@@ -127,6 +128,7 @@ ROUTES = {
     "admin": """
         GET /audit
         GET /keys
+        GET /webhooks
         GET /api/v1/audit
         GET /api/v1/keys
         POST /api/v1/keys
@@ -134,6 +136,16 @@ ROUTES = {
         GET /api/v1/keys/{key}
         POST /api/v1/keys/{key}/quotas
         GET /api/v1/keys/{key}/usage
+        GET /api/v1/webhooks
+        POST /api/v1/webhooks
+        DELETE /api/v1/webhooks/{webhook}
+        GET /api/v1/webhooks/{webhook}
+        POST /api/v1/webhooks/{webhook}/activate
+        POST /api/v1/webhooks/{webhook}/deactivate
+        POST /api/v1/webhooks/{webhook}/test
+        GET /api/v1/webhooks/{webhook}/deliveries
+        GET /api/v1/webhooks/{webhook}/deliveries/{delivery}
+        POST /api/v1/webhooks/{webhook}/deliveries/{delivery}/redeliver
     """,
 }
 LEAST = {

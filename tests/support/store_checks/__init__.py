@@ -30,6 +30,7 @@ from store_checks import (
     roster,
     safety,
     suites,
+    webhooks,
 )
 
 STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
@@ -55,6 +56,7 @@ STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
     *priorities.CHECKS,
     *quotas.CHECKS,
     *roster.CHECKS,
+    *webhooks.CHECKS,
     *crowds.CHECKS,
 )
 """One behaviour each; raise AssertionError where it is broken."""

@@ -55,6 +55,7 @@ function put(fields, [name, ...below], value) {
 
 function valueOf({ dataset, value }) {
   if ("number" in dataset) return Number(value);
+  if ("list" in dataset) return [value];
   return "numbers" in dataset ? value.split(",").map(Number) : value;
 }
 

@@ -1,0 +1,202 @@
+"""`eigenfail webhook`: add, list, test and remove webhooks; show and repeat deliveries."""
+
+from collections.abc import Iterable
+from typing import Annotated
+
+import typer
+from rich.markup import escape
+from rich.table import Table
+
+from eigenfail.cli.connection import connect_to
+from eigenfail.cli.options import AsJson, Limit, Url
+from eigenfail.cli.render import show, show_rows, to_json
+from eigenfail.client.link import wait_until
+from eigenfail.errors import ServiceError
+from eigenfail.hosting.folder import DEFAULT_URL
+from eigenfail.presentation.figures import UNKNOWN, format_utc
+from eigenfail.presentation.terminal import start_grid
+from eigenfail.values.webhooks import (
+    EVERY_EVENT,
+    DeliveryState,
+    NewWebhook,
+    Webhook,
+    WebhookDelivery,
+    WebhookEvent,
+)
+
+POLL_S = 0.3
+WAIT_S = 30.0
+"""Longer than an attempt takes."""
+
+app = typer.Typer(
+    add_completion=False,
+    no_args_is_help=True,
+    help="Add, list, test and remove webhooks, which are told of events; show deliveries.\n\n"
+    "Each needs a key with the scope admin, where keys are required.",
+)
+
+WebhookId = Annotated[int, typer.Argument(metavar="ID", min=1, help="Id of a webhook.")]
+DeliveryId = Annotated[int, typer.Argument(metavar="DELIVERY", min=1, help="Id of a delivery.")]
+Address = Annotated[
+    str, typer.Argument(metavar="URL", help="Address to which events are sent, https or http.")
+]
+Events = Annotated[
+    list[WebhookEvent] | None,
+    typer.Option("--event", help="Kind of event to send; may be repeated. [default: all]"),
+]
+State = Annotated[
+    DeliveryState | None, typer.Option(help="Only deliveries in this state. [default: all]")
+]
+
+
+@app.command()
+def add(
+    context: typer.Context,
+    address: Address,
+    event: Events = None,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Add a webhook and print its secret. It is shown only once."""
+    with connect_to(context, url) as client:
+        made = client.webhooks.create(address, event or EVERY_EVENT)
+    typer.echo(to_json(made) if as_json else _describe_new_webhook(made))
+
+
+@app.command("list")
+def list_webhooks(context: typer.Context, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
+    """List webhooks, newest first, without their secrets."""
+    with connect_to(context, url) as client:
+        found = tuple(client.webhooks.list())
+    show(found, as_json, lambda: _draw_webhooks(found))
+
+
+@app.command()
+def remove(
+    context: typer.Context, webhook: WebhookId, url: Url = DEFAULT_URL, as_json: AsJson = False
+) -> None:
+    """Remove a webhook, with its secret and its deliveries."""
+    with connect_to(context, url) as client:
+        found = client.webhooks.delete(webhook)
+    typer.echo(to_json(found) if as_json else f"Webhook {found.id} to {found.url} was removed.")
+
+
+@app.command()
+def activate(
+    context: typer.Context, webhook: WebhookId, url: Url = DEFAULT_URL, as_json: AsJson = False
+) -> None:
+    """Send events to a webhook from now on, and its pending deliveries."""
+    with connect_to(context, url) as client:
+        found = client.webhooks.activate(webhook)
+    show(found, as_json, lambda: _draw_webhooks([found]))
+
+
+@app.command()
+def deactivate(
+    context: typer.Context, webhook: WebhookId, url: Url = DEFAULT_URL, as_json: AsJson = False
+) -> None:
+    """Send nothing to a webhook from now on; new events are not kept for it."""
+    with connect_to(context, url) as client:
+        found = client.webhooks.deactivate(webhook)
+    show(found, as_json, lambda: _draw_webhooks([found]))
+
+
+@app.command("test")
+def send_test(
+    context: typer.Context, webhook: WebhookId, url: Url = DEFAULT_URL, as_json: AsJson = False
+) -> None:
+    """Send a test event to a webhook, and wait for the first attempt.
+
+    Exits with 3 if the attempt failed. It is repeated like any delivery.
+    """
+    with connect_to(context, url) as client:
+        queued = client.webhooks.test(webhook)
+        found = wait_until(
+            lambda: client.webhooks.delivery(webhook, queued.id), _is_attempted, POLL_S, WAIT_S
+        )
+    show(found, as_json, lambda: _draw_deliveries([found]))
+    if found.state is not DeliveryState.DELIVERED:
+        raise ServiceError(
+            f"The test event was not delivered. {found.problem}",
+            f"`eigenfail webhook deliveries {webhook}` shows further attempts.",
+        )
+
+
+@app.command()
+def deliveries(
+    context: typer.Context,
+    webhook: WebhookId,
+    state: State = None,
+    limit: Limit = 50,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Show the deliveries of a webhook, newest first, with the outcome of the last attempt."""
+    with connect_to(context, url) as client:
+        show_rows(client.webhooks.deliveries(webhook, state), limit, as_json, _draw_deliveries)
+
+
+@app.command()
+def redeliver(
+    context: typer.Context,
+    webhook: WebhookId,
+    delivery: DeliveryId,
+    url: Url = DEFAULT_URL,
+    as_json: AsJson = False,
+) -> None:
+    """Send a delivery again, under the same event id."""
+    with connect_to(context, url) as client:
+        found = client.webhooks.redeliver(webhook, delivery)
+    show(found, as_json, lambda: _draw_deliveries([found]))
+
+
+def _is_attempted(delivery: WebhookDelivery) -> bool:
+    return delivery.state is not DeliveryState.PENDING or bool(delivery.problem)
+
+
+def _describe_new_webhook(made: NewWebhook) -> str:
+    webhook = made.webhook
+    return (
+        f"Webhook {webhook.id} to {webhook.url}, for {', '.join(webhook.events)}.\n"
+        f"Its secret is shown only once:\n\n{made.secret}\n\n"
+        f"The receiver verifies signatures with it. Test: eigenfail webhook test {webhook.id}"
+    )
+
+
+def _draw_webhooks(found: Iterable[Webhook]) -> Table:
+    """A row for each webhook; times in UTC."""
+    grid = start_grid("id", "url", "events", "state", "created", right=("id",))
+    for webhook in found:
+        state = "active" if webhook.active else "inactive"
+        cells = (webhook.url, ", ".join(webhook.events), state, format_utc(webhook.created_ms))
+        grid.add_row(str(webhook.id), *map(escape, cells))
+    return grid
+
+
+def _draw_deliveries(found: Iterable[WebhookDelivery]) -> Table:
+    """A row for each delivery; times in UTC."""
+    counted = ("id", "attempts", "status")
+    grid = start_grid(
+        "id",
+        "event",
+        "created",
+        "state",
+        "attempts",
+        "status",
+        "next attempt",
+        "problem",
+        right=counted,
+    )
+    for each in found:
+        is_pending = each.state is DeliveryState.PENDING
+        cells = (
+            each.kind,
+            format_utc(each.created_ms),
+            each.state,
+            str(each.attempts),
+            UNKNOWN if each.status is None else str(each.status),
+            format_utc(each.next_ms) if is_pending else UNKNOWN,
+            each.problem or UNKNOWN,
+        )
+        grid.add_row(str(each.id), *map(escape, cells))
+    return grid

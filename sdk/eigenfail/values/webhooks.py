@@ -1,0 +1,146 @@
+"""Webhooks: addresses that are told of events, and the deliveries to them."""
+
+from enum import StrEnum
+from typing import Annotated, Any
+
+import msgspec
+
+from eigenfail.values.access import redact
+
+MAX_WEBHOOKS = 50
+"""Webhooks of one service: each event is written once for each of them."""
+
+
+class WebhookEvent(StrEnum):
+    """Kind of event that a webhook can be told of."""
+
+    CAMPAIGN_ENDED = "campaign.ended"
+    ANALYSIS_FINISHED = "analysis.finished"
+    GATE_FAILED = "gate.failed"
+
+
+TEST_EVENT = "webhook.test"
+"""Kind of the event that `eigenfail webhook test` sends, whatever a webhook is told of."""
+
+EVERY_EVENT = tuple(WebhookEvent)
+
+
+class Webhook(msgspec.Struct, frozen=True):
+    """A webhook without its secret, which is shown once.
+
+    Attributes:
+        id: number of the webhook.
+        url: address to which events are sent.
+        events: kinds of events that are sent.
+        active: whether events are sent; events that occur while it is false are not kept for it.
+        created_ms: when it was created, in milliseconds since 1970.
+    """
+
+    id: int
+    url: str
+    events: tuple[WebhookEvent, ...]
+    active: bool
+    created_ms: int
+
+
+class WebhookRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Settings of a new webhook.
+
+    Attributes:
+        url: address to which events are sent, `https://` or `http://`, without user and password.
+        events: kinds of events to send: campaign.ended, analysis.finished, gate.failed.
+    """
+
+    url: Annotated[
+        str, msgspec.Meta(max_length=2_000, pattern=r"^https?://[^\s/?#@\\]+([/?][^\s#]*)?$")
+    ]
+    events: Annotated[tuple[WebhookEvent, ...], msgspec.Meta(min_length=1, max_length=20)] = (
+        EVERY_EVENT
+    )
+
+
+class NewWebhook(msgspec.Struct, frozen=True):
+    """A newly created webhook with its secret.
+
+    Attributes:
+        webhook: the webhook.
+        secret: what signs its deliveries, `whsec_` and base64: shown this once, and never again.
+    """
+
+    webhook: Webhook
+    secret: str
+
+    def __repr__(self) -> str:
+        """Without the secret."""
+        return f"NewWebhook(webhook={self.webhook!r}, secret={redact(self.secret)!r})"
+
+    def __rich_repr__(self) -> list[tuple[str, Any]]:
+        """The same for those who print with colours."""
+        return [("webhook", self.webhook), ("secret", redact(self.secret))]
+
+
+class DeliveryState(StrEnum):
+    """State of a delivery."""
+
+    PENDING = "pending"
+    DELIVERED = "delivered"
+    FAILED = "failed"
+
+
+class WebhookDelivery(msgspec.Struct, frozen=True):
+    """An event on its way to a webhook.
+
+    Attributes:
+        id: number of the delivery.
+        webhook: id of the webhook.
+        event: id of the event, the same at each attempt and at all webhooks: `webhook-id`.
+        kind: kind of the event, such as campaign.ended.
+        created_ms: when the event occurred, in milliseconds since 1970.
+        state: pending, delivered, or failed after the last attempt.
+        attempts: number of attempts so far.
+        next_ms: time of the next attempt of a pending delivery.
+        ended_ms: when it was delivered or given up; null while it is pending.
+        status: HTTP status of the last answer; null without one.
+        problem: why the last attempt failed; empty if it did not.
+        payload: what is sent, as JSON text.
+    """
+
+    id: int
+    webhook: int
+    event: str
+    kind: str
+    created_ms: int
+    state: DeliveryState
+    attempts: int
+    next_ms: int
+    ended_ms: int | None
+    status: int | None
+    problem: str
+    payload: str
+
+
+LONGEST_NAME, LONGEST_SENTENCE, MOST_SENTENCES = 200, 500, 20
+"""Of a verdict, in characters and in number."""
+
+Name = Annotated[str, msgspec.Meta(max_length=LONGEST_NAME)]
+Sentence = Annotated[str, msgspec.Meta(max_length=LONGEST_SENTENCE)]
+
+
+class GateVerdictRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The verdict of `eigenfail gate`, as the client that ran the gate reports it.
+
+    Attributes:
+        suite: name of the suite.
+        version: version of the planner under test.
+        run: name of the suite of this run.
+        baseline: version or run that it was compared with; empty if this run makes one.
+        passed: whether nothing closes the gate.
+        conclusions: the verdict in sentences.
+    """
+
+    suite: Name
+    version: Name
+    run: Name
+    baseline: Name
+    passed: bool
+    conclusions: Annotated[tuple[Sentence, ...], msgspec.Meta(max_length=MOST_SENTENCES)] = ()

@@ -1,0 +1,340 @@
+"""The outbox: events that webhooks are told of, written with what they are about.
+
+A delivery is a row of the same transaction as the change of state that it reports: both are there
+or neither is. It is claimed for as long as one attempt may take; after a crash in between, another
+process delivers it again, under the same event id.
+"""
+
+import json
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from typing import Any, NamedTuple
+from uuid import uuid4
+
+from sqlalchemy import (
+    ColumnElement,
+    Connection,
+    Row,
+    Select,
+    and_,
+    delete,
+    func,
+    insert,
+    not_,
+    select,
+    update,
+)
+
+from eigenfail.values import FINAL_STATES, Analysis, Campaign
+from eigenfail.values.webhooks import (
+    TEST_EVENT,
+    DeliveryState,
+    GateVerdictRecord,
+    WebhookDelivery,
+    WebhookEvent,
+)
+from eigenfail_services.store.clock import LeaseClock, length_ms, now_ms
+from eigenfail_services.store.engine import Database
+from eigenfail_services.store.schema import webhook_deliveries, webhooks
+
+KEPT_DELIVERIES = 20_000
+"""Ended deliveries that are kept at least; older ones are deleted."""
+
+PRUNED_EVERY = 1_000
+
+_out = webhook_deliveries.c
+
+
+def queue_campaign_end(connection: Connection, campaign: Campaign) -> None:
+    """Queue `campaign.ended` for a campaign in a final state; nothing for any other."""
+    if campaign.state not in FINAL_STATES:
+        return
+    spec, counts = campaign.spec, campaign.counts
+    data = {
+        "campaign": campaign.id,
+        "name": spec.name,
+        "state": campaign.state.value,
+        "method": spec.method,
+        "planner": spec.planner,
+        "planned": counts.planned,
+        "completed": counts.completed,
+        "failures": counts.failures,
+        "errored": counts.errored,
+        "cancelled": counts.cancelled,
+        "reason": campaign.stopped_because,
+    }
+    queue_event(connection, WebhookEvent.CAMPAIGN_ENDED, data)
+
+
+def queue_analysis_end(connection: Connection, analysis: Analysis) -> None:
+    """Queue `analysis.finished`, with the failure modes of an analysis that is done."""
+    found = () if analysis.result is None else analysis.result.list_modes(analysis.id)
+    data = {
+        "analysis": analysis.id,
+        "campaign": analysis.campaign,
+        "state": analysis.state.value,
+        "problem": analysis.problem,
+        "modes": [
+            {"number": mode.number, "name": mode.name, "failures": mode.failures} for mode in found
+        ],
+    }
+    queue_event(connection, WebhookEvent.ANALYSIS_FINISHED, data)
+
+
+def queue_gate_failure(connection: Connection, record: GateVerdictRecord) -> None:
+    """Queue `gate.failed` for a gate that is closed; nothing for one that is open."""
+    if record.passed:
+        return
+    data = {
+        "suite": record.suite,
+        "version": record.version,
+        "run": record.run,
+        "baseline": record.baseline,
+        "conclusions": list(record.conclusions),
+    }
+    queue_event(connection, WebhookEvent.GATE_FAILED, data)
+
+
+def queue_event(connection: Connection, kind: WebhookEvent, data: Mapping[str, Any]) -> None:
+    """Queue an event for each active webhook that is told of its kind."""
+    # Until the transaction ends, none of them can be deleted.
+    query = (
+        select(webhooks.c.id, webhooks.c.events)
+        .where(webhooks.c.active)
+        .order_by(webhooks.c.id)
+        .with_for_update(read=True, key_share=True)
+    )
+    told = [row.id for row in connection.execute(query) if kind.value in json.loads(row.events)]
+    if told:
+        _insert_deliveries(connection, told, kind.value, data)
+
+
+def _insert_deliveries(
+    connection: Connection, told: list[int], kind: str, data: Mapping[str, Any]
+) -> list[WebhookDelivery]:
+    at_ms, event = now_ms(), f"evt_{uuid4().hex}"
+    at = datetime.fromtimestamp(at_ms / 1_000, UTC).isoformat(timespec="milliseconds")
+    # Escapes of ASCII take any text, half characters included.
+    payload = json.dumps({"type": kind, "timestamp": at, "data": dict(data)})
+    common = {
+        "event": event,
+        "kind": kind,
+        "payload": payload,
+        "created_ms": at_ms,
+        "state": DeliveryState.PENDING.value,
+        "attempts": 0,
+        "next_ms": at_ms,
+        "problem": "",
+        "lease_until_ms": 0,
+        "lease_ms": 0,
+    }
+    made = []
+    for webhook in told:
+        statement = insert(webhook_deliveries).values(webhook=webhook, **common)
+        made.append(_to_delivery(connection.execute(statement.returning(*_SHOWN)).one()))
+    if any(each.id % PRUNED_EVERY == 0 for each in made):
+        ended = _out.state != DeliveryState.PENDING.value
+        oldest = made[-1].id - KEPT_DELIVERIES
+        connection.execute(delete(webhook_deliveries).where(ended, _out.id <= oldest))
+    return made
+
+
+_SHOWN = tuple(_out[name] for name in WebhookDelivery.__struct_fields__)
+
+
+class ClaimedDelivery(NamedTuple):
+    """A delivery that one process may attempt.
+
+    Attributes:
+        id: number of the delivery.
+        token: identifies the claim.
+        attempt: number of this attempt, from 1.
+        event: id of the event.
+        payload: what is sent, as JSON text.
+        webhook: id of the webhook.
+        url: address of the webhook.
+        secret: secret of the webhook.
+    """
+
+    id: int
+    token: str
+    attempt: int
+    event: str
+    payload: str
+    webhook: int
+    url: str
+    secret: str
+
+
+class DeliveryAttempt(NamedTuple):
+    """Outcome of an attempt.
+
+    Attributes:
+        state: pending where it is tried again.
+        status: HTTP status of the answer; None without one.
+        problem: why it failed; empty if it did not.
+        retry_ms: time until the next attempt of a pending delivery. [ms]
+    """
+
+    state: DeliveryState
+    status: int | None = None
+    problem: str = ""
+    retry_ms: int = 0
+
+
+class Outbox:
+    """Deliveries: queued, claimed, and concluded."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def queue_test(self, webhook: int) -> WebhookDelivery | None:
+        """Queue a test event for a webhook; None if there is no such webhook."""
+        lock = select(webhooks.c.id).where(webhooks.c.id == webhook)
+        with self._database.writing() as connection:
+            found = connection.execute(lock.with_for_update(read=True, key_share=True)).first()
+            if found is None:
+                return None
+            return _insert_deliveries(connection, [webhook], TEST_EVENT, {"webhook": webhook})[0]
+
+    def has_due(self, at_ms: int) -> bool:
+        """Return whether a delivery may be attempted now, or is being attempted."""
+        query = select(_out.id).select_from(_JOINED).where(*_is_due(at_ms)).limit(1)
+        with self._database.reading() as connection:
+            return connection.execute(query).first() is not None
+
+    def claim(self, lease_s: float, at_ms: int) -> ClaimedDelivery | None:
+        """Claim the delivery that has been due for longest, and return it; None without one.
+
+        A webhook has one delivery at a time, so that one that answers slowly holds up no other.
+
+        Args:
+            lease_s: after this time another process may claim it. [s]
+            at_ms: current time, in milliseconds since 1970.
+        """
+        length = length_ms(lease_s)
+        lease = {"lease_until_ms": LeaseClock() + length, "lease_ms": length}
+        statement = (
+            update(webhook_deliveries)
+            .where(_out.id == _select_first(at_ms).scalar_subquery())
+            .values(token=uuid4().hex, attempts=_out.attempts + 1, **lease)
+            .returning(_out.id, _out.token, _out.attempts, _out.event, _out.payload, _out.webhook)
+        )
+        with self._database.writing() as connection:
+            found = connection.execute(statement).one_or_none()
+            if found is None:
+                return None
+            query = select(webhooks.c.url, webhooks.c.secret)
+            target = connection.execute(query.where(webhooks.c.id == found.webhook)).one()
+        return ClaimedDelivery(
+            id=found.id,
+            token=found.token,
+            attempt=found.attempts,
+            event=found.event,
+            payload=found.payload,
+            webhook=found.webhook,
+            url=target.url,
+            secret=target.secret,
+        )
+
+    def conclude(self, claimed: ClaimedDelivery, attempt: DeliveryAttempt, at_ms: int) -> bool:
+        """Record the outcome of an attempt; return False if the claim was lost."""
+        is_pending = attempt.state is DeliveryState.PENDING
+        statement = (
+            update(webhook_deliveries)
+            .where(_out.id == claimed.id, _out.token == claimed.token)
+            .values(
+                state=attempt.state.value,
+                status=attempt.status,
+                problem=attempt.problem,
+                next_ms=at_ms + attempt.retry_ms,
+                ended_ms=None if is_pending else at_ms,
+                token=None,
+                lease_until_ms=0,
+                lease_ms=0,
+            )
+        )
+        with self._database.writing() as connection:
+            return connection.execute(statement).rowcount == 1
+
+    def redeliver(self, webhook: int, delivery: int) -> WebhookDelivery | None:
+        """Queue a delivery again, under the same event id; None if there is none.
+
+        A pending one is attempted at once; of an ended one all attempts begin again.
+        """
+        at_ms, pending = now_ms(), DeliveryState.PENDING.value
+        place = _out.id == delivery, _out.webhook == webhook
+        with self._database.writing() as connection:
+            again = update(webhook_deliveries).where(*place, _out.state != pending)
+            connection.execute(again.values(state=pending, attempts=0, ended_ms=None))
+            soon = update(webhook_deliveries).where(*place).values(next_ms=at_ms)
+            found = connection.execute(soon.returning(*_SHOWN)).one_or_none()
+        return None if found is None else _to_delivery(found)
+
+    def count_by_state(self) -> dict[int, dict[DeliveryState, int]]:
+        """Return the numbers of deliveries that are kept, by webhook and state."""
+        query = select(_out.webhook, _out.state, func.count()).group_by(_out.webhook, _out.state)
+        counts: dict[int, dict[DeliveryState, int]] = {}
+        with self._database.reading() as connection:
+            for webhook, state, count in connection.execute(query):
+                counts.setdefault(webhook, {})[DeliveryState(state)] = count
+        return counts
+
+    def page(
+        self,
+        webhook: int | None,
+        limit: int,
+        before: int | None = None,
+        state: DeliveryState | None = None,
+    ) -> list[WebhookDelivery]:
+        """Return deliveries of a webhook or of all, newest first, with ids below `before`."""
+        query = select(*_SHOWN).order_by(_out.id.desc()).limit(limit)
+        if webhook is not None:
+            query = query.where(_out.webhook == webhook)
+        if before is not None:
+            query = query.where(_out.id < before)
+        if state is not None:
+            query = query.where(_out.state == state.value)
+        with self._database.reading() as connection:
+            return [_to_delivery(row) for row in connection.execute(query)]
+
+    def get(self, webhook: int, delivery: int) -> WebhookDelivery | None:
+        """Return a delivery of a webhook; None if there is none."""
+        query = select(*_SHOWN).where(_out.id == delivery, _out.webhook == webhook)
+        with self._database.reading() as connection:
+            found = connection.execute(query).one_or_none()
+        return None if found is None else _to_delivery(found)
+
+
+_JOINED = webhook_deliveries.join(webhooks, webhooks.c.id == _out.webhook)
+
+
+def _is_due(at_ms: int) -> tuple[ColumnElement[bool], ...]:
+    return _out.state == DeliveryState.PENDING.value, _out.next_ms <= at_ms, webhooks.c.active
+
+
+def _is_leased(columns: Any) -> ColumnElement[bool]:
+    # A lease that is yet to begin is of another clock: of before the machine was started anew.
+    begun_ms = columns.lease_until_ms - columns.lease_ms
+    return and_(LeaseClock() < columns.lease_until_ms, begun_ms <= LeaseClock())
+
+
+def _select_first(at_ms: int) -> Select[int]:
+    other = webhook_deliveries.alias().c
+    pending = DeliveryState.PENDING.value
+    busy = select(other.webhook).where(other.state == pending, _is_leased(other))
+    return (
+        select(_out.id)
+        .select_from(_JOINED)
+        # PostgreSQL looks again at the row that it locks, though not at other ones: of two
+        # processes that claim at once, the second must find the lease in the row itself.
+        .where(*_is_due(at_ms), not_(_is_leased(_out)), _out.webhook.not_in(busy))
+        .order_by(_out.next_ms, _out.id)
+        .limit(1)
+        .with_for_update(of=webhook_deliveries, skip_locked=True)
+    )
+
+
+def _to_delivery(row: Row[Any]) -> WebhookDelivery:
+    values = dict(row._mapping)  # noqa: SLF001 - SQLAlchemy's public name
+    return WebhookDelivery(**values | {"state": DeliveryState(values["state"])})

@@ -1,0 +1,176 @@
+"""Webhooks: addresses that are told of events, and the secrets that sign what is sent to them."""
+
+import json
+from typing import Any
+
+from sqlalchemy import RowMapping, delete, func, insert, select, update
+
+from eigenfail.errors import Conflict
+from eigenfail.values import Event, Page
+from eigenfail.values.webhooks import (
+    MAX_WEBHOOKS,
+    DeliveryState,
+    GateVerdictRecord,
+    Webhook,
+    WebhookDelivery,
+    WebhookEvent,
+    WebhookRequest,
+)
+from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.engine import Database
+from eigenfail_services.store.events import append_event, describe_gate
+from eigenfail_services.store.lifecycle import make_delivery_error, make_webhook_error
+from eigenfail_services.store.outbox import Outbox, queue_gate_failure
+from eigenfail_services.store.schema import webhook_deliveries, webhooks
+
+_SHOWN = tuple(column for column in webhooks.c if column is not webhooks.c.secret)
+
+
+class WebhookStore:
+    """Webhooks and their deliveries. Secrets leave it with claimed deliveries alone.
+
+    Attributes:
+        outbox: deliveries that are to be made.
+    """
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+        self.outbox = Outbox(database)
+
+    def create(self, request: WebhookRequest, secret: str) -> Webhook:
+        """Create an active webhook.
+
+        Raises:
+            Conflict: there are as many as there may be.
+        """
+        made = insert(webhooks).values(
+            url=request.url,
+            events=json.dumps(sorted({event.value for event in request.events})),
+            secret=secret,
+            active=True,
+            created_ms=now_ms(),
+        )
+        with self._database.writing() as connection:
+            count = connection.execute(select(func.count()).select_from(webhooks)).scalar_one()
+            if count >= MAX_WEBHOOKS:
+                raise Conflict(
+                    f"There are {count} webhooks, and a service has at most {MAX_WEBHOOKS}.",
+                    "Remove one that is no longer needed: `eigenfail webhook remove ID`.",
+                )
+            return _to_webhook(connection.execute(made.returning(*_SHOWN)).mappings().one())
+
+    def get(self, webhook: int) -> Webhook:
+        """Return a webhook, without its secret.
+
+        Raises:
+            NotFound: no such webhook.
+        """
+        with self._database.reading() as connection:
+            query = select(*_SHOWN).where(webhooks.c.id == webhook)
+            found = connection.execute(query).mappings().one_or_none()
+        if found is None:
+            raise make_webhook_error(webhook)
+        return _to_webhook(found)
+
+    def page(self, limit: int, before: int | None = None) -> Page[Webhook]:
+        """Return webhooks, newest first, with ids below `before`, without their secrets."""
+        query = select(*_SHOWN).order_by(webhooks.c.id.desc()).limit(limit + 1)
+        if before is not None:
+            query = query.where(webhooks.c.id < before)
+        with self._database.reading() as connection:
+            found = [_to_webhook(row) for row in connection.execute(query).mappings()]
+        return Page(tuple(found[:limit]), found[limit - 1].id if len(found) > limit else None)
+
+    def set_active(self, webhook: int, active: bool) -> Webhook:
+        """Set whether events are sent to a webhook; pending deliveries wait while they are not.
+
+        Raises:
+            NotFound: no such webhook.
+        """
+        change = update(webhooks).where(webhooks.c.id == webhook).values(active=active)
+        with self._database.writing() as connection:
+            found = connection.execute(change.returning(*_SHOWN)).mappings().one_or_none()
+        if found is None:
+            raise make_webhook_error(webhook)
+        return _to_webhook(found)
+
+    def delete(self, webhook: int) -> Webhook:
+        """Delete a webhook with its secret and its deliveries, and return it as it was.
+
+        Raises:
+            NotFound: no such webhook.
+        """
+        place = webhooks.c.id == webhook
+        with self._database.writing() as connection:
+            query = select(*_SHOWN).where(place).with_for_update()
+            found = connection.execute(query).mappings().one_or_none()
+            if found is None:
+                raise make_webhook_error(webhook)
+            theirs = webhook_deliveries.c.webhook == webhook
+            connection.execute(delete(webhook_deliveries).where(theirs))
+            connection.execute(delete(webhooks).where(place))
+        return _to_webhook(found)
+
+    def test(self, webhook: int) -> WebhookDelivery:
+        """Queue a test event for a webhook.
+
+        Raises:
+            NotFound: no such webhook.
+        """
+        queued = self.outbox.queue_test(webhook)
+        if queued is None:
+            raise make_webhook_error(webhook)
+        return queued
+
+    def deliveries(
+        self,
+        webhook: int,
+        limit: int,
+        before: int | None = None,
+        state: DeliveryState | None = None,
+    ) -> Page[WebhookDelivery]:
+        """Return deliveries of a webhook, newest first, with ids below `before`.
+
+        Raises:
+            NotFound: no such webhook.
+        """
+        self.get(webhook)
+        found = self.outbox.page(webhook, limit + 1, before, state)
+        return Page(tuple(found[:limit]), found[limit - 1].id if len(found) > limit else None)
+
+    def get_delivery(self, webhook: int, delivery: int) -> WebhookDelivery:
+        """Return a delivery of a webhook.
+
+        Raises:
+            NotFound: no such webhook or delivery.
+        """
+        self.get(webhook)
+        found = self.outbox.get(webhook, delivery)
+        if found is None:
+            raise make_delivery_error(webhook, delivery)
+        return found
+
+    def redeliver(self, webhook: int, delivery: int) -> WebhookDelivery:
+        """Queue a delivery again, under the same event id.
+
+        Raises:
+            NotFound: no such webhook or delivery.
+        """
+        self.get(webhook)
+        found = self.outbox.redeliver(webhook, delivery)
+        if found is None:
+            raise make_delivery_error(webhook, delivery)
+        return found
+
+    def record_gate(self, record: GateVerdictRecord) -> Event:
+        """Log the verdict of a gate, and tell webhooks of one that is closed."""
+        kind = "gate.passed" if record.passed else WebhookEvent.GATE_FAILED.value
+        with self._database.writing() as connection:
+            queue_gate_failure(connection, record)
+            return append_event(connection, kind, describe_gate(record))
+
+
+def _to_webhook(found: RowMapping) -> Webhook:
+    values: dict[str, Any] = dict(found)
+    events = tuple(WebhookEvent(name) for name in json.loads(values.pop("events")))
+    return Webhook(events=events, **values)

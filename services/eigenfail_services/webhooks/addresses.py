@@ -1,0 +1,131 @@
+"""Addresses to which events may be sent: public ones, and those that the operator allows.
+
+A webhook names a host, and a user who creates webhooks could make the service connect to hosts that
+only the service reaches (server-side request forgery). So the address to which the name is resolved
+is judged at each attempt, and the connection is made to this address: a name that is resolved once
+more could lead to another one (DNS rebinding).
+"""
+
+import argparse
+import os
+import socket
+from collections.abc import Iterable, Sequence
+from functools import partial
+from ipaddress import (
+    IPv4Address,
+    IPv4Network,
+    IPv6Address,
+    IPv6Network,
+    ip_address,
+    ip_network,
+)
+from urllib.parse import urlsplit
+
+from anyio.to_thread import run_sync
+
+from eigenfail.errors import InvalidValue
+
+VARIABLE = "EIGENFAIL_WEBHOOK_NETWORKS"
+SCHEMES = frozenset({"http", "https"})
+
+IpAddress = IPv4Address | IPv6Address
+IpNetwork = IPv4Network | IPv6Network
+
+GLOBAL_UNICAST = IPv6Network("2000::/3")
+SIX_TO_FOUR = IPv6Network("2002::/16")
+"""Leads to the IPv4 address in it, through relays that hardly exist any more."""
+
+NAT64 = IPv6Network("64:ff9b::/96")
+"""Leads to the IPv4 address in its last 32 bits, on networks without IPv4 (RFC 6052)."""
+
+
+class AddressRefused(Exception):
+    """No address of a host is one to which events may be sent."""
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the option, with the environment behind it."""
+    parser.add_argument(
+        "--webhook-networks",
+        type=parse_networks,
+        default=os.environ.get(VARIABLE, ""),
+        help="private networks to which webhooks may lead, such as 10.1.0.0/16,192.168.2.7",
+    )
+
+
+def parse_networks(text: str) -> tuple[IpNetwork, ...]:
+    """Return the networks of a list with commas in between; none of an empty text.
+
+    Raises:
+        ArgumentTypeError: something in it is not a network.
+    """
+    try:
+        return tuple(ip_network(part.strip()) for part in text.split(",") if part.strip())
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"{error}; give networks such as 10.1.0.0/16") from None
+
+
+def check_url(url: str) -> None:
+    """Check that a URL names a host and a port; where they lead is judged at each attempt.
+
+    Raises:
+        InvalidValue: it does not, or it is not printable ASCII.
+    """
+    try:
+        parts = urlsplit(url)
+        is_complete = parts.scheme in SCHEMES and bool(parts.hostname) and parts.port != 0
+    except ValueError:
+        is_complete = False
+    if not (is_complete and url.isascii() and url.isprintable() and " " not in url):
+        problem = "it is not a valid URL of a host."
+        raise InvalidValue("url", problem, "Write it like https://host.example/path, in ASCII.")
+
+
+def is_permitted(address: IpAddress, allowed: Iterable[IpNetwork]) -> bool:
+    """Return whether events may be sent to an address.
+
+    Args:
+        address: an address to which a host's name was resolved.
+        allowed: networks that are permitted although they are not public.
+    """
+    leads_to = _find_destination(address)
+    if any(leads_to in network for network in allowed):
+        return True
+    if isinstance(leads_to, IPv6Address):
+        is_unicast = leads_to in GLOBAL_UNICAST and leads_to not in SIX_TO_FOUR
+        return is_unicast and leads_to.is_global
+    return leads_to.is_global and not (leads_to.is_multicast or leads_to.is_reserved)
+
+
+def _find_destination(address: IpAddress) -> IpAddress:
+    """Return the IPv4 address that an IPv6 address stands for, or the address itself."""
+    if isinstance(address, IPv6Address):
+        if address.ipv4_mapped is not None:
+            return address.ipv4_mapped
+        if address in NAT64:
+            return IPv4Address(int(address) & 0xFFFF_FFFF)
+    return address
+
+
+async def resolve_host(host: str, port: int, allowed: Sequence[IpNetwork]) -> str:
+    """Return the first address of a host to which events may be sent.
+
+    Other notations of addresses, such as 2130706433 or 0x7f.1, are resolved like names.
+
+    Raises:
+        AddressRefused: there is none, or the name cannot be resolved.
+    """
+    resolve = partial(socket.getaddrinfo, host, port, type=socket.SOCK_STREAM)
+    try:
+        # A resolver that does not answer is left to itself when the attempt is over.
+        found = await run_sync(resolve, abandon_on_cancel=True)
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is not a valid name"
+        raise AddressRefused(f"The host name cannot be resolved: {reason}.") from None
+    addresses = [ip_address(where[0]) for *_, where in found]
+    for address in addresses:
+        if is_permitted(address, allowed):
+            return str(address)
+    raise AddressRefused(
+        f"{addresses[0]} is not a public address. The operator can allow its network: {VARIABLE}."
+    )

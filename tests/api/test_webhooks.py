@@ -1,0 +1,118 @@
+"""Routes of webhooks and gates: the secret is shown once, and who may do what."""
+
+import json
+
+import pytest
+
+from eigenfail.values import CampaignState
+from eigenfail.values.webhooks import MAX_WEBHOOKS
+
+URL = "https://hooks.example/eigenfail"
+WEBHOOKS = "/api/v1/webhooks"
+GATE = {"suite": "s", "version": "v2", "run": "s@v2", "baseline": "v1", "passed": False}
+
+
+@pytest.fixture
+def made(http):
+    """The answer to the creation of a webhook."""
+    return http.post(WEBHOOKS, json={"url": URL})
+
+
+def test_the_secret_is_shown_once(http, made):
+    assert made.status_code == 201
+    assert made.headers["Cache-Control"] == "no-store"
+    secret = made.json()["secret"]
+    assert secret.startswith("whsec_")
+    webhook = made.json()["webhook"]
+    assert webhook["events"] == ["analysis.finished", "campaign.ended", "gate.failed"]
+    place = made.headers["Location"]
+    http.post(f"{place}/test")
+    for path in (WEBHOOKS, place, f"{place}/deliveries", "/api/v1/audit", "/audit", "/metrics"):
+        answer = http.get(path)
+        assert answer.status_code == 200, path
+        assert secret.removeprefix("whsec_") not in answer.text
+        assert "whsec" not in answer.text
+    assert http.get(place).json() == webhook
+    assert secret not in http.delete(place).text
+
+
+def test_neither_logs_nor_the_audit_log_hold_the_secret(http, made, store, caplog):
+    secret = made.json()["secret"]
+    entries = store.audit.page(100).items
+    assert [entry.subject for entry in entries] == ["/api/v1/webhooks/1"]
+    assert secret not in repr(entries) + caplog.text
+
+
+@pytest.mark.parametrize(
+    ("body", "field"),
+    [
+        ({}, "url"),
+        ({"url": ""}, "url"),
+        ({"url": "hooks.example"}, "url"),
+        ({"url": "ftp://hooks.example/"}, "url"),
+        ({"url": "https://ada:secret@hooks.example/"}, "url"),
+        ({"url": "https://hooks.example/#part"}, "url"),
+        ({"url": "https://hooks.example/\n"}, "url"),
+        ({"url": "https://hooks.example:0/"}, "url"),
+        ({"url": "https://hooks.example/" + "x" * 2_000}, "url"),
+        ({"url": URL, "events": []}, "events"),
+        ({"url": URL, "events": ["campaign.began"]}, "events[0]"),
+        ({"url": URL, "secret": "whsec_AAAA"}, "secret"),
+    ],
+)
+def test_wrong_webhooks_are_refused_by_the_name_of_the_field(http, problem, store, body, field):
+    told = problem(http.post(WEBHOOKS, json=body), 422)
+    assert told.get("field", told.get("name")) == field
+    assert store.webhooks.page(10).items == ()
+
+
+def test_there_is_a_bound(http, problem):
+    for _ in range(MAX_WEBHOOKS):
+        assert http.post(WEBHOOKS, json={"url": URL}).status_code == 201
+    told = problem(http.post(WEBHOOKS, json={"url": URL}), 409)
+    assert "eigenfail webhook remove" in told["remedy"]
+
+
+def test_deliveries_are_listed_by_state_and_queued_again(http, made, store, campaign, problem):
+    place = made.headers["Location"]
+    store.campaigns.move(campaign, CampaignState.CANCELLED)
+    queued = http.post(f"{place}/test")
+    assert queued.status_code == 202
+    assert http.get(queued.headers["Location"]).json() == queued.json()
+    listed = http.get(f"{place}/deliveries").json()["items"]
+    assert [each["kind"] for each in listed] == ["webhook.test", "campaign.ended"]
+    payload = json.loads(listed[1]["payload"])
+    assert payload["data"]["campaign"] == campaign
+    page = http.get(f"{place}/deliveries", params={"state": "pending", "limit": 1}).json()
+    assert [each["id"] for each in page["items"]] == [listed[0]["id"]]
+    assert page["next"] == listed[0]["id"]
+    assert http.get(f"{place}/deliveries", params={"state": "failed"}).json()["items"] == []
+    again = http.post(f"{place}/deliveries/{listed[1]['id']}/redeliver")
+    assert (again.status_code, again.json()["event"]) == (202, listed[1]["event"])
+    told = problem(http.get(f"{place}/deliveries", params={"state": "late"}), 422)
+    assert told["field"] == "state"
+
+
+def test_a_webhook_is_deactivated_and_activated(http, made):
+    place = made.headers["Location"]
+    states = [http.post(f"{place}/{verb}").json()["active"] for verb in ("deactivate", "activate")]
+    assert states == [False, True]
+
+
+def test_the_verdict_of_a_gate_is_an_event_and_a_closed_one_is_told(http, made):
+    closed = http.post("/api/v1/gates", json=GATE)
+    assert closed.status_code == 200
+    assert closed.json()["kind"] == "gate.failed"
+    http.post("/api/v1/gates", json=GATE | {"passed": True})
+    events = http.get("/api/v1/events/list").json()["items"]
+    assert {event["kind"] for event in events} >= {"gate.failed", "gate.passed"}
+    deliveries = http.get(f"{made.headers['Location']}/deliveries").json()["items"]
+    assert [each["kind"] for each in deliveries] == ["gate.failed"]
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"passed": 1}, {"suite": "x" * 201}, {"conclusions": ["x"] * 21}, {"run": None}]
+)
+def test_wrong_verdicts_are_refused(http, problem, wrong):
+    told = problem(http.post("/api/v1/gates", json=GATE | wrong), 422)
+    assert told["field"] == next(iter(wrong))

@@ -1,0 +1,35 @@
+"""A gate reports its verdict to the service, whose webhooks are told of one that is closed."""
+
+import json
+
+from eigenfail.client import Client
+from eigenfail.errors import Forbidden
+from eigenfail.values.webhooks import WebhookEvent, WebhookRequest
+
+
+def test_a_closed_gate_is_told_and_an_open_one_is_logged(gate, store):
+    request = WebhookRequest("https://hooks.example/", (WebhookEvent.GATE_FAILED,))
+    webhook = store.webhooks.create(request, "whsec_AAAA")
+    assert gate("usual").exit_code == 0
+    kind, message = store.events.latest(1)[0].kind, store.events.latest(1)[0].message
+    assert kind == "gate.passed"
+    assert message == "Version v2 passed the gate of suite 'trio' against v1."
+    assert store.webhooks.deliveries(webhook.id, 10).items == ()
+    assert gate("usual", "--strict").exit_code == 1
+    (told,) = store.webhooks.deliveries(webhook.id, 10).items
+    payload = json.loads(told.payload)
+    assert payload["type"] == "gate.failed"
+    named = {name: payload["data"][name] for name in ("suite", "version", "run", "baseline")}
+    assert named == {"suite": "trio", "version": "v2", "run": "trio @ v2", "baseline": "v1"}
+    assert "is closed" in payload["data"]["conclusions"][0]
+
+
+def test_the_verdict_stands_where_the_service_does_not_take_it(gate, monkeypatch):
+    def refuse(*_):
+        raise Forbidden("This needs a key with scope 'runner'.", "Request such a key.")
+
+    monkeypatch.setattr(Client, "record_gate", refuse)
+    done = gate("usual", "--strict", "--json")
+    assert done.exit_code == 1
+    assert not json.loads(done.stdout)["open"]
+    assert "did not record the verdict: This needs a key" in done.stderr

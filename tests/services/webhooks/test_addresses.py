@@ -1,0 +1,108 @@
+"""Where events may be sent: public addresses alone, whatever they are written like."""
+
+import argparse
+import socket
+from ipaddress import IPv4Address, IPv6Address, ip_address, ip_network
+
+import anyio
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from eigenfail.errors import InvalidValue
+from eigenfail_services.webhooks.addresses import (
+    AddressRefused,
+    check_url,
+    is_permitted,
+    parse_networks,
+    resolve_host,
+)
+
+# Registries of special addresses (RFC 6890), written out by hand: the judge must not be judged by
+# the library that it asks.
+PRIVATE = (
+    *("0.0.0.0/8", "10.0.0.0/8", "100.64.0.0/10", "127.0.0.0/8", "169.254.0.0/16"),
+    *("172.16.0.0/12", "192.0.2.0/24", "192.168.0.0/16", "198.18.0.0/15", "198.51.100.0/24"),
+    *("203.0.113.0/24", "224.0.0.0/4", "240.0.0.0/4"),
+    *("::/96", "::1/128", "100::/64", "2001:db8::/32", "2001::/32", "2002::/16", "64:ff9b:1::/48"),
+    *("fc00::/7", "fe80::/10", "fec0::/10", "ff00::/8", "4000::/3"),
+)
+PUBLIC = ("1.1.1.1", "8.8.8.8", "93.184.216.34", "2606:4700::1111", "2a00:1450:4001::1")
+OWN = parse_networks("10.1.0.0/16, 192.168.2.7,fd00:1::/32")
+
+
+def within(network):
+    """Addresses of a network."""
+    first, last = int(network[0]), int(network[-1])
+    return st.integers(first, last).map(type(network[0]))
+
+
+@given(st.sampled_from(PRIVATE).map(ip_network).flatmap(within))
+def test_no_private_address_is_permitted(address):
+    assert not is_permitted(address, ())
+
+
+@given(st.sampled_from([each for each in PRIVATE if "." in each]).map(ip_network).flatmap(within))
+def test_nor_behind_an_ipv6_address(address):
+    for prefix in ("::ffff:0:0", "64:ff9b::", "::", "2002::"):
+        shift = 80 if prefix == "2002::" else 0
+        assert not is_permitted(IPv6Address(int(IPv6Address(prefix)) | int(address) << shift), ())
+
+
+@pytest.mark.parametrize("address", PUBLIC)
+def test_public_addresses_are_permitted(address):
+    assert is_permitted(ip_address(address), ())
+    if "." in address:
+        assert is_permitted(IPv6Address(f"::ffff:{address}"), ())
+        assert is_permitted(IPv6Address(f"64:ff9b::{address}"), ())
+
+
+@given(st.integers(0, 2**32 - 1).map(IPv4Address))
+def test_of_private_addresses_those_of_the_operator_alone_are_permitted(address):
+    in_own = any(address in network for network in OWN)
+    assert is_permitted(address, OWN) == (in_own or is_permitted(address, ()))
+    assert is_permitted(IPv6Address(f"::ffff:{address}"), OWN) == is_permitted(address, OWN)
+
+
+def test_networks_are_read_from_a_list():
+    assert [str(each) for each in OWN] == ["10.1.0.0/16", "192.168.2.7/32", "fd00:1::/32"]
+    assert parse_networks(" , ") == ()
+    for wrong in ("10.1.0.1/16", "localhost", "10.0.0.0/33"):
+        with pytest.raises(argparse.ArgumentTypeError):
+            parse_networks(wrong)
+
+
+@pytest.mark.parametrize(
+    "host",
+    ["127.0.0.1", "127.1", "2130706433", "0x7f000001", "0x7f.1", "017700000001", "0", "localhost"],
+)
+def test_other_notations_of_this_machine_are_refused(host):
+    with pytest.raises(AddressRefused, match="not a public address"):
+        anyio.run(resolve_host, host, 80, ())
+    assert anyio.run(resolve_host, "127.1", 80, parse_networks("127.0.0.0/8")) == "127.0.0.1"
+
+
+def test_the_first_permitted_address_is_taken(monkeypatch):
+    found = ["10.1.2.3", "::ffff:10.0.0.1", "2606:4700::1111", "8.8.8.8"]
+    answer = [(0, 0, 0, "", (each, 443)) for each in found]
+    monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: answer)
+    assert anyio.run(resolve_host, "hooks.example", 443, ()) == "2606:4700::1111"
+    assert anyio.run(resolve_host, "hooks.example", 443, OWN) == "10.1.2.3"
+
+
+def test_a_name_without_addresses_is_refused():
+    with pytest.raises(AddressRefused, match="cannot be resolved"):
+        anyio.run(resolve_host, "x" * 300, 80, ())
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        *("https://", "https:///path", "ftp://host/", "//host", "https://host:0/", "https://h:x/"),
+        *("https://host:99999/", "https://[::1/", "https://höst/", "https://host/a b"),
+        *("https://host/\n", "https://host/\x00"),
+    ],
+)
+def test_what_is_no_url_of_a_host_is_refused(url):
+    with pytest.raises(InvalidValue):
+        check_url(url)

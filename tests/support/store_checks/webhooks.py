@@ -1,0 +1,260 @@
+"""Checks of webhooks: events are queued with what they are about, and claimed by one process."""
+
+import json
+from collections.abc import Callable
+from functools import partial
+from unittest.mock import patch
+
+from msgspec.structs import replace
+
+from eigenfail.errors import Conflict, IllegalTransition, NotFound
+from eigenfail.testing import expect, expect_error
+from eigenfail.testing.examples import analysis_result
+from eigenfail.values import AnalysisSettings, AnalysisState, CampaignState
+from eigenfail.values.webhooks import (
+    EVERY_EVENT,
+    MAX_WEBHOOKS,
+    DeliveryState,
+    GateVerdictRecord,
+    Webhook,
+    WebhookDelivery,
+    WebhookEvent,
+    WebhookRequest,
+)
+from eigenfail_services.store import Store
+from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.outbox import ClaimedDelivery, DeliveryAttempt
+from store_checks.crowds import at_once
+from store_checks.examples import BEYOND, equal, running
+from store_checks.modes import crashed
+
+URL, SECRET = "https://hooks.example/eigenfail", "whsec_bm90IGEgc2VjcmV0IG9mIGFueWJvZHk="
+LONG_S, PASSED_S = 600.0, 0.0
+DELIVERED = DeliveryAttempt(DeliveryState.DELIVERED, 204)
+LATER = DeliveryAttempt(DeliveryState.PENDING, 500, "It answered 500.", 3_600_000)
+GATE = GateVerdictRecord(
+    suite="nightly", version="v2", run="nightly@v2", baseline="v1", passed=False
+)
+
+
+def add(store: Store, *events: WebhookEvent) -> Webhook:
+    """A webhook that is told of events, or of all of them."""
+    return store.webhooks.create(WebhookRequest(URL, events or EVERY_EVENT), SECRET)
+
+
+def queued(store: Store, webhook: Webhook) -> list[WebhookDelivery]:
+    """All deliveries of a webhook, oldest first."""
+    return [*store.webhooks.deliveries(webhook.id, 1_000).items][::-1]
+
+
+def claim(store: Store, lease_s: float = LONG_S) -> ClaimedDelivery | None:
+    """The next delivery that is due."""
+    return store.webhooks.outbox.claim(lease_s, now_ms())
+
+
+def taken(store: Store, lease_s: float = LONG_S) -> ClaimedDelivery:
+    """The same; there must be one."""
+    found = claim(store, lease_s)
+    if found is None:
+        raise AssertionError("There was nothing to claim.")
+    return found
+
+
+def tells_of_the_end_of_a_campaign(store: Store) -> None:
+    """Each end of a campaign is told once, to those who are told of such events."""
+    first, second = add(store), add(store, WebhookEvent.CAMPAIGN_ENDED)
+    others, silent = add(store, WebhookEvent.GATE_FAILED), add(store)
+    store.webhooks.set_active(silent.id, active=False)
+    done, stopped, dead = (running(store) for _ in range(3))
+    equal(queued(store, first), [], "Deliveries before an end")
+    store.campaigns.move(done.id, CampaignState.DONE)
+    store.campaigns.move(stopped.id, CampaignState.CANCELLING)
+    store.campaigns.move(stopped.id, CampaignState.CANCELLED)
+    store.campaigns.move(stopped.id, CampaignState.CANCELLED)  # users may ask twice
+    store.campaigns.move(dead.id, CampaignState.DEAD, "It broke.")
+    with expect_error(IllegalTransition, "A second end."):
+        store.campaigns.move(dead.id, CampaignState.DONE)
+    told = [json.loads(each.payload) for each in queued(store, first)]
+    equal([each["type"] for each in told], ["campaign.ended"] * 3, "Kinds")
+    ends = [(each["data"]["campaign"], each["data"]["state"]) for each in told]
+    wanted = [(done.id, "done"), (stopped.id, "cancelled"), (dead.id, "dead")]
+    equal(ends, wanted, "Ends that are told")
+    equal(told[2]["data"]["reason"], "It broke.", "The reason")
+    same = [[each.event for each in queued(store, webhook)] for webhook in (first, second)]
+    equal(same[0], same[1], "Ids of the events at two webhooks")
+    equal(len({*same[0]}), 3, "Different events")
+    equal([queued(store, others), queued(store, silent)], [[], []], "Those who are told nothing")
+
+
+def tells_of_modes_and_gates(store: Store) -> None:
+    """An analysis tells its modes; a gate that passed is logged, and told to nobody."""
+    webhook, campaign = add(store), crashed(store)
+    done, failed = (store.analyses.create(campaign.id, AnalysisSettings()).id for _ in range(2))
+    store.analyses.start(done)
+    words = ("Mode 1: It brakes late. So.", "Mode 2: It steers.")
+    store.analyses.finish(done, replace(analysis_result(), words=words))
+    store.analyses.finish(done, analysis_result())
+    store.analyses.fail(failed, "Too few.")
+    passed, closed = (
+        store.webhooks.record_gate(replace(GATE, passed=passed)) for passed in (True, False)
+    )
+    equal([passed.kind, closed.kind], ["gate.passed", "gate.failed"], "Kinds in the log")
+    told = [json.loads(each.payload) for each in queued(store, webhook)]
+    kinds = ["analysis.finished", "analysis.finished", "gate.failed"]
+    equal([each["type"] for each in told], kinds, "Kinds")
+    modes = [(mode["number"], mode["name"]) for mode in told[0]["data"]["modes"]]
+    equal(modes, [(1, "It brakes late"), (2, "It steers")], "Modes that are told")
+    equal((told[1]["data"]["state"], told[1]["data"]["problem"]), ("failed", "Too few."), "Failure")
+    equal(told[2]["data"]["version"], "v2", "The version at the gate")
+
+
+def queues_all_or_nothing(store: Store) -> None:
+    """Where the change of state is rolled back, nothing of its event stays; and the other way."""
+    webhook, campaign = add(store), crashed(store)
+    analysis = store.analyses.create(campaign.id, AnalysisSettings()).id
+    changes: dict[str, Callable[[], object]] = {
+        "campaigns": partial(store.campaigns.move, campaign.id, CampaignState.DONE),
+        "analyses": partial(store.analyses.finish, analysis, analysis_result()),
+        "webhooks": partial(store.webhooks.record_gate, GATE),
+    }
+    last = store.events.last()
+    for module, change in changes.items():
+        place = f"eigenfail_services.store.{module}.append_event"
+        with (
+            patch(place, side_effect=ZeroDivisionError),
+            expect_error(ZeroDivisionError, "The log cannot be written."),
+        ):
+            change()
+    equal(store.campaigns.get(campaign.id).state, CampaignState.RUNNING, "State")
+    equal(store.analyses.get(analysis).state, AnalysisState.QUEUED, "State of the analysis")
+    equal(store.events.last(), last, "The last event in the log")
+    equal(queued(store, webhook), [], "Deliveries")
+    place = "eigenfail_services.store.outbox.insert"
+    for change in changes.values():
+        with (
+            patch(place, side_effect=ZeroDivisionError),
+            expect_error(ZeroDivisionError, "The outbox cannot be written."),
+        ):
+            change()
+    equal(store.campaigns.get(campaign.id).state, CampaignState.RUNNING, "State")
+    for change in changes.values():
+        change()
+    kinds = [each.kind for each in queued(store, webhook)]
+    equal(kinds, ["campaign.ended", "analysis.finished", "gate.failed"], "Deliveries of the ends")
+
+
+def claims_one_at_a_time(store: Store) -> None:
+    """A webhook has one delivery at a time, the oldest first; others are not held up by it."""
+    slow, other = add(store), add(store)
+    oldest, newer = (store.webhooks.test(slow.id) for _ in range(2))
+    elsewhere = store.webhooks.test(other.id)
+    first, second = taken(store), taken(store)
+    equal([first.id, second.id], [oldest.id, elsewhere.id], "Claims")
+    equal((first.url, first.secret, first.attempt), (URL, SECRET, 1), "What is claimed")
+    equal(claim(store), None, "A claim while both are busy")
+    expect(store.webhooks.outbox.conclude(first, DELIVERED, now_ms()), "It was claimed.")
+    equal(taken(store).id, newer.id, "The next one")
+    ended = store.webhooks.get_delivery(slow.id, oldest.id)
+    equal((ended.state, ended.status), (DeliveryState.DELIVERED, 204), "What was delivered")
+
+
+def delivers_again_what_was_lost(store: Store) -> None:
+    """A lost claim runs out: the same event is claimed again, and the late answer is refused."""
+    webhook = add(store)
+    event = store.webhooks.test(webhook.id).event
+    lost = taken(store, PASSED_S)
+    again = taken(store)
+    equal((again.event, again.attempt), (event, 2), "The second claim")
+    expect(not store.webhooks.outbox.conclude(lost, DELIVERED, now_ms()), "The claim was lost.")
+    equal(queued(store, webhook)[0].state, DeliveryState.PENDING, "State")
+    failed = DeliveryAttempt(DeliveryState.PENDING, 500, "It answered 500.", 5_000)
+    at_ms = now_ms()
+    expect(store.webhooks.outbox.conclude(again, failed, at_ms), "The second claim holds.")
+    equal(store.webhooks.outbox.claim(LONG_S, at_ms + 4_999), None, "Before it is due")
+    due = store.webhooks.outbox.claim(LONG_S, at_ms + 5_000)
+    equal(due and (due.event, due.attempt), (event, 3), "When it is due")
+
+
+def delivers_again_what_is_asked_for(store: Store) -> None:
+    """An ended delivery is queued again under its event id, with all its attempts."""
+    webhook = add(store)
+    event = store.webhooks.test(webhook.id).event
+    store.webhooks.outbox.conclude(taken(store), DeliveryAttempt(DeliveryState.FAILED), now_ms())
+    equal(claim(store), None, "After the end")
+    equal(store.webhooks.outbox.has_due(now_ms()), False, "Nothing is due")
+    again = store.webhooks.redeliver(webhook.id, queued(store, webhook)[0].id)
+    equal((again.state, again.attempts), (DeliveryState.PENDING, 0), "The delivery")
+    found = taken(store)
+    equal((found.event, found.attempt), (event, 1), "The claim")
+    store.webhooks.set_active(webhook.id, active=False)
+    store.webhooks.redeliver(webhook.id, found.id)
+    equal(store.webhooks.outbox.has_due(now_ms()), False, "An inactive webhook")
+
+
+def removes_webhooks(store: Store) -> None:
+    """With a webhook its secret and its deliveries go; unknown ones are not found."""
+    webhook, other = add(store), add(store)
+    delivery, kept = (store.webhooks.test(each.id) for each in (webhook, other))
+    equal(store.webhooks.page(1).next, other.id, "Pages")
+    equal(store.webhooks.delete(webhook.id), webhook, "What was removed")
+    equal(taken(store).id, kept.id, "What is still to be delivered")
+    for unknown in (webhook.id, *BEYOND):
+        with expect_error(NotFound, "No such webhook."):
+            store.webhooks.get(unknown)
+        with expect_error(NotFound, "No such webhook."):
+            store.webhooks.test(unknown)
+        with expect_error(NotFound, "No such webhook."):
+            store.webhooks.delete(unknown)
+        with expect_error(NotFound, "No such webhook."):
+            store.webhooks.set_active(unknown, active=True)
+    for unknown in (delivery.id, *BEYOND):
+        with expect_error(NotFound, "No such delivery."):
+            store.webhooks.redeliver(other.id, unknown)
+        with expect_error(NotFound, "No such delivery."):
+            store.webhooks.get_delivery(other.id, unknown)
+
+
+def bounds_the_number_of_webhooks(store: Store) -> None:
+    """More than 50 are refused."""
+    for _ in range(MAX_WEBHOOKS):
+        add(store)
+    with expect_error(Conflict, "One too many."):
+        add(store)
+
+
+def deletes_old_deliveries_that_ended(store: Store) -> None:
+    """Ended ones beyond the bound are deleted; pending ones stay, however old they are."""
+    webhook, outbox = add(store), store.webhooks.outbox
+    waiting = store.webhooks.test(webhook.id)
+    expect(outbox.conclude(taken(store), LATER, now_ms()), "It was claimed.")
+    module = "eigenfail_services.store.outbox"
+    with patch(f"{module}.KEPT_DELIVERIES", 2), patch(f"{module}.PRUNED_EVERY", 1):
+        for _ in range(5):
+            store.webhooks.test(webhook.id)
+            expect(outbox.conclude(taken(store), DELIVERED, now_ms()), "It was claimed.")
+    kept = [each.id for each in queued(store, webhook)]
+    equal(kept, [waiting.id, *(waiting.id + n for n in (4, 5))], "Deliveries that are kept")
+
+
+def hands_out_each_delivery_once(store: Store) -> None:
+    """Of several processes that claim at once, each delivery goes to one."""
+    webhooks = [add(store) for _ in range(3)]
+    for webhook in webhooks * 2:
+        store.webhooks.test(webhook.id)
+    claimed = [found.id for found in at_once(lambda _: claim(store)) if found is not None]
+    equal(len({*claimed}), len(claimed), "Deliveries that were claimed once")
+    expect(len(claimed) >= len(webhooks), f"One of each webhook is claimed: {claimed}.")
+
+
+CHECKS = (
+    tells_of_the_end_of_a_campaign,
+    tells_of_modes_and_gates,
+    queues_all_or_nothing,
+    claims_one_at_a_time,
+    delivers_again_what_was_lost,
+    delivers_again_what_is_asked_for,
+    removes_webhooks,
+    bounds_the_number_of_webhooks,
+    deletes_old_deliveries_that_ended,
+    hands_out_each_delivery_once,
+)
