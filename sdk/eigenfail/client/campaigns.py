@@ -1,7 +1,7 @@
 """Campaigns, as a client sees them: created, followed, steered and judged."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, TypedDict, Unpack
 
 import msgspec
 
@@ -39,6 +39,14 @@ AT_REST = FINAL_STATES | {CampaignState.PAUSED}
 
 SHRINK_WITHIN = 2_000
 """Replays that are enough to shrink a failure of a hundred steps, as a rule."""
+
+
+class LabelFilter(TypedDict, total=False):
+    """Labels of campaigns in a list; None or left out where any will do."""
+
+    project: str | None
+    tag: str | None
+    planner_version: str | None
 
 
 class Campaigns:
@@ -146,6 +154,7 @@ class Campaigns:
         search: str | None = None,
         *,
         sort: str = str(NEWEST_FIRST),
+        **labels: Unpack[LabelFilter],
     ) -> Rows[Campaign]:
         """List campaigns that match all given filters, in an order.
 
@@ -156,12 +165,14 @@ class Campaigns:
             search: text that their names hold, in small or large letters.
             sort: id, name, planner, method, state, failures, completed or cost_per_failure_usd;
                 with a minus, the largest first.
+            labels: `project`, `tag` and `planner_version` of the campaigns.
 
         Raises:
             UnknownName: campaigns cannot be sorted by it.
         """
         order = str(parse_campaign_sort(sort))
         asked = {"state": state, "suite": suite, "method": method, "search": search, "sort": order}
+        asked.update(labels)
         return self._link.pages("/campaigns", Page[Campaign], "before", asked)
 
     def pause(self, campaign: int) -> Campaign:

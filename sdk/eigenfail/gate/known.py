@@ -86,6 +86,7 @@ class RunSettings(msgspec.Struct, frozen=True):
             method=REPLAY,
             planner=self.member.spec.planner,
             planner_settings=self.member.spec.planner_settings,
+            planner_version=self.member.spec.planner_version,
             stop=StopRules(),
             scene_every=1,
             **varied,

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from hashlib import sha256
 from typing import Any, TypeVar
 
+from msgspec import UNSET
 from msgspec.structs import replace
 from sqlalchemy import (
     Connection,
@@ -44,6 +45,7 @@ from eigenfail_services.store.codec import (
     spec_text,
     to_campaign,
     to_json,
+    to_tags_text,
 )
 from eigenfail_services.store.engine import CHUNK, Database
 from eigenfail_services.store.events import (
@@ -110,6 +112,9 @@ def _insert_campaign(
             state=CampaignState.QUEUED,
             spec=spec_text(spec),
             priority=spec.priority,
+            planner_version=spec.version or None,
+            project=None if spec.project is UNSET else spec.project,
+            tags=to_tags_text(spec.all_tags),
             made_by=made_by,
             created_ms=now_ms(),
             active_s=0.0,
