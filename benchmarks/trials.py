@@ -16,6 +16,7 @@ import noise_fit
 import openturns_beside
 import parallel
 import processors
+import releases
 import reproduction
 import reproduction_drive
 import requirements
@@ -127,6 +128,7 @@ TRIALS = (
     Trial(("importance.",), requirements.find_importance),
     Trial(("requirement.covered",), sensor_limits.find_covered),
     Trial(("requirement.cut_in.",), sensor_limits.find_frontier),
+    Trial(("releases.",), releases.find_figures),
     Trial(("risk.",), risk.find_cover),
     Trial(("requirements.closed_form.",), requirements.find_closed_form),
     Trial(("requirements.merge_in.uncaused_braking.",), requirements.find_searches),
