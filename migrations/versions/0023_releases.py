@@ -1,4 +1,4 @@
-"""Version of the planner, project and tags of campaigns."""
+"""Version of the planner, project, tags and code of campaigns."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -8,7 +8,7 @@ down_revision = "0022"
 branch_labels = None
 depends_on = None
 
-COLUMNS = ("planner_version", "project", "tags")
+COLUMNS = ("planner_version", "project", "tags", "code")
 INDEXED = ("planner_version", "project")
 
 
@@ -21,7 +21,7 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    """Drop the columns; projects and tags are lost."""
+    """Drop the columns; projects, tags and fingerprints are lost."""
     for name in INDEXED:
         op.drop_index(f"ix_campaigns_{name}_id", "campaigns")
     for name in COLUMNS:

@@ -539,6 +539,8 @@ class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
             not say.
         parts: the versions of the services that ran it, one after the other; empty where an older
             release, which recorded none, ran all of it.
+        code: fingerprints of the code that workers ran its episodes with, by package; several where
+            workers had different code, and none where it is in no package with plug-ins.
     """
 
     id: int
@@ -555,6 +557,7 @@ class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
     overhead: Overhead | None = None
     trained_episodes: int | None = None
     parts: tuple[RunPart, ...] = ()
+    code: tuple[Versions, ...] = ()
 
     @property
     def is_mixed(self) -> bool:

@@ -485,6 +485,25 @@ class CampaignStore:
                     append_event(connection, "campaign.mixed_releases", sentence, campaign)
         return after
 
+    def add_code(self, campaign: int, code: Versions) -> Campaign:
+        """Record the code of a worker that ran episodes of a campaign; known code changes nothing.
+
+        Args:
+            campaign: id of the campaign.
+            code: fingerprints by package.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        with self._database.writing() as connection:
+            before = lock_campaign(connection, campaign)
+            if code in before.code:
+                return before
+            after = replace(before, code=(*before.code, code))
+            ours = update(campaigns).where(campaigns.c.id == campaign)
+            connection.execute(ours.values(code=to_json(after.code)))
+        return after
+
     def add_active(
         self,
         campaign: int,

@@ -32,6 +32,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.arrays import LITTLE_ENDIAN_FLOAT, decode_array, encode_array
 from eigenfail.values.learning import count_state
+from eigenfail.values.operations import Versions
 from eigenfail.values.records import EpisodeRow, FailureCourse, make_failure_course
 from eigenfail.worlds import list_channels
 
@@ -47,6 +48,7 @@ _packer = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _specs = msgspec.json.Decoder(CampaignSpec)
 _estimates = msgspec.json.Decoder(Estimate)
 _parts = msgspec.json.Decoder(tuple[RunPart, ...])
+_codes = msgspec.json.Decoder(tuple[Versions, ...])
 _tags = msgspec.json.Decoder(tuple[str, ...])
 _scenes = msgspec.msgpack.Decoder(Scene, dec_hook=decode_array)
 _courses = msgspec.msgpack.Decoder(_Course, dec_hook=decode_array)
@@ -58,7 +60,7 @@ COUNTS = dict(zip(Counts.__struct_encode_fields__, Counts.__struct_fields__, str
 OVERHEAD = Overhead.__struct_fields__
 
 
-def to_json(value: AnalysisSettings | Estimate | tuple[RunPart, ...]) -> str:
+def to_json(value: AnalysisSettings | Estimate | tuple[RunPart, ...] | tuple[Versions, ...]) -> str:
     """Return the canonical JSON text of a value: equal values have equal texts."""
     return msgspec.json.encode(value, order="deterministic").decode()
 
@@ -140,7 +142,7 @@ def to_tags_text(tags: tuple[str, ...]) -> str | None:
 def to_campaign(found: RowMapping) -> Campaign:
     """Return a campaign from its row."""
     values: dict[str, Any] = dict(found)
-    estimate, parts = values.pop("estimate"), values.pop("parts")
+    estimate, parts, code = values.pop("estimate"), values.pop("parts"), values.pop("code")
     values.pop("suite")  # it is in the name
     values.pop("made_by")
     values.pop("planner_version")  # it is in the spec
@@ -159,6 +161,7 @@ def to_campaign(found: RowMapping) -> Campaign:
         counts=Counts(**{name: values.pop(column) for column, name in COUNTS.items()}),
         estimate=None if estimate is None else _estimates.decode(estimate),
         parts=() if parts is None else _parts.decode(parts),
+        code=() if code is None else _codes.decode(code),
         overhead=None if None in spent else Overhead(*spent),
         **values,
     )

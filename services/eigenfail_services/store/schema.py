@@ -128,6 +128,7 @@ campaigns = Table(
     Column("planner_version", Prose),  # as in the spec
     Column("project", Prose),
     Column("tags", Text),  # JSON; none where there is none
+    Column("code", Text),  # JSON; none where no worker has described it
     CheckConstraint("completed + failed + cancelled <= planned", name="accounted"),
     Index(None, "state", "id"),
     Index(None, "suite", "id"),
