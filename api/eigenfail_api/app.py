@@ -24,6 +24,7 @@ from eigenfail_api.dashboard import (
     overview_page,
     reference_page,
     region_page,
+    release_page,
     risk_page,
     suites_page,
 )
@@ -45,6 +46,7 @@ from eigenfail_api.routes import (
     operations,
     plugins,
     recordings,
+    releases,
 )
 from eigenfail_api.routes.events import EventFeed
 from eigenfail_api.settings import ApiSettings, refuse_open_door, refuse_without_keys
@@ -60,6 +62,7 @@ ROUTERS = (
     campaigns.suites_router,
     episodes.router,
     analyses.router,
+    releases.router,
     recordings.router,
     events.router,
     plugins.router,
@@ -75,6 +78,7 @@ ROUTERS = (
     episodes_page.router,
     episode_page.router,
     comparison_page.router,
+    release_page.router,
     risk_page.router,
     copying.router,
     suites_page.router,

@@ -243,7 +243,7 @@ def fill_tables(store, made):
     store.checkpoints.save(made.members[1], b"state", REFUSED)
     made.suite = SUITE
     made.long_analysis = analysed(store, made.long)
-    made.real = campaign_of(store, "Wave on cut-in", real_results())
+    made.real = campaign_of(store, "Wave on cut-in", real_results(), planner_version="1.4")
 
 
 def real_results():

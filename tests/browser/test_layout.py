@@ -70,6 +70,8 @@ PAGES = {
         *("/comparison", "/comparison?a={ast}&b={long}"),
         "/comparison?campaign={ast}&campaign={long}&campaign={difs}",
     ],
+    "/releases": ["/releases", "/releases?project=none"],
+    "/releases/{campaign}": ["/releases/{real}"],
     "/risk": ["/risk"],
     "/copies": ["/copies?path=/campaigns"],
     "/suites": ["/suites"],

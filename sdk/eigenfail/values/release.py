@@ -98,6 +98,7 @@ class ReleaseTable(Brief, msgspec.Struct, frozen=True, kw_only=True):
         planner: name of the planner.
         scenario: name of the scenario.
         requirements: what an episode must satisfy, in words.
+        method: name of the search method.
         releases: the versions, in the order of their first campaigns.
         modes: the failure modes, in the order in which they were found.
         notes: what limits the comparison, in sentences.
@@ -107,6 +108,7 @@ class ReleaseTable(Brief, msgspec.Struct, frozen=True, kw_only=True):
     planner: str
     scenario: str
     requirements: str
+    method: str
     releases: tuple[Release, ...]
     modes: tuple[ReleaseMode, ...]
     notes: tuple[str, ...] = ()
@@ -120,6 +122,7 @@ class ReleaseQuestion(Brief, msgspec.Struct, frozen=True, kw_only=True):
         planner: name of the planner.
         scenario: name of the scenario.
         requirements: what an episode must satisfy, in words.
+        method: name of the search method.
         versions: the versions, in the order of their first campaigns.
         campaigns: number of campaigns.
     """
@@ -128,5 +131,6 @@ class ReleaseQuestion(Brief, msgspec.Struct, frozen=True, kw_only=True):
     planner: str
     scenario: str
     requirements: str
+    method: str
     versions: tuple[str, ...]
     campaigns: int

@@ -431,6 +431,13 @@ class CampaignStore:
         items = tuple(found[:limit])
         return Page(items, items[-1].id if len(found) > limit else None)
 
+    def list_versioned(self, limit: int) -> tuple[Campaign, ...]:
+        """Return the newest campaigns that name a version of their planner, newest first."""
+        query = select(campaigns).where(campaigns.c.planner_version.is_not(None))
+        query = query.order_by(campaigns.c.id.desc()).limit(limit)
+        with self._database.reading() as connection:
+            return tuple(to_campaign(row) for row in connection.execute(query).mappings())
+
     def suites(self, limit: int, before: int | None = None) -> Page[SuiteStanding]:
         """Return suites by their newest campaigns, newest first, with ids below `before`."""
         with self._database.reading() as connection:
