@@ -171,8 +171,16 @@ class Campaigns:
             UnknownName: campaigns cannot be sorted by it.
         """
         order = str(parse_campaign_sort(sort))
-        asked = {"state": state, "suite": suite, "method": method, "search": search, "sort": order}
-        asked.update(labels)
+        asked = {
+            "state": state,
+            "suite": suite,
+            "method": method,
+            "search": search,
+            "sort": order,
+            "project": labels.get("project"),
+            "tag": labels.get("tag"),
+            "planner_version": labels.get("planner_version"),
+        }
         return self._link.pages("/campaigns", Page[Campaign], "before", asked)
 
     def pause(self, campaign: int) -> Campaign:
