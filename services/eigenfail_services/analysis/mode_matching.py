@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 
 from eigenfail.values.release import ModeStatus
 from eigenfail_services.analysis.mode_regions import (
+    FailureGroup,
     ModeBehaviours,
-    Piece,
+    ModeRegion,
     Points,
-    Region,
     find_region,
     find_usual_radius,
     list_clouds,
@@ -139,7 +139,7 @@ class _Comparison:
         self._earlier = earlier
         self._is_same_code = is_same_code
 
-    def run(self, pieces: Sequence[Piece]) -> None:
+    def run(self, pieces: Sequence[FailureGroup]) -> None:
         """Add a sighting to each mode, and the modes that no earlier release has."""
         usual = find_usual_radius(
             [*(each.points for each in self._known), *(each.points for each in pieces)]
@@ -147,7 +147,7 @@ class _Comparison:
         regions = [find_region(each.points, usual) for each in self._known]
         old = [*self._known]
         shares = np.zeros((len(pieces), len(old)))
-        left = list[Piece]()
+        left = list[FailureGroup]()
         for row, piece in enumerate(pieces):
             owners = self._assign(piece.points, find_region(piece.points, usual), regions)
             if owners is None:
@@ -162,7 +162,7 @@ class _Comparison:
         self._known.extend(self._begin(piece, len(pieces)) for piece in left)
 
     def _assign(
-        self, points: Points, region: Region, regions: Sequence[Region]
+        self, points: Points, region: ModeRegion, regions: Sequence[ModeRegion]
     ) -> NDArray[np.intp] | None:
         """Return the mode of earlier releases of each failure; None where the mode is another.
 
@@ -190,7 +190,7 @@ class _Comparison:
         stays = inside[:, main] | ~inside.any(axis=1)
         return np.where(stays, main, nearest)
 
-    def _see(self, mode: _Known, shares: Points, pieces: Sequence[Piece]) -> Sighting:
+    def _see(self, mode: _Known, shares: Points, pieces: Sequence[FailureGroup]) -> Sighting:
         failures = round(float(shares.sum()))
         if failures:
             return self._see_present(mode, failures, pieces[int(shares.argmax())].source)
@@ -219,7 +219,7 @@ class _Comparison:
         status = ModeStatus.NOT_FOUND_AGAIN if mode.is_absent else ModeStatus.UNDECIDED
         return Sighting(status, 0, chance)
 
-    def _begin(self, piece: Piece, together: int) -> _Known:
+    def _begin(self, piece: FailureGroup, together: int) -> _Known:
         failures, mode = round(piece.failures), _Known(piece.points, self._place)
         mode.failures = failures if self._release.is_random else 0
         mode.episodes = self._count_episodes()

@@ -55,7 +55,7 @@ class ModeBehaviours(NamedTuple):
     failures: int
 
 
-class Region(NamedTuple):
+class ModeRegion(NamedTuple):
     """The region of a mode.
 
     Attributes:
@@ -72,7 +72,7 @@ class Region(NamedTuple):
         return distances
 
 
-class Piece(NamedTuple):
+class FailureGroup(NamedTuple):
     """Failures of a release that lie together.
 
     Attributes:
@@ -119,7 +119,9 @@ def _make_points(
     return np.hstack([smooth / sqrt(max(steps, 1)), STRUCK_MPS2 / sqrt(2.0) * struck])
 
 
-def separate_failures(clouds: Sequence[Points], modes: Sequence[ModeBehaviours]) -> list[Piece]:
+def separate_failures(
+    clouds: Sequence[Points], modes: Sequence[ModeBehaviours]
+) -> list[FailureGroup]:
     """Return the failures of a release by what lies apart from each other, the most first.
 
     The modes of an analysis are as many as its silhouette prefers: where there is one, it is often
@@ -130,14 +132,14 @@ def separate_failures(clouds: Sequence[Points], modes: Sequence[ModeBehaviours])
         modes: the modes.
     """
     pieces = [
-        Piece(part, mode.failures * len(part) / len(points), source)
+        FailureGroup(part, mode.failures * len(part) / len(points), source)
         for source, (points, mode) in enumerate(zip(clouds, modes, strict=True))
         for part in _split(points)
     ]
     while (pair := _find_touching(pieces)) is not None:
         one, other = pair
         larger = max(pieces[one], pieces[other], key=lambda piece: piece.failures)
-        merged = Piece(
+        merged = FailureGroup(
             np.concatenate([pieces[one].points, pieces[other].points]),
             pieces[one].failures + pieces[other].failures,
             larger.source,
@@ -147,7 +149,7 @@ def separate_failures(clouds: Sequence[Points], modes: Sequence[ModeBehaviours])
     return sorted(pieces, key=lambda piece: -piece.failures)
 
 
-def _find_touching(pieces: Sequence[Piece]) -> tuple[int, int] | None:
+def _find_touching(pieces: Sequence[FailureGroup]) -> tuple[int, int] | None:
     """Return the places of the two pieces that are the least apart; None if all are apart."""
     gaps = {
         (one, other): _measure_gap(pieces[one].points, pieces[other].points)
@@ -213,7 +215,7 @@ def find_usual_radius(clouds: Sequence[Points]) -> float:
     return max(RESOLUTION_MPS2, float(np.median(radii)) if radii else 0.0)
 
 
-def find_region(points: Points, usual: float) -> Region:
+def find_region(points: Points, usual: float) -> ModeRegion:
     """Return the region of a mode from its failures.
 
     Args:
@@ -221,4 +223,4 @@ def find_region(points: Points, usual: float) -> Region:
         usual: radius of a mode with too few failures for one of its own. [m/s²]
     """
     own = _measure_spread(points) if len(points) >= FEWEST_FOR_RADIUS else usual
-    return Region(points.mean(axis=0), max(RESOLUTION_MPS2, own))
+    return ModeRegion(points.mean(axis=0), max(RESOLUTION_MPS2, own))
