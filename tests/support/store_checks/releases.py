@@ -33,7 +33,7 @@ def release(
     store: Store, version: str, modes: Mapping[str, int], analyse: bool = True, **changes: Any
 ) -> Campaign:
     """A campaign of a version that is done, with so many failures of each mode."""
-    fields = {"method": "monte_carlo", "planner": "idm", "scenario": "cut_in", "name": "release"}
+    fields: dict[str, Any] = {"method": "monte_carlo", "planner": "idm", "name": "release"}
     fields["scenario_parameters"] = {"distance_m": 53.0}
     campaign = running(
         store, **fields | {"planner_version": version, "episodes": EPISODES} | changes
