@@ -17,6 +17,7 @@ import noise_fit
 import openturns_beside
 import parallel
 import processors
+import releases
 import reproduction
 import reproduction_drive
 import requirements
@@ -128,6 +129,7 @@ TRIALS = (
     Trial(("importance.",), requirements.find_importance),
     Trial(("requirement.covered",), sensor_limits.find_covered),
     Trial(("requirement.cut_in.",), sensor_limits.find_frontier),
+    Trial(("releases.",), releases.find_figures),
     Trial(("risk.",), risk.find_cover),
     Trial(("evidence.",), evidence.find_tampering),
     Trial(("requirements.closed_form.",), requirements.find_closed_form),

@@ -26,6 +26,7 @@ from eigenfail_api.dashboard import (
     overview_page,
     reference_page,
     region_page,
+    release_page,
     replay_page,
     risk_page,
     search_page,
@@ -51,6 +52,7 @@ from eigenfail_api.routes import (
     operations,
     plugins,
     recordings,
+    releases,
     webhooks,
 )
 from eigenfail_api.routes.events import EventFeed
@@ -72,6 +74,7 @@ ROUTERS = (
     campaigns.suites_router,
     episodes.router,
     analyses.router,
+    releases.router,
     recordings.router,
     events.router,
     plugins.router,
@@ -90,6 +93,7 @@ ROUTERS = (
     episode_page.router,
     replay_page.router,
     comparison_page.router,
+    release_page.router,
     risk_page.router,
     workers_page.router,
     search_page.router,

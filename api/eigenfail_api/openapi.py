@@ -42,6 +42,7 @@ from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.mixing import ChainMixing
 from eigenfail.values.operations import Presence, Pruning, Staffing, WorkerShare
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
+from eigenfail.values.release import ReleaseQuestion, ReleaseTable
 from eigenfail.values.report import Export, ExportRequest, Report
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable
@@ -115,6 +116,8 @@ BODIES = (
     Proof,
     Quotas,
     Region,
+    Page[ReleaseQuestion],
+    ReleaseTable,
     Report,
     RiskAssessment,
     RiskQuestion,

@@ -260,3 +260,42 @@ def test_a_priority_is_asked_for_and_changed(http, fields, store, problem):
     http.post(f"{URL}/{made['id']}/cancel")
     problem(http.post(f"{URL}/{made['id']}/priority", json={"priority": "low"}), 409)
     problem(http.post(f"{URL}/99/priority", json={"priority": "low"}), 404)
+
+
+LABELS = {"project": "lane keeping", "tags": ["nightly"], "planner_version": "v1.2"}
+
+
+def test_campaigns_are_found_by_project_tag_and_version(http, fields):
+    http.post(URL, json=fields)
+    labelled = http.post(URL, json={**fields, **LABELS}).json()
+    assert {name: labelled["spec"][name] for name in LABELS} == LABELS
+    for asked in ("project=lane keeping", "tag=nightly", "planner_version=v1.2"):
+        assert [each["id"] for each in http.get(f"{URL}?{asked}").json()["items"]] == [2], asked
+    assert http.get(f"{URL}?tag=nightly&project=other").json()["items"] == []
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("planner_version", "v 1"),
+        ("planner_version", "v1\n"),
+        ("planner_version", ""),
+        ("project", " x"),
+        ("project", "x\n"),
+        ("tags", ["a b"]),
+        ("tags", ['"']),
+        ("tags", ["x"] * 51),
+    ],
+)
+def test_a_label_that_cannot_be_is_refused_by_its_name(http, fields, problem, name, value):
+    told = problem(http.post(URL, json={**fields, name: value}), 422)
+    assert told["field"].startswith(name), told
+
+
+def test_a_clone_with_another_planner_has_no_version(http, fields):
+    http.post(URL, json={**fields, **LABELS})
+    same = http.post(f"{URL}/1/clone", json={"seed": 5}).json()["spec"]
+    other = http.post(f"{URL}/1/clone", json={"planner": "rulebook"}).json()["spec"]
+    assert same["planner_version"] == "v1.2"
+    assert "planner_version" not in other
+    assert other["project"] == LABELS["project"]

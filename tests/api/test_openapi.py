@@ -7,6 +7,7 @@ import jsonschema
 import pytest
 from referencing import Registry, Resource
 from referencing.jsonschema import DRAFT202012
+from store_checks.releases import release
 
 from eigenfail.errors import EigenfailError
 from eigenfail.values import Outcome
@@ -225,3 +226,12 @@ def test_refusals_are_what_it_says(http, conforms, fields):
 
 def test_it_is_made_once(app):
     assert app.openapi() is app.openapi()
+
+
+def test_answers_about_releases_are_what_it_says(http, conforms, store):
+    release(store, "v1", {"late": 20})
+    newest = release(store, "v2", {"hard": 20}, seed=1)
+    store.campaigns.add_code(newest.id, {"idm_stack": "aa11"})
+    conforms(http.get("/api/v1/releases"), "/api/v1/releases")
+    conforms(http.get(f"/api/v1/releases/{newest.id}"), "/api/v1/releases/{campaign}")
+    conforms(http.get(f"/api/v1/campaigns/{newest.id}"), "/api/v1/campaigns/{campaign}")

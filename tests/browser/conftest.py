@@ -263,7 +263,7 @@ def fill_tables(store, made):
     made.suite = SUITE
     fill_webhooks(store)
     made.long_analysis = analysed(store, made.long)
-    made.real = campaign_of(store, "Wave on cut-in", real_results())
+    made.real = campaign_of(store, "Wave on cut-in", real_results(), planner_version="1.4")
 
 
 def real_results():

@@ -71,6 +71,8 @@ PAGES = {
         *("/comparison", "/comparison?a={ast}&b={long}"),
         "/comparison?campaign={ast}&campaign={long}&campaign={difs}",
     ],
+    "/releases": ["/releases", "/releases?project=none"],
+    "/releases/{campaign}": ["/releases/{real}"],
     "/risk": ["/risk"],
     "/workers": ["/workers"],
     "/search": ["/search", "/search?q=a", "/search?q=nothing-has-this-name"],

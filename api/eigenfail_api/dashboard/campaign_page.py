@@ -11,6 +11,7 @@ from fastapi.responses import HTMLResponse
 from starlette.background import BackgroundTask
 
 from eigenfail.methods import NarrowCampaign, traits_of
+from eigenfail.presentation.campaigns import list_labels
 from eigenfail.presentation.figures import (
     UNKNOWN,
     count_noun,
@@ -408,6 +409,7 @@ def group_settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str]
     general = {
         **{field.label: getattr(spec, name) for name, field in SPEC_FIELDS.items() if field.label},
         **{f"stops at {name}": limit for name, limit in spec.stop.given().items()},
+        **dict(list_labels(spec)),
     }
     return (
         ("Campaign", list_pairs(general)),

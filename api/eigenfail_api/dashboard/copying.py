@@ -112,6 +112,10 @@ WORDS: Mapping[tuple[str, str], Words] = {
     ),
     ("GET", "/suites"): Words("list(client.suites.list())", "suite list"),
     ("GET", "/suites/{suite}"): Words("client.suites.table({suite!r})", "suite show {suite}"),
+    ("GET", "/releases"): Words("client.releases.list()", "release list"),
+    ("GET", "/releases/{campaign}"): Words(
+        "client.releases.get({campaign})", "release show {campaign}"
+    ),
     ("GET", "/workers/present"): Words("client.present_workers()", "worker list"),
     ("GET", "/comparisons"): Words("client.campaigns.compare({a}, {b})", "compare {a} {b}"),
 }

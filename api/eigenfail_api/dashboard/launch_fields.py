@@ -33,6 +33,11 @@ def read_list(text: str) -> list[int | float | str]:
     return [read_number(part.strip()) for part in text.split(",") if part.strip()]
 
 
+def read_words(text: str) -> list[str]:
+    """Comma-separated words, also where they are digits alone."""
+    return [part.strip() for part in text.split(",") if part.strip()]
+
+
 def read_table(text: str) -> Any:
     """JSON; the text itself where it is none."""
     try:
@@ -96,8 +101,8 @@ class LaunchField(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         name: its path in a CampaignSpec, and in the form.
         label: the last word of that.
-        kind: number, optional (a number, or off), text, choice, switch, list, table, or varied: a
-            number that is fixed or drawn.
+        kind: number, optional (a number, or off), text, choice, switch, list, words, table, or
+            varied: a number that is fixed or drawn.
         step: step of a number: 1 of whole ones.
         least: smallest value that a browser is to take; empty where there is none.
         most: largest one.
@@ -192,8 +197,10 @@ def make_field(
     label = name.rpartition(".")[2]
     help_text, unit = split_unit(label, part.get("description", "").replace("`", ""))
     kind = "choice" if "enum" in plain else KINDS.get(plain.get("type", ""), "text")
-    if kind == "list" and unwrap_optional(plain.get("items", {}), schema).get("type") == "object":
+    if kind == "list" and describe_items(plain, schema).get("type") == "object":
         kind = "table"
+    if kind == "list" and describe_items(plain, schema).get("type") == "string":
+        kind = "words"
     is_number = kind == "number"
     # A number that is off unless it is given needs no word for that; one that is on does.
     if is_number and plain is not part and part.get("default") is not None:
@@ -212,6 +219,11 @@ def make_field(
         options=tuple(map(str, plain.get("enum", ()))),
         required=required,
     )
+
+
+def describe_items(part: Schema, schema: Schema) -> Schema:
+    """Return the schema of the items of a list."""
+    return unwrap_optional(part.get("items", {}), schema)
 
 
 def read_default(part: Schema) -> str:
@@ -245,7 +257,7 @@ def split_unit(label: str, description: str) -> tuple[str, str]:
 
 def describe_bounds(part: Schema, kind: str, schema: Schema) -> str:
     """Return the accepted values of a field as text."""
-    if kind == "list":
+    if kind in ("list", "words"):
         inner = resolve_schema(part.get("items", {}), schema)
         words = ", ".join(map(str, inner.get("enum", ())))
         return f"separated by commas: {words}" if words else "separated by commas"
@@ -308,6 +320,7 @@ READERS: Mapping[str, Callable[[str], Any]] = {
     "optional": read_optional,
     "switch": read_switch,
     "list": read_list,
+    "words": read_words,
     "table": read_table,
 }
 

@@ -28,6 +28,7 @@ from eigenfail_api.dashboard.episodes_page import (
     make_episode_line,
     make_headings,
 )
+from eigenfail_api.dashboard.release_page import ModeHistory, make_history
 from eigenfail_api.dashboard.rendering import Tile, page
 from eigenfail_api.parameters import AnalysisId, ModeNumber, Stored
 from eigenfail_services.campaigns.proofs import read_result, summarise_proof
@@ -55,6 +56,7 @@ class ModeView(msgspec.Struct, frozen=True, kw_only=True):
         newer: the newest analysis of the campaign, whose modes filters and lists have; None if it
             is this one.
         has_animation: whether an animation of its failures can be made here.
+        history: what became of it over the releases; None where it belongs to none.
     """
 
     mode: Mode
@@ -70,6 +72,7 @@ class ModeView(msgspec.Struct, frozen=True, kw_only=True):
     every: str
     newer: int | None
     has_animation: bool
+    history: ModeHistory | None
     longest_name: int = LONGEST_MODE_NAME
 
 
@@ -101,6 +104,7 @@ def make_mode_view(
         every=find_search_address(analysis, result, mode.number) if newest == analysis.id else "",
         newer=None if newest == analysis.id else newest,
         has_animation=world.has_road and RecordingFormat.GIF in list_formats(),
+        history=make_history(store, analysis.id, mode.number),
     )
 
 

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import msgspec
 from fastapi import APIRouter, Depends, Path, Query
+from msgspec.structs import replace
 
 from eigenfail.errors import IllegalTransition
 from eigenfail.filters import CAMPAIGN_ORDERS, NEWEST_FIRST, parse_campaign_sort
@@ -157,14 +158,29 @@ Sort = Annotated[
 Items = Annotated[list[Any], Depends(plain_body(list))]
 
 
+def parse_labels(
+    project: Annotated[str | None, Query(description="Only campaigns of this project.")] = None,
+    tag: Annotated[str | None, Query(description="Only campaigns with this tag.")] = None,
+    planner_version: Annotated[
+        str | None, Query(description="Only campaigns of this version of a planner.")
+    ] = None,
+) -> CampaignFilter:
+    """Return the part of a request's filter that is about labels."""
+    return CampaignFilter(project=project, tag=tag, planner_version=planner_version)
+
+
+Labels = Annotated[CampaignFilter, Depends(parse_labels)]
+
+
 def parse_query(
+    labels: Labels,
     state: Annotated[CampaignState | None, Query(description="Only in this state.")] = None,
     suite: Annotated[str | None, Query(description="Only campaigns of this suite.")] = None,
     method: Annotated[str | None, Query(description="Only campaigns of this method.")] = None,
     search: Search = None,
 ) -> CampaignFilter:
     """Return the filter of a request: all its conditions hold."""
-    return CampaignFilter(method, search, state=state, suite=suite)
+    return replace(labels, method=method, search=search, state=state, suite=suite)
 
 
 def read_page(

@@ -193,6 +193,11 @@ Search = Annotated[
     str | None,
     typer.Option(help="Only campaigns whose name contains this text, ignoring case."),
 ]
+Project = Annotated[str | None, typer.Option(help="Only campaigns of this project.")]
+Tag = Annotated[str | None, typer.Option(help="Only campaigns with this tag.")]
+PlannerVersion = Annotated[
+    str | None, typer.Option(help="Only campaigns of this version of a planner.")
+]
 Sort = Annotated[
     str,
     typer.Option(
@@ -221,6 +226,9 @@ def list_campaigns(
     state: State = None,
     method: Method = None,
     search: Search = None,
+    project: Project = None,
+    tag: Tag = None,
+    planner_version: PlannerVersion = None,
     sort: Sort = str(NEWEST_FIRST),
     limit: Limit = 20,
     watched: Watched = False,
@@ -229,7 +237,13 @@ def list_campaigns(
     """List campaigns, by default newest first."""
     with interruptible(), connect_to(context, url) as client:
         page = TerminalView(
-            look=lambda: client.campaigns.list(state, None, method, search, sort=sort).first(limit),
+            look=lambda: client.campaigns.list(
+                *(state, None, method, search),
+                project=project,
+                tag=tag,
+                planner_version=planner_version,
+                sort=sort,
+            ).first(limit),
             campaigns=lambda seen: seen,
             to_data=lambda seen: seen,
             draw=lambda seen: render(tabulate_campaigns(seen)),

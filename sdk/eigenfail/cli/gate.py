@@ -5,7 +5,6 @@ from collections.abc import Iterator
 from contextlib import suppress
 from hashlib import sha256
 from importlib.metadata import distributions
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Annotated
 
@@ -22,6 +21,7 @@ from eigenfail.cli.options import AsJson, Data, Workers
 from eigenfail.cli.render import INTERRUPTED, show
 from eigenfail.client import Client
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceError
+from eigenfail.fingerprints import LENGTH, list_packages, read_package_files
 from eigenfail.gate.baselines import name_run
 from eigenfail.gate.report import GateReport, GateRun, list_conclusions, to_junit
 from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
@@ -31,14 +31,12 @@ from eigenfail.hosting.service import Plan
 from eigenfail.presentation.figures import UNKNOWN
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.suites import Suite
-from eigenfail.values import CampaignSpec
 from eigenfail.values.webhooks import (
     LONGEST_NAME,
     LONGEST_SENTENCE,
     MOST_SENTENCES,
     GateVerdictRecord,
 )
-from eigenfail.worlds import world_of
 
 
 def _check_folder(junit: Path | None) -> None:
@@ -64,10 +62,6 @@ def _write_junit(file: Path, content: bytes) -> None:
         raise InvalidValue("junit", problem, "Name a file in a folder of yours.") from error
 
 
-LENGTH = 12
-NOT_CODE = "__pycache__"
-
-
 def fingerprint(suite: Suite) -> str:
     """Different where the world that a suite's episodes run in may behave differently.
 
@@ -88,35 +82,6 @@ def fingerprint(suite: Suite) -> str:
     ]
     digest.update(msgspec.json.encode(settings, order="sorted"))
     return digest.hexdigest()[:LENGTH]
-
-
-def list_packages(spec: CampaignSpec) -> Iterator[str]:
-    """The top packages of what an episode is made of.
-
-    Raises:
-        UnknownName: a plug-in that is not installed here.
-    """
-    return world_of(spec.simulator).packages(spec)
-
-
-def read_package_files(package: str) -> Iterator[tuple[str, bytes]]:
-    """The files of a package, or the one of a module, with their places in it; in order.
-
-    Raises:
-        InvalidValue: it is not found.
-    """
-    found = find_spec(package)
-    folders = [Path(place) for place in (found and found.submodule_search_locations) or ()]
-    if found is None or not (folders or found.origin):
-        raise InvalidValue(
-            "planner", f"the code of '{package}' is not found here.", "Give --planner-version."
-        )
-    if not folders:
-        yield "", Path(found.origin or "").read_bytes()
-    for folder in folders:
-        for file in sorted(folder.rglob("*")):
-            if file.is_file() and NOT_CODE not in file.parts:
-                yield file.relative_to(folder).as_posix(), file.read_bytes()
 
 
 def _list_installed_packages() -> list[str]:

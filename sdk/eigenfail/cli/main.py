@@ -30,6 +30,7 @@ COMMANDS = {
     "episode": "Show, export, replay and explain episodes.",
     "analyze": "Group the failures of a campaign into failure modes.",
     "mode": "List the failure modes of an analysis, and give them names.",
+    "release": "Compare the versions of a planner, failure mode by failure mode.",
     "noise": "Fit the disturbance model p(x) to the log of a sensor, and show what a model means.",
     "requirement": "Find the largest errors of the sensor at which failures stay rare enough.",
     "risk": "Assess failures per hour and per 10^6 km of a planner, against a target rate.",

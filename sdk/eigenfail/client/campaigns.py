@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, Unpack, overload
+from typing import Any, TypedDict, Unpack, overload
 
 from eigenfail.client.fields import CampaignChanges, CampaignFields
 from eigenfail.client.link import Extent, Link, report_progress, reverse_order, wait_until
@@ -41,6 +41,14 @@ from eigenfail.values.seeds import SeedSpread
 from eigenfail.wire.http import SHRINK_WITHIN, CampaignCheck, Digest, ShrinkRequest, read_fields
 
 AT_REST = FINAL_STATES | {CampaignState.PAUSED}
+
+
+class LabelFilter(TypedDict, total=False):
+    """Labels of campaigns in a list; None or left out where any will do."""
+
+    project: str | None
+    tag: str | None
+    planner_version: str | None
 
 
 class Campaigns:
@@ -151,6 +159,7 @@ class Campaigns:
         search: str | None = None,
         *,
         sort: str = str(NEWEST_FIRST),
+        **labels: Unpack[LabelFilter],
     ) -> Rows[Campaign]:
         """List campaigns that match all given filters, in an order.
 
@@ -161,12 +170,22 @@ class Campaigns:
             search: text that their names hold, in small or large letters.
             sort: id, name, planner, method, state, failures, completed or cost_per_failure_usd;
                 with a minus, the largest first.
+            labels: `project`, `tag` and `planner_version` of the campaigns.
 
         Raises:
             UnknownName: campaigns cannot be sorted by it.
         """
         order = str(parse_campaign_sort(sort))
-        asked = {"state": state, "suite": suite, "method": method, "search": search, "sort": order}
+        asked = {
+            "state": state,
+            "suite": suite,
+            "method": method,
+            "search": search,
+            "sort": order,
+            "project": labels.get("project"),
+            "tag": labels.get("tag"),
+            "planner_version": labels.get("planner_version"),
+        }
         reverse = reverse_order(asked, parse_campaign_sort(sort), "id")
         extent = Extent(partial(self._link.count, "/campaigns", asked), reverse)
         return self._link.pages("/campaigns", Page[Campaign], "before", asked, extent)

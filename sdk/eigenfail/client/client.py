@@ -21,6 +21,7 @@ from eigenfail.client.references import (
     find_event_id,
     locate_key,
 )
+from eigenfail.client.releases import Releases
 from eigenfail.client.suites import Suites
 from eigenfail.client.webhooks import Webhooks
 from eigenfail.errors import EigenfailError, InvalidValue
@@ -79,6 +80,7 @@ class Client:
         self.suites = Suites(self._link, self.campaigns)
         self.episodes = Episodes(self._link)
         self.analyses = Analyses(self._link)
+        self.releases = Releases(self._link)
         self.events = Events(self._link)
         self.keys = Keys(self._link)
         self.webhooks = Webhooks(self._link)

@@ -41,8 +41,13 @@ def name_run(suite: str, version: str) -> str:
 
 
 def select_version(suite: Suite, version: str) -> Suite:
-    """The same campaigns under the version's name, so that no other version's are found."""
-    return rename_suite(suite, name_run(suite.name, version))
+    """The same campaigns of the version, under its name, so that no other version's are found."""
+    renamed = rename_suite(suite, name_run(suite.name, version))
+    members = (
+        SuiteMember(each.name, replace(each.spec, planner_version=version))
+        for each in renamed.members
+    )
+    return Suite(renamed.name, tuple(members))
 
 
 def rename_suite(suite: Suite, name: str) -> Suite:

@@ -86,6 +86,7 @@ class RunSettings(msgspec.Struct, frozen=True):
             method=REPLAY,
             planner=self.member.spec.planner,
             planner_settings=self.member.spec.planner_settings,
+            planner_version=self.member.spec.planner_version,
             stop=StopRules(),
             scene_every=1,
             **varied,
@@ -258,11 +259,17 @@ class NewMode(NamedTuple):
     of_before: int
     p_value: float
 
-    def words(self, judged: bool) -> str:
-        """What it rests on; the chance of it is that of independent failures alone."""
+    def words(self, judged: bool, name: str = "") -> str:
+        """What it rests on; the chance of it is that of independent failures alone.
+
+        Args:
+            judged: whether failures are independent.
+            name: name of the mode; empty where it is left out.
+        """
         chance = f" (p = {self.p_value:.2g})" if judged else ""
+        named = f" ({name})" if name else ""
         return (
-            f"new mode {self.number}: {self.now} of {self.of_now} failures are in it, before"
+            f"new mode {self.number}{named}: {self.now} of {self.of_now} failures are in it, before"
             f" {self.before} of {self.of_before}{chance}"
         )
 
@@ -293,7 +300,9 @@ def add_modes(judged: Rerun, together: Analysis, now: RerunSide, pages: str) -> 
     counts, rows = judged.judges_modes, now.outcomes.failures
     became = GateVerdict.NEW if counts else GateVerdict.UNPROVEN
     described = [(one.words(counts), rows.get(one.episode)) for one in new]
-    sentence = f"{'; '.join(words for words, _ in described)}.".capitalize()
+    names = {mode.number: mode.name for mode in result.list_modes(together.id) if result.words}
+    told = "; ".join(one.words(counts, names.get(one.number, "")) for one in new)
+    sentence = f"{told[:1].upper()}{told[1:]}."
     return replace(
         judged,
         verdict=GateVerdict.NEW if counts else judged.verdict,

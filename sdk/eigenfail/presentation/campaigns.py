@@ -3,6 +3,8 @@
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
+from msgspec import UnsetType
+
 from eigenfail.presentation.figures import (
     UNKNOWN,
     count_noun,
@@ -148,6 +150,7 @@ def list_campaign_facts(campaign: Campaign) -> FactTable:
         ("method", f"{spec.method} {spec.settings or ''}"),
         ("scenario", " ".join((spec.scenario, _format_parameters(spec)))),
         ("planner", f"{spec.planner} {spec.planner_settings or ''}"),
+        *list_labels(spec),
         ("simulator", f"{spec.simulator}, seed {spec.seed}"),
         ("disturbance", "; ".join(map(" ".join, describe_disturbance(spec).items()))),
         *describe_requirements(spec).items(),
@@ -163,6 +166,16 @@ def list_campaign_facts(campaign: Campaign) -> FactTable:
         *(("versions", sentence) for sentence in describe_mixed(campaign)),
     ]
     return FactTable("Campaign", tuple(rows))
+
+
+def list_labels(spec: CampaignSpec) -> Iterator[tuple[str, str]]:
+    """Yield version of the planner, project and tags of a campaign, those that are given."""
+    given = {
+        "planner version": spec.version,
+        "project": "" if isinstance(spec.project, UnsetType) else spec.project,
+        "tags": ", ".join(spec.all_tags),
+    }
+    return ((name, text) for name, text in given.items() if text)
 
 
 def _format_parameters(spec: CampaignSpec) -> str:

@@ -115,6 +115,28 @@ LONGEST_NAME = 200
 Name = Annotated[str, msgspec.Meta(min_length=1, max_length=LONGEST_NAME)]
 
 
+LONGEST_TAG = 80
+
+
+# A dollar sign alone would also accept a line break at the end.
+_END = r"(?![\s\S])"
+
+
+PlannerVersion = Annotated[str, msgspec.Meta(pattern=rf"^[\w.+/-]{{1,{LONGEST_TAG}}}{_END}")]
+"""Version of a planner, such as a commit or a tag: letters, digits and . _ + / -"""
+
+
+Project = Annotated[
+    str, msgspec.Meta(min_length=1, max_length=LONGEST_TAG, pattern=rf"^\S([^\r\n]*\S)?{_END}")
+]
+
+
+Tag = Annotated[str, msgspec.Meta(pattern=rf"^[\w.+/:=-]{{1,{LONGEST_TAG}}}{_END}")]
+
+
+MOST_TAGS = 50
+
+
 Settings = dict[str, Any]
 
 
@@ -165,6 +187,10 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             soon failures are found, and not what is one.
         priority: how large its share of the workers is beside other campaigns, and how soon it has
             its turn; it may be changed later, and changes no episode.
+        planner_version: version of the planner, such as a commit. Campaigns of two versions are two
+            campaigns, also where nothing else differs.
+        project: project that the campaign belongs to; it is no part of what the campaign is.
+        tags: words by which campaigns are found; as the project.
     """
 
     name: Annotated[
@@ -272,6 +298,30 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             section=Section.CAMPAIGN,
         ),
     ] = msgspec.UNSET
+    planner_version: Annotated[
+        PlannerVersion | msgspec.UnsetType,
+        SpecField(
+            help="Version of the planner, such as a commit: letters, digits and . _ + / -.",
+            section=Section.CAMPAIGN,
+            changes_episodes=False,
+        ),
+    ] = msgspec.UNSET
+    project: Annotated[
+        Project | msgspec.UnsetType,
+        SpecField(
+            help="Project that the campaign belongs to.",
+            section=Section.CAMPAIGN,
+            changes_episodes=False,
+        ),
+    ] = msgspec.UNSET
+    tags: Annotated[
+        Annotated[tuple[Tag, ...], msgspec.Meta(max_length=MOST_TAGS)] | msgspec.UnsetType,
+        SpecField(
+            help="Words by which campaigns are found.",
+            section=Section.CAMPAIGN,
+            changes_episodes=False,
+        ),
+    ] = msgspec.UNSET
 
     @property
     def named_requirements(self) -> tuple[AnyRequirement, ...]:
@@ -283,14 +333,28 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         """The requirements, also where it is the one that campaigns have by default."""
         return self.named_requirements or COLLISION_ALONE
 
+    @property
+    def version(self) -> str:
+        """The version of the planner; empty where none is given."""
+        return "" if isinstance(self.planner_version, msgspec.UnsetType) else self.planner_version
+
+    @property
+    def all_tags(self) -> tuple[str, ...]:
+        """The tags; none where none are given."""
+        return () if isinstance(self.tags, msgspec.UnsetType) else self.tags
+
     def is_like(self, other: "CampaignSpec") -> bool:
         """Return whether both specs describe the same campaign, at any priority.
+
+        Projects and tags do not count.
 
         Channels may be written out in one of them, and no collision be the only requirement that is
         named, as a service writes what it stores.
         """
         like = {
             "priority": other.priority,
+            "project": other.project,
+            "tags": other.tags,
             "disturbance": other.disturbance,
             "requirements": other.requirements,
         }
@@ -475,6 +539,8 @@ class Campaign(Shown, Plottable, msgspec.Struct, frozen=True, kw_only=True):
             not say.
         parts: the versions of the services that ran it, one after the other; empty where an older
             release, which recorded none, ran all of it.
+        code: fingerprints of the code that workers ran its episodes with, by package; several where
+            workers had different code, and none where it is in no package with plug-ins.
     """
 
     id: int
@@ -491,6 +557,7 @@ class Campaign(Shown, Plottable, msgspec.Struct, frozen=True, kw_only=True):
     overhead: Overhead | None = None
     trained_episodes: int | None = None
     parts: tuple[RunPart, ...] = ()
+    code: tuple[Versions, ...] = ()
 
     @property
     def is_mixed(self) -> bool:
@@ -581,6 +648,9 @@ class CampaignFilter(msgspec.Struct, frozen=True):
         besides: a method whose campaigns are left out.
         state: its state.
         suite: the suite that it belongs to.
+        project: the project that it belongs to.
+        tag: one of its tags.
+        planner_version: version of its planner.
     """
 
     method: str | None = None
@@ -588,6 +658,9 @@ class CampaignFilter(msgspec.Struct, frozen=True):
     besides: str | None = None
     state: CampaignState | None = None
     suite: str | None = None
+    project: str | None = None
+    tag: str | None = None
+    planner_version: str | None = None
 
 
 ANY_CAMPAIGN = CampaignFilter()

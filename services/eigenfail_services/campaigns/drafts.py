@@ -231,6 +231,8 @@ def change_fields(fields: Fields, changes: Fields) -> dict[str, Any]:
     for name, companion in COMPANIONS.items():
         if name in changes and changes[name] != fields.get(name):
             kept.pop(companion, None)
+            if name == "planner":
+                kept.pop("planner_version", None)
     for name, value in changes.items():
         over = name in TABLES and isinstance(value, dict) and isinstance(kept.get(name), dict)
         kept[name] = {**kept[name], **value} if over else value

@@ -16,6 +16,7 @@ import zmq
 from eigenfail.errors import ClaimLost, StoreUnavailable
 from eigenfail.worlds import world_of
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
+from eigenfail_services.hub.code_records import CodeRecorder
 from eigenfail_services.hub.commits import CommitQueue, WorkerDeaths
 from eigenfail_services.hub.keys import HubKeys
 from eigenfail_services.hub.leases import Leases
@@ -96,6 +97,7 @@ class Hub:
         self._leases = Leases()
         self.metrics = Metrics()
         self._commits = CommitQueue(store.episodes, self.metrics, self._receive)
+        self._code = CodeRecorder(store.campaigns)
         self._sessions = WorkerSessions(
             partial(send, self._router),
             self._leases,
@@ -184,6 +186,7 @@ class Hub:
             self._assign()
             self._commit()
             self._deaths.record()
+            self._record_code()
             self._roster.update()
             self._unrunnable.update(self._runs.keys())
         self._update_status()
@@ -207,6 +210,7 @@ class Hub:
         if run := self._runs.pop(finished.campaign, None):
             run.stop()
             self._sessions.drop_campaign(finished.campaign)
+            self._code.forget(finished.campaign)
             self.finished_runs.put(finished)
 
     def _receive(self) -> None:
@@ -216,6 +220,11 @@ class Hub:
             except zmq.Again:
                 return
             self._sessions.handle(worker, data)
+
+    def _record_code(self) -> None:
+        while self._sessions.prepared:
+            self._code.note(*self._sessions.prepared.pop())
+        self._code.write()
 
     def _halt_declined(self) -> None:
         """Halt what a worker cannot run, before every episode of it errs for the same reason."""

@@ -12,6 +12,7 @@ from eigenfail.bridges import MAX_OFFER_BYTES
 from eigenfail.errors import ProtocolError
 from eigenfail.processes import COMMON_PROCESSOR
 from eigenfail.values import EpisodeTask, PolicySource
+from eigenfail.values.operations import Versions
 from eigenfail.versions import versions
 from eigenfail.wire.messages import (
     PROTOCOL,
@@ -114,6 +115,7 @@ class WorkerSessions:
 
     Attributes:
         declined: campaigns of which a worker can run no episode, with the reasons.
+        prepared: campaigns whose setup was sent to a worker, with the versions of the worker.
     """
 
     def __init__(
@@ -132,6 +134,7 @@ class WorkerSessions:
         self._refusals = RefusalLog()
         self._assemblers = AssemblerTable()
         self.declined: dict[int, str] = {}
+        self.prepared: list[tuple[int, Versions]] = []
         self._began_s = self._expired_s = time.monotonic()
         self._handlers: dict[type, Callable[[bytes, Any], None]] = {
             Hello: self._handle_hello,
@@ -309,6 +312,7 @@ class WorkerSessions:
         session = self._leases.sessions[worker]
         if campaign not in session.setups:
             session.setups.add(campaign)
+            self.prepared.append((campaign, session.arrival.versions))
             self._send(worker, Setup(campaign, run.spec.setup))
         sources = (task.source for task in assignment.tasks)
         needed = {source.version for source in sources if isinstance(source, PolicySource)}

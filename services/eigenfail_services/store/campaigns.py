@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 from hashlib import sha256
 from typing import Any, TypeVar
 
+from msgspec import UNSET
 from msgspec.structs import replace
 from sqlalchemy import (
     Connection,
@@ -44,6 +45,7 @@ from eigenfail_services.store.codec import (
     spec_text,
     to_campaign,
     to_json,
+    to_tags_text,
 )
 from eigenfail_services.store.engine import CHUNK, Database
 from eigenfail_services.store.events import (
@@ -111,6 +113,9 @@ def _insert_campaign(
             state=CampaignState.QUEUED,
             spec=spec_text(spec),
             priority=spec.priority,
+            planner_version=spec.version or None,
+            project=None if spec.project is UNSET else spec.project,
+            tags=to_tags_text(spec.all_tags),
             made_by=made_by,
             created_ms=now_ms(),
             active_s=0.0,
@@ -433,6 +438,13 @@ class CampaignStore:
         with self._database.reading() as connection:
             return connection.execute(query).scalar_one()
 
+    def list_versioned(self, limit: int) -> tuple[Campaign, ...]:
+        """Return the newest campaigns that name a version of their planner, newest first."""
+        query = select(campaigns).where(campaigns.c.planner_version.is_not(None))
+        query = query.order_by(campaigns.c.id.desc()).limit(limit)
+        with self._database.reading() as connection:
+            return tuple(to_campaign(row) for row in connection.execute(query).mappings())
+
     def suites(self, limit: int, before: int | None = None) -> Page[SuiteStanding]:
         """Return suites by their newest campaigns, newest first, with ids below `before`."""
         with self._database.reading() as connection:
@@ -497,6 +509,25 @@ class CampaignStore:
                 if after.is_mixed:
                     sentence = describe_mixed_releases(after)
                     append_event(connection, "campaign.mixed_releases", sentence, campaign)
+        return after
+
+    def add_code(self, campaign: int, code: Versions) -> Campaign:
+        """Record the code of a worker that ran episodes of a campaign; known code changes nothing.
+
+        Args:
+            campaign: id of the campaign.
+            code: fingerprints by package.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        with self._database.writing() as connection:
+            before = lock_campaign(connection, campaign)
+            if code in before.code:
+                return before
+            after = replace(before, code=(*before.code, code))
+            ours = update(campaigns).where(campaigns.c.id == campaign)
+            connection.execute(ours.values(code=to_json(after.code)))
         return after
 
     def add_active(

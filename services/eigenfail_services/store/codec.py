@@ -32,6 +32,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.arrays import LITTLE_ENDIAN_FLOAT, decode_array, encode_array
 from eigenfail.values.learning import count_state
+from eigenfail.values.operations import Versions
 from eigenfail.values.records import EpisodeRow, FailureCourse, make_failure_course
 from eigenfail.worlds import list_channels
 
@@ -47,6 +48,8 @@ _packer = msgspec.msgpack.Encoder(enc_hook=encode_array)
 _specs = msgspec.json.Decoder(CampaignSpec)
 _estimates = msgspec.json.Decoder(Estimate)
 _parts = msgspec.json.Decoder(tuple[RunPart, ...])
+_codes = msgspec.json.Decoder(tuple[Versions, ...])
+_tags = msgspec.json.Decoder(tuple[str, ...])
 _scenes = msgspec.msgpack.Decoder(Scene, dec_hook=decode_array)
 _courses = msgspec.msgpack.Decoder(_Course, dec_hook=decode_array)
 _analyses = msgspec.msgpack.Decoder(AnalysisResult, dec_hook=decode_array)
@@ -57,18 +60,23 @@ COUNTS = dict(zip(Counts.__struct_encode_fields__, Counts.__struct_fields__, str
 OVERHEAD = Overhead.__struct_fields__
 
 
-def to_json(value: AnalysisSettings | Estimate | tuple[RunPart, ...]) -> str:
+def to_json(value: AnalysisSettings | Estimate | tuple[RunPart, ...] | tuple[Versions, ...]) -> str:
     """Return the canonical JSON text of a value: equal values have equal texts."""
     return msgspec.json.encode(value, order="deterministic").decode()
 
 
-def spec_text(spec: CampaignSpec) -> str:
-    """Return the canonical JSON text of a spec without its priority, which has a column.
+COLUMN_FIELDS = ("priority", "project", "tags")
+"""Fields of a spec that have columns of their own and are in no hash."""
 
-    `parallel`, `requirements` and `importance` are left out where they are not given: earlier
-    releases had no such fields, and their texts, keys and digests stay as they are.
+
+def spec_text(spec: CampaignSpec) -> str:
+    """Return the canonical JSON text of a spec without its priority, project and tags.
+
+    These have columns, and are no part of what a campaign is. `parallel`, `requirements`,
+    `importance` and `planner_version` are left out where they are not given: earlier releases had
+    no such fields, and their texts, keys and digests stay as they are.
     """
-    absent = {"priority"} if spec.parallel is not None else {"priority", "parallel"}
+    absent = set(COLUMN_FIELDS) if spec.parallel is not None else {*COLUMN_FIELDS, "parallel"}
     given = {name: getattr(spec, name) for name in spec.__struct_fields__ if name not in absent}
     fields = {
         name: msgspec.Raw(msgspec.json.encode(value, order="deterministic"))
@@ -79,7 +87,7 @@ def spec_text(spec: CampaignSpec) -> str:
 
 
 def spec_hash(spec: CampaignSpec) -> str:
-    """Return the SHA-256 of a spec, which does not depend on its priority."""
+    """Return the SHA-256 of a spec, which does not depend on its priority, project and tags."""
     return hashlib.sha256(spec_text(spec).encode()).hexdigest()
 
 
@@ -126,20 +134,34 @@ def to_analysis_result(blob: bytes) -> AnalysisResult:
     return _analyses.decode(blob)
 
 
+def to_tags_text(tags: tuple[str, ...]) -> str | None:
+    """Return tags as JSON; None where there are none."""
+    return msgspec.json.encode(tags).decode() if tags else None
+
+
 def to_campaign(found: RowMapping) -> Campaign:
     """Return a campaign from its row."""
     values: dict[str, Any] = dict(found)
-    estimate, parts = values.pop("estimate"), values.pop("parts")
+    estimate, parts, code = values.pop("estimate"), values.pop("parts"), values.pop("code")
     values.pop("suite")  # it is in the name
     values.pop("made_by")
-    spec = _specs.decode(values.pop("spec"))
+    values.pop("planner_version")  # it is in the spec
+    project, tags = values.pop("project"), values.pop("tags")
+    priority = Priority(values.pop("priority"))
+    spec = msgspec.structs.replace(
+        _specs.decode(values.pop("spec")),
+        priority=priority,
+        project=msgspec.UNSET if project is None else project,
+        tags=msgspec.UNSET if tags is None else _tags.decode(tags),
+    )
     spent = [values.pop(name) for name in OVERHEAD]
     return Campaign(
-        spec=msgspec.structs.replace(spec, priority=Priority(values.pop("priority"))),
+        spec=spec,
         state=CampaignState(values.pop("state")),
         counts=Counts(**{name: values.pop(column) for column, name in COUNTS.items()}),
         estimate=None if estimate is None else _estimates.decode(estimate),
         parts=() if parts is None else _parts.decode(parts),
+        code=() if code is None else _codes.decode(code),
         overhead=None if None in spent else Overhead(*spent),
         **values,
     )

@@ -395,6 +395,31 @@ class EpisodeStore:
             for index, scene in connection.execute(query):
                 yield to_failure_course(index, scene)
 
+    def mode_courses(
+        self, analysis: int, campaign: int, most: int
+    ) -> dict[int, tuple[int, tuple[FailureCourse, ...]]]:
+        """Return the failures of a campaign in each mode of an analysis, by number of the mode.
+
+        Args:
+            analysis: id of the analysis.
+            campaign: id of the campaign.
+            most: number of failures of a mode whose course is read at most, evenly spaced.
+
+        Returns:
+            The number of failures, and the courses of those whose scene is stored.
+        """
+        member = mode_members.c
+        of_campaign = (member.analysis == analysis) & (member.campaign == campaign)
+        query = select(member.number, member["index"]).where(of_campaign)
+        with self._database.reading() as connection:
+            indices: dict[int, list[int]] = {}
+            for number, index in connection.execute(query.order_by(member["index"])):
+                indices.setdefault(number, []).append(index)
+            return {
+                number: (len(found), _read_courses(connection, campaign, found, most))
+                for number, found in sorted(indices.items())
+            }
+
     def totals(self, campaign: int) -> Totals:
         """Return sums over all failures, and episodes counted by the classes of `assess`."""
         return self._cached.totals([campaign])[campaign]
@@ -490,3 +515,15 @@ def _read_requirements(
     for index, robustness in connection.execute(query):
         judged[index].append(robustness)
     return judged
+
+
+def _read_courses(
+    connection: Connection, campaign: int, indices: Sequence[int], most: int
+) -> tuple[FailureCourse, ...]:
+    count = min(most, len(indices))
+    chosen = [indices[place * len(indices) // count] for place in range(count)]
+    query = select(scenes.c["index"], scenes.c.scene).where(
+        scenes.c.campaign == campaign, scenes.c["index"].in_(chosen)
+    )
+    found = connection.execute(query.order_by(scenes.c["index"]))
+    return tuple(to_failure_course(index, scene) for index, scene in found)

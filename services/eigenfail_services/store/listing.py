@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from typing import Any
 
+import msgspec
 from sqlalchemy import (
     ColumnElement,
     Connection,
@@ -35,6 +36,7 @@ from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
 from eigenfail_services.store.schema import (
     Number,
+    PositionExpression,
     Prose,
     campaigns,
     episode_index,
@@ -239,6 +241,7 @@ def sort_campaigns(
 
 def filter_campaigns(where: CampaignFilter) -> Iterator[ColumnElement[bool]]:
     """Yield the conditions of a filter."""
+    yield from _filter_labels(where)
     if where.method is not None:
         yield spec_field("method") == where.method
     if where.besides is not None:
@@ -255,3 +258,14 @@ def contains_text(column: ColumnElement[Any], text: str) -> ColumnElement[bool]:
     """Return the condition that a column contains a text, in small or large letters."""
     words = text.lower().replace("\x00", "�")  # which no database takes
     return func.lower(column).contains(words, autoescape=True)
+
+
+def _filter_labels(where: CampaignFilter) -> Iterator[ColumnElement[bool]]:
+    if where.project is not None:
+        yield campaigns.c.project == where.project
+    if where.planner_version is not None:
+        yield campaigns.c.planner_version == where.planner_version
+    if where.tag is not None:
+        # Tags hold no quotation marks, so that only whole tags are found.
+        quoted = msgspec.json.encode(where.tag).decode()
+        yield PositionExpression(campaigns.c.tags, literal(quoted, Prose())) > 0

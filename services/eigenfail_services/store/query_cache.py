@@ -174,7 +174,7 @@ _PEERS = Peers.__struct_fields__
 
 _BESIDES = (
     *("settings", "episodes", "stop", "price_usd_per_hour", "instances", "scene_every"),
-    "importance",
+    *("importance", "planner_version"),
 )
 """Fields in which campaigns of one method and equal peers may still differ, beside the seed."""
 

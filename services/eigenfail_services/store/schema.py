@@ -125,11 +125,17 @@ campaigns = Table(
     Column("priority", Text, nullable=False, server_default=Priority.NORMAL),
     Column("parts", Text),  # JSON; older releases recorded none
     Column("made_by", Number),  # id of the key; none where none was needed
+    Column("planner_version", Prose),  # as in the spec
+    Column("project", Prose),
+    Column("tags", Text),  # JSON; none where there is none
+    Column("code", Text),  # JSON; none where no worker has described it
     CheckConstraint("completed + failed + cancelled <= planned", name="accounted"),
     Index(None, "state", "id"),
     Index(None, "suite", "id"),
     Index(None, "made_by", "created_ms"),
     Index(None, "made_by", "ended_ms"),
+    Index(None, "planner_version", "id"),
+    Index(None, "project", "id"),
     sqlite_autoincrement=True,
 )
 
@@ -483,3 +489,23 @@ def _in_sqlite(element: SpecFieldExpression, compiler: SQLCompiler, **more: Any)
 def _in_postgres(element: SpecFieldExpression, compiler: SQLCompiler, **more: Any) -> str:
     spec, name = (compiler.process(part, **more) for part in element.clauses)
     return f"(CAST({spec} AS JSON) #>> string_to_array({name}, '.'))"
+
+
+class PositionExpression(FunctionElement[int]):
+    """Place of a text in another one, from 1, where letters count as they are; 0: nowhere."""
+
+    name = "position"
+    type = Integer()
+    inherit_cache = True
+
+
+@compiles(PositionExpression, "sqlite")
+def _find_in_sqlite(element: PositionExpression, compiler: SQLCompiler, **more: Any) -> str:
+    text, part = (compiler.process(each, **more) for each in element.clauses)
+    return f"instr({text}, {part})"
+
+
+@compiles(PositionExpression, "postgresql")
+def _find_in_postgres(element: PositionExpression, compiler: SQLCompiler, **more: Any) -> str:
+    text, part = (compiler.process(each, **more) for each in element.clauses)
+    return f"strpos({text}, {part})"

@@ -50,6 +50,8 @@ ROUTES = {
         GET /openapi.json
         HEAD /openapi.json
         GET /replays/{campaign}
+        GET /releases
+        GET /releases/{campaign}
         GET /risk
         POST /risk
         GET /search
@@ -96,6 +98,8 @@ ROUTES = {
         GET /api/v1/methods/{name}
         GET /api/v1/planners
         GET /api/v1/planners/{name}
+        GET /api/v1/releases
+        GET /api/v1/releases/{campaign}
         GET /api/v1/report
         POST /api/v1/risk
         GET /api/v1/scenarios

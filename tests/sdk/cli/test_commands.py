@@ -495,3 +495,15 @@ def test_the_doctor_says_nothing_of_campaigns_where_none_runs():
     campaigns = SimpleNamespace(list=lambda _state: iter(()))
     client = SimpleNamespace(present_workers=lambda: (None,), campaigns=campaigns)
     assert list(list_narrow_campaigns(client)) == []
+
+
+def test_campaigns_are_labelled_in_a_file_and_found_by_labels(eigenfail, spec_file):
+    eigenfail("campaign", "create", spec_file)
+    labels = 'project = "lane keeping"\ntags = ["a", "b"]\nplanner_version = "v2"\n'
+    spec_file.write_text(spec_file.read_text() + labels)
+    shown = eigenfail("campaign", "create", spec_file)
+    assert "lane keeping" in shown.stdout
+    assert "a, b" in shown.stdout
+    for option in (("--project", "lane keeping"), ("--tag", "b"), ("--planner-version", "v2")):
+        found = json.loads(eigenfail("campaign", "list", *option, "--json").stdout)
+        assert [each["id"] for each in found] == [2], option

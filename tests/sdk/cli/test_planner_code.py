@@ -6,8 +6,9 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.cli import gate
-from eigenfail.cli.gate import fingerprint, list_packages, read_package_files
+from eigenfail.cli.gate import fingerprint
 from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.fingerprints import list_packages, read_package_files
 from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values import CampaignSpec
 

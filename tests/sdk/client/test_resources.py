@@ -332,6 +332,8 @@ def test_campaigns_are_found_by_method_and_name(client, fields):
     found = client.campaigns.list(method=fields["method"], search="NIGHT")
     assert [campaign.spec.name for campaign in found] == ["Night drive"]
     assert list(client.campaigns.list(method="ast")) == []
+    client.campaigns.create(**fields, tags=("nightly",))
+    assert [each.id for each in client.campaigns.list(tag="nightly")] == [3]
 
 
 def test_an_episode_is_replayed_as_a_campaign(client, campaign, deliver):

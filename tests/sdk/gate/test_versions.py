@@ -1,6 +1,7 @@
 """Runs by version, and what can be judged against what."""
 
 import pytest
+from msgspec import UNSET
 from msgspec.structs import replace
 
 from eigenfail.errors import Conflict, InvalidValue
@@ -12,7 +13,7 @@ from eigenfail.gate.baselines import (
     list_differences,
     select_version,
 )
-from eigenfail.suites import SuiteMember
+from eigenfail.suites import Suite, SuiteMember, match_campaigns
 from eigenfail.values import CampaignSpec, CampaignState, DisturbanceModel, StopRules
 from eigenfail.values.requirements import TimeHeadway
 
@@ -36,6 +37,9 @@ OTHER = {
     "instances": 7,
     "scene_every": 3,
     "priority": "high",
+    "planner_version": "v9",
+    "project": "other",
+    "tags": ("x",),
 }
 
 
@@ -44,8 +48,19 @@ def test_versions_are_runs_of_their_own(suite, campaign):
     assert new.name == "trio @ v2"
     assert new.members[0].spec.name == "trio @ v2: a"
     assert new.members[0].name == "a"
+    assert new.members[0].spec.version == "v2"
     assert list_differences(old.members[0].spec, new.members[0].spec) == ()
     assert find_run(campaign(spec=old.members[0].spec), old.members[0]) == "trio @ v1"
+
+
+def test_a_run_of_an_earlier_release_is_found_by_its_name(suite, campaign):
+    gated = select_version(suite, "v1")
+    spec = gated.members[0].spec
+    alike = {spec.name: [campaign(7, spec=replace(spec, planner_version=UNSET))]}
+    assert match_campaigns(gated, alike)["a"].id == 7
+    named = replace(spec, name="trio: a")
+    other = {named.name: [campaign(7, spec=replace(named, planner_version=UNSET))]}
+    assert "a" not in match_campaigns(Suite("trio", (SuiteMember("a", named),)), other)
 
 
 @pytest.mark.parametrize("field", CampaignSpec.__struct_fields__)

@@ -15,6 +15,7 @@ from msgspec.structs import replace
 
 from eigenfail.bridges import ADDRESS_VARIABLE
 from eigenfail.errors import ProtocolError, ServiceError
+from eigenfail.fingerprints import fingerprint_plugins
 from eigenfail.values import EpisodeFault, EpisodeResult, EpisodeTask, PriorSource, unrunnable
 from eigenfail.versions import versions
 from eigenfail.wire.keys import WorkerKey
@@ -133,7 +134,7 @@ class Parent:
             platform.node(),
             os.getpid(),
             life=uuid4().hex,
-            versions=versions(),
+            versions=versions() | fingerprint_plugins(),
             bridge=bool(os.environ.get(ADDRESS_VARIABLE)),
         )
         self._waiting: deque[HeldEpisode] = deque()

@@ -29,7 +29,7 @@ def test_by_rate_the_failures_of_both_are_analysed_together_once(gate, baseline,
 def with_new_mode(done):
     """The reruns that have one."""
     reruns = [member["rerun"] for member in json.loads(done.stdout)["members"]]
-    found = [rerun for rerun in reruns if rerun["modes"].startswith("New mode 2: ")]
+    found = [rerun for rerun in reruns if rerun["modes"].startswith("New mode 2 (The ego ")]
     assert found, done.output
     return found
 

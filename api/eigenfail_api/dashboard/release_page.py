@@ -1,0 +1,167 @@
+"""The pages of releases: where versions of a planner were tested, and their failure modes."""
+
+from collections.abc import Mapping
+from typing import Annotated
+
+import msgspec
+from fastapi import APIRouter, Query
+from fastapi.responses import HTMLResponse
+
+from eigenfail.presentation.figures import UNKNOWN, format_count
+from eigenfail.presentation.releases import NOT_COMPARED, format_code
+from eigenfail.values.release import ModeSighting, ModeStatus, ReleaseQuestion, ReleaseTable
+from eigenfail_api.dashboard.rendering import page
+from eigenfail_api.parameters import CampaignId, Stored
+from eigenfail_api.routes.releases import RELEASES
+from eigenfail_services.campaigns.releases import (
+    find_history,
+    list_questions,
+    make_release_table,
+)
+from eigenfail_services.store import Store
+
+MARKS: Mapping[ModeStatus, str] = {
+    ModeStatus.FIRST_SEEN: "tone-bad",
+    ModeStatus.STILL_THERE: "tone-active",
+    ModeStatus.NOT_FOUND_AGAIN: "tone-good",
+    ModeStatus.REGRESSED: "tone-bad",
+    ModeStatus.UNDECIDED: "",
+}
+"""Class of the style of a status."""
+
+
+class SightingCell(msgspec.Struct, frozen=True, kw_only=True):
+    """A failure mode in a version.
+
+    Attributes:
+        version: the version.
+        status: what became of the mode, in words.
+        mark: class of the style.
+        words: why.
+        address: page of the mode in that version; empty without failures.
+    """
+
+    version: str
+    status: str
+    mark: str = ""
+    words: str = ""
+    address: str = ""
+
+
+class ModeLine(msgspec.Struct, frozen=True, kw_only=True):
+    """A failure mode over the versions."""
+
+    number: int
+    name: str
+    cells: tuple[SightingCell, ...]
+
+
+class VersionLine(msgspec.Struct, frozen=True, kw_only=True):
+    """A version with its campaigns.
+
+    Attributes:
+        code: fingerprints of its code.
+        is_mixed: whether its campaigns did not have the same code.
+        problem: why its failure modes are not compared.
+    """
+
+    version: str
+    campaigns: tuple[int, ...]
+    episodes: str
+    failures: str
+    code: str
+    is_mixed: bool
+    problem: str
+
+
+class ReleaseView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page of the versions of a planner in one scenario."""
+
+    table: ReleaseTable
+    versions: tuple[VersionLine, ...]
+    modes: tuple[ModeLine, ...]
+
+
+class QuestionsView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page of all scenarios in which versions were tested."""
+
+    questions: tuple[ReleaseQuestion, ...]
+    project: str
+
+
+def make_release_view(table: ReleaseTable) -> ReleaseView:
+    """Return the page of the versions of a planner in one scenario."""
+    versions = tuple(
+        VersionLine(
+            version=each.version,
+            campaigns=each.campaigns,
+            episodes=format_count(each.episodes),
+            failures=format_count(each.failures),
+            code=format_code(each),
+            is_mixed=len(each.fingerprints) > 1,
+            problem=each.problem,
+        )
+        for each in table.releases
+    )
+    modes = tuple(
+        ModeLine(number=each.number, name=each.name, cells=tuple(map(make_cell, each.sightings)))
+        for each in table.modes
+    )
+    return ReleaseView(table=table, versions=versions, modes=modes)
+
+
+def make_cell(sighting: ModeSighting) -> SightingCell:
+    """Return a failure mode in a version for a page."""
+    if sighting.status is None:
+        status = NOT_COMPARED if sighting.words else UNKNOWN
+        return SightingCell(version=sighting.version, status=status, words=sighting.words)
+    has_failures = sighting.analysis is not None
+    return SightingCell(
+        version=sighting.version,
+        status=sighting.status.capitalize(),
+        mark=MARKS[sighting.status],
+        words=sighting.words,
+        address=f"/analyses/{sighting.analysis}/modes/{sighting.mode}" if has_failures else "",
+    )
+
+
+class ModeHistory(msgspec.Struct, frozen=True, kw_only=True):
+    """A failure mode over the releases, for its page.
+
+    Attributes:
+        address: page of the releases.
+        cells: what became of the mode, by version.
+    """
+
+    address: str
+    cells: tuple[SightingCell, ...]
+
+
+def make_history(store: Store, analysis: int, mode: int) -> ModeHistory | None:
+    """Return what became of a mode over the releases; None where it belongs to none."""
+    found = find_history(store, analysis, mode)
+    if found is None:
+        return None
+    campaign, history = found
+    return ModeHistory(
+        address=f"/releases/{campaign}#mode-{history.number}",
+        cells=tuple(map(make_cell, history.sightings)),
+    )
+
+
+router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
+
+Project = Annotated[str, Query(max_length=80)]
+
+
+@router.get("/releases", dependencies=[RELEASES])
+def show_questions(store: Stored, project: Project = "") -> HTMLResponse:
+    """Serve the scenarios in which versions of a planner were tested."""
+    found = list_questions(store, project or None)
+    return page("releases.html", QuestionsView(questions=found, project=project))
+
+
+@router.get("/releases/{campaign}", dependencies=[RELEASES])
+def show_release(store: Stored, campaign: CampaignId) -> HTMLResponse:
+    """Serve the versions that were tested as in a campaign, with their failure modes."""
+    return page("release.html", make_release_view(make_release_table(store, campaign)))

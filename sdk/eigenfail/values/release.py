@@ -1,0 +1,136 @@
+"""Releases: the versions of a planner in one scenario, and what became of each failure mode."""
+
+from enum import StrEnum
+
+import msgspec
+
+from eigenfail.values.operations import Versions
+from eigenfail.values.showing import Brief
+
+
+class ModeStatus(StrEnum):
+    """What became of a failure mode in a version of a planner.
+
+    `FIRST_SEEN`: it has failures, and no earlier version has one. `STILL_THERE`: it has failures,
+    as before. `NOT_FOUND_AGAIN`: earlier versions have failures of it, and this one has none; a
+    search that does not find a mode does not prove that it is gone. `REGRESSED`: it has failures
+    again. `UNDECIDED`: so few failures or episodes may differ by chance.
+    """
+
+    FIRST_SEEN = "first seen"
+    STILL_THERE = "still there"
+    NOT_FOUND_AGAIN = "not found again"
+    REGRESSED = "regressed"
+    UNDECIDED = "undecided"
+
+
+class ModeSighting(msgspec.Struct, frozen=True, kw_only=True):
+    """A failure mode in a version of a planner.
+
+    Attributes:
+        version: the version.
+        status: what became of the mode; None in versions before the one that it was found in.
+        failures: number of failures that belong to it.
+        chance: probability that versions without a difference differ at least so much, for all
+            modes that are compared together; None where nothing is compared.
+        analysis: id of the analysis that has most of these failures; None without failures.
+        mode: number of the mode in that analysis; None without failures.
+        words: why the status is what it is, in a sentence.
+    """
+
+    version: str
+    status: ModeStatus | None = None
+    failures: int = 0
+    chance: float | None = None
+    analysis: int | None = None
+    mode: int | None = None
+    words: str = ""
+
+
+class ReleaseMode(msgspec.Struct, frozen=True, kw_only=True):
+    """A failure mode over the versions of a planner.
+
+    Attributes:
+        number: its number among the modes of all versions, from 1.
+        name: name of the mode in the newest version that has failures of it.
+        sightings: what became of it, by version, oldest first.
+    """
+
+    number: int
+    name: str
+    sightings: tuple[ModeSighting, ...]
+
+    @property
+    def newest(self) -> ModeSighting:
+        """What became of it in the newest version."""
+        return self.sightings[-1]
+
+
+class Release(msgspec.Struct, frozen=True, kw_only=True):
+    """The campaigns of a version of a planner that ask the same question.
+
+    Attributes:
+        version: the version.
+        campaigns: ids of the campaigns, oldest first.
+        episodes: number of their completed episodes.
+        failures: number of the failures among these.
+        is_random: whether all episodes were drawn from p(x), so that numbers of failures can be
+            compared.
+        fingerprints: the code that ran the episodes, as SHA-256 by package; several where the
+            campaigns of this version did not have the same code.
+        problem: why its failure modes are not compared; empty where they are.
+    """
+
+    version: str
+    campaigns: tuple[int, ...]
+    episodes: int
+    failures: int
+    is_random: bool
+    fingerprints: tuple[Versions, ...] = ()
+    problem: str = ""
+
+
+class ReleaseTable(Brief, msgspec.Struct, frozen=True, kw_only=True):
+    """The versions of a planner in one scenario, and their failure modes.
+
+    Attributes:
+        campaign: id of the newest campaign, which stands for the question.
+        planner: name of the planner.
+        scenario: name of the scenario.
+        requirements: what an episode must satisfy, in words.
+        method: name of the search method.
+        releases: the versions, in the order of their first campaigns.
+        modes: the failure modes, in the order in which they were found.
+        notes: what limits the comparison, in sentences.
+    """
+
+    campaign: int
+    planner: str
+    scenario: str
+    requirements: str
+    method: str
+    releases: tuple[Release, ...]
+    modes: tuple[ReleaseMode, ...]
+    notes: tuple[str, ...] = ()
+
+
+class ReleaseQuestion(Brief, msgspec.Struct, frozen=True, kw_only=True):
+    """A scenario in which versions of a planner were tested.
+
+    Attributes:
+        campaign: id of the newest campaign, which stands for the question.
+        planner: name of the planner.
+        scenario: name of the scenario.
+        requirements: what an episode must satisfy, in words.
+        method: name of the search method.
+        versions: the versions, in the order of their first campaigns.
+        campaigns: number of campaigns.
+    """
+
+    campaign: int
+    planner: str
+    scenario: str
+    requirements: str
+    method: str
+    versions: tuple[str, ...]
+    campaigns: int

@@ -1,0 +1,251 @@
+"""Failure modes of several releases: which of them are the same, and what became of each.
+
+Failures of a release belong to a mode of earlier ones within a radius, which a bootstrap of the
+mode's own failures states. A mode is new, or not found again, where chance alone hardly explains
+the numbers of failures: the conditional test of two Poisson rates (Przyborowski and Wilenski 1940),
+at a level that holds over all modes of a release together (Bonferroni).
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from eigenfail.values.release import ModeStatus
+from eigenfail_services.analysis.mode_regions import (
+    FailureGroup,
+    ModeBehaviours,
+    ModeRegion,
+    Points,
+    find_region,
+    find_usual_radius,
+    list_clouds,
+    separate_failures,
+)
+
+LEVEL = 0.05
+"""Probability that anything in a release is called other than before though nothing changed."""
+
+MAJORITY = 0.5
+"""Share of the failures of a mode that decides to which earlier mode it belongs."""
+
+MOST_KEPT = 200
+"""Failures that are kept of a mode over releases."""
+
+
+class ReleaseBehaviours(NamedTuple):
+    """The failure modes of a release.
+
+    Attributes:
+        episodes: number of completed episodes.
+        is_random: whether they were drawn from p(x), so that failures can be counted.
+        modes: the modes of its analyses.
+        code: text that is equal for releases with the same code; empty if it is not known.
+    """
+
+    episodes: int
+    is_random: bool
+    modes: tuple[ModeBehaviours, ...]
+    code: str = ""
+
+
+class Sighting(NamedTuple):
+    """A mode in a release.
+
+    Attributes:
+        status: what became of the mode; None before the release in which it was found.
+        failures: number of failures that belong to it.
+        chance: probability of such a difference without a cause, for all modes together; None where
+            nothing was compared.
+        source: place, in the release's modes, of the one that has most of these failures; None
+            without failures.
+    """
+
+    status: ModeStatus | None
+    failures: int = 0
+    chance: float | None = None
+    source: int | None = None
+
+
+Sightings = tuple[Sighting, ...]
+
+
+class _Known:
+    """A mode that an earlier release has: its failures, and the numbers that tests compare."""
+
+    def __init__(self, points: Points, place: int) -> None:
+        self.points = points
+        self.found_in = place
+        self.sightings: list[Sighting] = []
+        self.failures = 0.0
+        self.episodes = 0
+        self.episodes_without = 0
+        self.is_absent = False
+
+    def keep(self, points: Points) -> None:
+        """Add failures; of more than `MOST_KEPT`, evenly spaced ones are kept."""
+        merged = np.concatenate([self.points, points])
+        kept = min(len(merged), MOST_KEPT)
+        self.points = merged[np.arange(kept) * len(merged) // kept]
+
+
+def match_modes(releases: Sequence[ReleaseBehaviours], step_s: float) -> tuple[Sightings, ...]:
+    """Return what became of each mode, by release, in the order in which the modes were found.
+
+    All modes of the first release are first seen in it.
+
+    Args:
+        releases: the releases, oldest first.
+        step_s: duration of a step. [s]
+    """
+    known: list[_Known] = []
+    earlier = 0
+    codes: set[str] = set()
+    for place, (release, clouds) in enumerate(
+        zip(releases, list_clouds([each.modes for each in releases], step_s), strict=True)
+    ):
+        is_same_code = release.code in codes
+        _Comparison(place, release, known, earlier, is_same_code).run(
+            separate_failures(clouds, release.modes)
+        )
+        earlier += release.episodes if release.is_random else 0
+        codes |= {release.code} - {""}
+    return tuple(tuple(each.sightings) for each in known)
+
+
+class _Comparison:
+    """Compares a release with the modes that earlier ones have.
+
+    Args:
+        place: number of the release, from 0.
+        release: the release.
+        known: modes of earlier releases; those of this one are added.
+        earlier: number of random episodes of earlier releases.
+        is_same_code: whether an earlier release has the same code, so that nothing can be new.
+    """
+
+    def __init__(
+        self,
+        place: int,
+        release: ReleaseBehaviours,
+        known: list[_Known],
+        earlier: int,
+        is_same_code: bool,
+    ) -> None:
+        self._place = place
+        self._release = release
+        self._known = known
+        self._earlier = earlier
+        self._is_same_code = is_same_code
+
+    def run(self, pieces: Sequence[FailureGroup]) -> None:
+        """Add a sighting to each mode, and the modes that no earlier release has."""
+        usual = find_usual_radius(
+            [*(each.points for each in self._known), *(each.points for each in pieces)]
+        )
+        regions = [find_region(each.points, usual) for each in self._known]
+        old = [*self._known]
+        shares = np.zeros((len(pieces), len(old)))
+        left = list[FailureGroup]()
+        for row, piece in enumerate(pieces):
+            owners = self._assign(piece.points, find_region(piece.points, usual), regions)
+            if owners is None:
+                left.append(piece)
+                continue
+            for owner in np.unique(owners):
+                mine = piece.points[owners == owner]
+                shares[row, owner] = piece.failures * len(mine) / len(piece.points)
+                old[owner].keep(mine)
+        for each, column in zip(old, shares.T, strict=True):
+            each.sightings.append(self._see(each, column, pieces))
+        self._known.extend(self._begin(piece, len(pieces)) for piece in left)
+
+    def _assign(
+        self, points: Points, region: ModeRegion, regions: Sequence[ModeRegion]
+    ) -> NDArray[np.intp] | None:
+        """Return the mode of earlier releases of each failure; None where the mode is another.
+
+        Args:
+            points: failures of a mode of this release.
+            region: region of that mode.
+            regions: regions of the modes of earlier releases.
+        """
+        if not regions:
+            return None
+        distances = np.stack([each.measure(points) for each in regions], axis=1)
+        inside = distances <= [each.radius for each in regions]
+        nearest = np.where(inside, distances, np.inf).argmin(axis=1)
+        if inside.any(axis=1).mean() <= MAJORITY:
+            # A mode of an earlier release may be a part of this one.
+            parts = [
+                float((region.measure(each.points) <= region.radius).mean()) for each in self._known
+            ]
+            if max(parts) <= MAJORITY:
+                return None
+            within = np.array(parts) > MAJORITY
+            nearest = np.where(inside | within, distances, np.inf).argmin(axis=1)
+        # Failures on the border to another mode stay with the others of their own.
+        main = np.bincount(nearest).argmax()
+        stays = inside[:, main] | ~inside.any(axis=1)
+        return np.where(stays, main, nearest)
+
+    def _see(self, mode: _Known, shares: Points, pieces: Sequence[FailureGroup]) -> Sighting:
+        failures = round(float(shares.sum()))
+        if failures:
+            return self._see_present(mode, failures, pieces[int(shares.argmax())].source)
+        return self._see_absent(mode)
+
+    def _see_present(self, mode: _Known, failures: int, source: int) -> Sighting:
+        status, chance = ModeStatus.STILL_THERE, None
+        if mode.is_absent:
+            chance = self._compare(failures, self._release.episodes, mode.episodes_without)
+            status = ModeStatus.REGRESSED if chance <= LEVEL else ModeStatus.UNDECIDED
+            mode.failures, mode.episodes = 0.0, 0
+        mode.failures += failures if self._release.is_random else 0
+        mode.episodes += mode.episodes_without + self._count_episodes()
+        mode.episodes_without, mode.is_absent = 0, False
+        return Sighting(status, failures, chance, source)
+
+    def _see_absent(self, mode: _Known) -> Sighting:
+        mode.episodes_without += self._count_episodes()
+        if mode.is_absent:
+            return Sighting(ModeStatus.NOT_FOUND_AGAIN)
+        if not self._release.is_random or not mode.episodes:
+            mode.is_absent = True
+            return Sighting(ModeStatus.NOT_FOUND_AGAIN)
+        chance = self._compare(mode.failures, mode.episodes, mode.episodes_without)
+        mode.is_absent = chance <= LEVEL
+        status = ModeStatus.NOT_FOUND_AGAIN if mode.is_absent else ModeStatus.UNDECIDED
+        return Sighting(status, 0, chance)
+
+    def _begin(self, piece: FailureGroup, together: int) -> _Known:
+        failures, mode = round(piece.failures), _Known(piece.points, self._place)
+        mode.failures = failures if self._release.is_random else 0
+        mode.episodes = self._count_episodes()
+        mode.sightings = [Sighting(None)] * self._place
+        status, chance = ModeStatus.FIRST_SEEN, None
+        if self._place:
+            chance = min(
+                1.0, together * self._test(failures, self._release.episodes, self._earlier)
+            )
+            is_new = chance <= LEVEL and not self._is_same_code
+            status = ModeStatus.FIRST_SEEN if is_new else ModeStatus.UNDECIDED
+        mode.sightings.append(Sighting(status, failures, chance, piece.source))
+        return mode
+
+    def _count_episodes(self) -> int:
+        return self._release.episodes if self._release.is_random else 0
+
+    def _compare(self, failures: float, episodes: int, without: int) -> float:
+        return min(1.0, len(self._known) * self._test(failures, episodes, without))
+
+    def _test(self, failures: float, episodes: int, without: int) -> float:
+        """Return the probability that all failures are on one side, if both have one rate.
+
+        Of two sides, one with so many episodes has the failures, and one has none; 1 where the
+        episodes of a side are no random sample.
+        """
+        if not self._release.is_random or not episodes or not without:
+            return 1.0
+        return float((episodes / (episodes + without)) ** failures)

@@ -1,0 +1,51 @@
+"""The pages of releases, and the way from a failure mode to them and back."""
+
+import pytest
+from store_checks.releases import release
+
+HTML = {"Accept": "text/html"}
+
+
+@pytest.fixture
+def newest(store):
+    """The newest campaign of three releases."""
+    release(store, "v1", {"late": 20}, project="lanes")
+    release(store, "v2", {"hard": 20, "late": 12}, seed=1)
+    mixed = release(store, "v3", {"hard": 20}, seed=2)
+    for digest in ("aa11", "bb22"):
+        store.campaigns.add_code(mixed.id, {"idm_stack": digest})
+    release(store, "v4", {"hard": 2}, seed=3, analyse=False)
+    return mixed.id + 1
+
+
+def test_releases_have_a_page(newest, check_page):
+    check_page("dashboard/releases/list", "/releases")
+    check_page("dashboard/releases/table", f"/releases/{newest}")
+
+
+def test_without_a_version_the_page_says_how_to_name_one(check_page, look):
+    check_page("dashboard/releases/empty", "/releases")
+    assert "Campaign 9" in look("/releases/9", 404)
+
+
+def test_releases_of_a_project(newest, look):
+    assert "cut_in" in look("/releases?project=lanes")
+    assert "No release matches this filter" in look("/releases?project=other")
+
+
+def test_a_mode_leads_to_its_releases_and_back(newest, http, store):
+    mode = http.get("/analyses/2/modes/2", headers=HTML).text
+    assert f'href="/releases/{newest}#mode-1"' in mode
+    assert "Over releases" in mode
+    table = http.get(f"/releases/{newest}", headers=HTML).text
+    assert 'id="mode-1"' in table
+    assert 'href="/analyses/2/modes/2"' in table
+
+
+def test_the_api_says_the_same(newest, http):
+    (question,) = http.get("/api/v1/releases").json()["items"]
+    assert question["versions"] == ["v1", "v2", "v3", "v4"]
+    answer = http.get(f"/api/v1/releases/{question['campaign']}")
+    assert answer.json()["campaign"] == newest
+    assert [each["name"] for each in answer.json()["modes"]] == ["late", "hard"]
+    assert http.get("/api/v1/releases?project=other").json()["items"] == []
