@@ -26,6 +26,7 @@ from eigenfail_api.dashboard import (
     region_page,
     risk_page,
     suites_page,
+    triage_forms,
 )
 from eigenfail_api.dashboard.rendering import STATIC, Assets, wrap_for_browsers
 from eigenfail_api.middleware import Disconnects, EntityTags, HeadRequests, SecurityHeaders
@@ -45,6 +46,7 @@ from eigenfail_api.routes import (
     operations,
     plugins,
     recordings,
+    triage,
 )
 from eigenfail_api.routes.events import EventFeed
 from eigenfail_api.settings import ApiSettings, refuse_open_door, refuse_without_keys
@@ -61,6 +63,7 @@ ROUTERS = (
     episodes.router,
     analyses.router,
     recordings.router,
+    triage.router,
     events.router,
     plugins.router,
     operations.router,
@@ -76,6 +79,7 @@ ROUTERS = (
     episode_page.router,
     comparison_page.router,
     risk_page.router,
+    triage_forms.router,
     copying.router,
     suites_page.router,
     reference_page.router,

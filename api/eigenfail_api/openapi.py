@@ -45,6 +45,15 @@ from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.report import Export, ExportRequest, Report
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable
+from eigenfail.values.triage import (
+    EpisodesTriage,
+    ModesTriage,
+    NoteText,
+    Triage,
+    TriageChange,
+    TriageCount,
+    TriageNote,
+)
 from eigenfail.wire import http
 from eigenfail.wire.http import (
     MAX_CAMPAIGNS_AT_ONCE,
@@ -110,6 +119,14 @@ BODIES = (
     Safety,
     SuiteTable,
     Summary,
+    Triage,
+    TriageChange,
+    TriageCount,
+    TriageNote,
+    EpisodesTriage,
+    ModesTriage,
+    NoteText,
+    Page[TriageNote],
     Usage,
     http.Digest,
     http.Health,
@@ -198,6 +215,7 @@ TAGS = {
     "episodes": "The simulation runs of campaigns.",
     "analyses": "Failures grouped into failure modes, and replays of these modes.",
     "suites": "Named sets of campaigns that run, resume and are judged together.",
+    "triage": "State, owner, labels, ticket and notes of failure modes and episodes.",
     "events": "Events as a list or as a stream.",
     "workers": "Processes that run episodes.",
     "plug-ins": "Methods, planners, scenarios and simulators that campaigns can use.",

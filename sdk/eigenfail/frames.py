@@ -139,7 +139,7 @@ def result_of(analysis: Analysis) -> AnalysisResult:
 def flat(row: object) -> Record:
     """Return the fields of a value, nested fields as `outer_inner`; arrays are left out.
 
-    The requirements of an episode are numbered, as in filters and files.
+    The requirements of an episode are numbered, and its labels one text, as in filters and files.
     """
     if not isinstance(row, msgspec.Struct):
         return dict(row) if isinstance(row, Mapping) else {"value": row}
@@ -153,6 +153,7 @@ def flat(row: object) -> Record:
     if isinstance(row, EpisodeRow):
         judged = found.pop("requirements")
         found |= {f"requirement_{number}": each for number, each in enumerate(judged, start=1)}
+        found["label"] = ", ".join(found.pop("labels"))
     return found
 
 

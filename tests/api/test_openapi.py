@@ -171,6 +171,12 @@ def test_bodies_are_described_where_they_are_read(document):
         "/api/v1/campaigns/{campaign}/episodes/{index}/replay",
         "/api/v1/analyses/{analysis}/modes/{mode}/name",
         "/api/v1/analyses/{analysis}/proof",
+        "/api/v1/analyses/{analysis}/modes/triage",
+        "/api/v1/analyses/{analysis}/modes/{mode}/triage",
+        "/api/v1/analyses/{analysis}/modes/{mode}/notes",
+        "/api/v1/campaigns/{campaign}/episodes/triage",
+        "/api/v1/campaigns/{campaign}/episodes/{index}/triage",
+        "/api/v1/campaigns/{campaign}/episodes/{index}/notes",
         "/api/v1/keys",
         "/api/v1/keys/{key}/quotas",
     }

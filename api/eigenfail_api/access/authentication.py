@@ -50,6 +50,17 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/campaigns/{{campaign}}/episodes/{{index}}/replay",
         f"POST {PREFIX}/analyses/{{analysis}}/proof",
         f"PUT {PREFIX}/analyses/{{analysis}}/modes/{{mode}}/name",
+        f"POST {PREFIX}/analyses/{{analysis}}/modes/triage",
+        f"POST {PREFIX}/analyses/{{analysis}}/modes/{{mode}}/triage",
+        f"POST {PREFIX}/analyses/{{analysis}}/modes/{{mode}}/notes",
+        f"POST {PREFIX}/campaigns/{{campaign}}/episodes/triage",
+        f"POST {PREFIX}/campaigns/{{campaign}}/episodes/{{index}}/triage",
+        f"POST {PREFIX}/campaigns/{{campaign}}/episodes/{{index}}/notes",
+        "POST /analyses/{analysis}/modes/{mode}/triage",
+        "POST /analyses/{analysis}/modes/{mode}/notes",
+        "POST /campaigns/{campaign}/episodes/triage",
+        "POST /campaigns/{campaign}/episodes/{index}/triage",
+        "POST /campaigns/{campaign}/episodes/{index}/notes",
     ),
     Scope.ADMIN: (
         "GET /audit",
@@ -135,6 +146,12 @@ async def get_caller_key() -> int | None:
     """Return the id of the caller's key; None where no key is required."""
     caller = _caller.get()
     return None if caller is None else caller.key
+
+
+async def get_caller_name() -> str:
+    """Return the name of the caller, as the audit log has it."""
+    caller = _caller.get()
+    return "unknown" if caller is None else caller.name
 
 
 def caller_of_key(key: ApiKey, *, signed_in: bool = False) -> Caller:

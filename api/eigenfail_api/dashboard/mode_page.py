@@ -29,10 +29,12 @@ from eigenfail_api.dashboard.episodes_page import (
     make_headings,
 )
 from eigenfail_api.dashboard.rendering import Tile, page
+from eigenfail_api.dashboard.triage_forms import TriageView, make_triage_view
 from eigenfail_api.parameters import AnalysisId, ModeNumber, Stored
 from eigenfail_services.campaigns.proofs import read_result, summarise_proof
 from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.store import Store
+from eigenfail_services.store.triage import mode_subject
 
 FAILURES_ON_PAGE = 50
 
@@ -55,6 +57,7 @@ class ModeView(msgspec.Struct, frozen=True, kw_only=True):
         newer: the newest analysis of the campaign, whose modes filters and lists have; None if it
             is this one.
         has_animation: whether an animation of its failures can be made here.
+        triage: its state, owner, labels, ticket and notes.
     """
 
     mode: Mode
@@ -70,6 +73,7 @@ class ModeView(msgspec.Struct, frozen=True, kw_only=True):
     every: str
     newer: int | None
     has_animation: bool
+    triage: TriageView
     longest_name: int = LONGEST_MODE_NAME
 
 
@@ -101,6 +105,7 @@ def make_mode_view(
         every=find_search_address(analysis, result, mode.number) if newest == analysis.id else "",
         newer=None if newest == analysis.id else newest,
         has_animation=world.has_road and RecordingFormat.GIF in list_formats(),
+        triage=make_triage_view(store, mode_subject(analysis.id, mode.number)),
     )
 
 

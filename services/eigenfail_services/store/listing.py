@@ -45,6 +45,7 @@ from eigenfail_services.store.schema import (
     spec_field,
     spent_usd,
 )
+from eigenfail_services.store.triage_rows import TRIAGE_COLUMNS, is_triaged
 
 Expression = ColumnElement[Any]
 
@@ -114,6 +115,9 @@ def _select_requirement(number: int) -> Expression:
 def _compare_episodes(where: Conditions, sort: SortOrder) -> Iterator[Expression]:
     """Yield the conditions so that the database follows the order, not one of the conditions."""
     for condition in where:
+        if condition.column in TRIAGE_COLUMNS:
+            yield is_triaged(condition)
+            continue
         column = select_column(condition.column)
         leads = _has_index(condition, sort)
         # SQLite, which knows nothing of how many rows match, would take any index for a condition

@@ -36,7 +36,7 @@ from sqlalchemy.types import TypeEngine
 from eigenfail.values import MEASURES, Measure, Priority
 from eigenfail.values.episode import FAILURES, Outcome
 
-VERSION = "0022"
+VERSION = "0024"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -306,6 +306,37 @@ mode_members = Table(
     Column("index", Number, primary_key=True, autoincrement=False),
     Column("number", Integer, nullable=False),
     Index(None, "analysis", "number"),
+)
+
+
+# Triage of modes (`parent` is the analysis) and of episodes (`parent` is the campaign). Without a
+# row, a subject is new. Labels stand between newlines, so that SQL finds a whole one.
+triage = Table(
+    "triage",
+    metadata,
+    Column("kind", Text, primary_key=True),
+    Column("parent", Number, primary_key=True, autoincrement=False),
+    Column("number", Number, primary_key=True, autoincrement=False),
+    Column("state", Text, nullable=False),
+    Column("owner", Prose, nullable=False),
+    Column("labels", Prose, nullable=False),
+    Column("ticket", Prose, nullable=False),
+    Column("changed_ms", BigInteger, nullable=False),
+    Column("changed_by", Prose, nullable=False),
+)
+
+triage_notes = Table(
+    "triage_notes",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("kind", Text, nullable=False),
+    Column("parent", Number, nullable=False),
+    Column("number", Number, nullable=False),
+    Column("at_ms", BigInteger, nullable=False),
+    Column("author", Prose, nullable=False),
+    Column("text", Prose, nullable=False),
+    Index(None, "kind", "parent", "number", "id"),
+    sqlite_autoincrement=True,
 )
 
 

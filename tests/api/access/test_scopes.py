@@ -59,6 +59,10 @@ ROUTES = {
         GET /api/v1/analyses/{analysis}/modes
         GET /api/v1/analyses/{analysis}/eigenfailures
         GET /api/v1/analyses/{analysis}/modes/{mode}/animation
+        GET /api/v1/analyses/{analysis}/modes/{mode}/notes
+        GET /api/v1/analyses/{analysis}/modes/{mode}/triage
+        GET /api/v1/campaigns/{campaign}/episodes/{index}/notes
+        GET /api/v1/campaigns/{campaign}/episodes/{index}/triage
         GET /api/v1/analyses/{analysis}/proof
         GET /api/v1/campaigns
         POST /api/v1/campaigns/check
@@ -110,6 +114,17 @@ ROUTES = {
     "runner": """
         POST /api/v1/analyses/{analysis}/proof
         PUT /api/v1/analyses/{analysis}/modes/{mode}/name
+        POST /analyses/{analysis}/modes/{mode}/notes
+        POST /analyses/{analysis}/modes/{mode}/triage
+        POST /campaigns/{campaign}/episodes/triage
+        POST /campaigns/{campaign}/episodes/{index}/notes
+        POST /campaigns/{campaign}/episodes/{index}/triage
+        POST /api/v1/analyses/{analysis}/modes/triage
+        POST /api/v1/analyses/{analysis}/modes/{mode}/notes
+        POST /api/v1/analyses/{analysis}/modes/{mode}/triage
+        POST /api/v1/campaigns/{campaign}/episodes/triage
+        POST /api/v1/campaigns/{campaign}/episodes/{index}/notes
+        POST /api/v1/campaigns/{campaign}/episodes/{index}/triage
         POST /api/v1/campaigns
         POST /api/v1/campaigns/bulk
         POST /api/v1/campaigns/{campaign}/analyses

@@ -30,6 +30,7 @@ from store_checks import (
     roster,
     safety,
     suites,
+    triage,
 )
 
 STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
@@ -49,6 +50,7 @@ STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
     *fencing.CHECKS,
     *records.CHECKS,
     *modes.CHECKS,
+    *triage.CHECKS,
     *requirements.CHECKS,
     *retention.CHECKS,
     *access.CHECKS,
