@@ -29,7 +29,7 @@ COMMANDS = {
     "suite": "Run many campaigns as one: a sweep, a grid, or a list of them.",
     "episode": "Show, export, replay and explain episodes.",
     "analyze": "Group the failures of a campaign into failure modes.",
-    "mode": "List the failure modes of an analysis, and give them names.",
+    "mode": "List the failure modes of an analysis, name them, and track them to their end.",
     "noise": "Fit the disturbance model p(x) to the log of a sensor, and show what a model means.",
     "requirement": "Find the largest errors of the sensor at which failures stay rare enough.",
     "risk": "Assess failures per hour and per 10^6 km of a planner, against a target rate.",

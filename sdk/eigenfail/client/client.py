@@ -13,6 +13,7 @@ from eigenfail.client.campaigns import Campaigns
 from eigenfail.client.episodes import Episodes
 from eigenfail.client.link import Link, waiter
 from eigenfail.client.suites import Suites
+from eigenfail.client.triage import TriageRecords
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.frames import Rows
 from eigenfail.risk.assessment import RiskAssessment
@@ -68,6 +69,7 @@ class Client:
         self.suites = Suites(self._link, self.campaigns)
         self.episodes = Episodes(self._link)
         self.analyses = Analyses(self._link)
+        self.triage = TriageRecords(self._link)
         self.events = Events(self._link)
         self.keys = Keys(self._link)
 
