@@ -1,12 +1,18 @@
 """`eigenfail mode triage`, `episode triage`, `note` and `notes`."""
 
 import json
+import re
+import shlex
+from pathlib import Path
 
 import pytest
 from msgspec.structs import replace
 from store_checks.modes import WORDS, analysed, crashed
 
+from eigenfail.client import Client
 from eigenfail.testing.examples import analysis_result
+
+PAGE = (Path(__file__).parents[3] / "docs" / "triage.md").read_text()
 
 
 @pytest.fixture
@@ -70,3 +76,22 @@ def test_what_cannot_be_is_refused(made, check_session):
         ("mode", "triage", analysis, 1, 3, "--state", "known"),
         ("mode", "note", analysis, 1, " "),
     )
+
+
+def blocks(language):
+    """The blocks of docs/triage.md in a language."""
+    return re.findall(rf"^```{language}\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
+
+
+def test_the_page_is_true(made, eigenfail, service):
+    (shell,), (python,), (filters,) = map(blocks, ("sh", "python", "text"))
+    for line in shell.splitlines():
+        ran = eigenfail(*shlex.split(line)[1:])
+        assert ran.exit_code == 0, (line, ran.stderr)
+    with Client(transport=service) as client:
+        exec(compile(python, "docs/triage.md", "exec"), {"client": client})
+        for text in filters.splitlines():
+            client.episodes.list(1, filter=text).first(1)
+        assert client.analyses.modes(1)[0].labels == ("cut-in",)
+        assert client.triage.get_episode(1, 3).state == "confirmed"
+        assert client.triage.get_episode(1, 1).state == "known"
