@@ -1,4 +1,4 @@
-"""Triage of failure modes and episodes, and notes on them."""
+"""Triage of failure modes and episodes, notes on them, and the archive of campaigns."""
 
 import sqlalchemy as sa
 from alembic import op
@@ -10,7 +10,8 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Create the tables."""
+    """Create the tables and the column."""
+    op.add_column("campaigns", sa.Column("archived_ms", sa.BigInteger()))
     number = sa.BigInteger().with_variant(sa.Integer(), "sqlite")
     op.create_table(
         "triage",
@@ -43,7 +44,8 @@ def upgrade() -> None:
 
 
 def downgrade() -> None:
-    """Drop the tables; triage and notes are lost."""
+    """Drop the tables and the column; triage and notes are lost, and no campaign is archived."""
     op.drop_index("ix_triage_notes_kind_parent_number_id", "triage_notes")
     op.drop_table("triage_notes")
     op.drop_table("triage")
+    op.drop_column("campaigns", "archived_ms")

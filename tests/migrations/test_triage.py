@@ -1,4 +1,4 @@
-"""Migration 0024: earlier modes and episodes are new, and take triage and notes."""
+"""Migration 0024: earlier modes and episodes are new, and no earlier campaign is archived."""
 
 from sqlalchemy import inspect
 from store_checks.modes import analysed, crashed
@@ -18,10 +18,13 @@ def test_earlier_modes_and_episodes_are_new(url, look) -> None:
     campaign = crashed(store)
     analysis = analysed(store, campaign, analysis_result())
     digest = store.episodes.digest(campaign.id)
+    store.campaigns.move(campaign.id, "done")
+    store.campaigns.archive(campaign.id)
     store.close()
     migrate.downgrade(url, "0022")
     assert not {"triage", "triage_notes"} & look(url, tables)
     store = open_store(url)  # brings the schema up again
+    assert store.campaigns.get(campaign.id).archived_ms is None
     for subject in (mode_subject(analysis, 1), episode_subject(campaign.id, 0)):
         assert store.triage.get(subject) == UNTOUCHED
         store.triage.change(subject, TriageChange(TriageState.KNOWN), "anna")

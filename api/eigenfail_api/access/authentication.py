@@ -44,6 +44,8 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/campaigns/{{campaign}}/pause",
         f"POST {PREFIX}/campaigns/{{campaign}}/resume",
         f"POST {PREFIX}/campaigns/{{campaign}}/cancel",
+        f"POST {PREFIX}/campaigns/{{campaign}}/archive",
+        f"POST {PREFIX}/campaigns/{{campaign}}/restore",
         f"POST {PREFIX}/campaigns/{{campaign}}/priority",
         f"POST {PREFIX}/campaigns/{{campaign}}/analyses",
         f"POST {PREFIX}/campaigns/{{campaign}}/exports",

@@ -143,6 +143,7 @@ Search = Annotated[
     str | None,
     Query(description="Only campaigns whose name contains this text; case is ignored."),
 ]
+Archived = Annotated[bool, Query(description="Whether archived campaigns are listed, too.")]
 Fields = Annotated[dict[str, Any], Depends(plain_body(dict))]
 Sort = Annotated[
     str,
@@ -159,9 +160,11 @@ def parse_query(
     suite: Annotated[str | None, Query(description="Only campaigns of this suite.")] = None,
     method: Annotated[str | None, Query(description="Only campaigns of this method.")] = None,
     search: Search = None,
+    archived: Archived = False,
 ) -> CampaignFilter:
     """Return the filter of a request: all its conditions hold."""
-    return CampaignFilter(method, search, state=state, suite=suite)
+    only = None if archived else False
+    return CampaignFilter(method, search, state=state, suite=suite, archived=only)
 
 
 def _launch(store: Store, wanted: ResolvedCampaign, key: str | None, made_by: int | None) -> Json:
@@ -218,9 +221,12 @@ def list_campaigns(
 
 
 @router.get("/summaries", **document_route(Page[Summary]))
-def list_summaries(store: Stored, limit: Limit = 50, before: Before = None) -> Json:
+def list_summaries(
+    store: Stored, limit: Limit = 50, before: Before = None, archived: Archived = False
+) -> Json:
     """List failures, failure rate, likelihood and cost of campaigns, newest first."""
-    page = store.campaigns.page(limit, before)
+    where = CampaignFilter(archived=None if archived else False)
+    page = store.campaigns.page(limit, before, where)
     return Json(Page(tuple(summaries_of(store, page.items)), page.next))
 
 
@@ -259,6 +265,18 @@ def resume_campaign(store: Stored, campaign: CampaignId) -> Json:
 def cancel_campaign(store: Stored, campaign: CampaignId) -> Json:
     """Cancel a campaign; finished episodes are kept."""
     return Json(steer(store, campaign, CANCEL))
+
+
+@router.post("/{campaign}/archive", **document_route(Campaign))
+def archive_campaign(store: Stored, campaign: CampaignId) -> Json:
+    """Archive a campaign that has ended: lists omit it, and nothing of it is deleted."""
+    return Json(store.campaigns.archive(campaign))
+
+
+@router.post("/{campaign}/restore", **document_route(Campaign))
+def restore_campaign(store: Stored, campaign: CampaignId) -> Json:
+    """List an archived campaign again."""
+    return Json(store.campaigns.restore(campaign))
 
 
 @router.post("/{campaign}/priority", **document_route(Campaign, body=PriorityChange))

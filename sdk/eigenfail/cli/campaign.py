@@ -140,6 +140,11 @@ ACTS: dict[str, tuple[Act, str]] = {
     "pause": (Campaigns.pause, "Pause a campaign; its running episodes are finished and kept."),
     "resume": (Campaigns.resume, "Resume a paused campaign."),
     "cancel": (Campaigns.cancel, "Cancel a campaign; its finished episodes are kept."),
+    "archive": (
+        Campaigns.archive,
+        "Archive a campaign that has ended: lists omit it, and nothing of it is deleted.",
+    ),
+    "restore": (Campaigns.restore, "List an archived campaign again."),
 }
 
 
@@ -199,6 +204,7 @@ Sort = Annotated[
         help=f"Order: {', '.join(CAMPAIGN_ORDERS)}; with a minus, the largest first.",
     ),
 ]
+Archived = Annotated[bool, typer.Option("--archived", help="List archived campaigns, too.")]
 Level = Annotated[float, typer.Option(help="Level of VaR and CVaR of severity.")]
 Ids = Annotated[
     list[int], typer.Argument(metavar="CAMPAIGN...", min=1, help="One campaign, or several.")
@@ -221,6 +227,7 @@ def list_campaigns(
     method: Method = None,
     search: Search = None,
     sort: Sort = str(NEWEST_FIRST),
+    archived: Archived = False,
     limit: Limit = 20,
     watched: Watched = False,
     as_json: AsJson = False,
@@ -228,7 +235,9 @@ def list_campaigns(
     """List campaigns, by default newest first."""
     with interruptible(), connect_to(context, url) as client:
         page = TerminalView(
-            look=lambda: client.campaigns.list(state, None, method, search, sort=sort).first(limit),
+            look=lambda: client.campaigns.list(
+                state, None, method, search, sort=sort, archived=archived
+            ).first(limit),
             campaigns=lambda seen: seen,
             to_data=lambda seen: seen,
             draw=lambda seen: render(tabulate_campaigns(seen)),

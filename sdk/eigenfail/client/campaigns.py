@@ -138,7 +138,7 @@ class Campaigns:
         """
         return self._link.get(f"/campaigns/{campaign}", Campaign)
 
-    def list(
+    def list(  # noqa: PLR0913 - each of them is a filter that users know by its name
         self,
         state: CampaignState | str | None = None,
         suite: str | None = None,
@@ -146,6 +146,7 @@ class Campaigns:
         search: str | None = None,
         *,
         sort: str = str(NEWEST_FIRST),
+        archived: bool = False,
     ) -> Rows[Campaign]:
         """List campaigns that match all given filters, in an order.
 
@@ -156,12 +157,14 @@ class Campaigns:
             search: text that their names hold, in small or large letters.
             sort: id, name, planner, method, state, failures, completed or cost_per_failure_usd;
                 with a minus, the largest first.
+            archived: whether archived campaigns are listed, too.
 
         Raises:
             UnknownName: campaigns cannot be sorted by it.
         """
         order = str(parse_campaign_sort(sort))
         asked = {"state": state, "suite": suite, "method": method, "search": search, "sort": order}
+        asked["archived"] = _ask_archived(archived)
         return self._link.pages("/campaigns", Page[Campaign], "before", asked)
 
     def pause(self, campaign: int) -> Campaign:
@@ -190,6 +193,23 @@ class Campaigns:
             IllegalTransition: it has ended otherwise.
         """
         return self._link.post(f"/campaigns/{campaign}/cancel", Campaign)
+
+    def archive(self, campaign: int) -> Campaign:
+        """Archive a campaign that has ended: lists omit it, and nothing of it is deleted.
+
+        Raises:
+            NotFound: no such campaign.
+            IllegalTransition: it has not ended.
+        """
+        return self._link.post(f"/campaigns/{campaign}/archive", Campaign)
+
+    def restore(self, campaign: int) -> Campaign:
+        """List an archived campaign again.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        return self._link.post(f"/campaigns/{campaign}/restore", Campaign)
 
     def prioritise(self, campaign: int, priority: Priority | str) -> Campaign:
         """Give it another priority, low, normal or high, from now on; its episodes stay the same.
@@ -243,9 +263,14 @@ class Campaigns:
         """
         return self._link.get(f"/campaigns/{campaign}/summary", Summary)
 
-    def summaries(self) -> Rows[Summary]:
-        """The summaries of all campaigns, newest first."""
-        return self._link.pages("/campaigns/summaries", Page[Summary], "before")
+    def summaries(self, *, archived: bool = False) -> Rows[Summary]:
+        """The summaries of all campaigns, newest first.
+
+        Args:
+            archived: whether archived campaigns are among them.
+        """
+        asked = {"archived": _ask_archived(archived)}
+        return self._link.pages("/campaigns/summaries", Page[Summary], "before", asked)
 
     def course(self, campaign: int, per: int | None = None) -> Course:
         """Failure rate, likelihood and robustness by blocks of episodes, so far.
@@ -364,6 +389,10 @@ class Campaigns:
             NotFound: no such campaign.
         """
         return self._link.get(f"/campaigns/{campaign}/digest", Digest).digest
+
+
+def _ask_archived(archived: bool) -> str | None:
+    return "true" if archived else None
 
 
 def _join_ids(campaigns: int | Sequence[int]) -> str:

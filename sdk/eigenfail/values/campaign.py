@@ -475,6 +475,7 @@ class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
             not say.
         parts: the versions of the services that ran it, one after the other; empty where an older
             release, which recorded none, ran all of it.
+        archived_ms: when it was archived; None if it is not, and lists have it. [ms since 1970]
     """
 
     id: int
@@ -491,6 +492,7 @@ class Campaign(Shown, msgspec.Struct, frozen=True, kw_only=True):
     overhead: Overhead | None = None
     trained_episodes: int | None = None
     parts: tuple[RunPart, ...] = ()
+    archived_ms: int | None = None
 
     @property
     def is_mixed(self) -> bool:
@@ -581,6 +583,7 @@ class CampaignFilter(msgspec.Struct, frozen=True):
         besides: a method whose campaigns are left out.
         state: its state.
         suite: the suite that it belongs to.
+        archived: whether it is archived.
     """
 
     method: str | None = None
@@ -588,6 +591,7 @@ class CampaignFilter(msgspec.Struct, frozen=True):
     besides: str | None = None
     state: CampaignState | None = None
     suite: str | None = None
+    archived: bool | None = None
 
 
 ANY_CAMPAIGN = CampaignFilter()

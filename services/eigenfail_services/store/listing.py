@@ -244,6 +244,9 @@ def filter_campaigns(where: CampaignFilter) -> Iterator[ColumnElement[bool]]:
         yield campaigns.c.state == where.state
     if where.suite is not None:
         yield campaigns.c.suite == where.suite
+    if where.archived is not None:
+        archived_ms = campaigns.c.archived_ms
+        yield archived_ms.is_not(None) if where.archived else archived_ms.is_(None)
     if where.search is not None:
         words = where.search.lower().replace("\x00", "�")  # which no database takes
         yield func.lower(spec_field("name")).contains(words, autoescape=True)

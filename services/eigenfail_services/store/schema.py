@@ -125,6 +125,7 @@ campaigns = Table(
     Column("priority", Text, nullable=False, server_default=Priority.NORMAL),
     Column("parts", Text),  # JSON; older releases recorded none
     Column("made_by", Number),  # id of the key; none where none was needed
+    Column("archived_ms", BigInteger),
     CheckConstraint("completed + failed + cancelled <= planned", name="accounted"),
     Index(None, "state", "id"),
     Index(None, "suite", "id"),

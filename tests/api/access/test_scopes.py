@@ -128,6 +128,8 @@ ROUTES = {
         POST /api/v1/campaigns
         POST /api/v1/campaigns/bulk
         POST /api/v1/campaigns/{campaign}/analyses
+        POST /api/v1/campaigns/{campaign}/archive
+        POST /api/v1/campaigns/{campaign}/restore
         POST /api/v1/campaigns/{campaign}/cancel
         POST /api/v1/campaigns/{campaign}/clone
         POST /api/v1/campaigns/{campaign}/episodes/{index}/replay

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from eigenfail_services.store import Store
 from store_checks import (
     access,
+    archive,
     batches,
     blocks,
     campaigns,
@@ -36,6 +37,7 @@ from store_checks import (
 STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
     *campaigns.CHECKS,
     *moves.CHECKS,
+    *archive.CHECKS,
     *batches.CHECKS,
     *suites.CHECKS,
     *episodes.CHECKS,
