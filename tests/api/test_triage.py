@@ -149,3 +149,14 @@ def test_the_digest_of_a_campaign_does_not_have_triage(http, made):
     asked = {"filter": "", "change": {"state": "not_a_bug", "owner": "anna"}}
     assert post(http, f"{URL}/campaigns/{campaign}/episodes/triage", asked)["changed"] == 4
     assert http.get(f"{URL}/campaigns/{campaign}/digest").json() == before
+
+
+def test_a_change_of_too_many_is_refused_as_a_whole(http, problem, made, monkeypatch):
+    monkeypatch.setattr("eigenfail_services.store.triage.MOST_TRIAGED", 3)
+    campaign, _ = made
+    episodes = f"{URL}/campaigns/{campaign}/episodes"
+    asked = {"filter": "", "change": {"state": "known"}}
+    told = problem(http.post(f"{episodes}/triage", json=asked), 422)
+    assert (told["field"], "more than 3 episodes" in told["detail"]) == ("filter", True)
+    assert http.get(f"{episodes}?filter=state = known").json()["items"] == []
+    assert post(http, f"{episodes}/triage", {**asked, "filter": "index > 0"})["changed"] == 3

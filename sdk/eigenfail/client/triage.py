@@ -122,7 +122,7 @@ class TriageRecords:
         Raises:
             NotFound: no such campaign.
             UnknownName: a column or a value that there is not.
-            InvalidValue: a filter that cannot be read or matches more than 100,000 episodes, a
+            InvalidValue: a filter that cannot be read or matches more than 20,000 episodes, a
                 value outside its bounds, or a ticket that is no address.
         """
         asked = read_fields({"filter": filter, "change": fields}, EpisodesTriage)

@@ -18,7 +18,7 @@ LONGEST_LABEL = 40
 LONGEST_TICKET = 500
 LONGEST_NOTE = 4_000
 MOST_LABELS = 20
-MOST_TRIAGED = 100_000
+MOST_TRIAGED = 20_000
 """Most episodes that one request changes: nothing else is written to the database meanwhile."""
 
 SCHEMES = ("http", "https")

@@ -209,7 +209,7 @@ def _choose_episodes(connection: Connection, campaign: int, where: Conditions) -
     chosen = list(connection.execute(query.limit(MOST_TRIAGED + 1)).scalars())
     if len(chosen) > MOST_TRIAGED:
         problem = f"it matches more than {MOST_TRIAGED:,} episodes."
-        raise InvalidValue("filter", problem, "Add a condition, such as index < 100000.")
+        raise InvalidValue("filter", problem, "Add a condition, such as index < 20000.")
     return chosen
 
 

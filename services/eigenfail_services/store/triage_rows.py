@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from enum import StrEnum
-from typing import Any
 
 from sqlalchemy import ColumnElement, Connection, RowMapping, func, select, tuple_
 
@@ -66,21 +65,18 @@ def read_triage(
 
 
 def is_triaged(condition: Condition) -> ColumnElement[bool]:
-    """Return a condition on a column of `TRIAGE_COLUMNS`, of the episode of an enclosing query."""
-    is_so = _has_triage(condition.column, condition.value)
-    return is_so if condition.operator is Operator.EQUAL else ~is_so
-
-
-def _has_triage(column: str, value: Any) -> ColumnElement[bool]:
-    """Return whether the triage of an episode has a value, or a label.
+    """Return a condition on a column of `TRIAGE_COLUMNS`, of the episode of an enclosing query.
 
     An episode without a row has the usual value: it is not among those with another one.
     """
+    column, is_equal = condition.column, condition.operator is Operator.EQUAL
     if column == "label":
-        return _is_among(_holds_label(str(value)))
-    if value == TRIAGE_COLUMNS[column]:
-        return ~_is_among(triage.c[column] != value)
-    return _is_among(triage.c[column] == value)
+        chosen, is_among = _holds_label(str(condition.value)), is_equal
+    elif condition.value == TRIAGE_COLUMNS[column]:
+        chosen, is_among = triage.c[column] != condition.value, not is_equal
+    else:
+        chosen, is_among = triage.c[column] == condition.value, is_equal
+    return _is_among(chosen) if is_among else _is_not_among(chosen)
 
 
 def _holds_label(label: str) -> ColumnElement[bool]:
@@ -88,9 +84,16 @@ def _holds_label(label: str) -> ColumnElement[bool]:
     return func.replace(triage.c.labels, join_labels((label,)), "") != triage.c.labels
 
 
+_OF_EPISODES = triage.c.kind == TriageKind.EPISODE
+
+
 def _is_among(chosen: ColumnElement[bool]) -> ColumnElement[bool]:
     # Read once for a query: triaged episodes are few beside those of the campaign.
-    rows = select(triage.c.parent, triage.c.number).where(
-        triage.c.kind == TriageKind.EPISODE, chosen
-    )
+    rows = select(triage.c.parent, triage.c.number).where(_OF_EPISODES, chosen)
     return tuple_(episodes.c.campaign, episode_index).in_(rows)
+
+
+def _is_not_among(chosen: ColumnElement[bool]) -> ColumnElement[bool]:
+    # By the primary key, for each row: SQLite would scan a list of pairs for NOT IN.
+    same = (triage.c.parent == episodes.c.campaign) & (triage.c.number == episode_index)
+    return ~select(triage.c.kind).where(_OF_EPISODES, same, chosen).correlate(episodes).exists()
