@@ -58,6 +58,7 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/campaigns/{{campaign}}/episodes/triage",
         f"POST {PREFIX}/campaigns/{{campaign}}/episodes/{{index}}/triage",
         f"POST {PREFIX}/campaigns/{{campaign}}/episodes/{{index}}/notes",
+        "POST /analyses/{analysis}/modes/triage",
         "POST /analyses/{analysis}/modes/{mode}/triage",
         "POST /analyses/{analysis}/modes/{mode}/notes",
         "POST /campaigns/{campaign}/episodes/triage",

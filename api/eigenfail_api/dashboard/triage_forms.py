@@ -1,4 +1,4 @@
-"""Triage on the pages of a failure mode, of an episode, and of a list of episodes.
+"""Triage on the pages of an analysis, a failure mode, an episode, and a list of episodes.
 
 The forms work without JavaScript: each leads back to the page that it is on.
 """
@@ -11,6 +11,7 @@ import msgspec
 from fastapi import APIRouter, Depends, HTTPException, Request
 from fastapi.responses import RedirectResponse
 
+from eigenfail.errors import InvalidValue
 from eigenfail.filters import parse_filter
 from eigenfail.presentation.figures import format_utc
 from eigenfail.values.triage import (
@@ -40,7 +41,7 @@ from eigenfail_services.store.triage import TriageSubject, episode_subject, mode
 from eigenfail_services.store.triage_rows import TriageKind
 
 NOTES_ON_PAGE = 50
-MOST_FIELDS = 10
+MOST_FIELDS = 100
 SEE_OTHER = 303
 
 STATES = tuple((state.value, state.words) for state in TriageState)
@@ -123,7 +124,8 @@ def _write_command(subject: TriageSubject) -> str:
 
 router = APIRouter(include_in_schema=False)
 
-MODE = "/analyses/{analysis}/modes/{mode}"
+MODES = "/analyses/{analysis}/modes"
+MODE = f"{MODES}/{{mode}}"
 EPISODES = "/campaigns/{campaign}/episodes"
 EPISODE = f"{EPISODES}/{{index}}"
 
@@ -157,7 +159,7 @@ def read_change(form: Mapping[str, str]) -> TriageChange:
 
 
 def read_addition(form: Mapping[str, str]) -> TriageChange:
-    """Return the change of a form for many episodes: what is left empty stays as it is.
+    """Return the change of a form for several: what is left empty stays as it is.
 
     Raises:
         InvalidValue: a value is outside its bounds.
@@ -181,6 +183,19 @@ def _add_note(store: Store, subject: TriageSubject, text: str, who: str) -> Redi
     store.triage.get(subject)  # that it exists comes before what its note says
     store.triage.add_note(subject, check_note(text), who)
     return return_to(find_address(subject))
+
+
+@router.post(f"{MODES}/triage")
+def triage_modes(
+    store: Stored, analysis: AnalysisId, form: Form, who: CallerName
+) -> RedirectResponse:
+    """Change the triage of the selected failure modes."""
+    known = store.analyses.modes(analysis)
+    chosen = [mode.number for mode in known if f"mode-{mode.number}" in form]
+    if not chosen:
+        raise InvalidValue("modes", "none is selected.", "Select at least one.")
+    store.triage.change_modes(analysis, chosen, read_addition(form), who)
+    return return_to(f"/analyses/{analysis}")
 
 
 @router.post(f"{MODE}/triage")

@@ -114,6 +114,7 @@ ROUTES = {
     "runner": """
         POST /api/v1/analyses/{analysis}/proof
         PUT /api/v1/analyses/{analysis}/modes/{mode}/name
+        POST /analyses/{analysis}/modes/triage
         POST /analyses/{analysis}/modes/{mode}/notes
         POST /analyses/{analysis}/modes/{mode}/triage
         POST /campaigns/{campaign}/episodes/triage

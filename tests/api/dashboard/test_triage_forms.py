@@ -96,6 +96,20 @@ def test_all_episodes_that_match_are_changed(http, store, made):
     assert [row.labels for row in rows] == [(), (), ("v2",), ("v2",)]
 
 
+def test_the_selected_modes_are_changed(http, store, made):
+    _, analysis = made
+    address = f"/analyses/{analysis}"
+    fields = {"mode-2": "on", "mode-9": "on", "state": "known", "owner": "", "labels": "v2"}
+    answer = send(http, f"{address}/modes/triage", **fields)
+    assert (answer.status_code, answer.headers["location"]) == (303, f"{address}#triage")
+    modes = store.analyses.modes(analysis)
+    assert [(mode.state, mode.labels) for mode in modes] == [("new", ()), ("known", ("v2",))]
+    page = http.get(address, headers=HTML).text
+    assert page.count("Triage: known") == 1
+    assert 'name="mode-1"' in page
+    assert send(http, f"{address}/modes/triage", state="fixed").status_code == 422
+
+
 def test_pages_show_triage(check_page, store, made):
     _, analysis = made
     subject = mode_subject(analysis, 2)
