@@ -66,7 +66,7 @@ class _Order(NamedTuple):
 
 
 class TriageStore:
-    """Triage and notes; whoever changes them is named by the caller."""
+    """Triage and notes of failure modes and episodes, each with the name of its author."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
