@@ -31,6 +31,7 @@ from eigenfail_api.dashboard import (
     risk_page,
     search_page,
     suites_page,
+    triage_forms,
     webhooks_page,
     workers_page,
 )
@@ -53,6 +54,7 @@ from eigenfail_api.routes import (
     plugins,
     recordings,
     releases,
+    triage,
     webhooks,
 )
 from eigenfail_api.routes.events import EventFeed
@@ -76,6 +78,7 @@ ROUTERS = (
     analyses.router,
     releases.router,
     recordings.router,
+    triage.router,
     events.router,
     plugins.router,
     operations.router,
@@ -95,6 +98,7 @@ ROUTERS = (
     comparison_page.router,
     release_page.router,
     risk_page.router,
+    triage_forms.router,
     workers_page.router,
     search_page.router,
     copying.router,

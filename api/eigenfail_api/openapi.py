@@ -46,6 +46,15 @@ from eigenfail.values.release import ReleaseQuestion, ReleaseTable
 from eigenfail.values.report import Export, ExportRequest, Report
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable
+from eigenfail.values.triage import (
+    EpisodesTriage,
+    ModesTriage,
+    NoteText,
+    Triage,
+    TriageChange,
+    TriageCount,
+    TriageNote,
+)
 from eigenfail.values.webhooks import (
     GateVerdictRecord,
     NewWebhook,
@@ -124,6 +133,14 @@ BODIES = (
     Safety,
     SuiteTable,
     Summary,
+    Triage,
+    TriageChange,
+    TriageCount,
+    TriageNote,
+    EpisodesTriage,
+    ModesTriage,
+    NoteText,
+    Page[TriageNote],
     Usage,
     Webhook,
     WebhookDelivery,
@@ -216,6 +233,7 @@ TAGS = {
     "episodes": "The simulation runs of campaigns.",
     "analyses": "Failures grouped into failure modes, and replays of these modes.",
     "suites": "Named sets of campaigns that run, resume and are judged together.",
+    "triage": "State, owner, labels, ticket and notes of failure modes and episodes.",
     "events": "Events as a list or as a stream.",
     "workers": "Processes that run episodes.",
     "plug-ins": "Methods, planners, scenarios and simulators that campaigns can use.",

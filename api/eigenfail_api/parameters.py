@@ -13,7 +13,7 @@ from fastapi.routing import APIRoute
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.wire import http
 from eigenfail.wire.http import IDEMPOTENCY_KEY
-from eigenfail_api.access.authentication import get_caller_key
+from eigenfail_api.access.authentication import get_caller_key, get_caller_name
 from eigenfail_services.store import Store
 
 LARGEST = 2**63 - 1
@@ -111,6 +111,7 @@ def _query_parameters(dependant: Dependant) -> Iterator[tuple[str, Any]]:
 
 Stored = Annotated[Store, Depends(store_of)]
 MadeBy = Annotated[int | None, Depends(get_caller_key)]
+CallerName = Annotated[str, Depends(get_caller_name)]
 CampaignId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of a campaign.")]
 AnalysisId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of an analysis.")]
 ModeNumber = Annotated[int, Path(ge=1, le=LARGEST, description="Number of the mode, from 1.")]

@@ -21,7 +21,7 @@ def test_webhooks_come_and_go_and_campaigns_stay(url, look) -> None:
     store.campaigns.move(campaign.id, CampaignState.DONE)
     assert len(store.webhooks.deliveries(webhook.id, 10).items) == 1
     store.close()
-    migrate.downgrade(url, "0022")
+    migrate.downgrade(url, "0024")
     assert not TABLES & look(url, tables)
     store = open_store(url)  # brings the schema up again
     assert look(url, tables) >= TABLES

@@ -45,6 +45,8 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/campaigns/{{campaign}}/pause",
         f"POST {PREFIX}/campaigns/{{campaign}}/resume",
         f"POST {PREFIX}/campaigns/{{campaign}}/cancel",
+        f"POST {PREFIX}/campaigns/{{campaign}}/archive",
+        f"POST {PREFIX}/campaigns/{{campaign}}/restore",
         f"POST {PREFIX}/campaigns/{{campaign}}/priority",
         f"POST {PREFIX}/campaigns/{{campaign}}/analyses",
         f"POST {PREFIX}/campaigns/{{campaign}}/exports",
@@ -53,6 +55,18 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/analyses/{{analysis}}/proof",
         f"PUT {PREFIX}/analyses/{{analysis}}/modes/{{mode}}/name",
         f"POST {PREFIX}/gates",
+        f"POST {PREFIX}/analyses/{{analysis}}/modes/triage",
+        f"POST {PREFIX}/analyses/{{analysis}}/modes/{{mode}}/triage",
+        f"POST {PREFIX}/analyses/{{analysis}}/modes/{{mode}}/notes",
+        f"POST {PREFIX}/campaigns/{{campaign}}/episodes/triage",
+        f"POST {PREFIX}/campaigns/{{campaign}}/episodes/{{index}}/triage",
+        f"POST {PREFIX}/campaigns/{{campaign}}/episodes/{{index}}/notes",
+        "POST /analyses/{analysis}/modes/triage",
+        "POST /analyses/{analysis}/modes/{mode}/triage",
+        "POST /analyses/{analysis}/modes/{mode}/notes",
+        "POST /campaigns/{campaign}/episodes/triage",
+        "POST /campaigns/{campaign}/episodes/{index}/triage",
+        "POST /campaigns/{campaign}/episodes/{index}/notes",
     ),
     Scope.ADMIN: (
         "GET /audit",
@@ -149,6 +163,12 @@ async def get_caller_key() -> int | None:
     """Return the id of the caller's key; None where no key is required."""
     caller = _caller.get()
     return None if caller is None else caller.key
+
+
+async def get_caller_name() -> str:
+    """Return the name of the caller, as the audit log has it."""
+    caller = _caller.get()
+    return "unknown" if caller is None else caller.name
 
 
 def caller_of_key(key: ApiKey, *, signed_in: bool = False) -> Caller:

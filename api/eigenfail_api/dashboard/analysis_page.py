@@ -49,6 +49,7 @@ from eigenfail_api.dashboard.episodes_page import (
 )
 from eigenfail_api.dashboard.proof import ProofView, describe_reproduction, make_proof_view
 from eigenfail_api.dashboard.rendering import Tile, make_probability_tile, page
+from eigenfail_api.dashboard.triage_forms import STATES, describe_triage
 from eigenfail_api.parameters import AnalysisId, Stored
 from eigenfail_services.campaigns.proofs import summarise_proof
 
@@ -172,6 +173,8 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
         asked: its settings, for another like it.
         choices: of the channels that the other one may analyse.
         names: the names that were given to modes, by number.
+        triage: state and owner of each mode in words, by number; empty of a new one without owner.
+        states: values and words of the states of triage.
     """
 
     line: AnalysisLine
@@ -191,6 +194,8 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     asked: AnalysisSettings
     choices: AnalysisChoices
     names: Mapping[int, str]
+    triage: Mapping[int, str]
+    states: tuple[tuple[str, str], ...] = STATES
 
 
 def make_analysis_view(
@@ -219,6 +224,7 @@ def make_analysis_view(
         asked=analysis.settings,
         choices=list_analysis_choices(campaign.spec),
         names=find_given_names(result, modes) if result else {},
+        triage={mode.number: describe_triage(mode.state, mode.owner) for mode in modes},
     )
 
 

@@ -248,7 +248,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
         wants_workers: whether episodes wait and no worker is connected.
         stranded: what was said of it, if no connected worker can run it.
         narrow: why workers are idle and what to set, if it leaves them idle; else nothing.
-        wishes: what a user may ask of it now: pause, resume, cancel.
+        wishes: what a user may ask of it now: pause, resume, cancel, archive, restore.
         mixed: that services of other versions took it over, in sentences; empty if none did.
         conflicts: episodes by class; empty before the first one, and where nothing drives.
         asked: how the form analyses unless its user says otherwise.
@@ -296,7 +296,7 @@ def make_campaign_view(found: Findings) -> CampaignView:
         stranded=found.stranded,
         narrow=found.narrow,
         mixed=describe_mixed(campaign),
-        wishes=list_actions(campaign.state),
+        wishes=list_actions(campaign),
         tiles=make_tiles(
             now,
             make_likelihood_tile(found),
@@ -331,9 +331,12 @@ def make_charts(found: Findings) -> tuple[Chart, ...]:
     return drawn if rows else ()
 
 
-def list_actions(state: CampaignState) -> tuple[str, ...]:
-    """Return the actions that are possible in a state of the campaign."""
-    return tuple(name for name, wish in WISHES.items() if state in wish.steps)
+def list_actions(campaign: Campaign) -> tuple[str, ...]:
+    """Return the actions that are possible in the present state of a campaign."""
+    steered = tuple(name for name, wish in WISHES.items() if campaign.state in wish.steps)
+    if campaign.state not in FINAL_STATES:
+        return steered
+    return (*steered, "archive" if campaign.archived_ms is None else "restore")
 
 
 def list_priorities(campaign: Campaign) -> tuple[Priority, ...]:

@@ -26,6 +26,7 @@ from eigenfail.values import (
     Distinction,
     Side,
 )
+from eigenfail.values.campaign import CampaignFilter
 from eigenfail_api.dashboard.charts import Chart, sample_episodes
 from eigenfail_api.dashboard.copying import (
     CopiedRequest,
@@ -418,7 +419,7 @@ def iterate_newest(store: Store) -> Iterator[Campaign]:
     """Yield the newest campaigns, page by page."""
     before: int | None = None
     for _ in range(MAX_CAMPAIGNS_SEARCHED // 100):
-        listed = store.campaigns.page(100, before)
+        listed = store.campaigns.page(100, before, CampaignFilter(archived=False))
         yield from listed.items
         before = listed.next
         if before is None:

@@ -7,7 +7,7 @@ from typing import Annotated
 from urllib.parse import urlencode
 
 import msgspec
-from fastapi import APIRouter, Query
+from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import InputError
@@ -46,6 +46,7 @@ from eigenfail_api.dashboard.rendering import (
     make_outcome_badge,
     page,
 )
+from eigenfail_api.dashboard.triage_forms import STATES, describe_triage
 from eigenfail_api.parameters import LARGEST, CampaignId, Stored
 from eigenfail_services.store import Store
 
@@ -70,6 +71,7 @@ class EpisodeRequest(msgspec.Struct, frozen=True):
     filter: str
     sort: SortOrder
     after: int | None = None
+    changed: int | None = None
 
 
 class EpisodeLine(msgspec.Struct, frozen=True):
@@ -78,6 +80,7 @@ class EpisodeLine(msgspec.Struct, frozen=True):
     Attributes:
         address: page of the episode; it knows the list, so that it can lead to the next one.
         conflict: its class, beside the outcome.
+        triage: its state and owner in words; empty of a new episode without an owner.
         cells: figures, as in `FIGURES`.
     """
 
@@ -88,6 +91,7 @@ class EpisodeLine(msgspec.Struct, frozen=True):
     conflict: str
     cells: tuple[str, ...]
     has_scene: bool
+    triage: str = ""
 
 
 class Heading(msgspec.Struct, frozen=True):
@@ -187,6 +191,7 @@ def make_episode_line(row: EpisodeRow, asked: EpisodeRequest | None = None) -> E
         conflict=describe_conflict(row),
         cells=tuple(format_cell(row, column) for column, *_ in FIGURES),
         has_scene=row.has_scene,
+        triage=describe_triage(row.state, row.owner),
     )
 
 
@@ -328,6 +333,7 @@ EXAMPLES = {
     "class = near_miss and source != prior": "near misses of the search",
     "outcome = errored": "episodes that errored",
     "mode = 1": "failures of mode 1 of the newest analysis",
+    "outcome = collision and state = new": "collisions that are still new",
 }
 
 
@@ -352,6 +358,8 @@ class FoundView(msgspec.Struct, frozen=True, kw_only=True):
         first: the first page; empty on it.
         next: the page behind this one; empty on the last.
         empty: why there is nothing to see.
+        states: values and words of the states of triage.
+        changed: how many episodes the form for triage has just changed; None if it was not sent.
     """
 
     campaign: int
@@ -373,6 +381,8 @@ class FoundView(msgspec.Struct, frozen=True, kw_only=True):
     first: str = ""
     next: str = ""
     empty: str = ""
+    states: tuple[tuple[str, str], ...] = STATES
+    changed: int | None = None
 
 
 def make_found_view(
@@ -415,6 +425,7 @@ def make_blank_view(campaign: Campaign, asked: EpisodeRequest) -> FoundView:
         ),
         columns=tuple(COLUMNS.values()),
         title="Episodes",
+        changed=asked.changed,
     )
 
 
@@ -458,20 +469,28 @@ FAILURES_ON_A_PAGE = 25
 EPISODES_ON_A_PAGE = 50
 
 After = Annotated[int | None, Query(ge=0, le=LARGEST)]
+Changed = Annotated[int | None, Query(ge=0, le=LARGEST)]
 Filter = Annotated[str, Query(alias="filter")]
+
+
+async def parse_request(
+    conditions: Filter = "",
+    sort: str = str(BY_INDEX),
+    after: After = None,
+    changed: Changed = None,
+) -> EpisodeRequest:
+    """Return what an address asks for; the filter is parsed later."""
+    return EpisodeRequest(conditions.strip(), parse_sort(sort), after, changed)
 
 
 @router.get("/campaigns/{campaign}/episodes")
 def show_episodes(
     store: Stored,
     campaign: CampaignId,
-    conditions: Filter = "",
-    sort: str = str(BY_INDEX),
-    after: After = None,
+    asked: Annotated[EpisodeRequest, Depends(parse_request)],
 ) -> HTMLResponse:
     """Episodes that fulfil a filter, sorted, and all of their measures at once."""
-    seen = store.campaigns.get(campaign)
-    asked = EpisodeRequest(conditions.strip(), parse_sort(sort), after)
+    seen, after = store.campaigns.get(campaign), asked.after
     try:
         where = parse_filter(asked.filter)
     except InputError as error:

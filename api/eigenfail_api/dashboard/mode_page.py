@@ -30,10 +30,12 @@ from eigenfail_api.dashboard.episodes_page import (
 )
 from eigenfail_api.dashboard.release_page import ModeHistory, make_history
 from eigenfail_api.dashboard.rendering import Tile, page
+from eigenfail_api.dashboard.triage_forms import TriageView, make_triage_view
 from eigenfail_api.parameters import AnalysisId, ModeNumber, Stored
 from eigenfail_services.campaigns.proofs import read_result, summarise_proof
 from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.store import Store
+from eigenfail_services.store.triage import mode_subject
 
 FAILURES_ON_PAGE = 50
 
@@ -57,6 +59,7 @@ class ModeView(msgspec.Struct, frozen=True, kw_only=True):
             is this one.
         has_animation: whether an animation of its failures can be made here.
         history: what became of it over the releases; None where it belongs to none.
+        triage: its state, owner, labels, ticket and notes.
     """
 
     mode: Mode
@@ -73,6 +76,7 @@ class ModeView(msgspec.Struct, frozen=True, kw_only=True):
     newer: int | None
     has_animation: bool
     history: ModeHistory | None
+    triage: TriageView
     longest_name: int = LONGEST_MODE_NAME
 
 
@@ -105,6 +109,7 @@ def make_mode_view(
         newer=None if newest == analysis.id else newest,
         has_animation=world.has_road and RecordingFormat.GIF in list_formats(),
         history=make_history(store, analysis.id, mode.number),
+        triage=make_triage_view(store, mode_subject(analysis.id, mode.number)),
     )
 
 

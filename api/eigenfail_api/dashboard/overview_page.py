@@ -58,6 +58,7 @@ class Wanted(msgspec.Struct, frozen=True):
     Attributes:
         method: None leaves out replays, which find nothing new.
         sort: their order.
+        archived: whether archived campaigns are listed, too.
     """
 
     state: CampaignState | None = None
@@ -65,6 +66,7 @@ class Wanted(msgspec.Struct, frozen=True):
     search: str | None = None
     before: int | None = None
     sort: SortOrder = NEWEST_FIRST
+    archived: bool = False
 
     def address(self, **changes: object) -> str:
         """The address of this page, or of one like it."""
@@ -72,6 +74,9 @@ class Wanted(msgspec.Struct, frozen=True):
         query = {name: str(value) for name, value in given.items() if value is not None}
         if given["sort"] == NEWEST_FIRST:
             del query["sort"]
+        del query["archived"]
+        if given["archived"]:
+            query["archived"] = "true"
         return f"/?{urlencode(query)}" if query else "/"
 
     @property
@@ -83,7 +88,8 @@ class Wanted(msgspec.Struct, frozen=True):
     def where(self) -> CampaignFilter:
         """The same in the words of the store."""
         besides = None if self.method else REPLAY
-        return CampaignFilter(self.method, self.search, besides, self.state)
+        only = None if self.archived else False
+        return CampaignFilter(self.method, self.search, besides, self.state, archived=only)
 
     @property
     def is_filtered(self) -> bool:
@@ -137,6 +143,8 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
         stranded: what was said of each campaign that no connected worker can run.
         latest: the newest event when the page was made, so that the feed goes on behind it.
         headings: the columns that sort the list.
+        archive: words and address of this list with or without archived campaigns; None where no
+            campaign is archived.
     """
 
     wanted: Wanted
@@ -156,6 +164,7 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
     wants_workers: bool
     stranded: tuple[Event, ...]
     latest: int
+    archive: tuple[str, str] | None
 
 
 class OverviewFacts(msgspec.Struct, frozen=True, kw_only=True):
@@ -171,6 +180,7 @@ class OverviewFacts(msgspec.Struct, frozen=True, kw_only=True):
         lately: who brought results in the last `within_s` seconds.
         stranded: what was said of each campaign that no connected worker can run.
         latest: the id of the newest event.
+        has_archive: whether any campaign is archived.
     """
 
     page: Page[Campaign]
@@ -183,6 +193,7 @@ class OverviewFacts(msgspec.Struct, frozen=True, kw_only=True):
     within_s: int
     stranded: tuple[Event, ...]
     latest: int
+    has_archive: bool
 
 
 def make_overview(known: OverviewFacts, wanted: Wanted) -> Overview:
@@ -208,7 +219,14 @@ def make_overview(known: OverviewFacts, wanted: Wanted) -> Overview:
         wants_workers=not known.here and any(c.state in WORKING for c in known.page.items),
         stranded=known.stranded,
         latest=known.latest,
+        archive=describe_archive(wanted) if known.has_archive else None,
     )
+
+
+def describe_archive(wanted: Wanted) -> tuple[str, str]:
+    """Return words and address of the same list with archived campaigns, or without them."""
+    words = "Hide archived campaigns" if wanted.archived else "Show archived campaigns"
+    return words, wanted.address(archived=not wanted.archived, before=None)
 
 
 def fold_replays(count: int, wanted: Wanted) -> tuple[str, str] | None:
@@ -245,6 +263,7 @@ EVENTS_SHOWN = 30
 # A form sends empty fields, too.
 State = Annotated[CampaignState | Literal[""], Query()]
 Words = Annotated[str, Query(max_length=200)]
+Archived = Annotated[bool, Query()]
 
 Sort = Annotated[str, Query(max_length=64)]
 
@@ -255,11 +274,14 @@ class FormFilters(NamedTuple):
     state: CampaignState | None
     method: str | None
     search: str | None
+    archived: bool
 
 
-def read_filters(state: State = "", method: Words = "", search: Words = "") -> FormFilters:
+def read_filters(
+    state: State = "", method: Words = "", search: Words = "", archived: Archived = False
+) -> FormFilters:
     """Return the filters of a request."""
-    return FormFilters(state or None, method or None, search.strip() or None)
+    return FormFilters(state or None, method or None, search.strip() or None, archived)
 
 
 # An open page sends it when it asks for itself again.
@@ -274,7 +296,7 @@ def show_overview(
     sort: Sort = str(NEWEST_FIRST),
 ) -> HTMLResponse:
     """Campaigns in an order, by default newest first."""
-    wanted = Wanted(*named, before, parse_campaign_sort(sort))
+    wanted = Wanted(before=before, sort=parse_campaign_sort(sort), **named._asdict())
     staffing = partial(find_staffing, store)
     return page(
         "overview.html", make_overview(read_overview(store, wanted), wanted), staffing=staffing
@@ -296,4 +318,5 @@ def read_overview(store: Store, wanted: Wanted) -> OverviewFacts:
         within_s=ACTIVE_S,
         stranded=list_unrunnable(store),
         latest=latest,
+        has_archive=bool(store.campaigns.page(1, where=CampaignFilter(archived=True)).items),
     )

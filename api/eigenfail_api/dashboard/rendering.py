@@ -334,6 +334,7 @@ class StandingView(msgspec.Struct, frozen=True, kw_only=True):
         ended: episodes with a result; of `planned`, of which `wanted` are not left unrun.
         errored: how many episodes errored, and why, in sentences; empty if none did.
         remaining: how long it will take still, if that can be said, or what was left unrun.
+        is_archived: whether lists omit it.
     """
 
     id: int
@@ -350,6 +351,7 @@ class StandingView(msgspec.Struct, frozen=True, kw_only=True):
     wanted: int
     remaining: str
     errored: str
+    is_archived: bool
     failures: Tile
     probability: Tile | None
     cost: Tile
@@ -377,6 +379,7 @@ def make_standing(campaign: Campaign, summary: Summary) -> StandingView:
         wanted=counts.planned - counts.cancelled,
         remaining=describe_remaining(campaign, summary),
         errored=summary.errored.words(counts),
+        is_archived=campaign.archived_ms is not None,
         failures=make_failure_tile(summary),
         probability=make_probability_tile(summary.estimate),
         cost=make_cost_tile(summary),

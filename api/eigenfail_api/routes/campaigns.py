@@ -147,6 +147,7 @@ Search = Annotated[
     str | None,
     Query(description="Only campaigns whose name contains this text; case is ignored."),
 ]
+Archived = Annotated[bool, Query(description="Whether archived campaigns are listed, too.")]
 Fields = Annotated[dict[str, Any], Depends(plain_body(dict))]
 Sort = Annotated[
     str,
@@ -164,9 +165,11 @@ def parse_labels(
     planner_version: Annotated[
         str | None, Query(description="Only campaigns of this version of a planner.")
     ] = None,
+    archived: Archived = False,
 ) -> CampaignFilter:
-    """Return the part of a request's filter that is about labels."""
-    return CampaignFilter(project=project, tag=tag, planner_version=planner_version)
+    """Return the part of a request's filter that is about labels, and about the archive."""
+    only = None if archived else False
+    return CampaignFilter(project=project, tag=tag, planner_version=planner_version, archived=only)
 
 
 Labels = Annotated[CampaignFilter, Depends(parse_labels)]
@@ -245,9 +248,12 @@ def list_campaigns(
 
 
 @router.get("/summaries", **document_route(Page[Summary]))
-def list_summaries(store: Stored, limit: Limit = 50, before: Before = None) -> Json:
+def list_summaries(
+    store: Stored, limit: Limit = 50, before: Before = None, archived: Archived = False
+) -> Json:
     """List failures, failure rate, likelihood and cost of campaigns, newest first."""
-    page = store.campaigns.page(limit, before)
+    where = CampaignFilter(archived=None if archived else False)
+    page = store.campaigns.page(limit, before, where)
     return Json(Page(tuple(summaries_of(store, page.items)), page.next))
 
 
@@ -309,6 +315,18 @@ def resume_campaign(store: Stored, campaign: CampaignId) -> Json:
 def cancel_campaign(store: Stored, campaign: CampaignId) -> Json:
     """Cancel a campaign; finished episodes are kept."""
     return Json(steer(store, campaign, CANCEL))
+
+
+@router.post("/{campaign}/archive", **document_route(Campaign))
+def archive_campaign(store: Stored, campaign: CampaignId) -> Json:
+    """Archive a campaign that has ended: lists omit it, and nothing of it is deleted."""
+    return Json(store.campaigns.archive(campaign))
+
+
+@router.post("/{campaign}/restore", **document_route(Campaign))
+def restore_campaign(store: Stored, campaign: CampaignId) -> Json:
+    """List an archived campaign again."""
+    return Json(store.campaigns.restore(campaign))
 
 
 @router.post("/{campaign}/priority", **document_route(Campaign, body=PriorityChange))

@@ -141,6 +141,11 @@ ACTS: dict[str, tuple[Act, str]] = {
     "pause": (Campaigns.pause, "Pause a campaign; its running episodes are finished and kept."),
     "resume": (Campaigns.resume, "Resume a paused campaign."),
     "cancel": (Campaigns.cancel, "Cancel a campaign; its finished episodes are kept."),
+    "archive": (
+        Campaigns.archive,
+        "Archive a campaign that has ended: lists omit it, and nothing of it is deleted.",
+    ),
+    "restore": (Campaigns.restore, "List an archived campaign again."),
 }
 
 
@@ -205,6 +210,7 @@ Sort = Annotated[
         help=f"Order: {', '.join(CAMPAIGN_ORDERS)}; with a minus, the largest first.",
     ),
 ]
+Archived = Annotated[bool, typer.Option("--archived", help="List archived campaigns, too.")]
 Level = Annotated[float, typer.Option(help="Level of VaR and CVaR of severity.")]
 Ids = Annotated[
     list[int], typer.Argument(metavar="CAMPAIGN...", min=1, help="One campaign, or several.")
@@ -230,6 +236,7 @@ def list_campaigns(
     tag: Tag = None,
     planner_version: PlannerVersion = None,
     sort: Sort = str(NEWEST_FIRST),
+    archived: Archived = False,
     limit: Limit = 20,
     watched: Watched = False,
     as_json: AsJson = False,
@@ -243,6 +250,7 @@ def list_campaigns(
                 tag=tag,
                 planner_version=planner_version,
                 sort=sort,
+                archived=archived,
             ).first(limit),
             campaigns=lambda seen: seen,
             to_data=lambda seen: seen,

@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, CampaignId, EpisodeId, Limit, Url, parse_episode_id
 from eigenfail.cli.render import follow, judge, show, show_rows, to_json
+from eigenfail.cli.triage import add_episode_note, show_episode_triage, triage_episodes
 from eigenfail.errors import InvalidValue, NoisePruned, NotFound
 from eigenfail.exchange.recording import EgoControl, RecordingFormat
 from eigenfail.explanations import StepWindow, build_explanation
@@ -316,3 +317,6 @@ def show_episode(
 
 for page in (replay, explain, shrink):
     app.command()(page)
+app.command("triage")(triage_episodes)
+app.command("note")(add_episode_note)
+app.command("notes")(show_episode_triage)

@@ -152,7 +152,7 @@ def _find_by_version(client: Client, suite: Suite, run: str) -> Found:
     """The newest campaigns of a run's name."""
     wanted = {f"{run}: {member.name}": member.name for member in suite.members}
     found: dict[str, Campaign] = {}
-    for campaign in client.campaigns.list(suite=suite_of(next(iter(wanted)))):
+    for campaign in client.campaigns.list(suite=suite_of(next(iter(wanted))), archived=True):
         if name := wanted.pop(campaign.spec.name, None):
             found[name] = campaign
         if not wanted:
@@ -239,7 +239,7 @@ class KnownFailures:
 
     def _shrunk(self, before: Campaign, analysis: Analysis) -> Iterator[Shrunk]:
         """Return the minimal failures of a campaign that still fail."""
-        for campaign in self._client.campaigns.list(CampaignState.DONE):
+        for campaign in self._client.campaigns.list(CampaignState.DONE, archived=True):
             if is_minimal_search(campaign, before, analysis):
                 with suppress(Conflict):
                     yield Shrunk(campaign, self._client.campaigns.minimal(campaign.id))

@@ -29,7 +29,7 @@ COMMANDS = {
     "suite": "Run many campaigns as one: a sweep, a grid, or a list of them.",
     "episode": "Show, export, replay and explain episodes.",
     "analyze": "Group the failures of a campaign into failure modes.",
-    "mode": "List the failure modes of an analysis, and give them names.",
+    "mode": "List the failure modes of an analysis, name them, and track them to their end.",
     "release": "Compare the versions of a planner, failure mode by failure mode.",
     "noise": "Fit the disturbance model p(x) to the log of a sensor, and show what a model means.",
     "requirement": "Find the largest errors of the sensor at which failures stay rare enough.",

@@ -1,4 +1,4 @@
-"""`eigenfail mode`: list the failure modes of an analysis, and give them names."""
+"""`eigenfail mode`: list the failure modes of an analysis, name them, and track them."""
 
 from collections.abc import Iterable
 from typing import Annotated
@@ -10,36 +10,58 @@ from rich.table import Table
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, Url
 from eigenfail.cli.render import make_console, show, to_json
+from eigenfail.cli.triage import (
+    AnalysisId,
+    ModeNumber,
+    add_mode_note,
+    show_mode_triage,
+    triage_modes,
+)
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.values import Mode
+from eigenfail.values.triage import TriageState
 
 app = typer.Typer(add_completion=False, no_args_is_help=True)
 
-AnalysisId = Annotated[int, typer.Argument(metavar="ANALYSIS", min=1, help="Id of an analysis.")]
-ModeNumber = Annotated[
-    int, typer.Argument(metavar="MODE", min=1, help="Number of the mode, from 1.")
-]
 ModeName = Annotated[
     str, typer.Argument(metavar="NAME", help="Its name, of at most 80 characters.")
 ]
 
 
+OnlyState = Annotated[
+    TriageState | None, typer.Option("--state", help="Only modes in this state of triage.")
+]
+OnlyOwner = Annotated[
+    str | None,
+    typer.Option("--owner", metavar="NAME", help='Only modes of this owner; "" for none.'),
+]
+OnlyLabel = Annotated[
+    str | None, typer.Option("--label", metavar="LABEL", help="Only modes with this label.")
+]
+
+
 @app.callback()
 def mode() -> None:
-    """List the failure modes of an analysis, and give them names."""
+    """List the failure modes of an analysis, name them, and track them to their end."""
 
 
 @app.command("list")
 def list_modes(
-    context: typer.Context, analysis: AnalysisId, url: Url = DEFAULT_URL, as_json: AsJson = False
+    context: typer.Context,
+    analysis: AnalysisId,
+    url: Url = DEFAULT_URL,
+    state: OnlyState = None,
+    owner: OnlyOwner = None,
+    label: OnlyLabel = None,
+    as_json: AsJson = False,
 ) -> None:
-    """List the failure modes of an analysis, with their names and numbers of failures.
+    """List the failure modes of an analysis, with their names, failures and triage.
 
     A mode that was given no name has the beginning of its description for one.
     """
     with connect_to(context, url) as client:
-        found = client.analyses.modes(analysis)
+        found = client.analyses.modes(analysis, state, owner, label)
     show(found, as_json, lambda: _draw_modes(found))
 
 
@@ -63,7 +85,16 @@ def rename_mode(
 
 def _draw_modes(modes: Iterable[Mode]) -> Table:
     """A row for each mode."""
-    grid = start_grid("mode", "name", "failures", right=("mode", "failures"))
+    titles = ("mode", "name", "failures", "state", "owner", "labels")
+    grid = start_grid(*titles, right=("mode", "failures"))
     for each in modes:
-        grid.add_row(str(each.number), escape(each.name), f"{each.failures:,}")
+        words = (each.state.words, each.owner, ", ".join(each.labels))
+        grid.add_row(
+            *(str(each.number), escape(each.name), f"{each.failures:,}"), *map(escape, words)
+        )
     return grid
+
+
+app.command("triage")(triage_modes)
+app.command("note")(add_mode_note)
+app.command("notes")(show_mode_triage)

@@ -39,6 +39,7 @@ from eigenfail.values import (
     Proof,
 )
 from eigenfail.values.report import Report
+from eigenfail.values.triage import TriageState
 from eigenfail.wire.http import ModeName, ProofRequest, decode, read_fields
 
 OVER = frozenset({AnalysisState.DONE, AnalysisState.FAILED})
@@ -113,13 +114,27 @@ class Analyses:
         """
         return self._link.get(f"{locate_analysis(analysis)}/eigenfailures", Page[FailureMode]).items
 
-    def modes(self, analysis: AnalysisLike) -> tuple[Mode, ...]:
+    def modes(
+        self,
+        analysis: AnalysisLike,
+        state: TriageState | str | None = None,
+        owner: str | None = None,
+        label: str | None = None,
+    ) -> tuple[Mode, ...]:
         """The failure modes by number, with their names and without their noise.
+
+        Args:
+            analysis: id of the analysis.
+            state: only those in this state of triage.
+            owner: only those of this owner; empty for those without one.
+            label: only those with this label.
 
         Raises:
             NotFound: no such analysis.
+            InvalidValue: there is no such state.
         """
-        return self._link.get(f"{locate_analysis(analysis)}/modes", Page[Mode]).items
+        asked = {"state": state, "owner": owner, "label": label}
+        return self._link.get(f"{locate_analysis(analysis)}/modes", Page[Mode], asked).items
 
     def rename_mode(self, analysis: AnalysisLike, mode: ModeLike, name: str) -> Mode:
         """Give a failure mode a name.

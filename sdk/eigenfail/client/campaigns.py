@@ -151,7 +151,7 @@ class Campaigns:
         """
         return self._link.get(locate_campaign(campaign), Campaign)
 
-    def list(
+    def list(  # noqa: PLR0913 - each of them is a filter that users know by its name
         self,
         state: CampaignState | str | None = None,
         suite: str | None = None,
@@ -159,6 +159,7 @@ class Campaigns:
         search: str | None = None,
         *,
         sort: str = str(NEWEST_FIRST),
+        archived: bool = False,
         **labels: Unpack[LabelFilter],
     ) -> Rows[Campaign]:
         """List campaigns that match all given filters, in an order.
@@ -171,6 +172,7 @@ class Campaigns:
             sort: id, name, planner, method, state, failures, completed or cost_per_failure_usd;
                 with a minus, the largest first.
             labels: `project`, `tag` and `planner_version` of the campaigns.
+            archived: whether archived campaigns are listed, too.
 
         Raises:
             UnknownName: campaigns cannot be sorted by it.
@@ -185,6 +187,7 @@ class Campaigns:
             "project": labels.get("project"),
             "tag": labels.get("tag"),
             "planner_version": labels.get("planner_version"),
+            "archived": _ask_archived(archived),
         }
         reverse = reverse_order(asked, parse_campaign_sort(sort), "id")
         extent = Extent(partial(self._link.count, "/campaigns", asked), reverse)
@@ -216,6 +219,23 @@ class Campaigns:
             IllegalTransition: it has ended otherwise.
         """
         return self._link.post(f"{locate_campaign(campaign)}/cancel", Campaign)
+
+    def archive(self, campaign: CampaignLike) -> Campaign:
+        """Archive a campaign that has ended: lists omit it, and nothing of it is deleted.
+
+        Raises:
+            NotFound: no such campaign.
+            IllegalTransition: it has not ended.
+        """
+        return self._link.post(f"{locate_campaign(campaign)}/archive", Campaign)
+
+    def restore(self, campaign: CampaignLike) -> Campaign:
+        """List an archived campaign again.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        return self._link.post(f"{locate_campaign(campaign)}/restore", Campaign)
 
     def prioritise(self, campaign: CampaignLike, priority: Priority | str) -> Campaign:
         """Give it another priority, low, normal or high, from now on; its episodes stay the same.
@@ -269,10 +289,15 @@ class Campaigns:
         """
         return self._link.get(f"{locate_campaign(campaign)}/summary", Summary)
 
-    def summaries(self) -> Rows[Summary]:
-        """The summaries of all campaigns, newest first."""
-        extent = Extent(partial(self._link.count, "/campaigns"))
-        return self._link.pages("/campaigns/summaries", Page[Summary], "before", None, extent)
+    def summaries(self, *, archived: bool = False) -> Rows[Summary]:
+        """The summaries of all campaigns, newest first.
+
+        Args:
+            archived: whether archived campaigns are among them.
+        """
+        asked = {"archived": _ask_archived(archived)}
+        extent = Extent(partial(self._link.count, "/campaigns", asked))
+        return self._link.pages("/campaigns/summaries", Page[Summary], "before", asked, extent)
 
     def course(self, campaign: CampaignLike, per: int | None = None) -> Course:
         """Failure rate, likelihood and robustness by blocks of episodes, so far.
@@ -391,6 +416,10 @@ class Campaigns:
             NotFound: no such campaign.
         """
         return self._link.get(f"{locate_campaign(campaign)}/digest", Digest).digest
+
+
+def _ask_archived(archived: bool) -> str | None:
+    return "true" if archived else None
 
 
 def _join_ids(campaigns: CampaignsLike) -> str:

@@ -23,6 +23,7 @@ from eigenfail.client.references import (
 )
 from eigenfail.client.releases import Releases
 from eigenfail.client.suites import Suites
+from eigenfail.client.triage import TriageRecords
 from eigenfail.client.webhooks import Webhooks
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.frames import Rows
@@ -80,6 +81,7 @@ class Client:
         self.suites = Suites(self._link, self.campaigns)
         self.episodes = Episodes(self._link)
         self.analyses = Analyses(self._link)
+        self.triage = TriageRecords(self._link)
         self.releases = Releases(self._link)
         self.events = Events(self._link)
         self.keys = Keys(self._link)

@@ -28,6 +28,9 @@ class _DefaultedFields(TypedDict, total=False):
     instances: int
     scene_every: int
     priority: Priority | str
+    planner_version: str
+    project: str
+    tags: Sequence[str]
     requirements: Sequence[AnyRequirement | Plain]
     importance: AnyRequirement | Plain
 

@@ -1,6 +1,7 @@
 """Releases, as a client sees them: versions of a planner and their failure modes."""
 
 from eigenfail.client.link import Link
+from eigenfail.client.references import CampaignLike, find_campaign_id
 from eigenfail.values import Page
 from eigenfail.values.release import ReleaseQuestion, ReleaseTable
 
@@ -23,13 +24,13 @@ class Releases:
         asked = {} if project is None else {"project": project}
         return self._link.get("/releases", Page[ReleaseQuestion], asked).items
 
-    def get(self, campaign: int) -> ReleaseTable:
+    def get(self, campaign: CampaignLike) -> ReleaseTable:
         """The versions tested as in a campaign, with what became of each failure mode.
 
         Args:
-            campaign: id of a campaign that names the version of its planner.
+            campaign: a campaign, or its id, that names the version of its planner.
 
         Raises:
             NotFound: no such campaign, or it names no version.
         """
-        return self._link.get(f"/releases/{campaign}", ReleaseTable)
+        return self._link.get(f"/releases/{find_campaign_id(campaign)}", ReleaseTable)

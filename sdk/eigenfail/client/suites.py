@@ -149,7 +149,9 @@ class Suites:
         """The campaigns of members that have one, by the members' names."""
         alike: dict[str, list[Campaign]] = {member.spec.name: [] for member in suite.members}
         named = dict.fromkeys(suite_of(name) for name in alike)
-        for campaign in chain.from_iterable(self._campaigns.list(suite=name) for name in named):
+        # An archived member has its results: it is not run again.
+        listed = (self._campaigns.list(suite=name, archived=True) for name in named)
+        for campaign in chain.from_iterable(listed):
             if campaign.spec.name in alike:
                 alike[campaign.spec.name].append(campaign)
                 if all(alike.values()) and len(found := match_campaigns(suite, alike)) == len(

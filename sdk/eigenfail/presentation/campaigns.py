@@ -161,6 +161,7 @@ def list_campaign_facts(campaign: Campaign) -> FactTable:
         *_list_estimate(campaign.estimate),
         *_list_training(campaign),
         ("created", format_local_time(campaign.created_ms)),
+        *_list_archive(campaign),
         ("active", f"{format_number(campaign.active_s)} s"),
         ("digest", campaign.digest or UNKNOWN),
         *(("versions", sentence) for sentence in describe_mixed(campaign)),
@@ -176,6 +177,11 @@ def list_labels(spec: CampaignSpec) -> Iterator[tuple[str, str]]:
         "tags": ", ".join(spec.all_tags),
     }
     return ((name, text) for name, text in given.items() if text)
+
+
+def _list_archive(campaign: Campaign) -> Iterator[tuple[str, str]]:
+    if campaign.archived_ms is not None:
+        yield "archived", f"{format_local_time(campaign.archived_ms)}: lists omit it"
 
 
 def _format_parameters(spec: CampaignSpec) -> str:

@@ -12,6 +12,7 @@ from eigenfail.values.arrays import Floats
 from eigenfail.values.campaign import Estimate, Interval
 from eigenfail.values.disturbance import AXES
 from eigenfail.values.showing import Brief, Plottable, Shown, Tabular
+from eigenfail.values.triage import TriageState
 
 COLLAPSED_SHARE = 0.9
 """A larger share of the failures in one mode is called mode collapse."""
@@ -282,12 +283,18 @@ class Mode(Shown, Tabular, msgspec.Struct, frozen=True):
         number: its number there, from 1.
         failures: how many failures belong to it.
         name: the name that was given to it; until then the beginning of its description.
+        state: state of its triage.
+        owner: who works on it; empty without an owner.
+        labels: its labels, in alphabetical order.
     """
 
     analysis: int
     number: int
     failures: int
     name: str
+    state: TriageState = TriageState.NEW
+    owner: str = ""
+    labels: tuple[str, ...] = ()
 
 
 class ModeBehaviour(Brief, msgspec.Struct, frozen=True, eq=False):

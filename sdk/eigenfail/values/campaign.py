@@ -541,6 +541,7 @@ class Campaign(Shown, Plottable, msgspec.Struct, frozen=True, kw_only=True):
             release, which recorded none, ran all of it.
         code: fingerprints of the code that workers ran its episodes with, by package; several where
             workers had different code, and none where it is in no package with plug-ins.
+        archived_ms: when it was archived; None if it is not, and lists have it. [ms since 1970]
     """
 
     id: int
@@ -558,6 +559,7 @@ class Campaign(Shown, Plottable, msgspec.Struct, frozen=True, kw_only=True):
     trained_episodes: int | None = None
     parts: tuple[RunPart, ...] = ()
     code: tuple[Versions, ...] = ()
+    archived_ms: int | None = None
 
     @property
     def is_mixed(self) -> bool:
@@ -651,6 +653,7 @@ class CampaignFilter(msgspec.Struct, frozen=True):
         project: the project that it belongs to.
         tag: one of its tags.
         planner_version: version of its planner.
+        archived: whether it is archived.
     """
 
     method: str | None = None
@@ -661,6 +664,7 @@ class CampaignFilter(msgspec.Struct, frozen=True):
     project: str | None = None
     tag: str | None = None
     planner_version: str | None = None
+    archived: bool | None = None
 
 
 ANY_CAMPAIGN = CampaignFilter()

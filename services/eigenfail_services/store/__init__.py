@@ -18,6 +18,7 @@ from eigenfail_services.store.query_cache import CachedQueries, FigureStore
 from eigenfail_services.store.retention import RetentionStore
 from eigenfail_services.store.roster import Roster
 from eigenfail_services.store.sqlite import SqliteMemory
+from eigenfail_services.store.triage import TriageStore
 from eigenfail_services.store.webhooks import WebhookStore
 
 __all__ = ["Store", "open_store"]
@@ -36,6 +37,7 @@ class Store:
         self.figures = FigureStore(database, cached)
         self.checkpoints = CheckpointStore(database)
         self.analyses = AnalysisStore(database)
+        self.triage = TriageStore(database)
         self.retention = RetentionStore(database)
         self.events = EventLog(database)
         self.jobs = JobQueue(

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from typing import Any
 
-from msgspec.structs import asdict
 from sqlalchemy import Connection, RowMapping, Select, Table, insert, select, update
 
 from eigenfail.values import (
@@ -15,6 +14,7 @@ from eigenfail.values import (
     Page,
 )
 from eigenfail.values.records import JobKind
+from eigenfail.values.triage import ANY_TRIAGE, TriageFilter
 from eigenfail_services.store.campaigns import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import pack, to_analysis_result, to_json, to_settings
@@ -32,7 +32,9 @@ from eigenfail_services.store.schema import (
     modes,
     replays,
     select_newest_analysis,
+    triage,
 )
+from eigenfail_services.store.triage_rows import BRIEF_TRIAGE, TriageKind, to_brief_triage
 
 UNFINISHED = (AnalysisState.QUEUED, AnalysisState.RUNNING)
 
@@ -128,15 +130,16 @@ class AnalysisStore:
         with self._database.writing() as connection:
             give_up(connection, analysis, problem)
 
-    def modes(self, analysis: int) -> tuple[Mode, ...]:
-        """Return the modes of an analysis, by number; none before it is done.
+    def modes(self, analysis: int, where: TriageFilter = ANY_TRIAGE) -> tuple[Mode, ...]:
+        """Return the modes of an analysis that match a filter, by number; none before it is done.
 
         Raises:
             NotFound: no such analysis.
         """
         with self._database.reading() as connection:
-            _require(connection, analysis)
-            return _read_modes(connection, _MODES.where(modes.c.analysis == analysis))
+            require_analysis(connection, analysis)
+            found = _read_modes(connection, _MODES.where(modes.c.analysis == analysis))
+        return tuple(mode for mode in found if where.holds(mode.state, mode.owner, mode.labels))
 
     def mode(self, analysis: int, number: int) -> Mode:
         """Return a mode of an analysis.
@@ -163,8 +166,8 @@ class AnalysisStore:
         member = mode_members.c
         same = (member.analysis == modes.c.analysis) & (member.number == modes.c.number)
         query = (
-            select(*modes.c)
-            .join(mode_members, same)
+            select(*modes.c, *BRIEF_TRIAGE)
+            .select_from(_TRIAGED_MODES.join(mode_members, same))
             .where(member.campaign == campaign, member["index"] == index)
             .order_by(modes.c.analysis.desc())
         )
@@ -226,7 +229,7 @@ def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -
     )
     changed = connection.execute(statement).mappings().one_or_none()
     if changed is None:
-        _require(connection, analysis)
+        require_analysis(connection, analysis)
         return None
     after = _analysis(changed)
     if after.state not in UNFINISHED:
@@ -238,7 +241,7 @@ def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -
 def _insert_modes(connection: Connection, analysis: Analysis, result: AnalysisResult) -> None:
     """Insert the modes of a result, and the failures that belong to them."""
     rows: tuple[tuple[Table, list[dict[str, Any]]], ...] = (
-        (modes, [asdict(mode) for mode in result.list_modes(analysis.id)]),
+        (modes, [_to_mode_row(mode) for mode in result.list_modes(analysis.id)]),
         (
             mode_members,
             [
@@ -252,11 +255,27 @@ def _insert_modes(connection: Connection, analysis: Analysis, result: AnalysisRe
             connection.execute(insert(table), inserted)
 
 
-_MODES = select(*modes.c).order_by(modes.c.number)
+def _to_mode_row(mode: Mode) -> dict[str, Any]:
+    return {column.name: getattr(mode, column.name) for column in modes.c}
+
+
+_SAME_TRIAGE = (
+    (triage.c.kind == TriageKind.MODE)
+    & (triage.c.parent == modes.c.analysis)
+    & (triage.c.number == modes.c.number)
+)
+_TRIAGED_MODES = modes.outerjoin(triage, _SAME_TRIAGE)
+_MODES = select(*modes.c, *BRIEF_TRIAGE).select_from(_TRIAGED_MODES).order_by(modes.c.number)
 
 
 def _read_modes(connection: Connection, query: Select[Any]) -> tuple[Mode, ...]:
-    return tuple(Mode(**found) for found in connection.execute(query).mappings())
+    return tuple(map(_to_mode, connection.execute(query).mappings()))
+
+
+def _to_mode(found: RowMapping) -> Mode:
+    named: dict[str, Any] = {column.name: found[column] for column in modes.c}
+    state, owner, labels = to_brief_triage(*(found[column] for column in BRIEF_TRIAGE))
+    return Mode(**named, state=state, owner=owner, labels=labels)
 
 
 def _read_mode(connection: Connection, analysis: int, number: int) -> Mode:
@@ -264,18 +283,19 @@ def _read_mode(connection: Connection, analysis: int, number: int) -> Mode:
         connection, _MODES.where(modes.c.analysis == analysis, modes.c.number == number)
     )
     if not found:
-        _require(connection, analysis)
+        require_analysis(connection, analysis)
         raise make_mode_error(analysis, number)
     return found[0]
 
 
-def _require(connection: Connection, analysis: int) -> None:
+def require_analysis(connection: Connection, analysis: int) -> None:
+    """Raise NotFound if there is no analysis with the id."""
     if connection.execute(select(analyses.c.id).where(analyses.c.id == analysis)).first() is None:
         raise make_analysis_error(analysis)
 
 
 def _replays(connection: Connection, analysis: int) -> tuple[int, ...]:
-    _require(connection, analysis)
+    require_analysis(connection, analysis)
     linked = select(replays.c.campaign).where(replays.c.analysis == analysis)
     return tuple(connection.execute(linked.order_by(replays.c.campaign)).scalars())
 

@@ -50,6 +50,7 @@ from eigenfail_services.store.codec import (
 from eigenfail_services.store.engine import CHUNK, Database
 from eigenfail_services.store.events import (
     append_event,
+    describe_archive,
     describe_created,
     describe_mixed_releases,
     describe_move,
@@ -63,6 +64,7 @@ from eigenfail_services.store.lifecycle import (
     make_campaign_error,
     make_reuse_error,
     move_campaign,
+    set_archived,
     set_priority,
 )
 from eigenfail_services.store.listing import contains_text, filter_campaigns, sort_campaigns
@@ -400,6 +402,25 @@ class CampaignStore:
         with self._database.writing() as connection:
             return _prioritise_campaign(connection, campaign, priority)
 
+    def archive(self, campaign: int) -> Campaign:
+        """Archive a campaign that has ended: public lists omit it, and nothing of it is deleted.
+
+        Raises:
+            NotFound: no such campaign.
+            IllegalTransition: the campaign has not ended.
+        """
+        with self._database.writing() as connection:
+            return _set_archived(connection, campaign, now_ms())
+
+    def restore(self, campaign: int) -> Campaign:
+        """List an archived campaign again; one that is not archived stays as it is.
+
+        Raises:
+            NotFound: no such campaign.
+        """
+        with self._database.writing() as connection:
+            return _set_archived(connection, campaign, None)
+
     def get(self, campaign: int) -> Campaign:
         """Return a campaign.
 
@@ -591,6 +612,16 @@ def _prioritise_campaign(connection: Connection, campaign: int, priority: Priori
             update(campaigns).where(campaigns.c.id == campaign).values(priority=priority)
         )
         append_event(connection, "campaign.priority", describe_priority(after), campaign)
+    return after
+
+
+def _set_archived(connection: Connection, campaign: int, archived_ms: int | None) -> Campaign:
+    before = lock_campaign(connection, campaign)
+    after = set_archived(before, archived_ms)
+    if after is not before:
+        ours = update(campaigns).where(campaigns.c.id == campaign)
+        connection.execute(ours.values(archived_ms=archived_ms))
+        append_event(connection, "campaign.archive", describe_archive(after), campaign)
     return after
 
 

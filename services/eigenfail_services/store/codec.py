@@ -34,6 +34,7 @@ from eigenfail.values.arrays import LITTLE_ENDIAN_FLOAT, decode_array, encode_ar
 from eigenfail.values.learning import count_state
 from eigenfail.values.operations import Versions
 from eigenfail.values.records import EpisodeRow, FailureCourse, make_failure_course
+from eigenfail.values.triage import UNTOUCHED, Triage
 from eigenfail.worlds import list_channels
 
 
@@ -167,8 +168,10 @@ def to_campaign(found: RowMapping) -> Campaign:
     )
 
 
-def to_row(found: RowMapping, requirements: tuple[float, ...] = ()) -> EpisodeRow:
-    """Return a line of a list of episodes from its row and the robustness of its requirements."""
+def to_row(
+    found: RowMapping, requirements: tuple[float, ...] = (), triage: Triage = UNTOUCHED
+) -> EpisodeRow:
+    """Return a line of a list of episodes from its row, its requirements and its triage."""
     values: dict[str, Any] = dict(found)
     fault = _fault(values.pop("fault_kind"), values.pop("fault_message"))
     outcome = Outcome(values.pop("outcome"))
@@ -177,6 +180,9 @@ def to_row(found: RowMapping, requirements: tuple[float, ...] = ()) -> EpisodeRo
         assessed=assess(outcome, _measures(found)),
         problem=f"{fault.kind}: {fault.message}" if fault else "",
         requirements=requirements,
+        state=triage.state,
+        owner=triage.owner,
+        labels=triage.labels,
         **values,
     )
 

@@ -49,6 +49,7 @@ from eigenfail.values.records import (
 )
 from eigenfail.values.safety import MOST_POINTS, SeveritySample
 from eigenfail.values.summary import MOST_LANDINGS
+from eigenfail.values.triage import UNTOUCHED
 from eigenfail_services.store.campaigns import (
     hash_results,
     lock_campaign,
@@ -92,6 +93,7 @@ from eigenfail_services.store.totals import (
     sum_safety,
     sum_spending,
 )
+from eigenfail_services.store.triage_rows import TriageKind, read_triage
 
 SCENES_AT_A_TIME = 100
 """Scenes that are in memory together: one of a long episode with many vehicles has 100 kB."""
@@ -496,8 +498,10 @@ def _rows(connection: Connection, campaign: int, indices: Sequence[int]) -> list
     found: dict[int, EpisodeRow] = {}
     for chunk in chunks(set(indices)):
         judged = _read_requirements(connection, campaign, chunk)
+        triaged = read_triage(connection, TriageKind.EPISODE, campaign, chunk)
         for row in connection.execute(query.where(episode_index.in_(chunk))).mappings():
-            found[row["index"]] = to_row(row, tuple(judged[row["index"]]))
+            index = row["index"]
+            found[index] = to_row(row, tuple(judged[index]), triaged.get(index, UNTOUCHED))
     return [found[index] for index in indices]
 
 

@@ -44,6 +44,12 @@ def describe_priority(campaign: Campaign) -> str:
     return f"{_name_of(campaign)} has the priority {campaign.spec.priority} from now on."
 
 
+def describe_archive(campaign: Campaign) -> str:
+    """Describe that a campaign was archived, or is listed again."""
+    story = "is listed again" if campaign.archived_ms is None else "is archived: lists omit it"
+    return f"{_name_of(campaign)} {story}."
+
+
 def describe_mixed_releases(campaign: Campaign) -> str:
     """Describe that a campaign goes on with other versions."""
     return " ".join(describe_mixed(campaign)[-2:])

@@ -125,6 +125,22 @@ def set_priority(campaign: Campaign, priority: Priority) -> Campaign:
     return msgspec.structs.replace(campaign, spec=spec)
 
 
+def set_archived(campaign: Campaign, archived_ms: int | None) -> Campaign:
+    """Return the campaign as archived, or as listed again for None; the same object if it is so.
+
+    Raises:
+        IllegalTransition: it is to be archived and has not ended.
+    """
+    if archived_ms is not None and campaign.state not in FINAL_STATES:
+        raise IllegalTransition(
+            f"Campaign {campaign.id} {STORIES[campaign.state]}: it cannot be archived.",
+            "Wait for its end, or cancel it.",
+        )
+    if (campaign.archived_ms is None) is (archived_ms is None):
+        return campaign
+    return msgspec.structs.replace(campaign, archived_ms=archived_ms)
+
+
 def begin_part(campaign: Campaign, versions: Versions, at_ms: int) -> Campaign:
     """Return the campaign as it goes on with these versions; the same object if it has them.
 

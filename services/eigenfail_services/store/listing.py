@@ -48,6 +48,7 @@ from eigenfail_services.store.schema import (
     spec_field,
     spent_usd,
 )
+from eigenfail_services.store.triage_rows import TRIAGE_COLUMNS, is_triaged
 
 Expression = ColumnElement[Any]
 
@@ -117,6 +118,9 @@ def _select_requirement(number: int) -> Expression:
 def _compare_episodes(where: Conditions, sort: SortOrder) -> Iterator[Expression]:
     """Yield the conditions so that the database follows the order, not one of the conditions."""
     for condition in where:
+        if condition.column in TRIAGE_COLUMNS:
+            yield is_triaged(condition)
+            continue
         column = select_column(condition.column)
         leads = _has_index(condition, sort)
         # SQLite, which knows nothing of how many rows match, would take any index for a condition
@@ -250,6 +254,9 @@ def filter_campaigns(where: CampaignFilter) -> Iterator[ColumnElement[bool]]:
         yield campaigns.c.state == where.state
     if where.suite is not None:
         yield campaigns.c.suite == where.suite
+    if where.archived is not None:
+        archived_ms = campaigns.c.archived_ms
+        yield archived_ms.is_not(None) if where.archived else archived_ms.is_(None)
     if where.search is not None:
         yield contains_text(spec_field("name"), where.search)
 

@@ -129,6 +129,7 @@ campaigns = Table(
     Column("project", Prose),
     Column("tags", Text),  # JSON; none where there is none
     Column("code", Text),  # JSON; none where no worker has described it
+    Column("archived_ms", BigInteger),
     CheckConstraint("completed + failed + cancelled <= planned", name="accounted"),
     Index(None, "state", "id"),
     Index(None, "suite", "id"),
@@ -312,6 +313,37 @@ mode_members = Table(
     Column("index", Number, primary_key=True, autoincrement=False),
     Column("number", Integer, nullable=False),
     Index(None, "analysis", "number"),
+)
+
+
+# Triage of modes (`parent` is the analysis) and of episodes (`parent` is the campaign). Without a
+# row, a subject is new. Labels stand between newlines, so that SQL finds a whole one.
+triage = Table(
+    "triage",
+    metadata,
+    Column("kind", Text, primary_key=True),
+    Column("parent", Number, primary_key=True, autoincrement=False),
+    Column("number", Number, primary_key=True, autoincrement=False),
+    Column("state", Text, nullable=False),
+    Column("owner", Prose, nullable=False),
+    Column("labels", Prose, nullable=False),
+    Column("ticket", Prose, nullable=False),
+    Column("changed_ms", BigInteger, nullable=False),
+    Column("changed_by", Prose, nullable=False),
+)
+
+triage_notes = Table(
+    "triage_notes",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("kind", Text, nullable=False),
+    Column("parent", Number, nullable=False),
+    Column("number", Number, nullable=False),
+    Column("at_ms", BigInteger, nullable=False),
+    Column("author", Prose, nullable=False),
+    Column("text", Prose, nullable=False),
+    Index(None, "kind", "parent", "number", "id"),
+    sqlite_autoincrement=True,
 )
 
 

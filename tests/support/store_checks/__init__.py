@@ -8,6 +8,7 @@ from collections.abc import Callable
 from eigenfail_services.store import Store
 from store_checks import (
     access,
+    archive,
     batches,
     blocks,
     campaigns,
@@ -31,12 +32,14 @@ from store_checks import (
     roster,
     safety,
     suites,
+    triage,
     webhooks,
 )
 
 STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
     *campaigns.CHECKS,
     *moves.CHECKS,
+    *archive.CHECKS,
     *batches.CHECKS,
     *suites.CHECKS,
     *labels.CHECKS,
@@ -52,6 +55,7 @@ STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
     *fencing.CHECKS,
     *records.CHECKS,
     *modes.CHECKS,
+    *triage.CHECKS,
     *requirements.CHECKS,
     *retention.CHECKS,
     *access.CHECKS,

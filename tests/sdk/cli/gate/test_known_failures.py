@@ -46,8 +46,8 @@ def test_a_minimal_failure_is_replayed_too(gate, baseline, store):
 def test_what_is_shrunk_while_a_gate_begins_does_not_stop_it(gate, baseline, store, monkeypatch):
     listed = Campaigns.list
 
-    def list_and_shrink(self, state=None, suite=None):
-        found = [*listed(self, state, suite)]
+    def list_and_shrink(self, state=None, suite=None, *, archived=False):
+        found = [*listed(self, state, suite, archived=archived)]
         if state == "done":
             shrunk(store, medoid_of(baseline))
         return iter(found)

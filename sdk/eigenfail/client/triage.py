@@ -1,0 +1,175 @@
+"""Triage, as a client sees it: state, owner, labels, ticket and notes of modes and episodes."""
+
+from collections.abc import Sequence
+from typing import TypedDict, Unpack
+
+from eigenfail.client.link import Link
+from eigenfail.frames import Rows
+from eigenfail.values import Page
+from eigenfail.values.triage import (
+    EpisodesTriage,
+    ModesTriage,
+    NoteText,
+    Triage,
+    TriageChange,
+    TriageCount,
+    TriageNote,
+    TriageState,
+)
+from eigenfail.wire.http import read_fields
+
+
+class TriageFields(TypedDict, total=False):
+    """What a change of triage sets; what is left out stays as it is.
+
+    Attributes:
+        state: new, confirmed, known, fixed or not_a_bug.
+        owner: who works on it; empty for none.
+        labels: all labels that it is to have from now on.
+        add_labels: labels that it is to have besides.
+        remove_labels: labels that it is not to have any more.
+        ticket: address of its ticket, beginning with https:// or http://; empty for none.
+    """
+
+    state: TriageState | str
+    owner: str
+    labels: Sequence[str]
+    add_labels: Sequence[str]
+    remove_labels: Sequence[str]
+    ticket: str
+
+
+class TriageRecords:
+    """Read and change the triage of failure modes and episodes, and their notes.
+
+    Changes and notes need a key of the scope runner where keys are required. Every method raises
+    ServiceUnreachable if no service answers.
+    """
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+
+    def get_mode(self, analysis: int, mode: int) -> Triage:
+        """Return the triage of a failure mode.
+
+        Args:
+            analysis: id of the analysis.
+            mode: number of the mode, from 1.
+
+        Raises:
+            NotFound: no such analysis or mode.
+        """
+        return self._link.get(f"{_mode_path(analysis, mode)}/triage", Triage)
+
+    def get_episode(self, campaign: int, index: int) -> Triage:
+        """Return the triage of an episode.
+
+        Raises:
+            NotFound: no such campaign, or the episode has no result yet.
+        """
+        return self._link.get(f"{_episode_path(campaign, index)}/triage", Triage)
+
+    def change_mode(self, analysis: int, mode: int, **fields: Unpack[TriageFields]) -> Triage:
+        """Change the triage of a failure mode, and return it.
+
+        Raises:
+            NotFound: no such analysis or mode.
+            InvalidValue: a value is outside its bounds, or the ticket is no address.
+        """
+        change = read_fields(fields, TriageChange)
+        return self._link.post(f"{_mode_path(analysis, mode)}/triage", Triage, change)
+
+    def change_modes(
+        self, analysis: int, modes: Sequence[int], **fields: Unpack[TriageFields]
+    ) -> TriageCount:
+        """Change the triage of several failure modes: of all of them, or of none.
+
+        Args:
+            analysis: id of the analysis.
+            modes: numbers of the modes, from 1.
+            fields: what changes.
+
+        Raises:
+            NotFound: no such analysis, or it lacks one of the modes.
+            InvalidValue: a value is outside its bounds, or the ticket is no address.
+        """
+        asked = read_fields({"modes": list(modes), "change": fields}, ModesTriage)
+        return self._link.post(f"/analyses/{analysis}/modes/triage", TriageCount, asked)
+
+    def change_episode(self, campaign: int, index: int, **fields: Unpack[TriageFields]) -> Triage:
+        """Change the triage of an episode, and return it.
+
+        Raises:
+            NotFound: no such campaign, or the episode has no result yet.
+            InvalidValue: a value is outside its bounds, or the ticket is no address.
+        """
+        change = read_fields(fields, TriageChange)
+        return self._link.post(f"{_episode_path(campaign, index)}/triage", Triage, change)
+
+    def change_episodes(
+        self,
+        campaign: int,
+        filter: str,  # noqa: A002 - the word that users know it by
+        **fields: Unpack[TriageFields],
+    ) -> TriageCount:
+        """Change the triage of all episodes that match a filter: of all of them, or of none.
+
+        Args:
+            campaign: id of the campaign.
+            filter: conditions, as for `client.episodes.list`; empty for every episode.
+            fields: what changes.
+
+        Raises:
+            NotFound: no such campaign.
+            UnknownName: a column or a value that there is not.
+            InvalidValue: a filter that cannot be read or matches more than 20,000 episodes, a
+                value outside its bounds, or a ticket that is no address.
+        """
+        asked = read_fields({"filter": filter, "change": fields}, EpisodesTriage)
+        return self._link.post(f"/campaigns/{campaign}/episodes/triage", TriageCount, asked)
+
+    def list_mode_notes(self, analysis: int, mode: int) -> Rows[TriageNote]:
+        """Return the notes on a failure mode, newest first.
+
+        Raises:
+            NotFound: no such analysis or mode.
+        """
+        path = f"{_mode_path(analysis, mode)}/notes"
+        return self._link.pages(path, Page[TriageNote], "before")
+
+    def list_episode_notes(self, campaign: int, index: int) -> Rows[TriageNote]:
+        """Return the notes on an episode, newest first.
+
+        Raises:
+            NotFound: no such campaign, or the episode has no result yet.
+        """
+        path = f"{_episode_path(campaign, index)}/notes"
+        return self._link.pages(path, Page[TriageNote], "before")
+
+    def add_mode_note(self, analysis: int, mode: int, text: str) -> TriageNote:
+        """Add a note to a failure mode, and return it.
+
+        Raises:
+            NotFound: no such analysis or mode.
+            InvalidValue: the text is empty, too long, or cannot be printed.
+        """
+        note = read_fields({"text": text}, NoteText)
+        return self._link.post(f"{_mode_path(analysis, mode)}/notes", TriageNote, note)
+
+    def add_episode_note(self, campaign: int, index: int, text: str) -> TriageNote:
+        """Add a note to an episode, and return it.
+
+        Raises:
+            NotFound: no such campaign, or the episode has no result yet.
+            InvalidValue: the text is empty, too long, or cannot be printed.
+        """
+        note = read_fields({"text": text}, NoteText)
+        return self._link.post(f"{_episode_path(campaign, index)}/notes", TriageNote, note)
+
+
+def _mode_path(analysis: int, mode: int) -> str:
+    return f"/analyses/{analysis}/modes/{mode}"
+
+
+def _episode_path(campaign: int, index: int) -> str:
+    return f"/campaigns/{campaign}/episodes/{index}"

@@ -1,0 +1,117 @@
+"""Forms for triage: they work without JavaScript, and show what was written as text."""
+
+import pytest
+from msgspec.structs import replace
+from store_checks.modes import WORDS, analysed, crashed
+
+from eigenfail.testing.examples import analysis_result
+from eigenfail_services.store.triage import episode_subject, mode_subject
+
+HTML = {"Accept": "text/html", "Origin": "http://127.0.0.1:8440"}
+
+
+@pytest.fixture
+def made(store):
+    campaign = crashed(store)
+    result = replace(analysis_result(), words=WORDS)
+    return campaign.id, analysed(store, campaign, result)
+
+
+@pytest.fixture(params=["mode", "episode"])
+def subject(request, made):
+    campaign, analysis = made
+    return {
+        "mode": (f"/analyses/{analysis}/modes/2", mode_subject(analysis, 2)),
+        "episode": (f"/campaigns/{campaign}/episodes/1", episode_subject(campaign, 1)),
+    }[request.param]
+
+
+def send(http, path, **fields):
+    return http.post(path, data=fields, headers=HTML, follow_redirects=False)
+
+
+def test_a_form_changes_triage_and_leads_back(http, store, subject):
+    address, what = subject
+    fields = {"state": "confirmed", "owner": "anna", "labels": "late, braking,", "ticket": ""}
+    answer = send(http, f"{address}/triage", **fields)
+    assert (answer.status_code, answer.headers["location"]) == (303, f"{address}#triage")
+    told = store.triage.get(what)
+    assert (told.state, told.owner, told.labels) == ("confirmed", "anna", ("braking", "late"))
+    page = http.get(address, headers=HTML).text
+    assert '<option value="confirmed" selected>' in page
+    assert 'value="braking, late"' in page
+    send(http, f"{address}/triage", state="new", owner="", labels="", ticket="")
+    told = store.triage.get(what)
+    assert (told.state, told.owner, told.labels) == ("new", "", ())
+
+
+def test_tickets_and_notes_are_shown_as_text(http, subject):
+    address, _ = subject
+    ticket = 'https://tickets.example/7?a="><script>'
+    send(http, f"{address}/triage", state="known", ticket=ticket)
+    send(http, f"{address}/notes", text="<script>alert(1)</script>\nsecond line")
+    page = http.get(address, headers=HTML).text
+    assert 'rel="noopener noreferrer"' in page
+    assert "<script>alert" not in page
+    assert '"><script>' not in page
+    assert "&lt;script&gt;alert(1)&lt;/script&gt;\nsecond line" in page
+
+
+@pytest.mark.parametrize(
+    ("form", "fields"),
+    [
+        ("triage", {"state": "maybe"}),
+        ("triage", {"state": "known", "ticket": "javascript:alert(1)"}),
+        ("triage", {"state": "known", "labels": "x" * 41}),
+        ("notes", {"text": "  "}),
+        ("notes", {}),
+    ],
+)
+def test_what_cannot_be_is_refused_on_a_page(http, store, subject, form, fields):
+    address, what = subject
+    answer = send(http, f"{address}/{form}", **fields)
+    assert answer.status_code == 422
+    assert answer.headers["content-type"].startswith("text/html")
+    assert store.triage.get(what).changed_ms is None
+    assert store.triage.notes(what, 1).items == ()
+
+
+def test_a_form_of_another_site_is_refused(http, store, subject):
+    address, what = subject
+    foreign = {**HTML, "Origin": "http://elsewhere.example"}
+    answer = http.post(f"{address}/triage", data={"state": "known"}, headers=foreign)
+    assert answer.status_code == 403
+    assert store.triage.get(what).changed_ms is None
+
+
+def test_all_episodes_that_match_are_changed(http, store, made):
+    campaign, _ = made
+    store.triage.add_note(episode_subject(campaign, 3), "kept", "anna")
+    fields = {"filter": "severity > 11", "state": "known", "owner": "", "labels": "v2"}
+    answer = send(http, f"/campaigns/{campaign}/episodes/triage", **fields)
+    page = http.get(answer.headers["location"], headers=HTML).text
+    assert "Triage of 2 episodes was changed." in page
+    assert page.count('<span class="note">known</span>') == 2
+    rows = store.episodes.page(campaign, 9).items
+    assert [row.labels for row in rows] == [(), (), ("v2",), ("v2",)]
+
+
+def test_the_selected_modes_are_changed(http, store, made):
+    _, analysis = made
+    address = f"/analyses/{analysis}"
+    fields = {"mode-2": "on", "mode-9": "on", "state": "known", "owner": "", "labels": "v2"}
+    answer = send(http, f"{address}/modes/triage", **fields)
+    assert (answer.status_code, answer.headers["location"]) == (303, f"{address}#triage")
+    modes = store.analyses.modes(analysis)
+    assert [(mode.state, mode.labels) for mode in modes] == [("new", ()), ("known", ("v2",))]
+    page = http.get(address, headers=HTML).text
+    assert page.count("Triage: known") == 1
+    assert 'name="mode-1"' in page
+    assert send(http, f"{address}/modes/triage", state="fixed").status_code == 422
+
+
+def test_pages_show_triage(check_page, store, made):
+    _, analysis = made
+    subject = mode_subject(analysis, 2)
+    store.triage.add_note(subject, "as in release 7", "anna")
+    check_page("dashboard/triage/mode", f"/analyses/{analysis}/modes/2")

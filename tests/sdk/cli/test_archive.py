@@ -1,0 +1,34 @@
+"""`eigenfail campaign archive` and `restore`, and lists with `--archived`."""
+
+import json
+
+
+def listed(eigenfail, *options):
+    return [each["id"] for each in json.loads(eigenfail("campaign", "list", *options).stdout)]
+
+
+def test_a_campaign_is_archived_and_restored(eigenfail, done):
+    told = eigenfail("campaign", "archive", done)
+    assert told.exit_code == 0
+    assert "lists omit it" in told.stdout
+    assert listed(eigenfail, "--json") == []
+    assert listed(eigenfail, "--archived", "--json") == [done]
+    assert eigenfail("campaign", "show", done).exit_code == 0
+    assert eigenfail("campaign", "restore", done).exit_code == 0
+    assert listed(eigenfail, "--json") == [done]
+
+
+def test_what_does_not_exist_is_not_archived(eigenfail):
+    refused = eigenfail("campaign", "archive", 7)
+    assert refused.exit_code == 2
+    assert "Campaign 7 does not exist" in refused.stderr
+
+
+def test_a_suite_keeps_its_archived_members(eigenfail, spec_file, store):
+    asked = ("run", spec_file, "--seeds", 2)
+    assert eigenfail(*asked).exit_code == 0
+    made = [campaign.id for campaign in store.campaigns.page(10).items]
+    for campaign in made:
+        assert eigenfail("campaign", "archive", campaign).exit_code == 0
+    assert eigenfail(*asked).exit_code == 0
+    assert [campaign.id for campaign in store.campaigns.page(10).items] == made
