@@ -177,10 +177,15 @@ class AnalysisStore:
     def search_modes(self, text: str, limit: int) -> tuple[Mode, ...]:
         """Return modes whose names contain a text in small or large letters, newest first."""
         matching = contains_text(modes.c.name, text)
-        query = select(*modes.c).where(matching).limit(limit)
+        query = (
+            select(*modes.c, *BRIEF_TRIAGE)
+            .select_from(_TRIAGED_MODES)
+            .where(matching)
+            .order_by(modes.c.analysis.desc(), modes.c.number)
+            .limit(limit)
+        )
         with self._database.reading() as connection:
-            newest = query.order_by(modes.c.analysis.desc(), modes.c.number)
-            return _read_modes(connection, newest)
+            return _read_modes(connection, query)
 
     def find_newest(self, campaign: int) -> int | None:
         """Return the id of the newest analysis of a campaign that has a mode; None without one."""
