@@ -67,6 +67,7 @@ PAGES = {
         *("/analyses/{analysis}", "/analyses/{failed_analysis}", "/analyses/{waiting_analysis}"),
     ],
     "/analyses/{analysis}/modes/{mode}": ["/analyses/{snapshot}/modes/1"],
+    "/analyses/{analysis}/modes/{mode}/history": ["/analyses/{snapshot}/modes/1/history"],
     "/comparison": [
         *("/comparison", "/comparison?a={ast}&b={long}"),
         "/comparison?campaign={ast}&campaign={long}&campaign={difs}",

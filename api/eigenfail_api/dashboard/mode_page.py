@@ -28,7 +28,6 @@ from eigenfail_api.dashboard.episodes_page import (
     make_episode_line,
     make_headings,
 )
-from eigenfail_api.dashboard.release_page import ModeHistory, make_history
 from eigenfail_api.dashboard.rendering import Tile, page
 from eigenfail_api.dashboard.triage_forms import TriageView, make_triage_view
 from eigenfail_api.parameters import AnalysisId, ModeNumber, Stored
@@ -58,7 +57,7 @@ class ModeView(msgspec.Struct, frozen=True, kw_only=True):
         newer: the newest analysis of the campaign, whose modes filters and lists have; None if it
             is this one.
         has_animation: whether an animation of its failures can be made here.
-        history: what became of it over the releases; None where it belongs to none.
+        version: version of the planner that its campaign names; empty if none.
         triage: its state, owner, labels, ticket and notes.
     """
 
@@ -75,7 +74,7 @@ class ModeView(msgspec.Struct, frozen=True, kw_only=True):
     every: str
     newer: int | None
     has_animation: bool
-    history: ModeHistory | None
+    version: str
     triage: TriageView
     longest_name: int = LONGEST_MODE_NAME
 
@@ -108,7 +107,7 @@ def make_mode_view(
         every=find_search_address(analysis, result, mode.number) if newest == analysis.id else "",
         newer=None if newest == analysis.id else newest,
         has_animation=world.has_road and RecordingFormat.GIF in list_formats(),
-        history=make_history(store, analysis.id, mode.number),
+        version=campaign.spec.version,
         triage=make_triage_view(store, mode_subject(analysis.id, mode.number)),
     )
 

@@ -11,7 +11,7 @@ from eigenfail.presentation.figures import UNKNOWN, format_count
 from eigenfail.presentation.releases import NOT_COMPARED, format_code
 from eigenfail.values.release import ModeSighting, ModeStatus, ReleaseQuestion, ReleaseTable
 from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.parameters import CampaignId, Stored
+from eigenfail_api.parameters import AnalysisId, CampaignId, ModeNumber, Stored
 from eigenfail_api.routes.releases import RELEASES
 from eigenfail_services.campaigns.releases import (
     find_history,
@@ -126,27 +126,43 @@ def make_cell(sighting: ModeSighting) -> SightingCell:
 
 
 class ModeHistory(msgspec.Struct, frozen=True, kw_only=True):
-    """A failure mode over the releases, for its page.
+    """A failure mode over the releases: the part of its page that comes later.
 
     Attributes:
-        address: page of the releases.
+        address: page of the releases; empty where the mode belongs to none.
         cells: what became of the mode, by version.
+        nothing: why there are none, if so.
     """
 
-    address: str
-    cells: tuple[SightingCell, ...]
+    analysis: int
+    mode: int
+    address: str = ""
+    cells: tuple[SightingCell, ...] = ()
+    nothing: str = ""
 
 
-def make_history(store: Store, analysis: int, mode: int) -> ModeHistory | None:
-    """Return what became of a mode over the releases; None where it belongs to none."""
-    found = find_history(store, analysis, mode)
-    if found is None:
-        return None
+def make_history(store: Store, analysis: int, mode: int) -> ModeHistory:
+    """Return what became of a mode over the releases.
+
+    Raises:
+        NotFound: no such analysis or mode.
+    """
+    store.analyses.mode(analysis, mode)
+    if (found := find_history(store, analysis, mode)) is None:
+        return ModeHistory(analysis=analysis, mode=mode, nothing=IN_NO_RELEASE)
     campaign, history = found
     return ModeHistory(
+        analysis=analysis,
+        mode=mode,
         address=f"/releases/{campaign}#mode-{history.number}",
         cells=tuple(map(make_cell, history.sightings)),
     )
+
+
+IN_NO_RELEASE = (
+    "No history: the campaign names no version of the planner, its method finds no failures of its "
+    "own, or the releases have these failures in another mode."
+)
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -165,3 +181,9 @@ def show_questions(store: Stored, project: Project = "") -> HTMLResponse:
 def show_release(store: Stored, campaign: CampaignId) -> HTMLResponse:
     """Serve the versions that were tested as in a campaign, with their failure modes."""
     return page("release.html", make_release_view(make_release_table(store, campaign)))
+
+
+@router.get("/analyses/{analysis}/modes/{mode}/history", dependencies=[RELEASES])
+def show_mode_history(store: Stored, analysis: AnalysisId, mode: ModeNumber) -> HTMLResponse:
+    """Serve what became of a mode over the releases; its page asks for it once it stands."""
+    return page("mode_history.html", make_history(store, analysis, mode))

@@ -21,6 +21,7 @@ from eigenfail_services.analysis.mode_regions import (
     find_region,
     find_usual_radius,
     list_clouds,
+    measure_spread,
     separate_failures,
 )
 
@@ -76,6 +77,7 @@ class _Known:
 
     def __init__(self, points: Points, place: int) -> None:
         self.points = points
+        self.spread = measure_spread(points)
         self.found_in = place
         self.sightings: list[Sighting] = []
         self.failures = 0.0
@@ -88,6 +90,7 @@ class _Known:
         merged = np.concatenate([self.points, points])
         kept = min(len(merged), MOST_KEPT)
         self.points = merged[np.arange(kept) * len(merged) // kept]
+        self.spread = measure_spread(self.points)
 
 
 def match_modes(releases: Sequence[ReleaseBehaviours], step_s: float) -> tuple[Sightings, ...]:
@@ -141,15 +144,15 @@ class _Comparison:
 
     def run(self, pieces: Sequence[FailureGroup]) -> None:
         """Add a sighting to each mode, and the modes that no earlier release has."""
-        usual = find_usual_radius(
-            [*(each.points for each in self._known), *(each.points for each in pieces)]
-        )
-        regions = [find_region(each.points, usual) for each in self._known]
+        spreads = [measure_spread(each.points) for each in pieces]
+        usual = find_usual_radius([*(each.spread for each in self._known), *spreads])
+        regions = [find_region(each.points, each.spread, usual) for each in self._known]
         old = [*self._known]
         shares = np.zeros((len(pieces), len(old)))
         left = list[FailureGroup]()
-        for row, piece in enumerate(pieces):
-            owners = self._assign(piece.points, find_region(piece.points, usual), regions)
+        for row, (piece, spread) in enumerate(zip(pieces, spreads, strict=True)):
+            region = find_region(piece.points, spread, usual)
+            owners = self._assign(piece.points, region, regions)
             if owners is None:
                 left.append(piece)
                 continue

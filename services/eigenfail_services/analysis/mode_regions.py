@@ -6,7 +6,8 @@ was struck. The distance of two points is a root mean square over the steps. [m/
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from math import sqrt
+from itertools import combinations
+from math import isfinite, nan, sqrt
 from typing import NamedTuple
 
 import numpy as np
@@ -136,28 +137,30 @@ def separate_failures(
         for source, (points, mode) in enumerate(zip(clouds, modes, strict=True))
         for part in _split(points)
     ]
-    while (pair := _find_touching(pieces)) is not None:
-        one, other = pair
-        larger = max(pieces[one], pieces[other], key=lambda piece: piece.failures)
-        merged = FailureGroup(
-            np.concatenate([pieces[one].points, pieces[other].points]),
-            pieces[one].failures + pieces[other].failures,
-            larger.source,
-        )
-        rest = [piece for place, piece in enumerate(pieces) if place not in pair]
-        pieces = [*rest, merged]
-    return sorted(pieces, key=lambda piece: -piece.failures)
-
-
-def _find_touching(pieces: Sequence[FailureGroup]) -> tuple[int, int] | None:
-    """Return the places of the two pieces that are the least apart; None if all are apart."""
+    left = dict(enumerate(pieces))
     gaps = {
-        (one, other): _measure_gap(pieces[one].points, pieces[other].points)
-        for other in range(len(pieces))
-        for one in range(other)
+        (one, other): _measure_gap(left[one].points, left[other].points)
+        for one, other in combinations(left, 2)
     }
-    nearest = min(gaps, key=gaps.__getitem__, default=None)
-    return nearest if nearest is not None and gaps[nearest] < 1.0 else None
+    while gaps:
+        nearest = min(gaps, key=gaps.__getitem__)
+        if gaps[nearest] >= 1.0:
+            break
+        merged = _merge(*(left.pop(place) for place in nearest))
+        gaps = {pair: gap for pair, gap in gaps.items() if not {*pair} & {*nearest}}
+        number = max(nearest) + len(pieces)
+        gaps |= {
+            (place, number): _measure_gap(piece.points, merged.points)
+            for place, piece in left.items()
+        }
+        left[number] = merged
+    return sorted(left.values(), key=lambda piece: -piece.failures)
+
+
+def _merge(one: FailureGroup, other: FailureGroup) -> FailureGroup:
+    larger = max(one, other, key=lambda piece: piece.failures)
+    points = np.concatenate([one.points, other.points])
+    return FailureGroup(points, one.failures + other.failures, larger.source)
 
 
 def _split(points: Points) -> list[Points]:
@@ -196,31 +199,41 @@ def _measure_gap(one: Points, other: Points) -> float:
     return distance / (least * max(deviation, RESOLUTION_MPS2 / APART))
 
 
-def _measure_spread(points: Points) -> float:
+def measure_spread(points: Points) -> float:
     """Return the distance of failures from the centres of bootstrap samples without them.
 
     Returns:
-        The quantile `INSIDE` over all bootstrap samples. [m/s²]
+        The quantile `INSIDE` over all bootstrap samples; not a number where there are fewer
+        failures than `FEWEST_FOR_RADIUS`. [m/s²]
     """
-    drawn = np.random.default_rng(0).integers(len(points), size=(DRAWS, len(points)))
-    weights = np.stack([np.bincount(row, minlength=len(points)) for row in drawn])
-    centres = weights @ points / len(points)
-    distances = np.linalg.norm(points[None] - centres[:, None], axis=2)
+    if len(points) < FEWEST_FOR_RADIUS:
+        return nan
+    count = len(points)
+    drawn = np.random.default_rng(0).integers(count, size=(DRAWS, count))
+    weights = np.stack([np.bincount(row, minlength=count) for row in drawn])
+    centred = points - points.mean(axis=0)
+    # |p - c|² = |p|² - 2 p·c + |c|², where a centre c is a weighted mean of the points.
+    products = centred @ centred.T
+    to_centres = weights @ products / count
+    own = np.einsum("dp,dp->d", to_centres, weights) / count
+    squares = np.diag(products)[None] - 2.0 * to_centres + own[:, None]
+    distances = np.sqrt(np.maximum(squares, 0.0))
     return float(np.quantile(distances[weights == 0], INSIDE))
 
 
-def find_usual_radius(clouds: Sequence[Points]) -> float:
-    """Return the median radius of modes with enough failures, or else the resolution. [m/s²]"""
-    radii = [_measure_spread(each) for each in clouds if len(each) >= FEWEST_FOR_RADIUS]
+def find_usual_radius(spreads: Sequence[float]) -> float:
+    """Return the median of the spreads that are numbers, or else the resolution. [m/s²]"""
+    radii = [each for each in spreads if isfinite(each)]
     return max(RESOLUTION_MPS2, float(np.median(radii)) if radii else 0.0)
 
 
-def find_region(points: Points, usual: float) -> ModeRegion:
+def find_region(points: Points, spread: float, usual: float) -> ModeRegion:
     """Return the region of a mode from its failures.
 
     Args:
         points: the failures, shape (failures, columns).
+        spread: their spread, as `measure_spread` returns it. [m/s²]
         usual: radius of a mode with too few failures for one of its own. [m/s²]
     """
-    own = _measure_spread(points) if len(points) >= FEWEST_FOR_RADIUS else usual
+    own = spread if isfinite(spread) else usual
     return ModeRegion(points.mean(axis=0), max(RESOLUTION_MPS2, own))

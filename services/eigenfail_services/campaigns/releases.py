@@ -1,7 +1,7 @@
 """Releases: which campaigns test versions of a planner in one scenario, and their failure modes."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from functools import lru_cache, partial
 from typing import NamedTuple
 
 import msgspec
@@ -26,6 +26,7 @@ from eigenfail_services.analysis.behaviour import Origin, read_motion
 from eigenfail_services.analysis.mode_matching import (
     ReleaseBehaviours,
     Sighting,
+    Sightings,
     match_modes,
 )
 from eigenfail_services.analysis.mode_regions import ModeBehaviours
@@ -62,6 +63,7 @@ class _CampaignModes(NamedTuple):
 
 
 _cached = StoreCache[_CampaignModes | None](500)
+_cached_matches = StoreCache[tuple[Sightings, ...]](100)
 
 
 def list_questions(store: Store, project: str | None = None) -> tuple[ReleaseQuestion, ...]:
@@ -270,16 +272,9 @@ def _compare_modes(store: Store, read: Sequence[_ReadRelease]) -> Iterator[Relea
     steps_s = {each.step_s for each in compared if each.step_s is not None}
     if len(steps_s) != 1:
         return
-    behaviours = [
-        ReleaseBehaviours(
-            each.release.episodes,
-            each.release.is_random,
-            tuple(source.behaviours for source in each.sources),
-            _write_code(each.release),
-        )
-        for each in compared
-    ]
-    for number, found in enumerate(match_modes(behaviours, steps_s.pop()), start=1):
+    compare = partial(_match_releases, compared, steps_s.pop())
+    matched = _cached_matches.get(store, tuple(map(_identify, compared)), None, compare)
+    for number, found in enumerate(matched, start=1):
         told = {
             each.release.version: _make_sighting(each, one)
             for each, one in zip(compared, found, strict=True)
@@ -290,6 +285,26 @@ def _compare_modes(store: Store, read: Sequence[_ReadRelease]) -> Iterator[Relea
             for each in read
         )
         yield ReleaseMode(number=number, name=_find_name(store, sightings), sightings=sightings)
+
+
+def _match_releases(read: Sequence[_ReadRelease], step_s: float) -> tuple[Sightings, ...]:
+    behaviours = [
+        ReleaseBehaviours(
+            each.release.episodes,
+            each.release.is_random,
+            tuple(source.behaviours for source in each.sources),
+            _write_code(each.release),
+        )
+        for each in read
+    ]
+    return match_modes(behaviours, step_s)
+
+
+def _identify(read: _ReadRelease) -> tuple[Hashable, ...]:
+    """Return what the comparison of a release follows from: results never change."""
+    release = read.release
+    modes = tuple((each.analysis, each.number) for each in read.sources)
+    return release.campaigns, release.episodes, _write_code(release), modes
 
 
 def _write_code(release: Release) -> str:

@@ -59,6 +59,7 @@ ROUTES = {
         GET /suites/{suite}
         GET /workers
         GET /analyses/{analysis}/modes/{mode}
+        GET /analyses/{analysis}/modes/{mode}/history
         GET /api/v1/analyses/{analysis}
         GET /api/v1/analyses/{analysis}/modes
         GET /api/v1/analyses/{analysis}/eigenfailures

@@ -34,9 +34,11 @@ def test_releases_of_a_project(newest, look):
 
 
 def test_a_mode_leads_to_its_releases_and_back(newest, http, store):
-    mode = http.get("/analyses/2/modes/2", headers=HTML).text
-    assert f'href="/releases/{newest}#mode-1"' in mode
-    assert "Over releases" in mode
+    later = "/analyses/2/modes/2/history"
+    assert f'hx-get="{later}"' in http.get("/analyses/2/modes/2", headers=HTML).text
+    history = http.get(later, headers=HTML).text
+    assert f'href="/releases/{newest}#mode-1"' in history
+    assert "Over releases" in history
     table = http.get(f"/releases/{newest}", headers=HTML).text
     assert 'id="mode-1"' in table
     assert 'href="/analyses/2/modes/2"' in table
