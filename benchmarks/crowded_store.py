@@ -1,15 +1,18 @@
-"""A database as full as after a busy year: a thousand campaigns, a million episodes."""
+"""A database as full as after a busy year: a thousand campaigns, a million episodes, 10^4 modes."""
 
 from collections.abc import Iterator
 
 import numpy as np
-from sqlalchemy import Connection, insert
+from msgspec.structs import replace
+from sqlalchemy import Connection, insert, update
 
-from eigenfail.values import CampaignSpec, CampaignState, Outcome
-from eigenfail_services.store import open_store
-from eigenfail_services.store.codec import to_json
+from eigenfail.values import AnalysisSettings, CampaignSpec, CampaignState, Outcome, Scene
+from eigenfail.values.records import Failures
+from eigenfail_services.analysis.job import analyse
+from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.codec import pack, to_json
 from eigenfail_services.store.engine import Database, find_backend
-from eigenfail_services.store.schema import campaigns, episodes
+from eigenfail_services.store.schema import campaigns, episodes, scenes
 
 CAMPAIGNS = 1_000
 EPISODES = 1_000_000
@@ -47,6 +50,76 @@ def fill(address: str, count: int = CAMPAIGNS, total: int = EPISODES) -> int:
             copy(connection, number, [*FAILS].index(method), size)
     database.close()
     return count - 1
+
+
+ANALYSED, MODES, FAILURES = 250, 40, 80
+"""Campaigns that are analysed, modes of each, and failures of an analysis."""
+
+VERSIONS = 10
+"""Versions of a planner in each question that campaigns ask."""
+
+STEPS, STEP_S = 30, 0.1
+
+
+def fill_modes(address: str, count: int = CAMPAIGNS) -> int:
+    """Analyse the newest campaigns with failures; return the id of the newest analysis.
+
+    Each question, a gap of the scenario, was asked of some versions of the planner.
+    """
+    store = open_store(address)
+    settings = AnalysisSettings(clusters=MODES, features="noise", bootstrap=0)
+    result = analyse(make_noise(), STEPS, settings)
+    failing = [number for number in range(1, count + 1) if number % len(FAILS) != 1]
+    database = Database(find_backend(address))
+    for place, campaign in enumerate(failing[-ANALYSED:]):
+        spec = store.campaigns.get(campaign).spec
+        (collided, *_) = collisions(spec.method, min(spec.episodes, MADE))
+        indices = np.flatnonzero(collided)[:FAILURES].tolist()
+        name_version(database, store, campaign, place)
+        add_scenes(database, campaign, indices, result.labels)
+        analysis = store.analyses.create(campaign, settings).id
+        store.analyses.finish(analysis, replace(result, episodes=tuple(indices[:FAILURES])))
+    database.close()
+    store.close()
+    return analysis
+
+
+def make_noise() -> Failures:
+    """Noise of failures in as many groups as there are modes."""
+    rng = np.random.default_rng(2)
+    centres = rng.normal(0.0, 3.0, (MODES, STEPS, 2))
+    noise = centres[np.arange(FAILURES) % MODES] + rng.normal(0.0, 0.5, (FAILURES, STEPS, 2))
+    return Failures(tuple(range(FAILURES)), tuple(noise.astype(np.float32)))
+
+
+def name_version(database: Database, store: Store, campaign: int, place: int) -> None:
+    """Write the version of the planner, and the gap that tells the question, into a campaign."""
+    version = f"v{1 + place % VERSIONS}"
+    gap = {"distance_m": 53.0 + 0.5 * (place // VERSIONS)}
+    spec = store.campaigns.get(campaign).spec
+    changed = replace(spec, planner_version=version, scenario_parameters=gap)
+    values = {"spec": to_json(changed), "planner_version": version}
+    with database.writing() as connection:
+        connection.execute(update(campaigns).where(campaigns.c.id == campaign).values(values))
+
+
+def add_scenes(
+    database: Database, campaign: int, indices: list[int], labels: tuple[int, ...]
+) -> None:
+    """Store a scene for each failure, in which the ego brakes as hard as its mode says."""
+    times_s = STEP_S * np.arange(STEPS + 1)[:, None]
+    rows = []
+    for index, label in zip(indices, labels, strict=True):
+        speeds = 20.0 - np.array([[0.2 * label, 0.0]]) * times_s
+        vehicles = np.zeros((STEPS + 1, 2, 4), np.float32)
+        vehicles[:, :, 0] = np.array([0.0, 12.0]) + np.cumsum(STEP_S * speeds, axis=0)
+        vehicles[:, :, 3] = speeds
+        sizes = np.array([[16.0, 2.5], [5.0, 2.0]], np.float32)
+        nothing = np.zeros((STEPS, 2), np.float32)
+        scene = Scene(STEP_S, vehicles, sizes, nothing, nothing)
+        rows.append({"campaign": campaign, "index": index, "scene": pack(scene)})
+    with database.writing() as connection:
+        connection.execute(insert(scenes), rows)
 
 
 def sizes_of(count: int, total: int) -> list[tuple[str, int]]:

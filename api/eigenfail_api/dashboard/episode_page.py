@@ -12,7 +12,7 @@ from fastapi.responses import HTMLResponse
 from eigenfail.errors import EigenfailError, NotFound, ServiceBusy
 from eigenfail.exchange import list_formats
 from eigenfail.exchange.recording import RecordingFormat
-from eigenfail.filters import BY_INDEX, SortOrder, parse_filter, parse_sort, write_failure_filter
+from eigenfail.filters import BY_INDEX, parse_filter, parse_sort, write_failure_filter
 from eigenfail.presentation.episodes import (
     format_event,
     list_channel_likelihoods,
@@ -401,17 +401,15 @@ def find_neighbours(
     """
     asked = listed or EpisodeRequest(write_failure_filter(campaign.spec), BY_INDEX)
     where, sort = parse_filter(asked.filter), asked.sort
-    turned = SortOrder(sort.column, not sort.descending)
+    following = store.episodes.page(campaign.id, 1, index, where, sort).items
 
-    def find(order: SortOrder) -> tuple[int, str] | None:
-        found = store.episodes.page(campaign.id, 1, index, where, order).items
-        if not found:
-            return None
-        return found[0].index, make_episode_address(campaign.id, found[0].index, listed)
+    def link(found: int) -> tuple[int, str]:
+        return found, make_episode_address(campaign.id, found, listed)
 
+    preceding = store.episodes.find_preceding(campaign.id, index, where, sort)
     return Neighbours(
         make_address(campaign.id, listed.filter, str(listed.sort)) if listed else None,
         "episode" if listed else "failure",
-        find(turned),
-        find(sort),
+        None if preceding is None else link(preceding),
+        link(following[0].index) if following else None,
     )

@@ -365,7 +365,8 @@ def read_imported(text: str) -> tuple[dict[str, Any], tuple[InputError, ...]]:
     """Return the fields of a campaign's file, and why it cannot be imported, if so."""
     try:
         table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    # A number of too many digits is a plain ValueError.
+    except (ValueError, RecursionError) as error:
         return {}, (InvalidValue(TOML, f"The file is not TOML: {error}."),)
     if describes_suite(table):
         remedy = "Run it with `eigenfail suite run FILE`."

@@ -1,6 +1,6 @@
 """The list of suites, and the page of one."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from math import ceil
 from urllib.parse import quote
 
@@ -8,19 +8,19 @@ import msgspec
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
+from eigenfail.intervals import find_interval
 from eigenfail.presentation.figures import (
     UNKNOWN,
     count_noun,
     format_count,
     format_number,
-    format_share,
     format_usd,
     put_unit,
 )
 from eigenfail.presentation.seeds import label_spread, list_spread, tabulate_spreads
 from eigenfail.presentation.tables import Table, format_cell
 from eigenfail.suites import format_value
-from eigenfail.values import FINAL_STATES, CampaignState, Page
+from eigenfail.values import FINAL_STATES, CampaignState, Page, Rate, RateDesign
 from eigenfail.values.episode import ERRORED
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteRow, SuiteStanding, SuiteTable
@@ -110,20 +110,20 @@ class HeatCell(msgspec.Struct, frozen=True):
     """Failures of the members that have one pair of values.
 
     Attributes:
-        count: failures and episodes, as text; empty where no member has these values.
-        share: failures ÷ completed episodes, as text.
-        level: 0 without a failure, up to `LEVELS` for the largest share of the map.
+        failures: rate under p(x) with its interval, or how many of the episodes that a search chose
+            failed; None where no member has these values, or no episode was completed.
+        level: 0 without a failure, up to `LEVELS` for the largest rate of the map; None of a
+            search, whose episodes say nothing of a rate.
         address: page of the member; empty where there are several, or none.
     """
 
-    count: str
-    share: str
-    level: int
+    failures: Tile | None
+    level: int | None
     address: str
 
 
 class HeatMap(msgspec.Struct, frozen=True):
-    """Shares of failures by two settings.
+    """Failures by two settings.
 
     Attributes:
         down: name of the setting whose values are the rows.
@@ -232,7 +232,9 @@ def make_heat_map(table: SuiteTable) -> HeatMap | None:
     rows, columns = (tuple(dict.fromkeys(names)) for names in zip(*found, strict=True))
     if len(rows) < 2 or len(columns) < 2:
         return None
-    largest = max(map(find_failure_share, found.values()))
+    rates = {place: pool_failures(rows) for place, rows in found.items()}
+    sampled = [rate.share for rate in rates.values() if rate and rate.sampled]
+    largest = max(sampled, default=0.0)
     return HeatMap(
         down,
         across,
@@ -240,32 +242,48 @@ def make_heat_map(table: SuiteTable) -> HeatMap | None:
         tuple(
             (
                 name,
-                tuple(make_heat_cell(found.get((name, column), []), largest) for column in columns),
+                tuple(
+                    make_heat_cell(
+                        found.get((name, column), []), rates.get((name, column)), largest
+                    )
+                    for column in columns
+                ),
             )
             for name in rows
         ),
     )
 
 
-def find_failure_share(members: Iterable[SuiteRow]) -> float:
-    """Return failures ÷ completed episodes of some members; 0 before the first episode."""
-    counts = [row.summary.counts for row in members]
-    completed = sum(each.completed for each in counts)
-    return sum(each.failures for each in counts) / completed if completed else 0.0
+def pool_failures(members: Sequence[SuiteRow]) -> Rate | None:
+    """Return failures ÷ completed episodes of members of several seeds; None before the first one.
+
+    Only samples whose number of episodes was fixed have an interval together.
+    """
+    rates = [row.summary.failure_rate for row in members]
+    known = [rate for rate in rates if rate is not None]
+    if len(known) < 2:
+        return known[0] if known else None
+    k, n = sum(each.k for each in known), sum(each.n for each in known)
+    is_sample = all(each.sampled for each in known)
+    is_fixed = all(each.design is RateDesign.FIXED for each in known)
+    interval = find_interval(k, n) if is_sample and is_fixed else None
+    return Rate(value=k / n, k=k, n=n, interval=interval, sampled=is_sample)
 
 
-def make_heat_cell(members: list[SuiteRow], largest: float) -> HeatCell:
-    """Return the cell of some members, whose colour is relative to the largest share of the map."""
-    if not members:
-        return HeatCell("", "", 0, "")
-    counts, share = [row.summary.counts for row in members], find_failure_share(members)
-    failures, completed = (
-        format_count(sum(getattr(each, name) for each in counts))
-        for name in ("failures", "completed")
-    )
+def make_heat_cell(members: Sequence[SuiteRow], rate: Rate | None, largest: float) -> HeatCell:
+    """Return the cell of some members, whose colour is relative to the largest rate of the map."""
     address = f"/campaigns/{members[0].campaign}" if len(members) == 1 else ""
-    level = ceil(LEVELS * share / largest) if largest else 0
-    return HeatCell(f"{failures} of {completed}", format_share(share), level, address)
+    if rate is None:
+        return HeatCell(None, None, address)
+    counted = f"{format_count(rate.k)} of {format_count(rate.n)}"
+    unresolved = sum(row.summary.unresolved.count for row in members)
+    more = (f"{format_count(unresolved)} unresolved",) if unresolved else ()
+    if not rate.sampled:
+        return HeatCell(Tile(counted, ("chosen by the search", *more)), None, address)
+    told = format_cell(rate)
+    notes = (*((counted,) if rate.k else ()), *told.notes, *more)
+    level = ceil(LEVELS * rate.share / largest) if largest else 0
+    return HeatCell(Tile(told.value, notes), level, address)
 
 
 def make_tiles(table: SuiteTable) -> tuple[tuple[str, Tile], ...]:

@@ -71,7 +71,13 @@ from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.events import append_event, describe_alarm
 from eigenfail_services.store.judging import Kept, judge, make_rows
 from eigenfail_services.store.lifecycle import make_episode_error, make_pruned_error
-from eigenfail_services.store.listing import Expression, count_episodes, page_queries, select_column
+from eigenfail_services.store.listing import (
+    Expression,
+    count_episodes,
+    page_queries,
+    preceding_queries,
+    select_column,
+)
 from eigenfail_services.store.query_cache import CachedQueries
 from eigenfail_services.store.references import select_pruned_ms
 from eigenfail_services.store.schema import (
@@ -309,6 +315,23 @@ class EpisodeStore:
         """Return the number of finished episodes that fulfil all conditions."""
         with self._database.reading() as connection:
             return connection.execute(count_episodes(campaign, where)).scalar_one()
+
+    def find_preceding(
+        self, campaign: int, before: int, where: Conditions = (), sort: SortOrder = BY_INDEX
+    ) -> int | None:
+        """Return the index in front of an episode in a list as `page` returns it; None at its head.
+
+        Args:
+            campaign: id of the campaign.
+            before: index of the episode, which has a result.
+            where: conditions of the list.
+            sort: order of the list.
+        """
+        with self._database.reading() as connection:
+            for query in preceding_queries(connection, campaign, before, where, sort):
+                if (found := connection.execute(query.limit(1)).scalar()) is not None:
+                    return int(found)
+        return None
 
     def list_mode_failures(
         self, analysis: int, number: int, sort: SortOrder, limit: int

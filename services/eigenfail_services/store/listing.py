@@ -183,6 +183,34 @@ def page_queries(
         yield _by_index(missing, None, sort)
 
 
+def preceding_queries(
+    connection: Connection, campaign: int, before: int, where: Conditions, sort: SortOrder
+) -> Iterator[_Indices]:
+    """Yield the queries whose answers, one after the other, are the indices in front of `before`.
+
+    The nearest comes first. It is not the opposite order, in which rows without a value are last
+    as well.
+    """
+    query = select(episode_index).where(
+        episodes.c.campaign == campaign, *_compare_episodes(where, sort)
+    )
+    turned = SortOrder(sort.column, not sort.descending)
+    if sort.column == "index":
+        yield _by_index(query, before, turned)
+        return
+    column = select_column(sort.column)
+    own = select(column).where(episodes.c.campaign == campaign, episode_index == before)
+    found = connection.execute(own).one_or_none()
+    if found is None:
+        return
+    if found[0] is None:
+        yield _by_index(query.where(column.is_(None)), before, turned)
+        yield _by_value(query, column, turned)
+        return
+    place = tuple_(column, episode_index), tuple_(found[0], before)
+    yield _by_value(query.where(_beyond(*place, turned)), column, turned)
+
+
 def count_episodes(campaign: int, where: Conditions) -> Select[int]:
     """Return the query of the number of episodes that fulfil all conditions."""
     matching = _compare_episodes(where, BY_INDEX)

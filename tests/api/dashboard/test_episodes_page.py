@@ -108,6 +108,15 @@ def test_an_episode_leads_to_its_neighbours_in_the_list_that_it_was_reached_from
     assert "Previous episode (1)" in page
 
 
+def test_the_way_back_is_the_way_there_where_values_are_missing(http, filled):
+    address, walked = f"/campaigns/{filled}/episodes/5?filter=&sort=-severity", []
+    while address:
+        walked.append(int(re.search(r"/episodes/(\d+)", address)[1]))
+        before = re.search(r'rel="prev" href="([^"]*)"', http.get(address, headers=HTML).text)
+        address = html.unescape(before[1]) if before else None
+    assert walked[::-1] == listed(get(http, filled, sort="-severity"))
+
+
 def test_a_list_that_cannot_be_is_refused_on_the_page_of_an_episode_too(http, filled):
     address = f"/campaigns/{filled}/episodes/2"
     for wrong in ({"filter": "sevrity > 15"}, {"filter": "", "sort": "sevrity"}):

@@ -1,5 +1,7 @@
 """Suites as pages: a list, and one table of what differs."""
 
+import re
+
 import pytest
 
 from eigenfail.values import Outcome
@@ -104,8 +106,31 @@ def test_two_settings_make_a_map_of_the_failures(http, check_page, deliver, make
     check_page("dashboard/suite/heat_map", "/suites/grid")
     page = http.get("/suites/grid").text
     assert page.count("heat-5") == 3
-    assert page.count("heat-1") == 1  # a tenth, where the largest share is a half
-    assert '<span class="note">1 of 10</span>' in page
+    assert page.count("heat-1") == 1  # a tenth, where the largest rate is a half
+    assert "1 of 10; 95 %: [1.78, 40.5]" in page
+
+
+def test_what_a_search_chose_is_no_rate_of_the_map(http, make):
+    for method in ("monte_carlo", "cem"):
+        for distance_m in (53.0, 60.0):
+            drawn = {"distance_m": distance_m}
+            make(f"g: {method} {distance_m}", method=method, scenario_parameters=drawn)
+    page = http.get("/suites/g").text
+    assert page.count("heat-search") == 2
+    assert page.count("heat-5") == 2
+    (cells,) = re.findall(r'<table class="flush heat">.*?</table>', page, re.DOTALL)
+    assert cells.count("50.0 %") == 2
+    assert cells.count("chosen by the search") == 2
+
+
+def test_seeds_of_a_cell_are_one_sample(http, make, deliver, result):
+    for seed in (1, 2):
+        for planner in ("idm", "rulebook"):
+            for distance_m in (53.0, 60.0):
+                drawn = {"scenario_parameters": {"distance_m": distance_m}, "planner": planner}
+                made = make(f"g: {planner} {distance_m} {seed}", seed=seed, **drawn)
+                deliver(made, *(result(index) for index in range(2, 2 * seed)))
+    assert "2 of 6; 95 %: [" in http.get("/suites/g").text
 
 
 def test_a_single_setting_makes_no_map(look, make):
