@@ -1,5 +1,7 @@
 """How little noise a failure needs, over HTTP, to clients and on the command line."""
 
+import html
+
 import pytest
 from starlette.testclient import TestClient
 from typer.testing import CliRunner
@@ -71,6 +73,19 @@ def test_it_stands_on_the_page_of_its_campaign(app, client, crash, finish):
     told = client.campaigns.minimal(number)
     for words in (f"Minimal failure {number}/{told.index}", told.words, told.because):
         assert words in " ".join(shown.stdout.split())
+
+
+def test_the_dashboard_has_the_minimal_failure_and_leads_to_it(app, client, crash, finish):
+    campaign, index = crash
+    number = finish(client.campaigns.shrink(*crash, episodes=40).id)
+    told = client.campaigns.minimal(number)
+    browser = TestClient(app, base_url="http://127.0.0.1:8440")
+    shown = browser.get(f"/campaigns/{number}", headers={"Accept": "text/html"}).text
+    assert told.words in html.unescape(shown)
+    assert f'href="/campaigns/{number}/episodes/{told.index}"' in shown
+    assert "Next steps" not in shown
+    original = browser.get(f"/campaigns/{campaign}/episodes/{index}").text
+    assert f'<a href="/campaigns/{number}">Campaign {number}</a> has shrunk' in original
 
 
 def test_what_is_no_failure_or_not_there_is_refused(client, crash, finish, fields):

@@ -10,8 +10,10 @@ from fastapi import APIRouter, Header, Query
 from fastapi.responses import HTMLResponse
 from starlette.background import BackgroundTask
 
+from eigenfail.errors import Conflict
 from eigenfail.methods import NarrowCampaign, traits_of
 from eigenfail.presentation.campaigns import list_labels
+from eigenfail.presentation.episodes import describe_minimal_failure
 from eigenfail.presentation.figures import (
     UNKNOWN,
     count_noun,
@@ -31,6 +33,7 @@ from eigenfail.values import (
     Course,
     Event,
     MeanTime,
+    MinimalFailure,
     Page,
     Priority,
     Summary,
@@ -65,6 +68,7 @@ from eigenfail_api.dashboard.episodes_page import (
     find_failure_order,
     list_analysis_choices,
     make_analysis_line,
+    make_episode_address,
     make_episode_list,
     read_failures,
 )
@@ -78,6 +82,8 @@ from eigenfail_services.campaigns.costs import (
     read_figures,
     wait_for_figures,
 )
+from eigenfail_services.campaigns.minimal_failures import METHOD as MINIMAL
+from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
 from eigenfail_services.campaigns.summary import (
     count_present,
     find_course,
@@ -158,6 +164,8 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
         here: the workers that are connected now.
         stranded: what was said of it, if no connected worker can run it.
         narrow: itself, if it runs and leaves workers idle since it is too narrow; else nothing.
+        minimal: least noise with which its failure still happens; None of another method, and
+            before a replay has failed.
         reference: what the likelihood of the failures is held against; None where it is not known.
         at_ms: when this was read.
     """
@@ -173,6 +181,7 @@ class Findings(msgspec.Struct, frozen=True, kw_only=True):
     here: Sequence[Presence]
     stranded: tuple[Event, ...]
     narrow: tuple[NarrowCampaign, ...]
+    minimal: MinimalFailure | None
     reference: PriorReference | None
     at_ms: int
 
@@ -203,7 +212,7 @@ class NextStep(msgspec.Struct, frozen=True):
 def list_next_steps(found: Findings) -> Iterator[NextStep]:
     """Yield the steps that the failures of a campaign call for; none without a failure."""
     campaign, lines = found.campaign, found.listed.items
-    if not lines or campaign.spec.method == REPLAY:
+    if not lines or campaign.spec.method in {REPLAY, MINIMAL}:
         return
     done = [each for each in found.analyses if each.state is AnalysisState.DONE]
     if done:
@@ -215,8 +224,8 @@ def list_next_steps(found: Findings) -> Iterator[NextStep]:
             f"/analyses/{newest}",
         )
         yield NextStep(
-            "Prove",
-            "Replay the eigenfailures and medoids, in this scenario and in its neighbours.",
+            "Replays of the modes",
+            "The page of the analysis replays eigenfailures and medoids, and has the results.",
             f"eigenfail analyze {campaign.id} --prove",
             f"/analyses/{newest}#proof",
         )
@@ -243,6 +252,8 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
 
     Attributes:
         next_steps: what its failures call for, once it has ended.
+        minimal: sentences on the minimal failure that it has found; empty without one.
+        minimal_address: page of that episode.
         origin: words and address of what it replays; None if it is no replay.
         replays: where the replays of its episodes are listed.
         wants_workers: whether episodes wait and no worker is connected.
@@ -259,6 +270,8 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
 
     standing: StandingView
     next_steps: tuple[NextStep, ...]
+    minimal: tuple[str, ...]
+    minimal_address: str
     origin: tuple[str, str] | None
     replays: str
     wants_workers: bool
@@ -290,6 +303,10 @@ def make_campaign_view(found: Findings) -> CampaignView:
     return CampaignView(
         standing=now,
         next_steps=() if now.is_open else tuple(list_next_steps(found)),
+        minimal=describe_minimal_failure(found.minimal) if found.minimal else (),
+        minimal_address=make_episode_address(found.minimal.campaign, found.minimal.index)
+        if found.minimal
+        else "",
         origin=find_origin(campaign.spec),
         replays=make_replays_address(campaign.id),
         wants_workers=campaign.state in WORKING and not found.here,
@@ -463,6 +480,7 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
         here=here,
         stranded=tuple(each for each in list_unrunnable(store) if each.campaign == campaign),
         narrow=find_narrow(store, seen, len(here)),
+        minimal=read_minimal_failure(store, seen),
         reference=find_reference(store, campaign, first),
         at_ms=now_ms(),
     )
@@ -475,6 +493,16 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
     )
     response.background = BackgroundTask(wait_for_figures, begun)
     return response
+
+
+def read_minimal_failure(store: Store, campaign: Campaign) -> MinimalFailure | None:
+    """Return the minimal failure that a campaign has found so far; None without one."""
+    if campaign.spec.method != MINIMAL:
+        return None
+    try:
+        return find_minimal_failure(store, campaign)
+    except Conflict:
+        return None
 
 
 def read_summary(store: Store, campaign: Campaign) -> Summary:

@@ -38,6 +38,7 @@ from eigenfail.values import (
     Mode,
     assess,
 )
+from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.disturbance import find_channel_likelihoods
 from eigenfail.wire.http import PREFIX
 from eigenfail.worlds import drawn_for, placed_for, world_of
@@ -66,6 +67,7 @@ from eigenfail_api.dashboard.scene import (
 from eigenfail_api.dashboard.triage_forms import TriageView, make_triage_view
 from eigenfail_api.parameters import CampaignId, EpisodeIndex, Stored
 from eigenfail_api.routes.episodes import EXPLAINING, EXPLANATIONS
+from eigenfail_services.campaigns.minimal_failures import METHOD as MINIMAL
 from eigenfail_services.campaigns.recordings import find_mission
 from eigenfail_services.store import Store
 from eigenfail_services.store.triage import episode_subject
@@ -197,6 +199,7 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
         stage: what the first part shows, as its title.
         can_replay: whether there is noise that could be injected again.
         is_failure: whether it violated a requirement, so that it can be shrunk.
+        shrunk_by: the newest campaign that has shrunk it; None without one.
         recordings: name and address of the episode as a file of each format for other tools.
         jumps: moments that were measured.
         neighbours: the episodes before and after it in a list.
@@ -225,6 +228,7 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
     stage: str
     can_replay: bool
     is_failure: bool
+    shrunk_by: int | None
     has_account: bool
     recordings: tuple[tuple[str, str], ...]
     jumps: tuple[Jump, ...]
@@ -240,6 +244,7 @@ class EpisodeContext(NamedTuple):
     """What other results say of an episode; the fields are those of its page."""
 
     neighbours: Neighbours
+    shrunk_by: int | None
     verdict: ReplayVerdict | None
     mode: Mode | None
     left_out_by: int | None
@@ -356,6 +361,7 @@ def show_episode(
     is_left_out = result.outcome.is_failure and newest not in {mode.analysis for mode in modes}
     context = EpisodeContext(
         find_neighbours(store, seen, index, listed),
+        find_shrinking(store, campaign, index) if result.is_failure else None,
         judge_replay(store, Run(seen, result)),
         modes[0] if modes else None,
         newest if is_left_out else None,
@@ -389,6 +395,17 @@ def show_clip(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> HTMLR
     seen = store.campaigns.get(campaign)
     result = store.episodes.get(campaign, index)
     return page("clip.html", make_clip_view(seen, result, find_mission(seen.spec, result)))
+
+
+def find_shrinking(store: Store, campaign: int, index: int) -> int | None:
+    """Return the newest campaign that shrinks an episode, by its name; None without one."""
+    named = CampaignFilter(method=MINIMAL, search=f"minimal failure of {campaign}/{index}")
+    wanted = {"campaign": campaign, "episode": index}
+    found = store.campaigns.page(MOST_SHRINKING, where=named).items
+    return next((each.id for each in found if each.spec.settings.items() >= wanted.items()), None)
+
+
+MOST_SHRINKING = 10
 
 
 def find_neighbours(

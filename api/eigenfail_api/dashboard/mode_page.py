@@ -96,7 +96,7 @@ def make_mode_view(
         campaign_name=campaign.spec.name,
         card=card,
         is_distinct=result.distinct,
-        tiles=list_mode_tiles(card, mode, [campaign, *others]),
+        tiles=list_mode_tiles(card, mode, [campaign, *others], len(result.episodes)),
         headings=make_headings(
             campaign.spec,
             lambda order: f"/analyses/{analysis.id}/modes/{mode.number}?sort={order}",
@@ -113,16 +113,21 @@ def make_mode_view(
 
 
 def list_mode_tiles(
-    card: ModeCard, mode: Mode, campaigns: list[Campaign]
+    card: ModeCard, mode: Mode, campaigns: list[Campaign], analysed: int
 ) -> tuple[tuple[str, Tile], ...]:
     """Return the tiles of a mode's figures, each with its basis."""
     total_usd = sum(find_cost(each).total_usd for each in campaigns)
     basis = f"{format_usd(total_usd)} USD of its campaigns ÷ {count_noun(mode.failures, 'failure')}"
+    skipped = sum(each.counts.failures for each in campaigns) - analysed
+    more = (f"{count_noun(skipped, 'failure')} not analysed: an upper bound",) if skipped else ()
     probability = (("Probability under p(x)", card.probability),) if card.probability else ()
     return (
         ("Failures", Tile(format_count(mode.failures), (f"{card.share} of those analysed",))),
         *probability,
-        ("Cost per failure of the mode", Tile(format_amount(total_usd / mode.failures), (basis,))),
+        (
+            "Cost per failure of the mode",
+            Tile(format_amount(total_usd / mode.failures), (basis, *more)),
+        ),
         ("Eigenfailure, root mean square", Tile(f"{card.strength} sigma")),
         *card.proof,
     )
