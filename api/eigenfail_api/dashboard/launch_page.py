@@ -103,8 +103,8 @@ class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
         shown: texts shown, by the name of the field.
         body: the specification that is launched.
         checked: in words, once it was checked and is in order; empty otherwise.
-        estimate: duration and cost after those of an earlier campaign of the same kind, as text;
-            empty where there is none.
+        estimate: duration and cost after those of an earlier campaign of the same kind, or that
+            there is none, as a sentence; empty until it was checked.
         completed: all that it would be, by path; nothing before that.
         key: idempotency key of this launch; empty while there is nothing to launch.
         token: token of this page.
@@ -255,7 +255,7 @@ MOST_PRECEDENTS = 100
 
 
 def describe_estimate(store: Store, spec: CampaignSpec) -> str:
-    """Return duration and cost after those of the newest campaign of the same kind, as text.
+    """Return duration and cost after those of the newest campaign of the same kind, as a sentence.
 
     Of the same kind are campaigns of the same method against the same planner in the same scenario.
     """
@@ -268,7 +268,7 @@ def describe_estimate(store: Store, spec: CampaignSpec) -> str:
         and each.active_s
     )
     if (earlier := next(alike, None)) is None:
-        return ""
+        return "No estimate: no campaign of this method, planner and scenario has ended yet."
     share = spec.episodes / earlier.counts.completed
     duration = format_duration(earlier.active_s * share)
     cost = format_usd(find_cost(earlier).total_usd * share)
