@@ -49,7 +49,7 @@ def format_cells(price: Cost) -> tuple[str, str]:
 
 MOST_BARS = 25
 REPLAY = "replay"
-REPETITIONS = frozenset({REPLAY, "nearest"})
+REPETITIONS = frozenset({REPLAY, "nearest", "minimal"})
 """Methods whose failures are those of an analysis, replayed."""
 
 
@@ -68,7 +68,7 @@ def make_cost_chart(summaries: Sequence[Summary]) -> Chart | None:
             "USD per failure, log scale. Campaigns that draw noise from p(x) have the 95 % "
             "interval that their failure rate gives; a search has none, since another seed may "
             "cost another amount. An arrow is the lower bound of a campaign without failures. "
-            "Replays find nothing new and are left out."
+            "Replays and shrunk failures find nothing new and are left out."
         ),
         data={"campaigns": [make_cost_point(summary) for summary in shown]},
         columns=("Campaign", "Method", *COLUMNS, "Failures", "Episodes"),
