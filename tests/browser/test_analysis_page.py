@@ -45,6 +45,22 @@ def test_each_mode_has_a_band_of_its_failures_noise(analysis):
     expect(head).to_contain_text("Mode 1 lateral 90 %")
 
 
+def test_a_chart_is_laid_out_anew_in_a_window_that_becomes_narrow(analysis):
+    page = analysis()
+    plot = page.locator("#eigenfailure-chart .plot")
+    plot.scroll_into_view_if_needed()
+    lefts = "element => echarts.getInstanceByDom(element).getOption().grid.map(({ left }) => left)"
+    assert len({*plot.evaluate(lefts)}) > 1
+    page.set_viewport_size({"width": 375, "height": 900})
+    page.wait_for_function(
+        """() => {
+          const plot = document.querySelector("#eigenfailure-chart .plot");
+          const { grid } = echarts.getInstanceByDom(plot).getOption();
+          return new Set(grid.map(({ left }) => left)).size === 1;
+        }"""
+    )
+
+
 def test_each_mode_has_a_panel_of_what_the_ego_did(analysis):
     page = analysis()
     plot = page.locator("#behaviour-chart .plot")

@@ -443,7 +443,9 @@ def group_settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str]
 
 def list_pairs(values: dict[str, Any]) -> tuple[tuple[str, str], ...]:
     """Return names and values as text."""
-    return tuple((name, str(value)) for name, value in values.items())
+    return tuple(
+        (name, "not set" if value is None else str(value)) for name, value in values.items()
+    )
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)

@@ -1,8 +1,9 @@
 """Charts of cost per failure, by campaign, method, and spent amount."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import msgspec
+from msgspec.json import encode
 
 from eigenfail.presentation.figures import (
     UNKNOWN,
@@ -17,6 +18,7 @@ from eigenfail.presentation.tables import OWN_EPISODES, format_cell
 from eigenfail.values import Cost, Rate, Summary
 from eigenfail.values.campaign import Settings
 from eigenfail.values.comparison import MethodCost, PeerCosts, Peers
+from eigenfail.values.variation import in_words
 from eigenfail_api.dashboard.charts import Chart, round_values
 
 COLUMNS = ("USD per failure", "95 % interval")
@@ -184,7 +186,10 @@ def describe_shared(peers: Peers) -> str:
 
 def describe_settings(part: str, settings: Settings) -> str:
     """Return settings as text."""
-    values = {name: msgspec.json.encode(value).decode() for name, value in settings.items()}
+    values = {
+        name: words if isinstance(settings[name], Mapping) else encode(settings[name]).decode()
+        for name, words in in_words(settings).items()
+    }
     return ", ".join(f"{part}’s {name} = {value}" for name, value in values.items())
 
 

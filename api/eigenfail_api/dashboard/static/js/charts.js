@@ -2,8 +2,14 @@
 import { isForPaper, onThemeChange } from "./theme.js";
 
 const drawn = new WeakMap();
+// A scroll bar that comes or goes changes no layout; a window that became narrow does.
+const RELAID_PX = 40;
 const resized = new ResizeObserver((entries) => {
-  for (const { target } of entries) fit(window.echarts.getInstanceByDom(target), sizeOf(target));
+  const plots = entries.map(({ target }) => target);
+  const relaid = plots.filter(isOfAnotherWidth);
+  for (const plot of plots) fit(window.echarts.getInstanceByDom(plot), sizeOf(plot));
+  for (const plot of relaid) drawn.delete(plot);
+  draw(relaid.map((plot) => plot.closest("figure")));
 });
 const MARGIN_PX = 200;
 const seen = new IntersectionObserver((entries) => {
@@ -47,6 +53,11 @@ function figures() {
 
 function plotOf(figure) {
   return figure.querySelector(".plot");
+}
+
+function isOfAnotherWidth(plot) {
+  const before = window.echarts.getInstanceByDom(plot)?.getWidth();
+  return !isForPaper() && plot.clientWidth > 0 && Math.abs(plot.clientWidth - before) > RELAID_PX;
 }
 
 function sizeOf(plot) {

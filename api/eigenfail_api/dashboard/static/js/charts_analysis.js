@@ -1,9 +1,10 @@
 // What PCA and K-means found.
 import { columnsOf, heightOf, placeOf, rangeOf } from "./panels.js";
-import { axis, compact, grid, legend, tip, tooltip, yAxis } from "./parts.js";
+import { axis, compact, grid, legend, legendExcess, tip, tooltip, yAxis } from "./parts.js";
 import { colour, dash, mark, symbol } from "./theme.js";
 
 const LEGEND_PX = 30;
+const SCORES_PX = 380;
 
 // Bands of more channels would hide each other.
 const MOST_BANDS = 2;
@@ -65,7 +66,7 @@ function band(name, position, mode, limits) {
   }));
 }
 
-export function scores({ episode, mode, x, y, centres }) {
+export function scores({ episode, mode, x, y, centres }, width) {
   const series = centres.map((_, number) => ({
     name: `mode ${number + 1}`,
     type: "scatter",
@@ -84,9 +85,10 @@ export function scores({ episode, mode, x, y, centres }) {
     itemStyle: { color: colour("ink") },
     data: centres.map((centre) => ({ value: centre })),
   };
+  const excess = legendExcess([...series, middles].map(({ name }) => name), width);
   return {
-    height: 380,
-    grid: grid(),
+    height: SCORES_PX + excess,
+    grid: grid({ top: grid().top + excess }),
     legend: legend(),
     xAxis: axis("First score", { scale: true }),
     yAxis: yAxis("Second score", { scale: true }),

@@ -1,13 +1,12 @@
 // Several campaigns on one pair of axes: each has a colour, a shape and a dash of its own.
-import { axis, compact, grid, legend, tip, tooltip, yAxis } from "./parts.js";
+import { axis, compact, grid, legend, legendExcess, tip, tooltip, yAxis } from "./parts.js";
 import { dash, mark, symbol } from "./theme.js";
 
-const ROW_PX = 22;
 const LEGEND_PX = 15;
 const MANY = 60;
 
 export function overlay({ x, y, look, lines }, width) {
-  const top = 14 + LEGEND_PX + ROW_PX * (rowsOf(lines, width) - 1);
+  const top = 14 + LEGEND_PX + legendExcess(lines.map(({ name }) => name), width);
   return {
     height: 250 + top,
     grid: grid({ top: top + 8 }),
@@ -17,15 +16,6 @@ export function overlay({ x, y, look, lines }, width) {
     tooltip: tooltip(({ seriesName, data }) => tip(seriesName, [`${x} ${compact(data[0])}`, `${y} ${compact(data[1])}`])),
     series: lines.map((line, position) => (look === "marks" ? marks(line, position) : curve(line, position, look))),
   };
-}
-
-// The legend wraps: about eight pixels a letter, and the sign before it.
-function rowsOf(lines, width) {
-  const [rows] = lines.reduce(([row, used], { name }) => {
-    const wide = 50 + 7 * name.length;
-    return used + wide > width ? [row + 1, wide] : [row, used + wide];
-  }, [1, 0]);
-  return rows;
 }
 
 const points = ({ x, y }) => x.map((value, place) => [value, y[place]]);

@@ -67,6 +67,17 @@ export function legend(more = {}) {
   };
 }
 
+// The legend wraps: about seven pixels a letter, and the sign before it.
+const LEGEND_ROW_PX = 22;
+
+export function legendExcess(names, width) {
+  const [rows] = names.reduce(([row, used], name) => {
+    const wide = 50 + 7 * name.length;
+    return used + wide > width ? [row + 1, wide] : [row, used + wide];
+  }, [0, 0]);
+  return LEGEND_ROW_PX * rows;
+}
+
 // An element, not markup: names come from users, and the policy forbids inline styles.
 export function tip(title, lines) {
   const box = document.createElement("div");
