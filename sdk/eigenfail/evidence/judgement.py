@@ -19,6 +19,7 @@ from eigenfail.evidence.counting import (
     CountedCampaign,
     bound_probability,
     estimate_probability,
+    explain_gaps,
     explain_no_probability,
     is_ended_by_failures,
     sum_completed,
@@ -246,6 +247,8 @@ def _explain_unfinished(
     for each in group:
         if each.campaign.state is not CampaignState.DONE:
             return f"campaign {each.campaign.id} is {each.campaign.state_word}."
+    if problem := explain_gaps(group):
+        return problem
     if errored:
         return f"{count_noun(errored, 'episode')} errored, and may have failed."
     if completed < solution.episodes_at_least:
