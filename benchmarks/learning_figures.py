@@ -9,7 +9,7 @@ from heuristics import Tried, rate_at
 from samples import COMMAND
 from searches import Found
 
-from eigenfail_services.statistics.comparison import difference
+from eigenfail.intervals import difference
 from eigenfail_services.statistics.intervals import rate
 
 

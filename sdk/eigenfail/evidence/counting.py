@@ -67,6 +67,11 @@ class CountedCampaign:
         """Number of completed episodes."""
         return len(self.episodes) - self.errored
 
+    @property
+    def has_gaps(self) -> bool:
+        """Whether its episodes are not those of the indices 0 to n − 1."""
+        return bool(self.episodes) and self.episodes[-1].index != len(self.episodes) - 1
+
     @cached_property
     def counted(self) -> Campaign:
         """The campaign with the counts of its episodes, in place of those of the service."""
@@ -105,11 +110,25 @@ def explain_no_probability(campaigns: Sequence[CountedCampaign]) -> str:
             return f"{came}, with {count_noun(each.completed, 'completed episode')}."
     if not campaigns:
         return "no campaign is named."
+    if problem := explain_gaps(campaigns):
+        return problem
     if all(each.campaign.spec.method == MONTE_CARLO for each in campaigns):
         return _explain_stop_rules(campaigns)
     if len(campaigns) > 1:
         return "only campaigns of 'monte_carlo' are counted together."
     return _explain_no_estimate(campaigns[0].campaign)
+
+
+def explain_gaps(campaigns: Sequence[CountedCampaign]) -> str:
+    """Return which campaign lacks episodes before its last one; empty if none does."""
+    for each in campaigns:
+        if each.has_gaps:
+            # Only a rule on time or cost leaves gaps, and a failure often ends an episode early.
+            return (
+                f"campaign {each.campaign.id} lacks episodes before its last one, and whether an "
+                "episode was completed in time may depend on how it ended."
+            )
+    return ""
 
 
 def _explain_stop_rules(campaigns: Sequence[CountedCampaign]) -> str:

@@ -19,12 +19,14 @@ from eigenfail.evidence.counting import (
     CountedCampaign,
     bound_probability,
     estimate_probability,
+    explain_gaps,
     explain_no_probability,
     is_ended_by_failures,
     sum_completed,
     sum_errored,
     sum_failures,
 )
+from eigenfail.evidence.gates import find_gate_problems
 from eigenfail.evidence.question import (
     AnySolution,
     GateSolution,
@@ -34,10 +36,8 @@ from eigenfail.evidence.question import (
     SearchSolution,
     SensorSolution,
 )
-from eigenfail.evidence.records import SolutionInput, place_episode
+from eigenfail.evidence.records import SolutionInput
 from eigenfail.gate.report import build_report
-from eigenfail.gate.reruns import RerunFigures
-from eigenfail.gate.verdicts import GateVerdict
 from eigenfail.presentation.figures import (
     count_noun,
     format_count,
@@ -246,6 +246,8 @@ def _explain_unfinished(
     for each in group:
         if each.campaign.state is not CampaignState.DONE:
             return f"campaign {each.campaign.id} is {each.campaign.state_word}."
+    if problem := explain_gaps(group):
+        return problem
     if errored:
         return f"{count_noun(errored, 'episode')} errored, and may have failed."
     if completed < solution.episodes_at_least:
@@ -315,25 +317,7 @@ def _explain_no_gate(solution: GateSolution, campaigns: Counted) -> str:
         return "there is no baseline to compare with, or nothing of it was run."
     if report.in_trouble:
         return "episodes were lost."
-    reruns = [member.rerun for member in report.members if member.rerun]
-    for figures in (each for rerun in reruns for each in (rerun.before, rerun.now)):
-        if problem := _compare_counts(figures, campaigns[figures.campaign]):
-            return problem
-    known = [each for member in report.members for each in member.known if each.episode]
-    for each in known:
-        campaign, index = place_episode(each.episode)
-        outcome = campaigns[campaign].outcomes.get(index)
-        is_safe = each.verdict in {GateVerdict.SAFE, GateVerdict.FIXED}
-        if is_safe and outcome is not Outcome.SAFE:
-            return f"it calls episode {each.episode} {each.verdict}, which was no safe one."
-    return ""
-
-
-def _compare_counts(figures: RerunFigures, counted: CountedCampaign) -> str:
-    said = (figures.completed, figures.failures, figures.errored)
-    if said == (counted.completed, counted.failures, counted.errored):
-        return ""
-    return f"its counts of campaign {figures.campaign} are not those of the episodes."
+    return next(find_gate_problems(report, campaigns), "")
 
 
 def _judge_sensor(
@@ -375,6 +359,10 @@ def _bound_anchor(anchor: Anchor, campaigns: Counted, error: float) -> tuple[Int
     counted = campaigns[anchor.campaign]
     if anchor.problem:
         return anchor.bounds, ""
+    if counted.campaign.state is not CampaignState.DONE:
+        return anchor.bounds, f"Campaign {anchor.campaign} is {counted.campaign.state_word}."
+    if problem := explain_gaps([counted]):
+        return anchor.bounds, f"{problem[:1].upper()}{problem[1:]}"
     try:
         found = (
             bound_sampled(counted.counted, error)

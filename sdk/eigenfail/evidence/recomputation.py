@@ -18,7 +18,7 @@ from eigenfail.evidence.bundle import (
     Manifest,
     draw_files,
 )
-from eigenfail.evidence.counting import CountedCampaign
+from eigenfail.evidence.counting import MONTE_CARLO, CountedCampaign, is_ended_by_failures
 from eigenfail.evidence.judgement import TOLERANCE
 from eigenfail.evidence.question import EvidenceQuestion
 from eigenfail.evidence.records import (
@@ -40,7 +40,8 @@ from eigenfail.evidence.solutions import (
     make_solutions,
 )
 from eigenfail.evidence.storage import BundleDefect, make_defect
-from eigenfail.values import episode_seed
+from eigenfail.values import FINAL_STATES, CampaignState, episode_seed
+from eigenfail.values.campaign import RESULT_RULES
 
 CAMPAIGNS, TABLE, NOISE = "campaigns/", ".episodes.csv", ".noise.json"
 
@@ -156,22 +157,17 @@ def _check_names(
 
 
 def check_campaign(record: CampaignRecord) -> Iterator[BundleDefect]:
-    """Yield what is wrong with a campaign: its digest, counts, seeds, and recorded noise.
+    """Yield what is wrong with a campaign: its digest, counts, indices, seeds, and recorded noise.
 
     Raises:
         InvalidValue: the episodes cannot be read.
     """
     counted, campaign = CountedCampaign(record), record.campaign
-    name = f"{CAMPAIGNS}{campaign.id}.json: campaign"
-    if campaign.digest not in {None, hash_episodes(counted.episodes)}:
-        problem = f"It is {campaign.digest}, and that of the episodes is another one."
-        yield BundleDefect(where=f"{name}.digest", problem=problem)
-    said, found = campaign.counts, counted.counted.counts
-    for field in ("completed", "failures", "errored"):
-        one, other = getattr(said, field), getattr(found, field)
-        if one != other and campaign.digest is not None:
-            problem = f"It is {one}, and there are {other} such episodes."
-            yield BundleDefect(where=f"{name}.counts.{field}", problem=problem)
+    yield from _check_digest(counted)
+    if campaign.state in FINAL_STATES:
+        yield from _check_counts(counted)
+    if campaign.state is CampaignState.DONE:
+        yield from _check_completeness(counted)
     for line in record.noise:
         try:
             line.read()
@@ -182,6 +178,55 @@ def check_campaign(record: CampaignRecord) -> Iterator[BundleDefect]:
             problem = f"The seed of episode {episode.index} is not that of the campaign's seed."
             yield BundleDefect(where=f"{CAMPAIGNS}{campaign.id}{TABLE}", problem=problem)
             return
+
+
+def _check_digest(counted: CountedCampaign) -> Iterator[BundleDefect]:
+    campaign = counted.campaign
+    where = f"{CAMPAIGNS}{campaign.id}.json: campaign.digest"
+    if campaign.digest is None and campaign.state is CampaignState.DONE:
+        yield BundleDefect(where=where, problem="It is missing, and the campaign is done.")
+    if campaign.digest not in {None, hash_episodes(counted.episodes)}:
+        problem = f"It is {campaign.digest}, and that of the episodes is another one."
+        yield BundleDefect(where=where, problem=problem)
+
+
+def _check_counts(counted: CountedCampaign) -> Iterator[BundleDefect]:
+    """Yield the counts of a campaign that has ended, and that its episodes do not give.
+
+    Those of one that goes on are of another moment than its episodes.
+    """
+    campaign, episodes = counted.campaign, len(counted.episodes)
+    name = f"{CAMPAIGNS}{campaign.id}.json: campaign.counts"
+    said, found = campaign.counts, counted.counted.counts
+    for field in ("completed", "failures", "errored"):
+        one, other = getattr(said, field), getattr(found, field)
+        if one != other:
+            problem = f"It is {one}, and there are {other} such episodes."
+            yield BundleDefect(where=f"{name}.{field}", problem=problem)
+    if said.planned != campaign.spec.episodes:
+        problem = f"It is {said.planned}, and the specification has {campaign.spec.episodes}."
+        yield BundleDefect(where=f"{name}.planned", problem=problem)
+    if said.cancelled != said.planned - episodes:
+        problem = f"It is {said.cancelled}, and {episodes} of {said.planned} episodes are there."
+        yield BundleDefect(where=f"{name}.cancelled", problem=problem)
+
+
+def _check_completeness(counted: CountedCampaign) -> Iterator[BundleDefect]:
+    """Yield what is missing of a campaign that is done, other than by its stop rules.
+
+    Rounds are completed in index order. Only a rule on time or cost ends a campaign within a round,
+    so that episodes before the last one may be missing.
+    """
+    campaign, rules = counted.campaign, counted.campaign.spec.stop.given()
+    if counted.has_gaps and rules.keys() <= set(RESULT_RULES):
+        absent = next(place for place, each in enumerate(counted.episodes) if each.index != place)
+        problem = f"There is no episode {absent}, and the campaign is done."
+        yield BundleDefect(where=f"{CAMPAIGNS}{campaign.id}{TABLE}", problem=problem)
+    is_ended = is_ended_by_failures([counted]) or rules.keys() - {"failures"}
+    if campaign.spec.method == MONTE_CARLO and campaign.counts.cancelled and not is_ended:
+        where = f"{CAMPAIGNS}{campaign.id}.json: campaign.counts.cancelled"
+        problem = f"It is {campaign.counts.cancelled}, and no stop rule ended the campaign."
+        yield BundleDefect(where=where, problem=problem)
 
 
 def _compare_chain(files: Mapping[str, bytes], stored: SolutionRecord) -> Iterator[BundleDefect]:

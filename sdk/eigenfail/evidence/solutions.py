@@ -11,7 +11,7 @@ from eigenfail.evidence.argument import ArgumentGraph, JudgedSolution, build_gra
 from eigenfail.evidence.assumptions import Surroundings, gather_surroundings
 from eigenfail.evidence.counting import Counted, CountedCampaign
 from eigenfail.evidence.judgement import SolutionFinding, judge_solution
-from eigenfail.evidence.question import AnySolution, EvidenceQuestion, RiskSolution
+from eigenfail.evidence.question import AnySolution, EvidenceQuestion
 from eigenfail.evidence.records import (
     EvidenceRecords,
     PlannerIdentity,
@@ -21,6 +21,7 @@ from eigenfail.evidence.records import (
     hash_bytes,
     list_campaigns,
 )
+from eigenfail.evidence.references import check_references
 from eigenfail.values.operations import Versions
 
 QUESTION, INPUTS = "question.json", "inputs.json"
@@ -109,11 +110,7 @@ def _make_solution(
     used = list_campaigns(solution, given)
     if missing := [str(each) for each in used if each not in context.counted]:
         raise InvalidValue(name, f"there is no record of campaign {', '.join(missing)}.")
-    if isinstance(solution, RiskSolution):
-        scenarios = len(solution.question.scenarios)
-        if len(given.campaigns) != scenarios:
-            problem = f"{name} has campaigns of {len(given.campaigns)} scenarios, not {scenarios}."
-            raise InvalidValue(INPUTS, problem)
+    check_references(name, solution, given, context.counted)
     surroundings = gather_surroundings(solution, given, context.counted)
     return SolutionRecord(
         id=name,

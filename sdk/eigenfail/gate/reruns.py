@@ -162,7 +162,7 @@ class RerunSide(msgspec.Struct, frozen=True):
     """A campaign with the outcomes of its episodes."""
 
     campaign: Campaign
-    outcomes: RunOutcomes
+    outcomes: RunOutcomes[EpisodeRow]
 
     @property
     def id(self) -> int:
@@ -193,12 +193,12 @@ def _judge_by_pairs(
     """Give each failing episode a verdict; the verdict of all is the worst, or chance."""
     verdicts = judge_pairs(before.outcomes, now.outcomes)
     counts = Counter(verdicts.values())
-    worst = next((each for each in WORST_FIRST if counts[each]), GateVerdict.SAFE)
+    worst = find_worst(counts)
     return Rerun(
         before=read_figures(before.campaign),
         now=read_figures(now.campaign),
         method=now.campaign.spec.method,
-        verdict=worst if by is JudgedBy.EPISODE else judge_rate_by_chance(comparison, counts),
+        verdict=worst if by is JudgedBy.EPISODE else judge_rate_by_chance(comparison.pairs, counts),
         by=by,
         words=describe_pairs(counts, comparison),
         counts={each: counts[each] for each in WORST_FIRST if counts[each]},
@@ -207,6 +207,11 @@ def _judge_by_pairs(
         warnings=_list_warnings(comparison),
         wall_s=now.campaign.active_s,
     )
+
+
+def find_worst(counts: Mapping[GateVerdict, int]) -> GateVerdict:
+    """Return the worst verdict of some episodes, `safe` of none."""
+    return next((each for each in WORST_FIRST if counts.get(each)), GateVerdict.SAFE)
 
 
 def _list_pair_findings(
@@ -223,7 +228,7 @@ def _list_pair_findings(
 
 def _judge_as_whole(before: RerunSide, now: RerunSide, comparison: Comparison, pages: str) -> Rerun:
     """Give one verdict for all episodes, with the likeliest failures, which may be new or known."""
-    became = judge_rate(before.campaign, now.campaign, comparison)
+    became = judge_rate(before.campaign, now.campaign, comparison.difference)
     return Rerun(
         before=read_figures(before.campaign),
         now=read_figures(now.campaign),

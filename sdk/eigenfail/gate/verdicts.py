@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from enum import StrEnum
+from typing import Generic, Protocol, TypeVar
 
 import msgspec
 
@@ -10,10 +11,11 @@ from eigenfail.values import (
     Campaign,
     Comparison,
     Counts,
+    Difference,
     Estimate,
+    McNemar,
     Outcome,
 )
-from eigenfail.values.records import EpisodeRow
 
 INFRASTRUCTURE = "infrastructure"
 ERROR = 0.05
@@ -59,7 +61,17 @@ def judge_outcome(before: Outcome | None, now: Outcome | None) -> GateVerdict:
     return GateVerdict.STILL_FAILING if failed else GateVerdict.UNPROVEN
 
 
-class RunOutcomes(msgspec.Struct, frozen=True):
+class _EndedEpisode(Protocol):
+    """An episode with its outcome."""
+
+    @property
+    def outcome(self) -> Outcome: ...
+
+
+Row = TypeVar("Row", bound=_EndedEpisode)
+
+
+class RunOutcomes(msgspec.Struct, Generic[Row], frozen=True):
     """The outcomes of a campaign's episodes, without the indices of safe ones.
 
     Attributes:
@@ -69,8 +81,8 @@ class RunOutcomes(msgspec.Struct, frozen=True):
     """
 
     episodes: int
-    failures: dict[int, EpisodeRow]
-    errored: dict[int, EpisodeRow]
+    failures: dict[int, Row]
+    errored: dict[int, Row]
 
     def of(self, index: int) -> Outcome | None:
         """Return the outcome of an episode; None if it was not run or errored."""
@@ -80,7 +92,7 @@ class RunOutcomes(msgspec.Struct, frozen=True):
         return Outcome.SAFE if known else None
 
 
-def judge_pairs(before: RunOutcomes, now: RunOutcomes) -> dict[int, GateVerdict]:
+def judge_pairs(before: RunOutcomes[Row], now: RunOutcomes[Row]) -> dict[int, GateVerdict]:
     """What became of each episode that failed on a side, by index.
 
     Episodes that only the baseline tried, or that neither could run, are left out.
@@ -96,7 +108,7 @@ def judge_pairs(before: RunOutcomes, now: RunOutcomes) -> dict[int, GateVerdict]
     return {index: each for index, each in found.items() if each is not GateVerdict.SAFE}
 
 
-def judge_rate(before: Campaign, now: Campaign, comparison: Comparison) -> GateVerdict:
+def judge_rate(before: Campaign, now: Campaign, difference: Difference | None) -> GateVerdict:
     """What became of the failures of a campaign whose noise depends on what its planner does.
 
     New where the baseline found none, however few there are now, or where the share of failures
@@ -110,7 +122,7 @@ def judge_rate(before: Campaign, now: Campaign, comparison: Comparison) -> GateV
         return GateVerdict.CANNOT_RUN
     if not before.counts.failures:
         return GateVerdict.NEW if now.counts.failures else GateVerdict.SAFE
-    changed = find_change(before.estimate, now.estimate, comparison)
+    changed = find_change(before.estimate, now.estimate, difference)
     return CHANGES[changed] if changed or now.counts.failures else GateVerdict.SAFE
 
 
@@ -119,14 +131,13 @@ def has_new_errors(before: Counts, now: Counts) -> bool:
     return now.all_errored or (bool(now.errored) and not before.errored)
 
 
-def judge_rate_by_chance(comparison: Comparison, counts: Mapping[GateVerdict, int]) -> GateVerdict:
+def judge_rate_by_chance(pairs: McNemar | None, counts: Mapping[GateVerdict, int]) -> GateVerdict:
     """What became of all pairs of episodes together.
 
     New where none failed before, or where more of them fail newly than no longer, by more than
     chance: where McNemar's exact test on them gives p < 0.05. Fixed, if it is the other way round;
     safe, if none fails now, and no fewer than chance explains.
     """
-    pairs = comparison.pairs
     if counts.get(GateVerdict.CANNOT_RUN) or pairs is None:
         return GateVerdict.CANNOT_RUN
     if not (pairs.both or pairs.only_a):
@@ -139,12 +150,14 @@ def judge_rate_by_chance(comparison: Comparison, counts: Mapping[GateVerdict, in
 CHANGES = {1: GateVerdict.NEW, 0: GateVerdict.STILL_FAILING, -1: GateVerdict.FIXED}
 
 
-def find_change(before: Estimate | None, now: Estimate | None, comparison: Comparison) -> int:
+def find_change(
+    before: Estimate | None, now: Estimate | None, difference: Difference | None
+) -> int:
     """1 where the failures rose by more than the gate's rule allows, -1 where they fell, else 0."""
     if ends := _subtract_estimates(before, now):
         low, high = ends
-    elif comparison.difference:
-        low, high = comparison.difference.interval.low, comparison.difference.interval.high
+    elif difference:
+        low, high = difference.interval.low, difference.interval.high
     else:
         return 0
     return (low > 0.0) - (high < 0.0)

@@ -7,6 +7,7 @@ import msgspec
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
+from eigenfail.intervals import difference
 from eigenfail.presentation.figures import (
     format_amount,
     format_interval,
@@ -51,7 +52,6 @@ from eigenfail_services.campaigns.summary import divide, find_failure_rate
 from eigenfail_services.statistics.comparison import (
     SIGNIFICANCE,
     can_distinguish,
-    difference,
     effect_size,
     mcnemar,
 )

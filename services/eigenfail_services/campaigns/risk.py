@@ -1,17 +1,16 @@
 """The evidence of campaigns on a risk: which of their figures state a probability of failure."""
 
 from collections.abc import Iterator, Sequence
-from itertools import chain, pairwise
+from itertools import chain
 from typing import NamedTuple
-
-from msgspec.structs import replace
 
 from eigenfail.errors import Conflict, InvalidValue, NotFound, ProtocolError
 from eigenfail.methods import traits_of
 from eigenfail.risk.assessment import RiskAssessment, ScenarioEvidence, assess
 from eigenfail.risk.confidence import Confidence, FailureShare, RunEstimate, Stated
+from eigenfail.risk.pooling import find_planner, refuse_unlike
 from eigenfail.risk.question import CampaignReference, RiskQuestion, RiskScenario
-from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, CampaignState, Rate, RateDesign
+from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Rate, RateDesign
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.analysis_jobs import find_first_samples
@@ -55,9 +54,9 @@ def assess_risk(store: Store, question: RiskQuestion) -> RiskAssessment:
                 problem = f"campaign {each.id} is named twice, first by '{other}'."
                 raise InvalidValue(field, problem, "Name each campaign once.")
             used[each.id] = scenario.name
-        _refuse_unlike(campaigns, field)
+        refuse_unlike(campaigns, field)
         found.append(campaigns)
-    planner = _find_planner(question, found)
+    planner = find_planner(found)
     sampled = [
         find_sampled(store, scenario, campaigns, f"scenarios[{place}].failures_from")
         for place, (scenario, campaigns) in enumerate(zip(question.scenarios, found, strict=True))
@@ -231,47 +230,6 @@ def _refuse_other_failures(sampled: Campaign, campaigns: Sequence[Campaign], fie
     if sampled.state not in FINAL_STATES:
         problem = f"campaign {sampled.id} is {sampled.state_word}."
         raise InvalidValue(field, problem, "Name a campaign that has ended.")
-
-
-def _refuse_unlike(campaigns: Sequence[Campaign], field: str) -> None:
-    """Refuse campaigns that cannot be counted together: other ones, or the same noise twice."""
-    for one, other in pairwise(campaigns):
-        fields = ("name", "episodes", "parallel", "scene_every", "price_usd_per_hour", "instances")
-        alike = {name: getattr(one.spec, name) for name in (*fields, "seed", "stop")}
-        if not replace(other.spec, **alike).is_like(one.spec):
-            differing = _list_differences(one.spec, replace(other.spec, **alike))
-            problem = f"campaigns {one.id} and {other.id} differ in {', '.join(differing)}."
-            remedy = "Campaigns that are counted together may differ in seed and budget alone."
-            raise InvalidValue(field, problem, remedy)
-    seeds = [each.spec.seed for each in campaigns]
-    if len(set(seeds)) < len(seeds):
-        problem = "two campaigns have the same seed, and so the same episodes."
-        raise InvalidValue(field, problem, "Name campaigns with different seeds.")
-
-
-def _list_differences(one: CampaignSpec, other: CampaignSpec) -> list[str]:
-    """Return the names of the fields in which two campaigns differ."""
-    fields = CampaignSpec.__struct_fields__
-    return [name for name in fields if getattr(one, name) != getattr(other, name)]
-
-
-def _find_planner(question: RiskQuestion, found: Sequence[Sequence[Campaign]]) -> str:
-    """Return the planner that all campaigns test; empty without a campaign."""
-    first: Campaign | None = None
-    for place in range(len(question.scenarios)):
-        for campaign in found[place]:
-            first = first or campaign
-            one, other = (
-                (each.spec.planner, each.spec.planner_settings) for each in (first, campaign)
-            )
-            if one != other:
-                problem = (
-                    f"campaign {campaign.id} tests '{other[0]}' with {other[1] or 'its defaults'}, "
-                    f"and campaign {first.id} '{one[0]}' with {one[1] or 'its defaults'}."
-                )
-                remedy = "A risk is that of one planner with the same settings."
-                raise InvalidValue(f"scenarios[{place}].campaigns", problem, remedy)
-    return first.spec.planner if first else ""
 
 
 def _list_notes(

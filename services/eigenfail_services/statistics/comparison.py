@@ -1,4 +1,4 @@
-"""Comparisons of two samples: failure rates, paired episodes, effect sizes, rank correlation."""
+"""Comparisons of two samples: paired episodes, effect sizes, rank correlation."""
 
 from collections.abc import Sequence
 from math import atanh, comb, sqrt, tanh
@@ -9,49 +9,13 @@ from numpy.typing import NDArray
 from eigenfail.errors import InvalidValue
 from eigenfail.intervals import Z
 from eigenfail.values import (
-    Difference,
     EffectSize,
     Figure,
     Interval,
     Magnitude,
     McNemar,
     PairTotals,
-    Rate,
 )
-
-
-def difference(a: Rate, b: Rate) -> Difference:
-    """Return the rate of b minus that of a, with its 95 % interval, for independent samples.
-
-    Newcombe's hybrid score interval: with the intervals (l, u) of the two rates p, Wilson's,
-    d − sqrt((p_b − l_b)² + (u_a − p_a)²) to d + sqrt((u_b − p_b)² + (p_a − l_a)²). Of paired
-    samples that mostly agree it is wider than it need be: see `mcnemar`.
-    Source: Newcombe 1998, Statistics in Medicine 17, 873–890, method 10; with other intervals:
-    Zou and Donner 2008, Statistics in Medicine 27, 1693–1702.
-
-    Args:
-        a: with a two-sided interval. Of a rate without an estimate, the share is taken.
-        b: the same.
-
-    Raises:
-        InvalidValue: a rate without an interval.
-    """
-    for rate in (a, b):
-        if rate.interval is None:
-            problem = f"{rate.k} of {rate.n} has no interval."
-            raise InvalidValue("rate", problem, "Compare random samples.")
-    (p_a, low_a, high_a), (p_b, low_b, high_b) = map(_place_rate, (a, b))
-    value = p_b - p_a
-    low = value - sqrt((p_b - low_b) ** 2 + (high_a - p_a) ** 2)
-    high = value + sqrt((high_b - p_b) ** 2 + (p_a - low_a) ** 2)
-    return Difference(value, Interval(max(-1.0, low), min(1.0, high)), a.n, b.n)
-
-
-def _place_rate(rate: Rate) -> tuple[float, float, float]:
-    """Return the estimate of a rate, inside its interval, and both ends of that."""
-    bounds = rate.interval or Interval(0.0, 1.0)
-    value = rate.share if rate.value is None else rate.value
-    return min(max(value, bounds.low), bounds.high), bounds.low, bounds.high
 
 
 def mcnemar(pairs: PairTotals) -> McNemar:

@@ -91,7 +91,8 @@ def test_a_strategy_stands_between_a_claim_and_its_parts():
 def test_several_planners_are_an_assumption_of_the_top_claim(make):
     records = {number: make("ss", number) for number in (1, 2)}
     inputs = tuple(SolutionInput(campaigns=((number,),)) for number in records)
-    question = EvidenceQuestion(name="Name", claim=claim_with(0, claim_with(1), claim_with(1)))
+    parts = [Claim(text="Part.", solutions=(SearchSolution(campaigns=(each,)),)) for each in (1, 2)]
+    question = EvidenceQuestion(name="Name", claim=claim_with(0, *parts))
     alike = make_bundle(question, EvidenceRecords(records, inputs), "1").graph
     assert not any("several planners" in each.text for each in alike.elements)
     facts = records[2].facts

@@ -195,7 +195,7 @@ def make_gate(verdict, episode, baseline="v1"):
     finding = GateFinding(verdict=verdict, what="mode 1", episode=episode)
     side = RerunFigures(campaign=1, completed=1, failures=0, errored=0)
     member = MemberReport(member="cut-in", baseline=side, known=(finding,))
-    return build_report(GateRun(suite="s", version="v2", run="s v2", baseline=baseline), [member])
+    return build_report(GateRun(suite="s", version="", run="s", baseline=baseline), [member])
 
 
 @pytest.mark.parametrize(
@@ -206,6 +206,7 @@ def make_gate(verdict, episode, baseline="v1"):
         (make_gate(GateVerdict.FIXED, "1/1"), "undecided"),
         (make_gate(GateVerdict.FIXED, "1/9"), "undecided"),
         (make_gate(GateVerdict.FIXED, "1/0", baseline=""), "undecided"),
+        (make_gate(GateVerdict.FIXED, ""), "undecided"),
         (replace(make_gate(GateVerdict.NEW, "1/1"), open=True), "undecided"),
     ],
 )

@@ -16,9 +16,18 @@ from eigenfail.cli.specs import read_spec
 from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.evidence import storage
 from eigenfail.evidence.bundle import MANIFEST, make_bundle, make_manifest
-from eigenfail.evidence.records import NoiseLine, encode_canonical
+from eigenfail.evidence.question import Claim, EvidenceQuestion, ProbabilitySolution
+from eigenfail.evidence.records import (
+    EvidenceRecords,
+    NoiseLine,
+    SolutionInput,
+    encode_canonical,
+    hash_episodes,
+    read_episodes,
+)
 from eigenfail.evidence.storage import pack_bundle, write_bundle
 from eigenfail.evidence.verification import verify_bundle
+from eigenfail.values import StopRules
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 
@@ -67,7 +76,8 @@ def test_a_campaign_is_read_back_byte_for_byte(name, small, verify, monkeypatch)
     monkeypatch.chdir(EXAMPLES)
     question, records = small
     record = records.campaigns[1]
-    spec = replace(read_spec(EXAMPLES / f"{name}.toml"), seed=record.campaign.spec.seed)
+    kept = {field: getattr(record.campaign.spec, field) for field in ("seed", "episodes")}
+    spec = replace(read_spec(EXAMPLES / f"{name}.toml"), **kept)
     facts = replace(record.facts, campaign=replace(record.campaign, spec=spec))
     other = records._replace(campaigns={1: replace(record, facts=facts)})
     assert verify(make_bundle(question, other, __version__).files).is_verified
@@ -143,6 +153,92 @@ def test_an_episode_that_contradicts_its_campaign_is_found(bundle, verify, old, 
     assert f"campaigns/1.json: campaign.{field}" in places
 
 
+def forge(record, keep=lambda line: True, **counts):
+    """Return a record with some lines of its table alone, whose counts and digest fit them."""
+    head, *lines = record.table.decode().splitlines()
+    table = ("\r\n".join([head, *filter(keep, lines)]) + "\r\n").encode()
+    episodes = read_episodes(table, "forged")
+    failures = sum(each.outcome.is_failure for each in episodes)
+    counts = {"completed": len(episodes), "failures": failures, **counts}
+    campaign = record.campaign
+    changed = replace(
+        campaign,
+        counts=replace(campaign.counts, **counts),
+        digest=campaign.digest and hash_episodes(episodes),
+    )
+    return replace(record, facts=replace(record.facts, campaign=changed), table=table)
+
+
+@pytest.fixture
+def verify_rare(verify):
+    """Makes and verifies a bundle of a P(failure) of at most 1 % from the record of a campaign."""
+
+    def verify_record(record):
+        claim = Claim(text="Rare.", solutions=(ProbabilitySolution(campaigns=(1,), at_most=0.01),))
+        question = EvidenceQuestion(name="Rare", claim=claim)
+        records = EvidenceRecords({1: record}, (SolutionInput(campaigns=((1,),)),))
+        return verify(make_bundle(question, records, __version__).files)
+
+    return verify_record
+
+
+def is_no_collision(line):
+    return ",collision," not in line
+
+
+def with_spec(record, **fields):
+    campaign = record.campaign
+    changed = replace(campaign, spec=replace(campaign.spec, **fields))
+    return replace(record, facts=replace(record.facts, campaign=changed))
+
+
+def test_failures_that_were_removed_are_found(make, verify_rare):
+    record = forge(make("sssssssssssssc" * 30), is_no_collision)
+    assert {"campaigns/1.episodes.csv", "campaigns/1.json: campaign.counts.cancelled"} <= {
+        *list_places(verify_rare(record))
+    }
+
+
+@pytest.mark.parametrize("counts", [{"cancelled": 30}, {"planned": 390}])
+def test_other_counts_do_not_hide_failures_that_were_removed(make, counts, verify_rare):
+    record = forge(make("sssssssssssssc" * 30), is_no_collision, **counts)
+    record = with_spec(record, episodes=record.campaign.counts.planned)
+    assert "campaigns/1.episodes.csv" in list_places(verify_rare(record))
+
+
+def test_without_a_digest_counts_are_compared_all_the_same(make, verify_rare):
+    record = make("sssssssssssssc" * 30)
+    bare = replace(
+        record, facts=replace(record.facts, campaign=replace(record.campaign, digest=None))
+    )
+    assert list_places(verify_rare(bare)) == ["campaigns/1.json: campaign.digest"]
+    places = list_places(verify_rare(forge(bare, is_no_collision, completed=420)))
+    assert "campaigns/1.json: campaign.counts.completed" in places
+
+
+def test_a_rule_on_time_does_not_hide_failures_that_were_removed(make, verify_rare):
+    record = forge(make("sssssssssssssc" * 30), is_no_collision, cancelled=30)
+    checked = verify_rare(with_spec(record, stop=StopRules(wall_s=60.0)))
+    assert (checked.is_verified, checked.verdict) == (True, "undecided")
+
+
+def test_last_episodes_that_were_removed_are_found(make, verify_rare):
+    record = forge(make("s" * 400 + "c" * 30), is_no_collision, cancelled=30)
+    place = "campaigns/1.json: campaign.counts.cancelled"
+    assert list_places(verify_rare(record)) == [place]
+
+
+def test_a_campaign_that_its_rule_ended_is_verified(make, verify_rare):
+    record = make("s" * 18 + "c" * 2 + "s" * 20, stop=StopRules(failures=2))
+    ended = forge(record, lambda line: int(line.split(",")[0]) < 20, cancelled=20)
+    assert verify_rare(ended).is_verified
+
+
+def test_a_specification_of_other_episodes_is_found(make, verify_rare):
+    record = with_spec(make("s" * 400), episodes=401)
+    assert list_places(verify_rare(record)) == ["campaigns/1.json: campaign.counts.planned"]
+
+
 def test_a_field_that_is_not_read_is_found_by_the_chain_of_hashes(bundle, verify):
     name = "campaigns/1.json"
     forged = bundle.files[name].replace(b'"trained_episodes"', b'"trained_episodez"')
@@ -162,7 +258,7 @@ def test_a_seed_of_another_campaign_is_found(bundle, verify):
         ("question.json", b"{}", "question.json"),
         ("inputs.json", b"[]", "inputs.json"),
         ("inputs.json", b'[{"campaigns":[[2]]}]', "Sn1"),
-        ("inputs.json", b'[{"campaigns":[]}]', "solutions/Sn1.json: finding.verdict"),
+        ("inputs.json", b'[{"campaigns":[]}]', "Sn1: campaigns"),
         ("solutions/Sn1.json", b"null", "solutions/Sn1.json"),
         ("campaigns/1.json", b"[" * 5_000, "campaigns/1.json"),
         ("campaigns/1.episodes.csv", b"\xff", "campaigns/1.episodes.csv"),

@@ -13,10 +13,10 @@ from eigenfail.gate.verdicts import (
     judge_outcome,
     judge_pairs,
 )
-from eigenfail.intervals import wilson
+from eigenfail.intervals import difference, wilson
 from eigenfail.values import Comparison as Found
 from eigenfail.values import Cost, Estimate, Interval, Outcome, PairTotals, Rate, Side
-from eigenfail_services.statistics.comparison import difference, mcnemar
+from eigenfail_services.statistics.comparison import mcnemar
 
 HIT, SAFE, FAILED = Outcome.COLLISION, Outcome.SAFE, Outcome.ERRORED
 

@@ -9,6 +9,7 @@ from msgspec.structs import replace
 from store_checks.examples import deliver, name_channels
 
 from eigenfail.errors import InvalidValue, NotFound
+from eigenfail.intervals import difference
 from eigenfail.testing.examples import make_errored_result, result
 from eigenfail.values import (
     CampaignSpec,
@@ -31,7 +32,6 @@ from eigenfail_services.campaigns.pairing import (
     find_distinctions,
     find_mixed_fields,
 )
-from eigenfail_services.statistics.comparison import difference
 from eigenfail_services.statistics.intervals import clopper_pearson, rate
 from eigenfail_services.store import Store, open_store
 
