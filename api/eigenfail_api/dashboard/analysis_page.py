@@ -44,6 +44,7 @@ from eigenfail_api.dashboard.charts import Chart
 from eigenfail_api.dashboard.episodes_page import (
     AnalysisChoices,
     AnalysisLine,
+    Changed,
     list_analysis_choices,
     make_analysis_line,
 )
@@ -190,6 +191,8 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
         is_doubtful: whether something speaks against distinct modes.
         choices: of the channels that the other one may analyse.
         names: the names that were given to modes, by number.
+        all_names: the names of modes by number, those that are proposed among them.
+        changed: how many modes the form for triage has just changed; None if it was not sent.
         triage: state and owner of each mode in words, by number; empty of a new one without owner.
         states: values and words of the states of triage.
     """
@@ -212,12 +215,18 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     asked: AnalysisSettings
     choices: AnalysisChoices
     names: Mapping[int, str]
+    all_names: Mapping[int, str]
+    changed: int | None
     triage: Mapping[int, str]
     states: tuple[tuple[str, str], ...] = STATES
 
 
 def make_analysis_view(
-    analysis: Analysis, campaigns: Sequence[Campaign], proof: Proof | None, modes: Sequence[Mode]
+    analysis: Analysis,
+    campaigns: Sequence[Campaign],
+    proof: Proof | None,
+    modes: Sequence[Mode],
+    changed: int | None = None,
 ) -> AnalysisView:
     """Return the page of an analysis, with the results of the replays that have ended.
 
@@ -226,6 +235,7 @@ def make_analysis_view(
         campaigns: the campaign that it is of, and those that it analyses with it.
         proof: the replays of its modes; None before there is a result.
         modes: its modes, with their names and triage.
+        changed: as in the view.
     """
     result, campaign = analysis.result, campaigns[0]
     is_whole = not leaves_early_out(analysis.settings, campaigns)
@@ -251,6 +261,8 @@ def make_analysis_view(
         asked=analysis.settings,
         choices=list_analysis_choices(campaign.spec),
         names=find_given_names(result, modes) if result else {},
+        all_names={each.number: each.name for each in modes if each.name != f"Mode {each.number}"},
+        changed=changed,
         triage={mode.number: describe_triage(mode.state, mode.owner) for mode in modes},
     )
 
@@ -346,7 +358,7 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 
 @router.get("/analyses/{analysis}")
-def show_analysis(store: Stored, analysis: AnalysisId) -> HTMLResponse:
+def show_analysis(store: Stored, analysis: AnalysisId, changed: Changed = None) -> HTMLResponse:
     """One analysis."""
     seen = store.analyses.get(analysis)
     proven = summarise_proof(store, seen) if seen.result else None
@@ -354,4 +366,4 @@ def show_analysis(store: Stored, analysis: AnalysisId) -> HTMLResponse:
     others = seen.settings.campaigns if seen.result else ()
     campaigns = list(map(store.campaigns.get, (seen.campaign, *others)))
     modes = store.analyses.modes(analysis)
-    return page("analysis.html", make_analysis_view(seen, campaigns, proven, modes))
+    return page("analysis.html", make_analysis_view(seen, campaigns, proven, modes, changed))
