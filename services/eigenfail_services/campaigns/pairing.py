@@ -169,7 +169,7 @@ def find_distinctions(
     left, right = _group_values(a), _group_values(b)
     of_one_side = (left.keys() ^ right.keys()) & _find_chosen_paths([*a, *b])
     paths = sorted(left.keys() & right.keys() | of_one_side, key=_rank_path)
-    compared = ((path, *(_find_values(side, path) for side in (left, right))) for path in paths)
+    compared = ((path, _find_values(left, path), _find_values(right, path)) for path in paths)
     return tuple(
         Distinction(path, ", ".join(one), ", ".join(other))
         for path, one, other in compared

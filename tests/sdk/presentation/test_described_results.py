@@ -125,8 +125,8 @@ def test_remarks_on_an_analysis_tell_what_limits_it():
         ),
         "Modes among the analysed failures after each tenth of the campaign: 1, 2.",
         (
-            "Warning: Mode collapse: 75 % of the failures are of one mode. Try the method ensemble, "
-            "the reward dissimilarity, or a distribution of scenarios."
+            "Warning: Mode collapse: 75 % of the failures are of one mode. Try the method "
+            "ensemble, the reward dissimilarity, or a distribution of scenarios."
         ),
         "An analyser's note.",
         (
