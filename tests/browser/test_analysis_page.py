@@ -33,6 +33,11 @@ def analysis(visit, made):
     return open_page
 
 
+def read_noun(page):
+    """What the cards call their clusters: charts call them the same."""
+    return page.locator(".modes h3 a").first.inner_text().split()[0]
+
+
 def test_each_mode_has_a_band_of_its_failures_noise(analysis):
     page = analysis()
     plot = page.locator("#eigenfailure-chart .plot")
@@ -42,7 +47,7 @@ def test_each_mode_has_a_band_of_its_failures_noise(analysis):
     assert len(bands) == 2 * page.locator(".modes article").count()
     page.locator("#eigenfailure-chart summary").click()
     head = page.locator("#eigenfailure-chart thead")
-    expect(head).to_contain_text("Mode 1 lateral 90 %")
+    expect(head).to_contain_text(f"{read_noun(page)} 1 lateral 90 %")
 
 
 def test_a_chart_is_laid_out_anew_in_a_window_that_becomes_narrow(analysis):
@@ -68,7 +73,7 @@ def test_each_mode_has_a_panel_of_what_the_ego_did(analysis):
     expect(plot.locator("canvas").first).to_be_visible()
     modes = page.locator(".modes article").count()
     assert modes > 1
-    names = [f"Mode {place + 1} [m/s²]" for place in range(modes)]
+    names = [f"{read_noun(page)} {place + 1} [m/s²]" for place in range(modes)]
     assert plot.evaluate(Y_NAMES) == names
     widths = [one["lineStyle"]["width"] for one in plot.evaluate(SERIES)]
     assert (widths.count(3), widths.count(1) > modes) == (modes, True)
@@ -177,7 +182,8 @@ def test_every_channel_of_a_function_has_its_line(visit, store, channels):
     page = visit(f"/analyses/{analysis}")
     modes = len(store.analyses.get(analysis).result.modes)
     eigenfailures = draw(page, "eigenfailure")
-    assert eigenfailures.evaluate(Y_NAMES) == [f"Mode {n + 1} [sigma]" for n in range(modes)]
+    names = [f"{read_noun(page)} {n + 1} [sigma]" for n in range(modes)]
+    assert eigenfailures.evaluate(Y_NAMES) == names
     lines = [one for one in eigenfailures.evaluate(SERIES) if "stack" not in one]
     assert Counter(one["name"] for one in lines) == dict.fromkeys(channels, modes)
     panels = draw(page, "training-mean").evaluate(Y_NAMES)

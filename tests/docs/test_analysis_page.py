@@ -5,7 +5,7 @@ import re
 import pytest
 
 from eigenfail.values import AnalysisResult, AnalysisSettings, FailureMode
-from eigenfail.values.analysis import STABLE
+from eigenfail.values.analysis import FEWEST_OF_MODE, STABLE
 from eigenfail_services.analysis import alignment, behaviour, clusters, components
 from eigenfail_services.methods.subset import MIN_EFFECTIVE_FIRST_DRAWS
 from eigenfail_services.statistics.importance import FEWEST_EFFECTIVE
@@ -59,6 +59,8 @@ def test_the_numbers_on_the_page_are_those_of_the_code(page):
         (behaviour.MOST_MEMBERS, "that of up to {} failures"),
         (behaviour.SLIGHT_MPS2, "below {:.0f} m/s² the ego"),
         (STABLE, "Rand index is {} or more"),
+        (STABLE, "index that begins below `{}`"),
+        (FEWEST_OF_MODE, "modes of fewer than `{}` failures"),
         (MIN_EFFECTIVE_FIRST_DRAWS, "fewer than {:.0f} first draws"),
         (FEWEST_EFFECTIVE, "less than {:.0f} independent ones"),
     ):

@@ -7,7 +7,6 @@ import numpy as np
 from eigenfail.presentation.figures import UNKNOWN, format_count, format_number, format_share
 from eigenfail.values import (
     AnalysisResult,
-    Behaviour,
     Floats,
     Moment,
     TrainingInterval,
@@ -17,8 +16,9 @@ from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_rows, round_v
 MOST_POINTS = 5_000
 
 
-def make_behaviour_charts(behaviour: Behaviour | None) -> tuple[Chart, ...]:
+def make_behaviour_charts(result: AnalysisResult) -> tuple[Chart, ...]:
     """Return the chart of the ego's acceleration in each mode; none where it is not known."""
+    behaviour, noun = result.behaviour, result.cluster_noun
     if behaviour is None:
         return ()
     event = "collision" if behaviour.origin == "collision" else "start"
@@ -26,9 +26,10 @@ def make_behaviour_charts(behaviour: Behaviour | None) -> tuple[Chart, ...]:
         id="behaviour-chart",
         kind="behaviour",
         title="Acceleration of the ego",
-        caption=f"What the ego did in each mode, by the time from the {event} [m/s²]. Thick: the "
+        caption=f"What the ego did in each {noun}, by the time from the {event} [m/s²]. Thick: the "
         "mean of its failures. Thin: some of them.",
         data={
+            "noun": noun,
             "event": event,
             "times": list_floats(behaviour.times_s),
             "modes": [
@@ -38,7 +39,7 @@ def make_behaviour_charts(behaviour: Behaviour | None) -> tuple[Chart, ...]:
         },
         columns=(
             f"Time from the {event} [s]",
-            *(f"Mode {place + 1}" for place in range(len(behaviour.modes))),
+            *(f"{noun.capitalize()} {place + 1}" for place in range(len(behaviour.modes))),
         ),
         rows=tuple(
             (format_number(float(time_s)), *(format_number(float(value)) for value in values))
@@ -54,14 +55,16 @@ def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
     """Return the chart of each mode's eigenfailure with its band."""
     modes = [mode.eigenfailure for mode in result.modes]
     bands = [mode.band for mode in result.modes if mode.band is not None]
-    channels = result.channels
+    channels, noun = result.channels, result.cluster_noun
+    names = [f"{noun.capitalize()} {number}" for number in range(1, len(modes) + 1)]
     return Chart(
         id="eigenfailure-chart",
         kind="eigenfailures",
         title="Eigenfailures",
-        caption="Centre of the noise of each mode over time [sigma], by channel."
+        caption=f"Centre of the noise of each {noun} over time [sigma], by channel."
         + (" Bands: from 10 to 90 % of the noise of its failures at each step." if bands else ""),
         data={
+            "noun": noun,
             "channels": {
                 channel: [list_floats(z[:, way]) for z in modes]
                 for way, channel in enumerate(channels)
@@ -72,8 +75,8 @@ def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
         },
         columns=(
             "Step",
-            *(f"Mode {mode + 1} {channel}" for mode in range(len(modes)) for channel in channels),
-            *name_band_columns(len(bands), channels),
+            *(f"{name} {channel}" for name in names for channel in channels),
+            *name_band_columns(names[: len(bands)], channels),
         ),
         rows=make_step_table(
             np.concatenate([*modes, *(side for band in bands for side in band)], axis=1)
@@ -86,11 +89,11 @@ def list_band_limits(bands: Iterable[Floats], way: int) -> list[list[list[float 
     return [[list_floats(side[:, way]) for side in band] for band in bands]
 
 
-def name_band_columns(count: int, channels: Sequence[str]) -> Iterator[str]:
-    """Names of the columns of bands, in the order of their numbers."""
-    for mode in range(count):
+def name_band_columns(modes: Sequence[str], channels: Sequence[str]) -> Iterator[str]:
+    """Names of the columns of bands of these modes, in the order of their numbers."""
+    for name in modes:
         for share in ("10 %", "90 %"):
-            yield from (f"Mode {mode + 1} {channel} {share}" for channel in channels)
+            yield from (f"{name} {channel} {share}" for channel in channels)
 
 
 def make_scores_chart(result: AnalysisResult, campaign: int) -> Chart:
@@ -104,15 +107,16 @@ def make_scores_chart(result: AnalysisResult, campaign: int) -> Chart:
         kind="scores",
         title="Failures in PCA space",
         caption="Each failure by the first two scores of its noise; colour and shape show the "
-        "mode, + its mean.",
+        f"{result.cluster_noun}, + its mean.",
         data={
+            "noun": result.cluster_noun,
             "episode": [addresses[row] for row in chosen],
             "mode": [result.labels[row] for row in chosen],
             "x": list_floats(result.scores[chosen, 0]),
             "y": list_floats(result.scores[chosen, second]),
             "centres": [list_floats(centre[[0, second]]) for centre in centres],
         },
-        columns=("Episode", "Mode", "First score", "Second score"),
+        columns=("Episode", result.cluster_noun.capitalize(), "First score", "Second score"),
         rows=tuple(
             (
                 addresses[row],
@@ -315,7 +319,7 @@ def make_mode_charts(result: AnalysisResult, campaign: int) -> tuple[Chart, ...]
     """Return the charts that show how the modes of an analysis differ."""
     return (
         make_eigenfailure_chart(result),
-        *make_behaviour_charts(result.behaviour),
+        *make_behaviour_charts(result),
         make_scores_chart(result, campaign),
     )
 

@@ -44,6 +44,7 @@ from eigenfail_api.dashboard.charts import Chart
 from eigenfail_api.dashboard.episodes_page import (
     AnalysisChoices,
     AnalysisLine,
+    Changed,
     list_analysis_choices,
     make_analysis_line,
 )
@@ -51,26 +52,31 @@ from eigenfail_api.dashboard.proof import ProofView, describe_reproduction, make
 from eigenfail_api.dashboard.rendering import Tile, make_probability_tile, page
 from eigenfail_api.dashboard.triage_forms import STATES, describe_triage
 from eigenfail_api.parameters import AnalysisId, Stored
+from eigenfail_services.campaigns.analysis_jobs import leaves_early_out
 from eigenfail_services.campaigns.proofs import summarise_proof
 
+Tiles = tuple[tuple[str, Tile], ...]
 
-def make_diversity_tiles(found: Diversity) -> tuple[tuple[str, Tile], ...]:
-    """Return the tiles of the diversity figures, each with its basis."""
+
+def make_diversity_tiles(found: Diversity) -> Tiles:
+    """Return the tiles of how failures spread over modes that are distinct, each with its basis."""
     of_all = (f"of {count_noun(found.failures, 'failure')}",)
     modes = f"of {found.modes}, clusters beyond noise"
-    seen = ", ".join(map(str, found.coverage))
     return (
         ("Effective modes", Tile(format_number(found.effective_modes), (modes,))),
         ("Largest mode", Tile(format_share(found.largest_share), of_all)),
-        ("Spread [sigma]", Tile(format_number(found.spread), ("between failures; p(x) has 1",))),
-        (
-            "All modes seen after",
-            Tile(
-                describe_last_new_mode(found),
-                (f"of those analysed, by tenths: {seen}",),
-            ),
-        ),
     )
+
+
+def make_spread_tile(found: Diversity) -> Tile:
+    """Return the tile of how much the noise of the failures differs."""
+    return Tile(format_number(found.spread), ("between failures; p(x) has 1",))
+
+
+def make_coverage_tile(found: Diversity) -> Tile:
+    """Return the tile of the share of the campaign after which no new mode was found."""
+    seen = ", ".join(map(str, found.coverage))
+    return Tile(describe_last_new_mode(found), (f"of those analysed, by tenths: {seen}",))
 
 
 def describe_last_new_mode(found: Diversity) -> str:
@@ -79,18 +85,29 @@ def describe_last_new_mode(found: Diversity) -> str:
     return f"{10 * tenths} %"
 
 
-Tiles = tuple[tuple[str, Tile], ...]
+def make_finding_tiles(result: AnalysisResult, *, is_whole: bool = True) -> Tiles:
+    """Return the tiles of an analysis's figures, each with its basis.
 
-
-def make_finding_tiles(result: AnalysisResult) -> Tiles:
-    """Return the tiles of an analysis's figures, each with its basis."""
+    Args:
+        result: result of the analysis.
+        is_whole: whether failures of the whole course were analysed. Where early ones are left out,
+            the first tenths hold no mode by construction, and when modes were seen tells nothing.
+    """
+    found = result.diversity
+    of_modes = found if result.distinct else None
     return (
         ("Failures analysed", count_failures(result)),
         ("Grouped by", Tile(result.features, (describe_grouping(result),))),
         ("Adjusted Rand index", make_stability_tile(result)),
         ("Variance explained", describe_variance(result)),
         *((("Near no mode", make_outlier_tile(result)),) if result.outliers else ()),
-        *(make_diversity_tiles(result.diversity) if result.diversity else ()),
+        *(make_diversity_tiles(of_modes) if of_modes else ()),
+        *((("Spread [sigma]", make_spread_tile(found)),) if found else ()),
+        *(
+            (("All modes seen after", make_coverage_tile(of_modes)),)
+            if of_modes and is_whole
+            else ()
+        ),
     )
 
 
@@ -171,8 +188,11 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
         has_animations: whether an animation of the failures of each mode can be made here.
         proof: None before there is a result.
         asked: its settings, for another like it.
+        is_doubtful: whether something speaks against distinct modes.
         choices: of the channels that the other one may analyse.
         names: the names that were given to modes, by number.
+        all_names: the names of modes by number, those that are proposed among them.
+        changed: how many modes the form for triage has just changed; None if it was not sent.
         triage: state and owner of each mode in words, by number; empty of a new one without owner.
         states: values and words of the states of triage.
     """
@@ -183,6 +203,7 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     is_open: bool
     verdict: str
     is_distinct: bool
+    is_doubtful: bool
     notes: tuple[str, ...]
     tiles: tuple[tuple[str, Tile], ...]
     modes: tuple[ModeCard, ...]
@@ -194,15 +215,30 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     asked: AnalysisSettings
     choices: AnalysisChoices
     names: Mapping[int, str]
+    all_names: Mapping[int, str]
+    changed: int | None
     triage: Mapping[int, str]
     states: tuple[tuple[str, str], ...] = STATES
 
 
 def make_analysis_view(
-    analysis: Analysis, campaign: Campaign, proof: Proof | None, modes: Sequence[Mode]
+    analysis: Analysis,
+    campaigns: Sequence[Campaign],
+    proof: Proof | None,
+    modes: Sequence[Mode],
+    changed: int | None = None,
 ) -> AnalysisView:
-    """Return the page of an analysis, with the results of the replays that have ended."""
-    result = analysis.result
+    """Return the page of an analysis, with the results of the replays that have ended.
+
+    Args:
+        analysis: the analysis.
+        campaigns: the campaign that it is of, and those that it analyses with it.
+        proof: the replays of its modes; None before there is a result.
+        modes: its modes, with their names and triage.
+        changed: as in the view.
+    """
+    result, campaign = analysis.result, campaigns[0]
+    is_whole = not leaves_early_out(analysis.settings, campaigns)
     world = world_of(campaign.spec.simulator)
     channels, unit = world.channels(campaign.spec), find_robustness_unit(campaign.spec)
     step_s = world.step_s(campaign.spec) if analysis.settings.align == "collision" else None
@@ -211,10 +247,11 @@ def make_analysis_view(
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
         is_open=analysis.state in {"queued", "running"} or is_replaying(proof),
-        verdict=result.verdict if result else "",
+        verdict=f"{result.verdict} {result.caution}".rstrip() if result else "",
         is_distinct=result is not None and result.distinct,
+        is_doubtful=result is None or not result.distinct or bool(result.caution),
         notes=tuple(list_notes(result)) if result else (),
-        tiles=make_finding_tiles(result) if result else (),
+        tiles=make_finding_tiles(result, is_whole=is_whole) if result else (),
         modes=make_mode_cards(result, campaign.id, proof, unit) if result else (),
         grids=list_tables(result, step_s) if result else (),
         mode_charts=make_mode_charts(result, campaign.id) if result and result.modes else (),
@@ -224,6 +261,8 @@ def make_analysis_view(
         asked=analysis.settings,
         choices=list_analysis_choices(campaign.spec),
         names=find_given_names(result, modes) if result else {},
+        all_names={each.number: each.name for each in modes if each.name != f"Mode {each.number}"},
+        changed=changed,
         triage={mode.number: describe_triage(mode.state, mode.owner) for mode in modes},
     )
 
@@ -246,8 +285,8 @@ def is_replaying(proof: Proof | None) -> bool:
 def list_notes(result: AnalysisResult) -> Iterator[str]:
     """Return the remarks below the verdict."""
     yield from result.notes
-    if result.diversity and result.diversity.warning:
-        yield result.diversity.warning
+    if result.diversity and result.diversity.collapse:
+        yield result.diversity.collapse
 
 
 def make_mode_cards(
@@ -319,13 +358,12 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 
 @router.get("/analyses/{analysis}")
-def show_analysis(store: Stored, analysis: AnalysisId) -> HTMLResponse:
+def show_analysis(store: Stored, analysis: AnalysisId, changed: Changed = None) -> HTMLResponse:
     """One analysis."""
     seen = store.analyses.get(analysis)
     proven = summarise_proof(store, seen) if seen.result else None
-    return page(
-        "analysis.html",
-        make_analysis_view(
-            seen, store.campaigns.get(seen.campaign), proven, store.analyses.modes(analysis)
-        ),
-    )
+    # Only an analysis with a result is known to name campaigns that exist.
+    others = seen.settings.campaigns if seen.result else ()
+    campaigns = list(map(store.campaigns.get, (seen.campaign, *others)))
+    modes = store.analyses.modes(analysis)
+    return page("analysis.html", make_analysis_view(seen, campaigns, proven, modes, changed))

@@ -1,6 +1,6 @@
 """The page of a campaign: its progress, its results, and its settings."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import partial
 from typing import Annotated, Any, Literal
 from urllib.parse import urlencode
@@ -260,6 +260,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
         stranded: what was said of it, if no connected worker can run it.
         narrow: why workers are idle and what to set, if it leaves them idle; else nothing.
         wishes: what a user may ask of it now: pause, resume, cancel, archive, restore.
+        questions: what the page asks before some of them.
         mixed: that services of other versions took it over, in sentences; empty if none did.
         conflicts: episodes by class; empty before the first one, and where nothing drives.
         asked: how the form analyses unless its user says otherwise.
@@ -279,6 +280,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     narrow: tuple[NarrowCampaign, ...]
     mixed: tuple[str, ...]
     wishes: tuple[str, ...]
+    questions: Mapping[str, str]
     tiles: tuple[tuple[str, Tile], ...]
     conflicts: Tiles
     charts: tuple[Chart, ...]
@@ -314,6 +316,7 @@ def make_campaign_view(found: Findings) -> CampaignView:
         narrow=found.narrow,
         mixed=describe_mixed(campaign),
         wishes=list_actions(campaign),
+        questions=QUESTIONS,
         tiles=make_tiles(
             now,
             make_likelihood_tile(found),
@@ -346,6 +349,14 @@ def make_charts(found: Findings) -> tuple[Chart, ...]:
         make_robustness_chart(rows, course, found.campaign.counts.completed, unit),
     )
     return drawn if rows else ()
+
+
+QUESTIONS = {
+    "cancel": "Cancel this campaign? Its finished episodes are kept, but it cannot be resumed.",
+    "archive": "Archive this campaign? Nothing is deleted: lists omit the campaign until it is "
+    "restored. Restore on this page brings it back.",
+}
+"""What the page of a campaign asks before an action."""
 
 
 def list_actions(campaign: Campaign) -> tuple[str, ...]:

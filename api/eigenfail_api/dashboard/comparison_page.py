@@ -11,13 +11,14 @@ from pydantic import Field
 
 from eigenfail.presentation.campaigns import tabulate_compared, tabulate_sides
 from eigenfail.presentation.figures import (
+    UNKNOWN,
     count_noun,
     format_number,
     format_signed,
     format_signed_interval,
     put_minus_signs,
 )
-from eigenfail.presentation.tables import OWN_EPISODES, Table, transpose
+from eigenfail.presentation.tables import Table, transpose
 from eigenfail.values import (
     Campaign,
     CampaignCost,
@@ -225,12 +226,14 @@ def join_ids(side: Side) -> str:
 
 
 def describe_difference(found: Comparison) -> str:
-    """Return the difference of the failure rates as text."""
+    """Return the difference of the failure rates of two random samples as text."""
     if found.difference is None:
         return "no episode on a side"
-    value = f"{format_signed(100.0 * found.difference.value)} %"
     if not are_sampled(found.a, found.b):
-        return f"{value} {OWN_EPISODES}"
+        # The share of the episodes that a search chose estimates no failure rate under p(x), so
+        # that its difference from a rate, or from the share of another search, estimates nothing.
+        return f"{UNKNOWN} not comparable: the episodes of a search are no random sample"
+    value = f"{format_signed(100.0 * found.difference.value)} %"
     low, high = found.difference.interval.low, found.difference.interval.high
     interval = format_signed_interval(found.difference.interval, 100.0)
     return f"{value} {interval}{'' if low <= 0.0 <= high else ', differs'}"

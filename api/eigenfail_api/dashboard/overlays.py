@@ -167,11 +167,24 @@ def make_rate_chart(compared: Sequence[Compared]) -> Chart:
         id="overlay-rate",
         kind="overlay",
         title="Failure rate over episodes",
-        caption="By blocks of episodes; the table holds the 95 % intervals of random samples.",
+        caption="By blocks of episodes; the table holds the 95 % intervals of random samples."
+        + _explain_searches(compared),
         data=draw_lines("Episode", "Failure rate [%]", lines),
         columns=("Campaign", "Episodes", "Rate", "95 % interval"),
         rows=tuple(rows[:MOST_ROWS]),
         note=describe_left_out(len(rows)),
+    )
+
+
+def _explain_searches(compared: Sequence[Compared]) -> str:
+    """Return what the lines of searches show; empty where every campaign is a random sample."""
+    rates = [(one, block.failure_rate) for one in compared for block in one.course.blocks]
+    searches = dict.fromkeys(str(one.campaign.id) for one, rate in rates if not rate.sampled)
+    if not searches:
+        return ""
+    return (
+        f" The line of a search (campaign {', '.join(searches)}) is the share of failures among "
+        "the episodes that it chose, and no failure rate under p(x)."
     )
 
 

@@ -1,16 +1,22 @@
-"""The search: campaigns, episodes, failure modes and suites by id or by a part of their names."""
+"""The search: campaigns, episodes, failure modes and suites by id or by a part of their names.
+
+Campaigns are found by their tags and by the version of their planner, too.
+"""
 
 import re
+import shlex
+from collections.abc import Iterator
 from typing import Annotated
 from urllib.parse import quote
 
 import msgspec
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
+from msgspec.structs import replace
 
 from eigenfail.errors import NotFound
 from eigenfail.values import Campaign
-from eigenfail.values.campaign import LONGEST_NAME, CampaignFilter
+from eigenfail.values.campaign import LONGEST_NAME, CampaignFilter, Tag
 from eigenfail_api.dashboard.rendering import Badge, make_campaign_badge, page
 from eigenfail_api.parameters import LARGEST, Stored
 from eigenfail_services.store import Store
@@ -23,7 +29,8 @@ Text = Annotated[
     Query(
         alias="q",
         max_length=LONGEST_NAME,
-        description="A campaign's id, an episode such as 3/17, or a part of a name.",
+        description="A campaign's id, an episode such as 3/17, a part of a name, a planner's "
+        "version, or a tag.",
     ),
 ]
 
@@ -49,12 +56,16 @@ class HitGroup(msgspec.Struct, frozen=True):
     """The hits of one kind.
 
     Attributes:
-        more: address of the list of all; empty where all of them are here.
+        is_cut: whether more match than the page lists.
+        more: address of the list of all; empty where all of them are here, or have no list.
+        command: command that lists more; empty where all of them are here, or have none.
     """
 
     title: str
     hits: tuple[Hit, ...]
+    is_cut: bool = False
     more: str = ""
+    command: str = ""
 
 
 class SearchView(msgspec.Struct, frozen=True):
@@ -80,8 +91,9 @@ def make_search_view(store: Store, text: str) -> SearchView:
     groups = (
         HitGroup("By id", (*_find_campaign(store, text), *_find_episode(store, text))),
         _search_campaigns(store, text),
-        HitGroup("Failure modes", _search_modes(store, text)),
-        HitGroup("Suites", _search_suites(store, text)),
+        *(_search_labels(store, text) if _is_label(text) else ()),
+        _cut_hits("Failure modes", _search_modes(store, text)),
+        _cut_hits("Suites", _search_suites(store, text)),
     )
     return SearchView(text, tuple(group for group in groups if group.hits))
 
@@ -109,9 +121,39 @@ def _find_episode(store: Store, text: str) -> tuple[Hit, ...]:
 
 
 def _search_campaigns(store: Store, text: str) -> HitGroup:
-    found = store.campaigns.page(MOST_HITS, where=CampaignFilter(search=text))
-    more = "" if found.next is None else f"/?search={quote(text)}"
-    return HitGroup("Campaigns", tuple(map(_make_campaign_hit, found.items)), more)
+    found = _list_campaigns(store, "Campaigns", CampaignFilter(search=text))
+    return replace(found, more=f"/?search={quote(text)}" if found.is_cut else "")
+
+
+def _is_label(text: str) -> bool:
+    """Return whether a text may be a tag or the version of a planner, whose letters tags have."""
+    try:
+        msgspec.convert(text, Tag)
+    except msgspec.ValidationError:
+        return False
+    return True
+
+
+def _search_labels(store: Store, text: str) -> Iterator[HitGroup]:
+    """Yield the campaigns of a version of a planner, and those with a tag: the whole word."""
+    of_version = CampaignFilter(planner_version=text)
+    for title, where, option in (
+        (f"Campaigns of planner version {text}", of_version, "--planner-version"),
+        (f"Campaigns with the tag {text}", CampaignFilter(tag=text), "--tag"),
+    ):
+        found = _list_campaigns(store, title, where)
+        command = shlex.join(["eigenfail", "campaign", "list", f"{option}={text}", "--limit=1000"])
+        yield replace(found, command=command if found.is_cut else "")
+
+
+def _list_campaigns(store: Store, title: str, where: CampaignFilter) -> HitGroup:
+    found = store.campaigns.page(MOST_HITS, where=where)
+    return HitGroup(title, tuple(map(_make_campaign_hit, found.items)), found.next is not None)
+
+
+def _cut_hits(title: str, hits: tuple[Hit, ...]) -> HitGroup:
+    """Return the hits that the page lists, of which one more than these was searched for."""
+    return HitGroup(title, hits[:MOST_HITS], len(hits) > MOST_HITS)
 
 
 def _make_campaign_hit(campaign: Campaign) -> Hit:
@@ -128,10 +170,10 @@ def _search_modes(store: Store, text: str) -> tuple[Hit, ...]:
             f"/analyses/{mode.analysis}/modes/{mode.number}",
             f"mode {mode.number} of analysis {mode.analysis}",
         )
-        for mode in store.analyses.search_modes(text, MOST_HITS)
+        for mode in store.analyses.search_modes(text, MOST_HITS + 1)
     )
 
 
 def _search_suites(store: Store, text: str) -> tuple[Hit, ...]:
-    names = store.campaigns.search_suites(text, MOST_HITS)
+    names = store.campaigns.search_suites(text, MOST_HITS + 1)
     return tuple(Hit(name, f"/suites/{quote(name, safe='')}") for name in names)

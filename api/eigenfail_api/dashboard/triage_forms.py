@@ -194,8 +194,8 @@ def triage_modes(
     chosen = [mode.number for mode in known if f"mode-{mode.number}" in form]
     if not chosen:
         raise InvalidValue("modes", "none is selected.", "Select at least one.")
-    store.triage.change_modes(analysis, chosen, read_addition(form), who)
-    return return_to(f"/analyses/{analysis}")
+    count = store.triage.change_modes(analysis, chosen, read_addition(form), who)
+    return return_to(f"/analyses/{analysis}?{urlencode({'changed': count.changed})}")
 
 
 @router.post(f"{MODE}/triage")

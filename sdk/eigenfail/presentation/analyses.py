@@ -160,7 +160,8 @@ def describe_analysis(analysis: Analysis) -> tuple[Block, ...]:
 def describe_modes(campaign: int, result: AnalysisResult) -> tuple[Block, ...]:
     """Return the failure modes, the variance explained, and whether the modes are distinct."""
     verdict = result.diversity.verdict if result.diversity else result.verdict
-    return (tabulate_modes(campaign, result), describe_components(result), verdict)
+    words = f"{verdict} {result.caution}".rstrip()
+    return (tabulate_modes(campaign, result), describe_components(result), words)
 
 
 def list_mode_words(result: AnalysisResult) -> Iterator[str]:
@@ -230,8 +231,8 @@ def describe_diversity(result: AnalysisResult) -> Iterator[str]:
     if found.modes > 1:
         seen = ", ".join(map(str, found.coverage))
         yield f"Modes among the analysed failures after each tenth of the campaign: {seen}."
-    if found.warning:
-        yield f"Warning: {found.warning}"
+    if found.collapse:
+        yield f"Warning: {found.collapse}"
 
 
 def _describe_stability(result: AnalysisResult) -> Iterator[str]:

@@ -38,7 +38,8 @@ class Diversity(msgspec.Struct, frozen=True, kw_only=True):
             [sigma]
         coverage: how many of the modes had been seen after each tenth of the campaign's episodes.
         verdict: summary in one sentence.
-        warning: warning that the modes have collapsed, and what to try; empty otherwise.
+        warning: warning that the modes have collapsed, and what to try; empty otherwise. Digests of
+            results rest on its words; `collapse` says the same in sentences.
     """
 
     failures: int
@@ -50,10 +51,31 @@ class Diversity(msgspec.Struct, frozen=True, kw_only=True):
     verdict: str
     warning: str = ""
 
+    @property
+    def collapse(self) -> str:
+        """The warning in sentences that pages, reports and terminals show; empty without one."""
+        if not self.warning:
+            return ""
+        found = f"the failures differ by {self.spread or 0.0:.2f} sigma only"
+        if self.modes > 1:
+            found = f"{100.0 * self.largest_share:.0f} % of the failures are of one mode"
+        return f"Mode collapse: {found}. {_AGAINST_COLLAPSE}"
+
+
+_AGAINST_COLLAPSE = (
+    "Try the method ensemble, the reward dissimilarity, or a distribution of scenarios."
+)
+
 
 STABLE = 0.8
 """Adjusted Rand index below which clusters are not called modes: above it a partition is recovered
 well, below 0.65 poorly (Steinley 2004, Psychological Methods 9, 386–396)."""
+
+
+FEWEST_OF_MODE = 3
+"""Modes of fewer failures are named as small. A draw of all failures with replacement holds none of
+a mode of m failures with probability e^-m: 37 % for one failure, 14 % for two, 5 % for three. The
+bootstrap therefore says little of whether a smaller mode would come back."""
 
 
 class AnalysedCampaign(msgspec.Struct, frozen=True, kw_only=True):
@@ -445,6 +467,38 @@ class AnalysisResult(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq=
     def stable(self) -> bool:
         """Whether the modes come back under the bootstrap, as far as that was tried."""
         return self.stability is None or self.stability.median >= STABLE
+
+    @property
+    def caution(self) -> str:
+        """What speaks against distinct modes in spite of the verdict; empty where nothing does.
+
+        Empty, too, where the verdict itself says that there are none.
+        """
+        if not self.distinct:
+            return ""
+        return " ".join(filter(None, (self._describe_small_modes(), self._describe_low_index())))
+
+    def _describe_small_modes(self) -> str:
+        small = {
+            number: mode.failures
+            for number, mode in enumerate(self.modes, start=1)
+            if mode.failures < FEWEST_OF_MODE
+        }
+        named = ", ".join(
+            f"mode {number} has {'a single failure' if count == 1 else f'{count} failures'}"
+            for number, count in small.items()
+        )
+        if not named:
+            return ""
+        return f"{named[0].upper()}{named[1:]}: fewer than {FEWEST_OF_MODE} do not show a mode."
+
+    def _describe_low_index(self) -> str:
+        if self.stability is None or self.stability.interval.low >= STABLE:
+            return ""
+        return (
+            f"The interval of the index begins at {self.stability.interval.low:.2f}, below "
+            f"{STABLE}: some draws of the failures fall into other groups."
+        )
 
     @property
     def cluster_noun(self) -> str:

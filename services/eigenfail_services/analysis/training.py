@@ -162,6 +162,9 @@ def _write_warning(failures: int, modes: int, largest: float, wide: float | None
 
     A single mode is no collapse by itself: a planner may have no second. It is one where the
     failures hardly differ, for noise that makes a planner fail leaves most of itself free.
+
+    The digests of stored results rest on these words, which therefore stay as they are; people read
+    `Diversity.collapse`.
     """
     if failures < LEAST_FAILURES:
         return ""

@@ -321,6 +321,12 @@ def _gives_proposals_up(campaign: Campaign) -> bool:
     return traits.learns and traits.mode_probability is ModeProbability.UNKNOWN
 
 
+def leaves_early_out(settings: AnalysisSettings, campaigns: Sequence[Campaign]) -> bool:
+    """Return whether an analysis leaves early failures of one of the campaigns out."""
+    early = any(map(_gives_proposals_up, campaigns)) or bool(find_first_samples(campaigns))
+    return settings.failures == "latest" and early
+
+
 def find_first_samples(campaigns: Sequence[Campaign]) -> dict[int, int]:
     """Return the index of the first episode whose failure is a sample, by id of a campaign.
 

@@ -88,7 +88,7 @@ def _find_known_modes(store: Store, campaign: Campaign) -> KnownModes:
         return KnownModes(found.id, None, result.verdict)
     first = _find_first_failures(result, campaign.id)
     landed = (store.episodes.page(campaign.id, 1, after=index - 1).items for index in first)
-    words = f"{result.verdict}{_describe_lag(result, campaign)}"
+    words = f"{result.verdict} {result.caution}".rstrip() + _describe_lag(result, campaign)
     return KnownModes(found.id, tuple(sorted(rows[0].finished_ms for rows in landed)), words)
 
 

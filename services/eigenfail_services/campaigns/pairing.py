@@ -1,6 +1,6 @@
 """Whether two groups of campaigns can be compared: the same noise, and the same request."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import lcm
 from typing import NamedTuple
 
@@ -139,6 +139,7 @@ THINGS = {
     "scenario_parameters": "scenario",
     "planner": "planner",
     "planner_settings": "planner",
+    "planner_version": "planner",
     "simulator": "simulator",
     "disturbance": "disturbance model",
     "requirements": "requirements",
@@ -152,6 +153,9 @@ THINGS = {
 
 DEFAULT = "default"
 
+NO_VERSION = "not given"
+"""The value of `planner_version` in a spec without one: there is no default version."""
+
 
 def find_distinctions(
     a: Sequence[CampaignSpec], b: Sequence[CampaignSpec]
@@ -160,18 +164,25 @@ def find_distinctions(
 
     Defaults are resolved on both sides, so that writing one out makes no difference. A setting that
     only one side's plug-ins have is listed if a campaign gives it another value than the default.
+    The version of the planner is one of them: a campaign without one differs from one with it.
     """
     left, right = _group_values(a), _group_values(b)
     of_one_side = (left.keys() ^ right.keys()) & _find_chosen_paths([*a, *b])
     paths = sorted(left.keys() & right.keys() | of_one_side, key=_rank_path)
-    nothing = (DEFAULT,)
+    compared = ((path, _find_values(left, path), _find_values(right, path)) for path in paths)
     return tuple(
-        Distinction(
-            path, _format_values(left.get(path, nothing)), _format_values(right.get(path, nothing))
-        )
-        for path in paths
-        if left.get(path, nothing) != right.get(path, nothing)
+        Distinction(path, ", ".join(one), ", ".join(other))
+        for path, one, other in compared
+        if one != other
     )
+
+
+def _find_values(side: Mapping[str, tuple[str, ...]], path: str) -> tuple[str, ...]:
+    return side.get(path, (_name_absent(path),))
+
+
+def _name_absent(path: str) -> str:
+    return NO_VERSION if path == "planner_version" else DEFAULT
 
 
 def find_differing_fields(found: Iterable[Distinction]) -> tuple[str, ...]:
@@ -192,7 +203,7 @@ def _group_values(specs: Sequence[CampaignSpec]) -> dict[str, tuple[str, ...]]:
     plain = [flatten_spec(spec) for spec in specs]
     paths = dict.fromkeys(path for each in plain for path in each)
     return {
-        path: tuple(sorted({each.get(path, DEFAULT) for each in plain}))
+        path: tuple(sorted({each.get(path, _name_absent(path)) for each in plain}))
         for path in paths
         if path.partition(".")[0] in THINGS
     }
@@ -209,6 +220,7 @@ def _find_chosen_paths(specs: Sequence[CampaignSpec]) -> set[str]:
             scenario_parameters={},
             requirements=msgspec.UNSET,
             importance=msgspec.UNSET,
+            planner_version=msgspec.UNSET,
         )
         given, default = flatten_spec(spec), flatten_spec(bare)
         found |= {path for path, value in given.items() if default.get(path) != value}
@@ -225,7 +237,3 @@ def flatten_spec(spec: CampaignSpec) -> dict[str, str]:
 
 def _rank_path(path: str) -> tuple[int, str]:
     return list(THINGS).index(path.partition(".")[0]), path
-
-
-def _format_values(values: tuple[str, ...]) -> str:
-    return ", ".join(values)

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 from eigenfail.errors import Conflict, InvalidValue, NotFound, ProtocolError
 from eigenfail.methods import traits_of
+from eigenfail.presentation.figures import count_noun
 from eigenfail.risk.assessment import RiskAssessment, ScenarioEvidence, assess
 from eigenfail.risk.confidence import Confidence, FailureShare, RunEstimate, Stated
 from eigenfail.risk.pooling import find_planner, refuse_unlike
@@ -259,18 +260,23 @@ def _count_errored(campaigns: Sequence[Campaign]) -> Iterator[str]:
         else:
             other += each.counts.errored
     if drawn:
-        yield f"{drawn:,} errored episodes count as failures in the upper bounds."
+        verb = "counts as a failure" if drawn == 1 else "count as failures"
+        yield f"{count_noun(drawn, 'errored episode')} {verb} in the upper bounds."
     if other:
-        yield f"{other:,} errored episodes of other methods than Monte Carlo count as safe."
+        verb = "counts" if other == 1 else "count"
+        errored = count_noun(other, "errored episode")
+        yield f"{errored} of other methods than Monte Carlo {verb} as safe."
 
 
 def _count_unresolved(store: Store, campaigns: Sequence[Campaign]) -> Iterator[str]:
     """Yield how many episodes ended while no braking could avoid a collision any more."""
     conflicts = [store.episodes.totals(each.id).conflicts for each in campaigns]
     if unresolved := sum(each.unresolved for each in conflicts):
+        plural = ("they count", "they would tell")
+        they, tell = ("it counts", "it would tell") if unresolved == 1 else plural
         yield (
-            f"{unresolved:,} episodes ended unresolved, while braking could not avoid a collision "
-            "any more: they count as no failure. With more steps they would tell."
+            f"{count_noun(unresolved, 'episode')} ended unresolved, while braking could not avoid "
+            f"a collision any more: {they} as no failure. With more steps {tell}."
         )
 
 

@@ -168,10 +168,10 @@ def explain_no_modes(subject: Subject) -> str:
 def describe_modes(found: Analysed) -> Iterator[str]:
     """Whether the modes of a campaign are real, what each is, and what to know of them."""
     result, who = found.result, f"Campaign {found.subject.id}"
-    caution = "" if result.distinct else f" {A_SUMMARY}"
-    yield f"{who} (analysis {found.analysis.id}): {result.verdict}{caution}"
-    if result.diversity and result.diversity.warning:
-        yield f"{who}: {result.diversity.warning.capitalize()}"
+    caution = result.caution if result.distinct else A_SUMMARY
+    yield f"{who} (analysis {found.analysis.id}): {result.verdict} {caution}".rstrip()
+    if result.diversity and result.diversity.collapse:
+        yield f"{who}: {result.diversity.collapse}"
     yield from (f"{who}: {note}" for note in result.notes)
 
 

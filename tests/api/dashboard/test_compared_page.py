@@ -78,6 +78,29 @@ def test_everything_is_tested_against_the_first(look, check_page, make):
     assert differ in look(address([first, other]))
 
 
+def test_the_share_of_a_search_is_compared_with_no_rate(look, make):
+    sample, search = make((1, 2)), make((1, 2, 3, 4, 5, 6, 7, 8, 9), method="cem")
+    other = make((1,), method="cem", seed=1)
+    for ids in ([sample, search], [search, sample], [search, other]):
+        text = look(address(ids))
+        assert "– not comparable: the episodes of a search are no random sample" in text
+        assert "70.0 %" not in text
+        assert "is the share of failures among the episodes that it chose, and no failure" in text
+    assert f"The line of a search (campaign {search}, {other})" in text
+    samples = look(address([sample, make((1, 2, 3), planner="rulebook")]))
+    assert "+10.0 % [" in samples
+    assert "not comparable" not in samples
+    assert "The line of a search" not in samples
+
+
+def test_versions_of_the_planner_are_a_difference(look, make):
+    old, new = make((1, 2), planner_version="1.0"), make((1,), planner_version="1.1")
+    text = look(f"/comparison?a={old}&b={new}")
+    assert "planner_version 1.0 1.1" in text
+    assert "asked for the same thing" not in text
+    assert "planner_version 1.0 1.1" in look(address([old, new]))
+
+
 def test_seeds_are_one_group(check_page, make):
     seeds = [make((1,), seed=seed) for seed in range(2)]
     others = [make((1, 2, 3), seed=seed, planner="rulebook") for seed in range(2)]

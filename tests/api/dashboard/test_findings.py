@@ -14,6 +14,8 @@ from eigenfail.values import (
     AnalysedCampaign,
     AnalysisSettings,
     Behaviour,
+    CampaignSpec,
+    Diversity,
     Estimate,
     InfluenceShare,
     Interval,
@@ -24,11 +26,15 @@ from eigenfail.values import (
 )
 from eigenfail_api.dashboard.analysis_charts import (
     MOST_STEPS,
+    make_mode_charts,
     make_scores_chart,
     make_training_charts,
 )
 from eigenfail_api.dashboard.analysis_page import list_tables, make_finding_tiles
 from eigenfail_api.dashboard.episodes_page import describe_settings
+from eigenfail_services.campaigns.analysis_jobs import leaves_early_out
+
+OF_MODES, SEEN = ("Effective modes", "Largest mode"), "All modes seen after"
 
 HTML = {"Accept": "text/html"}
 
@@ -85,6 +91,64 @@ def test_outliers_stand_there_only_if_there_are_any(found):
     assert (
         dict(make_finding_tiles(replace(found, outliers=0.125)))["Near no mode"].value == "12.5 %"
     )
+
+
+DIVERSITY = Diversity(
+    failures=40,
+    modes=2,
+    largest_share=0.75,
+    effective_modes=1.75,
+    spread=0.9,
+    coverage=(0,) * 5 + (2,) * 5,
+    verdict="2 modes",
+)
+
+
+def test_how_modes_spread_is_told_only_of_modes_that_are_distinct(found):
+    groups = replace(found, diversity=DIVERSITY, silhouette=0.1, noise_silhouette=0.2)
+    assert not {*OF_MODES, SEEN} & dict(make_finding_tiles(groups)).keys()
+    modes = replace(groups, silhouette=0.5)
+    assert {*OF_MODES, SEEN} <= dict(make_finding_tiles(modes)).keys()
+    # Without the early failures the first tenths hold no mode by construction.
+    latest = dict(make_finding_tiles(modes, is_whole=False))
+    assert set(OF_MODES) <= latest.keys()
+    assert SEEN not in latest
+    assert all("Spread [sigma]" in dict(make_finding_tiles(each)) for each in (groups, modes))
+
+
+@pytest.mark.parametrize(
+    ("method", "failures", "is_left_out"),
+    [("ast", "latest", True), ("ast", "all", False), ("monte_carlo", "latest", False)],
+)
+def test_early_failures_are_left_out_of_campaigns_that_learn(store, method, failures, is_left_out):
+    made = store.campaigns.create(CampaignSpec(name="one", method=method, episodes=100))
+    settings = AnalysisSettings(failures=failures)
+    assert leaves_early_out(settings, [made]) == is_left_out
+
+
+def test_a_verdict_with_something_against_it_is_not_marked_as_sure(store, campaign, look, found):
+    stability = Stability(resamples=20, rows=15, median=1.0, interval=Interval(0.0, 1.0))
+    sizes = [(14, 1.0), (14, 0.0), (1, 1.0)]
+    for count, low in sizes:
+        modes = (replace(found.modes[0], failures=5), replace(found.modes[1], failures=count))
+        again = replace(stability, interval=Interval(low, 1.0))
+        result = replace(found, silhouette=0.5, noise_silhouette=0.3, modes=modes, stability=again)
+        analysis = store.analyses.create(campaign, AnalysisSettings()).id
+        store.analyses.start(analysis)
+        store.analyses.finish(analysis, result)
+        mark = "✓" if (count, low) == sizes[0] else "?"
+        assert f"{mark} 2 distinct modes (silhouette 0.50" in look(f"/analyses/{analysis}")
+
+
+def test_charts_call_groups_what_cards_call_groups(found):
+    modes = replace(found, silhouette=0.5, noise_silhouette=0.3)
+    groups = replace(modes, noise_silhouette=0.6)
+    for result, noun, other in ((modes, "mode", "group"), (groups, "group", "mode")):
+        for chart in make_mode_charts(result, 1):
+            assert chart.data["noun"] == noun
+            words = " ".join((chart.caption, *chart.columns)).lower()
+            assert noun in words
+            assert other not in words
 
 
 def test_moments_are_told_in_seconds_or_in_steps(found):

@@ -21,8 +21,8 @@ def hits(http):
 
 @pytest.fixture
 def make(http, fields):
-    def create(name):
-        return http.post("/api/v1/campaigns", json={**fields, "name": name}).json()["id"]
+    def create(name, **more):
+        return http.post("/api/v1/campaigns", json={**fields, "name": name, **more}).json()["id"]
 
     return create
 
@@ -50,7 +50,37 @@ def test_a_mode_is_found_by_its_name(http, hits, finished):
 def test_more_campaigns_than_the_page_has_are_a_list_away(http, hits, make):
     made = [make("sweep") for _ in range(MOST_HITS + 1)]
     assert hits("sweep") == [f"/campaigns/{each}" for each in made[:0:-1]]
-    assert 'href="/?search=sweep"' in http.get("/search?q=sweep").text
+    page = http.get("/search?q=sweep").text
+    assert 'href="/?search=sweep"' in page
+    assert f"The first {MOST_HITS} are listed, and there are more." in page
+
+
+def test_a_list_that_is_not_cut_says_nothing_of_more(http, make):
+    for _ in range(MOST_HITS):
+        make("sweep")
+    assert "are listed, and there are more" not in http.get("/search?q=sweep").text
+
+
+def test_suites_are_cut_with_words(http, hits, make):
+    for number in range(MOST_HITS + 1):
+        make(f"nightly {number}: drive", tags=["wet"])
+    page = http.get("/search?q=nightly").text
+    assert page.count(f"The first {MOST_HITS} are listed, and there are more.") == 2
+    assert page.count("Type a longer part of the name.") == 1
+    assert len([each for each in hits("nightly") if each.startswith("/suites/")]) == MOST_HITS
+    command = "eigenfail campaign list --tag=wet --limit=1000"
+    assert f"List more of them: <code>{command}</code>" in http.get("/search?q=wet").text
+
+
+def test_campaigns_are_found_by_their_planners_version_and_by_tags(http, hits, make):
+    old, new = (make("drive", planner_version=version, tags=["wet"]) for version in ("v1", "v1.1"))
+    make("other")
+    assert hits("v1") == [f"/campaigns/{old}"]
+    assert hits("v1.1") == [f"/campaigns/{new}"]
+    assert hits("wet") == [f"/campaigns/{new}", f"/campaigns/{old}"]
+    assert hits("we") == []
+    assert "Campaigns of planner version v1.1" in http.get("/search?q=v1.1").text
+    assert "Campaigns with the tag wet" in http.get("/search?q=wet").text
 
 
 def test_what_is_typed_is_escaped_and_bounded(http, hits):

@@ -1,5 +1,7 @@
 """Forms for triage: they work without JavaScript, and show what was written as text."""
 
+from html import escape
+
 import pytest
 from msgspec.structs import replace
 from store_checks.modes import WORDS, analysed, crashed
@@ -101,12 +103,21 @@ def test_the_selected_modes_are_changed(http, store, made):
     address = f"/analyses/{analysis}"
     fields = {"mode-2": "on", "mode-9": "on", "state": "known", "owner": "", "labels": "v2"}
     answer = send(http, f"{address}/modes/triage", **fields)
-    assert (answer.status_code, answer.headers["location"]) == (303, f"{address}#triage")
+    place = f"{address}?changed=1#triage"
+    assert (answer.status_code, answer.headers["location"]) == (303, place)
     modes = store.analyses.modes(analysis)
     assert [(mode.state, mode.labels) for mode in modes] == [("new", ()), ("known", ("v2",))]
+    assert "Triage of 1 group was changed." in http.get(place, headers=HTML).text
     page = http.get(address, headers=HTML).text
+    assert "was changed." not in page
     assert page.count("Triage: known") == 1
-    assert 'name="mode-1"' in page
+    names = [mode.name for mode in modes]
+    boxes = [f'name="mode-{n}"> {n}: {escape(name)}<' for n, name in enumerate(names, start=1)]
+    assert all(box in page for box in boxes)
+    assert page.index('id="triage"') < page.index('id="details-title"')
+    assert send(http, f"{address}/modes/triage", **{"mode-1": "on"}).headers["location"] == (
+        f"{address}?changed=0#triage"
+    )
     assert send(http, f"{address}/modes/triage", state="fixed").status_code == 422
 
 

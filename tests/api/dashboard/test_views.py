@@ -22,7 +22,11 @@ from eigenfail.values import (
 from eigenfail.values.records import EpisodeRow, Totals
 from eigenfail_api.dashboard import charts
 from eigenfail_api.dashboard.analysis_charts import pick_evenly
-from eigenfail_api.dashboard.analysis_page import describe_peak, make_diversity_tiles
+from eigenfail_api.dashboard.analysis_page import (
+    describe_peak,
+    make_coverage_tile,
+    make_diversity_tiles,
+)
 from eigenfail_api.dashboard.campaign_page import group_settings, list_times
 from eigenfail_api.dashboard.charts import make_curve_chart, make_robustness_chart
 from eigenfail_api.dashboard.cost_charts import make_cost_chart
@@ -212,7 +216,7 @@ def test_how_diverse_failures_are_in_figures():
     told = {name: (figure.value, *figure.notes) for name, figure in make_diversity_tiles(found)}
     assert told["Effective modes"] == ("1.75", "of 2, clusters beyond noise")
     assert told["Largest mode"] == ("75.0 %", "of 40 failures")
-    assert told["All modes seen after"][0] == "40 %"
+    assert make_coverage_tile(found).value == "40 %"
 
 
 def test_the_peak_of_an_eigenfailure_in_words():

@@ -9,6 +9,7 @@ from msgspec.structs import replace
 from eigenfail.presentation.analyses import (
     describe_findings,
     describe_influence,
+    describe_modes,
     format_moment,
     list_mode_words,
     tabulate_modes,
@@ -133,6 +134,30 @@ def test_a_verdict_says_which_test_failed():
     assert (modes.distinct, unstable.distinct) == (True, False)
     assert "adjusted Rand index is 0.50, below 0.8" in unstable.verdict
     assert "cannot be distinguished from noise" in replace(modes, noise_silhouette=0.6).verdict
+
+
+def test_modes_of_few_failures_and_a_low_interval_are_told_with_the_verdict():
+    modes = replace(BARE, silhouette=0.5, noise_silhouette=0.3, stability=None)
+
+    def of(*sizes, low=None):
+        made = tuple(FailureMode(count, 0, NOTHING, NOTHING) for count in sizes)
+        stability = None if low is None else Stability(20, 15, 1.0, Interval(low, 1.0))
+        return replace(modes, modes=made, stability=stability)
+
+    assert of(3, 12, low=0.8).caution == of(3, 12).caution == ""
+    assert of(14, 1).caution == "Mode 2 has a single failure: fewer than 3 do not show a mode."
+    assert of(2, 14, 1).caution.startswith("Mode 1 has 2 failures, mode 3 has a single failure: ")
+    low = of(14, 4, low=0.0)
+    assert low.distinct
+    assert "adjusted Rand index is 1.00" in low.verdict
+    assert low.caution == (
+        "The interval of the index begins at 0.00, below 0.8: some draws of the failures fall into "
+        "other groups."
+    )
+    assert replace(low, noise_silhouette=0.6).caution == ""
+    assert describe_modes(1, replace(low, modes=()))[-1] == f"{low.verdict} {low.caution}".replace(
+        "2 distinct", "0 distinct"
+    )
 
 
 def test_clusters_that_are_not_distinct_are_groups_wherever_they_are_named():

@@ -124,7 +124,10 @@ def test_remarks_on_an_analysis_tell_what_limits_it():
             "that of p(x) has 1."
         ),
         "Modes among the analysed failures after each tenth of the campaign: 1, 2.",
-        "Warning: One mode holds most.",
+        (
+            "Warning: Mode collapse: 75 % of the failures are of one mode. Try the method "
+            "ensemble, the reward dissimilarity, or a distribution of scenarios."
+        ),
         "An analyser's note.",
         (
             "Drawn again 50 times, the modes have an adjusted Rand index of 0.871 [0.551, 1.00]; "

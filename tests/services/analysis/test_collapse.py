@@ -68,6 +68,11 @@ def test_past_ninety_percent_there_is_a_warning() -> None:
     assert (at_the_limit.largest_share, at_the_limit.warning) == (0.9, "")
     beyond = measure_diversity(failures(20), result([0] * 19 + [1]), {1: 200})
     assert beyond.warning.startswith("mode collapse: 95 % of the failures are of one mode")
+    assert at_the_limit.collapse == ""
+    assert beyond.collapse == (
+        "Mode collapse: 95 % of the failures are of one mode. Try the method ensemble, the reward "
+        "dissimilarity, or a distribution of scenarios."
+    )
     for remedy in ("ensemble", "dissimilarity", "distribution of scenarios"):
         assert remedy in beyond.warning
 
@@ -86,6 +91,7 @@ def test_failures_that_hardly_differ_have_collapsed_though_no_cluster_shows() ->
     found = measure_diversity(failures(40, scale=0.2), result([0] * 40, distinct=False), {1: 400})
     assert found.spread == pytest.approx(0.2, abs=0.02)
     assert found.warning.startswith("mode collapse: the failures differ by 0.20 sigma only")
+    assert found.collapse.startswith("Mode collapse: the failures differ by 0.20 sigma only. Try")
     assert (
         measure_diversity(failures(9, scale=0.2), result([0] * 9, distinct=False), {1: 90}).warning
         == ""

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
@@ -36,7 +37,7 @@ from eigenfail_services.statistics.intervals import clopper_pearson, rate
 from eigenfail_services.store import Store, open_store
 
 EPISODES = 50
-CHANGES_NO_RESULT = {"name", "seed", "scene_every", "priority"}
+CHANGES_NO_RESULT = {"name", "seed", "scene_every", "priority", "project", "tags"}
 
 
 @pytest.fixture
@@ -236,6 +237,26 @@ def test_the_same_campaign_twice_over_is_no_comparison(store: Store) -> None:
     a, b = campaign(store, range(5)), campaign(store, range(5), seed=1)
     (warned,) = compare(store, [a], [b]).warnings
     assert "were asked for the same thing" in warned
+
+
+@pytest.mark.parametrize(
+    ("versions", "expected"),
+    [(("1.0", "1.1"), ("1.0", "1.1")), ((msgspec.UNSET, "1.1"), ("not given", "1.1"))],
+)
+def test_versions_of_the_planner_are_a_difference(store: Store, versions, expected) -> None:
+    a, b = (campaign(store, range(5), planner_version=version) for version in versions)
+    found = compare(store, [a], [b])
+    assert [(each.thing, each.a, each.b) for each in found.distinctions] == [
+        ("planner_version", *expected)
+    ]
+    assert found.warnings == ()
+    assert compare(store, [b], [campaign(store, [], planner_version="1.1")]).distinctions == ()
+    # A version and a setting of the planner are one thing; a version and a budget are two.
+    others = spec(planner_version="2", planner="idm"), spec(planner_version="2", episodes=9)
+    assert [find_differing_fields(find_distinctions([spec()], [each])) for each in others] == [
+        ("planner",),
+        ("planner", "budget"),
+    ]
 
 
 def test_a_side_of_several_kinds_is_warned_of(store: Store) -> None:

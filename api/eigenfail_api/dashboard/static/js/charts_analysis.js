@@ -1,6 +1,6 @@
 // What PCA and K-means found.
 import { columnsOf, heightOf, placeOf, rangeOf } from "./panels.js";
-import { axis, compact, grid, legend, legendExcess, tip, tooltip, yAxis } from "./parts.js";
+import { axis, capitalized, compact, grid, legend, legendExcess, tip, tooltip, yAxis } from "./parts.js";
 import { colour, dash, mark, symbol } from "./theme.js";
 
 const LEGEND_PX = 30;
@@ -9,7 +9,7 @@ const SCORES_PX = 380;
 // Bands of more channels would hide each other.
 const MOST_BANDS = 2;
 
-export function eigenfailures({ channels, bands: limits }, width) {
+export function eigenfailures({ noun, channels, bands: limits }, width) {
   const names = Object.keys(channels);
   const modes = channels[names[0]].map((_, mode) => mode);
   const columns = columnsOf(modes.length, width);
@@ -21,7 +21,7 @@ export function eigenfailures({ channels, bands: limits }, width) {
     legend: legend({ data: names, itemWidth: 30 }),
     grid: modes.map((mode) => placeOf(mode, columns, LEGEND_PX)),
     xAxis: modes.map((mode) => axis("Step", { gridIndex: mode })),
-    yAxis: modes.map((mode) => yAxis(`Mode ${mode + 1} [sigma]`, { gridIndex: mode, min, max })),
+    yAxis: modes.map((mode) => yAxis(`${capitalized(noun)} ${mode + 1} [sigma]`, { gridIndex: mode, min, max })),
     tooltip: tooltip(({ seriesName, data }) => tip(seriesName, [`step ${data[0]}: ${compact(data[1])} sigma`])),
     series: names.flatMap((name, position) => modes.flatMap((mode) => [
       line(name, position, mode, channels[name][mode]),
@@ -66,9 +66,9 @@ function band(name, position, mode, limits) {
   }));
 }
 
-export function scores({ episode, mode, x, y, centres }, width) {
+export function scores({ noun, episode, mode, x, y, centres }, width) {
   const series = centres.map((_, number) => ({
-    name: `mode ${number + 1}`,
+    name: `${noun} ${number + 1}`,
     type: "scatter",
     symbol: symbol(number),
     symbolSize: 8,

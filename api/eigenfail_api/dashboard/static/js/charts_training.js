@@ -1,5 +1,5 @@
 // Intervals of the training, one below the other: each line swings about a row of its own.
-import { axis, compact, legend, tip, tooltip } from "./parts.js";
+import { axis, capitalized, compact, legend, tip, tooltip } from "./parts.js";
 import { colour, dash, mark } from "./theme.js";
 
 const NARROW_PX = 620;
@@ -46,7 +46,7 @@ function place(panel, stacked, top) {
 
 // Where it swings by as much as a row is high, a line reaches the next one.
 const heading = (name, intervals, unit) => (
-  `${name[0].toUpperCase()}${name.slice(1)}: a row is ${`${compact(scaleOf(intervals))} ${unit}`.trim()} high`
+  `${capitalized(name)}: a row is ${`${compact(scaleOf(intervals))} ${unit}`.trim()} high`
 );
 
 function rows(name, intervals, panel, { spans, unit }) {

@@ -9,6 +9,8 @@ export function fixed(value, decimals = 1) {
   return Number(text) === 0 ? (0).toFixed(decimals) : signed(text);
 }
 
+export const capitalized = (text) => `${text[0].toUpperCase()}${text.slice(1)}`;
+
 // Thousands of points are drawn as one shape, and still told apart by the pointer.
 export const MANY = { large: true, largeThreshold: 500 };
 
