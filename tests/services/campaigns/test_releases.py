@@ -5,7 +5,8 @@ from store_checks.releases import release
 
 from eigenfail.errors import NotFound
 from eigenfail.intervals import upper_bound_of_none, wilson
-from eigenfail.values import AnalysedCampaign, AnalysisSettings
+from eigenfail.presentation.figures import format_percent_interval
+from eigenfail.values import AnalysedCampaign, AnalysisSettings, StopRules
 from eigenfail.values.release import ModeStatus
 from eigenfail.values.triage import TriageChange, TriageState
 from eigenfail_services.campaigns.releases import (
@@ -13,6 +14,7 @@ from eigenfail_services.campaigns.releases import (
     list_questions,
     make_release_table,
 )
+from eigenfail_services.statistics.intervals import confidence_sequence
 from eigenfail_services.store import open_store
 from eigenfail_services.store.triage import mode_subject
 
@@ -197,6 +199,14 @@ def test_a_random_sample_has_rates_with_their_bounds(store):
     assert last == f"No failure in 60 episodes: ≤ 4.88 %; if its rate were unchanged, {chance}"
     assert mode.newest.chance == pytest.approx(0.5**26)
     assert 1.4e-8 < 0.5**26 < 1.5e-8
+
+
+def test_a_stop_rule_on_failures_widens_the_intervals(store):
+    rule = StopRules(failures=26)
+    stopped = release(store, "v1", {"late": 26}, passes=34, stop=rule)
+    words = make_release_table(store, stopped.id).modes[0].newest.words
+    bounds = format_percent_interval(confidence_sequence(26, 60)).removesuffix(" %")
+    assert words == f"26 of 60 episodes: 43.3 % {bounds}."
 
 
 def test_what_chance_may_explain_says_so(store):
