@@ -7,9 +7,10 @@ import msgspec
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
 
-from eigenfail.presentation.figures import UNKNOWN, format_count
-from eigenfail.presentation.releases import NOT_COMPARED, format_code
+from eigenfail.presentation.figures import format_count
+from eigenfail.presentation.releases import format_code, format_status
 from eigenfail.values.release import ModeSighting, ModeStatus, ReleaseQuestion, ReleaseTable
+from eigenfail.values.triage import TriageState
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.parameters import AnalysisId, CampaignId, ModeNumber, Stored
 from eigenfail_api.routes.releases import RELEASES
@@ -24,6 +25,7 @@ MARKS: Mapping[ModeStatus, str] = {
     ModeStatus.FIRST_SEEN: "tone-bad",
     ModeStatus.STILL_THERE: "tone-active",
     ModeStatus.NOT_FOUND_AGAIN: "tone-good",
+    ModeStatus.NOT_MET: "",
     ModeStatus.REGRESSED: "tone-bad",
     ModeStatus.UNDECIDED: "",
 }
@@ -49,10 +51,15 @@ class SightingCell(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ModeLine(msgspec.Struct, frozen=True, kw_only=True):
-    """A failure mode over the versions."""
+    """A failure mode over the versions.
+
+    Attributes:
+        state: state of the triage of its newest sighting in words; empty if it is new.
+    """
 
     number: int
     name: str
+    state: str
     cells: tuple[SightingCell, ...]
 
 
@@ -104,7 +111,12 @@ def make_release_view(table: ReleaseTable) -> ReleaseView:
         for each in table.releases
     )
     modes = tuple(
-        ModeLine(number=each.number, name=each.name, cells=tuple(map(make_cell, each.sightings)))
+        ModeLine(
+            number=each.number,
+            name=each.name,
+            state="" if each.state is TriageState.NEW else each.state.words,
+            cells=tuple(map(make_cell, each.sightings)),
+        )
         for each in table.modes
     )
     return ReleaseView(table=table, versions=versions, modes=modes)
@@ -113,13 +125,13 @@ def make_release_view(table: ReleaseTable) -> ReleaseView:
 def make_cell(sighting: ModeSighting) -> SightingCell:
     """Return a failure mode in a version for a page."""
     if sighting.status is None:
-        status = NOT_COMPARED if sighting.words else UNKNOWN
+        status = format_status(sighting)
         return SightingCell(version=sighting.version, status=status, words=sighting.words)
     has_failures = sighting.analysis is not None
     return SightingCell(
         version=sighting.version,
-        status=sighting.status.capitalize(),
-        mark=MARKS[sighting.status],
+        status=format_status(sighting).capitalize(),
+        mark="" if sighting.is_baseline else MARKS[sighting.status],
         words=sighting.words,
         address=f"/analyses/{sighting.analysis}/modes/{sighting.mode}" if has_failures else "",
     )

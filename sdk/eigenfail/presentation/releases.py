@@ -4,9 +4,17 @@ from collections.abc import Iterable, Iterator
 
 from eigenfail.presentation.figures import UNKNOWN
 from eigenfail.presentation.tables import Block, Cell, Table, count_columns, name_columns
-from eigenfail.values.release import ModeSighting, Release, ReleaseQuestion, ReleaseTable
+from eigenfail.values.release import (
+    ModeSighting,
+    Release,
+    ReleaseMode,
+    ReleaseQuestion,
+    ReleaseTable,
+)
+from eigenfail.values.triage import TriageState
 
 NOT_COMPARED = "not compared"
+BASELINE = "in the first version compared"
 
 
 def tabulate_questions(questions: Iterable[ReleaseQuestion]) -> Table:
@@ -64,25 +72,36 @@ def format_code(release: Release) -> str:
 
 def _tabulate_modes(found: ReleaseTable) -> Table:
     rows = tuple(
-        (each.number, each.name, *map(format_sighting, each.sightings)) for each in found.modes
+        (each.number, name_mode(each), *map(format_sighting, each.sightings))
+        for each in found.modes
     )
     titles = (each.version for each in found.releases)
     columns = (*count_columns("Mode"), *name_columns("Name", *titles))
     notes = tuple(_list_undecided(found))
-    return Table("Failure modes", columns, rows, notes)
+    return Table(found.title, columns, rows, notes)
+
+
+def name_mode(mode: ReleaseMode) -> str:
+    """Return the name of a mode, with the state of its triage unless it is new."""
+    return mode.name if mode.state is TriageState.NEW else f"{mode.name} ({mode.state.words})"
 
 
 def format_sighting(sighting: ModeSighting) -> Cell:
     """Return what became of a mode in a version as text, with its number of failures."""
+    failures = f" ({sighting.failures:,})" if sighting.failures else ""
+    return f"{format_status(sighting)}{failures}"
+
+
+def format_status(sighting: ModeSighting) -> str:
+    """Return what became of a mode in a version as text."""
     if sighting.status is None:
         return NOT_COMPARED if sighting.words else UNKNOWN
-    failures = f" ({sighting.failures:,})" if sighting.failures else ""
-    return f"{sighting.status}{failures}"
+    return BASELINE if sighting.is_baseline else sighting.status
 
 
 def _list_undecided(found: ReleaseTable) -> Iterator[str]:
     if any(one.status == "undecided" for each in found.modes for one in each.sightings):
         yield (
-            "Undecided: so few failures or episodes may differ by chance; more episodes with "
-            "another seed decide it."
+            "Undecided: so few failures or episodes may differ by chance, a search chose the "
+            "episodes, or code and settings are the same as before."
         )

@@ -6,20 +6,23 @@ import msgspec
 
 from eigenfail.values.operations import Versions
 from eigenfail.values.showing import Brief
+from eigenfail.values.triage import TriageState
 
 
 class ModeStatus(StrEnum):
     """What became of a failure mode in a version of a planner.
 
     `FIRST_SEEN`: it has failures, and no earlier version has one. `STILL_THERE`: it has failures,
-    as before. `NOT_FOUND_AGAIN`: earlier versions have failures of it, and this one has none; a
-    search that does not find a mode does not prove that it is gone. `REGRESSED`: it has failures
-    again. `UNDECIDED`: so few failures or episodes may differ by chance.
+    as before. `NOT_FOUND_AGAIN`: earlier versions have failures of it, and in a random sample this
+    one has none. `NOT_MET`: a search with this version has none, which does not prove that the mode
+    is gone. `REGRESSED`: it has failures again. `UNDECIDED`: so few failures or episodes may differ
+    by chance, or an earlier version with the same code and settings says otherwise.
     """
 
     FIRST_SEEN = "first seen"
     STILL_THERE = "still there"
     NOT_FOUND_AGAIN = "not found again"
+    NOT_MET = "not met"
     REGRESSED = "regressed"
     UNDECIDED = "undecided"
 
@@ -46,19 +49,28 @@ class ModeSighting(msgspec.Struct, frozen=True, kw_only=True):
     mode: int | None = None
     words: str = ""
 
+    @property
+    def is_baseline(self) -> bool:
+        """Whether the version is the first one compared, in which no mode can be new."""
+        return self.status is ModeStatus.FIRST_SEEN and self.chance is None
+
 
 class ReleaseMode(msgspec.Struct, frozen=True, kw_only=True):
     """A failure mode over the versions of a planner.
 
     Attributes:
         number: its number among the modes of all versions, from 1.
-        name: name of the mode in the newest version that has failures of it.
+        name: name of the mode in the newest version that has failures of it; with analysis and mode
+            where several modes have this name.
         sightings: what became of it, by version, oldest first.
+        state: state of the triage of the mode in that version.
     """
 
     number: int
     name: str
     sightings: tuple[ModeSighting, ...]
+
+    state: TriageState = TriageState.NEW
 
     @property
     def newest(self) -> ModeSighting:
@@ -74,8 +86,11 @@ class Release(msgspec.Struct, frozen=True, kw_only=True):
         campaigns: ids of the campaigns, oldest first.
         episodes: number of their completed episodes.
         failures: number of the failures among these.
+        analysed: number of the failures that belong to a mode of an analysis.
         is_random: whether all episodes were drawn from p(x), so that numbers of failures can be
             compared.
+        is_distinct: whether all analyses found distinct modes; where one did not, its groups cannot
+            be told from chance.
         fingerprints: the code that ran the episodes, as SHA-256 by package; several where the
             campaigns of this version did not have the same code.
         problem: why its failure modes are not compared; empty where they are.
@@ -86,6 +101,8 @@ class Release(msgspec.Struct, frozen=True, kw_only=True):
     episodes: int
     failures: int
     is_random: bool
+    analysed: int = 0
+    is_distinct: bool = True
     fingerprints: tuple[Versions, ...] = ()
     problem: str = ""
 
@@ -112,6 +129,18 @@ class ReleaseTable(Brief, msgspec.Struct, frozen=True, kw_only=True):
     releases: tuple[Release, ...]
     modes: tuple[ReleaseMode, ...]
     notes: tuple[str, ...] = ()
+
+    @property
+    def is_tested(self) -> bool:
+        """Whether numbers of failures of any mode were compared by a test."""
+        return any(one.chance is not None for each in self.modes for one in each.sightings)
+
+    @property
+    def title(self) -> str:
+        """The heading of its modes, which are groups where no version has distinct ones."""
+        analysed = [each for each in self.releases if each.analysed]
+        has_modes = not analysed or any(each.is_distinct for each in analysed)
+        return "Failure modes" if has_modes else "Groups of failures"
 
 
 class ReleaseQuestion(Brief, msgspec.Struct, frozen=True, kw_only=True):

@@ -42,13 +42,14 @@ class ReleaseBehaviours(NamedTuple):
         episodes: number of completed episodes.
         is_random: whether they were drawn from p(x), so that failures can be counted.
         modes: the modes of its analyses.
-        code: text that is equal for releases with the same code; empty if it is not known.
+        build: text that is equal for releases of the same code and settings; empty if these are not
+            known.
     """
 
     episodes: int
     is_random: bool
     modes: tuple[ModeBehaviours, ...]
-    code: str = ""
+    build: str = ""
 
 
 class Sighting(NamedTuple):
@@ -61,12 +62,15 @@ class Sighting(NamedTuple):
             nothing was compared.
         source: place, in the release's modes, of the one that has most of these failures; None
             without failures.
+        same_as: place of an earlier release of the same build, where it contradicts a change and
+            the mode is undecided for that reason; None elsewhere.
     """
 
     status: ModeStatus | None
     failures: int = 0
     chance: float | None = None
     source: int | None = None
+    same_as: int | None = None
 
 
 Sightings = tuple[Sighting, ...]
@@ -96,7 +100,8 @@ class _Known:
 def match_modes(releases: Sequence[ReleaseBehaviours], step_s: float) -> tuple[Sightings, ...]:
     """Return what became of each mode, by release, in the order in which the modes were found.
 
-    All modes of the first release are first seen in it.
+    All modes of the first release are first seen in it. Where an earlier release has the same
+    build, the newest of these is what changes are judged by: what it has, the planner still has.
 
     Args:
         releases: the releases, oldest first.
@@ -104,16 +109,16 @@ def match_modes(releases: Sequence[ReleaseBehaviours], step_s: float) -> tuple[S
     """
     known: list[_Known] = []
     earlier = 0
-    codes: set[str] = set()
+    builds: dict[str, int] = {}
     for place, (release, clouds) in enumerate(
         zip(releases, list_clouds([each.modes for each in releases], step_s), strict=True)
     ):
-        is_same_code = release.code in codes
-        _Comparison(place, release, known, earlier, is_same_code).run(
+        _Comparison(place, release, known, earlier, builds.get(release.build)).run(
             separate_failures(clouds, release.modes)
         )
         earlier += release.episodes if release.is_random else 0
-        codes |= {release.code} - {""}
+        if release.build:
+            builds[release.build] = place
     return tuple(tuple(each.sightings) for each in known)
 
 
@@ -125,7 +130,7 @@ class _Comparison:
         release: the release.
         known: modes of earlier releases; those of this one are added.
         earlier: number of random episodes of earlier releases.
-        is_same_code: whether an earlier release has the same code, so that nothing can be new.
+        same_as: place of the newest earlier release of the same build; None without one.
     """
 
     def __init__(
@@ -134,13 +139,13 @@ class _Comparison:
         release: ReleaseBehaviours,
         known: list[_Known],
         earlier: int,
-        is_same_code: bool,
+        same_as: int | None,
     ) -> None:
         self._place = place
         self._release = release
         self._known = known
         self._earlier = earlier
-        self._is_same_code = is_same_code
+        self._same_as = same_as
 
     def run(self, pieces: Sequence[FailureGroup]) -> None:
         """Add a sighting to each mode, and the modes that no earlier release has."""
@@ -200,27 +205,39 @@ class _Comparison:
         return self._see_absent(mode)
 
     def _see_present(self, mode: _Known, failures: int, source: int) -> Sighting:
-        status, chance = ModeStatus.STILL_THERE, None
+        status, chance, same_as = ModeStatus.STILL_THERE, None, None
         if mode.is_absent:
             chance = self._compare(failures, self._release.episodes, mode.episodes_without)
-            status = ModeStatus.REGRESSED if chance <= LEVEL else ModeStatus.UNDECIDED
+            same_as = self._find_contradiction(mode, is_present=True)
+            is_back = chance <= LEVEL and same_as is None
+            status = ModeStatus.REGRESSED if is_back else ModeStatus.UNDECIDED
             mode.failures, mode.episodes = 0.0, 0
         mode.failures += failures if self._release.is_random else 0
         mode.episodes += mode.episodes_without + self._count_episodes()
         mode.episodes_without, mode.is_absent = 0, False
-        return Sighting(status, failures, chance, source)
+        return Sighting(status, failures, chance, source, same_as)
 
     def _see_absent(self, mode: _Known) -> Sighting:
         mode.episodes_without += self._count_episodes()
-        if mode.is_absent:
-            return Sighting(ModeStatus.NOT_FOUND_AGAIN)
+        same_as = self._find_contradiction(mode, is_present=False)
+        if same_as is not None:
+            return Sighting(ModeStatus.UNDECIDED, same_as=same_as)
         if not self._release.is_random or not mode.episodes:
             mode.is_absent = True
+            return Sighting(ModeStatus.NOT_MET)
+        if mode.is_absent:
             return Sighting(ModeStatus.NOT_FOUND_AGAIN)
         chance = self._compare(mode.failures, mode.episodes, mode.episodes_without)
         mode.is_absent = chance <= LEVEL
         status = ModeStatus.NOT_FOUND_AGAIN if mode.is_absent else ModeStatus.UNDECIDED
         return Sighting(status, 0, chance)
+
+    def _find_contradiction(self, mode: _Known, is_present: bool) -> int | None:
+        """Return the release of the same build if the mode is there in only one of the two."""
+        if self._same_as is None:
+            return None
+        was_present = bool(mode.sightings[self._same_as].failures)
+        return self._same_as if was_present != is_present else None
 
     def _begin(self, piece: FailureGroup, together: int) -> _Known:
         failures, mode = round(piece.failures), _Known(piece.points, self._place)
@@ -232,9 +249,9 @@ class _Comparison:
             chance = min(
                 1.0, together * self._test(failures, self._release.episodes, self._earlier)
             )
-            is_new = chance <= LEVEL and not self._is_same_code
+            is_new = chance <= LEVEL and self._same_as is None
             status = ModeStatus.FIRST_SEEN if is_new else ModeStatus.UNDECIDED
-        mode.sightings.append(Sighting(status, failures, chance, piece.source))
+        mode.sightings.append(Sighting(status, failures, chance, piece.source, self._same_as))
         return mode
 
     def _count_episodes(self) -> int:

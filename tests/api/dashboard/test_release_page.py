@@ -1,8 +1,15 @@
 """The pages of releases, and the way from a failure mode to them and back."""
 
+import json
+from pathlib import Path
+
 import pytest
 from store_checks.releases import release
 
+from eigenfail.values.triage import TriageChange, TriageState
+from eigenfail_services.store.triage import mode_subject
+
+CLAIMS = Path(__file__).parents[3] / "docs/claims.json"
 HTML = {"Accept": "text/html"}
 
 
@@ -21,6 +28,28 @@ def newest(store):
 def test_releases_have_a_page(newest, check_page):
     check_page("dashboard/releases/list", "/releases")
     check_page("dashboard/releases/table", f"/releases/{newest}")
+
+
+def test_releases_of_a_search_have_a_page(store, check_page):
+    release(store, "v1", {"late": 17, "hard": 5}, method="ast", left_out=21, passes=40)
+    store.triage.change(mode_subject(1, 1), TriageChange(state=TriageState.CONFIRMED), "me")
+    store.analyses.rename_mode(1, 2, "late")
+    alike = {"noise_silhouette": 0.9}
+    newest = release(store, "v2", {"hard": 4}, method="ast", seed=1, passes=9, result=alike)
+    check_page("dashboard/releases/search", f"/releases/{newest.id}")
+
+
+def test_the_figures_of_the_tests_are_those_that_were_measured(newest, look):
+    claims = json.loads(CLAIMS.read_text())
+    new, gone = (claims[f"releases.false_{each}"] for each in ("new", "gone"))
+    assert (new["value"] * new["n"], gone["value"] * gone["n"]) == (0.0, 1.0)
+    told = f"In {new['n']} re-runs of synthetic releases without a change nothing was"
+    assert told in look(f"/releases/{newest}")
+
+
+def test_where_nothing_was_tested_no_level_is_stated(store, look):
+    only = release(store, "v1", {"late": 20})
+    assert "level of 5" not in look(f"/releases/{only.id}")
 
 
 def test_without_a_version_the_page_says_how_to_name_one(check_page, look):

@@ -43,7 +43,7 @@ def test_a_rerun_under_another_version_shows_nothing_new(eigenfail, tested):
         assert second in {"still there", "undecided"}
         assert mode["name"]
     drawn = eigenfail("release", "show", newest).stdout
-    assert "first seen (10)" in drawn
+    assert "in the first version compared (10)" in " ".join(drawn.split())
 
 
 def test_a_version_without_an_analysis_is_not_compared(eigenfail, tested):

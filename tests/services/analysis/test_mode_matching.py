@@ -27,8 +27,8 @@ def behaviours(name, failures, seed=0, struck=1):
     return ModeBehaviours(accelerations, (struck,) * failures, failures)
 
 
-def release(*modes, is_random=True, code="", episodes=EPISODES):
-    return ReleaseBehaviours(episodes, is_random, modes, code)
+def release(*modes, is_random=True, build="", episodes=EPISODES):
+    return ReleaseBehaviours(episodes, is_random, modes, build)
 
 
 def statuses(*releases):
@@ -79,15 +79,39 @@ def test_modes_that_are_compared_together_share_the_level(failures, status):
 def test_a_search_proves_neither_a_new_mode_nor_that_one_is_gone():
     a, b = behaviours("a", 40), behaviours("b", 40)
     found = match_modes((release(a, is_random=False), release(b, is_random=False)), STEP_S)
-    assert [each.status for each in found[0]] == [FIRST, GONE]
+    assert [each.status for each in found[0]] == [FIRST, ModeStatus.NOT_MET]
     assert found[0][1].chance is None
     assert [each.status for each in found[1]] == [None, OPEN]
 
 
-def test_nothing_is_new_in_a_release_with_the_code_of_an_earlier_one():
-    releases = [release(code="x"), release(behaviours("a", 40), code="x")]
-    assert statuses(*releases) == [[None, OPEN]]
-    assert statuses(releases[0], release(behaviours("a", 40), code="y")) == [[None, FIRST]]
+@pytest.mark.parametrize("is_random", [True, False])
+def test_the_same_build_changes_nothing(is_random):
+    """Neither new, nor gone, nor back, however uneven the numbers of failures are."""
+
+    def draw(*modes, build="x"):
+        return release(*modes, is_random=is_random, build=build)
+
+    a = behaviours("a", 40)
+    assert statuses(draw(), draw(a)) == [[None, OPEN]]
+    (found,) = match_modes((draw(a), draw()), STEP_S)
+    assert (found[1].status, found[1].same_as) == (OPEN, 0)
+    assert statuses(draw(a, build="y"), draw(), draw(a))[0][2] is OPEN
+    assert statuses(draw(a), draw(a)) == [[FIRST, STILL]]
+
+
+def test_another_build_changes_what_it_does():
+    a, none = behaviours("a", 40), release(build="y")
+    assert statuses(release(build="x"), release(a, build="y")) == [[None, FIRST]]
+    assert statuses(release(a, build="x"), none) == [[FIRST, GONE]]
+    # Back to the code of the first release: what it had comes back, and what came after it goes.
+    first = release(a, build="x")
+    assert statuses(first, none, first) == [[FIRST, GONE, BACK]]
+    assert statuses(none, first, none) == [[None, FIRST, GONE]]
+
+
+def test_a_release_of_an_unknown_build_is_compared_with_chance_alone():
+    assert statuses(release(), release(behaviours("a", 40))) == [[None, FIRST]]
+    assert statuses(release(behaviours("a", 40)), release()) == [[FIRST, GONE]]
 
 
 def test_the_vehicle_that_was_struck_tells_modes_apart():

@@ -4,13 +4,19 @@ import pytest
 from store_checks.releases import release
 
 from eigenfail.errors import NotFound
+from eigenfail.intervals import upper_bound_of_none, wilson
+from eigenfail.presentation.figures import format_percent_interval
+from eigenfail.values import AnalysedCampaign, AnalysisSettings, StopRules
 from eigenfail.values.release import ModeStatus
+from eigenfail.values.triage import TriageChange, TriageState
 from eigenfail_services.campaigns.releases import (
     find_history,
     list_questions,
     make_release_table,
 )
+from eigenfail_services.statistics.intervals import confidence_sequence
 from eigenfail_services.store import open_store
+from eigenfail_services.store.triage import mode_subject
 
 FIRST, STILL, GONE, BACK, OPEN = (
     ModeStatus.FIRST_SEEN,
@@ -112,8 +118,12 @@ def test_a_search_says_that_it_proves_nothing(store):
     release(store, "v1", {"late": 20}, method="ast")
     newest = release(store, "v2", {"hard": 20}, method="ast", seed=1)
     table = make_release_table(store, newest.id)
-    assert statuses(table) == {"late": [FIRST, GONE], "hard": [None, OPEN]}
-    assert "no proof" in table.modes[0].newest.words
+    assert statuses(table) == {"late": [FIRST, ModeStatus.NOT_MET], "hard": [None, OPEN]}
+    told = "Not met in this search; this is no proof: replay its failures."
+    assert table.modes[0].newest.words == f"0 of the 20 failures. {told}"
+    assert "no proof" in table.modes[1].newest.words
+    assert [each.newest.chance for each in table.modes] == [None, None]
+    assert not table.is_tested
     assert any("does not prove that the mode is gone" in note for note in table.notes)
 
 
@@ -130,15 +140,146 @@ def test_one_version_with_different_code_is_marked(store):
     assert told in table.notes
 
 
-def test_the_same_code_under_two_versions_has_nothing_new(store):
-    one = release(store, "v1", {"late": 9})
-    two = release(store, "v2", {"late": 9, "hard": 30}, seed=1)
-    assert statuses(make_release_table(store, two.id))["hard"] == [None, FIRST]
+def test_the_same_code_and_settings_under_two_versions_change_nothing(store):
+    one = release(store, "v1", {"late": 29})
+    two = release(store, "v2", {"hard": 30}, seed=1)
+    changed = {"late": [FIRST, GONE], "hard": [None, FIRST]}
+    assert statuses(make_release_table(store, two.id)) == changed
     for each in (one, two):
         store.campaigns.add_code(each.id, {"idm_stack": "aa11"})
     table = make_release_table(store, two.id)
-    assert statuses(table)["hard"] == [None, OPEN]
-    assert "v2 has the same code as v1." in table.notes
+    assert statuses(table) == {"late": [FIRST, OPEN], "hard": [None, OPEN]}
+    for mode in table.modes:
+        assert mode.newest.words.endswith("; the same code and settings as v1.")
+    assert "v2 has the same code and settings as v1." in table.notes
+
+
+def test_other_settings_of_the_planner_are_named(store):
+    written, other = {"time_headway_s": 1.5}, {"time_headway_s": 4.0}
+    made = [
+        release(store, "v1", {"late": 30}),
+        release(store, "v2", {"late": 30}, seed=1, planner_settings=written),
+        release(store, "v3", {}, passes=30, seed=2, planner_settings=other),
+    ]
+    differing = "time_headway_s 4.0 instead of 1.5."
+    table = make_release_table(store, made[-1].id)
+    assert table.notes == (f"v3 has other settings than v2: {differing}",)
+    for each in made:
+        store.campaigns.add_code(each.id, {"idm_stack": "aa11"})
+    table = make_release_table(store, made[-1].id)
+    assert statuses(table) == {"late": [FIRST, STILL, GONE]}
+    # A default that is written out is the same setting.
+    assert table.notes == (
+        "v2 has the same code and settings as v1.",
+        f"v3 has the code of v2 and other settings: {differing}",
+    )
+
+
+def test_counts_of_a_search_are_of_the_failures_analysed(store):
+    found = release(store, "v1", {"late": 17, "hard": 5}, method="ast", left_out=21, passes=40)
+    table = make_release_table(store, found.id)
+    words = "17 of the 22 failures analysed; 43 were found."
+    assert table.modes[0].newest.words == words
+    assert (table.releases[0].analysed, table.releases[0].failures) == (22, 43)
+
+
+def test_a_random_sample_has_rates_with_their_bounds(store):
+    release(store, "v1", {"late": 26}, passes=34)
+    newest = release(store, "v2", {}, seed=1, passes=60)
+    (mode,) = make_release_table(store, newest.id).modes
+    first, last = (each.words for each in mode.sightings)
+    # Wilson's interval of 26 of 60, rounded outwards.
+    bounds = wilson(26, 60)
+    assert 31.5 < 100 * bounds.low < 31.6
+    assert 55.8 < 100 * bounds.high < 55.9
+    assert first == "26 of 60 episodes: 43.3 % [31.5, 55.9]."
+    # 1 - 0.05^(1/60) is 4.8702 %.
+    assert upper_bound_of_none(60) == pytest.approx(0.048702, abs=1e-6)
+    chance = "a count this uneven would have a probability of at most 1.5×10⁻⁸."
+    assert last == f"No failure in 60 episodes: ≤ 4.88 %; if its rate were unchanged, {chance}"
+    assert mode.newest.chance == pytest.approx(0.5**26)
+    assert 1.4e-8 < 0.5**26 < 1.5e-8
+
+
+def test_a_stop_rule_on_failures_widens_the_intervals(store):
+    rule = StopRules(failures=26)
+    stopped = release(store, "v1", {"late": 26}, passes=34, stop=rule)
+    words = make_release_table(store, stopped.id).modes[0].newest.words
+    bounds = format_percent_interval(confidence_sequence(26, 60)).removesuffix(" %")
+    assert words == f"26 of 60 episodes: 43.3 % {bounds}."
+
+
+def test_what_chance_may_explain_says_so(store):
+    release(store, "v1", {"late": 3}, passes=57)
+    newest = release(store, "v2", {}, seed=1, passes=60)
+    (mode,) = make_release_table(store, newest.id).modes
+    assert mode.newest.status is OPEN
+    assert "; chance may explain it: if its rate were unchanged" in mode.newest.words
+    assert mode.newest.words.endswith("a probability of at most 0.13.")
+
+
+def test_groups_that_chance_makes_are_called_so(store):
+    release(store, "v1", {"late": 20})
+    alike = {"noise_silhouette": 0.9}
+    two = release(store, "v2", {"late": 20}, seed=1, result=alike)
+    table = make_release_table(store, two.id)
+    note = "the groups of analysis 2 cannot be told from chance; read them as a summary."
+    assert [each for each in table.notes if "groups" in each] == [f"v2: {note}"]
+    assert table.title == "Failure modes"
+    three = release(store, "v3", {"late": 20}, seed=2, result=alike, scenario="merge_in")
+    assert make_release_table(store, three.id).title == "Groups of failures"
+
+
+def test_the_triage_of_the_newest_sighting_is_shown_and_what_was_fixed_is_noted(store):
+    release(store, "v1", {"late": 20})
+    newest = release(store, "v2", {"late": 20}, seed=1)
+
+    def mark(analysis, state):
+        store.triage.change(mode_subject(analysis, 1), TriageChange(state=state), "me")
+        return make_release_table(store, newest.id)
+
+    assert mark(2, TriageState.CONFIRMED).modes[0].state is TriageState.CONFIRMED
+    assert not any("fixed" in note for note in mark(2, TriageState.KNOWN).notes)
+    table = mark(1, TriageState.FIXED)
+    assert table.modes[0].state is TriageState.KNOWN
+    note = "Mode 1, late, is marked fixed (analysis 1, mode 1), and v2 has failures of it."
+    assert note in table.notes
+    gone = release(store, "v3", {"hard": 20}, seed=2)
+    assert not any("marked fixed" in note for note in make_release_table(store, gone.id).notes)
+
+
+def test_names_that_repeat_have_their_address(store):
+    newest = release(store, "v1", {"late": 20, "hard": 20})
+    store.analyses.rename_mode(1, 2, "late")
+    names = [each.name for each in make_release_table(store, newest.id).modes]
+    assert names == ["late (analysis 1, mode 1)", "late (analysis 1, mode 2)"]
+    store.analyses.rename_mode(1, 2, "hard")
+    names = [each.name for each in make_release_table(store, newest.id).modes]
+    assert names == ["late", "hard"]
+
+
+def test_an_analysis_is_asked_for_only_where_none_is_coming(store):
+    waiting = release(store, "v1", {"late": 20}, analyse=False)
+
+    def find_problem():
+        return make_release_table(store, waiting.id).releases[0].problem
+
+    asked = "Campaign 1 is not analysed: run `eigenfail analyze 1`."
+    assert find_problem() == asked
+    store.analyses.create(waiting.id, AnalysisSettings())
+    assert find_problem() == "Campaign 1 is not analysed yet: analysis 1 is queued."
+    store.analyses.start(1)
+    assert find_problem() == "Campaign 1 is not analysed yet: analysis 1 is running."
+    store.analyses.fail(1, "It was too large.")
+    assert find_problem() == asked
+
+
+def test_an_analysis_of_a_running_campaign_is_not_compared(store):
+    source = AnalysedCampaign(campaign=1, episodes=20, failures=20, running=True)
+    early = release(store, "v1", {"late": 20}, result={"sources": (source,)})
+    problem = make_release_table(store, early.id).releases[0].problem
+    begun = "Analysis 1 was made while campaign 1 was running"
+    assert problem == f"{begun}: run `eigenfail analyze 1`."
 
 
 def test_a_campaign_without_a_version_is_part_of_no_release(store):

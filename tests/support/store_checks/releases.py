@@ -7,6 +7,7 @@ import numpy as np
 from msgspec.structs import replace
 
 from eigenfail.testing.examples import analysis_result, collision, floats
+from eigenfail.testing.examples import result as make_result
 from eigenfail.values import Campaign, CampaignState, FailureMode, Scene
 from eigenfail_services.store import Store
 from store_checks.examples import deliver, running
@@ -30,9 +31,28 @@ def make_scene(braking_mps2: float, index: int) -> Scene:
 
 
 def release(
-    store: Store, version: str, modes: Mapping[str, int], analyse: bool = True, **changes: Any
+    store: Store,
+    version: str,
+    modes: Mapping[str, int],
+    *,
+    analyse: bool = True,
+    passes: int = 0,
+    left_out: int = 0,
+    result: Mapping[str, Any] | None = None,
+    **changes: Any,
 ) -> Campaign:
-    """A campaign of a version that is done, with so many failures of each mode."""
+    """A campaign of a version that is done, with so many failures of each mode.
+
+    Args:
+        store: where it is.
+        version: the version.
+        modes: number of failures of each mode, by its name.
+        analyse: whether its failures are analysed.
+        passes: number of episodes without a failure.
+        left_out: number of further failures, which the analysis leaves out.
+        result: fields of the result of the analysis that are other than usual.
+        changes: fields of the campaign that are other than usual.
+    """
     fields: dict[str, Any] = {"method": "monte_carlo", "planner": "idm", "name": "release"}
     fields["scenario_parameters"] = {"distance_m": 53.0}
     campaign = running(
@@ -41,7 +61,9 @@ def release(
     owners = [name for name, failures in modes.items() for _ in range(failures)]
     scenes = [make_scene(BRAKINGS_MPS2[name], index) for index, name in enumerate(owners)]
     results = [collision(index, STEPS, scene=each) for index, each in enumerate(scenes)]
-    deliver(store, campaign, *results)
+    more = [collision(len(owners) + place, STEPS, scene=scenes[0]) for place in range(left_out)]
+    passed = [make_result(len(owners) + left_out + place) for place in range(passes)]
+    deliver(store, campaign, *results, *more, *passed)
     campaign = store.campaigns.move(campaign.id, CampaignState.DONE)
     if owners and analyse:
         names = list(modes)
@@ -49,11 +71,12 @@ def release(
             FailureMode(modes[name], owners.index(name), floats(1, 3), floats(1, STEPS, 2))
             for name in names
         )
-        result = replace(
+        whole = replace(
             analysis_result(len(owners)),
+            noise_silhouette=0.25,
             labels=tuple(map(names.index, owners)),
             modes=found,
             words=tuple(f"Mode {place}: {name}." for place, name in enumerate(names, start=1)),
         )
-        analysed(store, campaign, result)
+        analysed(store, campaign, replace(whole, **(result or {})))
     return campaign

@@ -1,0 +1,261 @@
+"""What releases are compared by: campaigns of a version, its code and settings, and its modes."""
+
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from contextlib import suppress
+from functools import lru_cache
+from typing import NamedTuple
+
+import msgspec
+import numpy as np
+
+from eigenfail.errors import EigenfailError, InputError
+from eigenfail.methods import traits_of
+from eigenfail.suites import list_leaves
+from eigenfail.values import FINAL_STATES, AnalysisResult, Campaign, CampaignSpec
+from eigenfail.values.operations import Versions
+from eigenfail.values.records import FailureCourse
+from eigenfail.values.release import Release
+from eigenfail.worlds import world_of
+from eigenfail_services.analysis.behaviour import Origin, read_motion
+from eigenfail_services.analysis.mode_regions import ModeBehaviours
+from eigenfail_services.analysis.sampling_design import SamplingDesign
+from eigenfail_services.campaigns.cache import StoreCache
+from eigenfail_services.store import Store
+from eigenfail_services.store.analyses import UNFINISHED
+
+MOST_CAMPAIGNS = 2_000
+"""Newest campaigns with a version that are looked at."""
+
+SAMPLED = 40
+"""Failures of a mode whose course is read at most."""
+
+NEWEST_ANALYSES = 20
+"""Newest analyses of a campaign among which one that has not ended is looked for."""
+
+PlannerSettings = Mapping[str, str]
+"""Settings of a planner with their defaults, as text by dotted path."""
+
+
+class ModeSource(NamedTuple):
+    """A failure mode of an analysis, in the failures of one campaign.
+
+    Attributes:
+        analysis: id of the analysis.
+        number: number of the mode.
+        behaviours: what the ego did in these failures.
+    """
+
+    analysis: int
+    number: int
+    behaviours: ModeBehaviours
+
+
+class _CampaignModes(NamedTuple):
+    analysis: int
+    is_distinct: bool
+    is_snapshot: bool
+    step_s: float
+    modes: tuple[ModeSource, ...]
+
+
+_cached = StoreCache[_CampaignModes | None](500)
+
+
+class ReadRelease(NamedTuple):
+    """A release with what it is compared by.
+
+    Attributes:
+        release: the release.
+        sources: the failure modes of its analyses.
+        step_s: duration of a step; None without a mode, or where steps differ. [s]
+        codes: code that ran the episodes of each campaign, by id of the campaign.
+        settings: settings of the planner of each campaign, by id of the campaign.
+        design: how its episodes came about, which decides what numbers of failures may state.
+        groups: analyses whose modes are not distinct.
+    """
+
+    release: Release
+    sources: tuple[ModeSource, ...]
+    step_s: float | None
+    codes: Mapping[int, tuple[Versions, ...]]
+    settings: Mapping[int, PlannerSettings]
+    design: SamplingDesign
+    groups: tuple[int, ...]
+
+    @property
+    def identity(self) -> tuple[Hashable, ...]:
+        """What the comparison of the release follows from: results never change."""
+        modes = tuple((each.analysis, each.number) for each in self.sources)
+        return self.release.campaigns, self.release.episodes, self.build, modes
+
+    @property
+    def code(self) -> str:
+        """The code of the release as text; empty where it is not known, or not one."""
+        (code,) = self.release.fingerprints if len(self.release.fingerprints) == 1 else ({},)
+        return msgspec.json.encode(code, order="sorted").decode() if code else ""
+
+    @property
+    def build(self) -> str:
+        """Code and settings as text; empty where they are not known, or not the same throughout."""
+        texts = {msgspec.json.encode(each, order="sorted") for each in self.settings.values()}
+        return f"{self.code} {texts.pop().decode()}" if self.code and len(texts) == 1 else ""
+
+
+def read_release(store: Store, version: str, campaigns: Sequence[Campaign]) -> ReadRelease:
+    """Return a release from its campaigns.
+
+    Args:
+        store: where analyses and episodes are.
+        version: the version.
+        campaigns: the campaigns of the version that ask one question, oldest first.
+    """
+    used = _drop_repeated(campaigns)
+    codes = {each.id: each.code for each in used}
+    found, problems = list[_CampaignModes](), list[str]()
+    for campaign in used:
+        modes = _read_modes(store, campaign)
+        if isinstance(modes, str):
+            problems.append(modes)
+        elif modes:
+            found.append(modes)
+    steps = {each.step_s for each in found}
+    sources = tuple(mode for each in found for mode in each.modes)
+    release = Release(
+        version=version,
+        campaigns=tuple(each.id for each in used),
+        episodes=sum(each.counts.completed for each in used),
+        failures=sum(each.counts.failures for each in used),
+        analysed=sum(each.behaviours.failures for each in sources),
+        is_random=all(traits_of(each.spec.method).draws_from_prior for each in used),
+        is_distinct=all(each.is_distinct for each in found),
+        fingerprints=_list_different(code for of_one in codes.values() for code in of_one),
+        problem=" ".join(problems),
+    )
+    return ReadRelease(
+        release=release,
+        sources=sources,
+        step_s=steps.pop() if len(steps) == 1 else None,
+        codes=codes,
+        settings={each.id: _read_settings(each.spec) for each in used},
+        design=SamplingDesign.of([each.spec for each in used]),
+        groups=tuple(dict.fromkeys(each.analysis for each in found if not each.is_distinct)),
+    )
+
+
+def _list_different(codes: Iterable[Versions]) -> tuple[Versions, ...]:
+    found = list[Versions]()
+    for code in codes:
+        if code not in found:
+            found.append(code)
+    return tuple(found)
+
+
+def _read_settings(spec: CampaignSpec) -> PlannerSettings:
+    fields = ("method", "planner", "planner_settings", "scenario", "simulator")
+    asked = CampaignSpec(**{name: getattr(spec, name) for name in fields}, name="-", episodes=1)
+    return _fill_settings(msgspec.json.encode(asked, order="deterministic"))
+
+
+@lru_cache(maxsize=MOST_CAMPAIGNS)
+def _fill_settings(asked: bytes) -> PlannerSettings:
+    spec = msgspec.json.decode(asked, type=CampaignSpec)
+    # A planner that is not installed here any more has the settings that were written.
+    with suppress(EigenfailError):
+        spec = world_of(spec.simulator).fill_planner(spec)
+    return {".".join(path): str(value) for path, value in list_leaves(spec.planner_settings)}
+
+
+def _drop_repeated(campaigns: Sequence[Campaign]) -> list[Campaign]:
+    """Return campaigns without earlier ones of the same seed, which have the same noise."""
+    newest: dict[tuple[object, ...], Campaign] = {}
+    for each in campaigns:
+        place = each.spec.seed, msgspec.json.encode(each.spec.settings, order="deterministic")
+        if each.counts.completed or place not in newest:
+            newest[place] = each
+    return sorted(newest.values(), key=lambda each: each.id)
+
+
+def _read_modes(store: Store, campaign: Campaign) -> _CampaignModes | str | None:
+    """Return the modes of a campaign; None without a failure, and a sentence if there are none."""
+    if obstacle := _find_obstacle(campaign):
+        return obstacle
+    if not campaign.counts.failures:
+        return None
+    analysis = store.analyses.find_newest(campaign.id)
+    if analysis is None:
+        return f"Campaign {campaign.id} is not analysed{_describe_next(store, campaign.id)}"
+    place = analysis, campaign.id
+    try:
+        found = _cached.get(store, place, None, lambda: _read_behaviours(store, analysis, campaign))
+    except InputError as error:
+        return f"The scenario of campaign {campaign.id} is not installed here as it was: {error}"
+    if found is None:
+        return f"The scenes of the failures of campaign {campaign.id} are not stored."
+    return _describe_snapshot(store, campaign, found) or found
+
+
+def _find_obstacle(campaign: Campaign) -> str:
+    if campaign.state not in FINAL_STATES:
+        return f"Campaign {campaign.id} is {campaign.state}."
+    if campaign.counts.failures and not world_of(campaign.spec.simulator).has_road:
+        return "Failures of functions have no behaviour by which modes could be compared."
+    return ""
+
+
+def _describe_snapshot(store: Store, campaign: Campaign, found: _CampaignModes) -> str:
+    """Return that an analysis lacks failures that came after it; empty if it lacks none."""
+    if not found.is_snapshot:
+        return ""
+    begun = f"Analysis {found.analysis} was made while campaign {campaign.id} was running"
+    return f"{begun}{_describe_next(store, campaign.id)}"
+
+
+def _describe_next(store: Store, campaign: int) -> str:
+    """Return the end of a sentence: which analysis is coming, or how to begin one."""
+    newest = store.analyses.page(NEWEST_ANALYSES, campaign=campaign).items
+    for each in newest:
+        if each.state in UNFINISHED:
+            return f" yet: analysis {each.id} is {each.state}."
+    return f": run `eigenfail analyze {campaign}`."
+
+
+def _read_behaviours(store: Store, analysis: int, campaign: Campaign) -> _CampaignModes | None:
+    from_start = None
+    if campaign.spec.named_requirements:
+        # These failures need not end in a collision: all their steps count, from the start.
+        from_start = world_of(campaign.spec.simulator).horizon(campaign.spec)
+    found = store.episodes.mode_courses(analysis, campaign.id, SAMPLED)
+    steps_s = {course.dt_s for _, courses in found.values() for course in courses}
+    read = {
+        number: _make_behaviours(campaign.id, failures, courses, from_start)
+        for number, (failures, courses) in found.items()
+    }
+    if len(steps_s) != 1 or None in read.values():
+        return None
+    modes = (ModeSource(analysis, number, each) for number, each in read.items() if each)
+    result = store.analyses.get(analysis).result
+    is_distinct, is_snapshot = _judge(result, campaign.id) if result else (False, False)
+    return _CampaignModes(analysis, is_distinct, is_snapshot, steps_s.pop(), tuple(modes))
+
+
+def _judge(result: AnalysisResult, campaign: int) -> tuple[bool, bool]:
+    """Return whether modes are distinct, and whether more failures of a campaign were to come."""
+    running = [each.running for each in result.sources if each.campaign == campaign]
+    return result.distinct, any(running)
+
+
+def _make_behaviours(
+    campaign: int, failures: int, courses: Sequence[FailureCourse], from_start: int | None
+) -> ModeBehaviours | None:
+    origin: Origin = "collision" if from_start is None else "start"
+    motion = read_motion([(campaign, course) for course in courses], origin)
+    if motion is None:
+        return None
+    rows = [motion.accelerations[campaign, course.index] for course in courses]
+    steps = max(map(len, rows)) if from_start is None else from_start
+    accelerations = np.zeros((len(rows), steps), np.float32)
+    for line, row in zip(accelerations, rows, strict=True):
+        line[slice(steps - len(row), None) if origin == "collision" else slice(len(row))] = row
+    contacts = [motion.contacts.get((campaign, course.index)) for course in courses]
+    struck = tuple(each.struck for each in contacts if each)
+    return ModeBehaviours(accelerations, struck if len(struck) == len(rows) else (), failures)
