@@ -44,12 +44,15 @@ class ReleaseBehaviours(NamedTuple):
         modes: the modes of its analyses.
         build: text that is equal for releases of the same code and settings; empty if these are not
             known.
+        noise: text that is equal for releases whose episodes had the same noise; empty if no other
+            has it.
     """
 
     episodes: int
     is_random: bool
     modes: tuple[ModeBehaviours, ...]
     build: str = ""
+    noise: str = ""
 
 
 class Sighting(NamedTuple):
@@ -77,17 +80,35 @@ Sightings = tuple[Sighting, ...]
 
 
 class _Known:
-    """A mode that an earlier release has: its failures, and the numbers that tests compare."""
+    """A mode that an earlier release has: its failures, and the numbers that tests compare.
+
+    Releases with the same noise, as of campaigns with the same seeds, are one sample and no several
+    ones: of these the newest counts.
+    """
 
     def __init__(self, points: Points, place: int) -> None:
         self.points = points
         self.spread = measure_spread(points)
         self.found_in = place
         self.sightings: list[Sighting] = []
-        self.failures = 0.0
-        self.episodes = 0
-        self.episodes_without = 0
+        self.present: dict[str, tuple[float, int]] = {}
+        self.without: dict[str, int] = {}
         self.is_absent = False
+
+    @property
+    def failures(self) -> float:
+        """Number of failures in the releases that have the mode."""
+        return sum(failures for failures, _ in self.present.values())
+
+    @property
+    def episodes(self) -> int:
+        """Number of random episodes of these releases."""
+        return sum(episodes for _, episodes in self.present.values())
+
+    @property
+    def episodes_without(self) -> int:
+        """Number of random episodes of the releases since then."""
+        return sum(self.without.values())
 
     def keep(self, points: Points) -> None:
         """Add failures; of more than `MOST_KEPT`, evenly spaced ones are kept."""
@@ -108,15 +129,17 @@ def match_modes(releases: Sequence[ReleaseBehaviours], step_s: float) -> tuple[S
         step_s: duration of a step. [s]
     """
     known: list[_Known] = []
-    earlier = 0
+    earlier: dict[str, int] = {}
     builds: dict[str, int] = {}
     for place, (release, clouds) in enumerate(
         zip(releases, list_clouds([each.modes for each in releases], step_s), strict=True)
     ):
-        _Comparison(place, release, known, earlier, builds.get(release.build)).run(
+        before = sum(earlier.values())
+        _Comparison(place, release, known, before, builds.get(release.build)).run(
             separate_failures(clouds, release.modes)
         )
-        earlier += release.episodes if release.is_random else 0
+        if release.is_random:
+            earlier[release.noise or f"release {place}"] = release.episodes
         if release.build:
             builds[release.build] = place
     return tuple(tuple(each.sightings) for each in known)
@@ -145,6 +168,7 @@ class _Comparison:
         self._release = release
         self._known = known
         self._earlier = earlier
+        self._noise = release.noise or f"release {place}"
         self._same_as = same_as
 
     def run(self, pieces: Sequence[FailureGroup]) -> None:
@@ -211,14 +235,15 @@ class _Comparison:
             same_as = self._find_contradiction(mode, is_present=True)
             is_back = chance <= LEVEL and same_as is None
             status = ModeStatus.REGRESSED if is_back else ModeStatus.UNDECIDED
-            mode.failures, mode.episodes = 0.0, 0
-        mode.failures += failures if self._release.is_random else 0
-        mode.episodes += mode.episodes_without + self._count_episodes()
-        mode.episodes_without, mode.is_absent = 0, False
+            mode.present = {}
+        mode.present |= {noise: (0.0, episodes) for noise, episodes in mode.without.items()}
+        mode.present |= self._count_failures(failures)
+        mode.without, mode.is_absent = {}, False
         return Sighting(status, failures, chance, source, same_as)
 
     def _see_absent(self, mode: _Known) -> Sighting:
-        mode.episodes_without += self._count_episodes()
+        if self._release.is_random:
+            mode.without[self._noise] = self._release.episodes
         same_as = self._find_contradiction(mode, is_present=False)
         if same_as is not None:
             return Sighting(ModeStatus.UNDECIDED, same_as=same_as)
@@ -241,8 +266,7 @@ class _Comparison:
 
     def _begin(self, piece: FailureGroup, together: int) -> _Known:
         failures, mode = round(piece.failures), _Known(piece.points, self._place)
-        mode.failures = failures if self._release.is_random else 0
-        mode.episodes = self._count_episodes()
+        mode.present = self._count_failures(failures)
         mode.sightings = [Sighting(None)] * self._place
         status, chance = ModeStatus.FIRST_SEEN, None
         if self._place:
@@ -254,8 +278,10 @@ class _Comparison:
         mode.sightings.append(Sighting(status, failures, chance, piece.source, self._same_as))
         return mode
 
-    def _count_episodes(self) -> int:
-        return self._release.episodes if self._release.is_random else 0
+    def _count_failures(self, failures: int) -> dict[str, tuple[float, int]]:
+        if not self._release.is_random:
+            return {}
+        return {self._noise: (failures, self._release.episodes)}
 
     def _compare(self, failures: float, episodes: int, without: int) -> float:
         return min(1.0, len(self._known) * self._test(failures, episodes, without))

@@ -72,6 +72,7 @@ class ReadRelease(NamedTuple):
         settings: settings of the planner of each campaign, by id of the campaign.
         design: how its episodes came about, which decides what numbers of failures may state.
         groups: analyses whose modes are not distinct.
+        noise: seeds and settings of its campaigns as text: the same ones give the same noise.
     """
 
     release: Release
@@ -81,6 +82,7 @@ class ReadRelease(NamedTuple):
     settings: Mapping[int, PlannerSettings]
     design: SamplingDesign
     groups: tuple[int, ...]
+    noise: str
 
     @property
     def identity(self) -> tuple[Hashable, ...]:
@@ -139,7 +141,17 @@ def read_release(store: Store, version: str, campaigns: Sequence[Campaign]) -> R
         settings={each.id: _read_settings(each.spec) for each in used},
         design=SamplingDesign.of([each.spec for each in used]),
         groups=tuple(dict.fromkeys(each.analysis for each in found if not each.is_distinct)),
+        noise=_write_noise(used),
     )
+
+
+def _write_noise(campaigns: Sequence[Campaign]) -> str:
+    """Return seeds and settings of the method as text: with the same ones the noise is the same."""
+    drawn = sorted(
+        (each.spec.seed, msgspec.json.encode(each.spec.settings, order="deterministic").decode())
+        for each in campaigns
+    )
+    return msgspec.json.encode(drawn).decode()
 
 
 def _list_different(codes: Iterable[Versions]) -> tuple[Versions, ...]:

@@ -168,6 +168,7 @@ def _match_releases(read: Sequence[ReadRelease], step_s: float) -> tuple[Sightin
             each.release.is_random,
             tuple(source.behaviours for source in each.sources),
             each.build,
+            each.noise,
         )
         for each in read
     ]

@@ -27,8 +27,8 @@ def behaviours(name, failures, seed=0, struck=1):
     return ModeBehaviours(accelerations, (struck,) * failures, failures)
 
 
-def release(*modes, is_random=True, build="", episodes=EPISODES):
-    return ReleaseBehaviours(episodes, is_random, modes, build)
+def release(*modes, is_random=True, build="", noise="", episodes=EPISODES):
+    return ReleaseBehaviours(episodes, is_random, modes, build, noise)
 
 
 def statuses(*releases):
@@ -167,3 +167,20 @@ def test_the_order_of_modes_changes_nothing(first, second, seed):
 def test_without_failures_there_is_no_mode():
     assert match_modes((), STEP_S) == ()
     assert match_modes((release(), release()), STEP_S) == ()
+
+
+def test_releases_with_the_same_noise_are_one_sample():
+    """Nine releases without a mode say as much as one, where all have the same episodes."""
+    for noise, chance in (("seed 1", 0.5**2), ("", 0.1**2)):
+        earlier = [release(noise=noise) for _ in range(9)]
+        found = match_modes((*earlier, release(behaviours("a", 2))), STEP_S)
+        assert found[0][-1].chance == pytest.approx(chance)
+        assert found[0][-1].status is (OPEN if noise else FIRST)
+
+
+def test_failures_of_the_same_noise_count_once():
+    """Nine releases with five failures of the same episodes are compared as one."""
+    for noise, chance in (("seed 1", 0.5**5), ("", 0.9**45)):
+        same = [release(behaviours("a", 5), noise=noise) for _ in range(9)]
+        (found,) = match_modes((*same, release()), STEP_S)
+        assert found[-1].chance == pytest.approx(chance)
