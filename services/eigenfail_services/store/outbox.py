@@ -173,12 +173,14 @@ class DeliveryAttempt(NamedTuple):
         status: HTTP status of the answer; None without one.
         problem: why it failed; empty if it did not.
         retry_ms: time until the next attempt of a pending delivery. [ms]
+        deactivates: whether nothing more is to be sent to the webhook.
     """
 
     state: DeliveryState
     status: int | None = None
     problem: str = ""
     retry_ms: int = 0
+    deactivates: bool = False
 
 
 class Outbox:
@@ -215,7 +217,7 @@ class Outbox:
             return claim_first(connection, lease_s, at_ms)
 
     def conclude(self, claimed: ClaimedDelivery, attempt: DeliveryAttempt, at_ms: int) -> bool:
-        """Record the outcome of an attempt; return False if the claim was lost."""
+        """Record the outcome of an attempt, or nothing and return False if the claim was lost."""
         is_pending = attempt.state is DeliveryState.PENDING
         statement = (
             update(webhook_deliveries)
@@ -231,8 +233,16 @@ class Outbox:
                 lease_ms=0,
             )
         )
+        place = webhooks.c.id == claimed.webhook
         with self._database.writing() as connection:
-            return connection.execute(statement).rowcount == 1
+            if attempt.deactivates:
+                # Whoever deletes a webhook locks it before its deliveries, too.
+                lock = select(webhooks.c.id).where(place).with_for_update(key_share=True)
+                connection.execute(lock)
+            is_held = connection.execute(statement).rowcount == 1
+            if is_held and attempt.deactivates:
+                connection.execute(update(webhooks).where(place).values(active=False))
+        return is_held
 
     def redeliver(self, webhook: int, delivery: int) -> WebhookDelivery | None:
         """Queue a delivery again, under the same event id; None if there is none.

@@ -175,6 +175,19 @@ def delivers_again_what_was_lost(store: Store) -> None:
     equal(due and (due.event, due.attempt), (event, 3), "When it is due")
 
 
+def deactivates_with_the_outcome(store: Store) -> None:
+    """A webhook that is gone becomes inactive with the outcome, unless the claim was lost."""
+    webhook = add(store)
+    store.webhooks.test(webhook.id)
+    gone = DeliveryAttempt(DeliveryState.FAILED, 410, "It is gone.", deactivates=True)
+    lost = taken(store, PASSED_S)
+    again = taken(store)
+    expect(not store.webhooks.outbox.conclude(lost, gone, now_ms()), "The claim was lost.")
+    expect(store.webhooks.get(webhook.id).active, "A lost claim deactivates nothing.")
+    expect(store.webhooks.outbox.conclude(again, gone, now_ms()), "The second claim holds.")
+    expect(not store.webhooks.get(webhook.id).active, "The webhook is gone.")
+
+
 def delivers_again_what_is_asked_for(store: Store) -> None:
     """An ended delivery is queued again under its event id, with all its attempts."""
     webhook = add(store)
@@ -252,6 +265,7 @@ CHECKS = (
     queues_all_or_nothing,
     claims_one_at_a_time,
     delivers_again_what_was_lost,
+    deactivates_with_the_outcome,
     delivers_again_what_is_asked_for,
     removes_webhooks,
     bounds_the_number_of_webhooks,
