@@ -13,6 +13,7 @@ depends_on = None
 
 COLUMNS = ("planner_version", "project", "tags", "code")
 INDEXED = ("planner_version", "project")
+VERSIONED = "ix_campaigns_versioned"
 FIELDS = COLUMNS[:3]
 """Columns that are also fields of a spec; earlier programs refuse specs with such fields."""
 
@@ -29,6 +30,10 @@ def upgrade() -> None:
         op.get_bind().execute(change.values(**filled))
     for name in INDEXED:
         op.create_index(f"ix_campaigns_{name}_id", "campaigns", [name, "id"])
+    has_version = sa.text("planner_version IS NOT NULL")
+    op.create_index(
+        VERSIONED, "campaigns", ["id"], sqlite_where=has_version, postgresql_where=has_version
+    )
 
 
 def downgrade() -> None:
@@ -37,6 +42,7 @@ def downgrade() -> None:
         kept = {name: value for name, value in fields.items() if name not in FIELDS}
         change = sa.update(campaigns).where(campaigns.c.id == number)
         op.get_bind().execute(change.values(spec=msgspec.json.encode(kept).decode()))
+    op.drop_index(VERSIONED, "campaigns")
     for name in INDEXED:
         op.drop_index(f"ix_campaigns_{name}_id", "campaigns")
     for name in COLUMNS:

@@ -141,6 +141,23 @@ def _insert_deliveries(
 _SHOWN = tuple(_out[name] for name in WebhookDelivery.__struct_fields__)
 
 
+class DeliverySummary(NamedTuple):
+    """A delivery in a list of those of all webhooks: as `WebhookDelivery`, without what is sent."""
+
+    id: int
+    webhook: int
+    kind: str
+    created_ms: int
+    state: DeliveryState
+    attempts: int
+    next_ms: int
+    status: int | None
+    problem: str
+
+
+_LISTED = tuple(_out[name] for name in DeliverySummary._fields)
+
+
 class ClaimedDelivery(NamedTuple):
     """A delivery that one process may attempt.
 
@@ -267,17 +284,23 @@ class Outbox:
                 counts.setdefault(webhook, {})[DeliveryState(state)] = count
         return counts
 
+    def newest(self, limit: int) -> list[DeliverySummary]:
+        """Return the newest deliveries to all webhooks, newest first."""
+        query = select(*_LISTED).order_by(_out.id.desc()).limit(limit)
+        with self._database.reading() as connection:
+            found = [DeliverySummary(*row) for row in connection.execute(query)]
+        return [each._replace(state=DeliveryState(each.state)) for each in found]
+
     def page(
         self,
-        webhook: int | None,
+        webhook: int,
         limit: int,
         before: int | None = None,
         state: DeliveryState | None = None,
     ) -> list[WebhookDelivery]:
-        """Return deliveries of a webhook or of all, newest first, with ids below `before`."""
-        query = select(*_SHOWN).order_by(_out.id.desc()).limit(limit)
-        if webhook is not None:
-            query = query.where(_out.webhook == webhook)
+        """Return deliveries of a webhook, newest first, with ids below `before`."""
+        query = select(*_SHOWN).where(_out.webhook == webhook)
+        query = query.order_by(_out.id.desc()).limit(limit)
         if before is not None:
             query = query.where(_out.id < before)
         if state is not None:

@@ -154,6 +154,9 @@ def claims_one_at_a_time(store: Store) -> None:
     equal(claim(store), None, "A claim while both are busy")
     expect(store.webhooks.outbox.conclude(first, DELIVERED, now_ms()), "It was claimed.")
     equal(taken(store).id, newer.id, "The next one")
+    listed = [(each.id, each.state) for each in store.webhooks.outbox.newest(2)]
+    pending = DeliveryState.PENDING
+    equal(listed, [(elsewhere.id, pending), (newer.id, pending)], "The newest of all webhooks")
     ended = store.webhooks.get_delivery(slow.id, oldest.id)
     equal((ended.state, ended.status), (DeliveryState.DELIVERED, 204), "What was delivered")
 
