@@ -49,7 +49,7 @@ from eigenfail_api.dashboard.episodes_page import (
 )
 from eigenfail_api.dashboard.proof import ProofView, describe_reproduction, make_proof_view
 from eigenfail_api.dashboard.rendering import Tile, make_probability_tile, page
-from eigenfail_api.dashboard.triage_forms import STATES, describe_triage
+from eigenfail_api.dashboard.triage_forms import CHOICES, TriageChoices, describe_triage
 from eigenfail_api.parameters import AnalysisId, Stored
 from eigenfail_services.campaigns.proofs import summarise_proof
 
@@ -174,7 +174,7 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
         choices: of the channels that the other one may analyse.
         names: the names that were given to modes, by number.
         triage: state and owner of each mode in words, by number; empty of a new one without owner.
-        states: values and words of the states of triage.
+        triage_choices: what the form for triage offers.
     """
 
     line: AnalysisLine
@@ -195,7 +195,7 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     choices: AnalysisChoices
     names: Mapping[int, str]
     triage: Mapping[int, str]
-    states: tuple[tuple[str, str], ...] = STATES
+    triage_choices: TriageChoices = CHOICES
 
 
 def make_analysis_view(
