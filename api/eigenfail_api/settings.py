@@ -1,6 +1,7 @@
 """How the API is set up."""
 
-from ipaddress import IPv4Network, IPv6Network
+from collections.abc import Iterable, Iterator
+from ipaddress import IPv4Network, IPv6Network, collapse_addresses
 from typing import Annotated
 
 from pydantic import Field
@@ -12,7 +13,12 @@ from eigenfail.values.access import Scope
 from eigenfail_services.store.access import KeyStore
 from eigenfail_services.store.clock import now_ms
 
+SHORTEST_PREFIX = {4: 8, 6: 16}
+"""Length of the prefix of the widest network of proxies that sign users in, by version of IP."""
+
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
+
+Network = IPv4Network | IPv6Network
 
 HeaderName = Annotated[str, Field(pattern=r"^[A-Za-z0-9-]{1,100}$")]
 
@@ -53,7 +59,7 @@ class ApiSettings(BaseSettings):
     trust_network: bool = False
     hosts: tuple[str, ...] | None = None
     proxies: tuple[str, ...] = ()
-    sign_in_proxies: tuple[IPv4Network | IPv6Network, ...] = ()
+    sign_in_proxies: tuple[Network, ...] = ()
     sign_in_user_header: HeaderName = "X-Forwarded-User"
     sign_in_groups_header: HeaderName = "X-Forwarded-Groups"
     sign_in_scopes: dict[str, Scope] = {}
@@ -115,14 +121,19 @@ def refuse_unsafe_sign_in(settings: ApiSettings) -> None:
     """Refuse settings of the sign-in by a proxy with which anybody could name any user.
 
     Raises:
-        InvalidValue: a network holds all addresses, no group has a scope, or one header is to name
-            user and groups.
+        InvalidValue: a network, or several that lie next to each other, is wider than those of
+            `SHORTEST_PREFIX`; no group has a scope; or one header is to name user and groups.
     """
     if not settings.sign_in_proxies:
         return
-    if any(network.prefixlen == 0 for network in settings.sign_in_proxies):
-        problem = "a network of all addresses lets every client name any user."
-        raise InvalidValue("sign_in_proxies", problem, "Name the addresses of the proxies alone.")
+    for network in _join_networks(settings.sign_in_proxies):
+        if network.prefixlen < SHORTEST_PREFIX[network.version]:
+            raise InvalidValue(
+                "sign_in_proxies",
+                f"the networks include all of {network}, where every client could name any user.",
+                "Name the addresses of the proxies alone, such as 10.0.0.5/32: no network may be "
+                "wider than /8, or /16 of IPv6.",
+            )
     if not settings.sign_in_scopes:
         raise InvalidValue(
             "sign_in_scopes",
@@ -132,3 +143,10 @@ def refuse_unsafe_sign_in(settings: ApiSettings) -> None:
     if settings.sign_in_user_header.lower() == settings.sign_in_groups_header.lower():
         problem = "the same header cannot name both the user and the groups."
         raise InvalidValue("sign_in_groups_header", problem, "Name two headers.")
+
+
+def _join_networks(networks: Iterable[Network]) -> Iterator[Network]:
+    """Yield the fewest networks with the same addresses."""
+    given = tuple(networks)
+    yield from collapse_addresses(each for each in given if isinstance(each, IPv4Network))
+    yield from collapse_addresses(each for each in given if isinstance(each, IPv6Network))

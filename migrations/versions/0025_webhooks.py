@@ -48,6 +48,9 @@ def upgrade() -> None:
         "ix_webhook_deliveries_state_next_ms", "webhook_deliveries", ["state", "next_ms"]
     )
     op.create_index("ix_webhook_deliveries_webhook_id", "webhook_deliveries", ["webhook", "id"])
+    op.create_index(
+        "ix_webhook_deliveries_webhook_state", "webhook_deliveries", ["webhook", "state"]
+    )
 
 
 def downgrade() -> None:

@@ -21,6 +21,7 @@ from eigenfail.values.access import (
     NewKey,
     Quotas,
     Scope,
+    check_key_name,
 )
 from eigenfail.wire.http import PREFIX, read_fields
 from eigenfail_services.store import Store, open_store
@@ -36,8 +37,10 @@ def make_key(store: Store, request: KeyRequest) -> NewKey:
     """Return a new key with its secret, which cannot be recovered later.
 
     Raises:
-        InvalidValue: it would be the first one, and not an administrator's.
+        InvalidValue: it would be the first one, and not an administrator's; or its name is one
+            of callers without a key.
     """
+    check_key_name(request.name)
     at_ms = now_ms()
     if request.scope is not Scope.ADMIN and not store.keys.admins(at_ms):
         raise InvalidValue(
@@ -139,11 +142,13 @@ def first_key(store: Store, name: str, file: Path) -> FirstKey:
     An empty file is one that broke off between the two: then another key is made.
 
     Raises:
-        InvalidValue: the file cannot be read or written; no key is made then.
+        InvalidValue: the file cannot be read or written, or the name is one of callers without a
+            key; no key is made then.
     """
     broke_off = _is_empty(file)
     if store.keys.admins(now_ms()) and not broke_off:
         return FirstKey(None, str(file))
+    check_key_name(name)
     replace_private(file, "", FIELD)
     made = make_key(store, KeyRequest(name, Scope.ADMIN))
     replace_private(file, made.token, FIELD)

@@ -19,8 +19,16 @@ FORGED = {
     "X-Forwarded-User": "mallory",
     "X-Forwarded-Groups": "eigenfail-admins",
     "X-Forwarded-For": NGINX,
-    "Host": "eigenfail.example.org",
 }
+SPELLINGS = {
+    "as in the manual": str,
+    "small": str.lower,
+    "large": str.upper,
+    "mixed": str.swapcase,
+    "underscores": lambda name: name.replace("-", "_"),
+    "one underscore": lambda name: "_".join(name.rsplit("-", 1)),
+}
+"""Of the names of headers; nginx drops those with underscores, and other proxies do not."""
 
 
 @pytest.fixture(scope="module")
@@ -58,14 +66,30 @@ def locations(page):
     return found
 
 
+@pytest.fixture(params=SPELLINGS)
+def forged(request):
+    """Headers of a client that would be an administrator, in one spelling or in two."""
+    spell = SPELLINGS[request.param]
+    return {
+        "Host": "eigenfail.example.org",
+        **FORGED,
+        **{spell(name): FORGED[name] for name in FORGED},
+    }
+
+
 def pass_on(location, headers, variables):
-    """The headers that nginx sends: it replaces those that are set, and leaves out empty ones."""
+    """The headers that nginx sends: it replaces those that are set, and leaves out empty ones.
+
+    Names in small and large letters are the same; one with underscores is another one.
+    """
     known = {"$host": headers["Host"], "$http_host": headers["Host"], "$scheme": "https"}
     known |= {"$remote_addr": "192.0.2.7", **variables}
     directives = [(name, value.strip('"')) for name, value in DIRECTIVE.findall(location)]
     replaced = {name: known.get(value, value) for name, value in directives}
     assert not any(value.startswith("$") for value in replaced.values())
-    return {name: value for name, value in (headers | replaced).items() if value}
+    names = {name.lower() for name in replaced}
+    kept = {name: value for name, value in headers.items() if name.lower() not in names}
+    return {name: value for name, value in (kept | replaced).items() if value}
 
 
 def test_the_service_takes_the_settings_of_the_page(settings):
@@ -75,28 +99,28 @@ def test_the_service_takes_the_settings_of_the_page(settings):
     assert settings.names == ("eigenfail.example.org",)
 
 
-def test_the_signed_in_user_is_that_of_the_identity_provider(client, locations):
+def test_the_signed_in_user_is_that_of_the_identity_provider(client, locations, forged):
     http, _ = client
-    sent = pass_on(locations[0], FORGED, SIGNED_IN)
+    sent = pass_on(locations[0], forged, SIGNED_IN)
     assert http.get("/api/v1/campaigns", headers=sent).status_code == 200
     assert http.get("/api/v1/keys", headers=sent).status_code == 403
     body = {"name": "n", "method": "monte_carlo", "episodes": 1, "planner": "idm"}
     write = sent | {"Origin": "https://eigenfail.example.org"}
     assert http.post("/api/v1/campaigns", json=body, headers=write).status_code == 201
-    forged = sent | {"Origin": "https://evil.example"}
-    assert http.post("/api/v1/campaigns", json=body, headers=forged).status_code == 403
+    foreign = sent | {"Origin": "https://evil.example"}
+    assert http.post("/api/v1/campaigns", json=body, headers=foreign).status_code == 403
 
 
-def test_a_user_without_groups_has_none_of_the_client(client, locations):
+def test_a_user_without_groups_has_none_of_the_client(client, locations, forged):
     http, _ = client
-    sent = pass_on(locations[0], FORGED, {"$user": "bob@example.org", "$groups": ""})
+    sent = pass_on(locations[0], forged, {"$user": "bob@example.org", "$groups": ""})
     assert http.get("/api/v1/campaigns", headers=sent).status_code == 200
     assert http.get("/api/v1/keys", headers=sent).status_code == 403
 
 
-def test_the_way_of_programs_knows_keys_alone(client, locations):
+def test_the_way_of_programs_knows_keys_alone(client, locations, forged):
     http, token = client
-    sent = pass_on(locations[1], FORGED, {})
+    sent = pass_on(locations[1], forged, {})
     assert http.get("/api/v1/campaigns", headers=sent).status_code == 401
     shown = sent | {"Authorization": f"Bearer {token}"}
     assert http.get("/api/v1/campaigns", headers=shown).status_code == 200

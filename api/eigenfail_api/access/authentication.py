@@ -12,7 +12,7 @@ from starlette.requests import HTTPConnection, Request
 from starlette.routing import compile_path
 
 from eigenfail.errors import EigenfailError, Forbidden, NotFound, Unauthorized
-from eigenfail.values.access import TOKEN, ApiKey, Scope
+from eigenfail.values.access import PROXY_PREFIX, TOKEN, ApiKey, Scope
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.access.proxy import ProxySignIn
 from eigenfail_api.access.throttling import LoginThrottle, RateLimiter
@@ -313,7 +313,7 @@ class Authenticator:
         if (user := self._proxy.find_user(request)) is not None:
             # A browser sends the proxy's cookie by itself, as it sends that of a session.
             _refuse_without_origin(request)
-            name = f"proxy:{user.name}"
+            name = f"{PROXY_PREFIX}{user.name}"
             self._per_user.take(name, self.clock())
             return Caller(name, user.scope, signed_in=True)
         header = request.headers.get("authorization")

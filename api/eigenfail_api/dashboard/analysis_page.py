@@ -50,7 +50,7 @@ from eigenfail_api.dashboard.episodes_page import (
 )
 from eigenfail_api.dashboard.proof import ProofView, describe_reproduction, make_proof_view
 from eigenfail_api.dashboard.rendering import Tile, make_probability_tile, page
-from eigenfail_api.dashboard.triage_forms import STATES, describe_triage
+from eigenfail_api.dashboard.triage_forms import CHOICES, TriageChoices, describe_triage
 from eigenfail_api.parameters import AnalysisId, Stored
 from eigenfail_services.campaigns.analysis_jobs import leaves_early_out
 from eigenfail_services.campaigns.proofs import summarise_proof
@@ -194,7 +194,7 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
         all_names: the names of modes by number, those that are proposed among them.
         changed: how many modes the form for triage has just changed; None if it was not sent.
         triage: state and owner of each mode in words, by number; empty of a new one without owner.
-        states: values and words of the states of triage.
+        triage_choices: what the form for triage offers.
     """
 
     line: AnalysisLine
@@ -218,7 +218,7 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     all_names: Mapping[int, str]
     changed: int | None
     triage: Mapping[int, str]
-    states: tuple[tuple[str, str], ...] = STATES
+    triage_choices: TriageChoices = CHOICES
 
 
 def make_analysis_view(

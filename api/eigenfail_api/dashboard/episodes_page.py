@@ -46,7 +46,7 @@ from eigenfail_api.dashboard.rendering import (
     make_outcome_badge,
     page,
 )
-from eigenfail_api.dashboard.triage_forms import STATES, describe_triage
+from eigenfail_api.dashboard.triage_forms import CHOICES, TriageChoices, describe_triage
 from eigenfail_api.parameters import LARGEST, CampaignId, Stored
 from eigenfail_services.store import Store
 
@@ -358,7 +358,7 @@ class FoundView(msgspec.Struct, frozen=True, kw_only=True):
         first: the first page; empty on it.
         next: the page behind this one; empty on the last.
         empty: why there is nothing to see.
-        states: values and words of the states of triage.
+        triage_choices: what the form for triage offers.
         changed: how many episodes the form for triage has just changed; None if it was not sent.
     """
 
@@ -381,7 +381,7 @@ class FoundView(msgspec.Struct, frozen=True, kw_only=True):
     first: str = ""
     next: str = ""
     empty: str = ""
-    states: tuple[tuple[str, str], ...] = STATES
+    triage_choices: TriageChoices = CHOICES
     changed: int | None = None
 
 

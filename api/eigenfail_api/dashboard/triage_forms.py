@@ -3,6 +3,7 @@
 The forms work without JavaScript: each leads back to the page that it is on.
 """
 
+import re
 from collections.abc import Mapping
 from typing import Annotated
 from urllib.parse import parse_qsl, urlencode
@@ -43,9 +44,23 @@ from eigenfail_services.store.triage_rows import TriageKind
 NOTES_ON_PAGE = 50
 MOST_FIELDS = 100
 SEE_OTHER = 303
+VERSION = re.compile(r"\d{1,15}", re.ASCII)
 
 STATES = tuple((state.value, state.words) for state in TriageState)
 """Values and words of the states, for a choice."""
+
+
+class TriageChoices(msgspec.Struct, frozen=True):
+    """What a form for triage offers and takes: states, and most characters of its texts."""
+
+    states: tuple[tuple[str, str], ...] = STATES
+    longest_owner: int = LONGEST_OWNER
+    longest_labels: int = MOST_LABELS * (LONGEST_LABEL + 2)
+    longest_ticket: int = LONGEST_TICKET
+    longest_note: int = LONGEST_NOTE
+
+
+CHOICES = TriageChoices()
 
 
 class NoteLine(msgspec.Struct, frozen=True):
@@ -78,11 +93,7 @@ class TriageView(msgspec.Struct, frozen=True, kw_only=True):
     notes: tuple[NoteLine, ...]
     has_more: bool
     command: str
-    states: tuple[tuple[str, str], ...] = STATES
-    longest_owner: int = LONGEST_OWNER
-    longest_labels: int = MOST_LABELS * (LONGEST_LABEL + 2)
-    longest_ticket: int = LONGEST_TICKET
-    longest_note: int = LONGEST_NOTE
+    choices: TriageChoices = CHOICES
 
 
 def make_triage_view(store: Store, subject: TriageSubject) -> TriageView:
@@ -158,6 +169,20 @@ def read_change(form: Mapping[str, str]) -> TriageChange:
     return check_change(read_fields({**given, "labels": labels}, TriageChange))
 
 
+def read_version(form: Mapping[str, str]) -> int | None:
+    """Return when the triage that a form shows was changed last; None if it never was. [ms]
+
+    Raises:
+        InvalidValue: it is no such time.
+    """
+    text = form.get("changed_ms", "")
+    if text and not VERSION.fullmatch(text):
+        raise InvalidValue(
+            "changed_ms", "it is not a time in milliseconds.", "Open the page again."
+        )
+    return int(text) if text else None
+
+
 def read_addition(form: Mapping[str, str]) -> TriageChange:
     """Return the change of a form for several: what is left empty stays as it is.
 
@@ -204,7 +229,7 @@ def triage_mode(
 ) -> RedirectResponse:
     """Change the triage of a failure mode."""
     subject = mode_subject(analysis, mode)
-    store.triage.change(subject, read_change(form), who)
+    store.triage.change_seen(subject, read_change(form), who, read_version(form))
     return return_to(find_address(subject))
 
 
@@ -223,7 +248,7 @@ def triage_episode(
 ) -> RedirectResponse:
     """Change the triage of an episode."""
     subject = episode_subject(campaign, index)
-    store.triage.change(subject, read_change(form), who)
+    store.triage.change_seen(subject, read_change(form), who, read_version(form))
     return return_to(find_address(subject))
 
 

@@ -13,10 +13,10 @@ from eigenfail.values.webhooks import (
     MAX_WEBHOOKS,
     DeliveryState,
     Webhook,
-    WebhookDelivery,
 )
 from eigenfail_api.dashboard.rendering import Badge, page
 from eigenfail_api.parameters import Stored
+from eigenfail_services.store.outbox import DeliverySummary
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
@@ -84,7 +84,7 @@ def make_webhook_line(webhook: Webhook, counts: Mapping[DeliveryState, int]) -> 
     )
 
 
-def make_delivery_line(delivery: WebhookDelivery) -> DeliveryLine:
+def make_delivery_line(delivery: DeliverySummary) -> DeliveryLine:
     """Return the line of a delivery."""
     is_pending = delivery.state is DeliveryState.PENDING
     return DeliveryLine(
@@ -99,7 +99,7 @@ def make_delivery_line(delivery: WebhookDelivery) -> DeliveryLine:
     )
 
 
-def _describe_outcome(delivery: WebhookDelivery) -> Iterator[str]:
+def _describe_outcome(delivery: DeliverySummary) -> Iterator[str]:
     if delivery.problem:
         yield delivery.problem
     elif delivery.status is not None:
@@ -112,7 +112,7 @@ def show_webhooks(store: Stored) -> HTMLResponse:
     """Webhooks, the form for a new one, and the newest deliveries."""
     counts = store.webhooks.outbox.count_by_state()
     listed = store.webhooks.page(MAX_WEBHOOKS).items
-    newest = store.webhooks.outbox.page(None, DELIVERIES)
+    newest = store.webhooks.outbox.newest(DELIVERIES)
     view = WebhooksView(
         lines=tuple(make_webhook_line(each, counts.get(each.id, {})) for each in listed),
         deliveries=tuple(map(make_delivery_line, newest)),

@@ -1,10 +1,13 @@
 """Keys: who may do what; and the audit log: who did what."""
 
 import re
+import unicodedata
 from enum import StrEnum
 from typing import Annotated, Any
 
 import msgspec
+
+from eigenfail.errors import InvalidValue
 
 MOST = 10**15
 
@@ -141,6 +144,30 @@ class KeyRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     scope: Scope = Scope.VIEWER
     expires_s: Annotated[int, msgspec.Meta(ge=1, le=LONGEST_LIFE_S)] | None = None
     quotas: Quotas = UNLIMITED
+
+
+PROXY_PREFIX = "proxy:"
+"""What the names of users whom a proxy signs in begin with."""
+
+RESERVED_NAMES = frozenset({"loopback", "network", "database"})
+"""Names under which the service records what was done without a key."""
+
+
+def check_key_name(name: str) -> None:
+    """Refuse a name of a key that belongs to callers without one, in whatever letters.
+
+    Raises:
+        InvalidValue: it does.
+    """
+    letters = unicodedata.normalize("NFKC", name)
+    plain = "".join(each for each in letters if each.isprintable()).casefold().strip()
+    if plain in RESERVED_NAMES or plain.startswith(PROXY_PREFIX):
+        raise InvalidValue(
+            "name",
+            "it is reserved for callers without a key.",
+            "Choose a name other than loopback, network and database that does not begin with "
+            "proxy:",
+        )
 
 
 class NewKey(msgspec.Struct, frozen=True):

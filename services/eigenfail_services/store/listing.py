@@ -115,11 +115,11 @@ def _select_requirement(number: int) -> Expression:
     return query.correlate(episodes).scalar_subquery()
 
 
-def _compare_episodes(where: Conditions, sort: SortOrder) -> Iterator[Expression]:
+def _compare_episodes(campaign: int, where: Conditions, sort: SortOrder) -> Iterator[Expression]:
     """Yield the conditions so that the database follows the order, not one of the conditions."""
     for condition in where:
         if condition.column in TRIAGE_COLUMNS:
-            yield is_triaged(condition)
+            yield is_triaged(campaign, condition)
             continue
         column = select_column(condition.column)
         leads = _has_index(condition, sort)
@@ -161,7 +161,7 @@ def page_queries(
     They select indices only: without an index of the database all rows are sorted.
     """
     query = select(episode_index).where(
-        episodes.c.campaign == campaign, *_compare_episodes(where, sort)
+        episodes.c.campaign == campaign, *_compare_episodes(campaign, where, sort)
     )
     if sort.column == "index":
         yield _by_index(query, after, sort)
@@ -213,7 +213,7 @@ def preceding_queries(
 
 def count_episodes(campaign: int, where: Conditions) -> Select[int]:
     """Return the query of the number of episodes that fulfil all conditions."""
-    matching = _compare_episodes(where, BY_INDEX)
+    matching = _compare_episodes(campaign, where, BY_INDEX)
     return select(func.count()).where(episodes.c.campaign == campaign, *matching)
 
 

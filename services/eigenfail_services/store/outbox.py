@@ -20,7 +20,6 @@ from sqlalchemy import (
     delete,
     func,
     insert,
-    not_,
     select,
     update,
 )
@@ -142,6 +141,23 @@ def _insert_deliveries(
 _SHOWN = tuple(_out[name] for name in WebhookDelivery.__struct_fields__)
 
 
+class DeliverySummary(NamedTuple):
+    """A delivery in a list of those of all webhooks: as `WebhookDelivery`, without what is sent."""
+
+    id: int
+    webhook: int
+    kind: str
+    created_ms: int
+    state: DeliveryState
+    attempts: int
+    next_ms: int
+    status: int | None
+    problem: str
+
+
+_LISTED = tuple(_out[name] for name in DeliverySummary._fields)
+
+
 class ClaimedDelivery(NamedTuple):
     """A delivery that one process may attempt.
 
@@ -174,12 +190,14 @@ class DeliveryAttempt(NamedTuple):
         status: HTTP status of the answer; None without one.
         problem: why it failed; empty if it did not.
         retry_ms: time until the next attempt of a pending delivery. [ms]
+        deactivates: whether nothing more is to be sent to the webhook.
     """
 
     state: DeliveryState
     status: int | None = None
     problem: str = ""
     retry_ms: int = 0
+    deactivates: bool = False
 
 
 class Outbox:
@@ -212,33 +230,11 @@ class Outbox:
             lease_s: after this time another process may claim it. [s]
             at_ms: current time, in milliseconds since 1970.
         """
-        length = length_ms(lease_s)
-        lease = {"lease_until_ms": LeaseClock() + length, "lease_ms": length}
-        statement = (
-            update(webhook_deliveries)
-            .where(_out.id == _select_first(at_ms).scalar_subquery())
-            .values(token=uuid4().hex, attempts=_out.attempts + 1, **lease)
-            .returning(_out.id, _out.token, _out.attempts, _out.event, _out.payload, _out.webhook)
-        )
         with self._database.writing() as connection:
-            found = connection.execute(statement).one_or_none()
-            if found is None:
-                return None
-            query = select(webhooks.c.url, webhooks.c.secret)
-            target = connection.execute(query.where(webhooks.c.id == found.webhook)).one()
-        return ClaimedDelivery(
-            id=found.id,
-            token=found.token,
-            attempt=found.attempts,
-            event=found.event,
-            payload=found.payload,
-            webhook=found.webhook,
-            url=target.url,
-            secret=target.secret,
-        )
+            return claim_first(connection, lease_s, at_ms)
 
     def conclude(self, claimed: ClaimedDelivery, attempt: DeliveryAttempt, at_ms: int) -> bool:
-        """Record the outcome of an attempt; return False if the claim was lost."""
+        """Record the outcome of an attempt, or nothing and return False if the claim was lost."""
         is_pending = attempt.state is DeliveryState.PENDING
         statement = (
             update(webhook_deliveries)
@@ -254,8 +250,16 @@ class Outbox:
                 lease_ms=0,
             )
         )
+        place = webhooks.c.id == claimed.webhook
         with self._database.writing() as connection:
-            return connection.execute(statement).rowcount == 1
+            if attempt.deactivates:
+                # Whoever deletes a webhook locks it before its deliveries, too.
+                lock = select(webhooks.c.id).where(place).with_for_update(key_share=True)
+                connection.execute(lock)
+            is_held = connection.execute(statement).rowcount == 1
+            if is_held and attempt.deactivates:
+                connection.execute(update(webhooks).where(place).values(active=False))
+        return is_held
 
     def redeliver(self, webhook: int, delivery: int) -> WebhookDelivery | None:
         """Queue a delivery again, under the same event id; None if there is none.
@@ -280,17 +284,23 @@ class Outbox:
                 counts.setdefault(webhook, {})[DeliveryState(state)] = count
         return counts
 
+    def newest(self, limit: int) -> list[DeliverySummary]:
+        """Return the newest deliveries to all webhooks, newest first."""
+        query = select(*_LISTED).order_by(_out.id.desc()).limit(limit)
+        with self._database.reading() as connection:
+            found = [DeliverySummary(*row) for row in connection.execute(query)]
+        return [each._replace(state=DeliveryState(each.state)) for each in found]
+
     def page(
         self,
-        webhook: int | None,
+        webhook: int,
         limit: int,
         before: int | None = None,
         state: DeliveryState | None = None,
     ) -> list[WebhookDelivery]:
-        """Return deliveries of a webhook or of all, newest first, with ids below `before`."""
-        query = select(*_SHOWN).order_by(_out.id.desc()).limit(limit)
-        if webhook is not None:
-            query = query.where(_out.webhook == webhook)
+        """Return deliveries of a webhook, newest first, with ids below `before`."""
+        query = select(*_SHOWN).where(_out.webhook == webhook)
+        query = query.order_by(_out.id.desc()).limit(limit)
         if before is not None:
             query = query.where(_out.id < before)
         if state is not None:
@@ -319,16 +329,69 @@ def _is_leased(columns: Any) -> ColumnElement[bool]:
     return and_(LeaseClock() < columns.lease_until_ms, begun_ms <= LeaseClock())
 
 
-def _select_first(at_ms: int) -> Select[int]:
+def claim_first(connection: Connection, lease_s: float, at_ms: int) -> ClaimedDelivery | None:
+    """Claim the delivery that has been due for longest, of a webhook that has none in flight.
+
+    Args:
+        connection: a transaction that may write.
+        lease_s: after this time another process may claim it. [s]
+        at_ms: current time, in milliseconds since 1970.
+    """
+    length = length_ms(lease_s)
+    lease = {"lease_until_ms": LeaseClock() + length, "lease_ms": length}
+    claimed = (_out.id, _out.token, _out.attempts, _out.event, _out.payload)
+    # Two statements: the second one sees what was committed before the webhook was locked, such as
+    # a claim of another of its deliveries. The next turn does not find that webhook any more.
+    while (target := connection.execute(_select_webhook(at_ms)).one_or_none()) is not None:
+        statement = (
+            update(webhook_deliveries)
+            .where(_out.id == _select_first(target.id, at_ms).scalar_subquery())
+            .values(token=uuid4().hex, attempts=_out.attempts + 1, **lease)
+            .returning(*claimed)
+        )
+        found = connection.execute(statement).one_or_none()
+        if found is not None:
+            return ClaimedDelivery(
+                id=found.id,
+                token=found.token,
+                attempt=found.attempts,
+                event=found.event,
+                payload=found.payload,
+                webhook=target.id,
+                url=target.url,
+                secret=target.secret,
+            )
+    return None
+
+
+def _is_idle() -> ColumnElement[bool]:
     other = webhook_deliveries.alias().c
     pending = DeliveryState.PENDING.value
-    busy = select(other.webhook).where(other.state == pending, _is_leased(other))
+    return _out.webhook.not_in(
+        select(other.webhook).where(other.state == pending, _is_leased(other))
+    )
+
+
+def _select_webhook(at_ms: int) -> Select[int, str, str]:
+    """Select and lock the webhook whose delivery has been due for longest."""
+    return (
+        select(webhooks.c.id, webhooks.c.url, webhooks.c.secret)
+        .select_from(_JOINED)
+        .where(*_is_due(at_ms), _is_idle())
+        .order_by(_out.next_ms, _out.id)
+        .limit(1)
+        # A webhook that another transaction holds gets a delivery of that one, or is changed.
+        # Transactions that queue an event for it do not conflict.
+        .with_for_update(of=webhooks, key_share=True, skip_locked=True)
+    )
+
+
+def _select_first(webhook: int, at_ms: int) -> Select[int]:
+    """Select and lock the delivery of a locked webhook that has been due for longest."""
     return (
         select(_out.id)
         .select_from(_JOINED)
-        # PostgreSQL looks again at the row that it locks, though not at other ones: of two
-        # processes that claim at once, the second must find the lease in the row itself.
-        .where(*_is_due(at_ms), not_(_is_leased(_out)), _out.webhook.not_in(busy))
+        .where(_out.webhook == webhook, *_is_due(at_ms), _is_idle())
         .order_by(_out.next_ms, _out.id)
         .limit(1)
         .with_for_update(of=webhook_deliveries, skip_locked=True)

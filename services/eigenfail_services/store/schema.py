@@ -137,6 +137,12 @@ campaigns = Table(
     Index(None, "made_by", "ended_ms"),
     Index(None, "planner_version", "id"),
     Index(None, "project", "id"),
+    Index(
+        "ix_campaigns_versioned",
+        "id",
+        sqlite_where=text("planner_version IS NOT NULL"),
+        postgresql_where=text("planner_version IS NOT NULL"),
+    ),
     sqlite_autoincrement=True,
 )
 
@@ -485,6 +491,7 @@ webhook_deliveries = Table(
     Column("lease_ms", BigInteger, nullable=False),
     Index(None, "state", "next_ms"),
     Index(None, "webhook", "id"),
+    Index(None, "webhook", "state"),
     sqlite_autoincrement=True,
 )
 

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 
 from sqlalchemy import Connection, bindparam, insert, select, update
 
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.filters import BY_INDEX, Conditions
 from eigenfail.values import Page
 from eigenfail.values.triage import (
@@ -91,6 +91,35 @@ class TriageStore:
         with self._database.writing() as connection:
             _lock(connection, subject.kind, subject.parent)
             _require(connection, subject)
+            _change(connection, subject.kind, subject.parent, [subject.number], _Order(change, who))
+            return _read(connection, subject)
+
+    def change_seen(
+        self, subject: TriageSubject, change: TriageChange, who: str, changed_ms: int | None
+    ) -> Triage:
+        """Change the triage of a mode or an episode as `change`, if nobody did so meanwhile.
+
+        Args:
+            subject: the mode or the episode.
+            change: what changes.
+            who: name of who makes the change.
+            changed_ms: `changed_ms` of the triage that the change was made for.
+
+        Raises:
+            NotFound: no such mode or episode.
+            InvalidValue: it would have too many labels.
+            Conflict: it was changed meanwhile.
+        """
+        with self._database.writing() as connection:
+            _lock(connection, subject.kind, subject.parent)
+            _require(connection, subject)
+            found = _read(connection, subject)
+            if found.changed_ms != changed_ms:
+                by = f", by {found.changed_by}" if found.changed_by else ""
+                raise Conflict(
+                    f"The triage of this {subject.kind.value} was changed meanwhile{by}.",
+                    "Open the page again, and change what it shows now.",
+                )
             _change(connection, subject.kind, subject.parent, [subject.number], _Order(change, who))
             return _read(connection, subject)
 

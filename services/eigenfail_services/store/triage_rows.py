@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from enum import StrEnum
 
-from sqlalchemy import ColumnElement, Connection, RowMapping, func, select, tuple_
+from sqlalchemy import ColumnElement, Connection, RowMapping, func, select
 
 from eigenfail.filters import Condition, Operator
 from eigenfail.values.triage import UNTOUCHED, Triage, TriageState
@@ -64,10 +64,14 @@ def read_triage(
     }
 
 
-def is_triaged(condition: Condition) -> ColumnElement[bool]:
+def is_triaged(campaign: int, condition: Condition) -> ColumnElement[bool]:
     """Return a condition on a column of `TRIAGE_COLUMNS`, of the episode of an enclosing query.
 
     An episode without a row has the usual value: it is not among those with another one.
+
+    Args:
+        campaign: id of the campaign whose episodes the query selects.
+        condition: the condition.
     """
     column, is_equal = condition.column, condition.operator is Operator.EQUAL
     if column == "label":
@@ -76,7 +80,8 @@ def is_triaged(condition: Condition) -> ColumnElement[bool]:
         chosen, is_among = triage.c[column] != condition.value, not is_equal
     else:
         chosen, is_among = triage.c[column] == condition.value, is_equal
-    return _is_among(chosen) if is_among else _is_not_among(chosen)
+    ours = (triage.c.kind == TriageKind.EPISODE) & (triage.c.parent == campaign) & chosen
+    return _is_among(ours) if is_among else _is_not_among(ours)
 
 
 def _holds_label(label: str) -> ColumnElement[bool]:
@@ -84,16 +89,12 @@ def _holds_label(label: str) -> ColumnElement[bool]:
     return func.replace(triage.c.labels, join_labels((label,)), "") != triage.c.labels
 
 
-_OF_EPISODES = triage.c.kind == TriageKind.EPISODE
-
-
-def _is_among(chosen: ColumnElement[bool]) -> ColumnElement[bool]:
+def _is_among(ours: ColumnElement[bool]) -> ColumnElement[bool]:
     # Read once for a query: triaged episodes are few beside those of the campaign.
-    rows = select(triage.c.parent, triage.c.number).where(_OF_EPISODES, chosen)
-    return tuple_(episodes.c.campaign, episode_index).in_(rows)
+    return episode_index.in_(select(triage.c.number).where(ours))
 
 
-def _is_not_among(chosen: ColumnElement[bool]) -> ColumnElement[bool]:
-    # By the primary key, for each row: SQLite would scan a list of pairs for NOT IN.
-    same = (triage.c.parent == episodes.c.campaign) & (triage.c.number == episode_index)
-    return ~select(triage.c.kind).where(_OF_EPISODES, same, chosen).correlate(episodes).exists()
+def _is_not_among(ours: ColumnElement[bool]) -> ColumnElement[bool]:
+    # By the primary key, for each row: SQLite would scan a list of numbers for NOT IN.
+    same = triage.c.number == episode_index
+    return ~select(triage.c.kind).where(ours, same).correlate(episodes).exists()

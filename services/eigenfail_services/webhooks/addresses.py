@@ -39,6 +39,20 @@ NAT64 = IPv6Network("64:ff9b::/96")
 """Leads to the IPv4 address in its last 32 bits, on networks without IPv4 (RFC 6052)."""
 
 
+NOT_PUBLIC: tuple[IpNetwork, ...] = (
+    IPv4Network("168.63.129.16/32"),  # services of the host of a virtual machine of Azure
+    IPv4Network("192.0.0.0/24"),  # protocol assignments, and metadata of Oracle's cloud
+    IPv4Network("192.88.99.0/24"),  # relays from 6to4 (RFC 7526)
+    IPv6Network("2001::/23"),  # protocol assignments
+    IPv6Network("3fff::/20"),  # documentation (RFC 9637)
+)
+"""Networks that are refused although some version of Python holds them to be public."""
+
+WEB_PORTS = frozenset({80, 443})
+FIRST_USER_PORT = 1024
+"""Below it are the ports of other protocols, such as mail."""
+
+
 class AddressRefused(Exception):
     """No address of a host is one to which events may be sent."""
 
@@ -81,20 +95,31 @@ def check_url(url: str) -> None:
         raise InvalidValue("url", problem, "Write it like https://host.example/path, in ASCII.")
 
 
-def is_permitted(address: IpAddress, allowed: Iterable[IpNetwork]) -> bool:
-    """Return whether events may be sent to an address.
+def is_allowed(address: IpAddress, allowed: Iterable[IpNetwork]) -> bool:
+    """Return whether the operator allows an address, at any port.
 
     Args:
         address: an address to which a host's name was resolved.
         allowed: networks that are permitted although they are not public.
     """
     leads_to = _find_destination(address)
-    if any(leads_to in network for network in allowed):
-        return True
+    return any(leads_to in network for network in allowed)
+
+
+def is_public(address: IpAddress) -> bool:
+    """Return whether an address is one of the public network."""
+    leads_to = _find_destination(address)
+    if any(leads_to in network for network in NOT_PUBLIC):
+        return False
     if isinstance(leads_to, IPv6Address):
         is_unicast = leads_to in GLOBAL_UNICAST and leads_to not in SIX_TO_FOUR
         return is_unicast and leads_to.is_global
     return leads_to.is_global and not (leads_to.is_multicast or leads_to.is_reserved)
+
+
+def is_web_port(port: int) -> bool:
+    """Return whether events may be sent to a port of a public address: 80, 443, or from 1024 on."""
+    return port in WEB_PORTS or port >= FIRST_USER_PORT
 
 
 def _find_destination(address: IpAddress) -> IpAddress:
@@ -113,7 +138,7 @@ async def resolve_host(host: str, port: int, allowed: Sequence[IpNetwork]) -> st
     Other notations of addresses, such as 2130706433 or 0x7f.1, are resolved like names.
 
     Raises:
-        AddressRefused: there is none, or the name cannot be resolved.
+        AddressRefused: there is none at this port, or the name cannot be resolved.
     """
     resolve = partial(socket.getaddrinfo, host, port, type=socket.SOCK_STREAM)
     try:
@@ -124,8 +149,12 @@ async def resolve_host(host: str, port: int, allowed: Sequence[IpNetwork]) -> st
         raise AddressRefused(f"The host name cannot be resolved: {reason}.") from None
     addresses = [ip_address(where[0]) for *_, where in found]
     for address in addresses:
-        if is_permitted(address, allowed):
+        if is_allowed(address, allowed) or (is_public(address) and is_web_port(port)):
             return str(address)
-    raise AddressRefused(
-        f"{addresses[0]} is not a public address. The operator can allow its network: {VARIABLE}."
+    public = next(filter(is_public, addresses), None)
+    problem = (
+        f"{addresses[0]} is not a public address."
+        if public is None
+        else f"Port {port} of {public} is neither 80 nor 443, and is below {FIRST_USER_PORT}."
     )
+    raise AddressRefused(f"{problem} The operator can allow its network: {VARIABLE}.")

@@ -69,7 +69,7 @@ def judge_status(status: int, attempt: int) -> DeliveryAttempt:
         return DeliveryAttempt(DeliveryState.DELIVERED, status)
     if status == HTTPStatus.GONE:
         problem = "The receiver answered 410 Gone; the webhook was deactivated."
-        return DeliveryAttempt(DeliveryState.FAILED, status, problem)
+        return DeliveryAttempt(DeliveryState.FAILED, status, problem, deactivates=True)
     hint = "; redirects are not followed" if 300 <= status < 400 else ""
     return judge_failure(f"The receiver answered {status}{hint}.", attempt, status)
 
@@ -215,8 +215,6 @@ class WebhookDispatcher:
             log.warning("webhook failed", problem=outcome.problem, **named)
         try:
             self._store.webhooks.outbox.conclude(claimed, outcome, now_ms())
-            if outcome.status == HTTPStatus.GONE:
-                self._store.webhooks.set_active(claimed.webhook, active=False)
         except EigenfailError as error:
             # The claim runs out, and the event is sent again.
             log.warning("webhook outcome not recorded", problem=str(error), **named)

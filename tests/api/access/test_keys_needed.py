@@ -1,5 +1,7 @@
 """Who is let in: nobody needs a key until there is one; then everybody does, and a valid one."""
 
+from functools import partial
+
 import pytest
 from starlette.testclient import TestClient
 
@@ -13,7 +15,8 @@ from eigenfail_api.access.throttling import (
 )
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.access import make_key
+from eigenfail_services.access import DatabaseKeys, make_key
+from eigenfail_services.store import open_store
 
 CAMPAIGNS = "/api/v1/campaigns"
 ADMIN = {"name": "first", "scope": "admin"}
@@ -241,6 +244,9 @@ def test_keys_are_listed_and_revoked(as_holder, keys, problem):
         ({"name": "x", "expires_s": 0}, "expires_s"),
         ({"name": "x", "expires_s": 10**10}, "expires_s"),
         ({"name": "x", "secret": "mine"}, ""),
+        *(({"name": name}, "name") for name in ("loopback", "network", "database", "proxy:ada")),
+        *(({"name": name}, "name") for name in ("Network", "PROXY:ada", "pro\u200bxy:ada")),
+        ({"name": "\uff50roxy\uff1aada"}, "name"),
     ],
 )
 def test_what_is_no_key_is_refused_by_name(as_holder, problem, body, field):
@@ -248,6 +254,25 @@ def test_what_is_no_key_is_refused_by_name(as_holder, problem, body, field):
         problem(as_holder("admin", "POST", "/api/v1/keys", json=body), 422).get("field", "")
         == field
     )
+
+
+@pytest.mark.parametrize("name", ["networks", "proxy", "proxy of ada", "my loopback"])
+def test_names_that_no_other_caller_has_are_free(as_holder, name):
+    made = as_holder("admin", "POST", "/api/v1/keys", json={"name": name})
+    assert made.json()["key"]["name"] == name
+
+
+def test_a_database_itself_takes_no_name_of_other_callers(tmp_path):
+    database = f"sqlite:///{tmp_path / 'a.db'}"
+    open_store(database).close()
+    keys = DatabaseKeys(database)
+    for make in (
+        partial(keys.create, scope="admin"),
+        partial(keys.create_first, file=tmp_path / "k"),
+    ):
+        with pytest.raises(InvalidValue, match="reserved"):
+            make("proxy:ada")
+    assert not (tmp_path / "k").exists()
 
 
 def test_the_last_administrator_cannot_be_shut_out(as_holder, store, keys, problem):

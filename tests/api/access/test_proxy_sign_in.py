@@ -258,6 +258,11 @@ def test_usual_names_are_taken(name):
     [
         {"sign_in_proxies": ("0.0.0.0/0",)},
         {"sign_in_proxies": ("::/0",)},
+        {"sign_in_proxies": ("0.0.0.0/1", "128.0.0.0/1")},
+        {"sign_in_proxies": ("10.0.0.0/7",)},
+        {"sign_in_proxies": ("10.0.0.5/32", "12.0.0.0/8", "fd01::/16", "13.0.0.0/8")},
+        {"sign_in_proxies": ("fd00::/15",)},
+        {"sign_in_proxies": ("::/1", "8000::/1")},
         {"sign_in_scopes": {}},
         {"sign_in_groups_header": "x-forwarded-user"},
     ],
@@ -265,6 +270,11 @@ def test_usual_names_are_taken(name):
 def test_settings_with_which_anybody_is_anybody_are_refused(store, wrong):
     with pytest.raises(InvalidValue, match="sign_in"):
         create_app(store, sign_in(**wrong))
+
+
+def test_a_network_of_a_company_is_taken(store):
+    networks = ("10.0.0.0/8", "10.1.0.0/16", "172.16.0.0/12", "fd01::/16", "fd01:1::/32")
+    create_app(store, sign_in(sign_in_proxies=networks))
 
 
 @pytest.mark.parametrize(

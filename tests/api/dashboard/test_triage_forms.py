@@ -1,5 +1,6 @@
 """Forms for triage: they work without JavaScript, and show what was written as text."""
 
+import re
 from html import escape
 
 import pytest
@@ -7,6 +8,7 @@ from msgspec.structs import replace
 from store_checks.modes import WORDS, analysed, crashed
 
 from eigenfail.testing.examples import analysis_result
+from eigenfail.values.triage import LONGEST_LABEL, LONGEST_OWNER, MOST_LABELS, TriageChange
 from eigenfail_services.store.triage import episode_subject, mode_subject
 
 HTML = {"Accept": "text/html", "Origin": "http://127.0.0.1:8440"}
@@ -32,6 +34,10 @@ def send(http, path, **fields):
     return http.post(path, data=fields, headers=HTML, follow_redirects=False)
 
 
+def read_version(page):
+    return {"changed_ms": re.search(r'name="changed_ms" value="(\d*)"', page)[1]}
+
+
 def test_a_form_changes_triage_and_leads_back(http, store, subject):
     address, what = subject
     fields = {"state": "confirmed", "owner": "anna", "labels": "late, braking,", "ticket": ""}
@@ -42,9 +48,43 @@ def test_a_form_changes_triage_and_leads_back(http, store, subject):
     page = http.get(address, headers=HTML).text
     assert '<option value="confirmed" selected>' in page
     assert 'value="braking, late"' in page
-    send(http, f"{address}/triage", state="new", owner="", labels="", ticket="")
+    shown = {"state": "new", "owner": "", "labels": "", "ticket": "", **read_version(page)}
+    assert send(http, f"{address}/triage", **shown).status_code == 303
     told = store.triage.get(what)
     assert (told.state, told.owner, told.labels) == ("new", "", ())
+
+
+def test_a_page_that_was_opened_before_another_change_overwrites_nothing(http, store, subject):
+    address, what = subject
+    page = http.get(address, headers=HTML).text
+    bulk = TriageChange(add_labels=("night",), owner="ben")
+    store.triage.change(what, bulk, "ben")
+    fields = {"state": "confirmed", "owner": "", "labels": "late", "ticket": ""}
+    answer = send(http, f"{address}/triage", **fields, **read_version(page))
+    assert answer.status_code == 409
+    assert answer.headers["content-type"].startswith("text/html")
+    assert "was changed meanwhile, by ben. Open the page again" in re.sub(
+        r"\s+", " ", re.sub(r"<[^>]+>", " ", answer.text)
+    )
+    told = store.triage.get(what)
+    assert (told.state, told.owner, told.labels) == ("new", "ben", ("night",))
+    seen = read_version(http.get(address, headers=HTML).text)
+    assert send(http, f"{address}/triage", **fields, **seen).status_code == 303
+    assert store.triage.get(what).labels == ("late",)
+
+
+def test_forms_state_the_bounds(http, made):
+    campaign, analysis = made
+    pages = [
+        f"/analyses/{analysis}",
+        f"/campaigns/{campaign}/episodes",
+        f"/analyses/{analysis}/modes/1",
+    ]
+    for page in pages:
+        text = http.get(page, headers=HTML).text
+        assert f'name="owner" type="text" maxlength="{LONGEST_OWNER}"' in text
+        longest = MOST_LABELS * (LONGEST_LABEL + 2)
+        assert f'name="labels" type="text" maxlength="{longest}"' in text
 
 
 def test_tickets_and_notes_are_shown_as_text(http, subject):
@@ -63,6 +103,7 @@ def test_tickets_and_notes_are_shown_as_text(http, subject):
     ("form", "fields"),
     [
         ("triage", {"state": "maybe"}),
+        ("triage", {"state": "known", "changed_ms": "yesterday"}),
         ("triage", {"state": "known", "ticket": "javascript:alert(1)"}),
         ("triage", {"state": "known", "labels": "x" * 41}),
         ("notes", {"text": "  "}),

@@ -22,11 +22,12 @@ def webhooks(store):
     outbox = store.webhooks.outbox
     for outcome in (
         judge_status(204, 1),
-        judge_status(410, 1),
         judge_failure("10.0.0.7 is not a public address.", 1),
+        judge_status(410, 1),
     ):
         store.webhooks.test(made[0].id)
         outbox.conclude(outbox.claim(60.0, now_ms()), outcome, now_ms())
+    store.webhooks.set_active(made[0].id, active=True)
     store.webhooks.set_active(made[1].id, active=False)
     return made
 

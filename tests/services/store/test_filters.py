@@ -29,6 +29,7 @@ from eigenfail_services.store import open_store
 from eigenfail_services.store.campaigns import CampaignStore
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.listing import page_queries
+from eigenfail_services.store.webhooks import WebhookStore
 
 FEW = st.sampled_from([-1.0, -0.0, 0.0, 0.5, 1.5, 2.0, 7.0, 7.5, 1e300, 5e-324])
 WORDS = st.sampled_from(["prior", "policy", "'", '"; --', "", "ß", "Prior"])
@@ -102,23 +103,48 @@ def test_pages_along_an_index_sort_nothing(sqlite_url, name, where):
                 assert all("TEMP B-TREE" not in step[3] for step in plan), (sort, plan)
 
 
-def test_the_newest_campaigns_are_read_without_sorting(sqlite_url):
+@pytest.mark.parametrize("where", ["state = known", "state = new", "owner != ada", "label = a"])
+def test_triage_of_other_campaigns_is_not_read(sqlite_url, where):
+    with closing(Database(find_backend(sqlite_url))) as database, database.reading() as connection:
+        for query in page_queries(connection, 1, None, parse_filter(where), BY_INDEX):
+            plan = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {plain(query)}").all()
+            (read,) = (step[3] for step in plan if "triage" in step[3])
+            assert "kind=? AND parent=?" in read, plan
+
+
+def plans(url, ask):
+    """Steps of the plan of SQLite for each query of rows that is asked."""
     statements = []
 
     def note(_connection, _cursor, statement, parameters, *_more):
         statements.append((statement, parameters))
 
-    with closing(Database(find_backend(sqlite_url))) as database:
+    with closing(Database(find_backend(url))) as database:
         event.listen(Engine, "before_cursor_execute", note)
-        CampaignStore(database).page(5)
-        CampaignStore(database).page(5, 3)
+        ask(database)
         event.remove(Engine, "before_cursor_execute", note)
-        asked = [(text, given) for text, given in statements if "FROM campaigns" in text]
+        asked = [(text, given) for text, given in statements if "FROM " in text]
         with database.reading() as connection:
             for text, given in asked:
                 plan = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {text}", given).all()
-                assert all("TEMP B-TREE" not in step[3] for step in plan), plan
-    assert len(asked) == 2
+                yield [step[3] for step in plan]
+
+
+def test_the_newest_campaigns_are_read_without_sorting(sqlite_url):
+    for before in (None, 3):
+        (steps,) = plans(sqlite_url, lambda it, at=before: CampaignStore(it).page(5, at))
+        assert all("TEMP B-TREE" not in step for step in steps), steps
+
+
+def test_campaigns_with_a_version_are_read_alone(sqlite_url):
+    (steps,) = plans(sqlite_url, lambda it: CampaignStore(it).list_versioned(5))
+    assert steps == ["SCAN campaigns USING INDEX ix_campaigns_versioned"]
+
+
+def test_deliveries_are_counted_in_an_index(sqlite_url):
+    (steps,) = plans(sqlite_url, lambda it: WebhookStore(it).outbox.count_by_state())
+    index = "ix_webhook_deliveries_webhook_state"
+    assert steps == [f"SCAN webhook_deliveries USING COVERING INDEX {index}"]
 
 
 def plain(query):

@@ -15,13 +15,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sqlalchemy import URL
 from store_checks.examples import deliver, running
+from store_checks.webhooks import LONG_S, add
 
 from eigenfail.errors import InvalidValue, StoreUnavailable
 from eigenfail.testing.examples import result, spec
 from eigenfail.values import AnalysisSettings, CampaignState
 from eigenfail_services.store import events, open_store
 from eigenfail_services.store.campaigns import lock_campaign
+from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database, find_backend
+from eigenfail_services.store.outbox import claim_first
 from eigenfail_services.store.postgres import limit_statement
 
 CUT = "SELECT pg_terminate_backend(pid) FROM pg_stat_activity WHERE datname = '{}'"
@@ -109,7 +112,9 @@ import os, signal, sys
 from eigenfail_services.store import postgres
 postgres.LIMITS.update({"idle_in_transaction_session_timeout": "1s", "transaction_timeout": "8s"})
 from eigenfail_services.store.campaigns import lock_campaign
+from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database, find_backend
+from eigenfail_services.store.outbox import claim_first
 from eigenfail_services.store.postgres import limit_statement
 
 def rows():
@@ -266,3 +271,16 @@ def test_other_programs_read_an_address_as_we_do(name, password, options) -> Non
         "dbname": name,
         "options": options,
     }
+
+
+def test_open_transactions_claim_deliveries_of_different_webhooks(store, database):
+    webhooks = [add(store) for _ in range(2)]
+    for webhook in webhooks * 2:
+        store.webhooks.test(webhook.id)
+    at_ms = now_ms() + 1
+    with database.writing() as first, database.writing() as second, database.writing() as third:
+        claimed = [claim_first(each, LONG_S, at_ms) for each in (first, second)]
+        assert [each.webhook for each in claimed] == [each.id for each in webhooks]
+        assert claim_first(third, LONG_S, at_ms) is None
+    with database.writing() as late:
+        assert claim_first(late, LONG_S, at_ms) is None

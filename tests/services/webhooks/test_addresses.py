@@ -13,7 +13,8 @@ from eigenfail.errors import InvalidValue
 from eigenfail_services.webhooks.addresses import (
     AddressRefused,
     check_url,
-    is_permitted,
+    is_allowed,
+    is_public,
     parse_networks,
     resolve_host,
 )
@@ -24,6 +25,7 @@ PRIVATE = (
     *("0.0.0.0/8", "10.0.0.0/8", "100.64.0.0/10", "127.0.0.0/8", "169.254.0.0/16"),
     *("172.16.0.0/12", "192.0.2.0/24", "192.168.0.0/16", "198.18.0.0/15", "198.51.100.0/24"),
     *("203.0.113.0/24", "224.0.0.0/4", "240.0.0.0/4"),
+    *("168.63.129.16/32", "192.0.0.0/24", "192.88.99.0/24", "2001::/23", "3fff::/20"),
     *("::/96", "::1/128", "100::/64", "2001:db8::/32", "2001::/32", "2002::/16", "64:ff9b:1::/48"),
     *("fc00::/7", "fe80::/10", "fec0::/10", "ff00::/8", "4000::/3"),
 )
@@ -39,29 +41,29 @@ def within(network):
 
 @given(st.sampled_from(PRIVATE).map(ip_network).flatmap(within))
 def test_no_private_address_is_permitted(address):
-    assert not is_permitted(address, ())
+    assert not is_public(address)
 
 
 @given(st.sampled_from([each for each in PRIVATE if "." in each]).map(ip_network).flatmap(within))
 def test_nor_behind_an_ipv6_address(address):
     for prefix in ("::ffff:0:0", "64:ff9b::", "::", "2002::"):
         shift = 80 if prefix == "2002::" else 0
-        assert not is_permitted(IPv6Address(int(IPv6Address(prefix)) | int(address) << shift), ())
+        assert not is_public(IPv6Address(int(IPv6Address(prefix)) | int(address) << shift))
 
 
 @pytest.mark.parametrize("address", PUBLIC)
 def test_public_addresses_are_permitted(address):
-    assert is_permitted(ip_address(address), ())
+    assert is_public(ip_address(address))
     if "." in address:
-        assert is_permitted(IPv6Address(f"::ffff:{address}"), ())
-        assert is_permitted(IPv6Address(f"64:ff9b::{address}"), ())
+        assert is_public(IPv6Address(f"::ffff:{address}"))
+        assert is_public(IPv6Address(f"64:ff9b::{address}"))
 
 
 @given(st.integers(0, 2**32 - 1).map(IPv4Address))
-def test_of_private_addresses_those_of_the_operator_alone_are_permitted(address):
+def test_addresses_of_the_operators_networks_alone_are_allowed(address):
     in_own = any(address in network for network in OWN)
-    assert is_permitted(address, OWN) == (in_own or is_permitted(address, ()))
-    assert is_permitted(IPv6Address(f"::ffff:{address}"), OWN) == is_permitted(address, OWN)
+    assert is_allowed(address, OWN) == in_own
+    assert is_allowed(IPv6Address(f"::ffff:{address}"), OWN) == in_own
 
 
 def test_networks_are_read_from_a_list():
@@ -88,6 +90,21 @@ def test_the_first_permitted_address_is_taken(monkeypatch):
     monkeypatch.setattr(socket, "getaddrinfo", lambda *_, **__: answer)
     assert anyio.run(resolve_host, "hooks.example", 443, ()) == "2606:4700::1111"
     assert anyio.run(resolve_host, "hooks.example", 443, OWN) == "10.1.2.3"
+
+
+@pytest.mark.parametrize(
+    ("port", "is_taken"),
+    [(80, True), (443, True), (1024, True), (8443, True), (65535, True)]
+    + [(port, False) for port in (1, 22, 25, 53, 81, 110, 442, 444, 587, 1023)],
+)
+def test_ports_of_other_protocols_are_for_the_networks_of_the_operator(port, is_taken):
+    if is_taken:
+        assert anyio.run(resolve_host, "8.8.8.8", port, ()) == "8.8.8.8"
+    else:
+        with pytest.raises(AddressRefused, match=rf"Port {port} of 8\.8\.8\.8 .*NETWORKS"):
+            anyio.run(resolve_host, "8.8.8.8", port, ())
+    assert anyio.run(resolve_host, "8.8.8.8", port, parse_networks("8.8.8.8")) == "8.8.8.8"
+    assert anyio.run(resolve_host, "10.1.0.1", port, OWN) == "10.1.0.1"
 
 
 def test_a_name_without_addresses_is_refused():

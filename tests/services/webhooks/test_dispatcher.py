@@ -184,6 +184,14 @@ def test_an_address_that_is_gone_is_told_nothing_more(store):
     assert not store.webhooks.get(delivery.webhook).active
 
 
+def test_an_answer_to_a_lost_claim_deactivates_nothing(store, monkeypatch):
+    monkeypatch.setattr(store.webhooks.outbox, "conclude", lambda *_: False)
+    with receiving(answering(410)) as receiver:
+        _, delivery = attempt(store, f"http://127.0.0.1:{receiver.server_port}/")
+    assert (len(receiver.received), delivery.state) == (1, "pending")
+    assert store.webhooks.get(delivery.webhook).active
+
+
 def test_a_proxy_of_the_environment_is_not_used(store, monkeypatch):
     monkeypatch.setenv("HTTP_PROXY", "http://127.0.0.1:9")
     monkeypatch.setenv("ALL_PROXY", "http://127.0.0.1:9")

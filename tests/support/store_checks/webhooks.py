@@ -154,6 +154,9 @@ def claims_one_at_a_time(store: Store) -> None:
     equal(claim(store), None, "A claim while both are busy")
     expect(store.webhooks.outbox.conclude(first, DELIVERED, now_ms()), "It was claimed.")
     equal(taken(store).id, newer.id, "The next one")
+    listed = [(each.id, each.state) for each in store.webhooks.outbox.newest(2)]
+    pending = DeliveryState.PENDING
+    equal(listed, [(elsewhere.id, pending), (newer.id, pending)], "The newest of all webhooks")
     ended = store.webhooks.get_delivery(slow.id, oldest.id)
     equal((ended.state, ended.status), (DeliveryState.DELIVERED, 204), "What was delivered")
 
@@ -173,6 +176,19 @@ def delivers_again_what_was_lost(store: Store) -> None:
     equal(store.webhooks.outbox.claim(LONG_S, at_ms + 4_999), None, "Before it is due")
     due = store.webhooks.outbox.claim(LONG_S, at_ms + 5_000)
     equal(due and (due.event, due.attempt), (event, 3), "When it is due")
+
+
+def deactivates_with_the_outcome(store: Store) -> None:
+    """A webhook that is gone becomes inactive with the outcome, unless the claim was lost."""
+    webhook = add(store)
+    store.webhooks.test(webhook.id)
+    gone = DeliveryAttempt(DeliveryState.FAILED, 410, "It is gone.", deactivates=True)
+    lost = taken(store, PASSED_S)
+    again = taken(store)
+    expect(not store.webhooks.outbox.conclude(lost, gone, now_ms()), "The claim was lost.")
+    expect(store.webhooks.get(webhook.id).active, "A lost claim deactivates nothing.")
+    expect(store.webhooks.outbox.conclude(again, gone, now_ms()), "The second claim holds.")
+    expect(not store.webhooks.get(webhook.id).active, "The webhook is gone.")
 
 
 def delivers_again_what_is_asked_for(store: Store) -> None:
@@ -252,6 +268,7 @@ CHECKS = (
     queues_all_or_nothing,
     claims_one_at_a_time,
     delivers_again_what_was_lost,
+    deactivates_with_the_outcome,
     delivers_again_what_is_asked_for,
     removes_webhooks,
     bounds_the_number_of_webhooks,
