@@ -48,7 +48,7 @@ matched in rising order, the strongest correlation, which narrows some sums of h
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import inf, log, log1p, sqrt
 from typing import Protocol
@@ -201,6 +201,13 @@ class FailureShare:
     errored: int
     trials: int
     value: float | None
+
+    def restrict_to(self, failures: int) -> "FailureShare":
+        """Return the probability of a class of the failures, of which this many were seen.
+
+        Errored episodes may have failed in any class.
+        """
+        return replace(self, failures=failures, value=None)
 
     @property
     def centre(self) -> float:
@@ -384,14 +391,26 @@ class RateBounds:
 
 def bound_sum(terms: Sequence[RiskTerm]) -> RateBounds:
     """Return the bounds of the sum of terms, by melding: the outer ones of two matchings. [1/h]"""
-    lower, upper = np.zeros((2, DRAWS)), np.zeros((2, DRAWS))
+    lower = np.zeros((2, DRAWS))
     for term in terms:
         lower += term.draw_lower()
-        upper += term.draw_upper()
     lows = np.quantile(lower, (ERROR / 2.0, ERROR), axis=1).min(axis=1)
-    highs = np.quantile(upper, (1.0 - ERROR, 1.0 - ERROR / 2.0), axis=1).max(axis=1)
+    highs = _find_upper_quantiles(terms, (1.0 - ERROR, 1.0 - ERROR / 2.0))
     (low, at_least), (at_most, high) = lows.tolist(), highs.tolist()
     return RateBounds(Interval(low, high), at_least, at_most)
+
+
+def bound_sum_above(terms: Sequence[RiskTerm]) -> float:
+    """Return the one-sided upper bound of 95 % alone, as `bound_sum` finds it. [1/h]"""
+    return float(_find_upper_quantiles(terms, (1.0 - ERROR,))[0])
+
+
+def _find_upper_quantiles(terms: Sequence[RiskTerm], levels: Sequence[float]) -> Array:
+    upper = np.zeros((2, DRAWS))
+    for term in terms:
+        upper += term.draw_upper()
+    found: Array = np.quantile(upper, levels, axis=1).max(axis=1)
+    return found
 
 
 def bound_factor(known: Confidence) -> Interval:

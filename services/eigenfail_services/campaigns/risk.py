@@ -146,6 +146,7 @@ def collect_evidence(
         if samples
         else None,
         sampled_failures=sum(each.failures for each in samples),
+        are_counted=[each.id for each in sampled] == [each.id for each in campaigns],
     )
 
 

@@ -96,6 +96,8 @@ def test_the_total_is_that_of_counts(eigenfail, write, two, store):
     assert found["per_hour"]["value"] == pytest.approx(0.2 * sum(failures) / 24)
     assert found["per_million_km"]["value"] == pytest.approx(0.2 * sum(failures) / 24 / 80 * 1e6)
     assert sum(each["counted"] for each in found["severity"]) == sum(failures)
+    bounds = [each["at_most"] for each in found["severity"]]
+    assert all(0.0 < each <= found["per_hour"]["at_most"] for each in bounds)
 
 
 def test_campaigns_of_one_scenario_are_counted_together(eigenfail, write, two, store):
@@ -150,3 +152,4 @@ def test_failures_may_come_from_another_campaign(eigenfail, write, two, store):
     found = ask(eigenfail, file, 0)
     counted = sum(each["counted"] for each in found["severity"])
     assert counted == store.campaigns.get(two[1]).counts.failures
+    assert {each["at_most"] for each in found["severity"]} == {None}
