@@ -8,8 +8,8 @@ a function of the confidence, these bounds are two distributions, a lower and an
 - k encounters in H hours, a Poisson number: Gamma(k) ÷ H and Gamma(k + 1) ÷ H (Garwood 1936,
   Biometrika 28, 437–442).
 - k failures of n episodes that were drawn from p(x): Beta(k, n - k + 1) and Beta(k + 1, n - k)
-  (Clopper and Pearson 1934, Biometrika 26, 404–413). Errored episodes count as failures in the
-  upper one, and as none in the lower one.
+  (Clopper and Pearson 1934, Biometrika 26, 404–413). Errored and
+  unresolved episodes count as failures in the upper one, and as none in the lower one.
 - an estimate with an error between independent runs: log-normal, with Student's quantiles. The
   lower one is cut at the estimate.
 - a value with a 95 % interval: log-normal with this median and these ends. The lower one is cut at
@@ -195,17 +195,20 @@ class FailureShare:
         errored: number of episodes that could not be completed.
         trials: number of episodes, errored ones included.
         value: the estimate, which a stop rule may have made another one than the share.
+        unresolved: number of episodes that ended before what may have become a failure; see
+            docs/measures.md.
     """
 
     failures: int
     errored: int
     trials: int
     value: float | None
+    unresolved: int = 0
 
     def restrict_to(self, failures: int) -> "FailureShare":
         """Return the probability of a class of the failures, of which this many were seen.
 
-        Errored episodes may have failed in any class.
+        Errored and unresolved episodes may have failed in any class.
         """
         return replace(self, failures=failures, value=None)
 
@@ -227,9 +230,9 @@ class FailureShare:
     def draw_upper(self) -> Array:
         """Return quantiles of Beta(k + 1, n - k); ones where nothing else was seen than failures.
 
-        Errored episodes count as failures.
+        Errored and unresolved episodes count as failures.
         """
-        k = self.failures + self.errored
+        k = self.failures + self.errored + self.unresolved
         return _draw_beta(k + 1, self.trials - k) if k < self.trials else np.ones(DRAWS)
 
 

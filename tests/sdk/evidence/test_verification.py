@@ -143,6 +143,14 @@ def test_an_episode_that_contradicts_its_campaign_is_found(bundle, verify, old, 
     assert f"campaigns/1.json: campaign.{field}" in places
 
 
+def test_more_unresolved_episodes_than_safe_ones_are_found(bundle, verify):
+    name = "campaigns/1.json"
+    forged = bundle.files[name].replace(b'"unresolved":0', b'"unresolved":9')
+    assert forged != bundle.files[name]
+    places = list_places(verify(rehash(bundle, **{name: forged})))
+    assert "campaigns/1.json: unresolved" in places
+
+
 def test_a_field_that_is_not_read_is_found_by_the_chain_of_hashes(bundle, verify):
     name = "campaigns/1.json"
     forged = bundle.files[name].replace(b'"trained_episodes"', b'"trained_episodez"')
