@@ -77,12 +77,28 @@ def describe_verdict(found: RiskAssessment) -> str:
             f"{name}: undecided. {wanted[:1].upper()}{wanted[1:]} cannot be judged without an "
             f"estimate for {few}."
         )
+    if figure.value == 0.0:
+        return _describe_none(found, figure, target, unit)
     if found.verdict is RiskVerdict.MET:
         high = _format_within(figure.at_most or 0.0, target)
         return f"{name}: met. Failures are at most {high} {unit}, which {wanted} allows."
     low = format_number(round_down(figure.at_least or 0.0))
     high = format_number(round_up(figure.at_most or 0.0))
     return f"{name}: undecided. Failures are {low} to {high} {unit}, around {wanted}."
+
+
+def _describe_none(found: RiskAssessment, figure: RiskFigure, target: float, unit: str) -> str:
+    """Return the verdict where no failure was observed: the bound comes first."""
+    name, wanted = found.question.name, f"the target of {format_target(target)} {unit}"
+    most = figure.at_most or 0.0
+    if found.verdict is RiskVerdict.MET:
+        high, said = _format_within(most, target), f"{wanted} allows as many"
+    else:
+        high, said = format_number(round_up(most)), f"{wanted} is below that bound"
+    return (
+        f"Failures are at most {high} {unit}, and none was observed. {name}: {found.verdict}. "
+        f"{said[:1].upper()}{said[1:]}."
+    )
 
 
 def _format_above(low: float, target: float) -> str:
@@ -136,7 +152,7 @@ def _tabulate_totals(found: RiskAssessment) -> Table:
 def _list_cells(figure: RiskFigure) -> tuple[Cell, ...]:
     low, high = figure.at_least, figure.at_most
     return (
-        figure.value,
+        NONE_OBSERVED if figure.value == 0.0 else figure.value,
         UNKNOWN if figure.interval is None else format_interval(figure.interval),
         UNKNOWN if low is None else format_number(round_down(low)),
         UNKNOWN if high is None else format_number(round_up(high)),

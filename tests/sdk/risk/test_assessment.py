@@ -98,6 +98,21 @@ def test_nothing_failed_anywhere():
     assert found.per_hour.at_most > 0.0
     assert found.verdict is RiskVerdict.MET
     assert [each.share for each in found.scenarios] == [None, None]
+    totals, *_ = list_tables(found)
+    assert [row[1].value for row in totals.cells] == [NONE_OBSERVED, NONE_OBSERVED]
+
+
+@pytest.mark.parametrize("target", [0.05, 1e-6])
+def test_the_verdict_without_a_failure_begins_with_the_bound(target):
+    question = replace(QUESTION, target=RiskTarget(per_hour=target))
+    found = assess(question, [make_evidence(0), make_evidence(0)])
+    is_met = target > 1e-3
+    assert found.verdict is (RiskVerdict.MET if is_met else RiskVerdict.UNDECIDED)
+    said = describe_verdict(found)
+    assert said.startswith("Failures are at most ")
+    assert float(said.split()[4]) == pytest.approx(found.per_hour.at_most, rel=0.01)
+    assert "none was observed" in said
+    assert f"motorway: {found.verdict}." in said
 
 
 def test_classes_of_severity_are_weighed_by_the_scenarios_rates():
