@@ -54,7 +54,7 @@ def test_the_answer_has_verdict_tables_and_limits(ask, counted):
         assert title in text
     assert "per 10⁶ km" in text
     # What was typed stays, to be changed.
-    assert '[question = name = "Motorway"' in text
+    assert 'as TOML name = "Motorway"' in text
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_what_cannot_be_answered_is_told_beside_the_question(ask, counted, old, 
     assert counted == 1
     text = ask(EXAMPLE.replace(old, new), 422)
     assert said in text
-    assert '[question = name = "Motorway"' in text
+    assert 'as TOML name = "Motorway"' in text
     assert "not met" not in text
 
 
