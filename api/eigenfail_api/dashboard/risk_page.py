@@ -27,7 +27,7 @@ from eigenfail_services.store import Store
 
 QUESTION = "question"
 
-TEMPLATE = """name = "Motorway"
+EXAMPLE = """name = "Motorway"
 severity = [25.0, 100.0]  # thresholds between classes [m²/s²]
 
 [target]
@@ -42,6 +42,7 @@ name = "cut-in"
 encounters = 340  # in these hours
 campaigns = [1]  # ids or names
 """
+"""A question as a file. Its exposure is made up, so that the form does not begin with it."""
 
 MARKS = {
     RiskVerdict.MET: "is-distinct",
@@ -56,7 +57,7 @@ class RiskView(msgspec.Struct, frozen=True, kw_only=True):
     """The page.
 
     Attributes:
-        typed: the question as it was typed.
+        typed: the question as it was typed; empty before one was.
         problem: why it has no answer; empty otherwise.
         verdict: the verdict as a sentence; empty without an answer.
         mark: class of the verdict's style.
@@ -64,9 +65,10 @@ class RiskView(msgspec.Struct, frozen=True, kw_only=True):
         allocation: best use of the next episodes; None without an answer.
         sentences: sentences on that use.
         limits: what limits the answer.
+        example: a question, to be read.
     """
 
-    typed: str
+    typed: str = ""
     problem: str = ""
     verdict: str = ""
     mark: str = ""
@@ -74,6 +76,7 @@ class RiskView(msgspec.Struct, frozen=True, kw_only=True):
     allocation: Table | None = None
     sentences: tuple[str, ...] = ()
     limits: tuple[str, ...] = ()
+    example: str = EXAMPLE
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -81,8 +84,8 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 @router.get("/risk")
 def show_risk() -> HTMLResponse:
-    """Serve the form, with a question to begin with."""
-    return page("risk.html", RiskView(typed=TEMPLATE))
+    """Serve the form, which is empty, with an example beside it."""
+    return page("risk.html", RiskView())
 
 
 @router.post("/risk", dependencies=[COMPARISONS])

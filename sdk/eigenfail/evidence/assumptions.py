@@ -18,7 +18,7 @@ from eigenfail.evidence.question import (
 )
 from eigenfail.evidence.records import SolutionInput, list_campaigns
 from eigenfail.risk.sentences import list_limits
-from eigenfail.values import Campaign, CampaignSpec
+from eigenfail.values import CampaignSpec
 from eigenfail.versions import describe_mixed
 from eigenfail.worlds import describe_disturbance, world_of
 
@@ -91,13 +91,19 @@ def _list_world_assumptions(spec: CampaignSpec) -> Iterator[str]:
         )
 
 
-def _list_probability_assumptions(campaign: Campaign) -> Iterator[str]:
+def _list_probability_assumptions(counted: CountedCampaign) -> Iterator[str]:
     """Yield what the estimate of a campaign takes to be true."""
+    campaign = counted.campaign
     method, estimate = campaign.spec.method, campaign.estimate
     if method == MONTE_CARLO:
         yield "Episodes of 'monte_carlo' are independent draws of the noise from p(x)."
         if campaign.counts.errored:
             yield "Errored episodes count as failures in upper bounds, and as none in lower ones."
+        if counted.unresolved:
+            yield (
+                "Episodes that ended unresolved, or may have, count as failures in upper bounds, "
+                "and as none in lower ones."
+            )
         return
     yield (
         f"The interval of '{method}' is approximate: the logarithm of the estimate is taken to be "
@@ -107,23 +113,23 @@ def _list_probability_assumptions(campaign: Campaign) -> Iterator[str]:
         yield f"{method}: {estimate.note}"
 
 
-def _list_used(given: SolutionInput, campaigns: Counted) -> Sequence[Campaign]:
-    return [campaigns[each].campaign for group in given.campaigns for each in group]
+def _list_used(given: SolutionInput, campaigns: Counted) -> Sequence[CountedCampaign]:
+    return [campaigns[each] for group in given.campaigns for each in group]
 
 
 def _list_for_probability(
     _solution: ProbabilitySolution, given: SolutionInput, campaigns: Counted
 ) -> Iterator[str]:
-    for campaign in _list_used(given, campaigns):
-        yield from _list_probability_assumptions(campaign)
+    for each in _list_used(given, campaigns):
+        yield from _list_probability_assumptions(each)
     yield from given.notes
 
 
 def _list_for_risk(
     solution: RiskSolution, given: SolutionInput, campaigns: Counted
 ) -> Iterator[str]:
-    for campaign in _list_used(given, campaigns):
-        yield from _list_probability_assumptions(campaign)
+    for each in _list_used(given, campaigns):
+        yield from _list_probability_assumptions(each)
     yield (
         "Encounters are a Poisson number, scenarios do not overlap, and the road of the target is "
         "met as the log was driven."

@@ -166,7 +166,12 @@ def _collect_campaign(client: Client, campaign: int) -> CampaignRecord:
         client.episodes.export(campaign, file, "csv", fields=COLUMNS)
         table = file.read_bytes()
     episodes = read_episodes(table, f"campaigns/{campaign}.episodes.csv")
-    facts = CampaignFacts(campaign=found, workers=_collect_workers(client, campaign))
+    ended = client.campaigns.summary(campaign).unresolved
+    facts = CampaignFacts(
+        campaign=found,
+        workers=_collect_workers(client, campaign),
+        unresolved=ended.count + ended.not_known,
+    )
     noise = tuple(_collect_noise(client, found, episodes))
     return CampaignRecord(facts=facts, table=table, noise=noise)
 

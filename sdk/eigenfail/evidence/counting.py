@@ -63,6 +63,11 @@ class CountedCampaign:
         return sum(each.outcome is Outcome.ERRORED for each in self.episodes)
 
     @property
+    def unresolved(self) -> int:
+        """Number of safe episodes that may have ended before a failure, as the service said."""
+        return min(self.record.facts.unresolved, self.completed - self.failures)
+
+    @property
     def completed(self) -> int:
         """Number of completed episodes."""
         return len(self.episodes) - self.errored
@@ -95,6 +100,11 @@ def sum_failures(campaigns: Sequence[CountedCampaign]) -> int:
 def sum_errored(campaigns: Sequence[CountedCampaign]) -> int:
     """Return the number of errored episodes of campaigns together."""
     return sum(each.errored for each in campaigns)
+
+
+def sum_unresolved(campaigns: Sequence[CountedCampaign]) -> int:
+    """Return the number of unresolved episodes of campaigns together."""
+    return sum(each.unresolved for each in campaigns)
 
 
 def sum_completed(campaigns: Sequence[CountedCampaign]) -> int:
@@ -161,7 +171,8 @@ def bound_probability(campaigns: Sequence[CountedCampaign], error: float) -> Int
     """Return one-sided bounds of P(failure), each with this error.
 
     Exact ones (Clopper and Pearson 1934, Biometrika 26, 404–413) of episodes that were drawn from
-    p(x), and log-normal ones of an estimate; see `eigenfail.sensor.anchors`.
+    p(x), and log-normal ones of an estimate; see `eigenfail.sensor.anchors`. Errored and unresolved
+    episodes that were drawn from p(x) count as failures in the upper bound.
 
     Args:
         campaigns: campaigns that state a probability, see `explain_no_probability`.
@@ -171,12 +182,12 @@ def bound_probability(campaigns: Sequence[CountedCampaign], error: float) -> Int
     if first.spec.method != MONTE_CARLO and first.estimate is not None:
         return bound_estimate(first.estimate, error)
     if len(campaigns) == 1:
-        return bound_sampled(first, error)
+        return bound_sampled(first, error, campaigns[0].unresolved)
     failures, errored = sum_failures(campaigns), sum_errored(campaigns)
     trials = sum_completed(campaigns) + errored
     return Interval(
         find_lower_bound(failures, trials, error),
-        find_upper_bound(failures + errored, trials, error),
+        find_upper_bound(failures + errored + sum_unresolved(campaigns), trials, error),
     )
 
 

@@ -1,7 +1,7 @@
 """What an output shows about the criterion of its solution: supported, refuted or undecided.
 
-All numbers follow from the episodes and the estimates of campaigns alone, so that they are computed
-again wherever a bundle is verified.
+All numbers follow from the episodes, the estimates and the number of unresolved episodes of
+campaigns alone, so that they are computed again wherever a bundle is verified.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -25,6 +25,7 @@ from eigenfail.evidence.counting import (
     sum_completed,
     sum_errored,
     sum_failures,
+    sum_unresolved,
 )
 from eigenfail.evidence.gates import find_gate_problems
 from eigenfail.evidence.question import (
@@ -130,6 +131,8 @@ def _judge_probability(
         "at_least": bounds.low,
         "at_most": bounds.high,
     }
+    if unresolved := sum_unresolved(group):
+        figures["unresolved"] = unresolved
     verdict = _VERDICTS_OF_BOUNDS[judge_bounds(bounds, solution.at_most)]
     words = f"{_describe_bound(verdict, bounds, solution)}: {_describe_basis(group)}."
     return SolutionFinding(verdict=verdict, words=words, figures=figures)
@@ -195,7 +198,8 @@ def _find_confidence(group: Sequence[CountedCampaign]) -> Confidence | None:
         return RunEstimate.of(first.estimate) if first.estimate else None
     errored = sum_errored(group)
     trials = sum_completed(group) + errored
-    return FailureShare(sum_failures(group), errored, trials, estimate_probability(group))
+    value, unresolved = estimate_probability(group), sum_unresolved(group)
+    return FailureShare(sum_failures(group), errored, trials, value, unresolved)
 
 
 _VERDICTS_OF_RISK = {

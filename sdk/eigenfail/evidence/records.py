@@ -73,10 +73,18 @@ class PlannerIdentity(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CampaignFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """A campaign as the service had it, and the workers that ran it."""
+    """A campaign as the service had it, and the workers that ran it.
+
+    Attributes:
+        campaign: the campaign.
+        workers: versions of the workers that ran it.
+        unresolved: number of its safe episodes that ended while braking could not avoid a collision
+            any more, or of which that is not known, as the service counted them.
+    """
 
     campaign: Campaign
     workers: tuple[WorkerVersions, ...] = ()
+    unresolved: Annotated[int, msgspec.Meta(ge=0)] = 0
 
     @property
     def planner(self) -> PlannerIdentity:

@@ -1,6 +1,7 @@
 """The answer: failures in an hour of driving with their bounds, by scenario and by severity."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from enum import StrEnum
 from itertools import pairwise
 
@@ -10,11 +11,13 @@ from eigenfail.risk.allocation import Allocation, allocate_episodes
 from eigenfail.risk.confidence import (
     Confidence,
     EventRate,
+    FailureShare,
     RateBounds,
     RiskTerm,
     Stated,
     bound_factor,
     bound_sum,
+    bound_sum_above,
 )
 from eigenfail.risk.question import KM_PER_FIGURE, RiskQuestion, RiskScenario
 from eigenfail.values import Interval
@@ -74,6 +77,7 @@ class ScenarioEvidence(msgspec.Struct, frozen=True, kw_only=True):
         seeds: of the noise of their episodes.
         severities: severities of a random sample of the failures [m²/s²]; None where there is none.
         sampled_failures: size of that sample; failures without a severity count.
+        are_counted: whether that sample is all failures that `probability` counts.
     """
 
     campaigns: tuple[int, ...] = ()
@@ -85,6 +89,7 @@ class ScenarioEvidence(msgspec.Struct, frozen=True, kw_only=True):
     seeds: tuple[int, ...] = ()
     severities: tuple[float, ...] | None = None
     sampled_failures: int = 0
+    are_counted: bool = False
 
 
 class ScenarioRisk(msgspec.Struct, frozen=True, kw_only=True):
@@ -124,12 +129,15 @@ class SeverityRate(msgspec.Struct, frozen=True, kw_only=True):
         per_hour: estimate of such failures in an hour of driving. [1/h]
         share: share of the estimated total; None where the total is 0.
         counted: number of such failures in the samples.
+        at_most: one-sided upper bound of 95 % of such failures in an hour of driving; None where
+            the failures of a scenario are not all counted by class. [1/h]
     """
 
     name: str
     per_hour: float
     share: float | None
     counted: int
+    at_most: float | None = None
 
 
 class RiskAssessment(msgspec.Struct, frozen=True, kw_only=True):
@@ -196,7 +204,7 @@ def assess(
             _describe_scenario(scenario, exposure, found, by_name.get(scenario.name), total.value)
             for scenario, exposure, found in named
         ),
-        severity=_classify(question, named, total.value),
+        severity=_classify(question, named, total.value, by_name),
         next=allocate_episodes(
             [each.name for each in question.scenarios], terms, question.episodes
         ),
@@ -311,32 +319,64 @@ def _classify(
     question: RiskQuestion,
     named: Sequence[tuple[RiskScenario, Confidence, ScenarioEvidence]],
     total: float | None,
+    terms: Mapping[str, RiskTerm],
 ) -> tuple[SeverityRate, ...]:
     """Return the classes of severity, by each scenario's share of failures in each of them."""
     if not question.severity or total is None:
         return ()
     names = [*name_classes(question.severity), NO_SEVERITY, UNCLASSIFIED]
     rates, counted = dict.fromkeys(names, 0.0), dict.fromkeys(names, 0)
-    for _, exposure, found in named:
+    counts = [_count_classes(question.severity, found) for _, _, found in named]
+    for (_, exposure, found), of_one in zip(named, counts, strict=True):
         value = found.probability.value if found.probability else None
         rate = (exposure.value or 0.0) * (value or 0.0)
-        counts = _count_classes(question.severity, found)
-        seen = sum(counts.values())
+        seen = sum(of_one.values())
         if not seen:
             rates[UNCLASSIFIED] += rate
-        for name, count in counts.items():
+        for name, count in of_one.items():
             counted[name] += count
             rates[name] += rate * count / seen if seen else 0.0
+    shown = [
+        name
+        for name in names
+        if name not in (NO_SEVERITY, UNCLASSIFIED) or rates[name] or counted[name]
+    ]
+    of_all = [
+        (terms[scenario.name], of_one, found.are_counted)
+        for (scenario, _, found), of_one in zip(named, counts, strict=True)
+    ]
     return tuple(
         SeverityRate(
             name=name,
             per_hour=rates[name],
             share=rates[name] / total if total else None,
             counted=counted[name],
+            at_most=_bound_class(name, of_all),
         )
-        for name in names
-        if name not in (NO_SEVERITY, UNCLASSIFIED) or rates[name] or counted[name]
+        for name in shown
     )
+
+
+def _bound_class(
+    name: str, of_all: Sequence[tuple[RiskTerm, Mapping[str, int], bool]]
+) -> float | None:
+    """Return the one-sided upper bound of the failures of a class in an hour, by melding. [1/h]
+
+    Episodes of a fixed number that fail in this class are a binomial number as all failures are, so
+    that the bounds of Clopper and Pearson hold for them. None where a scenario has other evidence.
+
+    Args:
+        name: the class.
+        of_all: term of each scenario, its counts by class, and whether these are of all failures
+            that the term counts.
+    """
+    bounded = []
+    for term, counts, are_counted in of_all:
+        known = term.probability
+        if not are_counted or name not in counts or not isinstance(known, FailureShare):
+            return None
+        bounded.append(replace(term, probability=known.restrict_to(counts[name])))
+    return bound_sum_above(bounded)
 
 
 def _count_classes(thresholds: Sequence[float], found: ScenarioEvidence) -> dict[str, int]:

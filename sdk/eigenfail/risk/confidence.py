@@ -8,8 +8,8 @@ a function of the confidence, these bounds are two distributions, a lower and an
 - k encounters in H hours, a Poisson number: Gamma(k) ÷ H and Gamma(k + 1) ÷ H (Garwood 1936,
   Biometrika 28, 437–442).
 - k failures of n episodes that were drawn from p(x): Beta(k, n - k + 1) and Beta(k + 1, n - k)
-  (Clopper and Pearson 1934, Biometrika 26, 404–413). Errored episodes count as failures in the
-  upper one, and as none in the lower one.
+  (Clopper and Pearson 1934, Biometrika 26, 404–413). Errored and
+  unresolved episodes count as failures in the upper one, and as none in the lower one.
 - an estimate with an error between independent runs: log-normal, with Student's quantiles. The
   lower one is cut at the estimate.
 - a value with a 95 % interval: log-normal with this median and these ends. The lower one is cut at
@@ -48,7 +48,7 @@ matched in rising order, the strongest correlation, which narrows some sums of h
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import inf, log, log1p, sqrt
 from typing import Protocol
@@ -195,12 +195,22 @@ class FailureShare:
         errored: number of episodes that could not be completed.
         trials: number of episodes, errored ones included.
         value: the estimate, which a stop rule may have made another one than the share.
+        unresolved: number of episodes that ended before what may have become a failure; see
+            docs/measures.md.
     """
 
     failures: int
     errored: int
     trials: int
     value: float | None
+    unresolved: int = 0
+
+    def restrict_to(self, failures: int) -> "FailureShare":
+        """Return the probability of a class of the failures, of which this many were seen.
+
+        Errored and unresolved episodes may have failed in any class.
+        """
+        return replace(self, failures=failures, value=None)
 
     @property
     def centre(self) -> float:
@@ -220,9 +230,9 @@ class FailureShare:
     def draw_upper(self) -> Array:
         """Return quantiles of Beta(k + 1, n - k); ones where nothing else was seen than failures.
 
-        Errored episodes count as failures.
+        Errored and unresolved episodes count as failures.
         """
-        k = self.failures + self.errored
+        k = self.failures + self.errored + self.unresolved
         return _draw_beta(k + 1, self.trials - k) if k < self.trials else np.ones(DRAWS)
 
 
@@ -384,14 +394,26 @@ class RateBounds:
 
 def bound_sum(terms: Sequence[RiskTerm]) -> RateBounds:
     """Return the bounds of the sum of terms, by melding: the outer ones of two matchings. [1/h]"""
-    lower, upper = np.zeros((2, DRAWS)), np.zeros((2, DRAWS))
+    lower = np.zeros((2, DRAWS))
     for term in terms:
         lower += term.draw_lower()
-        upper += term.draw_upper()
     lows = np.quantile(lower, (ERROR / 2.0, ERROR), axis=1).min(axis=1)
-    highs = np.quantile(upper, (1.0 - ERROR, 1.0 - ERROR / 2.0), axis=1).max(axis=1)
+    highs = _find_upper_quantiles(terms, (1.0 - ERROR, 1.0 - ERROR / 2.0))
     (low, at_least), (at_most, high) = lows.tolist(), highs.tolist()
     return RateBounds(Interval(low, high), at_least, at_most)
+
+
+def bound_sum_above(terms: Sequence[RiskTerm]) -> float:
+    """Return the one-sided upper bound of 95 % alone, as `bound_sum` finds it. [1/h]"""
+    return float(_find_upper_quantiles(terms, (1.0 - ERROR,))[0])
+
+
+def _find_upper_quantiles(terms: Sequence[RiskTerm], levels: Sequence[float]) -> Array:
+    upper = np.zeros((2, DRAWS))
+    for term in terms:
+        upper += term.draw_upper()
+    found: Array = np.quantile(upper, levels, axis=1).max(axis=1)
+    return found
 
 
 def bound_factor(known: Confidence) -> Interval:

@@ -14,7 +14,13 @@ from eigenfail.presentation.figures import (
 )
 from eigenfail.presentation.tables import Block, Cell, FormattedCell, Table, TableColumn
 from eigenfail.risk.allocation import Allocation
-from eigenfail.risk.assessment import RiskAssessment, RiskFigure, RiskVerdict, ScenarioRisk
+from eigenfail.risk.assessment import (
+    RiskAssessment,
+    RiskFigure,
+    RiskVerdict,
+    ScenarioRisk,
+    SeverityRate,
+)
 from eigenfail.sensor.sentences import format_target
 
 SCENARIO = TableColumn("Scenario", is_figure=False)
@@ -24,6 +30,16 @@ MOST_EXPOSURE = 0.5
 
 MOST_DIGITS = 12
 """Digits of a float that are its own; further ones are rounding errors."""
+
+NONE_OBSERVED = "none observed"
+"""Estimate where nothing was seen: the bound next to it says how many there may be."""
+
+EACH_OF_95 = "Upper bounds are one-sided, of 95 % for each class alone."
+
+NO_CLASS_BOUNDED = (
+    "No class is bounded: that needs Monte Carlo in each scenario, ended by no stop rule on "
+    "failures, with the severities of its own failures."
+)
 
 ALL_OF_95 = "Bounds are one-sided, intervals two-sided, all of 95 %."
 
@@ -61,12 +77,28 @@ def describe_verdict(found: RiskAssessment) -> str:
             f"{name}: undecided. {wanted[:1].upper()}{wanted[1:]} cannot be judged without an "
             f"estimate for {few}."
         )
+    if figure.value == 0.0:
+        return _describe_none(found, figure, target, unit)
     if found.verdict is RiskVerdict.MET:
         high = _format_within(figure.at_most or 0.0, target)
         return f"{name}: met. Failures are at most {high} {unit}, which {wanted} allows."
     low = format_number(round_down(figure.at_least or 0.0))
     high = format_number(round_up(figure.at_most or 0.0))
     return f"{name}: undecided. Failures are {low} to {high} {unit}, around {wanted}."
+
+
+def _describe_none(found: RiskAssessment, figure: RiskFigure, target: float, unit: str) -> str:
+    """Return the verdict where no failure was observed: the bound comes first."""
+    name, wanted = found.question.name, f"the target of {format_target(target)} {unit}"
+    most = figure.at_most or 0.0
+    if found.verdict is RiskVerdict.MET:
+        high, said = _format_within(most, target), f"{wanted} allows as many"
+    else:
+        high, said = format_number(round_up(most)), f"{wanted} is below that bound"
+    return (
+        f"Failures are at most {high} {unit}, and none was observed. {name}: {found.verdict}. "
+        f"{said[:1].upper()}{said[1:]}."
+    )
 
 
 def _format_above(low: float, target: float) -> str:
@@ -120,7 +152,7 @@ def _tabulate_totals(found: RiskAssessment) -> Table:
 def _list_cells(figure: RiskFigure) -> tuple[Cell, ...]:
     low, high = figure.at_least, figure.at_most
     return (
-        figure.value,
+        NONE_OBSERVED if figure.value == 0.0 else figure.value,
         UNKNOWN if figure.interval is None else format_interval(figure.interval),
         UNKNOWN if low is None else format_number(round_down(low)),
         UNKNOWN if high is None else format_number(round_up(high)),
@@ -165,12 +197,27 @@ def _tabulate_severity(found: RiskAssessment) -> Table:
     columns = (
         TableColumn("Severity", "m²/s²", is_figure=False),
         TableColumn("Failures per hour"),
+        TableColumn("At most"),
         TableColumn("Share", "share"),
         TableColumn("Counted"),
     )
-    rows = tuple((each.name, each.per_hour, each.share, each.counted) for each in found.severity)
-    note = "Severity is in m²/s². Shares are those of the counted failures of each scenario."
-    return Table("Severity", columns, rows, (note,))
+    rows = tuple(map(_list_class, found.severity))
+    notes = ["Severity is in m²/s². Shares are those of the counted failures of each scenario."]
+    is_bounded = all(each.at_most is not None for each in found.severity)
+    notes.append(EACH_OF_95 if is_bounded else NO_CLASS_BOUNDED)
+    return Table("Severity", columns, rows, tuple(notes))
+
+
+def _list_class(each: SeverityRate) -> tuple[Cell, ...]:
+    is_seen = bool(each.per_hour or each.counted)
+    high = UNKNOWN if each.at_most is None else format_number(round_up(each.at_most))
+    return (
+        each.name,
+        each.per_hour if is_seen else NONE_OBSERVED,
+        high,
+        each.share if is_seen else UNKNOWN,
+        each.counted,
+    )
 
 
 def describe_allocation(found: Allocation) -> Iterator[Block]:

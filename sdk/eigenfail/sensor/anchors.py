@@ -184,17 +184,23 @@ def _read_estimate(estimate: Estimate | None, error: float) -> tuple[float | Non
     return estimate.probability, bound_estimate(estimate, error), ""
 
 
-def bound_sampled(campaign: Campaign, error: float) -> Interval:
+def bound_sampled(campaign: Campaign, error: float, unresolved: int = 0) -> Interval:
     """Return the exact bounds of P(failure) from episodes that were drawn from p(x).
 
     Errored episodes count as failures in the upper bound, and as none in the lower one. Where the
     stop rule ended the campaign, the whole budget would have had as many failures or more, which
     gives a lower bound alone.
+
+    Args:
+        campaign: a campaign of Monte Carlo.
+        error: probability with which a bound does not hold.
+        unresolved: number of safe episodes that count as failures in the upper bound as well.
     """
     counts, limit = campaign.counts, campaign.spec.stop.failures
     if limit is not None and counts.failures >= limit:
         return Interval(find_lower_bound(limit, campaign.spec.episodes, error), 1.0)
     doubtful, trials = counts.failures + counts.errored, counts.completed + counts.errored
+    doubtful += unresolved
     return Interval(
         find_lower_bound(counts.failures, trials, error),
         find_upper_bound(doubtful, trials, error),

@@ -129,7 +129,7 @@ def collect_evidence(
         campaigns: those of the scenario, which are alike.
         sampled: those whose failures are a random sample; of `chains` the ones after burn-in are.
     """
-    known, problem = find_probability(campaigns)
+    known, problem = find_probability(campaigns, _sum_unresolved(store, campaigns))
     first_samples = find_first_samples(sampled)
     samples = [
         store.episodes.sample_severities(each.id, first_samples.get(each.id, 0)) for each in sampled
@@ -146,15 +146,21 @@ def collect_evidence(
         if samples
         else None,
         sampled_failures=sum(each.failures for each in samples),
+        are_counted=[each.id for each in sampled] == [each.id for each in campaigns],
     )
 
 
-def find_probability(campaigns: Sequence[Campaign]) -> _Probability:
+def find_probability(campaigns: Sequence[Campaign], unresolved: int = 0) -> _Probability:
     """Return what campaigns of one scenario state on P(failure).
 
     Episodes state it where `SamplingDesign` calls them a sample of p(x), and a method's estimate
     where the method declares `bounds_probability` and the estimate is no lower bound and has an
     interval. The failures of a search state nothing.
+
+    Args:
+        campaigns: those of the scenario, which are alike.
+        unresolved: number of their episodes that ended before what may have become a failure; they
+            count as failures in the upper bounds of episodes that were drawn from p(x).
     """
     if not campaigns:
         return _Probability(None, NO_CAMPAIGN)
@@ -164,14 +170,14 @@ def find_probability(campaigns: Sequence[Campaign]) -> _Probability:
             completed = campaign.counts.completed
             return _Probability(None, f"{came}, with {completed:,} completed episodes.")
     if len(campaigns) > 1:
-        return _count_together(campaigns)
+        return _count_together(campaigns, unresolved)
     rate = find_failure_rate(campaigns[0])
     if rate is not None and rate.sampled:
-        return _read_rate(campaigns[0], rate)
+        return _read_rate(campaigns[0], rate, unresolved)
     return _read_estimate(campaigns[0])
 
 
-def _count_together(campaigns: Sequence[Campaign]) -> _Probability:
+def _count_together(campaigns: Sequence[Campaign], unresolved: int) -> _Probability:
     design = SamplingDesign.of_failures(campaigns)
     if not design.is_sampled or design.judges_failures:
         return _Probability(None, ONE_ESTIMATE)
@@ -179,21 +185,22 @@ def _count_together(campaigns: Sequence[Campaign]) -> _Probability:
     failures, errored = sum(each.failures for each in counts), sum(each.errored for each in counts)
     completed = sum(each.completed for each in counts)
     share = design.make_rate(failures, completed).value
-    return _Probability(FailureShare(failures, errored, completed + errored, share))
+    return _Probability(FailureShare(failures, errored, completed + errored, share, unresolved))
 
 
-def _read_rate(campaign: Campaign, rate: Rate) -> _Probability:
+def _read_rate(campaign: Campaign, rate: Rate, unresolved: int) -> _Probability:
     counts, limit = campaign.counts, campaign.spec.stop.failures
     # A rule that ended nothing leaves every count below its limit as likely as without it.
     is_unmet = rate.design is RateDesign.FAILURES and limit is not None and rate.k < limit
     if rate.design is RateDesign.FIXED or is_unmet:
         trials = counts.completed + counts.errored
-        return _Probability(FailureShare(rate.k, counts.errored, trials, rate.value))
-    # Both bounds are two-sided, also where all episodes failed, and an errored episode may have
-    # ended either way.
+        share = FailureShare(rate.k, counts.errored, trials, rate.value, unresolved)
+        return _Probability(share)
+    # Both bounds are two-sided, also where all episodes failed, and an errored or unresolved
+    # episode may have ended either way.
     design, trials = SamplingDesign.of_failures([campaign]), counts.completed + counts.errored
     low = design.find_bounds(rate.k, trials).low
-    high = design.find_bounds(rate.k + counts.errored, trials).high
+    high = design.find_bounds(rate.k + counts.errored + unresolved, trials).high
     return _Probability(Stated(rate.value, low, high))
 
 
@@ -268,8 +275,8 @@ def _count_errored(campaigns: Sequence[Campaign]) -> Iterator[str]:
         yield f"{errored} of other methods than Monte Carlo {verb} as safe."
 
 
-def _count_unresolved(store: Store, campaigns: Sequence[Campaign]) -> Iterator[str]:
-    """Yield how many episodes ended while no braking could avoid a collision any more."""
+def _sum_unresolved(store: Store, campaigns: Sequence[Campaign]) -> int:
+    """Return the number of episodes that ended unresolved, or of which that is not known."""
     conflicts = [store.episodes.totals(each.id).conflicts for each in campaigns]
     if unresolved := sum(each.unresolved for each in conflicts):
         plural = ("they count", "they would tell")
@@ -278,6 +285,18 @@ def _count_unresolved(store: Store, campaigns: Sequence[Campaign]) -> Iterator[s
             f"{count_noun(unresolved, 'episode')} ended unresolved, while braking could not avoid "
             f"a collision any more: {they} as no failure. With more steps {tell}."
         )
+    return sum(each.unresolved + each.perhaps_unresolved for each in conflicts)
+
+
+def _count_unresolved(store: Store, campaigns: Sequence[Campaign]) -> Iterator[str]:
+    """Yield how episodes are counted that ended while no braking could avoid a collision."""
+    drawn = [each for each in campaigns if traits_of(each.spec.method).draws_from_prior]
+    other = [each for each in campaigns if each not in drawn]
+    ended = "ended unresolved, or may have: braking could not avoid a collision any more"
+    if number := _sum_unresolved(store, drawn):
+        yield f"{number:,} episodes {ended}. They count as failures in the upper bounds."
+    if number := _sum_unresolved(store, other):
+        yield f"{number:,} episodes of other methods than Monte Carlo {ended}. They count as safe."
 
 
 def _describe_chains(store: Store, sampled: Sequence[Campaign]) -> Iterator[str]:

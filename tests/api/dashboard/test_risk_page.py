@@ -1,9 +1,14 @@
 """The risk page: a form, and the answer to its question."""
 
+from html import unescape
+
 import pytest
 
+from eigenfail.files import parse_toml
+from eigenfail.risk.question import RiskQuestion
+from eigenfail.settings import convert
 from eigenfail.values import Outcome
-from eigenfail_api.dashboard.risk_page import TEMPLATE
+from eigenfail_api.dashboard.risk_page import EXAMPLE
 
 
 @pytest.fixture
@@ -30,18 +35,26 @@ def ask(http, text_of):
     return send
 
 
-def test_the_form_begins_with_a_question(check_page):
+def test_the_form_begins_empty_beside_an_example(check_page, http):
     check_page("dashboard/risk/empty", "/risk")
+    shown = http.get("/risk").text
+    typed = shown.partition("<textarea")[2].partition("</textarea>")[0].partition(">")[2]
+    assert typed.strip() == ""
+    assert 'name = "Motorway"' in unescape(shown)
+
+
+def test_the_example_is_a_question():
+    assert convert(parse_toml(EXAMPLE, "question", ""), RiskQuestion, "question").severity
 
 
 def test_the_answer_has_verdict_tables_and_limits(ask, counted):
-    text = ask(TEMPLATE.replace("[1]", f"[{counted}]"))
+    text = ask(EXAMPLE.replace("[1]", f"[{counted}]"))
     assert "Motorway: not met. Failures are at least" in text
     for title in ("Total", "Scenarios", "Severity", "Next 10,000 episodes", "Limits"):
         assert title in text
     assert "per 10⁶ km" in text
     # What was typed stays, to be changed.
-    assert f"campaigns = [{counted}]" in text
+    assert 'as TOML name = "Motorway"' in text
 
 
 @pytest.mark.parametrize(
@@ -58,9 +71,9 @@ def test_the_answer_has_verdict_tables_and_limits(ask, counted):
 )
 def test_what_cannot_be_answered_is_told_beside_the_question(ask, counted, old, new, said):
     assert counted == 1
-    text = ask(TEMPLATE.replace(old, new), 422)
+    text = ask(EXAMPLE.replace(old, new), 422)
     assert said in text
-    assert "Motorway" in text
+    assert 'as TOML name = "Motorway"' in text
     assert "not met" not in text
 
 

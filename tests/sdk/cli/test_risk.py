@@ -4,6 +4,8 @@ import json
 
 import pytest
 
+from eigenfail_services.statistics.intervals import clopper_pearson
+
 FILE = """name = "Motorway"
 severity = [50.0]
 
@@ -96,6 +98,20 @@ def test_the_total_is_that_of_counts(eigenfail, write, two, store):
     assert found["per_hour"]["value"] == pytest.approx(0.2 * sum(failures) / 24)
     assert found["per_million_km"]["value"] == pytest.approx(0.2 * sum(failures) / 24 / 80 * 1e6)
     assert sum(each["counted"] for each in found["severity"]) == sum(failures)
+    bounds = [each["at_most"] for each in found["severity"]]
+    assert all(0.0 < each <= found["per_hour"]["at_most"] for each in bounds)
+
+
+def test_unresolved_episodes_are_failures_in_the_upper_bounds_alone(eigenfail, write, two, store):
+    found = ask(eigenfail, write(1.0, cut_in=[two[0]], merge=[two[1]]), 0)
+    unresolved = [store.episodes.totals(each).conflicts.unresolved for each in two]
+    assert sum(unresolved) > 0
+    for scenario, of_one in zip(found["scenarios"], unresolved, strict=True):
+        k, n = scenario["failures"], scenario["episodes"]
+        interval = scenario["probability"]["interval"]
+        assert interval["low"] == pytest.approx(clopper_pearson(k, n).low, rel=1e-3)
+        assert interval["high"] == pytest.approx(clopper_pearson(k + of_one, n).high, rel=1e-3)
+    assert f"{sum(unresolved)} episodes ended unresolved" in " ".join(found["notes"])
 
 
 def test_campaigns_of_one_scenario_are_counted_together(eigenfail, write, two, store):
@@ -150,3 +166,4 @@ def test_failures_may_come_from_another_campaign(eigenfail, write, two, store):
     found = ask(eigenfail, file, 0)
     counted = sum(each["counted"] for each in found["severity"])
     assert counted == store.campaigns.get(two[1]).counts.failures
+    assert {each["at_most"] for each in found["severity"]} == {None}

@@ -21,7 +21,9 @@ from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts, Stop
 WORDS = {"s": "safe", "c": "collision", "e": "errored"}
 
 
-def make_record(outcomes, number=1, *, method="monte_carlo", seed=3, state="done", **fields):
+def make_record(
+    outcomes, number=1, *, method="monte_carlo", seed=3, state="done", unresolved=0, **fields
+):
     """Return the record of a campaign whose episodes ended like this, a letter for each."""
     rows = [",".join(COLUMNS)]
     for index, letter in enumerate(outcomes):
@@ -49,7 +51,9 @@ def make_record(outcomes, number=1, *, method="monte_carlo", seed=3, state="done
     )
     if state == "done":
         campaign = replace(campaign, digest=hash_episodes(read_episodes(table, "made up")))
-    return CampaignRecord(facts=CampaignFacts(campaign=campaign), table=table)
+    return CampaignRecord(
+        facts=CampaignFacts(campaign=campaign, unresolved=unresolved), table=table
+    )
 
 
 @pytest.fixture

@@ -53,6 +53,20 @@ def test_errored_episodes_count_as_failures_in_the_upper_bound_alone(make, count
     assert errored.figures["at_least"] < failed.figures["at_least"]
 
 
+def test_unresolved_episodes_count_as_failures_in_the_upper_bound_alone(make, count):
+    failed = judge_probability(count, make("c" + "s" * 98 + "c"))
+    unresolved = judge_probability(count, make("c" + "s" * 99, unresolved=1))
+    assert unresolved.figures["at_most"] == failed.figures["at_most"]
+    assert unresolved.figures["at_least"] < failed.figures["at_least"]
+    assert unresolved.figures["probability"] == 0.01
+    assert unresolved.figures["unresolved"] == 1
+    # 59 safe episodes support it, unless one of them is unresolved.
+    assert judge_probability(count, make("s" * 59, unresolved=1)).verdict == "undecided"
+    parts = make("cs", 1, unresolved=1), make("sss", 2, seed=4, unresolved=2)
+    whole = make("cssss", unresolved=3)
+    assert judge_probability(count, *parts).figures == judge_probability(count, whole).figures
+
+
 def test_campaigns_of_monte_carlo_are_counted_together(make, count):
     parts = judge_probability(count, make("css", 1), make("csssss", 2, seed=4))
     whole = judge_probability(count, make("ccsssssss"))
@@ -141,6 +155,18 @@ def ask_risk(target, *scenarios):
 def test_a_risk_is_judged_by_its_target(make, count, target, verdict):
     given, counted = count(make("c" * 5 + "s" * 95))
     assert judge_solution(ask_risk(target, "one"), given, counted).verdict == verdict
+
+
+def test_unresolved_episodes_count_in_the_upper_bound_of_a_risk(make, count):
+    _, counted = count(make("c" * 5 + "s" * 95, 1, unresolved=3))
+    _, as_failures = count(make("c" * 8 + "s" * 92, 1))
+    given = SolutionInput(campaigns=((1,),))
+    found, other = (
+        judge_solution(ask_risk(0.1, "one"), given, each).figures for each in (counted, as_failures)
+    )
+    assert found["at_most_per_hour"] == other["at_most_per_hour"]
+    assert found["at_least_per_hour"] < other["at_least_per_hour"]
+    assert found["per_hour"] == pytest.approx(0.05)
 
 
 def test_a_search_has_no_part_in_a_risk(make, count):

@@ -4,9 +4,15 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.risk.assessment import RiskVerdict, ScenarioEvidence, assess, name_noises
-from eigenfail.risk.confidence import FailureShare
+from eigenfail.risk.confidence import FailureShare, RunEstimate, Stated
 from eigenfail.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget
-from eigenfail.risk.sentences import describe_assessment, describe_verdict
+from eigenfail.risk.sentences import (
+    NO_CLASS_BOUNDED,
+    NONE_OBSERVED,
+    describe_assessment,
+    describe_verdict,
+    list_tables,
+)
 from eigenfail.values import Interval
 
 SCENARIOS = (
@@ -92,6 +98,21 @@ def test_nothing_failed_anywhere():
     assert found.per_hour.at_most > 0.0
     assert found.verdict is RiskVerdict.MET
     assert [each.share for each in found.scenarios] == [None, None]
+    totals, *_ = list_tables(found)
+    assert [row[1].value for row in totals.cells] == [NONE_OBSERVED, NONE_OBSERVED]
+
+
+@pytest.mark.parametrize("target", [0.05, 1e-6])
+def test_the_verdict_without_a_failure_begins_with_the_bound(target):
+    question = replace(QUESTION, target=RiskTarget(per_hour=target))
+    found = assess(question, [make_evidence(0), make_evidence(0)])
+    is_met = target > 1e-3
+    assert found.verdict is (RiskVerdict.MET if is_met else RiskVerdict.UNDECIDED)
+    said = describe_verdict(found)
+    assert said.startswith("Failures are at most ")
+    assert float(said.split()[4]) == pytest.approx(found.per_hour.at_most, rel=0.01)
+    assert "none was observed" in said
+    assert f"motorway: {found.verdict}." in said
 
 
 def test_classes_of_severity_are_weighed_by_the_scenarios_rates():
@@ -109,6 +130,71 @@ def test_classes_of_severity_are_weighed_by_the_scenarios_rates():
     )
     assert sum(each.share for each in found.severity) == pytest.approx(1.0)
     assert [each.counted for each in found.severity] == [1, 2, 1, 1, 0]
+
+
+def classify(*evidence, thresholds=(10.0,), rate=2.0):
+    """The classes of scenarios that are met at an exactly known rate, and the total."""
+    scenarios = tuple(
+        RiskScenario(name=f"{place}", per_hour=rate, campaigns=(place + 1,))
+        for place in range(len(evidence))
+    )
+    found = assess(replace(QUESTION, scenarios=scenarios, severity=thresholds), evidence)
+    return {each.name: each for each in found.severity}, found
+
+
+@pytest.mark.parametrize("n", [100, 3_000])
+def test_the_bound_of_a_class_without_a_failure_has_a_closed_form(n):
+    mild = make_evidence(13, n, severities=(5.0,) * 13, sampled_failures=13, are_counted=True)
+    classes, found = classify(mild)
+    severe = classes["10 or more"]
+    # 1 - 0.05^(1/n) is the exact bound of no event in n.
+    assert severe.at_most == pytest.approx(2.0 * (1.0 - 0.05 ** (1.0 / n)), rel=1e-3)
+    assert (severe.per_hour, severe.counted) == (0.0, 0)
+    # All failures are in the other class.
+    assert classes["below 10"].at_most == found.per_hour.at_most
+    *_, table = list_tables(found)
+    assert table.cells[1][1].value == NONE_OBSERVED
+    assert "0 %" not in [cell.value for cell in table.cells[1]]
+
+
+def test_errored_episodes_may_have_failed_in_any_class():
+    known = FailureShare(2, 3, 500, 2 / 497)
+    sample = {"severities": (5.0, 5.0), "sampled_failures": 2, "are_counted": True}
+    errored = make_evidence(2, 500, **{"probability": known, **sample})
+    classes, _ = classify(errored)
+    seen = make_evidence(3, 500, severities=(20.0,) * 3, sampled_failures=3, are_counted=True)
+    assert classes["10 or more"].at_most == classify(seen)[0]["10 or more"].at_most
+
+
+def test_classes_are_bounded_by_the_total_and_sums_cover_all_scenarios():
+    one = make_evidence(3, severities=(5.0, 20.0, 90.0), sampled_failures=3, are_counted=True)
+    other = make_evidence(1, severities=(60.0,), sampled_failures=1, are_counted=True, seeds=(9,))
+    classes, found = classify(one, other, thresholds=(10.0, 50.0))
+    alone, _ = classify(one, thresholds=(10.0, 50.0))
+    for name, each in classes.items():
+        assert each.per_hour < each.at_most <= found.per_hour.at_most
+        assert each.at_most > alone[name].at_most
+
+
+@pytest.mark.parametrize(
+    "unbounded",
+    [
+        make_evidence(2, severities=(5.0, 5.0), sampled_failures=2),
+        make_evidence(
+            2,
+            probability=RunEstimate(1e-3, 0.3, 5.0),
+            severities=(5.0, 5.0),
+            sampled_failures=2,
+        ),
+        make_evidence(2, probability=Stated(2e-3, 1e-4, 1e-2)),
+    ],
+)
+def test_other_evidence_bounds_no_class(unbounded):
+    counted = make_evidence(1, severities=(60.0,), sampled_failures=1, are_counted=True, seeds=(9,))
+    classes, found = classify(counted, unbounded)
+    assert {each.at_most for each in classes.values()} == {None}
+    *_, table = list_tables(found)
+    assert NO_CLASS_BOUNDED in table.notes
 
 
 def test_an_exactly_known_exposure_has_no_interval_and_is_told():

@@ -49,6 +49,21 @@ def test_counts_of_monte_carlo_state_it():
     assert found.problem == ""
 
 
+def test_unresolved_episodes_count_in_the_upper_bound_alone():
+    (known, _) = find_probability([make_campaign(errored=2)], 5)
+    (without, _) = find_probability([make_campaign(errored=2)])
+    assert known == FailureShare(3, 2, 1_000, 3 / 998, 5)
+    assert known.value == without.value
+    assert (known.draw_lower() == without.draw_lower()).all()
+    as_failures = FailureShare(10, 0, 1_000, 0.01)
+    assert (known.draw_upper() == as_failures.draw_upper()).all()
+    (stopped, _) = find_probability([make_campaign(stop=StopRules(half_width=0.5))], 5)
+    assert stopped.low == confidence_sequence(3, 1_000).low
+    assert stopped.high == confidence_sequence(8, 1_000).high
+    together = [make_campaign(), make_campaign(failures=5, seed=2)]
+    assert find_probability(together, 7).known == FailureShare(8, 0, 2_000, 8 / 2_000, 7)
+
+
 def test_a_rule_that_ended_nothing_changes_nothing():
     found = find_probability([make_campaign(stop=StopRules(failures=10))])
     assert found.known == FailureShare(3, 0, 1_000, 0.003)
