@@ -14,7 +14,7 @@ from zipfile import BadZipFile, ZipFile, is_zipfile
 
 import httpx2
 
-from eigenfail.client.fields import AnalysisFields
+from eigenfail.client.fields import AnalysisFields, refuse_fields_beside
 from eigenfail.client.link import Link, wait_until
 from eigenfail.client.references import (
     AnalysisLike,
@@ -70,9 +70,10 @@ class Analyses:
         Raises:
             NotFound: no such campaign.
             UnknownName: a setting that does not exist.
-            InvalidValue: a setting outside its bounds, or further campaigns that are not there or
-                do not go together with this one.
+            InvalidValue: a setting outside its bounds, fields beside all settings, or further
+                campaigns that are not there or do not go together with this one.
         """
+        refuse_fields_beside("settings", settings, fields)
         wanted = settings or read_fields(fields, AnalysisSettings)
         return self._link.post(f"{locate_campaign(campaign)}/analyses", Analysis, wanted)
 

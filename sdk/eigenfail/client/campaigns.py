@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, TypedDict, Unpack, overload
+from typing import Any, Unpack, overload
 
-from eigenfail.client.fields import CampaignChanges, CampaignFields
+from eigenfail.client.fields import CampaignChanges, CampaignFields, refuse_fields_beside
 from eigenfail.client.link import Extent, Link, report_progress, reverse_order, wait_until
 from eigenfail.client.references import (
     CampaignLike,
@@ -43,14 +43,6 @@ from eigenfail.wire.http import SHRINK_WITHIN, CampaignCheck, Digest, ShrinkRequ
 AT_REST = FINAL_STATES | {CampaignState.PAUSED}
 
 
-class LabelFilter(TypedDict, total=False):
-    """Labels of campaigns in a list; None or left out where any will do."""
-
-    project: str | None
-    tag: str | None
-    planner_version: str | None
-
-
 class Campaigns:
     """Create, follow, steer and judge campaigns.
 
@@ -75,8 +67,9 @@ class Campaigns:
 
         Raises:
             UnknownName: a field, plug-in, setting or parameter that does not exist.
-            InvalidValue: a value outside its bounds.
+            InvalidValue: a value outside its bounds, or fields beside a whole specification.
         """
+        refuse_fields_beside("spec", spec, fields)
         wanted = spec or read_fields(fields, CampaignSpec)
         return self._link.post_once_only("/campaigns", Campaign, wanted)
 
@@ -103,7 +96,11 @@ class Campaigns:
         Args:
             spec: all of it; or give its fields by name.
             fields: fields of a CampaignSpec, as structs or plain data.
+
+        Raises:
+            InvalidValue: fields are given beside a whole specification.
         """
+        refuse_fields_beside("spec", spec, fields)
         return self._link.post("/campaigns/check", CampaignCheck, spec or fields)
 
     def clone(self, campaign: CampaignLike, **changes: Unpack[CampaignChanges]) -> Campaign:
@@ -159,8 +156,10 @@ class Campaigns:
         search: str | None = None,
         *,
         sort: str = str(NEWEST_FIRST),
+        project: str | None = None,
+        tag: str | None = None,
+        planner_version: str | None = None,
         archived: bool = False,
-        **labels: Unpack[LabelFilter],
     ) -> Rows[Campaign]:
         """List campaigns that match all given filters, in an order.
 
@@ -171,7 +170,9 @@ class Campaigns:
             search: text that their names hold, in small or large letters.
             sort: id, name, planner, method, state, failures, completed or cost_per_failure_usd;
                 with a minus, the largest first.
-            labels: `project`, `tag` and `planner_version` of the campaigns.
+            project: project of the campaigns.
+            tag: one of the tags of the campaigns.
+            planner_version: version of the planner under test, as the campaigns state it.
             archived: whether archived campaigns are listed, too.
 
         Raises:
@@ -184,9 +185,9 @@ class Campaigns:
             "method": method,
             "search": search,
             "sort": order,
-            "project": labels.get("project"),
-            "tag": labels.get("tag"),
-            "planner_version": labels.get("planner_version"),
+            "project": project,
+            "tag": tag,
+            "planner_version": planner_version,
             "archived": _ask_archived(archived),
         }
         reverse = reverse_order(asked, parse_campaign_sort(sort), "id")

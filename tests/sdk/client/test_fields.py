@@ -2,11 +2,14 @@
 
 from typing import Annotated, Literal, get_args, get_origin, get_type_hints
 
+import httpx2
 import msgspec
 import pytest
 
+from eigenfail.client import Client
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.client.fields import AnalysisFields, CampaignChanges, CampaignFields
+from eigenfail.errors import InvalidValue
 from eigenfail.values import AnalysisSettings, CampaignSpec
 
 PAIRS = [
@@ -47,6 +50,34 @@ def test_what_has_no_default_must_be_given():
     required = {field.name for field in msgspec.structs.fields(CampaignSpec) if field.required}
     assert required == CampaignFields.__required_keys__
     assert not CampaignChanges.__required_keys__
+
+
+@pytest.fixture
+def unasked():
+    """A client whose service must not be asked."""
+
+    def handle(request):
+        raise AssertionError(request)
+
+    return Client(transport=httpx2.MockTransport(handle))
+
+
+def test_fields_beside_a_whole_value_are_refused(unasked):
+    spec = CampaignSpec(name="whole", method="monte_carlo", episodes=3)
+    settings = AnalysisSettings(components=4)
+    for call in (unasked.campaigns.create, unasked.campaigns.check):
+        with pytest.raises(
+            InvalidValue, match=r"whole CampaignSpec .* fields of it: seed"
+        ) as error:
+            call(spec, seed=5)
+        assert error.value.field == "spec"
+    with pytest.raises(InvalidValue, match=r"whole AnalysisSettings .* fields of it: components"):
+        unasked.analyses.create(2, settings, components=7)
+
+
+def test_a_filter_of_campaigns_that_does_not_exist_is_refused(unasked):
+    with pytest.raises(TypeError, match="planer_version"):
+        unasked.campaigns.list(planer_version="1.1")
 
 
 def test_type_checkers_see_the_fields():
