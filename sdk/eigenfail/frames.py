@@ -5,7 +5,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import singledispatch
 from itertools import islice
 from operator import index as convert_index
+from sys import maxsize
 from typing import TYPE_CHECKING, Any, Generic, SupportsIndex, TypeVar, overload
+from weakref import ReferenceType, ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,6 +157,38 @@ Row = TypeVar("Row")
 SHOWN = 20
 
 
+class _Walk(Iterator[Row]):
+    """An iteration over all rows of a list, whose rows may be loaded ahead."""
+
+    def __init__(self, source: Iterator[Row]) -> None:
+        self._source = source
+        self._loaded: deque[Row] = deque()
+        self.is_started = False
+
+    def __next__(self) -> Row:
+        self.is_started = True
+        return self._loaded.popleft() if self._loaded else next(self._source)
+
+    def load_all(self) -> int:
+        """Load the rows to come, and return their number."""
+        try:
+            self._loaded.extend(self._source)
+        except Exception as error:
+            # Python takes a TypeError for a length that is not known, and would iterate on.
+            self._source = _fail(error)
+            raise
+        return len(self._loaded)
+
+    def close(self) -> None:
+        """End the iteration."""
+        getattr(self._source, "close", lambda: None)()
+
+
+def _fail(error: Exception) -> Iterator[Any]:
+    raise error
+    yield
+
+
 class Rows(Iterable[Row], Shown, Tabular, Generic[Row]):
     """A list on a service: nothing is asked before a row, or the number of rows, is wanted.
 
@@ -180,14 +214,24 @@ class Rows(Iterable[Row], Shown, Tabular, Generic[Row]):
         self._start = start
         self._count = count
         self._backwards = backwards
+        self._latest: ReferenceType[_Walk[Row]] | None = None
 
     def __iter__(self) -> Iterator[Row]:
         """All rows, page by page."""
-        return self._fetch()
+        walk = _Walk(self._fetch())
+        self._latest = ref(walk)
+        return walk
+
+    def __reversed__(self) -> Iterator[Row]:
+        """All rows from the last one on, page by page where the list can be read so."""
+        return reversed(tuple(self)) if self._backwards is None else self._backwards(maxsize)
 
     def __len__(self) -> int:
         """Number of rows; one request where the service counts them."""
-        return self.count()
+        # `list(rows)` and `tuple(rows)` begin an iteration and then want to know its length: its
+        # rows answer that, so that no row is asked for twice, and none is counted.
+        walk = self._latest() if self._latest else None
+        return self.count() if walk is None or walk.is_started else walk.load_all()
 
     def __bool__(self) -> bool:
         """Whether there is a row; asks for one alone."""

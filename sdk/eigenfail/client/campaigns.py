@@ -38,7 +38,14 @@ from eigenfail.values.mixing import ChainMixing
 from eigenfail.values.operations import Pruning, WorkerShare
 from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.values.seeds import SeedSpread
-from eigenfail.wire.http import SHRINK_WITHIN, CampaignCheck, Digest, ShrinkRequest, read_fields
+from eigenfail.wire.http import (
+    SHRINK_WITHIN,
+    CampaignCheck,
+    Digest,
+    ShrinkRequest,
+    make_plain,
+    read_fields,
+)
 
 AT_REST = FINAL_STATES | {CampaignState.PAUSED}
 
@@ -86,7 +93,11 @@ class Campaigns:
             UnknownName: one has a field, plug-in or setting that does not exist: `[2].settings`.
             InvalidValue: one has a value that cannot be; or there are none, or too many.
         """
-        return self._link.post_once_only("/campaigns/bulk", Page[Campaign], list(specs), key).items
+        wanted = [
+            make_plain(spec, f"[{place}].") if isinstance(spec, Mapping) else spec
+            for place, spec in enumerate(specs)
+        ]
+        return self._link.post_once_only("/campaigns/bulk", Page[Campaign], wanted, key).items
 
     def check(
         self, spec: CampaignSpec | None = None, **fields: Unpack[CampaignChanges]
@@ -101,7 +112,7 @@ class Campaigns:
             InvalidValue: fields are given beside a whole specification.
         """
         refuse_fields_beside("spec", spec, fields)
-        return self._link.post("/campaigns/check", CampaignCheck, spec or fields)
+        return self._link.post("/campaigns/check", CampaignCheck, spec or make_plain(fields))
 
     def clone(self, campaign: CampaignLike, **changes: Unpack[CampaignChanges]) -> Campaign:
         """A new campaign like an earlier one, queued.
@@ -116,7 +127,9 @@ class Campaigns:
             UnknownName: a field, plug-in, setting or parameter that does not exist.
             InvalidValue: a value outside its bounds.
         """
-        return self._link.post_once_only(f"{locate_campaign(campaign)}/clone", Campaign, changes)
+        return self._link.post_once_only(
+            f"{locate_campaign(campaign)}/clone", Campaign, make_plain(changes)
+        )
 
     def shrink(
         self,

@@ -280,12 +280,30 @@ def read_fields(given: Mapping[str, Any], kind: type[Body]) -> Body:
         UnknownName: a field is unknown.
         InvalidValue: a value has the wrong type, is out of bounds, or is missing.
     """
+    plain = make_plain(given)
+    refuse_unknown_fields(plain, kind)
+    return convert(plain, kind)
+
+
+def make_plain(given: Mapping[str, Any], place: str = "") -> dict[str, Any]:
+    """Return fields as plain data: of structs their fields, of numpy plain numbers and lists.
+
+    Args:
+        given: values by the names of fields.
+        place: where the fields stand, for the error, such as `[2].`.
+
+    Raises:
+        InvalidValue: a value is none of these.
+    """
+    return {name: _make_plain(f"{place}{name}", value) for name, value in given.items()}
+
+
+def _make_plain(field: str, value: object) -> object:
     try:
-        plain = msgspec.to_builtins(dict(given))
-        refuse_unknown_fields(plain, kind)
-        return convert(plain, kind)
-    except TypeError as error:
-        raise InvalidValue("", f"{error}.", "Give plain numbers, text, lists and dicts.") from None
+        return msgspec.to_builtins(value, enc_hook=encode_array_as_lists)
+    except TypeError:
+        problem = f"a {type(value).__name__} is not plain data, or holds what is not."
+        raise InvalidValue(field, problem, "Give plain numbers, text, lists and dicts.") from None
 
 
 def refuse_unknown_fields(given: Any, kind: type[msgspec.Struct], field: str = "") -> None:

@@ -4,6 +4,7 @@ from typing import Annotated, Literal, get_args, get_origin, get_type_hints
 
 import httpx2
 import msgspec
+import numpy as np
 import pytest
 
 from eigenfail.client import Client
@@ -73,6 +74,38 @@ def test_fields_beside_a_whole_value_are_refused(unasked):
         assert error.value.field == "spec"
     with pytest.raises(InvalidValue, match=r"whole AnalysisSettings .* fields of it: components"):
         unasked.analyses.create(2, settings, components=7)
+
+
+def test_numbers_of_numpy_are_numbers(client, fields):
+    given = fields | {
+        "episodes": np.int64(7),
+        "price_usd_per_hour": np.float32(0.5),
+        "scenario_parameters": {"ego_speed_mps": np.float64(24.0)},
+        "stop": {"failures": np.int32(3)},
+        "tags": np.array(["a", "b"]),
+    }
+    made = client.campaigns.create(**given).spec
+    assert (made.episodes, made.price_usd_per_hour, made.stop.failures) == (7, 0.5, 3)
+    assert (made.scenario_parameters["ego_speed_mps"], made.tags) == (24.0, ("a", "b"))
+    assert client.campaigns.clone(1, seed=np.int64(4)).spec.seed == 4
+    assert client.campaigns.check(**given).spec.episodes == 7
+    (bulk,) = client.campaigns.create_many([given])
+    assert bulk.spec == made
+    whole = msgspec.structs.replace(made, seed=np.int64(9), price_usd_per_hour=np.float64(2))
+    assert client.campaigns.create(whole).spec.seed == 9
+
+
+def test_what_is_no_plain_data_is_refused_by_the_name_of_its_field(unasked, fields):
+    given = fields | {"settings": {"round_size": object()}}
+    for call in (unasked.campaigns.create, unasked.campaigns.check):
+        with pytest.raises(InvalidValue, match="plain data") as error:
+            call(**given)
+        assert error.value.field == "settings"
+    with pytest.raises(InvalidValue, match="plain data") as error:
+        unasked.campaigns.create_many([fields, given])
+    assert error.value.field == "[1].settings"
+    with pytest.raises(InvalidValue, match="seed: a complex is not"):
+        unasked.campaigns.clone(1, seed=1j)
 
 
 def test_a_filter_of_campaigns_that_does_not_exist_is_refused(unasked):
