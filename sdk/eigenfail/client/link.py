@@ -10,7 +10,7 @@ from math import inf
 from random import uniform
 from socket import MSG_PEEK, SHUT_RDWR, socket
 from time import monotonic, sleep
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 from uuid import uuid4
 
 import httpx2
@@ -29,6 +29,7 @@ from eigenfail.errors import (
 )
 from eigenfail.filters import SortOrder
 from eigenfail.frames import Rows
+from eigenfail.table_columns import Columns, list_struct_columns
 from eigenfail.values import Campaign, Page
 from eigenfail.wire import http
 from eigenfail.wire.http import UNTYPED, Problem, make_error
@@ -219,16 +220,18 @@ Params = Mapping[str, int | str | None]
 
 
 class Extent(msgspec.Struct, frozen=True):
-    """How the rows of a list are counted, and read from the last one on.
+    """How the rows of a list are counted, read from the last one on, and written as a table.
 
     Attributes:
         count: returns the number of rows; None: they are counted one by one.
         reverse: the parameters with which the same list begins with its last row; None where there
             is no such order.
+        columns: columns of its table; None: those of the kind of its rows.
     """
 
     count: Callable[[], int] | None = None
     reverse: Params | None = None
+    columns: Columns | None = None
 
 
 class Link:
@@ -322,9 +325,10 @@ class Link:
             kind: kind of its pages.
             cursor: the parameter that asks for the next page.
             params: further ones.
-            extent: how its rows are counted, and read from the last one on.
+            extent: how its rows are counted and read from the last one on, and its columns.
         """
         known = extent or Extent()
+        by_kind = list_struct_columns(*get_args(kind))
 
         def iterate(asked: Params | None, most: float) -> Iterator[Kind]:
             query: dict[str, int | str | None] = {"limit": PAGE, **(asked or {})}
@@ -342,6 +346,7 @@ class Link:
             start=partial(iterate, params),
             count=known.count,
             backwards=None if known.reverse is None else partial(iterate, known.reverse),
+            columns=by_kind if known.columns is None else known.columns,
         )
 
     def count(self, path: str, params: Params | None = None) -> int:
