@@ -216,7 +216,7 @@ class _Walk(Iterator[Row]):
             self._loaded.extend(self._source)
         except Exception as error:
             # Python takes a TypeError for a length that is not known, and would iterate on.
-            self._source = _fail(error)
+            self._source = map(_raise, (error,))
             raise
         return len(self._loaded)
 
@@ -225,9 +225,8 @@ class _Walk(Iterator[Row]):
         getattr(self._source, "close", lambda: None)()
 
 
-def _fail(error: Exception) -> Iterator[Any]:
+def _raise(error: Exception) -> Any:
     raise error
-    yield
 
 
 class Rows(Iterable[Row], Shown, Tabular, Generic[Row]):

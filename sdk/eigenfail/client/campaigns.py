@@ -284,7 +284,7 @@ class Campaigns:
 
         Raises:
             NotFound: no such campaign.
-            ServiceError: it did not end in time; it goes on all the same.
+            WaitTimeout: it did not end in time; it goes on all the same.
         """
         with report_progress(on_progress, progress) as tell:
 
@@ -293,7 +293,9 @@ class Campaigns:
                 tell(seen)
                 return seen
 
-            return wait_until(look, lambda seen: seen.state in AT_REST, poll_s, timeout_s)
+            return wait_until(
+                look, lambda seen: seen.state in AT_REST, poll_s, timeout_s, _describe_progress
+            )
 
     def summary(self, campaign: CampaignLike) -> Summary:
         """Failures, rate, likelihood and cost so far.
@@ -430,6 +432,12 @@ class Campaigns:
             NotFound: no such campaign.
         """
         return self._link.get(f"{locate_campaign(campaign)}/digest", Digest).digest
+
+
+def _describe_progress(campaign: Campaign) -> str:
+    counts = campaign.counts
+    done = f"{counts.completed} of {counts.planned} episodes completed"
+    return f"Campaign {campaign.id} ({campaign.spec.name}; {campaign.state}, {done})"
 
 
 def _ask_archived(archived: bool) -> str | None:

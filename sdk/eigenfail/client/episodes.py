@@ -105,8 +105,13 @@ class Episodes:
         Raises:
             NotFound: no such campaign.
             UnknownName: a column or a value that there is not.
-            InvalidValue: a filter that cannot be read; the error says where.
+            InvalidValue: a filter that cannot be read, the error says where; or fields that are
+                one text.
         """
+        if isinstance(fields, str):
+            problem = f"'{fields}' is one text."
+            named = [name.strip() for name in fields.split(",")]
+            raise InvalidValue("fields", problem, f"Give a list of names: fields={named}.")
         path = f"{locate_campaign(campaign)}/episodes"
         asked = {"outcome": outcome, "filter": filter or None, "sort": sort}
         picked = {**asked, "fields": ",".join(fields)} if fields else asked

@@ -23,9 +23,9 @@ from eigenfail.errors import (
     InvalidValue,
     ProtocolError,
     ServiceBusy,
-    ServiceError,
     ServiceUnreachable,
     StoreUnavailable,
+    WaitTimeout,
 )
 from eigenfail.filters import SortOrder
 from eigenfail.frames import Rows
@@ -81,20 +81,28 @@ def wait_until(
     is_over: Callable[[Kind], bool],
     poll_s: float,
     timeout_s: float | None,
+    describe: Callable[[Kind], str] = lambda _seen: "The operation",
 ) -> Kind:
     """Return the first look for which `is_over` is true.
 
     A service that was there once may be away for a minute, to be started anew.
 
+    Args:
+        look: returns what is waited for as it is now.
+        is_over: whether it has ended.
+        poll_s: time between two looks.
+        timeout_s: give up after this time; None waits for ever.
+        describe: names it, with its progress, for the error.
+
     Raises:
-        ServiceError: it is not over in time; it goes on all the same.
+        WaitTimeout: it is not over in time; it goes on all the same.
     """
     latest_s = inf if timeout_s is None else monotonic() + timeout_s
     seen = look()
     while not is_over(seen):
         if monotonic() >= latest_s:
-            raise ServiceError(
-                f"The operation is still running after {timeout_s:g} s.",
+            raise WaitTimeout(
+                f"{describe(seen)} is still running after {timeout_s:g} s.",
                 "Increase the timeout, or check the service's log if there is no progress.",
             )
         waiter.get().rest(poll_s)
@@ -252,7 +260,7 @@ class Link:
         transport: httpx2.BaseTransport | None = None,
         key: str | None = None,
     ) -> None:
-        if not base_url.startswith(SCHEMES):
+        if not (isinstance(base_url, str) and base_url.startswith(SCHEMES)):
             raise InvalidValue("url", f"'{base_url}' is not an address.", f"Use the form {LIKE}.")
         self.base_url = base_url
         self._http = httpx2.Client(

@@ -11,6 +11,7 @@ from http import HTTPStatus
 from typing import Annotated, Any, TypeVar, get_args
 
 import msgspec
+import numpy as np
 
 from eigenfail.errors import (
     Conflict,
@@ -300,10 +301,16 @@ def make_plain(given: Mapping[str, Any], place: str = "") -> dict[str, Any]:
 
 def _make_plain(field: str, value: object) -> object:
     try:
-        return msgspec.to_builtins(value, enc_hook=encode_array_as_lists)
-    except TypeError:
-        problem = f"a {type(value).__name__} is not plain data, or holds what is not."
-        raise InvalidValue(field, problem, "Give plain numbers, text, lists and dicts.") from None
+        return msgspec.to_builtins(value, enc_hook=_make_builtin)
+    except TypeError as error:
+        remedy = "Give plain numbers, text, lists and dicts."
+        raise InvalidValue(field, f"{error}.", remedy) from None
+
+
+def _make_builtin(value: object) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"an object of type {type(value).__name__} is not plain data")
 
 
 def refuse_unknown_fields(given: Any, kind: type[msgspec.Struct], field: str = "") -> None:

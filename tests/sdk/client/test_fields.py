@@ -104,8 +104,13 @@ def test_what_is_no_plain_data_is_refused_by_the_name_of_its_field(unasked, fiel
     with pytest.raises(InvalidValue, match="plain data") as error:
         unasked.campaigns.create_many([fields, given])
     assert error.value.field == "[1].settings"
-    with pytest.raises(InvalidValue, match="seed: a complex is not"):
+    with pytest.raises(InvalidValue, match="seed: an object of type complex is not"):
         unasked.campaigns.clone(1, seed=1j)
+
+
+def test_fields_that_are_one_text_are_refused(unasked):
+    with pytest.raises(InvalidValue, match=r"Give a list of names: fields=\['index', 'class'\]"):
+        unasked.episodes.list(1, fields="index, class")
 
 
 def test_a_filter_of_campaigns_that_does_not_exist_is_refused(unasked):
