@@ -341,8 +341,8 @@ class Rows(Iterable[Row], Shown, Tabular, Generic[Row]):
         return tuple(rows[each - low] for each in wanted if each - low < len(rows))
 
 
-@find_columns.register
-def _(value: Rows) -> Columns:
+@find_columns.register(Rows)
+def _(value: Rows[Any]) -> Columns:
     return value.columns
 
 

@@ -42,10 +42,11 @@ def find_columns(value: object) -> Columns:
     A sequence has those of its rows if all of them are of one type.
     """
     if isinstance(value, Sequence):
-        kinds = {type(row) for row in value if row is not None}
+        kinds: set[Any] = {type(row) for row in value if row is not None}
         return list_struct_columns(kinds.pop()) if len(kinds) == 1 else NO_COLUMNS
-    has_own_table = records.dispatch(type(value)) is not records.dispatch(object)
-    return NO_COLUMNS if has_own_table else list_struct_columns(type(value))
+    kind: Any = type(value)
+    has_own_table = records.dispatch(kind) is not records.dispatch(object)
+    return NO_COLUMNS if has_own_table else list_struct_columns(kind)
 
 
 @find_columns.register
@@ -73,7 +74,7 @@ def list_named_columns(names: Sequence[str]) -> Columns:
 
 
 @cache
-def list_struct_columns(kind: type) -> Columns:
+def list_struct_columns(kind: Any) -> Columns:
     """Return the columns of the rows that values of a type are; none of a type without fields."""
     if not (isinstance(kind, type) and issubclass(kind, msgspec.Struct)):
         return NO_COLUMNS
@@ -91,7 +92,7 @@ def list_struct_columns(kind: type) -> Columns:
     return found
 
 
-def _list_inner_columns(field: str, kind: type) -> dict[str, ColumnKind]:
+def _list_inner_columns(field: str, kind: Any) -> dict[str, ColumnKind]:
     inner = list_struct_columns(kind)
     if issubclass(kind, CampaignSpec | Counts):
         return dict(inner)

@@ -260,7 +260,7 @@ class Link:
         transport: httpx2.BaseTransport | None = None,
         key: str | None = None,
     ) -> None:
-        if not (isinstance(base_url, str) and base_url.startswith(SCHEMES)):
+        if not str(base_url).startswith(SCHEMES):  # also of what is no text
             raise InvalidValue("url", f"'{base_url}' is not an address.", f"Use the form {LIKE}.")
         self.base_url = base_url
         self._http = httpx2.Client(

@@ -51,9 +51,7 @@ class Local(AbstractContextManager[Client]):
             raise InvalidValue("workers", f"{workers} is below 0.", "0 is one per core.")
         if launcher not in list(Launcher):
             raise UnknownName("launcher", str(launcher), Launcher)
-        if not isinstance(planners, Mapping):
-            problem = f"a {type(planners).__name__} does not give names to planners."
-            raise InvalidValue("planners", problem, 'Use the form {"mine": "my_module:MyPlanner"}.')
+        _check_planners(planners)
         self.data = None if data is None else Path(data)
         self._plan = partial(Plan, port=port, workers=workers, launcher=Launcher(launcher))
         self._planners = planners
@@ -131,3 +129,9 @@ class Local(AbstractContextManager[Client]):
         folder = Path(mkdtemp(prefix="eigenfail-"))
         stack.enter_context(remove_afterwards(folder))
         return folder
+
+
+def _check_planners(given: object) -> None:
+    if not isinstance(given, Mapping):
+        problem = f"a {type(given).__name__} does not give names to planners."
+        raise InvalidValue("planners", problem, 'Use the form {"mine": "my_module:MyPlanner"}.')
