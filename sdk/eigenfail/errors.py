@@ -29,6 +29,7 @@ EigenfailError
     ├── LearnerFailed
     │   └── LearnerDiverged  a number in it is NaN or infinite
     ├── ServiceBusy
+    ├── WaitTimeout          what was waited for goes on
     └── ServiceUnreachable
 
 Each class carries its HTTP status and its command-line exit code: this file is the one map of both.
@@ -283,6 +284,10 @@ class LearnerDiverged(LearnerFailed):
 
 class ServiceBusy(ServiceError):
     """Too many wait for the same kind of work: the answer may come if one asks again."""
+
+
+class WaitTimeout(ServiceError):
+    """What was waited for has not ended in the time that was given, and goes on."""
 
 
 class ServiceUnreachable(ServiceError):

@@ -104,7 +104,9 @@ _COLUMNS = (
     Column("mode", W, "failure mode in the newest analysis of its campaign, from 1"),
     Column("state", T, "state of its triage", tuple(TriageState)),
     Column("owner", T, 'who works on it; "" without an owner'),
-    Column("label", T, "its labels; = finds episodes with the label, != those without it"),
+    Column(
+        "label", T, 'its labels; = finds episodes with the label, != those without it; "" is none'
+    ),
 )
 
 COLUMNS = {column.name: column for column in _COLUMNS}
@@ -200,7 +202,8 @@ class Condition(msgspec.Struct, frozen=True):
     def holds(self, row: EpisodeRow) -> bool:
         """Whether a row fulfils the condition; a missing value never does."""
         if self.column == "label":  # of which an episode has several, or none
-            return (self.value in row.labels) is (self.operator is Operator.EQUAL)
+            is_met = self.value in row.labels if self.value else not row.labels
+            return is_met is (self.operator is Operator.EQUAL)
         value = read_value(row, self.column)
         return value is not None and bool(COMPARE[self.operator](value, self.value))
 

@@ -5,12 +5,16 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import singledispatch
 from itertools import islice
 from operator import index as convert_index
+from sys import maxsize
 from typing import TYPE_CHECKING, Any, Generic, SupportsIndex, TypeVar, overload
+from weakref import ReferenceType, ref
 
 import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.errors import ServiceError
+from eigenfail.filters import ColumnKind
+from eigenfail.table_columns import NO_COLUMNS, Columns, find_columns
 from eigenfail.tabulation import Record, records, result_of
 from eigenfail.values import Analysis, AnalysisResult, EpisodeResult, NoiseTrajectory
 from eigenfail.values.showing import Shown, Tabular
@@ -21,10 +25,15 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 
-EMPTY = np.empty(0, dtype=[])
-
-
 NUMBER = (int, float)
+
+_DTYPES = {
+    ColumnKind.NUMBER: np.dtype(np.float64),
+    ColumnKind.WHOLE: np.dtype(np.int64),
+    ColumnKind.TEXT: np.dtype(object),
+    ColumnKind.FLAG: np.dtype(np.bool_),
+}
+"""Types of the columns of a table without a row."""
 
 
 def to_pandas(value: object) -> "pd.DataFrame":
@@ -41,11 +50,17 @@ def to_pandas(value: object) -> "pd.DataFrame":
             "pandas is not installed.",
             "Run in a clone: pip install '.[export]'; or use to_numpy().",
         ) from error
-    return pd.DataFrame(columns_of(records(value)))
+    known = find_columns(value)
+    if columns := columns_of(records(value)):
+        return pd.DataFrame(columns)
+    return pd.DataFrame({name: pd.Series(dtype=_DTYPES[kind]) for name, kind in known.items()})
 
 
 def to_arrow(value: object) -> "pa.Table":
     """The table of a value, or of a sequence of values, as an Arrow table; null if not known.
+
+    The types of columns, other than those that come from the data, are the same for all values of
+    one type, so that their tables can be concatenated.
 
     Raises:
         InvalidValue: there is no table in it.
@@ -58,8 +73,18 @@ def to_arrow(value: object) -> "pa.Table":
             "pyarrow is not installed.",
             "Run in a clone: pip install '.[export]'; or use to_numpy().",
         ) from error
-    columns = gather_columns(records(value))
-    return pa.table({name: pa.array(simplify(column)) for name, column in columns.items()})
+    types = {
+        ColumnKind.NUMBER: pa.float64(),
+        ColumnKind.WHOLE: pa.int64(),
+        ColumnKind.TEXT: pa.string(),
+        ColumnKind.FLAG: pa.bool_(),
+    }
+    known = find_columns(value)
+    columns = gather_columns(records(value), known)
+    chosen = {name: types[known[name]] if name in known else None for name in columns}
+    return pa.table(
+        {name: pa.array(simplify(column), type=chosen[name]) for name, column in columns.items()}
+    )
 
 
 @singledispatch
@@ -73,7 +98,8 @@ def to_numpy(value: object) -> NDArray[np.generic]:
     """
     columns = {name: array(column) for name, column in columns_of(records(value)).items()}
     if not columns:
-        return EMPTY
+        known = find_columns(value)
+        return np.empty(0, dtype=[(name, _DTYPES[kind]) for name, kind in known.items()])
     length = len(next(iter(columns.values())))
     table = np.empty(length, dtype=[(name, column.dtype) for name, column in columns.items()])
     for name, column in columns.items():
@@ -101,12 +127,29 @@ def _(value: EpisodeResult) -> NDArray[np.generic]:
     return value.noise.injected
 
 
-def gather_columns(rows: Iterable[Record]) -> dict[str, list[Any]]:
-    """Return the columns of a table; None where a row has no value."""
+def gather_columns(rows: Iterable[Record], known: Columns = NO_COLUMNS) -> dict[str, list[Any]]:
+    """Return the columns of a table; None where a row has no value.
+
+    Args:
+        rows: its rows.
+        known: columns that it has in any case.
+    """
     table = list(rows)
-    names = dict.fromkeys(name for row in table for name in row)
+    found = dict.fromkeys(name for row in table for name in row)
+    # Rows with all known columns may have others between them.
+    names = found if known.keys() <= found.keys() else dict.fromkeys((*known, *found))
     columns = {name: [row.get(name) for row in table] for name in names}
-    return {name: column for name, column in columns.items() if not hollow(name, columns)}
+    return {
+        name: column
+        for name, column in columns.items()
+        if name in known or not _is_superfluous(name, columns, known)
+    }
+
+
+def _is_superfluous(name: str, columns: Mapping[str, Sequence[Any]], known: Columns) -> bool:
+    """Return whether a column has nothing, and its place is taken or its type not known."""
+    is_empty = bool(known) and all(each is None for each in columns[name])
+    return is_empty or hollow(name, columns)
 
 
 def columns_of(rows: Iterable[Record]) -> dict[str, list[Any]]:
@@ -155,6 +198,37 @@ Row = TypeVar("Row")
 SHOWN = 20
 
 
+class _Walk(Iterator[Row]):
+    """An iteration over all rows of a list, whose rows may be loaded ahead."""
+
+    def __init__(self, source: Iterator[Row]) -> None:
+        self._source = source
+        self._loaded: deque[Row] = deque()
+        self.is_started = False
+
+    def __next__(self) -> Row:
+        self.is_started = True
+        return self._loaded.popleft() if self._loaded else next(self._source)
+
+    def load_all(self) -> int:
+        """Load the rows to come, and return their number."""
+        try:
+            self._loaded.extend(self._source)
+        except Exception as error:
+            # Python takes a TypeError for a length that is not known, and would iterate on.
+            self._source = map(_raise, (error,))
+            raise
+        return len(self._loaded)
+
+    def close(self) -> None:
+        """End the iteration."""
+        getattr(self._source, "close", lambda: None)()
+
+
+def _raise(error: Exception) -> Any:
+    raise error
+
+
 class Rows(Iterable[Row], Shown, Tabular, Generic[Row]):
     """A list on a service: nothing is asked before a row, or the number of rows, is wanted.
 
@@ -166,6 +240,7 @@ class Rows(Iterable[Row], Shown, Tabular, Generic[Row]):
         count: returns the number of rows; None: they are counted one by one.
         backwards: begins an iteration from the last row towards the first that asks for no more
             than so many rows; None where the list cannot be read so.
+        columns: columns of its table that do not depend on the rows, with their types.
     """
 
     def __init__(
@@ -175,19 +250,31 @@ class Rows(Iterable[Row], Shown, Tabular, Generic[Row]):
         start: Callable[[int], Iterator[Row]] | None = None,
         count: Callable[[], int] | None = None,
         backwards: Callable[[int], Iterator[Row]] | None = None,
+        columns: Columns = NO_COLUMNS,
     ) -> None:
         self._fetch = fetch
         self._start = start
         self._count = count
         self._backwards = backwards
+        self.columns = columns
+        self._latest: ReferenceType[_Walk[Row]] | None = None
 
     def __iter__(self) -> Iterator[Row]:
         """All rows, page by page."""
-        return self._fetch()
+        walk = _Walk(self._fetch())
+        self._latest = ref(walk)
+        return walk
+
+    def __reversed__(self) -> Iterator[Row]:
+        """All rows from the last one on, page by page where the list can be read so."""
+        return reversed(tuple(self)) if self._backwards is None else self._backwards(maxsize)
 
     def __len__(self) -> int:
         """Number of rows; one request where the service counts them."""
-        return self.count()
+        # `list(rows)` and `tuple(rows)` begin an iteration and then want to know its length: its
+        # rows answer that, so that no row is asked for twice, and none is counted.
+        walk = self._latest() if self._latest else None
+        return self.count() if walk is None or walk.is_started else walk.load_all()
 
     def __bool__(self) -> bool:
         """Whether there is a row; asks for one alone."""
@@ -252,6 +339,11 @@ class Rows(Iterable[Row], Shown, Tabular, Generic[Row]):
         low, high = min(wanted), max(wanted)
         rows = tuple(islice(self._begin(high + 1), low, high + 1))
         return tuple(rows[each - low] for each in wanted if each - low < len(rows))
+
+
+@find_columns.register(Rows)
+def _(value: Rows[Any]) -> Columns:
+    return value.columns
 
 
 def is_from_start(place: slice) -> bool:

@@ -158,8 +158,13 @@ def flat(row: object) -> Record:
         elif isinstance(content, msgspec.Struct):
             found |= {f"{name}_{inner}": each for inner, each in flat(content).items()}
         elif not isinstance(content, np.ndarray):
-            found[_COLUMN_NAMES.get((type(row), name), name)] = _unwrap(content)
+            found[name_field(type(row), name)] = _unwrap(content)
     return found
+
+
+def name_field(kind: type, field: str) -> str:
+    """Return the name of the column of a field."""
+    return _COLUMN_NAMES.get((kind, field), field)
 
 
 _COLUMN_NAMES: Mapping[tuple[type, str], str] = MappingProxyType(

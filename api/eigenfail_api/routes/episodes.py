@@ -149,7 +149,7 @@ def list_episodes(
 def get_episode(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Json:
     """Get an episode with its class, noise and, where it was kept, its scene."""
     result = store.episodes.get(campaign, index)
-    return Json(make_episode_detail(result, _find_channels(store, campaign)))
+    return Json(make_episode_detail(campaign, result, _find_channels(store, campaign)))
 
 
 @router.get(f"{EPISODES}/{{index}}/worker", **document_route(Presence))

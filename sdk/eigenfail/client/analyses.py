@@ -14,7 +14,7 @@ from zipfile import BadZipFile, ZipFile, is_zipfile
 
 import httpx2
 
-from eigenfail.client.fields import AnalysisFields
+from eigenfail.client.fields import AnalysisFields, refuse_fields_beside
 from eigenfail.client.link import Link, wait_until
 from eigenfail.client.references import (
     AnalysisLike,
@@ -70,9 +70,10 @@ class Analyses:
         Raises:
             NotFound: no such campaign.
             UnknownName: a setting that does not exist.
-            InvalidValue: a setting outside its bounds, or further campaigns that are not there or
-                do not go together with this one.
+            InvalidValue: a setting outside its bounds, fields beside all settings, or further
+                campaigns that are not there or do not go together with this one.
         """
+        refuse_fields_beside("settings", settings, fields)
         wanted = settings or read_fields(fields, AnalysisSettings)
         return self._link.post(f"{locate_campaign(campaign)}/analyses", Analysis, wanted)
 
@@ -99,10 +100,14 @@ class Analyses:
 
         Raises:
             NotFound: no such analysis.
-            ServiceError: it is not over in time; it goes on all the same.
+            WaitTimeout: it is not over in time; it goes on all the same.
         """
         return wait_until(
-            lambda: self.get(analysis), lambda seen: seen.state in OVER, poll_s, timeout_s
+            lambda: self.get(analysis),
+            lambda seen: seen.state in OVER,
+            poll_s,
+            timeout_s,
+            lambda seen: f"Analysis {seen.id} ({seen.state})",
         )
 
     def eigenfailures(self, analysis: AnalysisLike) -> tuple[FailureMode, ...]:
@@ -212,9 +217,16 @@ class Analyses:
         Raises:
             NotFound: no such analysis.
             Conflict: it is not done.
-            ServiceError: they have not ended in time; they go on all the same.
+            WaitTimeout: they have not ended in time; they go on all the same.
         """
-        return wait_until(lambda: self.proof(analysis), lambda seen: seen.done, poll_s, timeout_s)
+        place = locate_analysis(analysis).removeprefix("/analyses/")
+        return wait_until(
+            lambda: self.proof(analysis),
+            lambda seen: seen.done,
+            poll_s,
+            timeout_s,
+            lambda _seen: f"The proof of analysis {place}",
+        )
 
 
 DATA = "report.json"
@@ -253,6 +265,9 @@ UNUSUAL = (
 )
 
 
+OVERWRITE = "Choose another folder, or give force=True (on the command line --force)."
+
+
 NOTHING: Mapping[str, bytes] = MappingProxyType({})
 
 
@@ -289,7 +304,7 @@ def check_folder(folder: Path, force: bool) -> None:
         raise InvalidValue("output", problem, "Choose a folder that does not exist.")
     if folder.exists() and not force:
         problem = f"{folder} already contains a report."
-        raise InvalidValue("output", problem, "Choose another folder, or use --force.")
+        raise InvalidValue("output", problem, OVERWRITE)
 
 
 def _find_foreign(folder: Path) -> str:

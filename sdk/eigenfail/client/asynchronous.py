@@ -14,7 +14,7 @@ from functools import partial, update_wrapper
 from itertools import islice
 from threading import Event
 from types import TracebackType
-from typing import Any, Generic, Self, SupportsIndex, TypeVar, get_origin
+from typing import Any, Generic, NoReturn, Self, SupportsIndex, TypeVar, get_origin
 
 import httpx2
 from anyio import CapacityLimiter, get_cancelled_exc_class, to_thread
@@ -114,6 +114,13 @@ class AsyncRows(Generic[Row]):
             ending.end()
             with suppress(ValueError):  # a thread is in it still, and about to leave
                 getattr(rows, "close", lambda: None)()
+
+    def __iter__(self) -> NoReturn:
+        """Refuse a plain `for`, which would count up places without an end."""
+        raise TypeError(
+            "Rows and events of an AsyncClient are iterated with `async for`; "
+            "`await rows.first(n)` and `await rows[i:j]` are tuples."
+        )
 
     def __getitem__(self, place: SupportsIndex | slice) -> Awaitable[Any]:
         """One row, or those of a slice as a tuple, once awaited: `await rows[-1]`."""

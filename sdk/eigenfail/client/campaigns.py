@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, TypedDict, Unpack, overload
+from typing import Any, Unpack, overload
 
-from eigenfail.client.fields import CampaignChanges, CampaignFields
+from eigenfail.client.fields import CampaignChanges, CampaignFields, refuse_fields_beside
 from eigenfail.client.link import Extent, Link, report_progress, reverse_order, wait_until
 from eigenfail.client.references import (
     CampaignLike,
@@ -38,17 +38,16 @@ from eigenfail.values.mixing import ChainMixing
 from eigenfail.values.operations import Pruning, WorkerShare
 from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.values.seeds import SeedSpread
-from eigenfail.wire.http import SHRINK_WITHIN, CampaignCheck, Digest, ShrinkRequest, read_fields
+from eigenfail.wire.http import (
+    SHRINK_WITHIN,
+    CampaignCheck,
+    Digest,
+    ShrinkRequest,
+    make_plain,
+    read_fields,
+)
 
 AT_REST = FINAL_STATES | {CampaignState.PAUSED}
-
-
-class LabelFilter(TypedDict, total=False):
-    """Labels of campaigns in a list; None or left out where any will do."""
-
-    project: str | None
-    tag: str | None
-    planner_version: str | None
 
 
 class Campaigns:
@@ -75,8 +74,9 @@ class Campaigns:
 
         Raises:
             UnknownName: a field, plug-in, setting or parameter that does not exist.
-            InvalidValue: a value outside its bounds.
+            InvalidValue: a value outside its bounds, or fields beside a whole specification.
         """
+        refuse_fields_beside("spec", spec, fields)
         wanted = spec or read_fields(fields, CampaignSpec)
         return self._link.post_once_only("/campaigns", Campaign, wanted)
 
@@ -93,7 +93,11 @@ class Campaigns:
             UnknownName: one has a field, plug-in or setting that does not exist: `[2].settings`.
             InvalidValue: one has a value that cannot be; or there are none, or too many.
         """
-        return self._link.post_once_only("/campaigns/bulk", Page[Campaign], list(specs), key).items
+        wanted = [
+            make_plain(spec, f"[{place}].") if isinstance(spec, Mapping) else spec
+            for place, spec in enumerate(specs)
+        ]
+        return self._link.post_once_only("/campaigns/bulk", Page[Campaign], wanted, key).items
 
     def check(
         self, spec: CampaignSpec | None = None, **fields: Unpack[CampaignChanges]
@@ -103,8 +107,12 @@ class Campaigns:
         Args:
             spec: all of it; or give its fields by name.
             fields: fields of a CampaignSpec, as structs or plain data.
+
+        Raises:
+            InvalidValue: fields are given beside a whole specification.
         """
-        return self._link.post("/campaigns/check", CampaignCheck, spec or fields)
+        refuse_fields_beside("spec", spec, fields)
+        return self._link.post("/campaigns/check", CampaignCheck, spec or make_plain(fields))
 
     def clone(self, campaign: CampaignLike, **changes: Unpack[CampaignChanges]) -> Campaign:
         """A new campaign like an earlier one, queued.
@@ -119,7 +127,9 @@ class Campaigns:
             UnknownName: a field, plug-in, setting or parameter that does not exist.
             InvalidValue: a value outside its bounds.
         """
-        return self._link.post_once_only(f"{locate_campaign(campaign)}/clone", Campaign, changes)
+        return self._link.post_once_only(
+            f"{locate_campaign(campaign)}/clone", Campaign, make_plain(changes)
+        )
 
     def shrink(
         self,
@@ -159,8 +169,10 @@ class Campaigns:
         search: str | None = None,
         *,
         sort: str = str(NEWEST_FIRST),
+        project: str | None = None,
+        tag: str | None = None,
+        planner_version: str | None = None,
         archived: bool = False,
-        **labels: Unpack[LabelFilter],
     ) -> Rows[Campaign]:
         """List campaigns that match all given filters, in an order.
 
@@ -171,7 +183,9 @@ class Campaigns:
             search: text that their names hold, in small or large letters.
             sort: id, name, planner, method, state, failures, completed or cost_per_failure_usd;
                 with a minus, the largest first.
-            labels: `project`, `tag` and `planner_version` of the campaigns.
+            project: project of the campaigns.
+            tag: one of the tags of the campaigns.
+            planner_version: version of the planner under test, as the campaigns state it.
             archived: whether archived campaigns are listed, too.
 
         Raises:
@@ -184,9 +198,9 @@ class Campaigns:
             "method": method,
             "search": search,
             "sort": order,
-            "project": labels.get("project"),
-            "tag": labels.get("tag"),
-            "planner_version": labels.get("planner_version"),
+            "project": project,
+            "tag": tag,
+            "planner_version": planner_version,
             "archived": _ask_archived(archived),
         }
         reverse = reverse_order(asked, parse_campaign_sort(sort), "id")
@@ -270,7 +284,7 @@ class Campaigns:
 
         Raises:
             NotFound: no such campaign.
-            ServiceError: it did not end in time; it goes on all the same.
+            WaitTimeout: it did not end in time; it goes on all the same.
         """
         with report_progress(on_progress, progress) as tell:
 
@@ -279,7 +293,9 @@ class Campaigns:
                 tell(seen)
                 return seen
 
-            return wait_until(look, lambda seen: seen.state in AT_REST, poll_s, timeout_s)
+            return wait_until(
+                look, lambda seen: seen.state in AT_REST, poll_s, timeout_s, _describe_progress
+            )
 
     def summary(self, campaign: CampaignLike) -> Summary:
         """Failures, rate, likelihood and cost so far.
@@ -416,6 +432,12 @@ class Campaigns:
             NotFound: no such campaign.
         """
         return self._link.get(f"{locate_campaign(campaign)}/digest", Digest).digest
+
+
+def _describe_progress(campaign: Campaign) -> str:
+    counts = campaign.counts
+    done = f"{counts.completed} of {counts.planned} episodes completed"
+    return f"Campaign {campaign.id} ({campaign.spec.name}; {campaign.state}, {done})"
 
 
 def _ask_archived(archived: bool) -> str | None:

@@ -20,6 +20,7 @@ from eigenfail.exchange.recording import EgoControl, RecordingFormat
 from eigenfail.files import write_whole
 from eigenfail.filters import Value, parse_sort
 from eigenfail.frames import Rows
+from eigenfail.table_columns import list_named_columns
 from eigenfail.values import Campaign, Explanation, Outcome, Page
 from eigenfail.values.operations import Presence
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
@@ -104,14 +105,20 @@ class Episodes:
         Raises:
             NotFound: no such campaign.
             UnknownName: a column or a value that there is not.
-            InvalidValue: a filter that cannot be read; the error says where.
+            InvalidValue: a filter that cannot be read, the error says where; or fields that are
+                one text.
         """
+        if isinstance(fields, str):
+            problem = f"'{fields}' is one text."
+            named = [name.strip() for name in fields.split(",")]
+            raise InvalidValue("fields", problem, f"Give a list of names: fields={named}.")
         path = f"{locate_campaign(campaign)}/episodes"
         asked = {"outcome": outcome, "filter": filter or None, "sort": sort}
         picked = {**asked, "fields": ",".join(fields)} if fields else asked
         kind: type[Page[Any]] = Page[Picked] if fields else Page[EpisodeRow]
         reverse = reverse_order(picked, parse_sort(sort), "index")
-        extent = Extent(partial(self._link.count, path, asked), reverse)
+        columns = list_named_columns(fields) if fields else None
+        extent = Extent(partial(self._link.count, path, asked), reverse, columns)
         return self._link.pages(path, kind, "after", picked, extent)
 
     def export(

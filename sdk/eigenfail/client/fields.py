@@ -6,6 +6,7 @@ Fields of values may be values or plain data, as in TOML and JSON.
 from collections.abc import Mapping, Sequence
 from typing import Any, TypedDict
 
+from eigenfail.errors import InvalidValue
 from eigenfail.values import DisturbanceModel, Priority, StopRules
 from eigenfail.values.requirements import AnyRequirement
 
@@ -70,3 +71,18 @@ class AnalysisFields(TypedDict, total=False):
     failures: str
     centre: str
     features: str
+
+
+def refuse_fields_beside(parameter: str, whole: object, fields: Mapping[str, object]) -> None:
+    """Check that fields are not given together with the whole value that has them.
+
+    Raises:
+        InvalidValue: both are given.
+    """
+    if whole is not None and fields:
+        kind, names = type(whole).__name__, ", ".join(fields)
+        raise InvalidValue(
+            parameter,
+            f"a whole {kind} is given together with fields of it: {names}.",
+            f"Give either of them; msgspec.structs.replace({parameter}, …) changes fields.",
+        )

@@ -10,7 +10,7 @@ from math import inf
 from random import uniform
 from socket import MSG_PEEK, SHUT_RDWR, socket
 from time import monotonic, sleep
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_args
 from uuid import uuid4
 
 import httpx2
@@ -23,12 +23,13 @@ from eigenfail.errors import (
     InvalidValue,
     ProtocolError,
     ServiceBusy,
-    ServiceError,
     ServiceUnreachable,
     StoreUnavailable,
+    WaitTimeout,
 )
 from eigenfail.filters import SortOrder
 from eigenfail.frames import Rows
+from eigenfail.table_columns import Columns, list_struct_columns
 from eigenfail.values import Campaign, Page
 from eigenfail.wire import http
 from eigenfail.wire.http import UNTYPED, Problem, make_error
@@ -80,20 +81,28 @@ def wait_until(
     is_over: Callable[[Kind], bool],
     poll_s: float,
     timeout_s: float | None,
+    describe: Callable[[Kind], str] = lambda _seen: "The operation",
 ) -> Kind:
     """Return the first look for which `is_over` is true.
 
     A service that was there once may be away for a minute, to be started anew.
 
+    Args:
+        look: returns what is waited for as it is now.
+        is_over: whether it has ended.
+        poll_s: time between two looks.
+        timeout_s: give up after this time; None waits for ever.
+        describe: names it, with its progress, for the error.
+
     Raises:
-        ServiceError: it is not over in time; it goes on all the same.
+        WaitTimeout: it is not over in time; it goes on all the same.
     """
     latest_s = inf if timeout_s is None else monotonic() + timeout_s
     seen = look()
     while not is_over(seen):
         if monotonic() >= latest_s:
-            raise ServiceError(
-                f"The operation is still running after {timeout_s:g} s.",
+            raise WaitTimeout(
+                f"{describe(seen)} is still running after {timeout_s:g} s.",
                 "Increase the timeout, or check the service's log if there is no progress.",
             )
         waiter.get().rest(poll_s)
@@ -219,16 +228,18 @@ Params = Mapping[str, int | str | None]
 
 
 class Extent(msgspec.Struct, frozen=True):
-    """How the rows of a list are counted, and read from the last one on.
+    """How the rows of a list are counted, read from the last one on, and written as a table.
 
     Attributes:
         count: returns the number of rows; None: they are counted one by one.
         reverse: the parameters with which the same list begins with its last row; None where there
             is no such order.
+        columns: columns of its table; None: those of the kind of its rows.
     """
 
     count: Callable[[], int] | None = None
     reverse: Params | None = None
+    columns: Columns | None = None
 
 
 class Link:
@@ -249,7 +260,7 @@ class Link:
         transport: httpx2.BaseTransport | None = None,
         key: str | None = None,
     ) -> None:
-        if not base_url.startswith(SCHEMES):
+        if not str(base_url).startswith(SCHEMES):  # also of what is no text
             raise InvalidValue("url", f"'{base_url}' is not an address.", f"Use the form {LIKE}.")
         self.base_url = base_url
         self._http = httpx2.Client(
@@ -322,9 +333,10 @@ class Link:
             kind: kind of its pages.
             cursor: the parameter that asks for the next page.
             params: further ones.
-            extent: how its rows are counted, and read from the last one on.
+            extent: how its rows are counted and read from the last one on, and its columns.
         """
         known = extent or Extent()
+        by_kind = list_struct_columns(*get_args(kind))
 
         def iterate(asked: Params | None, most: float) -> Iterator[Kind]:
             query: dict[str, int | str | None] = {"limit": PAGE, **(asked or {})}
@@ -342,6 +354,7 @@ class Link:
             start=partial(iterate, params),
             count=known.count,
             backwards=None if known.reverse is None else partial(iterate, known.reverse),
+            columns=by_kind if known.columns is None else known.columns,
         )
 
     def count(self, path: str, params: Params | None = None) -> int:

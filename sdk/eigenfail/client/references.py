@@ -8,10 +8,10 @@ from typing import SupportsIndex
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Analysis, Campaign, EpisodeResult, Event, Mode, Summary
 from eigenfail.values.access import ApiKey, NewKey
-from eigenfail.values.records import EpisodeRow
+from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.suite import SuiteRow, SuiteStanding
 
-CampaignLike = SupportsIndex | Campaign | Summary | SuiteRow | EpisodeRow
+CampaignLike = SupportsIndex | Campaign | Summary | SuiteRow | EpisodeRow | EpisodeDetail
 """A campaign: its id, or an object that is the campaign or belongs to it."""
 
 CampaignsLike = CampaignLike | Iterable[CampaignLike]
@@ -26,6 +26,9 @@ AnalysisLike = SupportsIndex | Analysis | Mode
 ModeLike = SupportsIndex | Mode
 """A failure mode of an analysis that is named beside it: its number, from 1, or the mode."""
 
+ModesLike = ModeLike | Iterable[ModeLike]
+"""One failure mode of an analysis that is named beside it, or several."""
+
 KeyLike = SupportsIndex | ApiKey | NewKey
 """A key: its id, or the key."""
 
@@ -36,7 +39,13 @@ SuiteLike = str | SuiteStanding
 """A suite that the service knows: its name, or the suite."""
 
 _CAMPAIGN_FIELDS: Mapping[type, str] = MappingProxyType(
-    {Campaign: "id", Summary: "campaign", SuiteRow: "campaign", EpisodeRow: "campaign"}
+    {
+        Campaign: "id",
+        Summary: "campaign",
+        SuiteRow: "campaign",
+        EpisodeRow: "campaign",
+        EpisodeDetail: "campaign",
+    }
 )
 
 
@@ -44,8 +53,15 @@ def find_campaign_id(campaign: CampaignLike) -> int:
     """Return the id of a campaign.
 
     Raises:
-        InvalidValue: the value is neither an id nor an object of a campaign.
+        InvalidValue: the value is neither an id nor an object of a campaign, or an episode that
+            does not say its campaign.
     """
+    if isinstance(campaign, EpisodeResult) and _get_campaign(campaign) is None:
+        raise InvalidValue(
+            "campaign",
+            f"the {type(campaign).__name__} does not say its campaign.",
+            "Give campaign and index, or the row of a list of episodes.",
+        )
     return _find_id("campaign", campaign, _CAMPAIGN_FIELDS)
 
 
@@ -74,11 +90,12 @@ def find_episode_id(campaign: CampaignLike, index: EpisodeLike | None) -> tuple[
     """
     number = find_campaign_id(campaign)
     if index is None:
-        if not isinstance(campaign, EpisodeRow):
+        if not isinstance(campaign, EpisodeRow | EpisodeDetail):
             raise InvalidValue("index", "is missing.", "Name the index of the episode.")
         index = campaign
-    if isinstance(index, EpisodeRow) and index.campaign != number:
-        problem = f"the episode belongs to campaign {index.campaign}, not to {number}."
+    owner = _get_campaign(index)
+    if owner is not None and owner != number:
+        problem = f"the episode belongs to campaign {owner}, not to {number}."
         raise InvalidValue("index", problem, "Name its own campaign.")
     return number, _find_id("index", index, {EpisodeRow: "index", EpisodeResult: "index"})
 
@@ -111,11 +128,19 @@ def locate_mode(analysis: AnalysisLike, mode: ModeLike) -> str:
         InvalidValue: a value is neither an id nor such an object, or the mode belongs to another
             analysis.
     """
-    place = locate_analysis(analysis)
-    if isinstance(mode, Mode) and locate_analysis(mode) != place:
-        problem = f"the mode belongs to analysis {mode.analysis}."
-        raise InvalidValue("mode", problem, "Name its own analysis.")
-    return f"{place}/modes/{_find_id('mode', mode, {Mode: 'number'})}"
+    return f"{locate_analysis(analysis)}/modes/{_find_mode_number(analysis, mode)}"
+
+
+def find_mode_numbers(analysis: AnalysisLike, modes: ModesLike) -> tuple[int, ...]:
+    """Return the numbers of failure modes of an analysis, in their order.
+
+    Raises:
+        InvalidValue: no mode is named, or a value is refused as by `locate_mode`.
+    """
+    named = modes if isinstance(modes, Iterable) else (modes,)
+    if not (numbers := tuple(_find_mode_number(analysis, mode) for mode in named)):
+        raise InvalidValue("modes", "none is named.", "Name at least one.")
+    return numbers
 
 
 def locate_key(key: KeyLike) -> str:
@@ -142,6 +167,18 @@ def find_suite_name(suite: SuiteLike) -> str:
     return suite if isinstance(suite, str) else suite.name
 
 
+def _find_mode_number(analysis: AnalysisLike, mode: ModeLike) -> int:
+    if isinstance(mode, Mode) and locate_analysis(mode) != locate_analysis(analysis):
+        problem = f"the mode belongs to analysis {mode.analysis}."
+        raise InvalidValue("mode", problem, "Name its own analysis.")
+    return _find_id("mode", mode, {Mode: "number"})
+
+
+def _get_campaign(episode: object) -> int | None:
+    """Return the id of the campaign that an object of an episode states."""
+    return episode.campaign if isinstance(episode, EpisodeRow | EpisodeDetail) else None
+
+
 def _find_id(parameter: str, given: object, fields: Mapping[type, str]) -> int:
     for kind, field in fields.items():
         if isinstance(given, kind):
@@ -150,5 +187,8 @@ def _find_id(parameter: str, given: object, fields: Mapping[type, str]) -> int:
     if isinstance(given, SupportsIndex) and not isinstance(given, bool):
         return convert_index(given)
     known = ", ".join(kind.__name__ for kind in fields)
-    problem = f"{given!r:.80} is neither an id nor one of {known}."
+    # The repr of a value with many fields would be cut off in the middle of them.
+    is_plain = given is None or isinstance(given, str | float | bool)
+    named = f"{given!r:.80}" if is_plain else f"an object of type {type(given).__name__}"
+    problem = f"{named} is neither an id nor one of {known}."
     raise InvalidValue(parameter, problem, "Give the id or the object.")

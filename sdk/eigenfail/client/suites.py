@@ -86,10 +86,10 @@ class Suites:
             timeout_s: give up after this time; None waits for ever.
 
         Raises:
-            ServiceError: they did not end in time; they go on all the same.
+            WaitTimeout: they did not end in time; they go on all the same.
         """
         look = telling(lambda: self.find(suite), on_progress)
-        return wait_until(look, are_at_rest, poll_s, timeout_s)
+        return wait_until(look, are_at_rest, poll_s, timeout_s, _describe_rest)
 
     def run(
         self,
@@ -112,11 +112,11 @@ class Suites:
         Raises:
             UnknownName: a plug-in, setting or parameter that does not exist.
             InvalidValue: a value outside its bounds.
-            ServiceError: they did not end in time; they go on all the same.
+            WaitTimeout: they did not end in time; they go on all the same.
         """
         self.start(suite)
         look = telling(lambda: self.create(suite), on_progress)
-        return wait_until(look, are_at_rest, poll_s, timeout_s)
+        return wait_until(look, are_at_rest, poll_s, timeout_s, _describe_rest)
 
     def summaries(self, suite: Suite) -> tuple[Summary | None, ...]:
         """What each member found so far, in order; None where there is no campaign yet."""
@@ -182,6 +182,11 @@ def telling(
         return seen
 
     return look
+
+
+def _describe_rest(campaigns: Seen) -> str:
+    ended = sum(campaign is not None and campaign.state in AT_REST for campaign in campaigns)
+    return f"The suite ({ended} of {len(campaigns)} campaigns ended or paused)"
 
 
 def are_at_rest(campaigns: Seen) -> bool:

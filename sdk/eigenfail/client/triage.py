@@ -4,6 +4,18 @@ from collections.abc import Sequence
 from typing import TypedDict, Unpack
 
 from eigenfail.client.link import Link
+from eigenfail.client.references import (
+    AnalysisLike,
+    CampaignLike,
+    EpisodeLike,
+    ModeLike,
+    ModesLike,
+    find_mode_numbers,
+    locate_analysis,
+    locate_campaign,
+    locate_episode,
+    locate_mode,
+)
 from eigenfail.frames import Rows
 from eigenfail.values import Page
 from eigenfail.values.triage import (
@@ -43,33 +55,35 @@ class TriageRecords:
     """Read and change the triage of failure modes and episodes, and their notes.
 
     Changes and notes need a key of the scope runner where keys are required. Every method raises
-    ServiceUnreachable if no service answers.
+    InvalidValue for a value that names no such thing, and ServiceUnreachable if no service answers.
     """
 
     def __init__(self, link: Link) -> None:
         self._link = link
 
-    def get_mode(self, analysis: int, mode: int) -> Triage:
+    def get_mode(self, analysis: AnalysisLike, mode: ModeLike) -> Triage:
         """Return the triage of a failure mode.
 
         Args:
-            analysis: id of the analysis.
-            mode: number of the mode, from 1.
+            analysis: the analysis, or its id.
+            mode: the mode, or its number, from 1.
 
         Raises:
             NotFound: no such analysis or mode.
         """
-        return self._link.get(f"{_mode_path(analysis, mode)}/triage", Triage)
+        return self._link.get(f"{locate_mode(analysis, mode)}/triage", Triage)
 
-    def get_episode(self, campaign: int, index: int) -> Triage:
+    def get_episode(self, campaign: CampaignLike, index: EpisodeLike | None = None) -> Triage:
         """Return the triage of an episode.
 
         Raises:
             NotFound: no such campaign, or the episode has no result yet.
         """
-        return self._link.get(f"{_episode_path(campaign, index)}/triage", Triage)
+        return self._link.get(f"{locate_episode(campaign, index)}/triage", Triage)
 
-    def change_mode(self, analysis: int, mode: int, **fields: Unpack[TriageFields]) -> Triage:
+    def change_mode(
+        self, analysis: AnalysisLike, mode: ModeLike, **fields: Unpack[TriageFields]
+    ) -> Triage:
         """Change the triage of a failure mode, and return it.
 
         Raises:
@@ -77,26 +91,32 @@ class TriageRecords:
             InvalidValue: a value is outside its bounds, or the ticket is no address.
         """
         change = read_fields(fields, TriageChange)
-        return self._link.post(f"{_mode_path(analysis, mode)}/triage", Triage, change)
+        return self._link.post(f"{locate_mode(analysis, mode)}/triage", Triage, change)
 
     def change_modes(
-        self, analysis: int, modes: Sequence[int], **fields: Unpack[TriageFields]
+        self, analysis: AnalysisLike, modes: ModesLike, **fields: Unpack[TriageFields]
     ) -> TriageCount:
         """Change the triage of several failure modes: of all of them, or of none.
 
         Args:
-            analysis: id of the analysis.
-            modes: numbers of the modes, from 1.
+            analysis: the analysis, or its id.
+            modes: the modes, or their numbers, from 1.
             fields: what changes.
 
         Raises:
             NotFound: no such analysis, or it lacks one of the modes.
             InvalidValue: a value is outside its bounds, or the ticket is no address.
         """
-        asked = read_fields({"modes": list(modes), "change": fields}, ModesTriage)
-        return self._link.post(f"/analyses/{analysis}/modes/triage", TriageCount, asked)
+        numbers = find_mode_numbers(analysis, modes)
+        asked = read_fields({"modes": numbers, "change": fields}, ModesTriage)
+        return self._link.post(f"{locate_analysis(analysis)}/modes/triage", TriageCount, asked)
 
-    def change_episode(self, campaign: int, index: int, **fields: Unpack[TriageFields]) -> Triage:
+    def change_episode(
+        self,
+        campaign: CampaignLike,
+        index: EpisodeLike | None = None,
+        **fields: Unpack[TriageFields],
+    ) -> Triage:
         """Change the triage of an episode, and return it.
 
         Raises:
@@ -104,18 +124,18 @@ class TriageRecords:
             InvalidValue: a value is outside its bounds, or the ticket is no address.
         """
         change = read_fields(fields, TriageChange)
-        return self._link.post(f"{_episode_path(campaign, index)}/triage", Triage, change)
+        return self._link.post(f"{locate_episode(campaign, index)}/triage", Triage, change)
 
     def change_episodes(
         self,
-        campaign: int,
+        campaign: CampaignLike,
         filter: str,  # noqa: A002 - the word that users know it by
         **fields: Unpack[TriageFields],
     ) -> TriageCount:
         """Change the triage of all episodes that match a filter: of all of them, or of none.
 
         Args:
-            campaign: id of the campaign.
+            campaign: the campaign, or its id.
             filter: conditions, as for `client.episodes.list`; empty for every episode.
             fields: what changes.
 
@@ -126,27 +146,29 @@ class TriageRecords:
                 value outside its bounds, or a ticket that is no address.
         """
         asked = read_fields({"filter": filter, "change": fields}, EpisodesTriage)
-        return self._link.post(f"/campaigns/{campaign}/episodes/triage", TriageCount, asked)
+        return self._link.post(f"{locate_campaign(campaign)}/episodes/triage", TriageCount, asked)
 
-    def list_mode_notes(self, analysis: int, mode: int) -> Rows[TriageNote]:
+    def list_mode_notes(self, analysis: AnalysisLike, mode: ModeLike) -> Rows[TriageNote]:
         """Return the notes on a failure mode, newest first.
 
         Raises:
             NotFound: no such analysis or mode.
         """
-        path = f"{_mode_path(analysis, mode)}/notes"
+        path = f"{locate_mode(analysis, mode)}/notes"
         return self._link.pages(path, Page[TriageNote], "before")
 
-    def list_episode_notes(self, campaign: int, index: int) -> Rows[TriageNote]:
+    def list_episode_notes(
+        self, campaign: CampaignLike, index: EpisodeLike | None = None
+    ) -> Rows[TriageNote]:
         """Return the notes on an episode, newest first.
 
         Raises:
             NotFound: no such campaign, or the episode has no result yet.
         """
-        path = f"{_episode_path(campaign, index)}/notes"
+        path = f"{locate_episode(campaign, index)}/notes"
         return self._link.pages(path, Page[TriageNote], "before")
 
-    def add_mode_note(self, analysis: int, mode: int, text: str) -> TriageNote:
+    def add_mode_note(self, analysis: AnalysisLike, mode: ModeLike, text: str) -> TriageNote:
         """Add a note to a failure mode, and return it.
 
         Raises:
@@ -154,9 +176,9 @@ class TriageRecords:
             InvalidValue: the text is empty, too long, or cannot be printed.
         """
         note = read_fields({"text": text}, NoteText)
-        return self._link.post(f"{_mode_path(analysis, mode)}/notes", TriageNote, note)
+        return self._link.post(f"{locate_mode(analysis, mode)}/notes", TriageNote, note)
 
-    def add_episode_note(self, campaign: int, index: int, text: str) -> TriageNote:
+    def add_episode_note(self, campaign: CampaignLike, index: EpisodeLike, text: str) -> TriageNote:
         """Add a note to an episode, and return it.
 
         Raises:
@@ -164,12 +186,4 @@ class TriageRecords:
             InvalidValue: the text is empty, too long, or cannot be printed.
         """
         note = read_fields({"text": text}, NoteText)
-        return self._link.post(f"{_episode_path(campaign, index)}/notes", TriageNote, note)
-
-
-def _mode_path(analysis: int, mode: int) -> str:
-    return f"/analyses/{analysis}/modes/{mode}"
-
-
-def _episode_path(campaign: int, index: int) -> str:
-    return f"/campaigns/{campaign}/episodes/{index}"
+        return self._link.post(f"{locate_episode(campaign, index)}/notes", TriageNote, note)

@@ -65,7 +65,8 @@ class DataFolder:
             if not _lock(lock):
                 raise ServiceError(
                     f"A service runs on {self.path} already{self.where()}.",
-                    "Use that service, stop it, or choose another folder with --data.",
+                    "Use that service, stop it, or choose another folder: data=… "
+                    "(on the command line --data).",
                 )
             self.address_file.unlink(missing_ok=True)
             try:
@@ -85,7 +86,7 @@ class DataFolder:
         except OSError as error:
             raise StoreUnavailable(
                 f"The data folder {self.path} cannot be written: {error.strerror}.",
-                "Name another with --data or EIGENFAIL_DATA.",
+                "Choose another one: data=… (on the command line --data, or EIGENFAIL_DATA).",
             ) from error
 
     def publish(self, address: Address) -> None:

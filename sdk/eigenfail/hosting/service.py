@@ -244,7 +244,8 @@ def require_installed() -> None:
     if missing:
         raise ServiceError(
             f"The service is not installed here: {', '.join(missing)} missing.",
-            "Run in a clone: pip install '.[server,worker]'; or use another one: --url.",
+            "Run in a clone: pip install '.[server,worker]'; or use a service elsewhere: "
+            "eigenfail.Client(url) (on the command line --url).",
         )
 
 
@@ -254,10 +255,10 @@ def choose_ports(plan: Plan) -> tuple[int, int]:
     Raises:
         PortTaken: something else listens there.
     """
-    return _bind_port(plan.port, "--port"), _bind_port(plan.hub_port, "--hub-port")
+    return _bind_port(plan.port, "port"), _bind_port(plan.hub_port, "hub-port")
 
 
-def _bind_port(port: int, option: str) -> int:
+def _bind_port(port: int, name: str) -> int:
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -266,7 +267,7 @@ def _bind_port(port: int, option: str) -> int:
             raise PortTaken(
                 f"Port {port} on {HOST} cannot be used: {error.strerror}.",
                 "Stop the process that uses it, such as the service of another data folder, or "
-                f"choose another port with {option}.",
+                f"choose another port: {name.replace('-', '_')}=… (on the command line --{name}).",
             ) from error
         return int(probe.getsockname()[1])
 

@@ -9,7 +9,7 @@ from tempfile import mkdtemp
 from types import TracebackType
 
 from eigenfail.client import Client
-from eigenfail.errors import InvalidValue, ServiceError
+from eigenfail.errors import InvalidValue, ServiceError, UnknownName
 from eigenfail.hosting.processes import NOTHING, remove_afterwards
 from eigenfail.hosting.service import (
     Launcher,
@@ -33,6 +33,10 @@ class Local(AbstractContextManager[Client]):
             they are started by hand.
         planners: planners of one's own, as "module:Class" by the name that campaigns give; so they
             need not be installed. The modules are found where this process finds them.
+
+    Raises:
+        UnknownName: there is no such launcher.
+        InvalidValue: there are fewer than 0 workers, or planners have no names.
     """
 
     def __init__(
@@ -45,6 +49,9 @@ class Local(AbstractContextManager[Client]):
     ) -> None:
         if workers < 0:
             raise InvalidValue("workers", f"{workers} is below 0.", "0 is one per core.")
+        if launcher not in list(Launcher):
+            raise UnknownName("launcher", str(launcher), Launcher)
+        _check_planners(planners)
         self.data = None if data is None else Path(data)
         self._plan = partial(Plan, port=port, workers=workers, launcher=Launcher(launcher))
         self._planners = planners
@@ -122,3 +129,9 @@ class Local(AbstractContextManager[Client]):
         folder = Path(mkdtemp(prefix="eigenfail-"))
         stack.enter_context(remove_afterwards(folder))
         return folder
+
+
+def _check_planners(given: object) -> None:
+    if not isinstance(given, Mapping):
+        problem = f"a {type(given).__name__} does not give names to planners."
+        raise InvalidValue("planners", problem, 'Use the form {"mine": "my_module:MyPlanner"}.')

@@ -90,8 +90,8 @@ def _(value: Campaign, axes: "Axes") -> None:
 def _(value: Course, axes: "Axes") -> None:
     middles = [(block.first + block.last) / 2 for block in value.blocks]
     _draw_rates(axes, middles, [block.failure_rate for block in value.blocks])
-    axes.set(xlabel="episode", ylabel="failures ÷ completed episodes", title=value.heading)
-    axes.set_ylim(bottom=0.0)
+    axes.set(xlabel="episode", ylabel="failures ÷ completed episodes")
+    axes.set_title(f"Campaign {value.campaign}: {value.heading}")
 
 
 @_draw.register(CampaignCost)
@@ -102,7 +102,10 @@ def _(value: CampaignCost, axes: "Axes") -> None:
         modes = [np.nan if point.modes is None else point.modes for point in value.curve]
         axes.step(spent, modes, where="post", label="modes")
         axes.legend()
-    axes.set(xlabel="cost [USD]", ylabel="found", title=f"Campaign {value.campaign}: {value.name}")
+        axes.set_ylabel("failures and modes found")
+    else:
+        axes.set_ylabel("failures found")
+    axes.set(xlabel="cost [USD]", title=f"Campaign {value.campaign}: {value.name}")
 
 
 @_draw.register(Safety)
@@ -111,7 +114,8 @@ def _(value: Safety, axes: "Axes") -> None:
     likelihoods = [point.log_probability_per_step for point in points]
     axes.scatter(likelihoods, [point.severity for point in points], s=12, color=FAILURES)
     axes.set(xlabel="log p per step [nats]", ylabel="severity [m²/s²]")
-    axes.set_title(count_noun(value.scatter.of, "failure"))
+    found = count_noun(value.scatter.of, "failure")
+    axes.set_title(f"Campaign {value.campaign}: {value.name}, {found}")
 
 
 @_draw.register(Comparison)
@@ -127,7 +131,6 @@ def _(value: Comparison, axes: "Axes") -> None:
     axes.set_xticks(range(len(labels)), labels)
     axes.set(xlim=(-0.5, max(len(labels), 1) - 0.5), ylabel="failures ÷ completed episodes")
     axes.set(xlabel="campaigns", title="Comparison")
-    axes.set_ylim(bottom=0.0)
 
 
 @_draw.register(Analysis)
@@ -153,8 +156,12 @@ def _(value: AnalysisResult, axes: "Axes") -> None:
 @_draw.register(FailureMode)
 def _(value: FailureMode, axes: "Axes") -> None:
     channels = number_channels(value.eigenfailure.shape[1])
-    _draw_noise(axes, value.eigenfailure, channels, value.band)
-    axes.set_title(f"Eigenfailure of {count_noun(value.failures, 'failure')}")
+    steps = _count_steps(value)
+    band = None if value.band is None else value.band[:, :steps]
+    _draw_noise(axes, value.eigenfailure[:steps], channels, band)
+    owner, medoid = value.medoid_campaign, value.medoid
+    named = f"episode {medoid}" if owner is None else f"episode {owner}/{medoid}"
+    axes.set_title(f"Eigenfailure of {count_noun(value.failures, 'failure')}, medoid {named}")
 
 
 @_draw.register(NoiseTrajectory)
@@ -166,7 +173,19 @@ def _(value: NoiseTrajectory, axes: "Axes") -> None:
 @_draw.register(EpisodeDetail)
 def _(value: EpisodeDetail, axes: "Axes") -> None:
     _draw_noise(axes, value.noise.z, value.channels)
-    axes.set_title(f"Episode {value.index}: {value.outcome.word}")
+    named = value.index if value.campaign is None else f"{value.campaign}/{value.index}"
+    axes.set_title(f"Episode {named}: {value.outcome.word}")
+
+
+def _count_steps(mode: FailureMode) -> int:
+    """Return the number of steps until the last failure of a mode ended.
+
+    An eigenfailure is as long as the horizon: behind the last step of any failure it is zero, and
+    so is its band.
+    """
+    parts = [mode.eigenfailure] if mode.band is None else [mode.eigenfailure, *mode.band]
+    reached = np.flatnonzero(np.any([part != 0.0 for part in parts], axis=(0, 2)))
+    return int(reached[-1]) + 1 if len(reached) else len(mode.eigenfailure)
 
 
 def _draw_noise(
@@ -185,10 +204,15 @@ def _draw_noise(
 
 
 def _draw_rates(axes: "Axes", places: Sequence[float], rates: Sequence[Rate]) -> None:
-    """Draw rates with their intervals; those of searches have none."""
-    axes.plot(places, [rate.share for rate in rates], "o", color=FAILURES)
+    """Draw rates from 0 on with their intervals; those of searches have none."""
+    shares = [rate.share for rate in rates]
+    (points,) = axes.plot(places, shares, "o", color=FAILURES, clip_on=False)
+    # Limits that were set would cut off what is drawn into the same axes later.
+    points.sticky_edges.y.append(0.0)
+    axes.update_datalim([(place, 0.0) for place in places])
     bounds = [(at, rate.interval) for at, rate in zip(places, rates, strict=True) if rate.interval]
     if bounds:
         at, intervals = zip(*bounds, strict=True)
         low, high = [each.low for each in intervals], [each.high for each in intervals]
         axes.vlines(at, low, high, color=FAILURES, linewidth=1.2)
+    axes.autoscale_view()

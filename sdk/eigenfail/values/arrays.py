@@ -66,7 +66,7 @@ def decode_array(_kind: Any, value: Any) -> Floats:
 
 
 def encode_array_as_lists(value: Any) -> Any:
-    """The hook that teaches msgspec's JSON encoder about arrays."""
-    if isinstance(value, np.ndarray):
+    """The hook that teaches msgspec's JSON encoder about arrays and numbers of numpy."""
+    if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     raise TypeError(f"{type(value).__name__} does not travel")

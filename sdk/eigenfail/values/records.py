@@ -223,19 +223,32 @@ class EpisodeDetail(Shown, Tabular, Plottable, EpisodeResult, frozen=True, eq=Fa
     Attributes:
         channels: names of the channels of the noise, in the order of the columns of z.
         likelihoods: how likely the noise of each channel was; none of an episode without a step.
+        campaign: id of its campaign; None where an older service does not report it.
     """
 
     assessed: Assessment = Assessment()
     channels: tuple[str, ...] = AXES
     likelihoods: tuple[ChannelLikelihood, ...] = ()
+    campaign: int | None = None
 
 
-def make_episode_detail(result: EpisodeResult, channels: tuple[str, ...]) -> EpisodeDetail:
-    """Return the result with its assessment and the names of the channels of its noise."""
-    assessed = assess(result.outcome, result.measures)
-    fields = msgspec.structs.asdict(result)
-    likelihoods = find_channel_likelihoods(result.noise, channels)
-    return EpisodeDetail(**fields, assessed=assessed, channels=channels, likelihoods=likelihoods)
+def make_episode_detail(
+    campaign: int, result: EpisodeResult, channels: tuple[str, ...]
+) -> EpisodeDetail:
+    """Return the result with its campaign, assessment and the names of the channels of its noise.
+
+    Args:
+        campaign: id of its campaign.
+        result: the result as it is stored.
+        channels: names of the channels, in the order of the columns of z.
+    """
+    return EpisodeDetail(
+        **msgspec.structs.asdict(result),
+        assessed=assess(result.outcome, result.measures),
+        channels=channels,
+        likelihoods=find_channel_likelihoods(result.noise, channels),
+        campaign=campaign,
+    )
 
 
 class ConflictTotals(msgspec.Struct, frozen=True):

@@ -51,11 +51,11 @@ class Plottable:
 
     __slots__ = ()
 
-    def plot(self, axes: "Axes | None" = None) -> "Axes":
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the value with matplotlib.
 
         Args:
-            axes: where it is drawn; None: into a new figure.
+            ax: axes into which it is drawn; None: a new figure.
 
         Returns:
             The axes, to go on drawing; their `figure` can be saved.
@@ -64,7 +64,7 @@ class Plottable:
             InvalidValue: there is no result to draw.
             ServiceError: matplotlib is not installed.
         """
-        drawn: Axes = eigenfail.convert(self, "plot", axes)
+        drawn: Axes = eigenfail.convert(self, "plot", ax)
         return drawn
 
 

@@ -11,6 +11,7 @@ from http import HTTPStatus
 from typing import Annotated, Any, TypeVar, get_args
 
 import msgspec
+import numpy as np
 
 from eigenfail.errors import (
     Conflict,
@@ -280,12 +281,36 @@ def read_fields(given: Mapping[str, Any], kind: type[Body]) -> Body:
         UnknownName: a field is unknown.
         InvalidValue: a value has the wrong type, is out of bounds, or is missing.
     """
+    plain = make_plain(given)
+    refuse_unknown_fields(plain, kind)
+    return convert(plain, kind)
+
+
+def make_plain(given: Mapping[str, Any], place: str = "") -> dict[str, Any]:
+    """Return fields as plain data: of structs their fields, of numpy plain numbers and lists.
+
+    Args:
+        given: values by the names of fields.
+        place: where the fields stand, for the error, such as `[2].`.
+
+    Raises:
+        InvalidValue: a value is none of these.
+    """
+    return {name: _make_plain(f"{place}{name}", value) for name, value in given.items()}
+
+
+def _make_plain(field: str, value: object) -> object:
     try:
-        plain = msgspec.to_builtins(dict(given))
-        refuse_unknown_fields(plain, kind)
-        return convert(plain, kind)
+        return msgspec.to_builtins(value, enc_hook=_make_builtin)
     except TypeError as error:
-        raise InvalidValue("", f"{error}.", "Give plain numbers, text, lists and dicts.") from None
+        remedy = "Give plain numbers, text, lists and dicts."
+        raise InvalidValue(field, f"{error}.", remedy) from None
+
+
+def _make_builtin(value: object) -> Any:
+    if isinstance(value, np.ndarray | np.generic):
+        return value.tolist()
+    raise TypeError(f"an object of type {type(value).__name__} is not plain data")
 
 
 def refuse_unknown_fields(given: Any, kind: type[msgspec.Struct], field: str = "") -> None:

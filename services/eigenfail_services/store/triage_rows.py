@@ -18,7 +18,7 @@ class TriageKind(StrEnum):
     EPISODE = "episode"
 
 
-TRIAGE_COLUMNS = {"state": UNTOUCHED.state.value, "owner": UNTOUCHED.owner, "label": None}
+TRIAGE_COLUMNS = {"state": UNTOUCHED.state.value, "owner": UNTOUCHED.owner, "label": ""}
 """Columns of episodes that are kept apart from them, with their values without a row."""
 
 BRIEF_TRIAGE = (triage.c.state, triage.c.owner, triage.c.labels)
@@ -73,13 +73,14 @@ def is_triaged(campaign: int, condition: Condition) -> ColumnElement[bool]:
         campaign: id of the campaign whose episodes the query selects.
         condition: the condition.
     """
-    column, is_equal = condition.column, condition.operator is Operator.EQUAL
-    if column == "label":
+    name, is_equal = condition.column, condition.operator is Operator.EQUAL
+    column = triage.c["labels" if name == "label" else name]
+    if condition.value == TRIAGE_COLUMNS[name]:
+        chosen, is_among = column != condition.value, not is_equal
+    elif name == "label":
         chosen, is_among = _holds_label(str(condition.value)), is_equal
-    elif condition.value == TRIAGE_COLUMNS[column]:
-        chosen, is_among = triage.c[column] != condition.value, not is_equal
     else:
-        chosen, is_among = triage.c[column] == condition.value, is_equal
+        chosen, is_among = column == condition.value, is_equal
     ours = (triage.c.kind == TriageKind.EPISODE) & (triage.c.parent == campaign) & chosen
     return _is_among(ours) if is_among else _is_not_among(ours)
 

@@ -9,6 +9,8 @@ import pytest
 
 import eigenfail
 from eigenfail.client import AsyncClient, Client
+from eigenfail.replays import run_once
+from eigenfail.values import EpisodeTask, TrajectorySource
 
 PAGE = (Path(__file__).parents[3] / "docs" / "sdk.md").read_text()
 BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
@@ -48,6 +50,11 @@ def test_every_block_runs(in_this_process, capsys, monkeypatch, tmp_path):
     assert seen["campaign"].state == "done"
     assert len(seen["frame"]) == len(seen["severities"]) == seen["summary"].counts.failures > 2
     assert seen["proof"].done
+    changed, episode, spec = seen["changed"], seen["episode"], seen["campaign"].spec
+    assert not changed.noise.z[:, 1].any()
+    assert changed.digest() != episode.digest()
+    task = EpisodeTask(episode.index, episode.seed, TrajectorySource(episode.noise.z))
+    assert run_once(spec, task).digest() == episode.digest()
     assert "Did you mean 'idm'?" in capsys.readouterr().out
 
 

@@ -47,6 +47,12 @@ def test_errors_are_those_of_the_blocking_client(asynchronous_client, fields):
     asyncio.run(program())
 
 
+def test_a_plain_loop_is_refused(asynchronous_client):
+    for rows in (asynchronous_client.campaigns.list(), asynchronous_client.events.follow()):
+        with pytest.raises(TypeError, match="async for"):
+            iter(rows)
+
+
 def test_lists_are_iterated_over_pages(asynchronous_client, client, fields, monkeypatch):
     monkeypatch.setattr("eigenfail.client.link.PAGE", 2)
     monkeypatch.setattr(asynchronous, "PAGE", 2)

@@ -9,21 +9,30 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from store_checks.examples import deliver, result, running
+from store_checks.modes import analysed
 
 from eigenfail import frames
 from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.filters import CAMPAIGN_ORDERS, COLUMNS, read_value
 from eigenfail.frames import Rows
+from eigenfail.table_columns import list_struct_columns
+from eigenfail.testing.examples import analysis_result, collision
 from eigenfail.values import (
     Analysis,
     AnalysisResult,
     AnalysisSettings,
     AnalysisState,
+    Campaign,
     CampaignSpec,
+    Mode,
     NoiseTrajectory,
     Outcome,
+    Summary,
 )
 from eigenfail.values.records import Assessment, ConflictClass, EpisodeRow
+from eigenfail.values.safety import FailurePoint
+from eigenfail.values.summary import CostPoint, CourseBlock
 
 ROW = EpisodeRow(
     campaign=1,
@@ -117,6 +126,58 @@ def test_arrow_has_null_where_nothing_is_known_and_json_in_place_of_nested_value
     pq.write_table(campaigns, kept)
     assert pq.read_table(pa.BufferReader(kept.getvalue())).equals(campaigns)
     assert Rows(lambda: iter(())).to_arrow().num_rows == 0
+
+
+def test_the_types_of_arrow_do_not_depend_on_the_data(client, store, fields):
+    full, bare = running(store, episodes=4), running(store, episodes=4)
+    deliver(store, full, collision(0), result(1))
+    deliver(store, bare, result(0))
+    tables = [client.episodes.list(each).to_arrow() for each in (full, bare)]
+    assert pa.concat_tables(tables).num_rows == 3
+    assert tables[1].schema.field("severity").type == pa.float64()
+    picked = ["index", "class", "severity"]
+    some = [client.episodes.list(each, fields=picked).to_arrow() for each in (full, bare)]
+    assert pa.concat_tables(some).column_names == picked
+    nothing = client.episodes.list(bare, filter="severity > 1e9")
+    assert nothing.to_arrow().schema == tables[0].schema
+    client.campaigns.create(**fields | {"seed": 2, "stop": {"failures": 3}})
+    campaigns = [client.campaigns.list(state=each) for each in ("queued", "running", "dead")]
+    assert len({str(each.to_arrow().schema) for each in campaigns}) == 1
+    assert frames.to_arrow(tuple(campaigns[0])).schema == campaigns[0].to_arrow().schema
+
+
+def test_an_empty_table_has_its_columns(client, store):
+    made = running(store, episodes=4)
+    episodes = client.episodes.list(made)
+    columns = [*COLUMNS, "unresolved", "noise_pruned_ms"]
+    frame, table = episodes.to_pandas(), episodes.to_numpy()
+    assert (frame.empty, list(frame.columns), table.shape) == (True, columns, (0,))
+    assert (frame["severity"] > 1).sum() == 0
+    assert table["index"].dtype == np.int64
+    assert list(client.episodes.list(made, fields=["index", "class"]).to_pandas()) == [
+        "index",
+        "class",
+    ]
+    assert "severity" in client.campaigns.safety(made.id).to_pandas()
+    assert "failures" in client.campaigns.list(state="dead").to_pandas()
+
+
+@pytest.mark.parametrize("kind", [Campaign, Summary, Mode, CourseBlock, CostPoint, FailurePoint])
+def test_known_columns_are_those_of_the_rows(kind, client, store, fields):
+    made = running(store, episodes=4)
+    deliver(store, made, collision(0), result(1))
+    analysed(store, made, analysis_result())
+    given = {
+        Campaign: client.campaigns.list(),
+        Summary: client.campaigns.summaries(),
+        Mode: client.analyses.modes(1),
+        CourseBlock: client.campaigns.course(made.id),
+        CostPoint: client.campaigns.cost(made.id),
+        FailurePoint: client.campaigns.safety(made.id),
+    }[kind]
+    known, table = list_struct_columns(kind), frames.to_arrow(given)
+    assert table.num_rows
+    assert list(known) == table.column_names
 
 
 def test_numbers_that_are_not_known_are_nan_in_numpy():

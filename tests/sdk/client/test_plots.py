@@ -87,10 +87,14 @@ def test_a_course_is_drawn_with_the_intervals_that_it_has(client, campaign):
 
 def test_costs_and_severities_are_drawn_as_they_are(client, campaign):
     costs = client.campaigns.cost(campaign)
-    (line,) = costs.plot().lines
+    axes = costs.plot()
+    (line,) = axes.lines
+    assert axes.get_ylabel() == "failures found"
     assert line.get_ydata().tolist() == [point.failures for point in costs.curve]
     safety = client.campaigns.safety(campaign)
-    (marks,) = safety.plot().collections
+    axes = safety.plot()
+    (marks,) = axes.collections
+    assert axes.get_title() == f"Campaign {campaign.id}: first, 3 failures"
     points = [[each.log_probability_per_step, each.severity] for each in safety.scatter.points]
     assert len(points) == 3
     assert np.allclose(marks.get_offsets(), points)
@@ -103,6 +107,21 @@ def test_a_comparison_has_its_two_sides(client, store, campaign):
     assert axes.lines[0].get_xydata().tolist() == [[0.0, 0.3], [1.0, 0.0]]
     labels = [label.get_text() for label in axes.get_xticklabels()]
     assert labels == [f"A: {campaign.id}", f"B: {other.id}"]
+
+
+def test_rates_begin_at_zero_and_none_is_cut_off(client, store, campaign):
+    worse = running(store, episodes=40, seed=8)
+    deliver(store, worse, *(collision(n) for n in range(10)))
+    axes = client.campaigns.course(campaign, per=5).plot()
+    assert axes.get_ylim()[0] == 0.0
+    assert axes.get_title().startswith(f"Campaign {campaign.id}: ")
+    client.campaigns.course(worse.id, per=5).plot(ax=axes)
+    low, high = axes.get_ylim()
+    assert (low, high > 1.0) == (0.0, True)
+    compared = client.campaigns.compare(campaign, worse.id).plot()
+    low, high = compared.get_ylim()
+    assert (low, high > 1.0) == (0.0, True)
+    assert not compared.lines[0].get_clip_on()
 
 
 @pytest.mark.parametrize("components", [1, 2])
@@ -137,10 +156,25 @@ def test_an_eigenfailure_is_drawn_with_its_band():
     assert "+2.00 at step 1" in mode._repr_html_()
 
 
+def test_an_eigenfailure_ends_with_the_last_of_its_failures():
+    z = np.zeros((6, 2), np.float32)
+    z[:3, 0] = 1.0
+    band = np.zeros((2, 6, 2), np.float32)
+    band[1, :4, 1] = 0.5  # a failure whose median is zero at its last step
+    mode = FailureMode(2, 7, np.ones(1, np.float32), z, 3, band=band)
+    axes = mode.plot()
+    assert [len(line.get_xdata()) for line in axes.lines[:2]] == [4, 4]
+    assert axes.collections[0].get_paths()[0].get_extents().xmax == 3.0
+    assert axes.get_title() == "Eigenfailure of 2 failures, medoid episode 3/7"
+    short = FailureMode(2, 7, np.ones(1, np.float32), z).plot()
+    assert len(short.lines[0].get_xdata()) == 3
+    assert short.get_title() == "Eigenfailure of 2 failures, medoid episode 7"
+
+
 def test_an_episode_is_drawn_with_its_own_channels(client, campaign):
     episode = client.episodes.get(campaign, 4)
     axes = episode.plot()
-    assert axes.get_title() == "Episode 4: collision"
+    assert axes.get_title() == f"Episode {campaign.id}/4: collision"
     for place, line in enumerate(axes.lines[: len(episode.channels)]):
         assert line.get_label() == episode.channels[place]
         assert np.array_equal(line.get_ydata(), episode.noise.z[:, place])
@@ -152,6 +186,7 @@ def test_an_episode_is_drawn_with_its_own_channels(client, campaign):
 def test_a_diagram_may_be_drawn_beside_another_one(campaign):
     _, (left, right) = plt.subplots(1, 2)
     assert campaign.plot(right) is right
+    assert campaign.plot(ax=right) is right
     assert not left.patches
     assert plt.get_fignums() == [1]
 

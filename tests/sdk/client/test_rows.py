@@ -112,3 +112,48 @@ def test_the_asynchronous_client_has_the_same_places(client, campaign):
                 await episodes[9]
 
     asyncio.run(program())
+
+
+@given(st.integers(0, 6), st.booleans(), st.booleans())
+def test_rows_are_read_from_the_last_one_on(count, is_counted, is_reversible):
+    rows = rows_of(count, is_counted=is_counted, is_reversible=is_reversible)
+    assert [*reversed(rows)] == [*range(count)][::-1]
+
+
+@pytest.mark.parametrize("collect", [list, tuple, sorted, lambda rows: [*rows]])
+@pytest.mark.parametrize("is_counted", [False, True])
+def test_rows_are_collected_in_one_walk_that_nothing_counts(collect, is_counted):
+    walks, counts = [], []
+
+    def fetch():
+        walks.append(1)
+        yield from range(5)
+
+    def count():
+        counts.append(1)
+        return 5
+
+    rows = Rows(fetch, count=count if is_counted else None)
+    assert [*collect(rows)] == [0, 1, 2, 3, 4]
+    assert (len(walks), len(counts)) == (1, 0)
+    walk = iter(rows)
+    assert (next(walk), len(rows), [*walk]) == (0, 5, [1, 2, 3, 4])
+    assert len(walks) == (2 if is_counted else 3)
+
+
+def test_a_walk_that_fails_is_never_taken_for_its_end():
+    def fetch():
+        yield 0
+        raise TypeError("cut off")
+
+    with pytest.raises(TypeError, match="cut off"):
+        list(Rows(fetch))
+
+
+def test_pages_are_asked_for_once_and_backwards(client, campaign, asked, monkeypatch):
+    monkeypatch.setattr("eigenfail.client.link.PAGE", 4)
+    episodes = client.episodes.list(campaign)
+    assert [row.index for row in list(episodes)] == [*range(9)]
+    assert asked == [4, 4, 4]
+    assert [row.index for row in reversed(episodes)] == [*range(9)][::-1]
+    assert asked[3:] == [4, 4, 4]

@@ -2,7 +2,7 @@
 
 import pytest
 
-from eigenfail.errors import NotFound, ServiceError, UnknownName
+from eigenfail.errors import NotFound, UnknownName, WaitTimeout
 from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values import CampaignSpec, CampaignState
 
@@ -177,7 +177,7 @@ def test_waiting_tells_of_progress_and_ends_with_the_last(client, suite, store):
 
 def test_waiting_ends_after_the_time_that_was_given(client, suite):
     client.suites.create(suite(1))
-    with pytest.raises(ServiceError, match="still running after 0 s"):
+    with pytest.raises(WaitTimeout, match=r"0 of 1 campaigns .* is still running after 0 s"):
         client.suites.wait(suite(1), poll_s=0.0, timeout_s=0.0)
 
 

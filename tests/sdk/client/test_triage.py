@@ -1,5 +1,6 @@
 """Triage by the client: what is changed is found again, and what is left out stays."""
 
+import httpx2
 import pytest
 from store_checks.modes import analysed, crashed
 
@@ -59,6 +60,43 @@ def test_notes_only_grow(client, made):
     assert [note.text for note in client.triage.list_episode_notes(campaign, 0)] == [
         "of an episode"
     ]
+
+
+def test_objects_stand_for_their_ids(client, made):
+    campaign, analysis = client.campaigns.get(made[0]), client.analyses.get(made[1])
+    triage, modes = client.triage, client.analyses.modes(analysis)
+    row = client.episodes.list(campaign).first(1)[0]
+    assert triage.change_modes(analysis, modes, owner="anna") == TriageCount(2, 2)
+    assert triage.change_modes(analysis, modes[0], owner="bob") == TriageCount(1, 1)
+    assert triage.get_mode(modes[0], modes[0]) == triage.get_mode(analysis.id, 1)
+    assert triage.change_episodes(campaign, "", owner="anna").matched == 4
+    assert triage.change_episode(row, state="known") == triage.get_episode(campaign, row.index)
+    note = triage.add_episode_note(campaign, row, "late")
+    assert list(triage.list_episode_notes(client.episodes.get(row))) == [note]
+
+
+@pytest.mark.parametrize("given", ["1", "1/../2", 1.0, None, {}])
+def test_what_names_nothing_reaches_no_address(scripted, given):
+    client, asked = scripted(lambda _request, _number: httpx2.Response(200, json={}))
+    triage = client.triage
+    calls = [
+        lambda: triage.get_mode(given, 1),
+        lambda: triage.get_mode(1, given),
+        lambda: triage.change_mode(1, given, owner="anna"),
+        lambda: triage.change_modes(given, [1], owner="anna"),
+        lambda: triage.change_modes(1, [given], owner="anna"),
+        lambda: triage.get_episode(given, 1),
+        lambda: triage.change_episode(given, 1, owner="anna"),
+        lambda: triage.change_episodes(given, "", owner="anna"),
+        lambda: triage.list_mode_notes(1, given),
+        lambda: triage.list_episode_notes(given, 1),
+        lambda: triage.add_mode_note(given, 1, "late"),
+        lambda: triage.add_episode_note(1, given, "late"),
+    ]
+    for call in calls:
+        with pytest.raises(InvalidValue):
+            call()
+    assert not asked
 
 
 def test_what_cannot_be_is_refused(client, made):

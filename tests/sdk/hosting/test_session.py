@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import eigenfail
-from eigenfail.errors import InvalidValue, PortTaken, ServiceError
+from eigenfail.errors import InvalidValue, PortTaken, ServiceError, UnknownName
 from eigenfail.hosting import session
 from eigenfail.hosting.folder import Address
 from eigenfail.hosting.processes import find_marked
@@ -111,6 +111,10 @@ def test_what_fails_to_start_leaves_no_folder(monkeypatch):
 def test_what_is_wrong_is_refused_before_anything_starts(started):
     with pytest.raises(InvalidValue, match="below 0"):
         eigenfail.local(workers=-1)
+    with pytest.raises(UnknownName, match="Did you mean 'ray'"):
+        eigenfail.local(launcher="rayy")
+    with pytest.raises(InvalidValue, match="a list does not give names"):
+        eigenfail.local(planners=["my_module:MyPlanner"])
     with pytest.raises(InvalidValue, match="idm"):
         eigenfail.local(planners={"idm": "pathlib:Path"}).start()
     with pytest.raises(InvalidValue, match="cannot be loaded"):

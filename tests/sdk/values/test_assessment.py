@@ -212,7 +212,7 @@ def test_the_digest_covers_the_shape_where_there_is_noise() -> None:
 
 
 def test_details_are_the_result_and_its_assessment() -> None:
-    found = make_episode_detail(result(), AXES)
+    found = make_episode_detail(1, result(), AXES)
     assert found.assessed == assess(Outcome.COLLISION, CRASH)
     assert found.digest() == result().digest()
     assert found.noise.z.tobytes() == result().noise.z.tobytes()

@@ -108,6 +108,9 @@ def filters_episodes_by_triage(store: Store) -> None:
         ("label != late", [0, 3, 4]),
         ("label = 'late %_\\'", [3]),
         ("label = lat", []),
+        ("label = ''", [0, 4]),
+        ("label != ''", [1, 2, 3]),
+        ("label = '' and state = new", [0, 4]),
         ("label = late and label = braking and severity > 10.5", [1]),
         ("state = new and severity < 12", [0]),
     ):
