@@ -9,7 +9,7 @@ same before collisions with different vehicles, these tell causes apart.
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from math import ceil, sqrt
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,10 @@ from eigenfail.values import AnalysisSettings, Behaviour, Floats, ModeBehaviour
 from eigenfail.values.analysis import Grouping
 from eigenfail.values.records import FailureCourse
 from eigenfail_services.analysis.alignment import ALIGNMENTS, BLOCK, Aligned, Motion
-from eigenfail_services.analysis.components import ComponentSpace
 from eigenfail_services.analysis.footprints import Contact, find_contact
+
+if TYPE_CHECKING:  # it imports scikit-learn, which the API, a reader of behaviour, does without
+    from eigenfail_services.analysis.components import ComponentSpace
 
 Origin = Literal["collision", "start"]
 
@@ -167,7 +169,7 @@ class GroupingFeatures(NamedTuple):
         return self.accelerations is not None and self.data.shape != self.accelerations.shape
 
     def describe(
-        self, space: ComponentSpace, labels: NDArray[np.intp], order: NDArray[np.intp]
+        self, space: "ComponentSpace", labels: NDArray[np.intp], order: NDArray[np.intp]
     ) -> Behaviour | None:
         """Return what the ego did in each mode; None where failures are not grouped by that.
 

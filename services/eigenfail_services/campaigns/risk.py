@@ -278,13 +278,6 @@ def _count_errored(campaigns: Sequence[Campaign]) -> Iterator[str]:
 def _sum_unresolved(store: Store, campaigns: Sequence[Campaign]) -> int:
     """Return the number of episodes that ended unresolved, or of which that is not known."""
     conflicts = [store.episodes.totals(each.id).conflicts for each in campaigns]
-    if unresolved := sum(each.unresolved for each in conflicts):
-        plural = ("they count", "they would tell")
-        they, tell = ("it counts", "it would tell") if unresolved == 1 else plural
-        yield (
-            f"{count_noun(unresolved, 'episode')} ended unresolved, while braking could not avoid "
-            f"a collision any more: {they} as no failure. With more steps {tell}."
-        )
     return sum(each.unresolved + each.perhaps_unresolved for each in conflicts)
 
 

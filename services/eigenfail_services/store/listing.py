@@ -192,7 +192,7 @@ def preceding_queries(
     as well.
     """
     query = select(episode_index).where(
-        episodes.c.campaign == campaign, *_compare_episodes(where, sort)
+        episodes.c.campaign == campaign, *_compare_episodes(campaign, where, sort)
     )
     turned = SortOrder(sort.column, not sort.descending)
     if sort.column == "index":

@@ -237,6 +237,8 @@ def test_a_campaign_that_its_rule_ended_is_verified(make, verify_rare):
 def test_a_specification_of_other_episodes_is_found(make, verify_rare):
     record = with_spec(make("s" * 400), episodes=401)
     assert list_places(verify_rare(record)) == ["campaigns/1.json: campaign.counts.planned"]
+
+
 def test_more_unresolved_episodes_than_safe_ones_are_found(bundle, verify):
     name = "campaigns/1.json"
     forged = bundle.files[name].replace(b'"unresolved":0', b'"unresolved":9')
