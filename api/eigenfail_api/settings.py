@@ -118,7 +118,7 @@ def refuse_without_keys(settings: ApiSettings, keys: KeyStore) -> None:
 
 
 def refuse_unsafe_sign_in(settings: ApiSettings) -> None:
-    """Refuse settings of the sign-in by a proxy with which anybody could name any user.
+    """Refuse settings of the sign-in by a proxy with which every client could name any user.
 
     Raises:
         InvalidValue: a network, or several that lie next to each other, is wider than those of

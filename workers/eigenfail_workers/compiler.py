@@ -26,7 +26,7 @@ OPTIMISATION = "1"
 
 
 def find_obstacle() -> str | None:
-    """Return what is missing for compiling, as a phrase; None if nothing is."""
+    """Return the missing part for compiling, as a phrase; None if there is none."""
     compiler = shlex.split(sysconfig.get_config_var("CC") or "cc")[0]
     if shutil.which(compiler) is None:
         return f"there is no C compiler '{compiler}'"

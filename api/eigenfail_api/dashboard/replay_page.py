@@ -39,7 +39,7 @@ class Run(NamedTuple):
 
 
 class ReplayVerdict(msgspec.Struct, frozen=True, kw_only=True):
-    """Whether it is the same.
+    """Verdict on whether a replay gave the stored result.
 
     Attributes:
         meaning: what follows from that.
@@ -82,7 +82,7 @@ def describe_course(result: EpisodeResult) -> str:
 
 
 def list_changes(stored: Run, again: Run) -> Iterator[str]:
-    """In what the replay differs from a plain one."""
+    """Yield the changes of the replay against a plain one."""
     scale = again.campaign.spec.settings.get("scale", 1.0)
     if scale != 1.0:
         yield f"noise × {scale:g}"
@@ -102,7 +102,7 @@ def draw_parameters(run: Run) -> dict[str, Any]:
 
 
 class ReplayView(msgspec.Struct, frozen=True, kw_only=True):
-    """Where it stands.
+    """State of a replay.
 
     Attributes:
         has_arrived: whether its episode can be looked at.
@@ -122,7 +122,7 @@ class ReplayView(msgspec.Struct, frozen=True, kw_only=True):
 def replay_view(
     campaign: Campaign, verdict: ReplayVerdict | None, *, has_arrived: bool
 ) -> ReplayView:
-    """How a replay stands."""
+    """Return the page of a replay."""
     return ReplayView(
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
@@ -139,7 +139,7 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 @router.get("/replays/{campaign}")
 def show_replay(store: Stored, campaign: CampaignId) -> HTMLResponse:
-    """Where one waits for the only episode of a replay."""
+    """Serve the page on which users wait for the only episode of a replay."""
     seen, result = store.campaigns.get(campaign), find_first_result(store, campaign)
     judged = judge_replay(store, Run(seen, result)) if result else None
     return page("replay.html", replay_view(seen, judged, has_arrived=result is not None))

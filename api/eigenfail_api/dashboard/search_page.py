@@ -80,12 +80,12 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 @router.get("/search")
 def show_search(store: Stored, text: Text = "") -> HTMLResponse:
-    """Serve what is found by an id or a part of a name."""
+    """Serve the results that have an id, or a part of a name."""
     return page("search.html", make_search_view(store, " ".join(text.split())))
 
 
 def make_search_view(store: Store, text: str) -> SearchView:
-    """Return what is found, the exact ids first; groups without a hit are left out."""
+    """Return the results, the exact ids first; groups without a result are left out."""
     if not text:
         return SearchView(text)
     groups = (

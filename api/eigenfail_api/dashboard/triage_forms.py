@@ -115,7 +115,7 @@ def make_triage_view(store: Store, subject: TriageSubject) -> TriageView:
 
 
 def describe_triage(state: TriageState, owner: str) -> str:
-    """Return state and owner in words; nothing of what is new and has no owner."""
+    """Return state and owner in words; empty for the state `new` without an owner."""
     words = "" if state is TriageState.NEW else state.words
     return ", ".join(filter(None, (words, owner)))
 
@@ -184,7 +184,7 @@ def read_version(form: Mapping[str, str]) -> int | None:
 
 
 def read_addition(form: Mapping[str, str]) -> TriageChange:
-    """Return the change of a form for several: what is left empty stays as it is.
+    """Return the change of a form for several; empty fields change nothing.
 
     Raises:
         InvalidValue: a value is outside its bounds.

@@ -66,7 +66,7 @@ def get_mode_triage(store: Stored, analysis: AnalysisId, mode: ModeNumber) -> Js
 def triage_mode(
     store: Stored, analysis: AnalysisId, mode: ModeNumber, change: Change, who: CallerName
 ) -> Json:
-    """Change the triage of a failure mode; what is left out stays as it is."""
+    """Change the triage of a failure mode; fields that are left out do not change."""
     return Json(store.triage.change(mode_subject(analysis, mode), check_change(change), who))
 
 
@@ -112,7 +112,7 @@ def get_episode_triage(store: Stored, campaign: CampaignId, index: EpisodeIndex)
 def triage_episode(
     store: Stored, campaign: CampaignId, index: EpisodeIndex, change: Change, who: CallerName
 ) -> Json:
-    """Change the triage of an episode; what is left out stays as it is."""
+    """Change the triage of an episode; fields that are left out do not change."""
     return Json(store.triage.change(episode_subject(campaign, index), check_change(change), who))
 
 

@@ -104,7 +104,7 @@ def redeliver_event(store: Stored, webhook: WebhookId, delivery: DeliveryId) -> 
 def record_gate(
     store: Stored, record: Annotated[GateVerdictRecord, Depends(body_of(GateVerdictRecord))]
 ) -> Json:
-    """Record the verdict of a gate in the event log. Webhooks are told of one that is closed."""
+    """Record the verdict of a gate in the event log; webhooks get a message if it is closed."""
     return Json(store.webhooks.record_gate(record))
 
 

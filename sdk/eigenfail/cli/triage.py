@@ -67,7 +67,7 @@ def triage_modes(
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Change state, owner, labels or ticket of failure modes: of all that are named, or of none."""
+    """Change state, owner, labels or ticket of failure modes: of each one named, or of none."""
     fields = _read_fields(state, owner, ticket) | _read_labels(labels, removed)
     _refuse_nothing(fields)
     with connect_to(context, url) as client:
@@ -87,7 +87,7 @@ def triage_episodes(
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Change state, owner, labels or ticket of an episode, or of all that match a filter."""
+    """Change state, owner, labels or ticket of an episode, or of each one that matches a filter."""
     fields = _read_fields(state, owner, ticket) | _read_labels(labels, removed)
     _refuse_nothing(fields)
     campaign, text = _read_selection(triaged, conditions)

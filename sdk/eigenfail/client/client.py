@@ -161,7 +161,7 @@ class Client:
         return self._link.post("/risk", RiskAssessment, question)
 
     def record_gate(self, record: GateVerdictRecord) -> Event:
-        """Record the verdict of a gate in the event log; webhooks are told of one that is closed.
+        """Record the verdict of a gate in the event log; webhooks get a message if it is closed.
 
         `eigenfail gate` does so. The service takes the verdict as it is.
         """

@@ -37,7 +37,7 @@ class _DefaultedFields(TypedDict, total=False):
 
 
 class CampaignFields(_DefaultedFields):
-    """Fields of a new campaign; those of `eigenfail.values.CampaignSpec`, which tells of each.
+    """Fields of a new campaign; `eigenfail.values.CampaignSpec` documents each.
 
     Attributes:
         name: name of the campaign.

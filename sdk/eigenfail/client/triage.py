@@ -32,7 +32,7 @@ from eigenfail.wire.http import read_fields
 
 
 class TriageFields(TypedDict, total=False):
-    """What a change of triage sets; what is left out stays as it is.
+    """Fields of a change of triage; those that are left out do not change.
 
     Attributes:
         state: new, confirmed, known, fixed or not_a_bug.

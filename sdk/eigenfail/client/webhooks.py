@@ -1,4 +1,4 @@
-"""Webhooks of a service: who is told of events, and what became of the deliveries."""
+"""Webhooks of a service: addresses that get messages on events, and the deliveries."""
 
 from collections.abc import Sequence
 

@@ -53,7 +53,7 @@ class PlottingPlanner(Planner, Protocol):
 
 
 class SignallingPlanner(Planner, Protocol):
-    """Optional: a planner that reports numbers of its own, for the formulas of requirements.
+    """Optional: a planner that reports numbers, for the formulas of requirements.
 
     Attributes:
         signal_names: their names, such as `lost_tracks`; a formula has them as

@@ -145,7 +145,7 @@ class _Side(NamedTuple):
 def _place_sides(
     claim: Claim, judged: Mapping[ClaimPath, tuple[JudgedSolution, ...]]
 ) -> dict[ClaimPath, list[_Side]]:
-    """Return contexts and assumptions by the claim beside which they stand."""
+    """Return contexts and assumptions by the claim that they belong to."""
     users: dict[_Side, list[ClaimPath]] = {}
     for path, each in _list_claims(claim):
         for side in _list_sides(each, judged[path]):

@@ -53,7 +53,7 @@ class FileEntry(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 class Manifest(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is in a bundle.
+    """Sizes and hashes of the files of a bundle.
 
     Attributes:
         format: format of the bundle.

@@ -1,4 +1,4 @@
-"""Records of all that the solutions of a question rest on, read from a service."""
+"""Records that the solutions of a question rest on, read from a service."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -65,7 +65,7 @@ def collect_bundle(client: Client, question: EvidenceQuestion) -> EvidenceBundle
 
 
 def collect_records(client: Client, question: EvidenceQuestion) -> EvidenceRecords:
-    """Return all that the solutions of a question rest on, as it stands.
+    """Return the records that the solutions of a question rest on, in their present state.
 
     Args:
         client: client of the service that has the campaigns.

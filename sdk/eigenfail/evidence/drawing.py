@@ -187,7 +187,7 @@ class _Layout:
             self._measure_layers(each, depth + 1)
 
     def _measure_block(self, name: str) -> _Extent:
-        """Return how far an element and what is beside it reach from its centre."""
+        """Return the extent of an element and its contexts on both sides of its centre."""
         half = self._boxes[name].width / 2.0
         sides = [
             max((each.width + BESIDE for each in self._list_beside(name, kind)), default=0.0)

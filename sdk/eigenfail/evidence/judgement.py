@@ -60,7 +60,7 @@ TOLERANCE = 1e-9
 
 
 class ClaimVerdict(StrEnum):
-    """What is known of a claim or a solution.
+    """Verdict on a claim or a solution.
 
     `undeveloped` is a claim without sub-claims and solutions.
     """

@@ -139,7 +139,7 @@ class Claim(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class EvidenceQuestion(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is claimed of a planner.
+    """Claims on a planner, with the solutions that are to support them.
 
     Attributes:
         name: name of the argument.

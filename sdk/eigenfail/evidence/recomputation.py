@@ -54,7 +54,7 @@ class ReadRecords(NamedTuple):
 
 
 class ContentComparison(NamedTuple):
-    """What is not as the records have it, and what could not be compared, in sentences."""
+    """Differences from the records, and parts that could not be compared, in sentences."""
 
     defects: tuple[BundleDefect, ...]
     notes: tuple[str, ...]
@@ -157,7 +157,7 @@ def _check_names(
 
 
 def check_campaign(record: CampaignRecord) -> Iterator[BundleDefect]:
-    """Yield what is wrong with a campaign: its digest, counts, indices, seeds, and recorded noise.
+    """Yield the defects of a campaign: of its digest, counts, indices, seeds and recorded noise.
 
     Raises:
         InvalidValue: the episodes cannot be read.

@@ -194,7 +194,7 @@ class SolutionInput(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fi
 
 
 class EvidenceRecords(NamedTuple):
-    """All that the solutions of a question rest on.
+    """Records that the solutions of a question rest on.
 
     Attributes:
         campaigns: records by id.

@@ -62,7 +62,7 @@ NO_ROOT_HASH = (
 def verify_bundle(
     path: Path | str, root_hash: str = "", replay: int = 0, seed: int | None = None
 ) -> EvidenceCheck:
-    """Return what is wrong with a bundle.
+    """Return the defects of a bundle.
 
     Args:
         path: a folder or a ZIP archive.
@@ -90,7 +90,7 @@ def verify_bundle(
 
 
 def _check_hashes(files: Mapping[str, bytes], root_hash: str) -> tuple[Manifest, EvidenceCheck]:
-    """Return the manifest, and what is wrong with it and with the hashes of files."""
+    """Return the manifest, and the defects of it and of the hashes of files."""
     if MANIFEST not in files:
         defect = BundleDefect(where=MANIFEST, problem="It is missing.")
         return NO_MANIFEST, EvidenceCheck(root_hash="", verdict="", files=0, defects=(defect,))
@@ -145,7 +145,7 @@ def _recompute(
 
 
 def _read_manifest(content: bytes, root_hash: str) -> tuple[Manifest, list[BundleDefect]]:
-    """Return the manifest, and what is wrong with it.
+    """Return the manifest, and its defects.
 
     Raises:
         InvalidValue: it is of another format.

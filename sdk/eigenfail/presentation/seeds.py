@@ -135,7 +135,7 @@ def _format_share_interval(interval: Interval) -> str:
 
 
 def list_remarks(spread: SeedSpread) -> Iterator[str]:
-    """Return the mean share in a sentence, and what is special about these seeds."""
+    """Return the mean share in a sentence, and remarks on these seeds."""
     yield _describe_share(spread)
     figure, first = spread.log_probability_per_step, spread.first
     if first.without and first.without < len(spread.seeds):

@@ -222,7 +222,7 @@ def draw_probabilities(spec: CampaignSpec, answer: RequirementAnswer, limit: Err
 
 
 def draw_frontier(spec: CampaignSpec, answer: RequirementAnswer) -> str:
-    """Return a picture of what was shown about the multiples of two channels, as SVG."""
+    """Return the picture of the frontier of two channels, as SVG."""
     kept, searched = answer.question.channels
     places = [
         (each, each.multiples.get(kept, 1.0), each.multiples.get(searched, 1.0))

@@ -67,7 +67,7 @@ class MultipleRange(msgspec.Struct, frozen=True):
 
 
 class RequirementQuestion(msgspec.Struct, frozen=True, kw_only=True):
-    """What is asked about a sensor.
+    """Question about a sensor: channels, target and budget.
 
     Attributes:
         target: largest probability of failure that is accepted.
@@ -186,7 +186,7 @@ class ErrorLimit(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class RequirementAnswer(msgspec.Struct, frozen=True, kw_only=True):
-    """What is required of a sensor.
+    """Requirement on a sensor, as far as the budget shows it.
 
     Attributes:
         question: what was asked.

@@ -1,4 +1,4 @@
-"""The answer to what is required of a sensor, in sentences and rows for people."""
+"""The requirement on a sensor, in sentences and rows."""
 
 from collections.abc import Iterator, Mapping
 
@@ -21,7 +21,7 @@ FRONTIER_COLUMNS = ("at", "up to", "not met from")
 
 
 def describe_answer(spec: CampaignSpec, answer: RequirementAnswer) -> list[str]:
-    """Return the limits with what is undecided, and what they rest on."""
+    """Return the limits with the undecided ranges, and their basis."""
     limits = (*answer.limits, *answer.frontier)
     found = [each for limit in limits for each in describe_limit(spec, answer, limit)]
     return found + describe_basis(spec, answer)
@@ -48,7 +48,7 @@ def _describe_method(spec: CampaignSpec) -> Iterator[str]:
 def describe_limit(
     spec: CampaignSpec, answer: RequirementAnswer, limit: ErrorLimit
 ) -> Iterator[str]:
-    """Yield the sentence for the supplier, and what is known beyond it."""
+    """Yield the sentence for the supplier, and the results beyond the limit."""
     target = format_target(answer.question.target)
     size, beside = describe_size(spec.disturbance, limit.channel), _format_beside(limit.beside)
     if limit.largest is None:

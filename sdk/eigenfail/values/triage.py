@@ -73,7 +73,7 @@ _Labels = Annotated[tuple[str, ...], msgspec.Meta(max_length=MOST_LABELS)]
 
 
 class TriageChange(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """A change of triage; what is null stays as it is.
+    """A change of triage; fields that are null do not change.
 
     Attributes:
         state: the new state.

@@ -1,4 +1,4 @@
-"""Webhooks: addresses that are told of events, and the deliveries to them."""
+"""Webhooks: addresses that get messages on events, and the deliveries to them."""
 
 from enum import StrEnum
 from typing import Annotated, Any
@@ -12,7 +12,7 @@ MAX_WEBHOOKS = 50
 
 
 class WebhookEvent(StrEnum):
-    """Kind of event that a webhook can be told of."""
+    """Kind of event that a webhook can get messages on."""
 
     CAMPAIGN_ENDED = "campaign.ended"
     ANALYSIS_FINISHED = "analysis.finished"

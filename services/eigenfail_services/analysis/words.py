@@ -70,7 +70,7 @@ class Push(NamedTuple):
 
 
 class ChannelNoise(NamedTuple):
-    """The noise of one channel, as it is described.
+    """The noise of one channel, with its description.
 
     Attributes:
         noise: z, or whether an event lasts, shape (steps,).

@@ -26,7 +26,7 @@ class CodeRecorder:
             self._pending[campaign, code] = None
 
     def write(self) -> None:
-        """Write what was noted since the last call.
+        """Write the fingerprints that were noted since the last call.
 
         Raises:
             StoreUnavailable: the next call tries again.
@@ -46,5 +46,5 @@ class CodeRecorder:
             self._campaigns.add_code(campaign, code)
 
     def forget(self, campaign: int) -> None:
-        """Forget what was written of a campaign that has ended."""
+        """Forget the fingerprints of a campaign that has ended."""
         self._written = {key for key in self._written if key[0] != campaign}

@@ -95,7 +95,7 @@ class NearestSearch:
             self.trials[place] = msgspec.structs.replace(self.trials[place], failed=failed)
 
     def read(self, mode: int) -> dict[float, bool]:
-        """Return what is known of the way of a mode."""
+        """Return the results on the way of a mode."""
         return {
             each.t: each.failed
             for each in self.trials

@@ -60,7 +60,7 @@ class ModelCheck(msgspec.Struct, frozen=True):
 
 
 class _Property(NamedTuple):
-    """What is asked of a log.
+    """Property that a log must have.
 
     Attributes:
         name: name of the check.

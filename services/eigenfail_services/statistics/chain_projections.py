@@ -1,4 +1,4 @@
-"""What is watched of chains of failures: numbers by which slow mixing would show."""
+"""Projections of chains of failures: numbers that show slow mixing."""
 
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -413,7 +413,7 @@ class CampaignStore:
             return _set_archived(connection, campaign, now_ms())
 
     def restore(self, campaign: int) -> Campaign:
-        """List an archived campaign again; one that is not archived stays as it is.
+        """List an archived campaign again; no change if it is not archived.
 
         Raises:
             NotFound: no such campaign.

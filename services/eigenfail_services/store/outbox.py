@@ -1,4 +1,4 @@
-"""The outbox: events that webhooks are told of, written with what they are about.
+"""The outbox: events for webhooks, written in the transaction of their cause.
 
 A delivery is a row of the same transaction as the change of state that it reports: both are there
 or neither is. It is claimed for as long as one attempt may take; after a crash in between, another
@@ -95,7 +95,7 @@ def queue_gate_failure(connection: Connection, record: GateVerdictRecord) -> Non
 
 
 def queue_event(connection: Connection, kind: WebhookEvent, data: Mapping[str, Any]) -> None:
-    """Queue an event for each active webhook that is told of its kind."""
+    """Queue an event for each active webhook of its kind."""
     # Until the transaction ends, none of them can be deleted.
     query = (
         select(webhooks.c.id, webhooks.c.events)

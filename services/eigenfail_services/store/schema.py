@@ -531,7 +531,7 @@ def _in_postgres(element: SpecFieldExpression, compiler: SQLCompiler, **more: An
 
 
 class PositionExpression(FunctionElement[int]):
-    """Place of a text in another one, from 1, where letters count as they are; 0: nowhere."""
+    """Place of a text in another one, from 1, with case; 0 if it is not in it."""
 
     name = "position"
     type = Integer()

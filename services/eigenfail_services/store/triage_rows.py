@@ -27,7 +27,7 @@ _BREAK = "\n"
 
 
 def join_labels(labels: Sequence[str]) -> str:
-    """Return labels as they are stored: each between two newlines, or nothing without any."""
+    """Return labels in their stored form: each between two newlines; empty without a label."""
     return _BREAK.join(("", *labels, "")) if labels else ""
 
 

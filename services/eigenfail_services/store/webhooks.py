@@ -1,4 +1,4 @@
-"""Webhooks: addresses that are told of events, and the secrets that sign what is sent to them."""
+"""Webhooks: addresses that get messages on events, and the secrets that sign these."""
 
 import json
 from typing import Any

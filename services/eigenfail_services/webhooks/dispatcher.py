@@ -137,7 +137,7 @@ async def send_delivery(
 
 
 class WebhookDispatcher:
-    """Sends due deliveries, in a thread of its own.
+    """Sends due deliveries, in a separate thread.
 
     Args:
         store: store of the deliveries.
@@ -162,7 +162,7 @@ class WebhookDispatcher:
             self._thread.join(STOP_S)
 
     def turn(self) -> None:
-        """Send what is due, until nothing is left that no other process is sending.
+        """Send due deliveries, until none is left that no other process is sending.
 
         Raises:
             StoreUnavailable: the database does not answer.

@@ -404,7 +404,7 @@ def _read_slot(data: msgspec.Raw) -> DetailedObservation:
 
 
 def _list_excesses(seen: DetailedObservation) -> Iterator[str]:
-    """Yield what of an observation is too long, in sentences."""
+    """Yield the parts of an observation that are too long, in sentences."""
     size = 0 if seen.account is None else len(_encoder.encode(seen.account))
     if size > MAX_ACCOUNT_BYTES:
         yield f"The account has {size} bytes; {MAX_ACCOUNT_BYTES} are the most."

@@ -1,4 +1,4 @@
-"""Highway drive: three challenges one after the other, each with a cause of failure of its own.
+"""Highway drive: three challenges one after the other, each with another cause of failure.
 
 A phantom (a car alongside comes close and brakes while another one follows closely), a reveal (a
 car ahead leaves the lane and reveals a slow one) and a cut-in. Each begins at a fixed time, with
