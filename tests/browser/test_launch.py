@@ -19,7 +19,7 @@ EXAMPLE = Path(__file__).parents[2] / "examples" / "ast.toml"
 
 def fill(page, name="from the form"):
     page.get_by_label("name").fill(name)
-    page.get_by_label("episodes", exact=False).first.fill("40")
+    page.locator("#field-episodes").fill("40")
     page.locator("#field-simulator").select_option("point_mass")
 
 
