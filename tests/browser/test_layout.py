@@ -197,8 +197,7 @@ def test_a_page_fits_every_width_and_axe_finds_nothing(show, path):
 
 def test_the_answer_about_a_risk_fits_every_width_and_axe_finds_nothing(show, filled):
     tab = show("/risk")
-    tab.get_by_text("Example of a file").click()
-    example = tab.get_by_label("Example", exact=True).inner_text()
+    example = tab.get_by_label("Example", exact=True).text_content()
     question = tab.get_by_label("File, as TOML")
     expect(question).to_have_value("")
     question.fill(example.replace("[1]", f"[{filled.baseline}]"))
