@@ -77,11 +77,13 @@ class Crowd(NamedTuple):
 
 
 def list_paths(crowd: Crowd) -> dict[str, str]:
-    """The pages that are measured, by the names of their figures."""
+    """The pages that are measured, by the names of their figures.
+
+    That of an analysis with 40 modes is taller than the window, in which all charts are drawn.
+    """
     return {
         "page_overview": "/",
         "page_campaign": f"/campaigns/{crowd.campaign}",
-        "page_analysis": f"/analyses/{crowd.analysis}",
         "page_mode": f"/analyses/{crowd.analysis}/modes/1",
         "page_releases": "/releases",
         "page_release": f"/releases/{crowd.campaign + 1}",
