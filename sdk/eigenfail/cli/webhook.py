@@ -42,7 +42,9 @@ Address = Annotated[
 ]
 Events = Annotated[
     list[WebhookEvent] | None,
-    typer.Option("--event", metavar="EVENT", help="Kind of event to send; may be repeated. [default: all]"),
+    typer.Option(
+        "--event", metavar="EVENT", help="Kind of event to send; may be repeated. [default: all]"
+    ),
 ]
 State = Annotated[
     DeliveryState | None, typer.Option(help="Only deliveries in this state. [default: all]")
