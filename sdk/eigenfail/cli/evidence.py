@@ -54,7 +54,7 @@ app = typer.Typer(
     cls=EvidenceCommands,
     add_completion=False,
     no_args_is_help=True,
-    help="Argue claims about a planner with outputs, as a bundle that can be verified offline.\n\n"
+    help="Argue claims about a planner with outputs, as a bundle that is verified offline.\n\n"
     "`eigenfail evidence FILE.toml` is short for `eigenfail evidence collect FILE.toml`.",
 )
 

@@ -34,7 +34,7 @@ COMMANDS = {
     "noise": "Fit the disturbance model p(x) to the log of a sensor, and show what a model means.",
     "requirement": "Find the largest errors of the sensor at which failures stay rare enough.",
     "risk": "Assess failures per hour and per 10^6 km of a planner, against a target rate.",
-    "evidence": "Argue claims about a planner with outputs, as a bundle that can be verified offline.",
+    "evidence": "Argue claims about a planner with outputs, as a bundle that is verified offline.",
     "compare": "Compare two campaigns, or several seeds of each.",
     "gate": "Check a new version of a planner against the failures of an earlier one.",
     "report": "Write a report on campaigns: one self-contained HTML file, and its data.",
