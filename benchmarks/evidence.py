@@ -5,7 +5,7 @@ claim that nothing supports. A change is another value of a random byte of a ran
 `evidence.tampering_found` is the share of changes that are found. `evidence.rehashed_found` is the
 share that is found where the manifest is computed again after the change, so that all of its hashes
 fit: what other hashes and the numbers of the bundle show. `evidence.intact_found` is the number of
-defects in bundles that nobody changed.
+defects reported in unchanged bundles.
 """
 
 from collections.abc import Iterator, Mapping

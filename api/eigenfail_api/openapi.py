@@ -238,7 +238,7 @@ TAGS = {
     "workers": "Processes that run episodes.",
     "plug-ins": "Methods, planners, scenarios and simulators that campaigns can use.",
     "keys": "API keys and the audit log; for administrators.",
-    "webhooks": "Addresses that are told of events, and deliveries to them; for administrators.",
+    "webhooks": "Addresses to which events are sent, and the deliveries; for administrators.",
     "operations": "Liveness, readiness and metrics, for operators.",
 }
 WORDS = {

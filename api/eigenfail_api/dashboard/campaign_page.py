@@ -88,8 +88,8 @@ from eigenfail_services.campaigns.summary import (
     count_present,
     find_course,
     find_narrow,
-    find_staffing,
     list_unrunnable,
+    make_staffing,
     summarise,
 )
 from eigenfail_services.store import Store
@@ -480,7 +480,7 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
     begun = () if again else prefetch_figures(store, seen)
     listed = read_failures(store, seen, find_failure_order(seen))
     first = [row.index for row in listed.items[:MOST_FAILURES]]
-    here = count_present(store)
+    here, lacking = count_present(store), list_unrunnable(store)
     found = Findings(
         campaign=seen,
         summary=read_summary(store, seen),
@@ -491,7 +491,7 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
         events=tuple(store.events.latest(EVENTS_SHOWN, campaign)),
         latest=latest,
         here=here,
-        stranded=tuple(each for each in list_unrunnable(store) if each.campaign == campaign),
+        stranded=tuple(each for each in lacking if each.campaign == campaign),
         narrow=find_narrow(store, seen, len(here)),
         minimal=read_minimal_failure(store, seen),
         reference=find_reference(store, campaign, first),
@@ -500,7 +500,7 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
     measures = (
         read_measures(seen, read_figures(store, seen)) if begun and is_prefetched(begun) else None
     )
-    staffing = partial(find_staffing, store)
+    staffing = partial(make_staffing, store, len(here), lacking)
     response = page(
         "campaign.html", make_campaign_view(found), measures=measures, staffing=staffing
     )

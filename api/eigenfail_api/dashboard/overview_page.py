@@ -28,9 +28,9 @@ from eigenfail_api.parameters import Before, Stored
 from eigenfail_services.campaigns.costs import compare_peers, list_methods
 from eigenfail_services.campaigns.summary import (
     count_present,
-    find_staffing,
     list_recent_workers,
     list_unrunnable,
+    make_staffing,
     summaries_of,
 )
 from eigenfail_services.store import Store
@@ -297,10 +297,9 @@ def show_overview(
 ) -> HTMLResponse:
     """Campaigns in an order, by default newest first."""
     wanted = Wanted(before=before, sort=parse_campaign_sort(sort), **named._asdict())
-    staffing = partial(find_staffing, store)
-    return page(
-        "overview.html", make_overview(read_overview(store, wanted), wanted), staffing=staffing
-    )
+    found = read_overview(store, wanted)
+    staffing = partial(make_staffing, store, len(found.here), found.stranded)
+    return page("overview.html", make_overview(found, wanted), staffing=staffing)
 
 
 def read_overview(store: Store, wanted: Wanted) -> OverviewFacts:

@@ -84,7 +84,7 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 @router.get("/risk")
 def show_risk() -> HTMLResponse:
-    """Serve the form, which is empty, with an example beside it."""
+    """Serve the empty form, and an example of a file."""
     return page("risk.html", RiskView())
 
 

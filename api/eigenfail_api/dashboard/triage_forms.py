@@ -210,6 +210,13 @@ def _add_note(store: Store, subject: TriageSubject, text: str, who: str) -> Redi
     return return_to(find_address(subject))
 
 
+def _change_triage(
+    store: Store, subject: TriageSubject, form: Mapping[str, str], who: str
+) -> RedirectResponse:
+    store.triage.change_seen(subject, read_change(form), who, read_version(form))
+    return return_to(find_address(subject))
+
+
 @router.post(f"{MODES}/triage")
 def triage_modes(
     store: Stored, analysis: AnalysisId, form: Form, who: CallerName
@@ -228,9 +235,7 @@ def triage_mode(
     store: Stored, analysis: AnalysisId, mode: ModeNumber, form: Form, who: CallerName
 ) -> RedirectResponse:
     """Change the triage of a failure mode."""
-    subject = mode_subject(analysis, mode)
-    store.triage.change_seen(subject, read_change(form), who, read_version(form))
-    return return_to(find_address(subject))
+    return _change_triage(store, mode_subject(analysis, mode), form, who)
 
 
 @router.post(f"{MODE}/notes")
@@ -238,8 +243,7 @@ def add_mode_note(
     store: Stored, analysis: AnalysisId, mode: ModeNumber, form: Form, who: CallerName
 ) -> RedirectResponse:
     """Add a note to a failure mode."""
-    subject = mode_subject(analysis, mode)
-    return _add_note(store, subject, form.get("text", ""), who)
+    return _add_note(store, mode_subject(analysis, mode), form.get("text", ""), who)
 
 
 @router.post(f"{EPISODE}/triage")
@@ -247,9 +251,7 @@ def triage_episode(
     store: Stored, campaign: CampaignId, index: EpisodeIndex, form: Form, who: CallerName
 ) -> RedirectResponse:
     """Change the triage of an episode."""
-    subject = episode_subject(campaign, index)
-    store.triage.change_seen(subject, read_change(form), who, read_version(form))
-    return return_to(find_address(subject))
+    return _change_triage(store, episode_subject(campaign, index), form, who)
 
 
 @router.post(f"{EPISODE}/notes")
@@ -257,8 +259,7 @@ def add_episode_note(
     store: Stored, campaign: CampaignId, index: EpisodeIndex, form: Form, who: CallerName
 ) -> RedirectResponse:
     """Add a note to an episode."""
-    subject = episode_subject(campaign, index)
-    return _add_note(store, subject, form.get("text", ""), who)
+    return _add_note(store, episode_subject(campaign, index), form.get("text", ""), who)
 
 
 @router.post(f"{EPISODES}/triage")

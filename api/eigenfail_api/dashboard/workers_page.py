@@ -14,8 +14,9 @@ from eigenfail_api.parameters import Stored
 from eigenfail_services.campaigns.summary import (
     LATELY_S,
     count_present,
-    find_staffing,
     list_recent_workers,
+    list_unrunnable,
+    make_staffing,
 )
 from eigenfail_services.store import Store
 
@@ -76,11 +77,12 @@ def show_workers(store: Stored) -> HTMLResponse:
 
 def make_workers_view(store: Store) -> WorkersView:
     """Return the page as things stand."""
-    staffing, lately = find_staffing(store), list_recent_workers(store, ACTIVE_S)
+    here, lately = count_present(store), list_recent_workers(store, ACTIVE_S)
+    staffing = make_staffing(store, len(here), list_unrunnable(store))
     results = Counter[str]()
     for share in lately:
         results[share.worker] += share.episodes
-    found = combine_activity(count_present(store), list_recent_workers(store), lately)
+    found = combine_activity(here, list_recent_workers(store), lately)
     workers = tuple(sorted(found, key=lambda each: each.state is WorkerState.GONE))
     return WorkersView(
         tiles=_make_tiles(workers, results.total()),

@@ -31,7 +31,7 @@ WAIT_S = 30.0
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
-    help="Add, list, test and remove webhooks, which are told of events; show deliveries.\n\n"
+    help="Add, list, test and remove webhooks, to which events are sent; show deliveries.\n\n"
     "Each needs a key with the scope admin, where keys are required.",
 )
 

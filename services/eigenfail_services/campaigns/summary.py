@@ -270,11 +270,15 @@ def find_narrow(store: Store, campaign: Campaign, workers: int) -> tuple[NarrowC
 
 
 def find_staffing(store: Store) -> Staffing:
-    """Return the number of workers, the newest event on workers to come, and unrunnable campaigns.
+    """Return the number of workers, the newest event on them, and unrunnable campaigns."""
+    return make_staffing(store, len(count_present(store)), list_unrunnable(store))
+
+
+def make_staffing(store: Store, workers: int, lacking: tuple[Event, ...]) -> Staffing:
+    """Return the same for a number of workers and unrunnable campaigns that were read before.
 
     Where no worker runs there are hardly any other events: few are read.
     """
-    workers, lacking = len(count_present(store)), list_unrunnable(store)
     for event in store.events.latest(MAX_EVENTS_SEARCHED):
         if event.kind in WORDS:
             return Staffing(
