@@ -68,6 +68,7 @@ PAGES = {
     ],
     "/analyses/{analysis}/modes/{mode}": ["/analyses/{snapshot}/modes/1"],
     "/analyses/{analysis}/modes/{mode}/history": ["/analyses/{snapshot}/modes/1/history"],
+    "/analyses/{analysis}/modes/{mode}/overlay": ["/analyses/{snapshot}/modes/1/overlay"],
     "/comparison": [
         *("/comparison", "/comparison?a={ast}&b={long}"),
         "/comparison?campaign={ast}&campaign={long}&campaign={difs}",

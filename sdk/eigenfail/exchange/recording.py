@@ -170,6 +170,7 @@ class OverlaidRecordings(Brief, msgspec.Struct, frozen=True, eq=False, kw_only=T
         total: episodes of the mode, of which the scenes may be a sample.
         mission: lanes of the scenario; None where they are not known.
         aligned_at_end: whether they are aligned at their last step, and not at their first.
+        episodes: campaign and index of each, in the order of the scenes; empty if not told.
     """
 
     title: str
@@ -178,6 +179,7 @@ class OverlaidRecordings(Brief, msgspec.Struct, frozen=True, eq=False, kw_only=T
     total: int
     mission: Mission | None = None
     aligned_at_end: bool = False
+    episodes: tuple[tuple[int, int], ...] = ()
 
 
 def name_vehicle(number: int) -> str:

@@ -1,6 +1,7 @@
 """Stored episodes as recordings, with the roads of their scenarios, and files of them."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -32,6 +33,28 @@ MAX_DRAWN_POSES = 500_000
 
 MAX_KEPT_POSES = 5_000_000
 """Vehicles times moments of all its scenes: 80 MB."""
+
+
+class OverlayBounds(NamedTuple):
+    """Size of an overlay at most.
+
+    Attributes:
+        episodes: episodes that are drawn over each other.
+        drawn_poses: vehicles times frames.
+        kept_poses: vehicles times moments of all scenes.
+    """
+
+    episodes: int
+    drawn_poses: int
+    kept_poses: int
+
+    def can_hold(self, scenes: Sequence[Scene]) -> bool:
+        """Return whether an animation of some scenes over each other stays within the bounds."""
+        steps = max(len(scene.vehicles) for scene in scenes) - 1
+        frames = len(list_frame_steps(steps, scenes[0].dt_s))
+        vehicles = sum(len(scene.sizes) for scene in scenes)
+        kept = sum(len(scene.vehicles) * len(scene.sizes) for scene in scenes)
+        return vehicles * frames <= self.drawn_poses and kept <= self.kept_poses
 
 
 def find_mission(spec: CampaignSpec, result: EpisodeResult) -> Mission | None:
@@ -144,8 +167,18 @@ def make_mode_animation(store: Store, analysis: Analysis, mode: int) -> bytes:
     return draw_overlaid_episodes(load_mode_recordings(store, analysis, mode))
 
 
-def load_mode_recordings(store: Store, analysis: Analysis, mode: int) -> OverlaidRecordings:
-    """Return the failures of a mode, its medoid first; raises as `make_mode_animation` does."""
+def load_mode_recordings(
+    store: Store, analysis: Analysis, mode: int, bounds: OverlayBounds | None = None
+) -> OverlaidRecordings:
+    """Return the failures of a mode, its medoid first; raises as `make_mode_animation` does.
+
+    Args:
+        store: where the episodes are.
+        analysis: analysis that found the mode.
+        mode: number of the mode, from 1.
+        bounds: of a larger mode a sample is taken that is spread evenly; None: that of a GIF.
+    """
+    most = bounds or OverlayBounds(MAX_OVERLAID, MAX_DRAWN_POSES, MAX_KEPT_POSES)
     result = read_result(analysis)
     if not 1 <= mode <= len(result.modes):
         raise make_mode_error(analysis.id, mode)
@@ -159,7 +192,7 @@ def load_mode_recordings(store: Store, analysis: Analysis, mode: int) -> Overlai
         if number == mode and (campaign, index) != medoid
     ]
     first = store.episodes.get(*medoid)
-    shown = _choose_scenes(store, first, members)
+    shown = _choose_scenes(store, [medoid, *members], first, most)
     if not shown:
         raise Conflict(
             f"No failure of mode {mode} of analysis {analysis.id} has a scene that can be drawn.",
@@ -168,8 +201,9 @@ def load_mode_recordings(store: Store, analysis: Analysis, mode: int) -> Overlai
     spec = store.campaigns.get(medoid[0]).spec
     return OverlaidRecordings(
         title=f"Analysis {analysis.id}, {result.cluster_noun} {mode}",
-        scenes=tuple(scene for scene, _ in shown),
-        outcomes=tuple(outcome for _, outcome in shown),
+        scenes=tuple(scene for _, scene, _ in shown),
+        outcomes=tuple(outcome for _, _, outcome in shown),
+        episodes=tuple(episode for episode, _, _ in shown),
         total=found.failures,
         mission=find_mission(spec, first),
         aligned_at_end=analysis.settings.align == "collision",
@@ -177,39 +211,36 @@ def load_mode_recordings(store: Store, analysis: Analysis, mode: int) -> Overlai
 
 
 def _choose_scenes(
-    store: Store, medoid: EpisodeResult, members: Sequence[tuple[int, int]]
-) -> list[tuple[Scene, Outcome]]:
-    """Return scenes and outcomes of as many failures as an animation can draw, the medoid first.
+    store: Store,
+    members: Sequence[tuple[int, int]],
+    medoid: EpisodeResult,
+    bounds: OverlayBounds,
+) -> list[tuple[tuple[int, int], Scene, Outcome]]:
+    """Return as many failures as an animation can draw, each with scene and outcome.
 
     Args:
         store: where the episodes are.
+        members: campaign and index of the failures, the medoid first.
         medoid: the episode that the view follows.
-        members: campaign and index of the other failures.
+        bounds: what can be drawn.
     """
-    shown: list[tuple[Scene, Outcome]] = []
-    if medoid.scene is not None and _can_draw([medoid.scene]):
-        shown.append((medoid.scene, medoid.outcome))
+    shown: list[tuple[tuple[int, int], Scene, Outcome]] = []
+    if medoid.scene is not None and bounds.can_hold([medoid.scene]):
+        shown.append((members[0], medoid.scene, medoid.outcome))
     # Were all of them like the medoid, this number would do: so the sample is spread evenly.
-    affordable = MAX_OVERLAID
-    while shown and affordable > 1 and not _can_draw([shown[0][0]] * affordable):
+    affordable = bounds.episodes
+    while shown and affordable > 1 and not bounds.can_hold([shown[0][1]] * affordable):
         affordable -= 1
-    places = np.linspace(0, len(members) - 1, min(len(members), affordable - 1)).round()
+    others = members[1:]
+    places = np.linspace(0, len(others) - 1, min(len(others), affordable - 1)).round()
     for place in places.tolist():
         # One at a time, and the noise of none is kept.
-        stored = store.episodes.get(*members[int(place)])
+        episode = others[int(place)]
+        stored = store.episodes.get(*episode)
         scene = stored.scene
         # Campaigns may differ in their time step, and frames show one time.
-        if scene is None or (shown and scene.dt_s != shown[0][0].dt_s):
+        if scene is None or (shown and scene.dt_s != shown[0][1].dt_s):
             continue
-        if _can_draw([*(each for each, _ in shown), scene]):
-            shown.append((scene, stored.outcome))
+        if bounds.can_hold([*(each for _, each, _ in shown), scene]):
+            shown.append((episode, scene, stored.outcome))
     return shown
-
-
-def _can_draw(scenes: Sequence[Scene]) -> bool:
-    """Whether an animation of some scenes over each other stays within its bounds."""
-    steps = max(len(scene.vehicles) for scene in scenes) - 1
-    frames = len(list_frame_steps(steps, scenes[0].dt_s))
-    vehicles = sum(len(scene.sizes) for scene in scenes)
-    kept = sum(len(scene.vehicles) * len(scene.sizes) for scene in scenes)
-    return vehicles * frames <= MAX_DRAWN_POSES and kept <= MAX_KEPT_POSES

@@ -60,6 +60,7 @@ ROUTES = {
         GET /workers
         GET /analyses/{analysis}/modes/{mode}
         GET /analyses/{analysis}/modes/{mode}/history
+        GET /analyses/{analysis}/modes/{mode}/overlay
         GET /api/v1/analyses/{analysis}
         GET /api/v1/analyses/{analysis}/modes
         GET /api/v1/analyses/{analysis}/eigenfailures

@@ -1,8 +1,9 @@
-// The failures of a mode, which play side by side.
+// The failures of a mode, which play side by side and over each other.
 import "./main.js";
+import { overlay } from "./overlay.js";
 import { startPlayers } from "./player.js";
 
-startPlayers();
+startPlayers({ overlay });
 
 document.querySelector("[data-play-all]")?.addEventListener("click", () => {
   const stages = [...document.querySelectorAll("[data-films] [data-player]")];

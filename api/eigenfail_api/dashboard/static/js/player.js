@@ -1,5 +1,6 @@
 // Plays scenes from above. The main one shares its time with the strips, the account, the address.
 import { planAt, showAccount, takeAccount } from "./account.js";
+import { fixed } from "./parts.js";
 import { armKeys } from "./player_keys.js";
 import { armLinks, keepInAddress, timeOfAddress } from "./player_links.js";
 import { drawScene, wordsOf } from "./scene.js";
@@ -9,7 +10,20 @@ import { onThemeChange } from "./theme.js";
 const players = new WeakMap();
 let main = null;
 
-export function startPlayers() {
+// What a player plays, by its data-player: an episode unless it says another kind.
+const kinds = {
+  "": {
+    lastOf: (scene) => scene.vehicles.length - 1,
+    firstShown: () => 0,
+    timeAt: (scene, step) => step * scene.dt,
+    draw: drawScene,
+    wordsOf,
+    arm: () => {},
+  },
+};
+
+export function startPlayers(more = {}) {
+  Object.assign(kinds, more);
   for (const stage of document.querySelectorAll("[data-player]")) {
     if (!players.has(stage)) players.set(stage, new Player(stage));
   }
@@ -39,8 +53,9 @@ class Player {
     this.canvas = stage.querySelector("canvas");
     this.isMain = "main" in stage.dataset;
     for (const part of ["play", "scrub", "speed", "readout"]) this[part] = stage.querySelector(`[data-${part}]`);
-    this.last = this.scene.vehicles.length - 1;
-    Object.assign(this, { step: 0, told: -1, before: null });
+    this.kind = kinds[stage.dataset.player];
+    this.last = this.kind.lastOf(this.scene);
+    Object.assign(this, { step: this.kind.firstShown(this.scene), told: -1, before: null });
     if (this.isMain) main = this;
     this.arm();
     const time = this.isMain ? timeOfAddress() : null;
@@ -56,6 +71,7 @@ class Player {
     for (const button of this.stage.querySelectorAll("[data-step]")) {
       button.addEventListener("click", () => this.goBy(Number(button.dataset.step)));
     }
+    this.kind.arm(this.stage, this.scene, () => this.draw(true));
     new ResizeObserver(() => this.draw()).observe(this.canvas);
     onThemeChange(() => this.draw());
   }
@@ -65,7 +81,7 @@ class Player {
   }
 
   get time() {
-    return Math.floor(this.step) * this.scene.dt;
+    return this.kind.timeAt(this.scene, Math.floor(this.step));
   }
 
   seek(time) {
@@ -85,7 +101,7 @@ class Player {
 
   draw(isNews = false) {
     const whole = Math.floor(this.step);
-    drawScene(this.canvas, this.scene, this.step, this.isMain ? planAt(whole) : null);
+    this.kind.draw(this.canvas, this.scene, this.step, this.isMain ? planAt(whole) : null);
     if (this.isMain) showCursors(this.step * this.scene.dt);
     if (whole !== this.shown || isNews) this.tell(whole);
   }
@@ -94,8 +110,8 @@ class Player {
   tell(whole) {
     this.shown = whole;
     this.scrub.value = whole;
-    this.scrub.setAttribute("aria-valuetext", `${this.time.toFixed(1)} s`);
-    this.readout.textContent = wordsOf(this.scene, whole);
+    this.scrub.setAttribute("aria-valuetext", `${fixed(this.time)} s`);
+    this.readout.textContent = this.kind.wordsOf(this.scene, whole);
     if (this.isMain) showAccount(whole);
   }
 

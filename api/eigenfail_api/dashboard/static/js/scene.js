@@ -13,9 +13,8 @@ export function drawScene(canvas, scene, step, plan) {
   const actor = scene.nearest[whole];
   const seen = perceivedAt(scene, whole);
   const pen = prepare(canvas);
-  const view = camera(canvas, scene, vehicles[0], vehicles[actor]);
-  if (scene.road) drawBorders(pen, view, scene.road);
-  else drawRoad(pen, view, scene);
+  const view = camera(canvas, scene, scene.sizes[0], [vehicles[0], vehicles[actor]]);
+  drawGround(pen, view, scene);
   if (plan) drawPath(pen, view, plan);
   if (seen) drawSeen(pen, view, scene.sizes[actor], vehicles[actor], seen);
   vehicles.forEach((vehicle, number) => {
@@ -37,7 +36,7 @@ function perceivedAt(scene, step) {
 }
 
 // Vehicles may enter and leave: while one is not there it has no position.
-const isThere = (vehicle) => vehicle[0] !== null;
+export const isThere = (vehicle) => vehicle[0] !== null;
 
 export function wordsOf(scene, step) {
   const whole = Math.floor(step);
@@ -65,13 +64,18 @@ function between(scene, step) {
   if (share === 0) return scene.vehicles[from];
   return scene.vehicles[from].map((vehicle, number) => {
     const next = scene.vehicles[to][number];
-    if (!isThere(vehicle) || !isThere(next)) return vehicle;
-    return vehicle.map((value, part) => value + share * (next[part] - value));
+    return blend(vehicle, next, share);
   });
 }
 
+// A pose between two; while the vehicle is not there in both, the first of them.
+export function blend(from, to, share) {
+  if (!isThere(from) || !isThere(to)) return from;
+  return from.map((value, part) => value + share * (to[part] - value));
+}
+
 // The bitmap is made anew only where its size changed: that is what costs most.
-function prepare(canvas) {
+export function prepare(canvas) {
   const density = window.devicePixelRatio || 1;
   const [width, height] = [canvas.clientWidth, canvas.clientHeight].map((side) => Math.round(side * density));
   if (canvas.width !== width) canvas.width = width;
@@ -83,15 +87,17 @@ function prepare(canvas) {
   return pen;
 }
 
-function camera(canvas, scene, ego, actor) {
+// The view holds the vehicles that it follows; `size` is that of the largest of them.
+export function camera(canvas, scene, size, followed) {
   const [width, height] = [canvas.clientWidth, canvas.clientHeight];
-  const half = scene.sizes[0][0] / 2;
-  const left = Math.min(ego[0], actor[0]) - half - MARGIN_M;
-  const right = Math.max(ego[0], actor[0]) + half + MARGIN_M;
-  // A road that bends leads away from y = 0: the view follows both vehicles, and holds both.
-  const across = scene.road ? Math.abs(ego[1] - actor[1]) + 2 * MARGIN_M : 0;
+  const [xs, ys] = [0, 1].map((part) => followed.map((vehicle) => vehicle[part]));
+  const left = Math.min(...xs) - size[0] / 2 - MARGIN_M;
+  const right = Math.max(...xs) + size[0] / 2 + MARGIN_M;
+  const [low, high] = [Math.min(...ys), Math.max(...ys)];
+  // A road that bends leads away from y = 0: the view follows the vehicles, and holds them.
+  const across = scene.road ? high - low + 2 * MARGIN_M : 0;
   const scale = Math.min(width / Math.max(right - left, LEAST_VIEW_M), across ? height / across : Infinity);
-  const middle = scene.road ? (ego[1] + actor[1]) / 2 : (Math.max(scene.lanes, 1) - 1) * scene.lane / 2;
+  const middle = scene.road ? (low + high) / 2 : (Math.max(scene.lanes, 1) - 1) * scene.lane / 2;
   const x0 = (left + right - width / scale) / 2;
   return {
     scale,
@@ -101,6 +107,11 @@ function camera(canvas, scene, ego, actor) {
     x: (metres) => (metres - x0) * scale,
     y: (metres) => height / 2 - (metres - middle) * scale,
   };
+}
+
+export function drawGround(pen, view, scene) {
+  if (scene.road) drawBorders(pen, view, scene.road);
+  else drawRoad(pen, view, scene);
 }
 
 function drawRoad(pen, view, scene) {
@@ -145,7 +156,7 @@ function drawPath(pen, view, { path, isOverridden }) {
   }
 }
 
-function drawVehicle(pen, view, [length, width], [x, y, heading], number) {
+export function drawVehicle(pen, view, [length, width], [x, y, heading], number) {
   box(pen, view, x, y, heading, length, width);
   pen.fillStyle = number ? palette().surface : palette().ego;
   pen.strokeStyle = number ? palette().other : palette().ego;
@@ -166,14 +177,14 @@ function drawSeen(pen, view, [length, width], [x, y, heading], [seenX, seenY]) {
   pen.setLineDash([]);
 }
 
-function drawContact(pen, view, [length, width], [x, y, heading]) {
+export function drawContact(pen, view, [length, width], [x, y, heading]) {
   box(pen, view, x, y, heading, length + 1, width + 1);
   pen.strokeStyle = palette().bad;
   pen.lineWidth = 3;
   pen.stroke();
 }
 
-function box(pen, view, x, y, heading, length, width) {
+export function box(pen, view, x, y, heading, length, width) {
   const [cos, sin] = [Math.cos(heading) / 2, Math.sin(heading) / 2];
   pen.beginPath();
   for (const [front, side] of [[1, 1], [1, -1], [-1, -1], [-1, 1]]) {
@@ -192,7 +203,7 @@ function stroke(pen, points, ink) {
   pen.stroke();
 }
 
-function drawScale(pen, view) {
+export function drawScale(pen, view) {
   const length = 10 * view.scale;
   const [right, bottom] = [view.width - 14, view.height - 12];
   pen.lineWidth = 1.5;
