@@ -18,6 +18,7 @@ from eigenfail.presentation.figures import (
     format_share,
     format_utc,
 )
+from eigenfail.presentation.rates import NO_ESTIMATE
 from eigenfail.presentation.tables import OWN_EPISODES, format_cell, format_cost
 from eigenfail.settings import defaults_of
 from eigenfail.values import Campaign, CampaignSpec, Rate
@@ -169,11 +170,35 @@ def make_cost_cells(subject: Subject) -> tuple[Cell, ...]:
 
 def make_probability_cells(subject: Subject) -> tuple[Cell, ...]:
     """Return the failure probability, or the reason why there is none."""
-    found = subject.summary.estimate
+    found, rate = subject.summary.estimate, find_sampled_rate(subject)
+    if rate is not None:
+        basis = (None, rate.n, BY_RATE, NO_ESTIMATE if rate.value is None else "")
+        return (rate.value, *list_bounds(rate), None, *basis, subject.summary.rate_note)
     if found is None:
         return (None,) * 9
-    basis = (found.cv, found.episodes, found.by, found.problem, found.note)
-    return (*list_probability(found), *basis)
+    basis_of_estimate = (found.cv, found.episodes, found.by, found.problem, found.note)
+    return (*list_probability(found), *basis_of_estimate)
+
+
+BY_RATE = "failure rate of episodes drawn from p(x)"
+
+
+def find_sampled_rate(subject: Subject) -> Rate | None:
+    """Return the failure rate where it is the failure probability under p(x); None otherwise.
+
+    It is where the episodes are drawn from p(x) and the method gives no estimate of its own.
+    """
+    rate = subject.summary.failure_rate
+    is_probability = rate is not None and rate.sampled and subject.summary.estimate is None
+    return rate if is_probability else None
+
+
+def show_probability(subject: Subject) -> tuple[str, ...]:
+    """Return the failure probability as text, with what it is where it is a failure rate."""
+    rate = find_sampled_rate(subject)
+    if rate is None:
+        return format_cell(subject.summary.estimate).lines
+    return (*format_cell(rate).lines, BY_RATE)
 
 
 def describe_outcome(subject: Subject) -> str:
@@ -234,7 +259,7 @@ FIGURES: Mapping[str, Callable[[Subject], tuple[str, ...]]] = {
         if s.has_road
         else (UNKNOWN,)
     ),
-    "Failure probability under p(x)": lambda s: format_cell(s.summary.estimate).lines,
+    "Failure probability under p(x)": show_probability,
     "Episodes per second": lambda s: (format_number(s.summary.episodes_per_s),),
 }
 
@@ -317,6 +342,8 @@ def list_campaign_settings(campaign: Campaign) -> Iterator[Setting]:
     yield Setting("Scenario", spec.scenario)
     yield from list_given_settings("Scenario", spec.scenario_parameters)
     yield Setting("Planner", spec.planner)
+    if spec.version:
+        yield Setting("Planner: version", spec.version)
     yield from list_given_settings("Planner", spec.planner_settings)
     yield Setting("Simulator", spec.simulator)
     for name, value in describe_disturbance(spec).items():
@@ -413,8 +440,26 @@ REPEATABLE = (
 
 
 WHOSE = (
-    "Versions are those of the service that made this report; workers elsewhere may have had "
-    "others."
+    "Versions of programs are those of the service that made this report; workers elsewhere may "
+    "have had others. Which code they ran says its fingerprint, the first digits of a SHA-256 over "
+    "the files of a package: the same where all of them are the same."
+)
+
+
+CODE_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("planner", "Planner"),
+    ("planner_version", "Version of the planner"),
+    ("code", "Code of the workers"),
+    ("package", "Package"),
+    ("fingerprint", "Fingerprint"),
+)
+
+
+CODE_NOTE = (
+    "Code of the workers is numbered: a campaign with a second number was run by workers with "
+    "different code. No fingerprint: a function, a process behind a bridge, or workers of a "
+    "release that recorded none."
 )
 
 
@@ -427,6 +472,13 @@ def make_provenance(material: Material) -> ReportPart:
         words=(REPEATABLE, WHOSE),
         tables=(
             make_table("evidence", "Campaigns", EVIDENCE_COLUMNS, evidence),
+            make_table(
+                "code",
+                "Planner and code that ran the episodes",
+                CODE_COLUMNS,
+                [row for each in material.subjects for row in list_code(each.campaign)],
+                CODE_NOTE,
+            ),
             make_table(
                 "times", "When they ran", TIME_COLUMNS, [*map(list_time_cells, material.subjects)]
             ),
@@ -444,6 +496,16 @@ def list_provenance(subject: Subject) -> tuple[Cell, ...]:
         campaign.digest or "not done",
         subject.analysis.id if subject.analysis else None,
     )
+
+
+def list_code(campaign: Campaign) -> Iterator[tuple[Cell, ...]]:
+    """Yield a row for each package that the workers of a campaign ran; one without if not known."""
+    who = (campaign.id, campaign.spec.planner, campaign.spec.version or "not given")
+    if not any(campaign.code):
+        yield (*who, None, None, None)
+    for number, code in enumerate(campaign.code, start=1):
+        for package, digest in sorted(code.items()):
+            yield (*who, number, package, digest)
 
 
 def list_time_cells(subject: Subject) -> tuple[Cell, ...]:

@@ -19,6 +19,7 @@ from eigenfail_services.reports import (
     failure_modes,
     outcomes,
     seeds,
+    triage,
 )
 from eigenfail_services.reports import material as materials
 from eigenfail_services.reports.material import Material
@@ -36,6 +37,7 @@ PARTS: tuple[MakePart, ...] = (
     courses.make_likelihood,
     costs.make_cost,
     failure_modes.make_modes,
+    triage.make_triage,
     failure_modes.make_eigenfailures,
     evidence.make_proof,
     costs.make_minimal,

@@ -31,7 +31,7 @@ from eigenfail_services.store.schema import (
     triage,
     triage_notes,
 )
-from eigenfail_services.store.triage_rows import TriageKind, join_labels, read_triage
+from eigenfail_services.store.triage_rows import TriageKind, join_labels, read_triage, to_triage
 
 
 class TriageSubject(NamedTuple):
@@ -191,6 +191,52 @@ class TriageStore:
             _require(connection, subject)
             found = [TriageNote(*row) for row in connection.execute(query)]
         return Page(tuple(found[:limit]), found[limit - 1].id if len(found) > limit else None)
+
+    def list_triaged(
+        self, kind: TriageKind, parent: int, limit: int
+    ) -> list[tuple[TriageSubject, Triage]]:
+        """Return the modes of an analysis or the episodes of a campaign whose triage was changed.
+
+        Args:
+            kind: which of the two.
+            parent: id of the analysis, or of the campaign.
+            limit: how many are returned, those of the lowest numbers.
+        """
+        query = (
+            select(triage)
+            .where(triage.c.kind == kind, triage.c.parent == parent)
+            .order_by(triage.c.number)
+            .limit(limit)
+        )
+        with self._database.reading() as connection:
+            return [
+                (TriageSubject(kind, parent, row["number"]), to_triage(row))
+                for row in connection.execute(query).mappings()
+            ]
+
+    def list_notes(
+        self, kind: TriageKind, parent: int, limit: int
+    ) -> list[tuple[TriageSubject, TriageNote]]:
+        """Return the newest notes on modes of an analysis or on episodes of a campaign, in order.
+
+        Args:
+            kind: which of the two.
+            parent: id of the analysis, or of the campaign.
+            limit: how many are returned.
+        """
+        note = triage_notes.c
+        query = (
+            select(note.number, note.id, note.at_ms, note.author, note.text)
+            .where(note.kind == kind, note.parent == parent)
+            .order_by(note.id.desc())
+            .limit(limit)
+        )
+        with self._database.reading() as connection:
+            found = [
+                (TriageSubject(kind, parent, number), TriageNote(*rest))
+                for number, *rest in connection.execute(query)
+            ]
+        return sorted(found, key=lambda each: (each[0].number, each[1].id))
 
 
 def _require(connection: Connection, subject: TriageSubject) -> None:

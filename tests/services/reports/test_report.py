@@ -17,6 +17,7 @@ from eigenfail.values import (
     AnalysisSettings,
 )
 from eigenfail.values.report import Report, ReportTable
+from eigenfail.values.triage import TriageChange, TriageState
 from eigenfail.wire.http import decode
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.seeds import find_spreads
@@ -24,6 +25,7 @@ from eigenfail_services.campaigns.summary import find_safety, summarise
 from eigenfail_services.reports.page import MOST_ROWS, format_plain, to_csv
 from eigenfail_services.reports.report import Made, make
 from eigenfail_services.store import Store, open_store
+from eigenfail_services.store.triage import episode_subject, mode_subject
 
 NOW_MS = 1_760_000_000_000
 
@@ -169,7 +171,7 @@ def test_the_bundle_has_page_data_tables_and_pictures(made: Made, html: bytes) -
     assert row["name"] == "'" + same["name"]
     assert float(row["failure_rate"]) == same["failure_rate"]
     assert int(row["failures"]) == same["failures"]
-    assert row["probability"] == ""
+    assert float(row["probability"]) == same["probability"]
     assert made.bundle() == bundle
 
 
@@ -352,3 +354,100 @@ def test_the_robustness_of_a_function_has_no_unit(run: Callable[..., int]) -> No
         columns = table(make(store, campaigns, NOW_MS).report, "learning-curve").columns
         units.append({each.unit for each in columns if each.name.endswith("robustness_m")})
     assert units == [{"m"}, {""}, {"m on the road"}]
+
+
+@pytest.fixture(scope="module")
+def triaged(run: Callable[..., int]) -> Store:
+    """A store whose campaign was run by workers with two codes, and whose results were triaged."""
+    store = open_store("memory://")
+    run(store, name="Triaged", planner_version="2.1")
+    for digest in ("0123456789ab", "ba9876543210"):
+        store.campaigns.add_code(1, {"eigenfail_workers": digest})
+    run_analysis(store, store.analyses.create(1, AnalysisSettings(clusters=2, bootstrap=0)).id)
+    change = TriageChange(TriageState.KNOWN, "anna", ("braking", "wet"), ticket="https://t/7")
+    store.triage.change(mode_subject(1, 2), change, "anna's key")
+    failure = store.analyses.get(1).result.episodes[0]
+    store.triage.change(episode_subject(1, failure), TriageChange(TriageState.FIXED), "bert")
+    store.triage.add_note(mode_subject(1, 2), "<b>seen</b> on track 3", "bert")
+    return store
+
+
+def test_triage_of_modes_and_episodes_is_told(triaged: Store, parse: Any) -> None:
+    made = make(triaged, (1,), NOW_MS)
+    rows = records(table(made.report, "triage"))
+    modes = triaged.analyses.modes(1)
+    assert [(row["kind"], row["analysis"], row["number"], row["name"]) for row in rows[:2]] == [
+        ("mode", 1, mode.number, mode.name) for mode in modes
+    ]
+    assert [row["state"] for row in rows] == ["new", "known", "fixed"]
+    known, fixed = rows[1:]
+    assert (known["owner"], known["labels"], known["ticket"], known["changed_by"]) == (
+        *("anna", "braking, wet", "https://t/7"),
+        "anna's key",
+    )
+    assert (fixed["kind"], fixed["analysis"]) == ("episode", None)
+    (note,) = records(table(made.report, "triage-notes"))
+    assert (note["kind"], note["number"], note["author"]) == ("mode", 2, "bert")
+    html = made.html()
+    assert b"<b>seen" not in html
+    text = parse(html).text
+    assert "<b>seen</b> on track 3" in text
+    assert "Campaign 1: 2 modes: 1 known, 1 new." in text
+
+
+def test_triage_that_changes_no_result_changes_no_digest(triaged: Store) -> None:
+    made = make(triaged, (1,), NOW_MS)
+    (evidence,) = records(table(made.report, "evidence"))
+    assert evidence["digest"] == triaged.campaigns.get(1).digest
+
+
+def test_without_modes_changes_and_notes_there_is_no_triage(store: Store) -> None:
+    names = {section.name for section in make(store, (2,), NOW_MS).report.sections}
+    assert "triage" not in names
+
+
+def test_version_of_the_planner_and_code_of_the_workers_are_told(
+    triaged: Store, made: Made
+) -> None:
+    report = make(triaged, (1,), NOW_MS).report
+    rows = records(table(report, "code"))
+    assert [(row["code"], row["package"], row["fingerprint"]) for row in rows] == [
+        (1, "eigenfail_workers", "0123456789ab"),
+        (2, "eigenfail_workers", "ba9876543210"),
+    ]
+    assert {(row["planner"], row["planner_version"]) for row in rows} == {("idm", "2.1")}
+    setup = {row["setting"]: row["value"] for row in records(table(report, "setup"))}
+    assert setup["Planner: version"] == "2.1"
+    # Without a version and without workers that told their code, the rows say so.
+    for row in records(table(made.report, "code")):
+        assert (row["planner_version"], row["fingerprint"]) == ("not given", None)
+
+
+def test_the_failure_probability_of_monte_carlo_is_its_failure_rate(
+    made: Made, store: Store, page: Any
+) -> None:
+    for row in records(table(made.report, "results")):
+        summary = summarise(
+            store.campaigns.get(row["campaign"]), store.episodes.totals(row["campaign"])
+        )
+        rate = summary.failure_rate
+        if rate is None:
+            assert row["probability"] is row["probability_by"] is None
+            continue
+        assert rate.interval
+        assert (row["probability"], row["probability_low"], row["probability_high"]) == (
+            *(rate.value, rate.interval.low),
+            rate.interval.high,
+        )
+        assert (row["probability_n"], row["probability_at_least"]) == (rate.n, None)
+        assert row["probability_by"] == "failure rate of episodes drawn from p(x)"
+    assert page.text.count("failure rate of episodes drawn from p(x)") >= 3
+
+
+def test_the_share_of_a_search_is_no_failure_probability(run: Callable[..., int]) -> None:
+    store = open_store("memory://")
+    run(store, name="Search", method="cem", episodes=40)
+    report = make(store, (1,), NOW_MS).report
+    (row,) = records(table(report, "results"))
+    assert row["failure_rate"] is not None
+    assert row["probability_by"] != "failure rate of episodes drawn from p(x)"

@@ -19,6 +19,7 @@ from eigenfail.values.triage import (
 )
 from eigenfail_services.store import Store
 from eigenfail_services.store.triage import episode_subject, mode_subject
+from eigenfail_services.store.triage_rows import TriageKind
 from store_checks.examples import BEYOND, equal
 from store_checks.modes import analysed, crashed
 
@@ -168,6 +169,26 @@ def adds_notes(store: Store) -> None:
     equal(store.triage.get(mode), UNTOUCHED, "Triage of what has notes alone")
 
 
+def lists_what_was_triaged(store: Store) -> None:
+    """By number, without what was never changed; of the notes the newest, in order."""
+    campaign = crashed(store)
+    analysis = analysed(store, campaign, analysis_result())
+    for number in (3, 1, 2):
+        subject = episode_subject(campaign.id, number)
+        store.triage.change(subject, CONFIRMED, "anna's key")
+        store.triage.add_note(subject, f"note {number}", "anna's key")
+    store.triage.add_note(episode_subject(campaign.id, 1), "another", "bert")
+    listed = store.triage.list_triaged(TriageKind.EPISODE, campaign.id, 2)
+    equal([subject.number for subject, _ in listed], [1, 2], "Numbers of triaged episodes")
+    first = episode_subject(campaign.id, 1)
+    equal(listed[0], (first, store.triage.get(first)), "The first of them")
+    notes = store.triage.list_notes(TriageKind.EPISODE, campaign.id, 3)
+    told = [(subject.number, note.text) for subject, note in notes]
+    equal(told, [(1, "note 1"), (1, "another"), (2, "note 2")], "The newest notes")
+    equal(store.triage.list_triaged(TriageKind.MODE, analysis, 9), [], "Modes that were triaged")
+    equal(store.triage.list_notes(TriageKind.MODE, analysis, 9), [], "Notes on modes")
+
+
 def knows_no_strangers(store: Store) -> None:
     """What does not exist has no triage, and no note is added to it."""
     campaign = crashed(store)
@@ -212,6 +233,7 @@ CHECKS = (
     changes_many_at_once,
     changes_all_or_none,
     adds_notes,
+    lists_what_was_triaged,
     knows_no_strangers,
     loses_no_change_of_others,
 )
