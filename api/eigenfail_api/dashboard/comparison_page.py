@@ -236,7 +236,8 @@ def describe_difference(found: Comparison) -> str:
     value = f"{format_signed(100.0 * found.difference.value)} %"
     low, high = found.difference.interval.low, found.difference.interval.high
     interval = format_signed_interval(found.difference.interval, 100.0)
-    return f"{value} {interval}{'' if low <= 0.0 <= high else ', differs'}"
+    basis = ", over pairs" if found.difference.is_paired else ""
+    return f"{value} {interval}{basis}{'' if low <= 0.0 <= high else ', differs'}"
 
 
 def describe_pairs(found: Comparison) -> str:

@@ -369,7 +369,7 @@ def _bound_anchor(anchor: Anchor, campaigns: Counted, error: float) -> tuple[Int
         return anchor.bounds, f"{problem[:1].upper()}{problem[1:]}"
     try:
         found = (
-            bound_sampled(counted.counted, error)
+            bound_sampled(counted.counted, error, counted.unresolved)
             if counted.campaign.spec.method == MONTE_CARLO
             else bound_probability([counted], error)
         )

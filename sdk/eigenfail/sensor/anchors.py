@@ -147,9 +147,10 @@ def read_anchor(
         )
     problem = ""
     if describe_method(campaign.spec.method).traits.draws_from_prior:
-        rate = client.campaigns.summary(campaign.id).failure_rate
-        probability = rate.value if rate else None
-        bounds = bound_sampled(campaign, error)
+        summary = client.campaigns.summary(campaign.id)
+        probability = summary.failure_rate.value if summary.failure_rate else None
+        ended = summary.unresolved
+        bounds = bound_sampled(campaign, error, ended.count + ended.not_known)
     else:
         probability, bounds, problem = _read_estimate(campaign.estimate, error)
     return Anchor(
@@ -187,20 +188,21 @@ def _read_estimate(estimate: Estimate | None, error: float) -> tuple[float | Non
 def bound_sampled(campaign: Campaign, error: float, unresolved: int = 0) -> Interval:
     """Return the exact bounds of P(failure) from episodes that were drawn from p(x).
 
-    Errored episodes count as failures in the upper bound, and as none in the lower one. Where the
-    stop rule ended the campaign, the whole budget would have had as many failures or more, which
-    gives a lower bound alone.
+    Errored and unresolved episodes count as failures in the upper bound, and as none in the lower
+    one. Where the stop rule ended the campaign, the whole budget would have had as many failures
+    or more, which gives a lower bound alone.
 
     Args:
         campaign: a campaign of Monte Carlo.
         error: probability with which a bound does not hold.
-        unresolved: number of safe episodes that count as failures in the upper bound as well.
+        unresolved: number of safe episodes that ended while braking could not avoid a collision
+            any more, or may have.
     """
     counts, limit = campaign.counts, campaign.spec.stop.failures
     if limit is not None and counts.failures >= limit:
         return Interval(find_lower_bound(limit, campaign.spec.episodes, error), 1.0)
-    doubtful, trials = counts.failures + counts.errored, counts.completed + counts.errored
-    doubtful += unresolved
+    trials = counts.completed + counts.errored
+    doubtful = min(counts.failures + counts.errored + unresolved, trials)
     return Interval(
         find_lower_bound(counts.failures, trials, error),
         find_upper_bound(doubtful, trials, error),

@@ -41,7 +41,8 @@ def _describe_method(spec: CampaignSpec) -> Iterator[str]:
     if not describe_method(spec.method).traits.draws_from_prior:
         yield (
             f"The confidence is that of the intervals of '{spec.method}', which is approximate. "
-            "Failures that no sample came near are not in it, and errored episodes count as none."
+            "Failures that no sample came near are not in it, and errored or unresolved episodes "
+            "count as none."
         )
 
 

@@ -55,16 +55,19 @@ class Difference(msgspec.Struct, frozen=True):
     """Failure rate of B minus that of A, as shares of one.
 
     Attributes:
-        interval: Newcombe's hybrid score interval; of searches as if their episodes were a
-            sample, which they are not: a rule of the gate, and not to be quoted.
-        n_a: completed episodes of A.
-        n_b: campaigns of B.
+        interval: Tango's score interval of paired samples, or Newcombe's hybrid score interval of
+            independent ones; of searches as if their episodes were a sample, which they are not: a
+            rule of the gate, and not to be quoted.
+        n_a: completed episodes of A that the rate rests on.
+        n_b: the same of B.
+        is_paired: whether the rates are of pairs of episodes with the same noise.
     """
 
     value: float
     interval: Interval
     n_a: int
     n_b: int
+    is_paired: bool = False
 
 
 class McNemar(msgspec.Struct, frozen=True):

@@ -7,7 +7,7 @@ import msgspec
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
-from eigenfail.intervals import difference
+from eigenfail.intervals import difference, paired_difference
 from eigenfail.presentation.figures import (
     format_amount,
     format_interval,
@@ -40,6 +40,7 @@ from eigenfail_services.analysis.campaign_figures import (
 )
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.pairing import (
+    PairedEpisodes,
     find_differing_fields,
     find_distinctions,
     find_mixed_fields,
@@ -92,7 +93,8 @@ def _compare_rates(found: Difference) -> str:
     if found.interval.low <= 0.0 <= found.interval.high:
         size = f"{format_signed(100.0 * found.value)} %"
         interval = format_signed_interval(found.interval, 100.0)
-        return f"The rates alone show no difference: B − A is {size} {interval} of the episodes."
+        basis = "The pairs" if found.is_paired else "The rates alone"
+        return f"{basis} show no difference: B − A is {size} {interval} of the episodes."
     word = "more" if found.value > 0.0 else "fewer"
     near, far = sorted((abs(found.interval.low), abs(found.interval.high)))
     size = f"{format_share(abs(found.value))} {format_interval(Interval(near, far), 100.0)}"
@@ -215,7 +217,8 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
     found = Comparison(
         a=left,
         b=right,
-        difference=_find_difference(left, right, ones, others),
+        difference=_find_paired_difference(pairing, [*ones, *others])
+        or _find_difference(left, right, ones, others),
         pairs=mcnemar(pairing.totals) if pairing.totals else None,
         unpaired_because=pairing.because,
         effect=_find_effect(left, right),
@@ -290,6 +293,18 @@ def _sum_cost(campaigns: Sequence[Campaign], failures: Rate | None) -> Cost:
     total_usd = sum(bill_usd(campaign, campaign.active_s) for campaign in campaigns)
     hours = sum(sum_instance_hours(campaign, campaign.active_s) for campaign in campaigns)
     return price_failures(total_usd, hours, failures)
+
+
+def _find_paired_difference(
+    pairing: PairedEpisodes, campaigns: Sequence[Campaign]
+) -> Difference | None:
+    """Return the difference over the pairs; None without pairs.
+
+    None too where a stop rule judged failures: the number of pairs is then no fixed one.
+    """
+    if pairing.totals is None or SamplingDesign.of_failures(campaigns).judges_failures:
+        return None
+    return paired_difference(pairing.totals)
 
 
 def _find_difference(

@@ -32,6 +32,7 @@ from eigenfail.values import (
     Estimate,
     Interval,
     StopRules,
+    Unresolved,
 )
 from eigenfail.values.channels import Channel
 from eigenfail.values.shapes import Markov
@@ -105,10 +106,25 @@ def test_errored_episodes_count_against_the_target():
     assert bounds.high == find_upper_bound(21, 1000, 0.01)
 
 
-def read(campaign):
-    summary = SimpleNamespace(failure_rate=rate(campaign.counts.failures, 1000))
+def read(campaign, ended=None):
+    found = rate(campaign.counts.failures, 1000)
+    summary = SimpleNamespace(failure_rate=found, unresolved=ended or Unresolved())
     client = SimpleNamespace(campaigns=SimpleNamespace(summary=lambda _id: summary))
     return read_anchor(client, campaign, {"scale": 1.5}, 0.01, 0.01)
+
+
+def test_unresolved_episodes_count_against_the_target():
+    campaign = make_campaign(Counts(1000, 1000, 1))
+    assert read(campaign).bounds == bound_sampled(campaign, 0.01)
+    anchor = read(campaign, Unresolved(count=12, not_known=3, horizon_s=18.0))
+    assert anchor.bounds.low == find_lower_bound(1, 1000, 0.01)
+    assert anchor.bounds.high == find_upper_bound(16, 1000, 0.01)
+    assert (read(campaign).verdict, anchor.verdict) == (
+        AnchorVerdict.MET,
+        AnchorVerdict.UNDECIDED,
+    )
+    # No more can have failed than there were.
+    assert read(campaign, Unresolved(not_known=1000)).bounds.high == 1.0
 
 
 def estimate_of(**given):
@@ -282,7 +298,7 @@ def test_the_anchors_are_campaigns_of_the_service():
         asked.append(suite.members[0].spec.disturbance.scale)
         return make_campaign(Counts(1000, 1000, 40 * (asked[-1] > 1.3)))
 
-    summary = SimpleNamespace(failure_rate=rate(1, 1000))
+    summary = SimpleNamespace(failure_rate=rate(1, 1000), unresolved=Unresolved())
     client = SimpleNamespace(campaigns=SimpleNamespace(summary=lambda _id: summary))
     answer = find_sensor_requirement(client, make_spec(), QUESTION, run)
     assert asked[:2] == [0.5, 2.0]

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from store_checks.examples import deliver, name_channels
 
 from eigenfail.errors import InvalidValue, NotFound
-from eigenfail.intervals import difference
+from eigenfail.intervals import difference, paired_difference
 from eigenfail.testing.examples import make_errored_result, result
 from eigenfail.values import (
     CampaignSpec,
@@ -21,6 +21,7 @@ from eigenfail.values import (
     Measures,
     NoiseTrajectory,
     Outcome,
+    PairTotals,
     Rate,
     RateDesign,
     StopRules,
@@ -82,7 +83,7 @@ def test_two_planners_that_saw_the_same_noise(store: Store) -> None:
     b = campaign(store, range(3, 23), planner="idm")
     found = compare(store, [a], [b])
     assert (found.a.failure_rate, found.b.failure_rate) == (rate(5, 50), rate(20, 50))
-    assert found.difference is not None
+    assert found.difference == paired_difference(PairTotals(2, 3, 18, 27))
     assert found.difference.value == pytest.approx(0.3)
     assert found.pairs is not None
     assert (found.pairs.n, found.pairs.only_a, found.pairs.only_b) == (50, 3, 18)
@@ -103,7 +104,7 @@ def test_what_it_says_is_plain(store: Store) -> None:
         "A fails in 10.0 % [4.34, 21.4] of 50 episodes; "
         "B fails in 40.0 % [27.6, 53.9] of 50 episodes."
     )
-    assert said[1] == "B fails in 30.0 % [13.1, 45.0] more of the episodes than A."
+    assert said[1] == "B fails in 30.0 % [13.2, 45.7] more of the episodes than A."
     assert said[2] == (
         "Both saw the same noise in 50 pairs of episodes: 18 where only B failed, 3 where only A "
         "did, 2 where both did; McNemar's exact test distinguishes them (p = 0.0015)."
@@ -111,7 +112,7 @@ def test_what_it_says_is_plain(store: Store) -> None:
     assert said[3].startswith("A failure costs 0.240 USD [0.112, 0.553] with A, 0.0600 USD [")
     assert said[4].startswith("log p per step of the failures is ")
     back = compare(store, [b], [a]).sentences
-    assert back[1] == "B fails in 30.0 % [13.1, 45.0] fewer of the episodes than A."
+    assert back[1] == "B fails in 30.0 % [13.2, 45.7] fewer of the episodes than A."
     none = compare(store, [campaign(store, [])], [b]).sentences
     assert none[0].startswith("A fails in 0 of 50: ≤ 5.82 %; B fails in 40.0 % [27.6, 53.9] of ")
 
@@ -133,7 +134,7 @@ def test_a_side_that_stopped_at_its_failures_has_exact_intervals(store: Store) -
 def test_no_difference_is_said_to_be_none(store: Store) -> None:
     a, b = campaign(store, range(5)), campaign(store, range(6), planner="idm")
     said = compare(store, [a], [b]).sentences
-    assert said[1].startswith("The rates alone show no difference: B − A is +2.00 % [−")
+    assert said[1].startswith("The pairs show no difference: B − A is +2.00 % [−")
     assert "does not distinguish them (p = 1.0000)" in said[2]
 
 

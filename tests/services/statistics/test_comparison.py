@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
-from eigenfail.intervals import difference, wilson
+from eigenfail.intervals import Z, difference, paired_difference, wilson
 from eigenfail.values import Interval, PairTotals, Rate
 from eigenfail_services.statistics.comparison import mcnemar
 
@@ -47,6 +47,89 @@ def test_the_sides_may_be_swapped(a, b) -> None:
     assert one.interval.low == pytest.approx(-other.interval.high, abs=1e-12)
     assert -1.0 <= one.interval.low <= one.value + 1e-12
     assert one.value - 1e-12 <= one.interval.high <= 1.0
+
+
+def count_pairs(both: int, only_first: int, only_second: int, neither: int) -> PairTotals:
+    return PairTotals(both, only_first, only_second, neither)
+
+
+# Both, only the first, only the second, neither; Tango's interval of second less first, from
+# Fagerland, Lydersen and Laake 2014, Statistics in Medicine 33, 2850–2875 (data of Bentur et al.
+# 2009 and Cavo et al. 2012).
+TANGO = [
+    ((1, 7, 1, 12), (-0.517, -0.026), 5e-4),
+    ((59, 16, 6, 80), (-0.1240, -0.0054), 5e-5),
+]
+
+
+@pytest.mark.parametrize(("cells", "bounds", "rounding"), TANGO)
+def test_the_published_intervals_of_pairs(cells, bounds, rounding) -> None:
+    found = paired_difference(count_pairs(*cells))
+    assert found.value == pytest.approx((cells[2] - cells[1]) / sum(cells))
+    assert (found.interval.low, found.interval.high) == pytest.approx(bounds, abs=rounding)
+    assert (found.n_a, found.n_b, found.is_paired) == (sum(cells), sum(cells), True)
+
+
+cells = st.tuples(*[st.integers(0, 300)] * 4).filter(any)
+
+
+@given(cells)
+def test_the_sides_of_pairs_may_be_swapped(cells) -> None:
+    both, first, second, neither = cells
+    one = paired_difference(count_pairs(*cells))
+    other = paired_difference(count_pairs(both, second, first, neither))
+    assert one.value == -other.value
+    assert one.interval.low == pytest.approx(-other.interval.high, abs=1e-9)
+    assert -1.0 <= one.interval.low <= one.value <= one.interval.high <= 1.0
+
+
+@given(cells)
+def test_the_interval_of_pairs_holds_zero_where_mcnemar_does_not_distinguish_them(cells) -> None:
+    """Without correction: at 0 Tango's score is that of McNemar."""
+    _, first, second, _ = cells
+    bounds = paired_difference(count_pairs(*cells)).interval
+    is_apart = (first - second) ** 2 > Z**2 * (first + second)
+    assert (bounds.low > 0.0 or bounds.high < 0.0) is is_apart
+
+
+@given(st.integers(1, 10_000))
+def test_pairs_that_all_agree_leave_the_score_bound_of_no_event(n) -> None:
+    """n·d ÷ √(n·d·(1 − d)) = Z: the upper end of Wilson's interval of 0 in n."""
+    bounds = paired_difference(count_pairs(0, 0, 0, n)).interval
+    assert bounds.high == pytest.approx(Z**2 / (n + Z**2), rel=1e-9)
+    assert bounds.low == pytest.approx(-bounds.high)
+
+
+def test_pairs_that_agree_have_a_narrower_interval_than_independent_samples() -> None:
+    found = paired_difference(count_pairs(90, 2, 8, 100)).interval
+    apart = difference(make_rate(92, 200), make_rate(98, 200)).interval
+    assert found.high - found.low < 0.5 * (apart.high - apart.low)
+
+
+def test_without_a_pair_there_is_no_difference() -> None:
+    with pytest.raises(InvalidValue):
+        paired_difference(PairTotals())
+
+
+@pytest.mark.parametrize("n", [20, 40])
+def test_the_interval_of_pairs_holds_the_truth(n) -> None:
+    """The probability of all counts whose interval holds it, summed: no simulation, no error."""
+    found = {
+        (b, c): paired_difference(count_pairs(0, c, b, n - b - c)).interval
+        for b in range(n + 1)
+        for c in range(n + 1 - b)
+    }
+    cover = []
+    for p, q in [(p / 20, q / 20) for p in range(1, 10) for q in range(1, 10)]:
+        weights = {
+            (b, c): comb(n, b) * comb(n - b, c) * p**b * q**c * (1.0 - p - q) ** (n - b - c)
+            for b, c in found
+        }
+        assert sum(weights.values()) == pytest.approx(1.0)
+        inside = (w for key, w in weights.items() if found[key].low <= p - q <= found[key].high)
+        cover.append(sum(inside))
+    assert min(cover) > 0.92
+    assert sum(cover) / len(cover) == pytest.approx(0.95, abs=0.01)
 
 
 def test_episodes_of_a_search_have_no_difference() -> None:
