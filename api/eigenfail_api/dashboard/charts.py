@@ -16,6 +16,7 @@ from eigenfail.presentation.figures import (
     format_percent_interval,
     format_share,
 )
+from eigenfail.presentation.rates import name_rates
 from eigenfail.values import Campaign, Course, CourseBlock, NoiseTrajectory, Rate
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.summary import EpisodeSample
@@ -71,22 +72,24 @@ ANSWERS = (
 
 
 def make_curve_chart(course: Course, unit: str = "m") -> Chart:
-    """Return the chart of the failure rate over the course of the campaign.
+    """Return the chart of the failure rate, or share of failures, over the course of a campaign.
 
     Args:
         course: blocks of its episodes.
         unit: unit of robustness; empty for a function.
     """
     blocks = course.blocks
+    what = name_rates(block.failure_rate for block in blocks)
     return Chart(
         id="curve-chart",
         kind="curve",
         title=course.heading,
         caption=(
-            f"Failure rate by blocks of {count_noun(course.per, 'episode')}"
+            f"{what} by blocks of {count_noun(course.per, 'episode')}"
             f"{name_bounds(blocks)}; the table holds likelihood and robustness, too."
         ),
         data={
+            "what": what,
             "middle": [(block.first + block.last) / 2.0 for block in blocks],
             "span": [format_span(block) for block in blocks],
             "rate": round_values(100.0 * block.failure_rate.share for block in blocks),
@@ -94,7 +97,7 @@ def make_curve_chart(course: Course, unit: str = "m") -> Chart:
             "high": round_values(list_percent_ends(blocks, "high")),
         },
         columns=(
-            *("Episodes", "Failures", "Completed", "Rate", "95 % interval"),
+            *("Episodes", "Failures", "Completed", what, "95 % interval"),
             *("log p per step of the failures", add_unit("Median robustness", unit)),
         ),
         rows=tuple(
@@ -121,7 +124,7 @@ def name_bounds(blocks: Sequence[CourseBlock]) -> str:
     """Return what a caption says of the intervals of failure rates."""
     if all(block.failure_rate.sampled for block in blocks):
         return ", with 95 % intervals"
-    return " that the method chose: shares of these, not rates under p(x)"
+    return " that the method chose, which is no failure rate under p(x)"
 
 
 def list_percent_ends(blocks: Sequence[CourseBlock], end: str) -> Iterator[float | None]:

@@ -46,6 +46,7 @@ from eigenfail_services.campaigns.comparison import (
     SettingValues,
     against_first,
     are_sampled,
+    is_beyond_chance,
     compare,
     compare_settings,
     format_p_value,
@@ -234,10 +235,10 @@ def describe_difference(found: Comparison) -> str:
         # that its difference from a rate, or from the share of another search, estimates nothing.
         return f"{UNKNOWN} not comparable: the episodes of a search are no random sample"
     value = f"{format_signed(100.0 * found.difference.value)} %"
-    low, high = found.difference.interval.low, found.difference.interval.high
     interval = format_signed_interval(found.difference.interval, 100.0)
     basis = ", over pairs" if found.difference.is_paired else ""
-    return f"{value} {interval}{basis}{'' if low <= 0.0 <= high else ', differs'}"
+    verdict = ", differs" if is_beyond_chance(found.difference, found.pairs) else ""
+    return f"{value} {interval}{basis}{verdict}"
 
 
 def describe_pairs(found: Comparison) -> str:

@@ -12,6 +12,7 @@ from eigenfail.presentation.figures import (
     format_number,
     format_share,
 )
+from eigenfail.presentation.rates import name_rates
 from eigenfail.values import Campaign, CampaignCost, CostPoint, Course
 from eigenfail.values.records import EpisodeRow
 from eigenfail.worlds import world_of
@@ -144,7 +145,8 @@ def make_overlays(compared: Sequence[Compared]) -> tuple[Chart, ...]:
 
 
 def make_rate_chart(compared: Sequence[Compared]) -> Chart:
-    """Return the chart of the failure rate over episodes."""
+    """Return the chart of the failure rate, or share of failures, over episodes."""
+    what = name_rates(block.failure_rate for one in compared for block in one.course.blocks)
     lines = [
         make_line(
             one,
@@ -166,11 +168,11 @@ def make_rate_chart(compared: Sequence[Compared]) -> Chart:
     return Chart(
         id="overlay-rate",
         kind="overlay",
-        title="Failure rate over episodes",
+        title=f"{what} over episodes",
         caption="By blocks of episodes; the table holds the 95 % intervals of random samples."
         + _explain_searches(compared),
-        data=draw_lines("Episode", "Failure rate [%]", lines),
-        columns=("Campaign", "Episodes", "Rate", "95 % interval"),
+        data=draw_lines("Episode", f"{what} [%]", lines),
+        columns=("Campaign", "Episodes", what, "95 % interval"),
         rows=tuple(rows[:MOST_ROWS]),
         note=describe_left_out(len(rows)),
     )

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Iterator
 from pathlib import Path
+from shlex import quote
 from typing import Annotated, Any
 
 import msgspec
@@ -149,16 +150,19 @@ def verify(
 
 
 def _draw_bundle(bundle: EvidenceBundle, output: Path) -> RenderableType:
+    root_hash = bundle.manifest.sha256
+    command = f"eigenfail evidence verify {quote(str(output))} --replay 10 --root-hash {root_hash}"
     lines = (
         describe_verdict(bundle.graph),
         "",
         *list_lines(bundle.graph),
         "",
         f"The bundle is {output}.",
-        f"Root hash: {bundle.manifest.sha256}",
-        f"Check it: eigenfail evidence verify {output} --replay 10 --root-hash HASH",
+        f"Root hash: {root_hash}",
     )
-    return Group(*map(Text, lines))
+    # A command that is broken into lines cannot be copied from a terminal.
+    check = Text(f"Check it: {command}", no_wrap=True, overflow="ignore")
+    return Group(*map(Text, lines), check)
 
 
 def _list_findings(checked: EvidenceCheck) -> Iterator[str]:

@@ -15,6 +15,7 @@ from eigenfail.presentation.figures import (
     format_quantity,
     format_share,
 )
+from eigenfail.presentation.rates import name_rates
 from eigenfail.presentation.tables import (
     Block,
     Cell,
@@ -234,7 +235,10 @@ def _list_findings(summary: Summary) -> FactTable:
     searched = summary.failure_rate is not None and not summary.failure_rate.sampled
     chosen = ", chosen by the method" if searched else ""
     rows = (
-        ("failure rate", f"{rate} (n = {format_count(summary.counts.completed)}{chosen})"),
+        (
+            name_rates([summary.failure_rate]).lower(),
+            f"{rate} (n = {format_count(summary.counts.completed)}{chosen})",
+        ),
         *([("", summary.rate_remark)] if summary.rate_remark else []),
         ("log p per step", f"{format_number(summary.log_probability_per_step)} of failures ({n})"),
         (

@@ -1,6 +1,6 @@
 """The words for what a failure rate under p(x) estimates, and how."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 from eigenfail.presentation.figures import format_interval, format_percent_interval, format_share
 from eigenfail.values import Rate, RateDesign
@@ -35,6 +35,20 @@ BASES: Mapping[RateDesign, tuple[str, ...]] = {
     RateDesign.FAILURES: ("estimate for the stop rule",),
     RateDesign.SEQUENCE: ("confidence sequence",),
 }
+
+
+FAILURE_RATE = "Failure rate"
+FAILED_SHARE = "Share of episodes that failed"
+
+
+def name_rates(rates: Iterable[Rate | None]) -> str:
+    """Return the heading of shares of failures, in sentence case.
+
+    The share of the episodes that a search chose is no failure rate: a heading above one of them
+    says what is true of all.
+    """
+    searched = any(rate is not None and not rate.sampled for rate in rates)
+    return FAILED_SHARE if searched else FAILURE_RATE
 
 
 def format_rate(rate: Rate) -> str:

@@ -10,6 +10,7 @@ from eigenfail.presentation.figures import (
     format_number,
     format_share,
 )
+from eigenfail.presentation.rates import FAILED_SHARE
 from eigenfail.presentation.tables import (
     Cell,
     FormattedCell,
@@ -22,7 +23,7 @@ from eigenfail.values import Interval
 from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread
 
 OVER_SEEDS = "Over seeds"
-SHARE = "Share of episodes that failed"
+SHARE = FAILED_SHARE
 MEAN_OF = "[95 % interval of the mean]"
 NO_INTERVAL = "These seeds give no interval of the cost per failure."
 OPEN_ABOVE = (

@@ -65,7 +65,11 @@ def _list_sentences(found: Comparison) -> tuple[str, ...]:
     a, b, pairs = found.a, found.b, found.pairs
     return (
         f"A {_describe_failures(a)}; B {_describe_failures(b)}.",
-        *([_compare_rates(found.difference)] if found.difference and are_sampled(a, b) else []),
+        *(
+            [_compare_rates(found.difference, pairs)]
+            if found.difference and are_sampled(a, b)
+            else []
+        ),
         _describe_pairs(pairs) if pairs else f"Episodes are not paired: {found.unpaired_because}",
         f"A failure costs {_format_price(a.cost)} with A, {_format_price(b.cost)} with B.",
         *_compare_likelihood(a, b),
@@ -89,16 +93,32 @@ def are_sampled(*sides: Side) -> bool:
     return all(side.failure_rate is not None and side.failure_rate.sampled for side in sides)
 
 
-def _compare_rates(found: Difference) -> str:
+def _compare_rates(found: Difference, pairs: McNemar | None) -> str:
+    size = f"{format_signed(100.0 * found.value)} %"
+    interval = format_signed_interval(found.interval, 100.0)
     if found.interval.low <= 0.0 <= found.interval.high:
-        size = f"{format_signed(100.0 * found.value)} %"
-        interval = format_signed_interval(found.interval, 100.0)
         basis = "The pairs" if found.is_paired else "The rates alone"
         return f"{basis} show no difference: B − A is {size} {interval} of the episodes."
+    if not is_beyond_chance(found, pairs):
+        return (
+            f"Whether they differ is open: B − A is {size} {interval} of the episodes, and the "
+            "exact test on the pairs does not distinguish them."
+        )
     word = "more" if found.value > 0.0 else "fewer"
     near, far = sorted((abs(found.interval.low), abs(found.interval.high)))
     size = f"{format_share(abs(found.value))} {format_interval(Interval(near, far), 100.0)}"
     return f"B fails in {size} {word} of the episodes than A."
+
+
+def is_beyond_chance(found: Difference, pairs: McNemar | None) -> bool:
+    """Return whether two rates differ by more than chance.
+
+    The interval excludes 0. Of pairs, whose score interval is approximate, McNemar's exact test
+    distinguishes the sides as well: with few pairs that differ the interval alone is too bold.
+    """
+    excludes_none = not found.interval.low <= 0.0 <= found.interval.high
+    is_exact = not found.is_paired or (pairs is not None and pairs.p_value < SIGNIFICANCE)
+    return excludes_none and is_exact
 
 
 def _describe_pairs(found: McNemar) -> str:

@@ -1,6 +1,6 @@
 """Safety measures, learning curves, and likelihood against severity."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from eigenfail.presentation.figures import (
@@ -11,6 +11,7 @@ from eigenfail.presentation.figures import (
     format_percent_interval,
     format_share,
 )
+from eigenfail.presentation.rates import FAILED_SHARE, name_rates
 from eigenfail.presentation.tables import NO_EPISODE, OWN_EPISODES
 from eigenfail.values import (
     CourseBlock,
@@ -418,7 +419,7 @@ LEARNING_COLUMNS = (
     ("last", "Last episode"),
     ("n", "Episodes completed"),
     ("failures", "Failures"),
-    ("failure_rate", "Failure rate", "share"),
+    ("failure_rate", FAILED_SHARE, "share"),
     ("failure_rate_low", "from", "share"),
     ("failure_rate_high", "to", "share"),
     ("log_p_per_step", "log p per step of the failures", "nat"),
@@ -426,9 +427,10 @@ LEARNING_COLUMNS = (
 
 
 LEARNING_WORDS = (
-    "Failure rate by blocks of neighbouring episodes, with 95 % intervals, and log p per step of "
-    "the failures in each block. Only a method that learns has a learning curve: with the others "
-    "a change over the episodes is chance."
+    "Share of episodes that failed by blocks of neighbouring episodes, and log p per step of the "
+    "failures in each block. Where episodes are drawn from p(x) the share is the failure rate, and "
+    "has a 95 % interval; the episodes of a search were chosen by it. Only a method that learns "
+    "has a learning curve: with the others a change over the episodes is chance."
 )
 
 
@@ -470,7 +472,7 @@ def describe_learning_picture(name: str, group: tuple[Subject, ...]) -> ReportPi
     """The picture of these campaigns, in words."""
     return ReportPicture(
         name=name,
-        title="Failure rate and likelihood of failures over episodes",
+        title=f"{_name_rates(group)} and likelihood of failures over episodes",
         alternative=" ".join(map(describe_learning, group)),
         table=LEARNING_TABLE,
         campaigns=tuple(subject.id for subject in group),
@@ -478,16 +480,21 @@ def describe_learning_picture(name: str, group: tuple[Subject, ...]) -> ReportPi
 
 
 def describe_learning(subject: Subject) -> str:
-    """How the failure rate of a campaign moved."""
+    """How the failure rate, or share of failures, of a campaign moved."""
     first, last = subject.course.blocks[0].failure_rate, subject.course.blocks[-1].failure_rate
     return (
-        f"Campaign {subject.label}: failure rate {format_share(first.value)} in the first block "
+        f"Campaign {subject.label}: {_name_rates([subject]).lower()} "
+        f"{format_share(first.value)} in the first block "
         f"of up to {subject.course.per} episodes, {format_share(last.value)} in the last."
     )
 
 
+def _name_rates(group: Sequence[Subject]) -> str:
+    return name_rates(block.failure_rate for each in group for block in each.course.blocks)
+
+
 def draw_learning(group: tuple[Subject, ...]) -> Drawing:
-    """Failure rate above, likelihood below."""
+    """Failure rate, or share of failures, above, likelihood below."""
 
     def draw(figure: "Figure") -> None:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
@@ -512,7 +519,7 @@ def draw_learning(group: tuple[Subject, ...]) -> Drawing:
             known = [(at, value) for at, value in zip(middle, likely, strict=True) if value]
             if known:
                 below.plot(*zip(*known, strict=True), **look.style)
-        above.set_ylabel("failure rate [%]")
+        above.set_ylabel(f"{_name_rates(group).lower()} [%]")
         below.set_ylabel("log p per step [nat]")
         below.set_xlabel("episode")
         draw_legend(above)

@@ -18,7 +18,7 @@ from eigenfail.presentation.figures import (
     format_share,
     format_utc,
 )
-from eigenfail.presentation.rates import NO_ESTIMATE
+from eigenfail.presentation.rates import FAILED_SHARE, NO_ESTIMATE
 from eigenfail.presentation.tables import OWN_EPISODES, format_cell, format_cost
 from eigenfail.settings import defaults_of
 from eigenfail.values import Campaign, CampaignSpec, Rate
@@ -44,7 +44,7 @@ RESULTS_COLUMNS = (
     ("state", "State"),
     ("n", "Episodes completed"),
     ("failures", "Failures"),
-    ("failure_rate", "Failure rate", "share"),
+    ("failure_rate", FAILED_SHARE, "share"),
     ("failure_rate_low", "from", "share"),
     ("failure_rate_high", "to", "share"),
     ("horizon", "Horizon", "s"),
@@ -74,12 +74,13 @@ RESULTS_COLUMNS = (
 
 
 RATE_ON_ROADS = (
-    "A failure rate is the share of completed episodes with a failure within the horizon: a "
-    "collision, or the violation of a requirement that its campaign names."
+    "A failure rate is the share of completed episodes with a failure within the horizon, a "
+    "collision or the violation of a requirement that its campaign names, where episodes are drawn "
+    "from p(x); the share of the episodes that a search chose is none."
 )
 RATE_OF_FUNCTIONS = (
     "The failure rate of a function is the share of completed episodes in which its answer, the "
-    "robustness, is 0 or less."
+    "robustness, is 0 or less, where episodes are drawn from p(x)."
 )
 INTERVALS = "Intervals are 95 % confidence intervals."
 SEVERITY = "Severity is ‖v_ego − v_actor‖² at the collision."
@@ -244,7 +245,7 @@ FIGURES: Mapping[str, Callable[[Subject], tuple[str, ...]]] = {
     "State": lambda s: (s.campaign.state_word,),
     "Episodes completed": lambda s: (format_count(s.summary.counts.completed),),
     "Failures": lambda s: (format_count(s.summary.counts.failures),),
-    "Failure rate": lambda s: format_cell(s.summary.failure_rate).lines,
+    FAILED_SHARE: lambda s: format_cell(s.summary.failure_rate).lines,
     "Cost per failure": lambda s: format_cost(s.summary.cost).lines,
     "Cost": lambda s: (
         format_amount(s.summary.cost.total_usd),

@@ -87,10 +87,13 @@ def test_the_share_of_a_search_is_compared_with_no_rate(look, make):
         assert "70.0 %" not in text
         assert "is the share of failures among the episodes that it chose, and no failure" in text
     assert f"The line of a search (campaign {search}, {other})" in text
+    assert "Share of episodes that failed over episodes" in text
+    assert "Failure rate over episodes" not in text
     samples = look(address([sample, make((1, 2, 3), planner="rulebook")]))
     assert "+10.0 % [" in samples
     assert "not comparable" not in samples
     assert "The line of a search" not in samples
+    assert "Failure rate over episodes" in samples
 
 
 def test_versions_of_the_planner_are_a_difference(look, make):

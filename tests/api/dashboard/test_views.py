@@ -89,6 +89,21 @@ def test_the_curve_draws_the_course():
     assert len(chart.columns) == len(chart.rows[0])
 
 
+def test_the_share_of_a_search_is_not_called_a_failure_rate():
+    drawn, counted = make_curve_chart(blocks(0, 53)), blocks(0, 53)
+    chosen = tuple(
+        replace(block, failure_rate=replace(block.failure_rate, interval=None, sampled=False))
+        for block in counted.blocks
+    )
+    searched = make_curve_chart(replace(counted, blocks=chosen))
+    assert (drawn.data["what"], drawn.columns[3]) == ("Failure rate", "Failure rate")
+    assert searched.data["what"] == searched.columns[3] == "Share of episodes that failed"
+    assert searched.caption.startswith(
+        "Share of episodes that failed by blocks of 100 episodes that the method chose, which is "
+        "no failure rate under p(x);"
+    )
+
+
 def test_what_is_left_out_is_said():
     course = blocks(0)
     assert (

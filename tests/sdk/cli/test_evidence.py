@@ -1,6 +1,7 @@
 """`eigenfail evidence` against the real API: verdicts, bundles, and what verification finds."""
 
 import json
+import shlex
 import shutil
 
 import msgspec
@@ -90,6 +91,18 @@ def test_the_argument_is_printed(check_session, write, done, tmp_path):
         ("evidence", write(*parts), "--output", out),
         ("evidence", "verify", out),
     )
+
+
+def test_the_command_that_is_printed_verifies_the_bundle(eigenfail, write, tmp_path):
+    out = tmp_path / "a bundle"
+    printed = eigenfail("evidence", write(), "--output", out).stdout
+    (line,) = [line for line in printed.splitlines() if line.startswith("Check it: ")]
+    program, *command = shlex.split(line.removeprefix("Check it: "))
+    root = Manifest(**json.loads((out / MANIFEST).read_text())).sha256
+    assert (program, command[-1]) == ("eigenfail", root)
+    assert str(out) in command
+    command[command.index("--replay") + 1] = "0"
+    assert eigenfail(*command).exit_code == 0
 
 
 def test_a_bundle_is_verified_with_replays(eigenfail, bundle):

@@ -117,6 +117,16 @@ def test_what_it_says_is_plain(store: Store) -> None:
     assert none[0].startswith("A fails in 0 of 50: ≤ 5.82 %; B fails in 40.0 % [27.6, 53.9] of ")
 
 
+def test_few_pairs_that_differ_leave_it_open_whether_they_do(store: Store) -> None:
+    a, b = campaign(store, range(0)), campaign(store, range(5), planner="idm")
+    found = compare(store, [a], [b])
+    # 5 of 5 pairs: p = 2 ÷ 2⁵, though the interval excludes 0.
+    assert found.difference is not None
+    assert found.difference.interval.low > 0.0
+    assert found.sentences[1].startswith("Whether they differ is open: B − A is +10.0 % [+")
+    assert "does not distinguish them (p = 0.0625)" in found.sentences[2]
+
+
 def test_a_side_that_stopped_at_its_failures_has_exact_intervals(store: Store) -> None:
     stop = StopRules(failures=25)
     a, b = campaign(store, range(5), stop=stop), campaign(store, range(3, 23), stop=stop)

@@ -451,3 +451,13 @@ def test_the_share_of_a_search_is_no_failure_probability(run: Callable[..., int]
     (row,) = records(table(report, "results"))
     assert row["failure_rate"] is not None
     assert row["probability_by"] != "failure rate of episodes drawn from p(x)"
+    (picture,) = [
+        picture
+        for section in report.sections
+        if section.name == "learning"
+        for picture in section.pictures
+    ]
+    assert picture.title == "Share of episodes that failed and likelihood of failures over episodes"
+    assert "share of episodes that failed" in picture.alternative
+    titles = {column.title for each in report.tables for column in each.columns}
+    assert "Failure rate" not in titles

@@ -2,11 +2,11 @@
 import { MANY, axis, compact, grid, legend, strokes, tip, tooltip, yAxis } from "./parts.js";
 import { colour } from "./theme.js";
 
-export function curve({ middle, span, rate, low, high }) {
+export function curve({ what, middle, span, rate, low, high }) {
   return {
     grid: grid(),
     xAxis: axis("Episode", { min: 0 }),
-    yAxis: yAxis("Failure rate [%]", { min: 0, max: Math.max(...rate, ...high) > 80 ? 100 : null }),
+    yAxis: yAxis(`${what} [%]`, { min: 0, max: Math.max(...rate, ...high) > 80 ? 100 : null }),
     tooltip: tooltip(({ dataIndex: block }) => tip(`Episodes ${span[block]}`, [
       low[block] === null ? `${compact(rate[block])} %` : `${compact(rate[block])} % (${compact(low[block])} – ${compact(high[block])} %)`,
     ])),
