@@ -46,11 +46,11 @@ from eigenfail_services.campaigns.comparison import (
     SettingValues,
     against_first,
     are_sampled,
-    is_beyond_chance,
     compare,
     compare_settings,
     format_p_value,
     group_by_seed,
+    is_beyond_chance,
     pick_campaigns,
 )
 from eigenfail_services.campaigns.costs import find_spending
