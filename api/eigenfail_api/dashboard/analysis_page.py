@@ -37,7 +37,7 @@ from eigenfail.values import (
     Proof,
     ProvenMode,
 )
-from eigenfail.values.analysis import propose_mode_name
+from eigenfail.values.analysis import propose_mode_names
 from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_api.dashboard.analysis_charts import make_detail_charts, make_mode_charts
 from eigenfail_api.dashboard.charts import Chart
@@ -269,11 +269,12 @@ def make_analysis_view(
 
 def find_given_names(result: AnalysisResult, modes: Sequence[Mode]) -> dict[int, str]:
     """Return the names that were given to modes by number, without those that are proposed."""
-    words = result.words or ("",) * len(result.modes)
+    proposed = propose_mode_names(result.words or ("",) * len(result.modes))
     return {
         mode.number: mode.name
         for mode in modes
-        if mode.name != propose_mode_name(mode.number, words[mode.number - 1])
+        # Names that earlier releases proposed end where they were cut.
+        if mode.name != proposed[mode.number - 1] and not mode.name.endswith(" …")
     }
 
 

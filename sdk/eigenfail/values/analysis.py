@@ -1,8 +1,8 @@
 """An analysis: the failures of one or several campaigns, grouped into modes."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
-from textwrap import shorten
 from typing import Annotated, Literal
 
 import msgspec
@@ -358,15 +358,44 @@ class Behaviour(Brief, msgspec.Struct, frozen=True, eq=False):
     struck: tuple[int, ...] = ()
 
 
-def propose_mode_name(number: int, words: str) -> str:
-    """Return the name of a mode that was given none: the first sentence of its description.
+_PHRASE_ENDS = re.compile(r"; |, (?![^()]*\))|\. | (?=(?:from|during) \d)")
+"""Where a description may end: between phrases, but not inside parentheses."""
+
+
+def propose_mode_names(words: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the modes of an analysis that were given none, each another one.
+
+    A name is the beginning of the description, up to the end of a phrase: of its first sentence,
+    and of as much of the next one as tells it from the other modes. A number in parentheses does so
+    where the descriptions do not.
 
     Args:
-        number: its number, from 1.
-        words: its description; empty in results of older releases.
+        words: the descriptions in the order of the modes, empty in results of older releases.
     """
-    sentence = words.removeprefix(f"Mode {number}: ").split(". ")[0].removesuffix(".")
-    return shorten(sentence, LONGEST_MODE_NAME, placeholder=" …") or f"Mode {number}"
+    plain = [text.removeprefix(f"Mode {n}: ") for n, text in enumerate(words, start=1)]
+    firsts = [_find_phrases(text.split(". ")[0].removesuffix(".")) for text in plain]
+    wholes = [_find_phrases(text.removesuffix(".")) for text in plain]
+    longest = [phrases[-1] if phrases else "" for phrases in firsts]
+    return tuple(
+        _tell_apart(number, name, longest, whole) if name else f"Mode {number}"
+        for number, (name, whole) in enumerate(zip(longest, wholes, strict=True), start=1)
+    )
+
+
+def _find_phrases(text: str) -> list[str]:
+    """Return the beginnings of a text that end with a phrase and fit, the shortest first."""
+    ends = [found.start() for found in _PHRASE_ENDS.finditer(text)] + [len(text)]
+    return [text[:end] for end in ends if 0 < end <= LONGEST_MODE_NAME]
+
+
+def _tell_apart(number: int, name: str, names: Sequence[str], beginnings: Sequence[str]) -> str:
+    """Return a name that no other mode has: as it is, with more of its description, or a number."""
+    others = [each for place, each in enumerate(names, start=1) if place != number]
+    if name not in others:
+        return name
+    suffix = f" (mode {number})"
+    fitting = [each for each in beginnings if len(each) + len(suffix) <= LONGEST_MODE_NAME]
+    return f"{fitting[-1]}{suffix}" if fitting else f"Mode {number}"
 
 
 class AnalysisResult(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq=False):
@@ -430,9 +459,9 @@ class AnalysisResult(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq=
 
     def list_modes(self, analysis: int) -> Iterator[Mode]:
         """Yield the modes of the analysis with this id, with the names that are proposed."""
-        for number, mode in enumerate(self.modes, start=1):
-            words = self.words[number - 1] if self.words else ""
-            yield Mode(analysis, number, mode.failures, propose_mode_name(number, words))
+        names = propose_mode_names(self.words or [""] * len(self.modes))
+        for number, (mode, name) in enumerate(zip(self.modes, names, strict=True), start=1):
+            yield Mode(analysis, number, mode.failures, name)
 
     def list_members(self, campaign: int) -> Iterator[tuple[int, int, int]]:
         """Yield campaign, index and number of the mode of each failure.
