@@ -14,6 +14,7 @@ from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.wire import http
 from eigenfail.wire.http import IDEMPOTENCY_KEY
 from eigenfail_api.access.authentication import get_caller_key, get_caller_name
+from eigenfail_api.access.change_details import record_body
 from eigenfail_services.store import Store
 
 LARGEST = 2**63 - 1
@@ -174,7 +175,9 @@ def body_of(kind: type[Body]) -> Callable[[Request], Awaitable[Body]]:
     """
 
     async def read(request: Request) -> Body:
-        return http.read_body(await read_within(request), kind)
+        body = http.read_body(await read_within(request), kind)
+        record_body(request.scope, body)
+        return body
 
     return read
 

@@ -30,6 +30,7 @@ from eigenfail_api.access.authentication import (
     is_change,
     required_scope,
 )
+from eigenfail_api.access.change_details import read_details
 from eigenfail_api.dashboard.rendering import as_page, wants_page
 from eigenfail_api.problems import answer, retry_headers
 from eigenfail_services.store import Store
@@ -220,6 +221,7 @@ def describe_change(request: HTTPConnection, caller: Caller, subject: str, statu
         subject=_redact(subject),
         address=_redact(address_of(request)),
         status=status,
+        details=read_details(request.scope),
     )
 
 

@@ -88,6 +88,7 @@ class ChangeLine(msgspec.Struct, frozen=True, kw_only=True):
     who: str
     did: str
     subject: str
+    details: str
     address: str
     status: int
     was_refused: bool
@@ -165,6 +166,7 @@ def make_change_line(entry: AuditEntry) -> ChangeLine:
         who=entry.who if entry.key is None else f"{entry.who} ({entry.key})",
         did=f"{entry.method} {entry.route}",
         subject=entry.subject,
+        details=entry.details,
         address=entry.address,
         status=entry.status,
         was_refused=entry.status >= REFUSED,

@@ -28,6 +28,7 @@ from eigenfail.values.triage import (
     check_note,
 )
 from eigenfail.wire.http import read_fields
+from eigenfail_api.access.change_details import record_form
 from eigenfail_api.parameters import (
     AnalysisId,
     CallerName,
@@ -152,7 +153,9 @@ async def read_form(request: Request) -> dict[str, str]:
         pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)
     except ValueError as error:
         raise HTTPException(400, f"The form is invalid: {error}.") from None
-    return dict(pairs)
+    form = dict(pairs)
+    record_form(request.scope, form)
+    return form
 
 
 Form = Annotated[dict[str, str], Depends(read_form)]

@@ -78,7 +78,8 @@ def _draw_audit(entries: Iterable[AuditEntry]) -> Table:
     for entry in entries:
         key = UNKNOWN if entry.key is None else str(entry.key)
         what = f"{entry.method} {entry.route}"
-        cells = (entry.who, key, what, entry.subject, entry.address or UNKNOWN)
+        subject = "\n".join(filter(None, (entry.subject, entry.details)))
+        cells = (entry.who, key, what, subject, entry.address or UNKNOWN)
         grid.add_row(format_utc(entry.at_ms), *map(escape, cells), str(entry.status))
     return grid
 

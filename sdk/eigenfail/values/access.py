@@ -200,6 +200,7 @@ class Change(msgspec.Struct, frozen=True):
     subject: str
     address: str
     status: int
+    details: str = ""
 
 
 class AuditEntry(Change, frozen=True, kw_only=True):
@@ -216,6 +217,8 @@ class AuditEntry(Change, frozen=True, kw_only=True):
         subject: what was made or changed, as an address.
         address: address from which the request came.
         status: status of the answer.
+        details: fields that the request gave, with their values; without any that may hold a
+            secret, and empty where there are none or an earlier release recorded none.
     """
 
     id: int

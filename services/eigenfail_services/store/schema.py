@@ -36,7 +36,7 @@ from sqlalchemy.types import TypeEngine
 from eigenfail.values import MEASURES, Measure, Priority
 from eigenfail.values.episode import FAILURES, Outcome
 
-VERSION = "0025"
+VERSION = "0028"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -453,6 +453,7 @@ audit = Table(
     Column("subject", Prose, nullable=False),
     Column("address", Prose, nullable=False),
     Column("status", Integer, nullable=False),
+    Column("details", Prose, nullable=False, server_default=""),
     sqlite_autoincrement=True,
 )
 

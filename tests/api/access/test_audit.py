@@ -1,8 +1,17 @@
 """The audit log: every request that changes something, by whom, from where, and how it ended."""
 
+import pytest
 from starlette.testclient import TestClient
+from store_checks.modes import analysed, crashed
 
 from eigenfail.errors import StoreUnavailable
+from eigenfail.testing.examples import analysis_result
+from eigenfail_api.access.change_details import (
+    LONGEST_DETAILS,
+    LONGEST_VALUE,
+    RECORDED,
+    format_details,
+)
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 
@@ -70,6 +79,87 @@ def test_it_is_read_page_by_page(as_holder, fields):
     assert [each["id"] for each in first["items"] + rest["items"]] == [3, 2, 1]
     assert rest["next"] is None
     assert as_holder("runner", "GET", "/api/v1/audit").status_code == 403
+
+
+@pytest.fixture
+def triaged(store):
+    """The address of a mode of campaign 1."""
+    return f"/api/v1/analyses/{analysed(store, crashed(store), analysis_result())}/modes/1"
+
+
+def test_the_values_that_were_given_are_written_down(as_holder, triaged, changes):
+    ticket = "https://tickets.example/7"
+    given = {"state": "known", "owner": "", "add_labels": ["wet"], "ticket": ticket}
+    assert as_holder("runner", "POST", f"{triaged}/triage", json=given).status_code == 200
+    as_holder("runner", "PUT", f"{triaged}/name", json={"name": "late braking"})
+    many = {"modes": [1, 2], "change": {"owner": "anna"}}
+    as_holder("runner", "POST", f"{triaged[:-2]}/triage", json=many)
+    of_episodes = {"filter": "severity > 3", "change": {"state": "fixed"}}
+    as_holder("runner", "POST", f"{CAMPAIGNS}/1/episodes/triage", json=of_episodes)
+    as_holder("runner", "POST", f"{CAMPAIGNS}/1/priority", json={"priority": "high"})
+    assert [each.details for each in changes()] == [
+        f'state = "known", owner = "", add_labels = ["wet"], ticket = "{ticket}"',
+        'name = "late braking"',
+        'modes = [1,2], owner = "anna"',
+        'filter = "severity > 3", state = "fixed"',
+        'priority = "high"',
+    ]
+
+
+def test_values_of_forms_are_written_down(browser, show, keys, triaged, changes):
+    address = triaged.removeprefix("/api/v1")
+    form = {"state": "fixed", "owner": "", "labels": "wet, late", "hidden": "a password"}
+    answer = browser.post(f"{address}/triage", data=form, headers=show(keys["runner"].token))
+    assert answer.status_code == 303
+    assert changes()[-1].details == 'state = "fixed", owner = "", labels = "wet, late"'
+
+
+def test_quotas_that_are_taken_away_are_written_down(as_holder, keys, changes):
+    key = keys["viewer"].key.id
+    as_holder("admin", "POST", f"/api/v1/keys/{key}/quotas", json={"max_open": 3})
+    rest = "max_episodes = null, max_episodes_per_day = null"
+    new = {"name": "nightly", "scope": "runner", "quotas": {"max_open": 5}}
+    as_holder("admin", "POST", "/api/v1/keys", json=new)
+    assert [each.details for each in changes()] == [
+        f"max_open = 3, {rest}",
+        f'name = "nightly", scope = "runner", max_open = 5, {rest}',
+    ]
+
+
+def test_no_secret_is_written_down(as_holder, keys, triaged, changes):
+    """Not a key in a value that is recorded, no address of a webhook, no note, no new secret."""
+    token = keys["admin"].token
+    made = as_holder("admin", "POST", "/api/v1/keys", json={"name": "nightly"}).json()["token"]
+    url = "https://hooks.example/services/T0/a-secret"
+    hook = as_holder("admin", "POST", "/api/v1/webhooks", json={"url": url}).json()["secret"]
+    as_holder("runner", "POST", f"{triaged}/triage", json={"owner": token[:80]})
+    as_holder("runner", "PUT", f"{triaged}/name", json={"name": f"x{'y' * 20} {token}"[:80]})
+    as_holder("runner", "POST", f"{triaged}/notes", json={"text": f"my words, {token}"})
+    text = str([each.details for each in changes()])
+    for secret in (token, token[-20:], made, hook, "a-secret", "my words"):
+        assert secret not in text
+    assert 'events = ["campaign.ended","analysis.finished","gate.failed"]' in text
+
+
+def test_details_are_bounded(as_holder, triaged, changes):
+    given = {"owner": "o" * 80, "labels": ["l" * 40] * 20, "ticket": f"https://t/{'t' * 480}"}
+    as_holder("runner", "POST", f"{triaged}/triage", json=given)
+    details = changes()[-1].details
+    assert details.startswith(f'owner = "{"o" * 80}", labels = ["lll')
+    assert len(details) <= LONGEST_DETAILS
+    assert max(map(len, details.split(", "))) <= LONGEST_VALUE + len("ticket = ")
+    assert format_details((f"f{n}", "x" * 90) for n in range(20)).endswith("…")
+
+
+def test_a_body_that_is_not_listed_leaves_nothing(as_holder, fields, changes):
+    as_holder("runner", "POST", CAMPAIGNS, json={**fields, "settings": {}})
+    as_holder("runner", "POST", CAMPAIGNS, json={"nonsense": 1})
+    assert {each.details for each in changes()} == {""}
+
+
+@pytest.mark.parametrize("kind", RECORDED)
+def test_the_fields_that_are_recorded_are_those_of_their_bodies(kind):
+    assert {*RECORDED[kind]} <= {*kind.__struct_fields__}
 
 
 def test_it_holds_no_body(as_holder, fields, changes):

@@ -1,0 +1,82 @@
+"""Details of a change for the audit log: the fields that a request gave, with their values.
+
+Only fields that are listed here are recorded: a body that is new, and a field that may hold a
+secret, such as the address of a webhook, leave nothing in the audit log until they are added.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import msgspec
+from starlette.types import Scope
+
+from eigenfail.values.access import UNLIMITED, KeyRequest, Quotas, redact
+from eigenfail.values.campaign import PriorityChange
+from eigenfail.values.triage import EpisodesTriage, ModesTriage, TriageChange
+from eigenfail.values.webhooks import GateVerdictRecord, WebhookRequest
+from eigenfail.wire.http import ModeName
+
+RECORDED: Mapping[type[msgspec.Struct], tuple[str, ...]] = {
+    EpisodesTriage: ("filter", "change"),
+    GateVerdictRecord: ("suite", "version", "baseline", "passed"),
+    KeyRequest: ("name", "scope", "expires_s", "quotas"),
+    ModeName: ("name",),
+    ModesTriage: ("modes", "change"),
+    PriorityChange: ("priority",),
+    Quotas: ("max_open", "max_episodes", "max_episodes_per_day"),
+    TriageChange: ("state", "owner", "labels", "add_labels", "remove_labels", "ticket"),
+    WebhookRequest: ("events",),
+}
+"""Fields of a body that the audit log has; of other bodies it has none."""
+
+RECORDED_IN_FORMS = ("state", "owner", "labels", "ticket", "filter")
+"""The same for forms of pages, all of which are about triage."""
+
+LONGEST_VALUE, LONGEST_DETAILS = 120, 600
+"""Most characters of a value, and of all of them together."""
+
+_KEY = "eigenfail.details"
+_CUT = "…"
+
+
+def record_body(scope: Scope, body: object) -> None:
+    """Keep the details of a body until the request's line of the audit log is written."""
+    if type(body) in RECORDED:
+        scope[_KEY] = format_details(_iterate_fields(body))
+
+
+def record_form(scope: Scope, form: Mapping[str, str]) -> None:
+    """Keep the details of a form in the same way; an empty field is one that was given."""
+    scope[_KEY] = format_details((name, form[name]) for name in RECORDED_IN_FORMS if name in form)
+
+
+def read_details(scope: Scope) -> str:
+    """Return the details of the request's body or form; empty without any."""
+    details: str = scope.get(_KEY, "")
+    return details
+
+
+def format_details(fields: Iterator[tuple[str, Any]]) -> str:
+    """Return fields with their values as JSON, cut where they are long, without any key."""
+    texts = (f"{name} = {_cut(_encode(value), LONGEST_VALUE)}" for name, value in fields)
+    return _cut(", ".join(texts), LONGEST_DETAILS)
+
+
+def _encode(value: Any) -> str:
+    # First taken out, then cut: half of a key would not be recognised.
+    return redact(msgspec.json.encode(value).decode())
+
+
+def _cut(text: str, longest: int) -> str:
+    return text if len(text) <= longest else f"{text[: longest - 1]}{_CUT}"
+
+
+def _iterate_fields(body: Any) -> Iterator[tuple[str, Any]]:
+    """Yield the recorded fields; without those that change nothing."""
+    for name in RECORDED[type(body)]:
+        value = getattr(body, name)
+        if type(value) in RECORDED:
+            yield from () if value == UNLIMITED else _iterate_fields(value)
+        # A quota of null is a change: there is none any more.
+        elif value not in (None, ()) or isinstance(body, Quotas):
+            yield name, value
