@@ -7,11 +7,12 @@ import msgspec
 import numpy as np
 from fastapi import APIRouter, Depends
 from fastapi.responses import HTMLResponse
+from numpy.typing import NDArray
 
 from eigenfail.errors import Conflict
 from eigenfail.exchange.recording import OverlaidRecordings
 from eigenfail.presentation.figures import UNKNOWN, format_number
-from eigenfail.values import Floats, Mode, Outcome, Scene
+from eigenfail.values import Mode, Outcome, Scene
 from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.dashboard.charts import Chart, round_rows
 from eigenfail_api.dashboard.rendering import page
@@ -145,7 +146,7 @@ class _Failure:
         }
 
 
-def _list_known(values: Floats) -> list[float | None]:
+def _list_known(values: NDArray[np.float64]) -> list[float | None]:
     """Return numbers for JSON; None while a vehicle is not there."""
     return [
         value if is_known else None
