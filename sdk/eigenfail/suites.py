@@ -23,7 +23,7 @@ from eigenfail.values import Campaign, CampaignSpec, CampaignState, DisturbanceM
 from eigenfail.values.campaign import Name
 from eigenfail.values.suite import suite_of
 from eigenfail.values.variation import MOST_SAMPLES
-from eigenfail.wire.http import refuse_unknown_fields
+from eigenfail.wire.http import make_plain, refuse_unknown_fields
 
 KeyPath = tuple[str, ...]
 Changes = Mapping[KeyPath, Any]
@@ -196,13 +196,13 @@ def _read_axes(table: Table, where: str) -> Axes:
     axes = dict(list_leaves(table))
     for path, values in axes.items():
         axis = f"{where}.{'.'.join(path)}"
-        if not isinstance(values, list):
+        if not isinstance(values, list | tuple):
             raise InvalidValue(axis, "is not a list.", "Write the values to try as [1, 2, 3].")
         if not values:
             raise InvalidValue(axis, "has no values.", "Give values, or remove the axis.")
         if path == ("name",):
             raise InvalidValue(axis, "cannot vary.", "Names are made of what else varies.")
-    return axes
+    return {path: list(values) for path, values in axes.items()}
 
 
 def _name_variations(variations: list[Changes]) -> list[_Variation]:
@@ -382,13 +382,15 @@ class Suite(msgspec.Struct, frozen=True):
 
         Args:
             name: name of the suite.
-            tables: base, and one of sweep, grid and campaigns, as dicts and lists.
+            tables: base, and one of sweep, grid and campaigns, as dicts and lists. Values of an
+                axis may be any sequence, such as `np.arange(3)` or `range(3)`.
 
         Raises:
             UnknownName: as for `read`.
             InvalidValue: as for `read`.
         """
-        return cls._written(read_settings(SuiteFile, {**tables, "name": name}, name), name, name)
+        plain = make_plain({**tables, "name": name})
+        return cls._written(read_settings(SuiteFile, plain, name), name, name)
 
     @classmethod
     def _written(cls, written: SuiteFile, name: str, where: str) -> Self:
