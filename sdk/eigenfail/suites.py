@@ -9,6 +9,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
+from hashlib import sha256
 from itertools import product
 from math import prod
 from pathlib import Path
@@ -113,6 +114,16 @@ class SuiteFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     sweep: Table = {}
     grid: Table = {}
     campaigns: list[Table] = []
+
+
+class SuiteRequest(SuiteFile, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A suite that a service is to create; its fields are those of a suite's file.
+
+    Attributes:
+        name: name of the suite.
+    """
+
+    name: Name
 
 
 def describes_suite(table: Mapping[str, Any]) -> bool:
@@ -558,6 +569,11 @@ DIFFERENT = "Remove one of them, or change it."
 
 MemberCampaigns = dict[str, Campaign]
 """Campaigns of members by name; members without a campaign are missing."""
+
+
+def make_member_key(spec: CampaignSpec) -> str:
+    """Return the idempotency key of a member: both names are in the spec, and its whole content."""
+    return f"suite-{sha256(msgspec.json.encode(spec, order='sorted')).hexdigest()}"
 
 
 def match_campaigns(suite: Suite, alike: Mapping[str, Sequence[Campaign]]) -> MemberCampaigns:

@@ -55,6 +55,7 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/analyses/{{analysis}}/proof",
         f"PUT {PREFIX}/analyses/{{analysis}}/modes/{{mode}}/name",
         f"POST {PREFIX}/gates",
+        f"POST {PREFIX}/suites",
         f"POST {PREFIX}/analyses/{{analysis}}/modes/triage",
         f"POST {PREFIX}/analyses/{{analysis}}/modes/{{mode}}/triage",
         f"POST {PREFIX}/analyses/{{analysis}}/modes/{{mode}}/notes",

@@ -122,6 +122,7 @@ ROUTES = {
         POST /api/v1/analyses/{analysis}/proof
         PUT /api/v1/analyses/{analysis}/modes/{mode}/name
         POST /api/v1/gates
+        POST /api/v1/suites
         POST /analyses/{analysis}/modes/triage
         POST /analyses/{analysis}/modes/{mode}/notes
         POST /analyses/{analysis}/modes/{mode}/triage
