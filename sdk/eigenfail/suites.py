@@ -155,6 +155,27 @@ def _list_variations(suite: SuiteFile, where: str) -> list[_Variation]:
     return WAYS[used[0]](suite, where)
 
 
+def expand_suite(suite: SuiteFile, where: str) -> list[tuple[str, Table]]:
+    """Return name and fields of each member, in order; whether a service takes them is not checked.
+
+    Args:
+        suite: contents of a suite's file.
+        where: the file's name in errors.
+
+    Raises:
+        InvalidValue: not exactly one of sweep, grid and campaigns, an axis without values, too many
+            members, or a base with a name.
+    """
+    if "name" in suite.base:
+        raise InvalidValue(
+            f"{where}: base.name", "cannot be given.", "The suite names its campaigns."
+        )
+    return [
+        (variation.name, _apply_changes(suite.base, variation.changes))
+        for variation in _list_variations(suite, where)
+    ]
+
+
 def _expand_sweep(suite: SuiteFile, where: str) -> list[_Variation]:
     """Return the base, and each value of each axis alone unless it is the base's."""
     axes = _read_axes(suite.sweep, f"{where}: sweep")
@@ -406,15 +427,9 @@ class Suite(msgspec.Struct, frozen=True):
     @classmethod
     def _written(cls, written: SuiteFile, name: str, where: str) -> Self:
 
-        if "name" in written.base:
-            raise InvalidValue(
-                f"{where}: base.name", "cannot be given.", "The suite names its campaigns."
-            )
         members = [
-            _make_member(
-                name, variation.name, _apply_changes(written.base, variation.changes), where
-            )
-            for variation in _list_variations(written, where)
+            _make_member(name, member, fields, where)
+            for member, fields in expand_suite(written, where)
         ]
         _refuse_duplicates(members, where)
         order_members({each.name: each.spec for each in members}, where)

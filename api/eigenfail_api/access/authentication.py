@@ -37,6 +37,7 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         "POST /launch/form",
         "POST /logout",
         "POST /risk",
+        "POST /suites/new/form",
     ),
     Scope.RUNNER: (
         f"POST {PREFIX}/campaigns",

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 from msgspec.structs import asdict
 
-from eigenfail.errors import InputError, InvalidValue, NotFound
+from eigenfail.errors import InputError, InvalidValue, NotFound, UnknownName
 from eigenfail.suites import (
     MOST_MEMBERS,
     KeyPath,
@@ -49,14 +49,26 @@ def read_suite(given: SuiteRequest) -> Suite:
     try:
         suite = Suite.of(**asdict(given))
     except InputError as error:
-        # Files name themselves in errors, and a request has only its fields.
-        field = error.field.removeprefix(given.name).removeprefix(SEPARATOR)
-        raise rename_field(error, field) from error
+        raise rename_suite_error(error, given.name) from error
     for member in suite.members:
         if suite_of(member.spec.name) != suite.name:
             problem = f"A campaign '{member.spec.name}' would belong to another suite, or to none."
             raise InvalidValue("name", problem, "Choose another name, without a colon.")
     return suite
+
+
+def rename_suite_error(error: InputError, suite: str) -> InputError:
+    """Return an error of a suite's file as that of a request, which has fields and no file.
+
+    Args:
+        error: the error, whose field begins with the name of the file.
+        suite: name of the file in the error.
+    """
+    field = error.field.removeprefix(suite).removeprefix(SEPARATOR)
+    if field or isinstance(error, UnknownName):
+        return rename_field(error, field)
+    problem = error.problem.removeprefix(f"{error.field}: ")
+    return InvalidValue("", f"The suite {problem}", error.remedy)
 
 
 def create_suite(store: Store, suite: Suite, made_by: int | None = None) -> None:

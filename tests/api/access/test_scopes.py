@@ -56,6 +56,8 @@ ROUTES = {
         POST /risk
         GET /search
         GET /suites
+        GET /suites/new
+        POST /suites/new/form
         GET /suites/{suite}
         GET /workers
         GET /analyses/{analysis}/modes/{mode}
