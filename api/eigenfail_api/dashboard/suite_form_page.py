@@ -89,7 +89,7 @@ UNNAMED = "unnamed"
 """Name of a suite that has none yet, for the check of its members."""
 
 KNOWN_HERE = frozenset({*KNOWN, NAME, WAY, AXIS}) - {"name"}
-MOST_NAMED = 3
+MOST_NAMED = 1
 """Members that a problem names."""
 
 OWN_FIELDS = (
@@ -497,7 +497,8 @@ def preview_members(draft: SuiteDraft, members: Members) -> Preview | None:
 def read_episodes(fields: Mapping[str, Any]) -> int:
     """Return the budget of a member; 0 where it is no number."""
     episodes = fields.get("episodes")
-    return episodes if isinstance(episodes, int) and not isinstance(episodes, bool) else 0
+    is_number = isinstance(episodes, int) and not isinstance(episodes, bool)
+    return max(0, episodes) if is_number else 0
 
 
 def describe_suite(members: Members) -> str:
