@@ -31,6 +31,7 @@ from eigenfail_api.dashboard import (
     replay_page,
     risk_page,
     search_page,
+    suite_form_page,
     suites_page,
     triage_forms,
     webhooks_page,
@@ -107,6 +108,9 @@ ROUTERS = (
     suites_page.router,
     reference_page.router,
 )
+# These have parameters of any name: every setting of every plug-in. The form of a new suite comes
+# before the pages of suites, which may have any name.
+FORMS = (launch_page.router, suite_form_page.router)
 
 
 @cache
@@ -121,10 +125,10 @@ def _included_routers() -> tuple[BaseRoute, ...]:
     )
     refusers = (refuse_unknown_parameters, refuse_repeated_parameters, refuse_other_media)
     refused = [Depends(refuse) for refuse in refusers]
+    for router in FORMS:
+        including.include_router(router)
     for router in ROUTERS:
         including.include_router(router, dependencies=refused)
-    # The launch form has parameters of any name: every setting of every plug-in.
-    including.include_router(launch_page.router)
     return tuple(including.routes)
 
 

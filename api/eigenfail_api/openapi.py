@@ -14,6 +14,7 @@ from eigenfail import __version__
 from eigenfail.errors import EigenfailError
 from eigenfail.risk.assessment import RiskAssessment
 from eigenfail.risk.question import RiskQuestion
+from eigenfail.suites import SuiteRequest
 from eigenfail.values import (
     MEASURES,
     Analysis,
@@ -131,6 +132,7 @@ BODIES = (
     RiskAssessment,
     RiskQuestion,
     Safety,
+    SuiteRequest,
     SuiteTable,
     Summary,
     Triage,

@@ -9,6 +9,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
+from hashlib import sha256
 from itertools import product
 from math import prod
 from pathlib import Path
@@ -23,7 +24,7 @@ from eigenfail.values import Campaign, CampaignSpec, CampaignState, DisturbanceM
 from eigenfail.values.campaign import Name
 from eigenfail.values.suite import suite_of
 from eigenfail.values.variation import MOST_SAMPLES
-from eigenfail.wire.http import refuse_unknown_fields
+from eigenfail.wire.http import make_plain, refuse_unknown_fields
 
 KeyPath = tuple[str, ...]
 Changes = Mapping[KeyPath, Any]
@@ -115,6 +116,16 @@ class SuiteFile(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
     campaigns: list[Table] = []
 
 
+class SuiteRequest(SuiteFile, frozen=True, forbid_unknown_fields=True, kw_only=True):
+    """A suite that a service is to create; its fields are those of a suite's file.
+
+    Attributes:
+        name: name of the suite.
+    """
+
+    name: Name
+
+
 def describes_suite(table: Mapping[str, Any]) -> bool:
     """Whether a TOML file describes a suite: unlike a campaign, it has no method at the top."""
     return "method" not in table and not table.keys().isdisjoint({"base", *WAYS})
@@ -142,6 +153,27 @@ def _list_variations(suite: SuiteFile, where: str) -> list[_Variation]:
             f"Give exactly one of {', '.join(WAYS)}, and in it at least one entry.",
         )
     return WAYS[used[0]](suite, where)
+
+
+def expand_suite(suite: SuiteFile, where: str) -> list[tuple[str, Table]]:
+    """Return name and fields of each member, in order; whether a service takes them is not checked.
+
+    Args:
+        suite: contents of a suite's file.
+        where: the file's name in errors.
+
+    Raises:
+        InvalidValue: not exactly one of sweep, grid and campaigns, an axis without values, too many
+            members, or a base with a name.
+    """
+    if "name" in suite.base:
+        raise InvalidValue(
+            f"{where}: base.name", "cannot be given.", "The suite names its campaigns."
+        )
+    return [
+        (variation.name, _apply_changes(suite.base, variation.changes))
+        for variation in _list_variations(suite, where)
+    ]
 
 
 def _expand_sweep(suite: SuiteFile, where: str) -> list[_Variation]:
@@ -196,13 +228,13 @@ def _read_axes(table: Table, where: str) -> Axes:
     axes = dict(list_leaves(table))
     for path, values in axes.items():
         axis = f"{where}.{'.'.join(path)}"
-        if not isinstance(values, list):
+        if not isinstance(values, list | tuple):
             raise InvalidValue(axis, "is not a list.", "Write the values to try as [1, 2, 3].")
         if not values:
             raise InvalidValue(axis, "has no values.", "Give values, or remove the axis.")
         if path == ("name",):
             raise InvalidValue(axis, "cannot vary.", "Names are made of what else varies.")
-    return axes
+    return {path: list(values) for path, values in axes.items()}
 
 
 def _name_variations(variations: list[Changes]) -> list[_Variation]:
@@ -382,26 +414,22 @@ class Suite(msgspec.Struct, frozen=True):
 
         Args:
             name: name of the suite.
-            tables: base, and one of sweep, grid and campaigns, as dicts and lists.
+            tables: base, and one of sweep, grid and campaigns, as dicts and lists. Values of an
+                axis may be any sequence, such as `np.arange(3)` or `range(3)`.
 
         Raises:
             UnknownName: as for `read`.
             InvalidValue: as for `read`.
         """
-        return cls._written(read_settings(SuiteFile, {**tables, "name": name}, name), name, name)
+        plain = make_plain({**tables, "name": name})
+        return cls._written(read_settings(SuiteFile, plain, name), name, name)
 
     @classmethod
     def _written(cls, written: SuiteFile, name: str, where: str) -> Self:
 
-        if "name" in written.base:
-            raise InvalidValue(
-                f"{where}: base.name", "cannot be given.", "The suite names its campaigns."
-            )
         members = [
-            _make_member(
-                name, variation.name, _apply_changes(written.base, variation.changes), where
-            )
-            for variation in _list_variations(written, where)
+            _make_member(name, member, fields, where)
+            for member, fields in expand_suite(written, where)
         ]
         _refuse_duplicates(members, where)
         order_members({each.name: each.spec for each in members}, where)
@@ -556,6 +584,11 @@ DIFFERENT = "Remove one of them, or change it."
 
 MemberCampaigns = dict[str, Campaign]
 """Campaigns of members by name; members without a campaign are missing."""
+
+
+def make_member_key(spec: CampaignSpec) -> str:
+    """Return the idempotency key of a member: both names are in the spec, and its whole content."""
+    return f"suite-{sha256(msgspec.json.encode(spec, order='sorted')).hexdigest()}"
 
 
 def match_campaigns(suite: Suite, alike: Mapping[str, Sequence[Campaign]]) -> MemberCampaigns:

@@ -58,6 +58,7 @@ def test_a_finished_analysis_carries_its_arrays(http, finished):
 def test_eigenfailures_are_noise_ready_to_inject(http, finished):
     modes = http.get(f"{URL}/{finished(3)}/eigenfailures").json()["items"]
     assert [mode["medoid"] for mode in modes] == [0, 1, 2]
+    assert [mode["number"] for mode in modes] == [1, 2, 3]
     assert modes[2]["eigenfailure"][0][0] == -3.0
 
 

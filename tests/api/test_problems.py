@@ -23,6 +23,7 @@ BODIES = {
     "/api/v1/analyses/{analysis}/modes/{mode}/notes": {"text": "as before"},
     "/api/v1/campaigns/{campaign}/episodes/triage": {"filter": "", "change": {}},
     "/api/v1/campaigns/{campaign}/episodes/{index}/notes": {"text": "as before"},
+    "/api/v1/suites": {"name": "a", "base": {}, "grid": {}},
 }
 """Where one must be given."""
 

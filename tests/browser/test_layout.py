@@ -17,8 +17,7 @@ from fastapi.responses import HTMLResponse
 from playwright.sync_api import expect
 
 from eigenfail.values.access import KeyRequest, Scope
-from eigenfail_api.app import ROUTERS
-from eigenfail_api.dashboard import launch_page
+from eigenfail_api.app import FORMS, ROUTERS
 from eigenfail_services.access import make_key
 from eigenfail_services.reports.report import make
 
@@ -40,6 +39,10 @@ RULES = {
 Colours do not depend on the width, but at 375 px tables have no header row: dark is checked twice.
 """
 
+GRID_FORM = (
+    "/suites/new?suite=a&method=monte_carlo&episodes=20&simulator=point_mass&axis.1.field=seed"
+    "&axis.1.values=1,2,-3&axis.2.field=planner&axis.2.values=idm,rulebook&wish=check"
+)
 PAGES = {
     "/": ["/", "/?search=nothing-has-this-name"],
     "/login": ["/login"],
@@ -80,6 +83,7 @@ PAGES = {
     "/search": ["/search", "/search?q=a", "/search?q=nothing-has-this-name"],
     "/copies": ["/copies?path=/campaigns"],
     "/suites": ["/suites"],
+    "/suites/new": ["/suites/new", GRID_FORM],
     "/suites/{suite:path}": ["/suites/{suite}"],
     "/api": ["/api"],
     "/glossary": ["/glossary"],
@@ -133,7 +137,7 @@ RUN_AXE = """async (only) => {
 
 def document_routes():
     """Paths of the routes that answer with HTML."""
-    for router in (*ROUTERS, launch_page.router):
+    for router in (*ROUTERS, *FORMS):
         for route in router.routes:
             kind = getattr(route.response_class, "value", route.response_class)
             if "GET" in route.methods and kind is HTMLResponse:

@@ -33,8 +33,7 @@ from eigenfail.testing.examples import collision, make_errored_result, result, s
 from eigenfail.values import AnalysisSettings
 from eigenfail.values.access import KeyRequest, Scope
 from eigenfail.values.records import Delivery
-from eigenfail_api.app import ROUTERS
-from eigenfail_api.dashboard import launch_page
+from eigenfail_api.app import FORMS, ROUTERS
 from eigenfail_services.access import make_key
 from eigenfail_services.store import open_store
 
@@ -308,7 +307,7 @@ def operations(document: dict[str, Any]) -> list[Operation]:
             body = None if shape is None else sample(shape, document, 6)
             found.append(Operation(method.upper(), path, tuple(names), body))
     known = {(each.method, each.path) for each in found}
-    routes = [route for router in (*ROUTERS, launch_page.router) for route in router.routes]
+    routes = [route for router in (*ROUTERS, *FORMS) for route in router.routes]
     for route in routes:
         if isinstance(route, APIRoute):
             names = [one.alias for one in route.dependant.query_params]

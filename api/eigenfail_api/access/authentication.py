@@ -37,6 +37,7 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         "POST /launch/form",
         "POST /logout",
         "POST /risk",
+        "POST /suites/new/form",
     ),
     Scope.RUNNER: (
         f"POST {PREFIX}/campaigns",
@@ -55,6 +56,7 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/analyses/{{analysis}}/proof",
         f"PUT {PREFIX}/analyses/{{analysis}}/modes/{{mode}}/name",
         f"POST {PREFIX}/gates",
+        f"POST {PREFIX}/suites",
         f"POST {PREFIX}/analyses/{{analysis}}/modes/triage",
         f"POST {PREFIX}/analyses/{{analysis}}/modes/{{mode}}/triage",
         f"POST {PREFIX}/analyses/{{analysis}}/modes/{{mode}}/notes",

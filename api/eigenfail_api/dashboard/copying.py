@@ -2,7 +2,7 @@
 
 import re
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any
 from urllib.parse import unquote
 
@@ -11,6 +11,7 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import NotFound
+from eigenfail.suites import list_leaves
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.dashboard.rendering import page
 
@@ -43,20 +44,25 @@ class Service(msgspec.Struct, frozen=True):
 
 
 class Copies(msgspec.Struct, frozen=True):
-    """One request as three texts to copy: curl, Python and the command line.
+    """One request as texts to copy: curl, Python and the command line, and a file.
 
     Attributes:
         cli: empty where the command line has no words for it.
+        toml: the file of what is launched; empty where it has none.
     """
 
     curl: str
     python: str
     cli: str
+    toml: str = ""
 
     @property
     def texts(self) -> tuple[tuple[str, str], ...]:
         """Each with what it is called."""
-        named = (("curl", self.curl), ("Python", self.python), ("CLI", self.cli))
+        named = (
+            *(("curl", self.curl), ("Python", self.python)),
+            *(("CLI", self.cli), ("TOML", self.toml)),
+        )
         return tuple((name, text) for name, text in named if text)
 
 
@@ -66,7 +72,8 @@ class Words(msgspec.Struct, frozen=True):
     Attributes:
         python: an expression of `client`; names in braces are of the path.
         cli: behind `eigenfail`; empty where there is no such command.
-        call: the keyword arguments of the expression, from the query and the body.
+        call: the arguments of the expression, from the query and the body.
+        imports: what the expression needs besides the client.
         before: what the command line needs first, from the body.
     """
 
@@ -74,6 +81,7 @@ class Words(msgspec.Struct, frozen=True):
     cli: str = ""
     call: Callable[[CopiedRequest], str] = lambda _: ""
     before: Callable[[CopiedRequest], str] = lambda _: ""
+    imports: str = ""
 
 
 def format_arguments(asked: CopiedRequest) -> str:
@@ -84,6 +92,19 @@ def format_arguments(asked: CopiedRequest) -> str:
 def format_spec_file(asked: CopiedRequest) -> str:
     """Return the shell command that writes the body to the file that a command reads."""
     return f"cat > campaign.toml <<'{MARK}'\n{to_toml(asked.body or {})}{MARK}\n"
+
+
+def format_suite_call(asked: CopiedRequest) -> str:
+    """Return a suite's name and tables as arguments."""
+    tables = {name: value for name, value in (asked.body or {}).items() if name != "name"}
+    return ", ".join(
+        (repr((asked.body or {})["name"]), *(f"{name}={each!r}" for name, each in tables.items()))
+    )
+
+
+def format_suite_file(asked: CopiedRequest) -> str:
+    """Return the shell command that writes a suite to the file that a command reads."""
+    return f"cat > suite.toml <<'{MARK}'\n{to_suite_toml(asked.body or {})}{MARK}\n"
 
 
 WORDS: Mapping[tuple[str, str], Words] = {
@@ -109,6 +130,13 @@ WORDS: Mapping[tuple[str, str], Words] = {
     ),
     ("POST", "/keys"): Words(
         "client.keys.create({})", "key create {name} --scope {scope}", call=format_arguments
+    ),
+    ("POST", "/suites"): Words(
+        "client.suites.run(Suite.of({}))",
+        "suite run suite.toml",
+        call=format_suite_call,
+        before=format_suite_file,
+        imports="from eigenfail.suites import Suite\n",
     ),
     ("GET", "/suites"): Words("list(client.suites.list())", "suite list"),
     ("GET", "/suites/{suite}"): Words("client.suites.table({suite!r})", "suite show {suite}"),
@@ -171,7 +199,7 @@ def format_python(base: str, asked: CopiedRequest, words: Words, names: Mapping[
     given = {**names, **{name: list_ids(value) for name, value in asked.query.items()}}
     expression = words.python.replace("{}", words.call(asked).replace("{", "{{").replace("}", "}}"))
     return (
-        "from eigenfail.client import Client\n\n"
+        f"from eigenfail.client import Client\n{words.imports}\n"
         f"with Client({base!r}) as client:\n"
         f"    print({expression.format(**given)})"
     )
@@ -194,6 +222,22 @@ def to_toml(table: Values) -> str:
     return "".join(
         f"{format_toml_key(name)} = {format_toml_value(value)}\n" for name, value in table.items()
     )
+
+
+def to_suite_toml(suite: Values) -> str:
+    """Return a suite as its file: a table for each of its parts, a line for each value in it."""
+    plain = {name: value for name, value in suite.items() if not isinstance(value, Mapping)}
+    tables = (
+        f"\n[{name}]\n{''.join(format_leaf(path, leaf) for path, leaf in list_leaves(value))}"
+        for name, value in suite.items()
+        if isinstance(value, dict)
+    )
+    return to_toml(plain) + "".join(tables)
+
+
+def format_leaf(path: Sequence[str], value: Any) -> str:
+    """Return a line of TOML for the value at a path."""
+    return f"{'.'.join(map(format_toml_key, path))} = {format_toml_value(value)}\n"
 
 
 def format_toml_value(value: Any) -> str:

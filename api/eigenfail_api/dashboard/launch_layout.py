@@ -7,6 +7,7 @@ import msgspec
 from msgspec.structs import replace
 
 from eigenfail import bridges, functions, plugins
+from eigenfail.suites import read_path
 from eigenfail.values import CampaignSpec
 from eigenfail.values.campaign import SPEC_FIELDS, Section
 from eigenfail.wire.http import PluginInfo
@@ -176,8 +177,9 @@ SETTINGS = {"method": "settings", "planner": "planner_settings"}
 
 
 def choose_plugin(texts: Texts, name: str, default: str) -> str:
-    """The plug-in that is chosen."""
-    return texts.typed.get(name, "") or texts.base.get(name, "") or default
+    """The plug-in that is chosen; a file may hold anything in its place."""
+    given = texts.base.get(name, "")
+    return texts.typed.get(name, "") or (given if isinstance(given, str) else "") or default
 
 
 def make_choice_field(name: str, options: tuple[str, ...], wanted: str) -> LaunchField:
@@ -207,8 +209,9 @@ def group(kind: str, name: str, title: str) -> LaunchGroup:
 def make_disturbance_group(texts: Texts) -> LaunchGroup:
     """Return the disturbance model with the settings of the chosen shape."""
     kind = f"{SHAPE}.kind"
-    base = texts.base.get("disturbance", {}).get("shape", {})
-    wanted = texts.typed.get(kind, "") or base.get("kind", "") or next(iter(SHAPES))
+    base = read_path(dict(texts.base), ("disturbance", "shape", "kind"))
+    given = base if isinstance(base, str) else ""
+    wanted = texts.typed.get(kind, "") or given or next(iter(SHAPES))
     whole = group("DisturbanceModel", "disturbance", "Settings")
     shape = group(SHAPES.get(wanted, SHAPES["white"]).rpartition("/")[2], SHAPE, "")
     names = tuple(dict.fromkeys((*SHAPES, wanted)))

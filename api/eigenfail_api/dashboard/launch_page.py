@@ -1,7 +1,7 @@
 """The page that launches a campaign, and the form that it checks."""
 
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
 from uuid import NAMESPACE_URL, uuid4, uuid5
@@ -96,18 +96,17 @@ class LaunchOrigin(msgspec.Struct, frozen=True, kw_only=True):
     is_open: bool
 
 
-class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
-    """The page.
+class FormView(msgspec.Struct, frozen=True, kw_only=True):
+    """A form with the fields of a campaign.
 
     Attributes:
         shown: texts shown, by the name of the field.
-        body: the specification that is launched.
+        origin: the campaign that the form began with; None without one.
+        body: body of the request that launches what is typed.
         checked: in words, once it was checked and is in order; empty otherwise.
-        estimate: duration and cost after those of an earlier campaign of the same kind, or that
-            there is none, as a sentence; empty until it was checked.
-        completed: all that it would be, by path; nothing before that.
+        estimate: duration and cost after those of earlier campaigns of the same kind, or that there
+            are none, as a sentence.
         key: idempotency key of this launch; empty while there is nothing to launch.
-        token: token of this page.
         copies: copies of the launch, for programs; None while there is nothing to be launched.
     """
 
@@ -118,9 +117,7 @@ class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
     body: Mapping[str, Any]
     checked: str
     estimate: str
-    completed: tuple[tuple[str, str], ...]
     key: str
-    token: str
     copies: Copies | None
 
     @property
@@ -141,6 +138,18 @@ class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
         given = self.count_given(group)
         told = f"{format_count(given)} changed" if given else "all at their defaults"
         return f"{format_count(sum(1 for _ in group.all_fields()))}, {told}"
+
+
+class LaunchView(FormView, frozen=True, kw_only=True):
+    """The page that launches a campaign.
+
+    Attributes:
+        completed: all that the campaign would be, by path; nothing until it was checked.
+        token: token of this page.
+    """
+
+    completed: tuple[tuple[str, str], ...]
+    token: str
 
 
 def list_fields(parts: Sequence[LaunchPart]) -> tuple[LaunchField, ...]:
@@ -254,8 +263,8 @@ def is_told(one: LaunchPage) -> bool:
 MOST_PRECEDENTS = 100
 
 
-def describe_estimate(store: Store, spec: CampaignSpec) -> str:
-    """Return duration and cost after those of the newest campaign of the same kind, as a sentence.
+def find_precedent(store: Store, spec: CampaignSpec) -> Campaign | None:
+    """Return the newest campaign of the same kind that has ended; None without one.
 
     Of the same kind are campaigns of the same method against the same planner in the same scenario.
     """
@@ -267,7 +276,12 @@ def describe_estimate(store: Store, spec: CampaignSpec) -> str:
         and each.counts.completed
         and each.active_s
     )
-    if (earlier := next(alike, None)) is None:
+    return next(alike, None)
+
+
+def describe_estimate(store: Store, spec: CampaignSpec) -> str:
+    """Return duration and cost of a campaign after those of its precedent, as a sentence."""
+    if (earlier := find_precedent(store, spec)) is None:
         return "No estimate: no campaign of this method, planner and scenario has ended yet."
     share = spec.episodes / earlier.counts.completed
     duration = format_duration(earlier.active_s * share)
@@ -314,13 +328,23 @@ def show_launch(request: Request, store: Stored) -> HTMLResponse:
 @router.post("/launch/form")
 async def show_form(request: Request, store: Stored) -> HTMLResponse:
     """Serve the form, checked on request; nothing is launched."""
+    typed = await read_form(request)
+    view = await run_sync(launch_view, store, typed, read_service(request))
+    return page("launch.html", view)
+
+
+async def read_form(request: Request) -> dict[str, str]:
+    """Return the texts of a form, by the names of its elements.
+
+    Raises:
+        HTTPException: 400, it is not a form; 413, it is larger than the limit.
+    """
     body = await read_within(request)
     try:
         pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)
     except ValueError as error:
         raise HTTPException(400, f"The form is invalid: {error}.") from None
-    view = await run_sync(launch_view, store, dict(pairs), read_service(request))
-    return page("launch.html", view)
+    return dict(pairs)
 
 
 def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> LaunchView:
@@ -331,7 +355,7 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> Lau
         InvalidValue: the earlier campaign is no number.
         NotFound: there is no such campaign.
     """
-    refuse_strangers(typed)
+    refuse_strangers(typed, KNOWN)
     wish = typed.get(WISH, "")
     table, refused = read_imported(typed.get(TOML, "")) if wish == IMPORT else ({}, ())
     origin = None if wish == IMPORT else find_origin(store, typed)
@@ -374,11 +398,11 @@ def read_imported(text: str) -> tuple[dict[str, Any], tuple[InputError, ...]]:
     return table, ()
 
 
-def refuse_strangers(typed: Mapping[str, str]) -> None:
-    """Raises UnknownName for what belongs to no field of a campaign."""
+def refuse_strangers(typed: Mapping[str, str], known: Collection[str]) -> None:
+    """Raises UnknownName for what belongs to no field of a form."""
     for name in typed:
-        if name.partition(".")[0] not in KNOWN:
-            raise UnknownName("query", name[:100], KNOWN)
+        if name.partition(".")[0] not in known:
+            raise UnknownName("query", name[:100], known)
 
 
 def find_origin(store: Store, typed: Mapping[str, str]) -> Campaign | None:

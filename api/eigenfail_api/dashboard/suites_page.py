@@ -193,7 +193,12 @@ def make_badge(word: str) -> Badge:
 
 def make_suite_address(suite: str) -> str:
     """Return the address of a suite's page."""
-    return f"/suites/{quote(suite, safe='')}"
+    # A suite may be called as the page beside it is, on which a new one is built.
+    return f"/suites/{quote(suite, safe='')}{'/' if suite == NEW else ''}"
+
+
+NEW = "new"
+"""Last part of the address of the page that builds a suite."""
 
 
 def make_suite_view(table: SuiteTable) -> SuiteView:
@@ -398,4 +403,5 @@ def show_suites(store: Stored, before: Before = None) -> HTMLResponse:
 @router.get("/suites/{suite:path}")
 def show_suite(store: Stored, suite: str) -> HTMLResponse:
     """One suite."""
-    return page("suite.html", make_suite_view(make_suite_table(store, suite)))
+    named = NEW if suite == f"{NEW}/" else suite
+    return page("suite.html", make_suite_view(make_suite_table(store, named)))

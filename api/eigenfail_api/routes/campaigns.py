@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from typing import Annotated, Any
+from urllib.parse import quote
 
 import msgspec
 from fastapi import APIRouter, Depends, Path, Query
@@ -9,6 +10,7 @@ from msgspec.structs import replace
 
 from eigenfail.errors import IllegalTransition
 from eigenfail.filters import CAMPAIGN_ORDERS, NEWEST_FIRST, parse_campaign_sort
+from eigenfail.suites import SuiteRequest
 from eigenfail.values import (
     Campaign,
     CampaignSpec,
@@ -51,7 +53,7 @@ from eigenfail_services.campaigns.drafts import (
 )
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure, make_minimal_spec
 from eigenfail_services.campaigns.resolution import ResolvedCampaign
-from eigenfail_services.campaigns.suites import make_suite_table
+from eigenfail_services.campaigns.suites import create_suite, make_suite_table, read_suite
 from eigenfail_services.campaigns.summary import (
     find_course,
     find_newest_policy,
@@ -398,6 +400,18 @@ SuiteName = Annotated[
 def list_suites(store: Stored, limit: Limit = 50, before: Before = None) -> Json:
     """List suites by their newest campaign, newest first; `before` is the id of a campaign."""
     return Json(store.campaigns.suites(limit, before))
+
+
+@suites_router.post("", **document_route(SuiteTable, 201, body=SuiteRequest))
+def create_suite_campaigns(
+    store: Stored,
+    given: Annotated[SuiteRequest, Depends(body_of(SuiteRequest))],
+    made_by: MadeBy,
+) -> Json:
+    """Queue the campaigns of a suite that do not exist yet, all or none; get its table."""
+    create_suite(store, read_suite(given), made_by)
+    location = f"{PREFIX}/suites/{quote(given.name, safe='')}"
+    return Json(make_suite_table(store, given.name), 201, {"Location": location})
 
 
 @suites_router.get("/{suite:path}", **document_route(SuiteTable))

@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import SupportsIndex
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Analysis, Campaign, EpisodeResult, Event, Mode, Summary
+from eigenfail.values import Analysis, Campaign, EpisodeResult, Event, FailureMode, Mode, Summary
 from eigenfail.values.access import ApiKey, NewKey
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.suite import SuiteRow, SuiteStanding
@@ -23,7 +23,7 @@ EpisodeLike = SupportsIndex | EpisodeRow | EpisodeResult
 AnalysisLike = SupportsIndex | Analysis | Mode
 """An analysis: its id, or an object that is the analysis or belongs to it."""
 
-ModeLike = SupportsIndex | Mode
+ModeLike = SupportsIndex | Mode | FailureMode
 """A failure mode of an analysis that is named beside it: its number, from 1, or the mode."""
 
 ModesLike = ModeLike | Iterable[ModeLike]
@@ -171,7 +171,7 @@ def _find_mode_number(analysis: AnalysisLike, mode: ModeLike) -> int:
     if isinstance(mode, Mode) and locate_analysis(mode) != locate_analysis(analysis):
         problem = f"the mode belongs to analysis {mode.analysis}."
         raise InvalidValue("mode", problem, "Name its own analysis.")
-    return _find_id("mode", mode, {Mode: "number"})
+    return _find_id("mode", mode, {Mode: "number", FailureMode: "number"})
 
 
 def _get_campaign(episode: object) -> int | None:

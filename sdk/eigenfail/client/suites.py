@@ -2,18 +2,15 @@
 
 from collections.abc import Callable
 from contextlib import suppress
-from hashlib import sha256
 from itertools import chain
 from urllib.parse import quote
-
-import msgspec
 
 from eigenfail.client.campaigns import AT_REST, Campaigns
 from eigenfail.client.link import Link, wait_until
 from eigenfail.client.references import SuiteLike, find_suite_name
 from eigenfail.errors import IllegalTransition
 from eigenfail.frames import Rows
-from eigenfail.suites import Suite, list_ready_members, match_campaigns
+from eigenfail.suites import Suite, list_ready_members, make_member_key, match_campaigns
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Page, Summary
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable, suite_of
@@ -161,7 +158,7 @@ class Suites:
         return match_campaigns(suite, alike)
 
     def _created(self, spec: CampaignSpec) -> Campaign:
-        return self._link.post_once_only("/campaigns", Campaign, spec, key_of(spec))
+        return self._link.post_once_only("/campaigns", Campaign, spec, make_member_key(spec))
 
     def _awake(self, campaign: Campaign) -> Campaign:
         if campaign.state is CampaignState.PAUSING:
@@ -192,8 +189,3 @@ def _describe_rest(campaigns: Seen) -> str:
 def are_at_rest(campaigns: Seen) -> bool:
     """Whether none is at work, or about to be."""
     return all(campaign is None or campaign.state in AT_REST for campaign in campaigns)
-
-
-def key_of(spec: CampaignSpec) -> str:
-    """One key for one member of one suite: both names are in the spec, and its whole content."""
-    return f"suite-{sha256(msgspec.json.encode(spec, order='sorted')).hexdigest()}"

@@ -124,6 +124,7 @@ def list_mode_facts(mode: FailureMode) -> FactTable:
     steps, channels = mode.eigenfailure.shape
     peaks = map(format_peak, mode.eigenfailure.T) if steps else ()
     rows = (
+        *([("number", str(mode.number))] if mode.number else []),
         ("failures", format_count(mode.failures)),
         ("medoid", f"episode {mode.medoid}{place}"),
         ("eigenfailure", f"{count_noun(steps, 'step')}, {count_noun(channels, 'channel')}"),

@@ -161,7 +161,9 @@ def _(value: FailureMode, axes: "Axes") -> None:
     _draw_noise(axes, value.eigenfailure[:steps], channels, band)
     owner, medoid = value.medoid_campaign, value.medoid
     named = f"episode {medoid}" if owner is None else f"episode {owner}/{medoid}"
-    axes.set_title(f"Eigenfailure of {count_noun(value.failures, 'failure')}, medoid {named}")
+    mode = f"mode {value.number}, " if value.number else ""
+    failures = count_noun(value.failures, "failure")
+    axes.set_title(f"Eigenfailure of {mode}{failures}, medoid {named}")
 
 
 @_draw.register(NoiseTrajectory)

@@ -280,6 +280,8 @@ class FailureMode(Brief, Shown, Plottable, msgspec.Struct, frozen=True, eq=False
             as the analysis has, steps, channels), in its alignment; None where failures were
             grouped by their noise.
         explained: share of the variance of its failures' noise that each of them explains.
+        number: its number in the analysis, from 1, as pages and commands have it; 0 of a mode that
+            belongs to no result.
     """
 
     failures: int
@@ -291,6 +293,7 @@ class FailureMode(Brief, Shown, Plottable, msgspec.Struct, frozen=True, eq=False
     band: Floats | None = None
     components: Floats | None = None
     explained: Floats | None = None
+    number: int = 0
 
 
 LONGEST_MODE_NAME = 80
@@ -456,6 +459,14 @@ class AnalysisResult(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq=
     channels: tuple[str, ...] = AXES
     features: Grouping = "noise"
     behaviour: Behaviour | None = None
+
+    def __post_init__(self) -> None:
+        # Results of earlier releases were stored without numbers, which follow from the order.
+        numbered = (
+            mode if mode.number == number else msgspec.structs.replace(mode, number=number)
+            for number, mode in enumerate(self.modes, start=1)
+        )
+        msgspec.structs.force_setattr(self, "modes", tuple(numbered))
 
     def list_modes(self, analysis: int) -> Iterator[Mode]:
         """Yield the modes of the analysis with this id, with the names that are proposed."""

@@ -5,13 +5,12 @@ client raises the error that the service raised.
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from http import HTTPStatus
 from typing import Annotated, Any, TypeVar, get_args
 
 import msgspec
-import numpy as np
 
 from eigenfail.errors import (
     Conflict,
@@ -287,7 +286,9 @@ def read_fields(given: Mapping[str, Any], kind: type[Body]) -> Body:
 
 
 def make_plain(given: Mapping[str, Any], place: str = "") -> dict[str, Any]:
-    """Return fields as plain data: of structs their fields, of numpy plain numbers and lists.
+    """Return fields as plain data: of structs their fields, of numbers and arrays plain ones.
+
+    Arrays of numpy, series of pandas, ranges and other sequences become lists.
 
     Args:
         given: values by the names of fields.
@@ -308,8 +309,11 @@ def _make_plain(field: str, value: object) -> object:
 
 
 def _make_builtin(value: object) -> Any:
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
+    # A series of pandas is no sequence to Python, and has the same method as an array.
+    if callable(convert_to_list := getattr(value, "tolist", None)):
+        return convert_to_list()
+    if isinstance(value, Sequence):
+        return list(value)
     raise TypeError(f"an object of type {type(value).__name__} is not plain data")
 
 

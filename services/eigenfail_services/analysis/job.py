@@ -162,7 +162,8 @@ def hash_result(result: AnalysisResult) -> str:
     only by a planner that answers in time. So are bands: they follow from labels and noise, and
     without them an analysis has the digest that it had before there were any. The names of the
     channels are those of the campaign. The behaviour of modes follows from labels and episodes.
-    What an analysis of the noise does not have is left out of its digest.
+    What an analysis of the noise does not have is left out of its digest. The number of a mode is
+    its place.
     """
     numbers = msgspec.to_builtins(
         replace(result, words=(), digest=""), enc_hook=encode_array, builtin_types=(bytes,)
@@ -170,7 +171,7 @@ def hash_result(result: AnalysisResult) -> str:
     for name in ("channels", "behaviour"):
         del numbers[name]
     for mode in numbers["modes"]:
-        del mode["band"]
+        del mode["band"], mode["number"]
     if result.features == "noise":
         del numbers["features"]
         for mode in numbers["modes"]:

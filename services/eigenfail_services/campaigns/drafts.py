@@ -88,7 +88,7 @@ def read_drafts(given: Sequence[Any], store: Store) -> list[ResolvedCampaign]:
 def _read_item(item: Any, where: str, store: Store) -> ResolvedCampaign:
     if not isinstance(item, dict):
         raise InvalidValue(where, "is not an object with the fields of a campaign.")
-    with _moving_errors(where):
+    with move_errors(where):
         return read_draft(item, store)
 
 
@@ -101,12 +101,13 @@ def check_draft_offers(campaigns: Sequence[ResolvedCampaign], store: Store) -> N
     """
     offers = list_offers(campaigns, store)
     for place, campaign in enumerate(campaigns):
-        with _moving_errors(f"[{place}]"):
+        with move_errors(f"[{place}]"):
             check_offers(campaign, offers)
 
 
 @contextlib.contextmanager
-def _moving_errors(where: str) -> Iterator[None]:
+def move_errors(where: str) -> Iterator[None]:
+    """Raise errors inside as those of a value inside something else, which stands at `where`."""
     try:
         yield
     except InputError as error:
@@ -115,7 +116,11 @@ def _moving_errors(where: str) -> Iterator[None]:
 
 def _move_error(error: InputError, where: str) -> InputError:
     """Return the same error, of a value inside something else."""
-    field = f"{where}.{error.field}" if error.field else where
+    return rename_field(error, f"{where}.{error.field}" if error.field else where)
+
+
+def rename_field(error: InputError, field: str) -> InputError:
+    """Return the same error, of a field with another path."""
     problem = error.problem.removeprefix(f"{error.field}: ")
     if isinstance(error, UnknownName):
         return UnknownName(field, error.name, error.known, problem)

@@ -1,21 +1,116 @@
-"""A suite as one table: the newest campaign of each member, and figures over seeds."""
+"""Suites: their campaigns, created at once, and their tables with figures over seeds."""
 
 from collections.abc import Iterator
 
-from eigenfail.errors import NotFound
-from eigenfail.suites import MOST_MEMBERS, KeyPath, shorten_paths
-from eigenfail.values import Campaign, Summary
+from msgspec.structs import asdict
+
+from eigenfail.errors import InputError, InvalidValue, NotFound, UnknownName
+from eigenfail.suites import (
+    MOST_MEMBERS,
+    KeyPath,
+    Suite,
+    SuiteRequest,
+    list_ready_members,
+    make_member_key,
+    match_campaigns,
+    replace_references,
+    shorten_paths,
+)
+from eigenfail.values import Campaign, CampaignSpec, Summary
 from eigenfail.values.campaign import CampaignFilter
-from eigenfail.values.suite import SuiteRow, SuiteTable, member_of
+from eigenfail.values.suite import SEPARATOR, SuiteRow, SuiteTable, member_of, suite_of
+from eigenfail_services.campaigns.drafts import move_errors, rename_field
 from eigenfail_services.campaigns.seeds import (
     list_differing,
     list_given_settings,
     make_spreads,
 )
 from eigenfail_services.campaigns.summary import summaries_of
+from eigenfail_services.campaigns.validation import (
+    check_offers,
+    check_spec,
+    list_offers,
+    validate_campaign,
+)
 from eigenfail_services.store import Store
 
 PAGE = 200
+
+
+def read_suite(given: SuiteRequest) -> Suite:
+    """Return the suite that a request describes.
+
+    Raises:
+        UnknownName: a field does not exist, or a member refers to one that does not exist.
+        InvalidValue: a value is outside its bounds, an axis has no values, two members are equal,
+            there are too many, members refer to each other in a circle, or the name cannot be that
+            of a suite.
+    """
+    try:
+        suite = Suite.of(**asdict(given))
+    except InputError as error:
+        raise rename_suite_error(error, given.name) from error
+    for member in suite.members:
+        if suite_of(member.spec.name) != suite.name:
+            problem = f"A campaign '{member.spec.name}' would belong to another suite, or to none."
+            raise InvalidValue("name", problem, "Choose another name, without a colon.")
+    return suite
+
+
+def rename_suite_error(error: InputError, suite: str) -> InputError:
+    """Return an error of a suite's file as that of a request, which has fields and no file.
+
+    Args:
+        error: the error, whose field begins with the name of the file.
+        suite: name of the file in the error.
+    """
+    field = error.field.removeprefix(suite).removeprefix(SEPARATOR)
+    if field or isinstance(error, UnknownName):
+        return rename_field(error, field)
+    problem = error.problem.removeprefix(f"{error.field}: ")
+    return InvalidValue("", f"The suite {problem}", error.remedy)
+
+
+def create_suite(store: Store, suite: Suite, made_by: int | None = None) -> None:
+    """Queue the campaigns of a suite that do not exist yet: all of them, or none.
+
+    A campaign of a member's name and content exists already, whoever created it. Members that build
+    upon members which are not done are checked and not created: the same call creates them later.
+
+    Args:
+        store: where campaigns are.
+        suite: the suite.
+        made_by: id of the API key of the request, whose quotas apply.
+
+    Raises:
+        UnknownName: a plug-in, setting or parameter of a member that does not exist.
+        InvalidValue: a value of a member that cannot be.
+        QuotaExceeded: the API key does not allow all of them.
+    """
+    alike: dict[str, list[Campaign]] = {}
+    for campaign in _list_campaigns(store, suite.name):
+        alike.setdefault(campaign.spec.name, []).append(campaign)
+    found = match_campaigns(suite, alike)
+    ready = dict(list_ready_members(suite, found))
+    missing = {name: _check_member(store, name, spec) for name, spec in ready.items()}
+    for member in suite.members:
+        if member.name not in found and member.name not in ready:
+            with move_errors(_locate_member(member.name)):
+                check_spec(replace_references(member.spec))
+    store.campaigns.create_missing(
+        {make_member_key(ready[name]): spec for name, spec in missing.items()}, made_by
+    )
+
+
+def _check_member(store: Store, name: str, spec: CampaignSpec) -> CampaignSpec:
+    with move_errors(_locate_member(name)):
+        campaign = validate_campaign(spec, store)
+        check_offers(campaign, list_offers([campaign], store))
+        return campaign.spec
+
+
+def _locate_member(name: str) -> str:
+    return f"member '{name}'"
 
 
 def make_suite_table(store: Store, suite: str, most: int = MOST_MEMBERS) -> SuiteTable:

@@ -3,7 +3,7 @@
 A suite is all campaigns with one text before the first ": " of their names.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from hashlib import sha256
 from typing import Any, TypeVar
 
@@ -268,6 +268,26 @@ def create_campaigns(
     return made
 
 
+def create_missing(
+    connection: Connection,
+    specs: Mapping[str, CampaignSpec],
+    made_by: int | None,
+) -> tuple[Campaign, ...]:
+    """Create the campaigns of the keys that have created none, in their order; return all."""
+    found = {
+        key: campaign
+        for key, spec in specs.items()
+        for campaign in _find_made_with(connection, [key], spec_hash(spec))
+    }
+    missing = [key for key in specs if key not in found]
+    if missing:
+        made = _insert_queued(connection, [specs[key] for key in missing], made_by)
+        for key, campaign in zip(missing, made, strict=True):
+            _insert_keys(connection, [key], spec_hash(specs[key]), [campaign])
+            found[key] = campaign
+    return tuple(found[key] for key in specs)
+
+
 def _insert_queued(
     connection: Connection, specs: Sequence[CampaignSpec], made_by: int | None
 ) -> tuple[Campaign, ...]:
@@ -326,9 +346,7 @@ def hash_specs(specs: Sequence[CampaignSpec]) -> str:
 
 _NOTHING = Overhead()
 
-Asked = TypeVar("Asked")
 Made = TypeVar("Made")
-_Maker = Callable[[Connection, Asked, str | None, int | None], Made]
 
 
 class CampaignStore:
@@ -351,7 +369,9 @@ class CampaignStore:
             IdempotencyMismatch: the key was used for another spec, whatever its priority.
             QuotaExceeded: the API key does not allow more.
         """
-        return self._once(create_campaign, spec, idempotency_key, made_by)
+        return self._retry(
+            lambda connection: create_campaign(connection, spec, idempotency_key, made_by)
+        )
 
     def create_many(
         self,
@@ -367,7 +387,26 @@ class CampaignStore:
             IdempotencyMismatch: the key was used for another list of specs; none is created.
             QuotaExceeded: the API key does not allow all of them; none is created.
         """
-        return self._once(create_campaigns, specs, idempotency_key, made_by)
+        return self._retry(
+            lambda connection: create_campaigns(connection, specs, idempotency_key, made_by)
+        )
+
+    def create_missing(
+        self, specs: Mapping[str, CampaignSpec], made_by: int | None = None
+    ) -> tuple[Campaign, ...]:
+        """Create campaigns by their keys, all or none; return those that exist for known keys.
+
+        A key is the same as that of `create`.
+
+        Args:
+            specs: the spec of each campaign, by its idempotency key, in order.
+            made_by: id of the API key of the request, whose quotas apply.
+
+        Raises:
+            IdempotencyMismatch: a key was used for another spec; none is created.
+            QuotaExceeded: the API key does not allow all of them; none is created.
+        """
+        return self._retry(lambda connection: create_missing(connection, specs, made_by))
 
     def is_key_used(self, idempotency_key: str | None) -> bool:
         """Return whether `create` has created a campaign with this key."""
@@ -381,16 +420,14 @@ class CampaignStore:
         """Return whether `create_many` has created campaigns with this key."""
         return idempotency_key is not None and self.is_key_used(derive_key(idempotency_key, 0))
 
-    def _once(
-        self, make: _Maker[Asked, Made], asked: Asked, key: str | None, made_by: int | None
-    ) -> Made:
+    def _retry(self, make: Callable[[Connection], Made]) -> Made:
         try:
             with self._database.writing() as connection:
-                return make(connection, asked, key, made_by)
+                return make(connection)
         except IntegrityError:
             # Another request used the key at the same time: now its campaigns can be read.
             with self._database.writing() as connection:
-                return make(connection, asked, key, made_by)
+                return make(connection)
 
     def prioritise(self, campaign: int, priority: Priority) -> Campaign:
         """Set a campaign's priority, and log an event if it is another one.

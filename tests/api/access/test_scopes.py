@@ -56,6 +56,8 @@ ROUTES = {
         POST /risk
         GET /search
         GET /suites
+        GET /suites/new
+        POST /suites/new/form
         GET /suites/{suite}
         GET /workers
         GET /analyses/{analysis}/modes/{mode}
@@ -123,6 +125,7 @@ ROUTES = {
         POST /api/v1/analyses/{analysis}/proof
         PUT /api/v1/analyses/{analysis}/modes/{mode}/name
         POST /api/v1/gates
+        POST /api/v1/suites
         POST /analyses/{analysis}/modes/triage
         POST /analyses/{analysis}/modes/{mode}/notes
         POST /analyses/{analysis}/modes/{mode}/triage

@@ -242,7 +242,9 @@ def test_analyses_are_made_waited_for_and_listed(client, campaign, analysis):
 
 def test_modes_are_listed_and_named(client, analysis):
     assert [mode.name for mode in client.analyses.modes(analysis)] == ["Mode 1", "Mode 2"]
-    renamed = client.analyses.rename_mode(analysis, 2, "  late\tbraking ")
+    second = client.analyses.eigenfailures(analysis)[1]
+    assert second.number == 2
+    renamed = client.analyses.rename_mode(analysis, second, "  late\tbraking ")
     assert (renamed.number, renamed.name) == (2, "late braking")
     assert client.analyses.modes(analysis)[1] == renamed
     with pytest.raises(NotFound, match="has no mode 3"):

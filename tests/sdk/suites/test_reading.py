@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -289,3 +290,24 @@ def test_a_suite_is_made_of_tables_as_of_a_file(read):
         Suite.of("wanted", base=base, swep={})
     with pytest.raises(InvalidValue, match=r"base\.name"):
         Suite.of("wanted", base={**base, "name": "other"}, sweep={"seed": [1]})
+
+
+@pytest.mark.parametrize(
+    "values",
+    [np.arange(10, 40, 10), np.linspace(10, 30, 3).astype(int), range(10, 40, 10), (10, 20, 30)],
+)
+def test_the_values_of_an_axis_may_be_any_sequence(values):
+    base = {"method": "ast", "episodes": np.int64(7)}
+    plain = Suite.of(
+        "wanted", base=base, grid={"seed": [1, 2, 3], "settings": {"alpha": [10, 20, 30]}}
+    )
+    made = Suite.of(
+        "wanted", base=base, grid={"seed": np.arange(1, 4), "settings": {"alpha": values}}
+    )
+    assert made == plain
+    assert type(made.members[0].spec.settings["alpha"]) is int
+
+
+def test_an_axis_of_objects_is_refused_by_its_name():
+    with pytest.raises(InvalidValue, match=r"grid.*an object of type object is not plain data"):
+        Suite.of("wanted", base={"method": "ast", "episodes": 7}, grid={"seed": [object()]})

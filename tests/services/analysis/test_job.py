@@ -432,10 +432,11 @@ def test_a_result_of_an_older_release_is_read() -> None:
     older = ("episodes", "explained", "components", "scores", "labels", "modes", "influence")
     kept = {name: fields[name] for name in (*older, "silhouette", "noise_silhouette")}
     for mode in kept["modes"]:
-        for name in ("medoid_campaign", "probability", "components", "explained"):
+        for name in ("medoid_campaign", "probability", "components", "explained", "number"):
             del mode[name]
     found = to_analysis_result(msgspec.msgpack.encode(kept))
     assert found.episodes == (1,)
+    assert found.modes[0].number == 1
     assert np.array_equal(found.modes[0].eigenfailure, result.modes[0].eigenfailure)
     assert (found.stability, found.moments, found.training, found.words) == (None, (), (), ())
     older = to_settings('{"align": "start", "components": 3}')

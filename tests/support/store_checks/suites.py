@@ -1,5 +1,6 @@
 """Checks of what `CampaignStore` knows of suites."""
 
+from eigenfail.errors import IdempotencyMismatch
 from eigenfail.testing.examples import collision, make_errored_result, result, spec
 from eigenfail.values import CampaignState, Page
 from eigenfail.values.campaign import CampaignFilter
@@ -101,6 +102,25 @@ def takes_any_name(store: Store) -> None:
         equal(found, [campaign], f"Campaigns of the suite {name!r}")
 
 
+def creates_what_is_missing_of_a_suite(store: Store) -> None:
+    """Campaigns of unknown keys are created beside those of known ones, all or none."""
+    first, second, third = (spec(name=f"m: {n}", seed=n) for n in range(3))
+    known = store.campaigns.create(second, "key-2").id
+    made = store.campaigns.create_missing({"key-1": first, "key-2": second})
+    equal([each.spec.seed for each in made], [0, 1], "Campaigns in the order of their keys")
+    equal(made[1].id, known, "The campaign of a known key")
+    equal(store.campaigns.create_missing({"key-1": first}), made[:1], "A repeated call")
+    equal(store.campaigns.create(first, "key-1"), made[0], "The same key of a single campaign")
+    try:
+        store.campaigns.create_missing({"key-3": third, "key-2": first})
+    except IdempotencyMismatch:
+        pass
+    else:
+        raise AssertionError("A key of another spec was accepted.")
+    found = store.campaigns.page(10, where=CampaignFilter(suite="m")).items
+    equal([each.spec.seed for each in found], [0, 1], "Campaigns after a refused call")
+
+
 CHECKS = (
     finds_the_campaigns_of_a_suite,
     leaves_out_what_was_made_of_members,
@@ -108,4 +128,5 @@ CHECKS = (
     lists_suites,
     tells_errored_campaigns_of_suites_apart,
     takes_any_name,
+    creates_what_is_missing_of_a_suite,
 )

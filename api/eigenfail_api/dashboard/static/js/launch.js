@@ -1,5 +1,5 @@
-// The launch form: its fields follow what is chosen, it is checked by the service, and what is in
-// order goes to the public API under a key that makes one campaign of two clicks.
+// The forms that launch campaigns and suites: their fields follow what is chosen, the service checks
+// them, and what is in order goes to the public API under a key that makes one campaign of two clicks.
 import { tell } from "./notice.js";
 
 const UNANSWERED = "The service did not respond. Check that it is running, and try again.";
@@ -39,8 +39,8 @@ async function submit(wish) {
   sending = true;
   try {
     await redraw(wish);
-    const { body, key } = document.getElementById("launch").dataset;
-    if (wish === "launch" && key) await launch(body, key);
+    const { key } = document.getElementById("launch").dataset;
+    if (wish === "launch" && key) await launch(document.getElementById("launch").dataset);
     else showWord();
   } finally {
     sending = false;
@@ -65,7 +65,7 @@ async function draw(wish) {
   form.dataset.key = "";
   form.querySelector("input[name=wish]").value = wish;
   typedMeanwhile.clear();
-  await window.htmx.ajax("POST", "/launch/form", {
+  await window.htmx.ajax("POST", form.dataset.draw, {
     source: form, target: "#launch", select: "#launch", swap: "outerMorph",
   });
   const { elements } = document.getElementById("launch");
@@ -81,13 +81,14 @@ function refused({ sourceElement, response }) {
     : "The service could not read the form. See its log.");
 }
 
-async function launch(body, key) {
+// A form that knows the page of what it creates names it; otherwise the answer has the id.
+async function launch({ body, key, create, page }) {
   try {
-    const response = await fetch("/api/v1/campaigns", {
+    const response = await fetch(create, {
       method: "POST", headers: { "Content-Type": "application/json", "Idempotency-Key": key }, body,
     });
     const answer = await response.json();
-    if (response.ok) window.location.assign(`/campaigns/${answer.id}`);
+    if (response.ok) window.location.assign(page || `/campaigns/${answer.id}`);
     else tell([answer.detail, answer.remedy].filter(Boolean).join(" "));
   } catch {
     tell(UNANSWERED);

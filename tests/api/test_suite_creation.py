@@ -1,0 +1,104 @@
+"""Suites created by one request: all campaigns or none, and none twice."""
+
+import pytest
+
+from eigenfail.client import Client
+from eigenfail.suites import Suite
+from eigenfail.values import CampaignState
+
+URL = "/api/v1/suites"
+
+
+@pytest.fixture
+def base(fields):
+    return {name: value for name, value in fields.items() if name != "name"}
+
+
+@pytest.fixture
+def grid(base):
+    return {"name": "a", "base": base, "grid": {"seed": [1, 2], "settings": {"round_size": [5, 7]}}}
+
+
+def seeds(store):
+    return [each.spec.seed for each in reversed(store.campaigns.page(50).items)]
+
+
+def test_every_combination_is_a_campaign_and_the_answer_is_the_table(http, grid):
+    made = http.post(URL, json=grid)
+    assert made.status_code == 201, made.text
+    assert made.headers["location"] == f"{URL}/a"
+    assert made.json() == http.get(made.headers["location"]).json()
+    assert [row["member"] for row in made.json()["members"]] == [
+        "seed=1, round_size=5",
+        "seed=1, round_size=7",
+        "seed=2, round_size=5",
+        "seed=2, round_size=7",
+    ]
+
+
+def test_a_repeated_request_creates_only_what_is_missing(http, grid, store):
+    first = http.post(URL, json=grid).json()
+    assert http.post(URL, json=grid).json() == first
+    more = {**grid, "grid": {**grid["grid"], "seed": [1, 2, 3]}}
+    assert len(http.post(URL, json=more).json()["members"]) == 6
+    assert seeds(store) == [1, 1, 2, 2, 3, 3]
+
+
+def test_a_client_finds_the_campaigns_of_a_request_and_the_other_way_round(http, grid, store):
+    suite = Suite.of(**grid)
+    with Client(transport=http._transport) as client:
+        client.suites.create(suite)
+        http.post(URL, json=grid)
+        assert len(client.suites.find(suite)) == 4
+    assert seeds(store) == [1, 1, 2, 2]
+
+
+def test_a_wrong_member_leaves_no_campaign(http, grid, store, problem):
+    grid["grid"]["settings"]["round_size"] = [5, 0]
+    told = problem(http.post(URL, json=grid), 422)
+    assert told["field"] == "member 'seed=1, round_size=0'.settings.round_size"
+    assert seeds(store) == []
+
+
+@pytest.mark.parametrize(
+    ("changes", "field"),
+    [
+        ({"name": None}, "name"),
+        ({"name": ""}, "name"),
+        ({"name": "a: b"}, "name"),
+        ({"grid": {"seed": []}}, "grid.seed"),
+        ({"grid": {"seed": 3}}, "grid.seed"),
+        ({"grid": {"name": ["x"]}}, "grid.name"),
+        ({"grid": {"seed": [1, 1]}}, ""),
+        ({"grid": {"seed": [*range(32)], "episodes": [*range(1, 33)]}}, ""),
+        ({"grid": {}}, ""),
+        ({"sweep": {"seed": [1]}}, ""),
+        ({"base": {"name": "x"}}, "base.name"),
+        ({"base": 3}, "base"),
+        ({"gird": {}}, ""),
+        ({"grid": {"sede": [1]}}, "member 'sede=1'"),
+        ({"grid": {"episodes": ["many"]}}, "member 'episodes=many'.episodes"),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_a_suite_is_refused_by_its_field(*, http, grid, problem, changes, field):
+    told = problem(http.post(URL, json={**grid, **changes}), 422)
+    assert told.get("field", "") == field
+
+
+def test_members_that_build_upon_others_follow_with_a_later_request(http, base, store):
+    campaigns = [{"name": "first"}, {"name": "again", "settings": {"campaign": "first"}}]
+    campaigns[1] |= {"method": "replay"}
+    asked = {"name": "a", "base": base, "campaigns": campaigns}
+    assert [row["member"] for row in http.post(URL, json=asked).json()["members"]] == ["first"]
+    campaigns[1]["method"] = "no_method"
+    told = http.post(URL, json=asked)
+    assert (told.status_code, told.json()["field"]) == (422, "member 'again'.method")
+    for state in (CampaignState.RUNNING, CampaignState.DONE):
+        store.campaigns.move(1, state)
+    campaigns[1]["method"] = "replay"
+    assert [row["member"] for row in http.post(URL, json=asked).json()["members"]] == [
+        "first",
+        "again",
+    ]
+    assert store.campaigns.get(2).spec.settings["campaign"] == 1
