@@ -36,7 +36,7 @@ from sqlalchemy.types import TypeEngine
 from eigenfail.values import MEASURES, Measure, Priority
 from eigenfail.values.episode import FAILURES, Outcome
 
-VERSION = "0025"
+VERSION = "0027"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -492,6 +492,21 @@ webhook_deliveries = Table(
     Index(None, "state", "next_ms"),
     Index(None, "webhook", "id"),
     Index(None, "webhook", "state"),
+    sqlite_autoincrement=True,
+)
+
+
+# Views of lists, which all users of the service share.
+saved_views = Table(
+    "saved_views",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("name", Prose, nullable=False),
+    Column("page", Text, nullable=False),
+    Column("query", Text, nullable=False),  # JSON
+    Column("author", Prose, nullable=False),
+    Column("saved_ms", BigInteger, nullable=False),
+    UniqueConstraint("name"),
     sqlite_autoincrement=True,
 )
 
