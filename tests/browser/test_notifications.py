@@ -53,7 +53,7 @@ def test_a_campaign_that_ends_is_announced_once(look, queue, store):
     other.goto(page.url.replace(f"/campaigns/{campaign}", "/glossary"))
     page.close()
     end(store, campaign)
-    other.wait_for_function("window.shown.length > 0")
+    other.wait_for_function("() => window.shown.length > 0")
     body = "ends soon: 0 failures in 0 completed episodes."
     title = f"Campaign {campaign} has ended: done"
     assert other.evaluate("window.shown") == [[title, body, f"eigenfail-{campaign}"]]
@@ -76,7 +76,7 @@ def test_all_open_campaigns_of_the_first_page_are_watched(look, queue, store):
     page.get_by_role("button", name="Notify me when these campaigns end").click()
     page.get_by_role("button", name="Do not notify me when these campaigns end").wait_for()
     end(store, campaign)
-    page.wait_for_function("window.shown.length > 0")
+    page.wait_for_function("() => window.shown.length > 0")
     assert page.evaluate("window.shown[0][2]") == f"eigenfail-{campaign}"
 
 
@@ -99,5 +99,5 @@ def test_without_the_interface_there_is_no_button(visit, queue):
 
 
 def test_an_ended_campaign_has_no_button(visit, made):
-    page = visit(f"/campaigns/{made.difs}")
+    page = visit(f"/campaigns/{made.baseline}")
     expect(page.locator("[data-notify]")).to_have_count(0)

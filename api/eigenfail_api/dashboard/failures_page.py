@@ -39,7 +39,7 @@ COLUMNS = ("severity", "log_probability_per_step", "steps")
 Words = Annotated[str, Query(max_length=200)]
 
 
-class FailureRequest(NamedTuple):
+class FailureQuery(NamedTuple):
     """What an address of the page asks for; an empty text asks for nothing.
 
     Attributes:
@@ -94,7 +94,7 @@ class FailuresView(msgspec.Struct, frozen=True, kw_only=True):
     views: ViewMenu
 
 
-class CampaignFields(NamedTuple):
+class FailureForm(NamedTuple):
     """Fields of the form about campaigns; an empty one asks for nothing."""
 
     project: str
@@ -105,18 +105,18 @@ class CampaignFields(NamedTuple):
 
 def read_campaign_fields(
     project: Words = "", planner: Words = "", planner_version: Words = "", method: Words = ""
-) -> CampaignFields:
+) -> FailureForm:
     """Return the fields of a request about campaigns."""
-    return CampaignFields(*(text.strip() for text in (project, planner, planner_version, method)))
+    return FailureForm(*(text.strip() for text in (project, planner, planner_version, method)))
 
 
 def parse_request(
-    campaigns: Annotated[CampaignFields, Depends(read_campaign_fields)],
+    campaigns: Annotated[FailureForm, Depends(read_campaign_fields)],
     state: Annotated[TriageState | Literal[""], Query()] = "",
     owner: Words = "",
     archived: Annotated[bool, Query()] = False,
     sort: Annotated[str, Query(max_length=64)] = MOST_SEVERE_FIRST,
-) -> FailureRequest:
+) -> FailureQuery:
     """Return what an address asks for."""
     parse_failure_sort(sort)
     of_campaign = campaigns._asdict()
@@ -132,13 +132,13 @@ def parse_request(
         state=TriageState(state) if state else None,
         owner=owner.strip() or None,
     )
-    return FailureRequest({name: text for name, text in given.items() if text}, where, sort.strip())
+    return FailureQuery({name: text for name, text in given.items() if text}, where, sort.strip())
 
 
 @router.get(PATH)
 def show_failures(
     store: Stored,
-    asked: Annotated[FailureRequest, Depends(parse_request)],
+    asked: Annotated[FailureQuery, Depends(parse_request)],
     after: After = None,
 ) -> HTMLResponse:
     """The collisions of all campaigns by severity."""
@@ -174,13 +174,13 @@ def make_failure_line(row: EpisodeRow, campaign: Campaign) -> FailureLine:
     )
 
 
-def _make_heading(asked: FailureRequest, now: SortOrder) -> Heading:
+def _make_heading(asked: FailureQuery, now: SortOrder) -> Heading:
     turned = SortOrder("severity", not now.descending)
     address = _write_address(asked.query, sort=str(turned))
     return Heading("severity", "Severity", "m²/s²", False, address, order(now))
 
 
-def _describe_archive(asked: FailureRequest) -> tuple[str, str]:
+def _describe_archive(asked: FailureQuery) -> tuple[str, str]:
     if "archived" in asked.query:
         return "Hide failures of archived campaigns", _write_address(asked.query, archived="")
     return "Show failures of archived campaigns", _write_address(asked.query, archived="true")
