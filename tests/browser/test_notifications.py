@@ -98,6 +98,8 @@ def test_without_the_interface_there_is_no_button(visit, queue):
     expect(page.locator("[data-notify]")).to_be_hidden()
 
 
-def test_an_ended_campaign_has_no_button(visit, made):
-    page = visit(f"/campaigns/{made.baseline}")
+def test_an_ended_campaign_has_no_button(visit, queue, store):
+    campaign = queue("has ended")
+    end(store, campaign)
+    page = visit(f"/campaigns/{campaign}")
     expect(page.locator("[data-notify]")).to_have_count(0)

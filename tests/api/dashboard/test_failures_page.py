@@ -32,6 +32,9 @@ def test_the_worst_failures_come_first_and_lead_to_their_episodes(http, places, 
     first = re.search(r'<th scope="row"><a href="([^"]*)"', text)[1].replace("&amp;", "&")
     assert http.get(first, headers=HTML).status_code == 200
     golden.check_page("dashboard/failures/all", text)
+    copies = read(http, "/copies?path=/failures")
+    assert "eigenfail episode failures" in copies
+    assert "client.episodes.list_failures()" in copies
 
 
 def test_pages_follow_each_other(http, places, monkeypatch):
