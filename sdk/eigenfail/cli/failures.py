@@ -38,9 +38,7 @@ Owner = Annotated[
 ]
 Sort = Annotated[
     str | None,
-    typer.Option(
-        metavar="ORDER", show_default=MOST_SEVERE_FIRST, help=f"{' or '.join(FAILURE_ORDERS)}."
-    ),
+    typer.Option(show_default=MOST_SEVERE_FIRST, help=f"{' or '.join(FAILURE_ORDERS)}."),
 ]
 Archived = Annotated[
     bool, typer.Option("--archived", help="List failures of archived campaigns, too.")
