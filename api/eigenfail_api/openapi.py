@@ -63,6 +63,7 @@ from eigenfail.values.webhooks import (
     WebhookDelivery,
     WebhookRequest,
 )
+from eigenfail.views import SavedView, ViewRequest
 from eigenfail.wire import http
 from eigenfail.wire.http import (
     MAX_CAMPAIGNS_AT_ONCE,
@@ -144,6 +145,9 @@ BODIES = (
     NoteText,
     Page[TriageNote],
     Usage,
+    SavedView,
+    ViewRequest,
+    Page[SavedView],
     Webhook,
     WebhookDelivery,
     WebhookRequest,
@@ -236,6 +240,7 @@ TAGS = {
     "analyses": "Failures grouped into failure modes, and replays of these modes.",
     "suites": "Named sets of campaigns that run, resume and are judged together.",
     "triage": "State, owner, labels, ticket and notes of failure modes and episodes.",
+    "views": "Lists with their filter and order under a name, shared by all users.",
     "events": "Events as a list or as a stream.",
     "workers": "Processes that run episodes.",
     "plug-ins": "Methods, planners, scenarios and simulators that campaigns can use.",
@@ -270,6 +275,11 @@ EXAMPLES: dict[str, Node] = {
     "create_webhook": {
         "url": "https://hooks.example.org/eigenfail",
         "events": ["campaign.ended", "gate.failed"],
+    },
+    "create_view": {
+        "name": "hard and new",
+        "page": "episodes",
+        "query": {"filter": "severity > 80 and state = new", "sort": "-severity"},
     },
     "record_gate": {
         "suite": "nightly",

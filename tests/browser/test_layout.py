@@ -78,6 +78,7 @@ PAGES = {
     ],
     "/releases": ["/releases", "/releases?project=none"],
     "/releases/{campaign}": ["/releases/{real}"],
+    "/failures": ["/failures", "/failures?planner=none"],
     "/risk": ["/risk"],
     "/workers": ["/workers"],
     "/search": ["/search", "/search?q=a", "/search?q=nothing-has-this-name"],

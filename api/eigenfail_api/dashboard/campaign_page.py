@@ -8,6 +8,7 @@ from urllib.parse import urlencode
 import msgspec
 from fastapi import APIRouter, Header, Query
 from fastapi.responses import HTMLResponse
+from markupsafe import Markup
 from starlette.background import BackgroundTask
 
 from eigenfail.errors import Conflict
@@ -20,7 +21,6 @@ from eigenfail.presentation.figures import (
     format_count,
     format_duration,
     format_number,
-    format_utc,
 )
 from eigenfail.values import (
     FINAL_STATES,
@@ -73,7 +73,14 @@ from eigenfail_api.dashboard.episodes_page import (
     read_failures,
 )
 from eigenfail_api.dashboard.measures_page import read_measures
-from eigenfail_api.dashboard.rendering import WORKING, StandingView, Tile, make_standing, page
+from eigenfail_api.dashboard.rendering import (
+    WORKING,
+    StandingView,
+    Tile,
+    make_standing,
+    page,
+    write_time,
+)
 from eigenfail_api.parameters import CampaignId, Stored
 from eigenfail_api.routes import campaigns
 from eigenfail_services.campaigns.costs import (
@@ -410,17 +417,18 @@ def make_likelihood_tile(found: Findings) -> Tile:
 def as_of(found: Findings) -> str:
     """How far the campaign was: its part below is worked out less often."""
     completed = count_noun(found.campaign.counts.completed, "completed episode")
-    at = format_utc(found.at_ms)
-    return f"As of {completed}, {at}; means and charts may include later episodes."
+    at = write_time(found.at_ms)
+    words = Markup("As of {}, {}; means and charts may include later episodes.")
+    return words.format(completed, at)
 
 
 def list_times(campaign: Campaign) -> tuple[tuple[str, str], ...]:
     """Return the times of the campaign's changes of state, and its priority."""
     return (
         ("Priority", campaign.spec.priority),
-        ("Created", format_utc(campaign.created_ms)),
-        ("Started", format_utc(campaign.started_ms)),
-        ("Ended", format_utc(campaign.ended_ms)),
+        ("Created", write_time(campaign.created_ms)),
+        ("Started", write_time(campaign.started_ms)),
+        ("Ended", write_time(campaign.ended_ms)),
         ("Active", format_duration(campaign.active_s)),
         ("Errored", count_noun(campaign.counts.errored, "episode")),
         ("Duplicates", format_count(campaign.counts.duplicates)),

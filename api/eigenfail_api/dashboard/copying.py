@@ -144,6 +144,8 @@ WORDS: Mapping[tuple[str, str], Words] = {
     ("GET", "/releases/{campaign}"): Words(
         "client.releases.get({campaign})", "release show {campaign}"
     ),
+    ("GET", "/failures"): Words("list(client.episodes.list_failures())", "episode failures"),
+    ("GET", "/views"): Words("list(client.views.list())", "view list"),
     ("GET", "/workers/present"): Words("client.present_workers()", "worker list"),
     ("GET", "/comparisons"): Words("client.campaigns.compare({a}, {b})", "compare {a} {b}"),
 }

@@ -24,7 +24,7 @@ from eigenfail.filters import (
     write_failure_filter,
 )
 from eigenfail.presentation.analyses import choose_channel_words
-from eigenfail.presentation.figures import count_noun, format_number, format_utc
+from eigenfail.presentation.figures import count_noun, format_number
 from eigenfail.values import (
     Analysis,
     AnalysisSettings,
@@ -36,6 +36,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.analysis import JOINT
 from eigenfail.values.records import EpisodeRow
+from eigenfail.views import SavedView, ViewPage
 from eigenfail.wire.http import PREFIX
 from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_api.dashboard.charts import Chart, make_parallel_chart, spread
@@ -45,8 +46,10 @@ from eigenfail_api.dashboard.rendering import (
     Badge,
     make_outcome_badge,
     page,
+    write_time,
 )
 from eigenfail_api.dashboard.triage_forms import CHOICES, TriageChoices, describe_triage
+from eigenfail_api.dashboard.view_forms import ViewMenu, make_view_menu
 from eigenfail_api.parameters import LARGEST, CampaignId, Stored
 from eigenfail_services.store import Store
 
@@ -305,7 +308,7 @@ def make_analysis_line(analysis: Analysis, channels: Sequence[str]) -> AnalysisL
         is_done=analysis.state is AnalysisState.DONE,
         badge=ANALYSIS_BADGES[analysis.state],
         settings=", ".join(describe_settings(analysis.settings, channels)),
-        created=format_utc(analysis.created_ms),
+        created=write_time(analysis.created_ms),
         problem=analysis.problem,
     )
 
@@ -360,6 +363,7 @@ class FoundView(msgspec.Struct, frozen=True, kw_only=True):
         empty: why there is nothing to see.
         triage_choices: what the form for triage offers.
         changed: how many episodes the form for triage has just changed; None if it was not sent.
+        views: saved views of lists of episodes.
     """
 
     campaign: int
@@ -383,15 +387,20 @@ class FoundView(msgspec.Struct, frozen=True, kw_only=True):
     empty: str = ""
     triage_choices: TriageChoices = CHOICES
     changed: int | None = None
+    views: ViewMenu
 
 
 def make_found_view(
-    campaign: Campaign, asked: EpisodeRequest, page: Page[EpisodeRow], chart: Chart | None
+    campaign: Campaign,
+    asked: EpisodeRequest,
+    page: Page[EpisodeRow],
+    chart: Chart | None,
+    views: Sequence[SavedView] = (),
 ) -> FoundView:
     """Return the page with the results of a search for episodes."""
     here, conditions, sort = campaign.id, asked.filter, str(asked.sort)
     return msgspec.structs.replace(
-        make_blank_view(campaign, asked),
+        make_blank_view(campaign, asked, views),
         chart=chart,
         title=make_title(page, asked),
         command=format_export_command(here, asked),
@@ -405,14 +414,20 @@ def make_found_view(
     )
 
 
-def make_refused_view(campaign: Campaign, asked: EpisodeRequest, problem: str) -> FoundView:
+def make_refused_view(
+    campaign: Campaign, asked: EpisodeRequest, problem: str, views: Sequence[SavedView] = ()
+) -> FoundView:
     """Return the page with the problem of an invalid filter."""
     empty = "The filter is invalid: no episodes were searched."
-    return msgspec.structs.replace(make_blank_view(campaign, asked), problem=problem, empty=empty)
+    blank = make_blank_view(campaign, asked, views)
+    return msgspec.structs.replace(blank, problem=problem, empty=empty)
 
 
-def make_blank_view(campaign: Campaign, asked: EpisodeRequest) -> FoundView:
+def make_blank_view(
+    campaign: Campaign, asked: EpisodeRequest, views: Sequence[SavedView]
+) -> FoundView:
     """Return the page before the first search."""
+    query = {"filter": asked.filter, "sort": "" if asked.sort == BY_INDEX else str(asked.sort)}
     return FoundView(
         campaign=campaign.id,
         name=campaign.spec.name,
@@ -426,6 +441,7 @@ def make_blank_view(campaign: Campaign, asked: EpisodeRequest) -> FoundView:
         columns=tuple(COLUMNS.values()),
         title="Episodes",
         changed=asked.changed,
+        views=make_view_menu(views, ViewPage.EPISODES, query, campaign.id),
     )
 
 
@@ -491,14 +507,16 @@ def show_episodes(
 ) -> HTMLResponse:
     """Episodes that fulfil a filter, sorted, and all of their measures at once."""
     seen, after = store.campaigns.get(campaign), asked.after
+    views = store.views.list_by_name(ViewPage.EPISODES)
     try:
         where = parse_filter(asked.filter)
     except InputError as error:
-        return page("episodes.html", make_refused_view(seen, asked, str(error)), error.http_status)
+        refused = make_refused_view(seen, asked, str(error), views)
+        return page("episodes.html", refused, error.http_status)
     listed = store.episodes.page(campaign, EPISODES_ON_A_PAGE, after, where, asked.sort)
     drawn = spread(store, seen, where)
     chart = make_parallel_chart(drawn.rows, is_all=drawn.is_all) if drawn.rows else None
-    return page("episodes.html", make_found_view(seen, asked, listed, chart))
+    return page("episodes.html", make_found_view(seen, asked, listed, chart, views))
 
 
 @router.get("/campaigns/{campaign}/failures")

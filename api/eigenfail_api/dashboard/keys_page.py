@@ -12,7 +12,6 @@ from fastapi.responses import HTMLResponse, RedirectResponse, Response
 from markupsafe import Markup
 
 from eigenfail.errors import Unauthorized
-from eigenfail.presentation.figures import format_utc
 from eigenfail.values import Page
 from eigenfail.values.access import ApiKey, AuditEntry, Quotas, Scope, Usage
 from eigenfail_api.access.authentication import (
@@ -27,7 +26,7 @@ from eigenfail_api.access.authentication import (
 )
 from eigenfail_api.access.middleware import append_change, describe_change
 from eigenfail_api.dashboard.copying import CopiedRequest, make_copies, read_service
-from eigenfail_api.dashboard.rendering import TEMPLATES, Badge, Pager, make_pager, page
+from eigenfail_api.dashboard.rendering import TEMPLATES, Badge, Pager, make_pager, page, write_time
 from eigenfail_api.parameters import Before, Stored, read_within
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -125,11 +124,11 @@ def make_key_line(key: ApiKey, usage: Usage, at_ms: int) -> KeyLine:
         name=key.name,
         scope=key.scope,
         badge=make_badge(key, at_ms),
-        made=format_utc(key.created_ms),
-        used=format_utc(key.last_used_ms),
+        made=write_time(key.created_ms),
+        used=write_time(key.last_used_ms),
         quotas=tuple(list_quotas(key.quotas, usage)),
         limits=tuple((name, words, getattr(key.quotas, name)) for name, words in LIMITS.items()),
-        ends=format_utc(key.revoked_ms or key.expires_ms),
+        ends=write_time(key.revoked_ms or key.expires_ms),
         can_revoke=key.is_valid(at_ms),
     )
 
@@ -162,7 +161,7 @@ def make_audit_view(listed: Page[AuditEntry], before: int | None) -> AuditView:
 def make_change_line(entry: AuditEntry) -> ChangeLine:
     """Return the line of an entry of the audit log."""
     return ChangeLine(
-        at=format_utc(entry.at_ms),
+        at=write_time(entry.at_ms),
         who=entry.who if entry.key is None else f"{entry.who} ({entry.key})",
         did=f"{entry.method} {entry.route}",
         subject=entry.subject,

@@ -17,7 +17,6 @@ from eigenfail.presentation.figures import (
     format_number,
     format_share,
     format_usd,
-    format_utc,
 )
 from eigenfail.presentation.tables import FormattedCell, Table, format_cost
 from eigenfail.values import FINAL_STATES, Campaign, CampaignCost, Safety, TimeSplit
@@ -26,7 +25,7 @@ from eigenfail.values.safety import FailurePoint, Scatter
 from eigenfail.worlds import world_of
 from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_values
 from eigenfail_api.dashboard.overview_page import MOST_LINES
-from eigenfail_api.dashboard.rendering import Tile, page
+from eigenfail_api.dashboard.rendering import Tile, page, write_time
 from eigenfail_api.parameters import CampaignId, Stored
 from eigenfail_api.routes.analyses import COSTS
 from eigenfail_services.campaigns.costs import CampaignFigures, find_figures
@@ -297,7 +296,11 @@ def show_measures(store: Stored, campaign: CampaignId) -> HTMLResponse:
     return page("measures.html", read_measures(seen, find_figures(store, seen)))
 
 
+def _make_time_cell(at_ms: int) -> FormattedCell:
+    return FormattedCell(write_time(at_ms))
+
+
 def read_measures(campaign: Campaign, found: CampaignFigures) -> MeasuresView:
     """Return safety, cost and workers of a campaign."""
-    workers = tabulate_workers(found.workers, format_utc, MOST_LINES)
+    workers = tabulate_workers(found.workers, _make_time_cell, MOST_LINES)
     return make_measures_view(campaign, found.safety, found.cost, workers)

@@ -15,6 +15,7 @@ from eigenfail.values import Campaign, CampaignState, Event, Page, Summary
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.operations import ACTIVE_S, Presence, WorkerShare
+from eigenfail.views import SavedView, ViewPage
 from eigenfail_api.dashboard.charts import Chart
 from eigenfail_api.dashboard.cost_charts import (
     REPLAY,
@@ -24,6 +25,7 @@ from eigenfail_api.dashboard.cost_charts import (
 )
 from eigenfail_api.dashboard.episodes_page import Heading, order
 from eigenfail_api.dashboard.rendering import WORKING, StandingView, Tile, make_standing, page
+from eigenfail_api.dashboard.view_forms import ViewMenu, make_view_menu
 from eigenfail_api.parameters import Before, Stored
 from eigenfail_services.campaigns.costs import compare_peers, list_methods
 from eigenfail_services.campaigns.summary import (
@@ -52,6 +54,17 @@ def make_worker_tiles(
     )
 
 
+LABELS = {
+    "project": "project",
+    "tag": "tag",
+    "planner_version": "planner version",
+    "suite": "suite",
+}
+"""Filters that addresses and saved views have, but the form does not, with their words."""
+
+FILTERS = ("state", "method", "search", *LABELS)
+
+
 class Wanted(msgspec.Struct, frozen=True):
     """Which campaigns are asked for; None where any will do, replays aside.
 
@@ -59,6 +72,7 @@ class Wanted(msgspec.Struct, frozen=True):
         method: None leaves out replays, which find nothing new.
         sort: their order.
         archived: whether archived campaigns are listed, too.
+        project, tag, planner_version, suite: as campaigns state them; only addresses have them.
     """
 
     state: CampaignState | None = None
@@ -67,9 +81,18 @@ class Wanted(msgspec.Struct, frozen=True):
     before: int | None = None
     sort: SortOrder = NEWEST_FIRST
     archived: bool = False
+    project: str | None = None
+    tag: str | None = None
+    planner_version: str | None = None
+    suite: str | None = None
 
     def address(self, **changes: object) -> str:
         """The address of this page, or of one like it."""
+        query = self.query(**changes)
+        return f"/?{urlencode(query)}" if query else "/"
+
+    def query(self, **changes: object) -> dict[str, str]:
+        """The parameters of that address."""
         given = msgspec.structs.asdict(self) | changes
         query = {name: str(value) for name, value in given.items() if value is not None}
         if given["sort"] == NEWEST_FIRST:
@@ -77,24 +100,33 @@ class Wanted(msgspec.Struct, frozen=True):
         del query["archived"]
         if given["archived"]:
             query["archived"] = "true"
-        return f"/?{urlencode(query)}" if query else "/"
+        return query
 
     @property
     def unfiltered(self) -> str:
         """The address of all campaigns, in the same order."""
-        return self.address(state=None, method=None, search=None, before=None)
+        return self.address(**dict.fromkeys(FILTERS), before=None)
+
+    @property
+    def labels(self) -> tuple[tuple[str, str, str], ...]:
+        """Parameter, words and value of each filter that the form does not have."""
+        named = ((name, words, getattr(self, name)) for name, words in LABELS.items())
+        return tuple(each for each in named if each[2] is not None)
 
     @property
     def where(self) -> CampaignFilter:
         """The same in the words of the store."""
         besides = None if self.method else REPLAY
         only = None if self.archived else False
-        return CampaignFilter(self.method, self.search, besides, self.state, archived=only)
+        labels = {name: getattr(self, name) for name in LABELS}
+        return CampaignFilter(
+            self.method, self.search, besides, self.state, archived=only, **labels
+        )
 
     @property
     def is_filtered(self) -> bool:
         """Whether not all campaigns are wanted."""
-        return (self.state, self.method, self.search) != (None, None, None)
+        return any(getattr(self, name) is not None for name in FILTERS)
 
 
 HEADINGS = (
@@ -145,6 +177,7 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
         headings: the columns that sort the list.
         archive: words and address of this list with or without archived campaigns; None where no
             campaign is archived.
+        views: saved views of this list.
     """
 
     wanted: Wanted
@@ -165,6 +198,7 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
     stranded: tuple[Event, ...]
     latest: int
     archive: tuple[str, str] | None
+    views: ViewMenu
 
 
 class OverviewFacts(msgspec.Struct, frozen=True, kw_only=True):
@@ -181,6 +215,7 @@ class OverviewFacts(msgspec.Struct, frozen=True, kw_only=True):
         stranded: what was said of each campaign that no connected worker can run.
         latest: the id of the newest event.
         has_archive: whether any campaign is archived.
+        views: saved views of the list.
     """
 
     page: Page[Campaign]
@@ -194,6 +229,7 @@ class OverviewFacts(msgspec.Struct, frozen=True, kw_only=True):
     stranded: tuple[Event, ...]
     latest: int
     has_archive: bool
+    views: tuple[SavedView, ...]
 
 
 def make_overview(known: OverviewFacts, wanted: Wanted) -> Overview:
@@ -220,6 +256,7 @@ def make_overview(known: OverviewFacts, wanted: Wanted) -> Overview:
         stranded=known.stranded,
         latest=known.latest,
         archive=describe_archive(wanted) if known.has_archive else None,
+        views=make_view_menu(known.views, ViewPage.CAMPAIGNS, wanted.query(before=None)),
     )
 
 
@@ -277,11 +314,27 @@ class FormFilters(NamedTuple):
     archived: bool
 
 
+class LabelFilters(NamedTuple):
+    """The filters that only addresses have; None where one is empty."""
+
+    project: str | None
+    tag: str | None
+    planner_version: str | None
+    suite: str | None
+
+
 def read_filters(
     state: State = "", method: Words = "", search: Words = "", archived: Archived = False
 ) -> FormFilters:
     """Return the filters of a request."""
     return FormFilters(state or None, method or None, search.strip() or None, archived)
+
+
+def read_labels(
+    project: Words = "", tag: Words = "", planner_version: Words = "", suite: Words = ""
+) -> LabelFilters:
+    """Return the filters of a request that the form does not have."""
+    return LabelFilters(project or None, tag or None, planner_version or None, suite or None)
 
 
 # An open page sends it when it asks for itself again.
@@ -292,11 +345,13 @@ Again = Annotated[str | None, Header(alias="HX-Request", include_in_schema=False
 def show_overview(
     store: Stored,
     named: Annotated[FormFilters, Depends(read_filters)],
+    labels: Annotated[LabelFilters, Depends(read_labels)],
     before: Before = None,
     sort: Sort = str(NEWEST_FIRST),
 ) -> HTMLResponse:
     """Campaigns in an order, by default newest first."""
-    wanted = Wanted(before=before, sort=parse_campaign_sort(sort), **named._asdict())
+    given = {**named._asdict(), **labels._asdict()}
+    wanted = Wanted(before=before, sort=parse_campaign_sort(sort), **given)
     found = read_overview(store, wanted)
     staffing = partial(make_staffing, store, len(found.here), found.stranded)
     return page("overview.html", make_overview(found, wanted), staffing=staffing)
@@ -317,5 +372,6 @@ def read_overview(store: Store, wanted: Wanted) -> OverviewFacts:
         within_s=ACTIVE_S,
         stranded=list_unrunnable(store),
         latest=latest,
+        views=store.views.list_by_name(ViewPage.CAMPAIGNS),
         has_archive=bool(store.campaigns.page(1, where=CampaignFilter(archived=True)).items),
     )

@@ -3,6 +3,7 @@
 import re
 import tomllib
 from collections.abc import Callable, Coroutine, Mapping
+from datetime import UTC, datetime
 from functools import cache
 from os import PathLike, stat_result
 from pathlib import Path
@@ -11,6 +12,7 @@ from typing import Any, NamedTuple
 import msgspec
 from fastapi import Request
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from markupsafe import Markup
 from starlette.responses import FileResponse, HTMLResponse, Response
 from starlette.staticfiles import StaticFiles
 from starlette.types import Scope
@@ -137,12 +139,21 @@ class Assets(StaticFiles):
         return response
 
 
+def write_time(at_ms: int | None) -> str:
+    """Return a time in UTC as HTML, which scripts show in the time zone of the browser."""
+    if at_ms is None:
+        return UNKNOWN
+    moment = datetime.fromtimestamp(at_ms // 1_000, UTC).replace(tzinfo=None)
+    marked = Markup('<time datetime="{}Z">{}</time>')
+    return marked.format(moment.isoformat(), format_utc(at_ms))
+
+
 FILTERS = {
     "integer": format_count,
     "number": format_number,
     "percent": format_share,
     "duration": format_duration,
-    "moment": format_utc,
+    "moment": write_time,
 }
 
 

@@ -11,10 +11,10 @@ from urllib.parse import parse_qsl, urlencode
 import msgspec
 from fastapi import APIRouter, Depends, HTTPException, Request
 from fastapi.responses import RedirectResponse
+from markupsafe import Markup
 
 from eigenfail.errors import InvalidValue
 from eigenfail.filters import parse_filter
-from eigenfail.presentation.figures import format_utc
 from eigenfail.values.triage import (
     LONGEST_LABEL,
     LONGEST_NOTE,
@@ -29,6 +29,7 @@ from eigenfail.values.triage import (
 )
 from eigenfail.wire.http import read_fields
 from eigenfail_api.access.change_details import record_form
+from eigenfail_api.dashboard.rendering import write_time
 from eigenfail_api.parameters import (
     AnalysisId,
     CallerName,
@@ -101,14 +102,15 @@ def make_triage_view(store: Store, subject: TriageSubject) -> TriageView:
     """Return the triage of a mode or an episode that exists."""
     found, page = store.triage.get(subject), store.triage.notes(subject, NOTES_ON_PAGE)
     by = f", by {found.changed_by}" if found.changed_by else ""
+    at = write_time(found.changed_ms)
     return TriageView(
         address=find_address(subject),
         subject=subject.kind.value,
         triage=found,
-        changed="" if found.changed_ms is None else f"{format_utc(found.changed_ms)}{by}",
+        changed="" if found.changed_ms is None else Markup("{}{}").format(at, by),
         labels=", ".join(found.labels),
         notes=tuple(
-            NoteLine(note.author, format_utc(note.at_ms), note.text) for note in page.items
+            NoteLine(note.author, write_time(note.at_ms), note.text) for note in page.items
         ),
         has_more=page.next is not None,
         command=_write_command(subject),

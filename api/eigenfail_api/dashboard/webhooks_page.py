@@ -7,14 +7,14 @@ import msgspec
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
-from eigenfail.presentation.figures import UNKNOWN, format_utc
+from eigenfail.presentation.figures import UNKNOWN
 from eigenfail.values.webhooks import (
     EVERY_EVENT,
     MAX_WEBHOOKS,
     DeliveryState,
     Webhook,
 )
-from eigenfail_api.dashboard.rendering import Badge, page
+from eigenfail_api.dashboard.rendering import Badge, page, write_time
 from eigenfail_api.parameters import Stored
 from eigenfail_services.store.outbox import DeliverySummary
 
@@ -92,9 +92,9 @@ def make_delivery_line(delivery: DeliverySummary) -> DeliveryLine:
         webhook=delivery.webhook,
         kind=delivery.kind,
         badge=BADGES[delivery.state],
-        created=format_utc(delivery.created_ms),
+        created=write_time(delivery.created_ms),
         attempts=delivery.attempts,
-        following=format_utc(delivery.next_ms) if is_pending else UNKNOWN,
+        following=write_time(delivery.next_ms) if is_pending else UNKNOWN,
         outcome=" ".join(_describe_outcome(delivery)) or UNKNOWN,
     )
 

@@ -6,10 +6,10 @@ import msgspec
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
-from eigenfail.presentation.figures import UNKNOWN, format_count, format_number, format_utc
+from eigenfail.presentation.figures import UNKNOWN, format_count, format_number
 from eigenfail.presentation.workers import WorkerActivity, WorkerState, combine_activity
 from eigenfail.values.operations import ACTIVE_S, Event
-from eigenfail_api.dashboard.rendering import Badge, Tile, page
+from eigenfail_api.dashboard.rendering import Badge, Tile, page, write_time
 from eigenfail_api.parameters import Stored
 from eigenfail_services.campaigns.summary import (
     LATELY_S,
@@ -118,6 +118,6 @@ def _make_line(each: WorkerActivity, results: int) -> WorkerLine:
         episodes=each.episodes,
         errored=each.errored,
         rate=format_number(results / ACTIVE_S),
-        last_result=format_utc(each.last_ms),
-        heard=format_utc(each.heard_ms),
+        last_result=write_time(each.last_ms),
+        heard=write_time(each.heard_ms),
     )

@@ -18,6 +18,7 @@ from eigenfail.cli.options import (
     SpecFile,
     Urgency,
     Url,
+    ViewName,
     Watched,
 )
 from eigenfail.cli.render import (
@@ -29,6 +30,7 @@ from eigenfail.cli.render import (
     show,
 )
 from eigenfail.cli.specs import describe_check, parse_changes, read_spec
+from eigenfail.cli.view import read_view
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.filters import CAMPAIGN_ORDERS, NEWEST_FIRST
 from eigenfail.hosting.folder import DEFAULT_URL
@@ -47,6 +49,7 @@ from eigenfail.presentation.campaigns import (
 from eigenfail.presentation.terminal import render
 from eigenfail.values import Campaign, CampaignState, Priority
 from eigenfail.values.safety import TAIL_LEVEL
+from eigenfail.views import ViewPage
 from eigenfail.wire.http import make_error
 from eigenfail.worlds import find_robustness_unit
 
@@ -204,9 +207,10 @@ PlannerVersion = Annotated[
     str | None, typer.Option(help="Only campaigns of this version of a planner.")
 ]
 Sort = Annotated[
-    str,
+    str | None,
     typer.Option(
         metavar="COLUMN",
+        show_default=str(NEWEST_FIRST),
         help=f"Order: {', '.join(CAMPAIGN_ORDERS)}; with a minus, the largest first.",
     ),
 ]
@@ -235,23 +239,28 @@ def list_campaigns(
     project: Project = None,
     tag: Tag = None,
     planner_version: PlannerVersion = None,
-    sort: Sort = str(NEWEST_FIRST),
+    sort: Sort = None,
     archived: Archived = False,
+    view: ViewName = None,
     limit: Limit = 20,
     watched: Watched = False,
     as_json: AsJson = False,
 ) -> None:
     """List campaigns, by default newest first."""
+    given = {
+        "state": state,
+        "method": method,
+        "search": search,
+        "project": project,
+        "tag": tag,
+        "planner_version": planner_version,
+        "sort": sort,
+        "archived": archived or None,
+    }
     with interruptible(), connect_to(context, url) as client:
+        asked = read_view(client, view, ViewPage.CAMPAIGNS, given)
         page = TerminalView(
-            look=lambda: client.campaigns.list(
-                *(state, None, method, search),
-                project=project,
-                tag=tag,
-                planner_version=planner_version,
-                sort=sort,
-                archived=archived,
-            ).first(limit),
+            look=lambda: client.campaigns.list(**asked).first(limit),
             campaigns=lambda seen: seen,
             to_data=lambda seen: seen,
             draw=lambda seen: render(tabulate_campaigns(seen)),

@@ -9,9 +9,19 @@ import typer
 from msgspec.structs import replace
 
 from eigenfail.cli.connection import connect_to
-from eigenfail.cli.options import AsJson, CampaignId, EpisodeId, Limit, Url, parse_episode_id
+from eigenfail.cli.failures import list_failures
+from eigenfail.cli.options import (
+    AsJson,
+    CampaignId,
+    EpisodeId,
+    Limit,
+    Url,
+    ViewName,
+    parse_episode_id,
+)
 from eigenfail.cli.render import follow, judge, show, show_rows, to_json
 from eigenfail.cli.triage import add_episode_note, show_episode_triage, triage_episodes
+from eigenfail.cli.view import read_view
 from eigenfail.errors import InvalidValue, NoisePruned, NotFound
 from eigenfail.exchange.recording import EgoControl, RecordingFormat
 from eigenfail.explanations import StepWindow, build_explanation
@@ -32,6 +42,7 @@ from eigenfail.values import CampaignSpec, Outcome, Replayed
 from eigenfail.values.records import EpisodeDetail
 from eigenfail.values.report import ExportFormat, ExportRequest
 from eigenfail.versions import differences, versions
+from eigenfail.views import ViewPage
 from eigenfail.wire.http import SHRINK_WITHIN
 from eigenfail.worlds import drawn_for, placed_for
 
@@ -181,6 +192,20 @@ Filter = Annotated[
     typer.Option("--filter", help='Conditions, such as "severity > 80 and min_ttc_s < 1.5".'),
 ]
 Sort = Annotated[str, typer.Option(help="A column, or -column for the largest first.")]
+OnlyFilter = Annotated[
+    str | None,
+    typer.Option(
+        "--filter",
+        show_default="every episode",
+        help='Conditions, such as "severity > 80 and min_ttc_s < 1.5".',
+    ),
+]
+OnlySort = Annotated[
+    str | None,
+    typer.Option(
+        "--sort", show_default="index", help="A column, or -column for the largest first."
+    ),
+]
 Fields = Annotated[
     str, typer.Option(show_default="all", help="Only these columns, separated by commas.")
 ]
@@ -223,16 +248,18 @@ def list_episodes(
     campaign: CampaignId,
     url: Url = DEFAULT_URL,
     outcome: OnlyOutcome = None,
-    conditions: Filter = "",
-    sort: Sort = "index",
+    conditions: OnlyFilter = None,
+    sort: OnlySort = None,
     fields: Fields = "",
+    view: ViewName = None,
     limit: Limit = 20,
     as_json: AsJson = False,
 ) -> None:
     """List the episodes of a campaign."""
-    columns = parse_fields(fields)
-    asked = {"filter": conditions, "sort": sort}
+    given = {"filter": conditions, "sort": sort, "fields": parse_fields(fields) or None}
     with connect_to(context, url) as client:
+        asked = read_view(client, view, ViewPage.EPISODES, given)
+        columns = asked.pop("fields", ())
         if columns:
             picked = client.episodes.list(campaign, outcome, **asked, fields=columns)
             show_rows(picked, limit, as_json, lambda rows: render(tabulate_fields(columns, rows)))
@@ -317,6 +344,7 @@ def show_episode(
 
 for page in (replay, explain, shrink):
     app.command()(page)
+app.command("failures")(list_failures)
 app.command("triage")(triage_episodes)
 app.command("note")(add_episode_note)
 app.command("notes")(show_episode_triage)

@@ -25,6 +25,7 @@ _OPTIONS = MappingProxyType(
         "--method": "NAME",
         "--name": "NAME",
         "--pictures": "FOLDER",
+        "--planner": "NAME",
         "--planner-version": "VERSION",
         "--scenario": "NAME",
         "--search": "TEXT",

@@ -22,9 +22,11 @@ from eigenfail.filters import Value, parse_sort
 from eigenfail.frames import Rows
 from eigenfail.table_columns import list_named_columns
 from eigenfail.values import Campaign, Explanation, Outcome, Page
+from eigenfail.values.failures import FailureRequest, parse_failure_sort
 from eigenfail.values.operations import Presence
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.report import Export, ExportFormat, ExportRequest, ExportState
+from eigenfail.values.triage import TriageState
 from eigenfail.wire.http import ReplayRequest, read_fields
 
 POLL_S = 0.5
@@ -48,6 +50,30 @@ class ExportOptions(TypedDict, total=False):
     sort: str
     fields: Sequence[str]
     noise: bool
+
+
+class FailureFields(TypedDict, total=False):
+    """Which failures of all campaigns are listed, and in which order.
+
+    Attributes:
+        project: project of the campaigns.
+        planner: planner of the campaigns.
+        planner_version: version of the planner, as the campaigns state it.
+        method: method of the campaigns.
+        archived: whether failures of archived campaigns are listed, too.
+        state: state of the triage.
+        owner: owner in the triage; empty for none.
+        sort: -severity, the most severe first, or severity.
+    """
+
+    project: str
+    planner: str
+    planner_version: str
+    method: str
+    archived: bool
+    state: TriageState | str
+    owner: str
+    sort: str
 
 
 class Episodes:
@@ -120,6 +146,25 @@ class Episodes:
         columns = list_named_columns(fields) if fields else None
         extent = Extent(partial(self._link.count, path, asked), reverse, columns)
         return self._link.pages(path, kind, "after", picked, extent)
+
+    def list_failures(self, **wanted: Unpack[FailureFields]) -> Rows[EpisodeRow]:
+        """List the collisions of all campaigns by severity, loaded page by page on demand.
+
+        Violations without a collision have no severity and are not listed, nor are, unless
+        `method` names them, those of campaigns that repeat earlier failures.
+
+        Args:
+            wanted: project, planner, planner_version and method of the campaigns, and whether
+                those of archived ones are listed (`archived`); state and owner of the triage;
+                sort: -severity for the most severe first, or severity.
+
+        Raises:
+            UnknownName: no such state or order.
+        """
+        asked = read_fields(wanted, FailureRequest)
+        parse_failure_sort(asked.sort)
+        params = {**msgspec.to_builtins(asked), "archived": "true" if asked.archived else None}
+        return self._link.pages("/failures", Page[EpisodeRow], "after", params)
 
     def export(
         self,

@@ -547,7 +547,7 @@ def tabulate_boxes(found: Region) -> Table:
 
 def tabulate_workers(
     shares: Sequence[WorkerShare],
-    format_time: Callable[[int], str] = format_local_time,
+    format_time: Callable[[int], Cell] = format_local_time,
     most: int | None = None,
 ) -> Table:
     """Return the workers that ran the episodes of a campaign, the busiest first.

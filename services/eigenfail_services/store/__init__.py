@@ -12,6 +12,7 @@ from eigenfail_services.store.checkpoints import CheckpointStore
 from eigenfail_services.store.engine import WAIT_S, Database, find_backend, translate_errors
 from eigenfail_services.store.episodes import EpisodeStore
 from eigenfail_services.store.events import EventLog
+from eigenfail_services.store.failures import FailureStore
 from eigenfail_services.store.jobs import JobQueue
 from eigenfail_services.store.migrate import ensure_newest, upgrade_with
 from eigenfail_services.store.query_cache import CachedQueries, FigureStore
@@ -19,6 +20,7 @@ from eigenfail_services.store.retention import RetentionStore
 from eigenfail_services.store.roster import Roster
 from eigenfail_services.store.sqlite import SqliteMemory
 from eigenfail_services.store.triage import TriageStore
+from eigenfail_services.store.views import ViewStore
 from eigenfail_services.store.webhooks import WebhookStore
 
 __all__ = ["Store", "open_store"]
@@ -34,6 +36,7 @@ class Store:
         self.campaigns = CampaignStore(database)
         cached = CachedQueries(database)
         self.episodes = EpisodeStore(database, cached)
+        self.failures = FailureStore(database)
         self.figures = FigureStore(database, cached)
         self.checkpoints = CheckpointStore(database)
         self.analyses = AnalysisStore(database)
@@ -48,6 +51,7 @@ class Store:
         self.audit = AuditLog(database)
         self.roster = Roster(database)
         self.webhooks = WebhookStore(database)
+        self.views = ViewStore(database)
 
     def ping(self) -> None:
         """Raises StoreUnavailable, within seconds, if the database does not answer.

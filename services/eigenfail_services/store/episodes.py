@@ -228,9 +228,11 @@ _RESULTS = (
     .add_columns(select_pruned_ms().label("pruned_ms"))
 )
 
-_ROWS = select(
+ROWS = select(
     *episodes.c, select_pruned_ms().label("noise_pruned_ms"), select_column("mode").label("mode")
 )
+"""Columns of the lines of a list of episodes."""
+
 _SPEC = select(campaigns.c.spec).where(campaigns.c.id == bindparam("campaign"))
 
 
@@ -517,7 +519,7 @@ def _select_indices(indices: set[int]) -> Iterator[Expression]:
 
 
 def _rows(connection: Connection, campaign: int, indices: Sequence[int]) -> list[EpisodeRow]:
-    query = _ROWS.where(episodes.c.campaign == campaign)
+    query = ROWS.where(episodes.c.campaign == campaign)
     found: dict[int, EpisodeRow] = {}
     for chunk in chunks(set(indices)):
         judged = _read_requirements(connection, campaign, chunk)

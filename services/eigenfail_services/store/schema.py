@@ -497,6 +497,21 @@ webhook_deliveries = Table(
 )
 
 
+# Views of lists, which all users of the service share.
+saved_views = Table(
+    "saved_views",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("name", Prose, nullable=False),
+    Column("page", Text, nullable=False),
+    Column("query", Text, nullable=False),  # JSON
+    Column("author", Prose, nullable=False),
+    Column("saved_ms", BigInteger, nullable=False),
+    UniqueConstraint("name"),
+    sqlite_autoincrement=True,
+)
+
+
 class SpecFieldExpression(FunctionElement[str]):
     """A field of a campaign's spec, which is stored as JSON; objects come out as JSON text."""
 

@@ -42,6 +42,7 @@ ROUTES = {
         GET /campaigns/{campaign}/region/boxes
         GET /comparison
         GET /copies
+        GET /failures
         GET /glossary
         GET /launch
         POST /launch/form
@@ -102,6 +103,7 @@ ROUTES = {
         GET /api/v1/events/list
         GET /api/v1/exports/{export}
         GET /api/v1/exports/{export}/file
+        GET /api/v1/failures
         GET /api/v1/methods
         GET /api/v1/methods/{name}
         GET /api/v1/planners
@@ -117,6 +119,8 @@ ROUTES = {
         GET /api/v1/seeds
         GET /api/v1/suites
         GET /api/v1/suites/{suite}
+        GET /api/v1/views
+        GET /api/v1/views/{view}
         GET /api/v1/workers
         GET /api/v1/workers/present
         GET /api/v1/workers/staffing
@@ -126,6 +130,12 @@ ROUTES = {
         PUT /api/v1/analyses/{analysis}/modes/{mode}/name
         POST /api/v1/gates
         POST /api/v1/suites
+        POST /views
+        POST /views/{view}/delete
+        POST /views/{view}/name
+        POST /api/v1/views
+        DELETE /api/v1/views/{view}
+        PUT /api/v1/views/{view}
         POST /analyses/{analysis}/modes/triage
         POST /analyses/{analysis}/modes/{mode}/notes
         POST /analyses/{analysis}/modes/{mode}/triage

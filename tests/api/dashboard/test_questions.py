@@ -18,7 +18,10 @@ from eigenfail_services.store import open_store
 
 HTML = {"Accept": "text/html"}
 SHARED = re.compile(r"BEGIN|SELECT keys\.")
-PAGES = ("/", "/campaigns/1", "/campaigns/1/measures", "/campaigns/1/episodes/0", "/analyses/1")
+PAGES = (
+    *("/", "/campaigns/1", "/campaigns/1/measures", "/campaigns/1/episodes/0", "/analyses/1"),
+    *("/campaigns/1/episodes", "/failures", "/failures?state=new", "/failures?state=known"),
+)
 
 
 @pytest.fixture

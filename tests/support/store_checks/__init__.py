@@ -18,6 +18,7 @@ from store_checks import (
     episode_filters,
     episode_lists,
     episodes,
+    failures,
     fencing,
     figures,
     jobs,
@@ -33,6 +34,7 @@ from store_checks import (
     safety,
     suites,
     triage,
+    views,
     webhooks,
 )
 
@@ -56,6 +58,8 @@ STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
     *records.CHECKS,
     *modes.CHECKS,
     *triage.CHECKS,
+    *failures.CHECKS,
+    *views.CHECKS,
     *requirements.CHECKS,
     *retention.CHECKS,
     *access.CHECKS,

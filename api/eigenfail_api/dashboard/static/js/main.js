@@ -1,12 +1,16 @@
 // What every page needs: buttons, parts that come later, and the feed of events.
 import { arm, armCopies } from "./actions.js";
 import { fetchLater, follow } from "./live.js";
+import { armNotifications } from "./notifications.js";
+import { showLocalTimes } from "./times.js";
 
 document.documentElement.classList.add("js");
 arm();
 armCopies();
 fetchLater();
 follow();
+showLocalTimes();
+armNotifications();
 // A swap replaces a part of the page: the title of the document that the part came from is not its title.
 document.addEventListener("htmx:before:swap", ({ detail }) => { detail.ctx.title = null; });
 // As on other sites, / goes to the search, unless it is typed into a field.

@@ -1,0 +1,191 @@
+"""The page of the failures of all campaigns."""
+
+from collections.abc import Mapping
+from typing import Annotated, Literal, NamedTuple
+from urllib.parse import urlencode
+
+import msgspec
+from fastapi import APIRouter, Depends, Query
+from fastapi.responses import HTMLResponse
+from msgspec.structs import replace
+
+from eigenfail.filters import SortOrder, parse_sort, write_failure_filter
+from eigenfail.values import Campaign
+from eigenfail.values.failures import MOST_SEVERE_FIRST, FailureFilter, parse_failure_sort
+from eigenfail.values.records import EpisodeRow
+from eigenfail.values.triage import TriageState
+from eigenfail.views import ViewPage
+from eigenfail_api.dashboard.episodes_page import (
+    EpisodeLine,
+    EpisodeRequest,
+    Heading,
+    find_worst_order,
+    format_cell,
+    make_episode_line,
+    order,
+)
+from eigenfail_api.dashboard.rendering import page
+from eigenfail_api.dashboard.triage_forms import STATES
+from eigenfail_api.dashboard.view_forms import ViewMenu, make_view_menu
+from eigenfail_api.parameters import Stored
+from eigenfail_api.routes.failures import After, parse_campaigns
+
+router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
+
+FAILURES_ON_A_PAGE = 50
+PATH = "/failures"
+COLUMNS = ("severity", "log_probability_per_step", "steps")
+
+Words = Annotated[str, Query(max_length=200)]
+
+
+class FailureQuery(NamedTuple):
+    """What an address of the page asks for; an empty text asks for nothing.
+
+    Attributes:
+        query: the parameters that are not empty, as in the address, without the place.
+        where: the same as a filter.
+        sort: the order, written as text.
+    """
+
+    query: Mapping[str, str]
+    where: FailureFilter
+    sort: str
+
+
+class FailureLine(msgspec.Struct, frozen=True):
+    """A failure in the list.
+
+    Attributes:
+        episode: the line of the episode in the list of failures of its campaign.
+        name: name of its campaign.
+        planner: planner of its campaign, with its version if that is known.
+        severity, log_p, steps: figures as text.
+    """
+
+    episode: EpisodeLine
+    name: str
+    planner: str
+    severity: str
+    log_p: str
+    steps: str
+
+
+class FailuresView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page.
+
+    Attributes:
+        query: parameters of the list, as in its address.
+        severity: head of the column that sorts the list.
+        first: address of the first page; empty on it.
+        next: address of the page behind this one; empty on the last.
+        states: values and words of the states of triage, for a choice.
+        archive: words and address of the list with or without archived campaigns.
+    """
+
+    query: Mapping[str, str]
+    severity: Heading
+    lines: tuple[FailureLine, ...]
+    first: str
+    next: str
+    states: tuple[tuple[str, str], ...] = STATES
+    archive: tuple[str, str]
+    is_filtered: bool
+    views: ViewMenu
+
+
+class FailureForm(NamedTuple):
+    """Fields of the form about campaigns; an empty one asks for nothing."""
+
+    project: str
+    planner: str
+    planner_version: str
+    method: str
+
+
+def read_campaign_fields(
+    project: Words = "", planner: Words = "", planner_version: Words = "", method: Words = ""
+) -> FailureForm:
+    """Return the fields of a request about campaigns."""
+    return FailureForm(*(text.strip() for text in (project, planner, planner_version, method)))
+
+
+def parse_request(
+    campaigns: Annotated[FailureForm, Depends(read_campaign_fields)],
+    state: Annotated[TriageState | Literal[""], Query()] = "",
+    owner: Words = "",
+    archived: Annotated[bool, Query()] = False,
+    sort: Annotated[str, Query(max_length=64)] = MOST_SEVERE_FIRST,
+) -> FailureQuery:
+    """Return what an address asks for."""
+    parse_failure_sort(sort)
+    of_campaign = campaigns._asdict()
+    given = {
+        **of_campaign,
+        "state": str(state),
+        "owner": owner.strip(),
+        "archived": "true" if archived else "",
+        "sort": "" if sort.strip() == MOST_SEVERE_FIRST else sort.strip(),
+    }
+    where = replace(
+        parse_campaigns(**of_campaign, archived=archived),
+        state=TriageState(state) if state else None,
+        owner=owner.strip() or None,
+    )
+    return FailureQuery({name: text for name, text in given.items() if text}, where, sort.strip())
+
+
+@router.get(PATH)
+def show_failures(
+    store: Stored,
+    asked: Annotated[FailureQuery, Depends(parse_request)],
+    after: After = None,
+) -> HTMLResponse:
+    """The collisions of all campaigns by severity."""
+    descending = parse_failure_sort(asked.sort)
+    found = store.failures.page(
+        asked.where, FAILURES_ON_A_PAGE, after, most_severe_first=descending
+    )
+    campaigns = store.failures.read_campaigns(found.items)
+    views = store.views.list_by_name(ViewPage.FAILURES)
+    view = FailuresView(
+        query=asked.query,
+        severity=_make_heading(asked, SortOrder("severity", descending)),
+        lines=tuple(make_failure_line(row, campaigns[row.campaign]) for row in found.items),
+        first="" if after is None else _write_address(asked.query),
+        next="" if found.next is None else _write_address(asked.query, after=str(found.next)),
+        archive=_describe_archive(asked),
+        is_filtered=bool({*asked.query} - {"sort", "archived"}),
+        views=make_view_menu(views, ViewPage.FAILURES, asked.query),
+    )
+    return page("all_failures.html", view)
+
+
+def make_failure_line(row: EpisodeRow, campaign: Campaign) -> FailureLine:
+    """Return the line of a failure of a campaign."""
+    spec = campaign.spec
+    listed = EpisodeRequest(write_failure_filter(spec), parse_sort(find_worst_order(spec)))
+    version = f" {spec.version}" if spec.version else ""
+    return FailureLine(
+        make_episode_line(row, listed),
+        spec.name,
+        f"{spec.planner}{version}",
+        *(format_cell(row, column) for column in COLUMNS),
+    )
+
+
+def _make_heading(asked: FailureQuery, now: SortOrder) -> Heading:
+    turned = SortOrder("severity", not now.descending)
+    address = _write_address(asked.query, sort=str(turned))
+    return Heading("severity", "Severity", "m²/s²", False, address, order(now))
+
+
+def _describe_archive(asked: FailureQuery) -> tuple[str, str]:
+    if "archived" in asked.query:
+        return "Hide failures of archived campaigns", _write_address(asked.query, archived="")
+    return "Show failures of archived campaigns", _write_address(asked.query, archived="true")
+
+
+def _write_address(query: Mapping[str, str], **changes: str) -> str:
+    given = {name: text for name, text in {**query, **changes}.items() if text}
+    return f"{PATH}?{urlencode(given)}" if given else PATH

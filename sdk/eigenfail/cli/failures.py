@@ -1,0 +1,80 @@
+"""`eigenfail episode failures`: the failures of all campaigns in one list."""
+
+from typing import Annotated
+
+import typer
+
+from eigenfail.cli import completion
+from eigenfail.cli.connection import connect_to
+from eigenfail.cli.options import AsJson, Limit, Url, ViewName
+from eigenfail.cli.render import show_rows
+from eigenfail.cli.view import read_view
+from eigenfail.hosting.folder import DEFAULT_URL
+from eigenfail.presentation.episodes import tabulate_failures
+from eigenfail.presentation.terminal import render
+from eigenfail.values.failures import FAILURE_ORDERS, MOST_SEVERE_FIRST
+from eigenfail.values.triage import TriageState
+from eigenfail.views import ViewPage
+
+Project = Annotated[str | None, typer.Option(help="Only failures of this project.")]
+Planner = Annotated[
+    str | None,
+    typer.Option(
+        help="Only failures of this planner.", autocompletion=completion.complete_planners
+    ),
+]
+PlannerVersion = Annotated[
+    str | None, typer.Option(help="Only failures of this version of a planner.")
+]
+Method = Annotated[
+    str | None,
+    typer.Option(
+        help="Only failures that this method found.", autocompletion=completion.complete_methods
+    ),
+]
+State = Annotated[TriageState | None, typer.Option(help="Only failures in this state of triage.")]
+Owner = Annotated[
+    str | None, typer.Option(metavar="NAME", help='Only failures of this owner; "" for none.')
+]
+Sort = Annotated[
+    str | None,
+    typer.Option(show_default=MOST_SEVERE_FIRST, help=f"{' or '.join(FAILURE_ORDERS)}."),
+]
+Archived = Annotated[
+    bool, typer.Option("--archived", help="List failures of archived campaigns, too.")
+]
+
+
+def list_failures(
+    context: typer.Context,
+    url: Url = DEFAULT_URL,
+    project: Project = None,
+    planner: Planner = None,
+    planner_version: PlannerVersion = None,
+    method: Method = None,
+    state: State = None,
+    owner: Owner = None,
+    sort: Sort = None,
+    archived: Archived = False,
+    view: ViewName = None,
+    limit: Limit = 20,
+    as_json: AsJson = False,
+) -> None:
+    """List the collisions of all campaigns, the most severe first.
+
+    Campaigns that repeat earlier failures are left out unless --method names theirs.
+    """
+    given = {
+        "project": project,
+        "planner": planner,
+        "planner_version": planner_version,
+        "method": method,
+        "state": state,
+        "owner": owner,
+        "sort": sort,
+        "archived": archived or None,
+    }
+    with connect_to(context, url) as client:
+        asked = read_view(client, view, ViewPage.FAILURES, given)
+        found = client.episodes.list_failures(**asked)
+        show_rows(found, limit, as_json, lambda rows: render(tabulate_failures(rows)))

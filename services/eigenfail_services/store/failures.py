@@ -1,0 +1,263 @@
+"""The failures of all campaigns in one list, by severity, read through the index of each campaign.
+
+No index holds the severities of all campaigns together. A page of n failures is within the n
+campaigns whose first failures come first, and within the first n failures of each of them.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+from sqlalchemy import (
+    Connection,
+    Select,
+    Subquery,
+    and_,
+    asc,
+    desc,
+    nulls_last,
+    or_,
+    select,
+    union_all,
+)
+
+from eigenfail.errors import InvalidValue
+from eigenfail.values import Campaign, Outcome, Page
+from eigenfail.values.campaign import MAX_EPISODES
+from eigenfail.values.failures import FailureFilter
+from eigenfail.values.records import EpisodeRow
+from eigenfail.values.triage import UNTOUCHED, Triage, TriageState
+from eigenfail_services.store.codec import to_campaign, to_row
+from eigenfail_services.store.engine import Database
+from eigenfail_services.store.episodes import ROWS
+from eigenfail_services.store.listing import Expression, filter_campaigns
+from eigenfail_services.store.schema import (
+    campaigns,
+    episode_index,
+    episodes,
+    requirement_values,
+    spec_field,
+    triage,
+)
+from eigenfail_services.store.triage_rows import TriageKind, to_triage
+
+MOST_FAILURES = 200
+"""Most failures of a page: each campaign of a page is a part of one statement, which has limits."""
+
+_c = episodes.c
+_COLUMNS = (_c.severity, _c.campaign, episode_index)
+_IS_LISTED = (_c.outcome == Outcome.COLLISION, _c.severity.is_not(None))
+
+
+class _Place(NamedTuple):
+    """Place of a failure in the list."""
+
+    severity: float
+    campaign: int
+    episode: int
+
+    @property
+    def cursor(self) -> int:
+        """The place as one number: no campaign has more than `MAX_EPISODES` episodes."""
+        return self.campaign * MAX_EPISODES + self.episode
+
+
+class _Order(NamedTuple):
+    """Order of the list: severity, campaign and index, all of them descending or ascending.
+
+    Attributes:
+        descending: whether the most severe come first.
+        last: the failure behind which the list begins; None for its head.
+    """
+
+    descending: bool
+    last: _Place | None
+
+    def sort(self, query: Select[Any], *columns: Expression) -> Select[Any]:
+        """Return a query in the order of some columns."""
+        ordered = (column.desc() if self.descending else column for column in columns)
+        return query.order_by(*ordered)
+
+    def begin(self, query: Select[Any]) -> Select[Any]:
+        """Return a query for failures without those up to the last one."""
+        if self.last is None:
+            return query
+        severity, campaign, index = self.last
+        same = _c.severity == severity
+        # The first condition alone lets the index of a campaign begin at the place.
+        return query.where(
+            _c.severity <= severity if self.descending else _c.severity >= severity,
+            or_(
+                self._is_beyond(_c.severity, severity),
+                and_(same, self._is_beyond(_c.campaign, campaign)),
+                and_(same, _c.campaign == campaign, self._is_beyond(episode_index, index)),
+            ),
+        )
+
+    def _is_beyond(self, column: Expression, value: float) -> Expression:
+        return column < value if self.descending else column > value
+
+
+class FailureStore:
+    """Collisions of all campaigns that are failures and have a severity."""
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def page(
+        self,
+        where: FailureFilter,
+        limit: int,
+        after: int | None = None,
+        *,
+        most_severe_first: bool = True,
+    ) -> Page[EpisodeRow]:
+        """Return failures by severity, and among equal ones by campaign and index.
+
+        Args:
+            where: what the failures must be.
+            limit: maximum number of failures, at most `MOST_FAILURES`.
+            after: only failures behind this place, the `next` of a page.
+            most_severe_first: whether all three are descending, or ascending.
+
+        Raises:
+            InvalidValue: `after` is not the place of a failure.
+        """
+        with self._database.reading() as connection:
+            last = None if after is None else _find_place(connection, after)
+            order = _Order(most_severe_first, last)
+            if _is_of_triaged(where):
+                query = _select_triaged(where, order)
+            else:
+                query = _select_of_campaigns(connection, where, order, limit + 1)
+            ordered = order.sort(query, *query.selected_columns).limit(limit + 1)
+            places = [_Place(*row) for row in connection.execute(ordered)]
+            rows = _read_rows(connection, places[:limit])
+        return Page(rows, places[limit - 1].cursor if len(places) > limit else None)
+
+    def read_campaigns(self, rows: Iterable[EpisodeRow]) -> dict[int, Campaign]:
+        """Return the campaigns of failures by their ids."""
+        query = select(campaigns).where(campaigns.c.id.in_({row.campaign for row in rows}))
+        with self._database.reading() as connection:
+            return {row["id"]: to_campaign(row) for row in connection.execute(query).mappings()}
+
+
+def _find_place(connection: Connection, cursor: int) -> _Place:
+    campaign, index = divmod(cursor, MAX_EPISODES)
+    query = select(*_COLUMNS).where(_c.campaign == campaign, episode_index == index, *_IS_LISTED)
+    found = connection.execute(query).one_or_none()
+    if found is None:
+        problem = f"No failure is at the place {cursor}."
+        raise InvalidValue("after", problem, "Take `next` of a page.")
+    return _Place(*found)
+
+
+def _is_of_triaged(where: FailureFilter) -> bool:
+    """Whether only failures with a row of triage can fulfil a filter."""
+    return where.state not in {None, UNTOUCHED.state} or bool(where.owner)
+
+
+def _compare_triage(where: FailureFilter) -> list[tuple[Expression, str]]:
+    """Return the columns of triage that a filter compares, with their values."""
+    state: TriageState | None = where.state
+    compared = ((triage.c.state, state), (triage.c.owner, where.owner))
+    return [(column, str(value)) for column, value in compared if value is not None]
+
+
+def _filter_campaigns(where: FailureFilter) -> list[Expression]:
+    """Return the conditions on the campaign of a failure."""
+    found = [campaigns.c.failures > 0, *filter_campaigns(where.campaign)]
+    if where.planner is not None:
+        found.append(spec_field("planner") == where.planner)
+    if where.besides:
+        found.append(spec_field("method").not_in(where.besides))
+    return found
+
+
+def _select_triaged(where: FailureFilter, order: _Order) -> Select[Any]:
+    """Return the query for failures with rows of triage: these are few beside the episodes."""
+    query = (
+        select(*_COLUMNS)
+        .join(triage, (triage.c.parent == _c.campaign) & (triage.c.number == episode_index))
+        .join(campaigns, campaigns.c.id == _c.campaign)
+        .where(triage.c.kind == TriageKind.EPISODE, *_IS_LISTED, *_filter_campaigns(where))
+        .where(*(column == value for column, value in _compare_triage(where)))
+    )
+    return order.begin(query)
+
+
+def _select_of_campaigns(
+    connection: Connection, where: FailureFilter, order: _Order, most: int
+) -> Select[Any]:
+    """Return the query for the first failures of the campaigns that may be on a page.
+
+    No index has the severities of all campaigns. The first failures of all are among the first of
+    as many campaigns: of those whose own first failure comes first.
+    """
+    failing = order.begin(select(_c.severity).where(*_IS_LISTED))
+    if compared := _compare_triage(where):
+        triaged = select(triage.c.kind).where(
+            triage.c.kind == TriageKind.EPISODE,
+            triage.c.parent == _c.campaign,
+            triage.c.number == episode_index,
+            or_(*(column != value for column, value in compared)),
+        )
+        failing = failing.where(~triaged.correlate(episodes).exists())
+    of_campaign = failing.where(_c.campaign == campaigns.c.id).correlate(campaigns)
+    first = order.sort(of_campaign, _c.severity, episode_index).limit(1).scalar_subquery()
+    severity = first.label("severity")
+    heads = select(campaigns.c.id, severity).where(*_filter_campaigns(where))
+    # Named once: SQLite would look for the first failure again for each condition on it.
+    head: Expression = desc(severity.name) if order.descending else asc(severity.name)
+    ordered = order.sort(heads.order_by(nulls_last(head)), campaigns.c.id).limit(most)
+    chosen = [row.id for row in connection.execute(ordered) if row.severity is not None]
+    parts = [
+        _limit(failing.with_only_columns(*_COLUMNS).where(_c.campaign == campaign), order, most)
+        for campaign in chosen
+    ]
+    if not parts:
+        return select(*_COLUMNS).where(_c.campaign < 0)
+    merged = union_all(*(select(*part.c) for part in parts)).subquery()
+    return select(*merged.c)
+
+
+def _limit(query: Select[Any], order: _Order, most: int) -> Subquery:
+    return order.sort(query, _c.severity, episode_index).limit(most).subquery()
+
+
+def _read_rows(connection: Connection, places: Sequence[_Place]) -> tuple[EpisodeRow, ...]:
+    """Return the failures at these places, in their order."""
+    if not places:
+        return ()
+    keys = [(place.campaign, place.episode) for place in places]
+    value = requirement_values.c
+    judged: defaultdict[tuple[int, int], list[float]] = defaultdict(list)
+    query = select(value.campaign, value["index"], value.robustness)
+    for campaign, index, robustness in connection.execute(
+        query.where(_match(keys, value.campaign, value["index"])).order_by(value.requirement)
+    ):
+        judged[campaign, index].append(robustness)
+    known: dict[tuple[int, int], Triage] = {
+        (row["parent"], row["number"]): to_triage(row)
+        for row in connection.execute(
+            select(triage).where(
+                triage.c.kind == TriageKind.EPISODE,
+                _match(keys, triage.c.parent, triage.c.number),
+            )
+        ).mappings()
+    }
+    found = {
+        (row["campaign"], row["index"]): row
+        for row in connection.execute(
+            ROWS.where(_match(keys, _c.campaign, episode_index))
+        ).mappings()
+    }
+    return tuple(to_row(found[key], tuple(judged[key]), known.get(key, UNTOUCHED)) for key in keys)
+
+
+def _match(keys: Sequence[tuple[int, int]], campaign: Expression, index: Expression) -> Expression:
+    """Return the condition that two columns are one of these campaigns and indices."""
+    of_campaigns: defaultdict[int, list[int]] = defaultdict(list)
+    for owner, place in keys:
+        of_campaigns[owner].append(place)
+    return or_(*((campaign == owner) & index.in_(at) for owner, at in of_campaigns.items()))

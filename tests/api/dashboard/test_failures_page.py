@@ -1,0 +1,67 @@
+"""The page of the failures of all campaigns."""
+
+import re
+
+import pytest
+from store_checks.failures import fill
+
+from eigenfail_api.dashboard import failures_page
+
+HTML = {"Accept": "text/html"}
+
+
+def read(http, address):
+    response = http.get(address, headers=HTML)
+    assert response.status_code == 200
+    return response.text
+
+
+def list_places(text):
+    found = re.findall(r'<th scope="row"><a href="[^"]*">(\d+)/(\d+)</a></th>', text)
+    return [(int(campaign), int(index)) for campaign, index in found]
+
+
+@pytest.fixture
+def places(store):
+    return sorted(fill(store), reverse=True)
+
+
+def test_the_worst_failures_come_first_and_lead_to_their_episodes(http, places, golden):
+    text = read(http, "/failures")
+    assert list_places(text) == [(campaign, index) for _, campaign, index in places]
+    first = re.search(r'<th scope="row"><a href="([^"]*)"', text)[1].replace("&amp;", "&")
+    assert http.get(first, headers=HTML).status_code == 200
+    golden.check_page("dashboard/failures/all", text)
+    copies = read(http, "/copies?path=/failures")
+    assert "eigenfail episode failures" in copies
+    assert "client.episodes.list_failures()" in copies
+
+
+def test_pages_follow_each_other(http, places, monkeypatch):
+    monkeypatch.setattr(failures_page, "FAILURES_ON_A_PAGE", 7)
+    address, found = "/failures?sort=severity", []
+    while address:
+        text = read(http, address)
+        found += list_places(text)
+        following = re.search(r'<a href="([^"]*)" rel="next">', text)
+        address = following[1].replace("&amp;", "&") if following else ""
+    assert found == [(campaign, index) for _, campaign, index in places[::-1]]
+
+
+def test_filters_stay_in_the_form(http, places):
+    text = read(http, "/failures?planner=idm&state=new&owner=&sort=severity&archived=true")
+    assert {campaign for campaign, _ in list_places(text)} == {2, 4}
+    assert 'name="planner" maxlength="200" value="idm"' in text
+    assert '<option value="new" selected>' in text
+    assert '<input type="hidden" name="archived" value="true">' in text
+    assert "No failures match these filters." in read(http, "/failures?project=none")
+    assert places
+
+
+def test_without_failures(http):
+    assert "No campaign has found a collision yet." in read(http, "/failures")
+
+
+@pytest.mark.parametrize("query", ["sort=steps", "state=done", "after=7", "project=" + "x" * 201])
+def test_what_cannot_be_is_refused(http, query):
+    assert http.get(f"/failures?{query}", headers=HTML).status_code == 422

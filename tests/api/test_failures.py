@@ -1,0 +1,80 @@
+"""The failures of all campaigns over HTTP."""
+
+import pytest
+from store_checks.failures import fill
+
+from eigenfail.values.triage import TriageChange, TriageState
+from eigenfail_services.store.failures import MOST_FAILURES
+from eigenfail_services.store.triage import episode_subject
+
+URL = "/api/v1/failures"
+
+
+@pytest.fixture
+def places(store):
+    """Severity, campaign and index of all failures, the most severe first."""
+    return sorted(fill(store), reverse=True)
+
+
+def read(http, **params):
+    found = http.get(URL, params=params).json()["items"]
+    return [(row["severity"], row["campaign"], row["index"]) for row in found]
+
+
+def test_failures_are_listed_page_by_page(http, places):
+    first = http.get(URL, params={"limit": 10}).json()
+    rest = read(http, limit=MOST_FAILURES, after=first["next"])
+    assert len(first["items"]) == 10
+    assert [row["severity"] for row in first["items"]] == [each[0] for each in places[:10]]
+    assert rest == places[10:]
+    assert read(http, sort="severity") == places[::-1]
+
+
+def test_failures_are_filtered(http, store, places):
+    severity, campaign, index = places[3]
+    store.triage.change(
+        episode_subject(campaign, index), TriageChange(TriageState.KNOWN, "anna"), "anna"
+    )
+    assert read(http, state="known") == read(http, owner="anna") == [places[3]]
+    assert severity == read(http, state="known")[0][0]
+    others = [each for each in places if each != places[3]]
+    assert read(http, state="new") == read(http, owner="") == others
+    assert read(http, planner="idm") == [each for each in places if each[1] in {2, 4}]
+    assert read(http, planner_version="v0") == [each for each in places if each[1] == 1]
+    assert read(http, project="y") == []
+
+
+def test_archived_campaigns_are_left_out_unless_asked_for(http, store, places):
+    store.campaigns.archive(1)
+    assert read(http) == [each for each in places if each[1] != 1]
+    assert read(http, archived="true") == places
+
+
+@pytest.mark.parametrize(
+    ("params", "field"),
+    [
+        ({"state": "done"}, "state"),
+        ({"sort": "steps"}, "sort"),
+        ({"limit": MOST_FAILURES + 1}, "limit"),
+        ({"after": 1}, "after"),
+        ({"filter": "severity > 1"}, "query"),
+    ],
+    ids=str,
+)
+def test_what_cannot_be_is_refused(http, problem, places, params, field):
+    assert places
+    assert problem(http.get(URL, params=params), 422)["field"] == field
+
+
+def test_failures_of_repeating_methods_are_left_out(http, store, places):
+    from msgspec.structs import replace
+    from store_checks.examples import deliver
+
+    from eigenfail.testing.examples import collision, spec
+
+    given = {"campaign": 1, "episodes": [0]}
+    made = store.campaigns.create(replace(spec(episodes=1), method="replay", settings=given))
+    deliver(store, store.campaigns.move(made.id, "running"), collision(0))
+    assert made.id not in {campaign for _, campaign, _ in read(http)}
+    assert {campaign for _, campaign, _ in read(http, method="replay")} == {made.id}
+    assert places
