@@ -85,7 +85,7 @@ SUMO = CampaignSpec(
 DRIVEN = {
     # The Gaussian process has 420 values to choose there, and takes longer than the simulation.
     "highway_drive": Place(make_drive(), 100, 10, "highway-env", {"optuna_gp": 5}),
-    "sumo": Place(SUMO, 200, 2, "libsumo", {}),
+    "sumo": Place(SUMO, 100, 2, "libsumo", {}),
 }
 
 BOUND = 2.0

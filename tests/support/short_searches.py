@@ -11,6 +11,7 @@ SEARCHES = {
     "cma": (40, {}),
     "annealing": (40, {}),
     "optuna": (40, {}),
+    "go_explore": (40, {}),
     "ast": (70, {}),
     "difs": (40, {"round_size": 20}),
     "ensemble": (40, {"method": "held", "members": 2}),

@@ -6,11 +6,20 @@ import pytest
 from eigenfail.errors import LearnerFailed, ProtocolError
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, ToyEngine
-from eigenfail.values import EpisodeTask, Importance, LearnerContext, episode_seed
+from eigenfail.values import (
+    CampaignSpec,
+    EpisodeTask,
+    Importance,
+    LearnerContext,
+    episode_seed,
+)
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.go_explore import START, Cell, GoExplore, LevelScale
+from eigenfail_workers.engine import Engine
 
 CORRIDOR = Corridor(steps=40, gain=0.1, wall=1.6)
+STEPS = 100
+"""Steps of an episode of `lead_brake`."""
 
 
 def make_learner(corridor=CORRIDOR, seed=1, **settings):
@@ -64,6 +73,18 @@ def test_a_return_repeats_the_course_of_an_earlier_episode_up_to_its_cell() -> N
         assert scale.find_level(float(result.importance[steps - 1])) == cell.level
         returned += 1
     assert returned > 100
+
+
+def test_a_return_leads_to_the_same_state_of_the_simulator() -> None:
+    spec = CampaignSpec(name="n", method="go_explore", episodes=24, scenario="lead_brake")
+    learner = make_learner(Corridor(steps=STEPS), hold=5, round_size=12)
+    cells, noise, found = play(learner, 2, engine=Engine(spec.setup()))
+    returns = [(i, 5 * cell.decision) for i, cell in enumerate(cells) if cell != START]
+    assert len(returns) > 6
+    for number, steps in returns:
+        same = [i for i in range(12) if np.array_equal(noise[i, :steps], noise[number, :steps])]
+        one, other = (found[i].importance[:steps].tolist() for i in (same[0], number))
+        assert one == other
 
 
 def test_a_cell_keeps_the_likeliest_way_and_counts_visits_and_returns() -> None:
