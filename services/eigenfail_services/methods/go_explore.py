@@ -127,8 +127,7 @@ class GoExplore:
 
     A cell is chosen with a probability proportional to 1 / sqrt(visits + 1) (Ecoffet et al. 2021,
     Nature 590, 580, without a policy), and keeps the likeliest noise that led there, as in adaptive
-    stress testing (Koren and Kochenderfer 2020, IEEE ITSC). Cells there are of steps and noise;
-    these are of steps and importance.
+    stress testing (Koren and Kochenderfer 2020, IEEE ITSC).
 
     Attributes:
         lookahead: 0, as each round depends on the cells of the one before.
