@@ -1,4 +1,4 @@
-"""Figures: searches on `highway_drive` and behind a bridge to SUMO, ten seeds each.
+"""Figures: searches on `highway_drive`, and behind a bridge to SUMO.
 
 The noise of `highway_drive` is white noise of the paper's sigma on every vehicle. The samplers of
 Optuna are those of the method `optuna`; other tools do not run here.
@@ -9,6 +9,7 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
+from itertools import chain
 from math import log, pi
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -18,7 +19,7 @@ from figures import ROOT, Figure
 from learning_figures import of_seeds
 from msgspec.structs import replace
 from searches import Crash, context, run
-from simple_searches import SEEDS, describe
+from simple_searches import describe
 
 from eigenfail.bridges import horizon as bridge_horizon
 from eigenfail.contracts import EpisodeEngine
@@ -53,14 +54,16 @@ class Place(NamedTuple):
         calls: episodes of a campaign.
         channels: channels of the noise.
         package: what must be installed.
-        seeds: number of seeds of the searches that do not have ten.
+        seeds: number of seeds.
+        fewer: number of seeds of the searches that have fewer.
     """
 
     spec: CampaignSpec
     calls: int
     channels: int
     package: str
-    seeds: dict[str, int]
+    seeds: int
+    fewer: dict[str, int]
 
 
 def make_drive() -> CampaignSpec:
@@ -83,9 +86,11 @@ SUMO = CampaignSpec(
 )
 
 DRIVEN = {
-    # The Gaussian process has 420 values to choose there, and takes longer than the simulation.
-    "highway_drive": Place(make_drive(), 100, 10, "highway-env", {"optuna_gp": 5}),
-    "sumo": Place(SUMO, 100, 2, "libsumo", {}),
+    # Optuna has 420 values to choose there, and takes longer than the simulation.
+    "highway_drive": Place(
+        make_drive(), 100, 10, "highway-env", 10, {"optuna_tpe": 5, "optuna_gp": 5}
+    ),
+    "sumo": Place(SUMO, 100, 2, "libsumo", 5, {}),
 }
 
 BOUND = 2.0
@@ -114,9 +119,11 @@ class DrivenRun(NamedTuple):
 def compare_driven(place: str, name: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     """Yield the figures of a search."""
     where = DRIVEN[place]
-    seeds = range(seed, seed + where.seeds.get(name, SEEDS))
-    runs = crew.each(find, [place] * len(seeds), [name] * len(seeds), seeds)
-    yield from describe_driven(place, name, runs)
+    seeds = range(seed, seed + where.fewer.get(name, where.seeds))
+    # One bridge for all campaigns: it takes longer to start than a campaign.
+    batches = [seeds] if place == "sumo" else [seeds[i : i + 1] for i in range(len(seeds))]
+    found = crew.each(find, [place] * len(batches), [name] * len(batches), batches)
+    yield from describe_driven(place, name, list(chain.from_iterable(found)))
 
 
 def describe_driven(
@@ -138,16 +145,19 @@ def count_causes(found: DrivenRun) -> int:
     return len({one.cause for one in found.crashes})
 
 
-def find(place: str, name: str, seed: int) -> DrivenRun:
-    """Run one campaign in this process."""
+def find(place: str, name: str, seeds: Sequence[int]) -> list[DrivenRun]:
+    """Run campaigns in this process."""
     where = DRIVEN[place]
     method, settings = (OWN | ADAPTED)[name]
-    spec = replace(where.spec, method=method, settings=settings, episodes=where.calls, seed=seed)
+    shared = replace(where.spec, method=method, settings=settings, episodes=where.calls)
+    specs = [replace(shared, seed=seed) for seed in seeds]
     if place == "sumo":
-        with bridged(spec) as behind:
-            return time_run(spec, bridge_horizon(spec), behind)
-    # An engine of its own: policies of earlier campaigns would be in the way of its first ones.
-    return time_run(spec, horizon(spec.scenario), Engine(spec.setup()))
+        steps = bridge_horizon(where.spec)
+        with bridged() as connection:
+            return [time_run(one, steps, BridgeEngine(one.setup(), connection)) for one in specs]
+    # Engines of their own: policies of earlier campaigns would be in the way of the first ones.
+    steps = horizon(where.spec.scenario)
+    return [time_run(one, steps, Engine(one.setup())) for one in specs]
 
 
 def time_run(spec: CampaignSpec, steps: int, engine: EpisodeEngine) -> DrivenRun:
@@ -158,14 +168,14 @@ def time_run(spec: CampaignSpec, steps: int, engine: EpisodeEngine) -> DrivenRun
 
 
 @contextmanager
-def bridged(spec: CampaignSpec) -> Iterator[BridgeEngine]:
-    """An engine whose bridge runs for as long as the block lasts."""
+def bridged() -> Iterator[SharedConnection]:
+    """A connection to a bridge that runs for as long as the block lasts."""
     with TemporaryDirectory() as folder:
         address = f"ipc://{folder}/sumo"
         process = subprocess.Popen([sys.executable, str(BRIDGE), address])
         try:
             with closing(SharedConnection(address)) as connection:
-                yield BridgeEngine(spec.setup(), connection)
+                yield connection
         finally:
             process.terminate()
             process.wait()

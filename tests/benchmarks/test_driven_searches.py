@@ -48,10 +48,9 @@ def test_a_campaign_on_the_drive_has_noise_on_every_vehicle_and_labels(monkeypat
 
     whole = driven_searches.DRIVEN["highway_drive"]
     monkeypatch.setitem(driven_searches.DRIVEN, "highway_drive", whole._replace(calls=CALLS))
-    run = driven_searches.find("highway_drive", "held", 20261122)
+    run, again = driven_searches.find("highway_drive", "held", [20261122] * 2)
     assert len(run.crashed) == CALLS
     assert run.cpu_s > 0.0
-    again = driven_searches.find("highway_drive", "held", 20261122)
     assert again.crashed == run.crashed
     for one, other in zip(run.crashes, again.crashes, strict=True):
         assert one.z.shape[1] == whole.channels
