@@ -11,7 +11,6 @@ SEARCHES = {
     "cma": (40, {}),
     "annealing": (40, {}),
     "optuna": (40, {}),
-    "go_explore": (40, {}),
     "ast": (70, {}),
     "difs": (40, {"round_size": 20}),
     "ensemble": (40, {"method": "held", "members": 2}),
@@ -19,6 +18,9 @@ SEARCHES = {
     "mixture": (500, {}),
 }
 """Episodes and settings by method."""
+
+CONTINUING = {"go_explore": (40, {})}
+"""The same of methods that take no scenario whose parameters vary."""
 
 
 def wait_until_done(client, campaign):
