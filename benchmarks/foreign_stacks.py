@@ -82,10 +82,15 @@ STACKS = {
 
 def list_missing(stack: Stack) -> tuple[str, ...]:
     """Return the package of a stack, if it is not installed."""
+    return list_missing_package(stack.package)
+
+
+def list_missing_package(package: str) -> tuple[str, ...]:
+    """Return a package, if it is not installed."""
     try:
-        distribution(stack.package)
+        distribution(package)
     except PackageNotFoundError:
-        return (stack.package,)
+        return (package,)
     return ()
 
 

@@ -12,6 +12,8 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 from crew import Crew, horizon
+from driven_searches import ADAPTED, DRIVEN
+from driven_searches import LEAST_LOG_P as LEAST_LOG_P_DRIVEN
 from figures import Figure
 from peer_tools import PEERS, Answer, CallsSpent, Task, Vector
 from samples import COMMAND
@@ -31,6 +33,12 @@ HOLD = 10
 SCENARIO_BOUND, FUNCTION_BOUND = 2.0, 4.0
 """Bounds of the tools that need some [sigma]. `ast` reaches as far in scenarios; the two corners
 and the four branches do not fail within 2 sigma."""
+
+OTHERS = {**PEERS, **ADAPTED}
+"""Searches of other tools, also those that a method of eigenfail calls."""
+
+COMPARED = (*PLACES, *DRIVEN)
+"""Where searches are compared."""
 
 POINT = ("failures", "log_p_per_step", "distance")
 """The figures of a search that are a point: of each, more is better."""
@@ -182,8 +190,8 @@ def read_points(figures: Mapping[str, Figure], place: str, names: Iterable[str])
 def count_points(figures: Mapping[str, Figure]) -> Iterator[tuple[str, Figure]]:
     """Figures of which points dominate, from the figures of all searches, ours and others'."""
     points = {
-        place: (read_points(figures, place, PEERS), read_points(figures, place, SEARCHES))
-        for place in PLACES
+        place: (read_points(figures, place, OTHERS), read_points(figures, place, SEARCHES))
+        for place in COMPARED
     }
     n = sum(len(peers) for peers, _ in points.values())
     if not n:
@@ -205,12 +213,20 @@ def count_points(figures: Mapping[str, Figure]) -> Iterator[tuple[str, Figure]]:
         )
 
 
-MEASURES = {"failures": 1, "first_failure": -1, "log_p_per_step": 1, "distance": 1, "regions": 1}
+MEASURES = {
+    "failures": 1,
+    "first_failure": -1,
+    "log_p_per_step": 1,
+    "distance": 1,
+    "regions": 1,
+    "causes": 1,
+}
 """Figures that are compared one by one, and whether more or less of each is better."""
 
 LEAST_LOG_P = {
-    place: -log(2.0 * pi) - (4.0 if place in FUNCTIONS else 2.0) ** 2 for place in PLACES
-}
+    place: -log(2.0 * pi) - (FUNCTION_BOUND if place in FUNCTIONS else SCENARIO_BOUND) ** 2
+    for place in PLACES
+} | LEAST_LOG_P_DRIVEN
 """log p per step of noise at the bounds of the other tools. [nat] Failures beyond them may have any
 distance from each other: that of less likely ones is not compared. In scenarios densities are of
 errors in metres, which are within 1 nat a step of those of z."""
@@ -232,9 +248,9 @@ def find_best_share(figures: Mapping[str, Figure]) -> Iterator[tuple[str, Figure
     Each cell is a place and a measure.
     """
     won, lost = [], []
-    for place, measure in product(PLACES, MEASURES):
+    for place, measure in product(COMPARED, MEASURES):
         ours, theirs = (
-            list_comparable(figures, place, measure, names) for names in (SEARCHES, PEERS)
+            list_comparable(figures, place, measure, names) for names in (SEARCHES, OTHERS)
         )
         if ours and theirs:
             is_best = compare_best(max(ours, key=np.median), max(theirs, key=np.median))

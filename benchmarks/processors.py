@@ -47,6 +47,7 @@ SMALL: dict[str, tuple[int, dict[str, Any]]] = {
     "cma": (60, {}),
     "annealing": (60, {}),
     "optuna": (60, {}),
+    "go_explore": (60, {}),
     "difs": (280, {"device": "cpu"}),
     "ensemble": (80, {"members": 2}),
     "evaluate": (20, {"campaign": EARLIER}),

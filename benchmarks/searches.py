@@ -44,7 +44,8 @@ class Crash(NamedTuple):
     """A failure: its noise z, shape (steps, channels), its likelihood and its severity.
 
     `prior` is what log p would be on average on the same steps, for noise from p(x) itself. The
-    course is None where episodes are calls of a function.
+    course is None where episodes are calls of a function, the cause where the scenario has no true
+    labels.
     """
 
     z: Floats
@@ -52,6 +53,7 @@ class Crash(NamedTuple):
     prior: float
     severity: float
     course: FailureCourse | None = None
+    cause: str | None = None
 
 
 class Found(NamedTuple):
@@ -178,6 +180,7 @@ def crash(result: EpisodeResult) -> Crash:
         prior(noise),
         float(severity or 0.0),
         scene and make_failure_course(result.index, scene.dt_s, scene.vehicles, scene.sizes),
+        result.measures and result.measures.cause,
     )
 
 

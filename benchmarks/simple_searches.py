@@ -66,8 +66,12 @@ SEARCHES: dict[str, tuple[str, dict[str, Any]]] = {
     "ast_wide": ("ast", {"patience": None, "amplitude": 4.0}),
     "cem": ("cem", {}),
     "difs": ("difs", {}),
+    "go_explore": ("go_explore", {}),
 }
 """Methods and settings by the name in figures; `ast` is one search, without restarts."""
+
+ON_ROADS = {"go_explore"}
+"""Searches that continue episodes from a step on, which functions do not have."""
 
 
 class KnownRegions(NamedTuple):
@@ -104,6 +108,11 @@ FUNCTIONS = {
 PLACES = ("cut_in", "merge_in", *FUNCTIONS)
 
 
+def list_searches(place: str) -> list[str]:
+    """The searches that run at a place."""
+    return [name for name in SEARCHES if place not in FUNCTIONS or name not in ON_ROADS]
+
+
 class Run(Protocol):
     """What is described of a search: whether each episode failed, and the failures."""
 
@@ -120,7 +129,9 @@ def compare(place: str, name: str, crew: Crew, seed: int) -> Iterator[tuple[str,
     yield from describe(place, name, runs)
 
 
-def describe(place: str, name: str, runs: Sequence[Run]) -> Iterator[tuple[str, Figure]]:
+def describe(
+    place: str, name: str, runs: Sequence[Run], calls: int = CALLS
+) -> Iterator[tuple[str, Figure]]:
     """Figures of a search, from its runs."""
     prefix = f"search.{place}.{name}"
     for what, unit, value_of in (
@@ -129,7 +140,7 @@ def describe(place: str, name: str, runs: Sequence[Run]) -> Iterator[tuple[str, 
         ("log_p_per_step", "nat", log_p_per_step),
         ("distance", "sigma", find_distance),
     ):
-        yield f"{prefix}.{what}", of_seeds([value_of(run) for run in runs], unit, CALLS)
+        yield f"{prefix}.{what}", of_seeds([value_of(run) for run in runs], unit, calls)
     if place in FUNCTIONS:
         counts = [float(count_regions(place, run)) for run in runs]
         note = f"; regions that hold {LEAST_SHARE:.0%} of the failures or more"

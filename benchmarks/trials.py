@@ -30,6 +30,7 @@ import varied
 from chains import chains
 from crew import Crew
 from curves import Curve
+from driven_searches import ADAPTED, DRIVEN, OWN, compare_driven
 from faults import faults, kinds
 from figures import Figure
 from foreign import found_in_others
@@ -46,7 +47,7 @@ from probability import p_fail
 from reproduction import Run
 from reproduction_drive import SeedRuns
 from shaped import shaped
-from simple_searches import PLACES, SEARCHES, compare
+from simple_searches import PLACES, compare, list_searches
 from undisturbed import undisturbed, unlit
 
 SCENARIOS = ("cut_in", "merge_in", "lead_brake")
@@ -158,7 +159,17 @@ TRIALS = (
     Trial(("difs.network.",), difs_network.find),
     *(
         Trial((f"search.{place}.{name}.",), partial(compare, place, name))
-        for place, name in product(PLACES, SEARCHES)
+        for place in PLACES
+        for name in list_searches(place)
+    ),
+    *(
+        Trial(
+            (f"search.{place}.{name}.",),
+            partial(compare_driven, place, name),
+            foreign_stacks.list_missing_package(where.package),
+        )
+        for place, where in DRIVEN.items()
+        for name in (*OWN, *ADAPTED)
     ),
     *(
         Trial(

@@ -5,7 +5,7 @@ import csv
 import deadlines
 import httpx2
 import pytest
-from short_searches import SEARCHES, wait_until_done
+from short_searches import CONTINUING, SEARCHES, wait_until_done
 
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, UnknownName
@@ -37,7 +37,8 @@ def create(client, method, episodes, settings, requirements=NAMED, **fields):
 
 
 def test_every_search_finds_violations(client, lasting_worker) -> None:
-    started = [create(client, name, *given, (HEADWAY,)) for name, given in SEARCHES.items()]
+    searches = SEARCHES | CONTINUING
+    started = [create(client, name, *given, (HEADWAY,)) for name, given in searches.items()]
     for campaign in started:
         ended = wait_until_done(client, campaign)
         assert ended.counts.errored == 0

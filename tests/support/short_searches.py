@@ -19,6 +19,9 @@ SEARCHES = {
 }
 """Episodes and settings by method."""
 
+CONTINUING = {"go_explore": (40, {})}
+"""The same of methods that take no scenario whose parameters vary."""
+
 
 def wait_until_done(client, campaign):
     """Return a campaign once its whole budget was run."""

@@ -189,6 +189,7 @@ def test_a_function_is_listed_to_be_launched_but_not_to_be_read(monkeypatch):
 
 
 SPLITTING = {"method": "splitting", "episodes": 4000}
+CONTINUING = (SPLITTING, {"method": "go_explore"})
 
 
 def test_splitting_takes_a_scenario_with_fixed_parameters():
@@ -196,15 +197,17 @@ def test_splitting_takes_a_scenario_with_fixed_parameters():
     assert check_spec(spec).spec is spec
 
 
-def test_splitting_is_refused_where_parameters_are_drawn():
+@pytest.mark.parametrize("method", CONTINUING)
+def test_what_continues_episodes_is_refused_where_parameters_are_drawn(method):
     with pytest.raises(InvalidValue, match="distance_m, actor_speed_mps drawn") as refusal:
-        check_spec(but(**SPLITTING, scenario_parameters=VARIED))
+        check_spec(but(**method, scenario_parameters=VARIED))
     assert refusal.value.field == "scenario_parameters"
 
 
-def test_splitting_is_refused_for_functions(monkeypatch):
+@pytest.mark.parametrize("method", CONTINUING)
+def test_what_continues_episodes_is_refused_for_functions(method, monkeypatch):
     monkeypatch.setenv("EIGENFAIL_FUNCTIONS", "m")
     function = {"simulator": "function", "scenario": "function", "planner": "m:f"}
-    spec = but(**SPLITTING, **function, planner_settings={}, scenario_parameters={"steps": 7})
+    spec = but(**method, **function, planner_settings={}, scenario_parameters={"steps": 7})
     with pytest.raises(InvalidValue, match="functions have no steps"):
         check_spec(spec)

@@ -289,7 +289,7 @@ def test_a_rule_on_results_keeps_two_rounds_open() -> None:
 
 
 @pytest.mark.parametrize(
-    "method", ["annealing", "cem", "cma", "difs", "mixture", "optuna", "splitting"]
+    "method", ["annealing", "cem", "cma", "difs", "go_explore", "mixture", "optuna", "splitting"]
 )
 def test_methods_that_decide_themselves_refuse_it(method) -> None:
     assert not describe_method(method).traits.tolerates_delay

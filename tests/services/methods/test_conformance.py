@@ -13,6 +13,7 @@ from eigenfail_services.methods.cem import CrossEntropyMethod
 from eigenfail_services.methods.chains import FailureChains
 from eigenfail_services.methods.cma import CovarianceAdaptation
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
+from eigenfail_services.methods.go_explore import GoExplore
 from eigenfail_services.methods.held import HeldNoise
 from eigenfail_services.methods.minimal import Minimal
 from eigenfail_services.methods.mixture import MixtureMethod
@@ -47,6 +48,11 @@ class TestCovarianceAdaptation(LearnerSuite):
 class TestSimulatedAnnealing(LearnerSuite):
     method = SimulatedAnnealing
     settings = MappingProxyType({"hold": 7, "runs": 4, "restart": 5})
+
+
+class TestGoExplore(LearnerSuite):
+    method = GoExplore
+    settings = MappingProxyType({"hold": 7, "round_size": 6})
 
 
 class TestParzenEstimator(LearnerSuite):
