@@ -116,6 +116,8 @@ WORDS: Mapping[tuple[str, str], Words] = {
     ("GET", "/releases/{campaign}"): Words(
         "client.releases.get({campaign})", "release show {campaign}"
     ),
+    ("GET", "/gates"): Words("list(client.gates.list())", "gate list"),
+    ("GET", "/gates/{gate}"): Words("client.gates.get({gate})", "gate show {gate}"),
     ("GET", "/workers/present"): Words("client.present_workers()", "worker list"),
     ("GET", "/comparisons"): Words("client.campaigns.compare({a}, {b})", "compare {a} {b}"),
 }

@@ -6,6 +6,8 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
 
+from msgspec.structs import replace
+
 from eigenfail.cli.connection import Place
 from eigenfail.cli.render import run_suite
 from eigenfail.client import Client
@@ -32,10 +34,12 @@ from eigenfail.gate.known import (
     needs_modes,
     read_outcomes,
 )
+from eigenfail.gate.matched import MatchedMode, find_obstacle, match_versions
 from eigenfail.gate.report import GateReport, GateRun, MemberReport, build_report
 from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunSide, judge_rerun, read_figures
 from eigenfail.gate.verdicts import RunOutcomes
 from eigenfail.hosting.folder import DEFAULT_URL
+from eigenfail.methods import traits_of
 from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values import (
     Analysis,
@@ -331,13 +335,30 @@ class Runner:
         if member.name not in before:
             return MemberReport(member=member.name, notes=("It is not in the baseline.",))
         was, is_now, ours = before[member.name], now[member.name], known[member.name]
-        return MemberReport(
+        report = MemberReport(
             member=member.name,
             baseline=read_figures(was),
             known=self._findings(ours, now),
-            rerun=None if was.id == is_now.id else self._rerun(was, is_now, by),
             notes=ours.notes,
         )
+        if was.id == is_now.id:
+            return report
+        modes, obstacle = self._match_modes(was, is_now)
+        notes = (*report.notes, obstacle) if obstacle else report.notes
+        return replace(report, rerun=self._rerun(was, is_now, by), modes=modes, notes=notes)
+
+    def _match_modes(self, was: Campaign, now: Campaign) -> tuple[tuple[MatchedMode, ...], str]:
+        """The failure modes of both versions, and why they are not matched, if so."""
+        has_failures = was.counts.failures or now.counts.failures
+        if not has_failures or not traits_of(now.spec.method).finds_new:
+            return (), ""
+        if now.counts.failures:
+            analyze_campaign(self._client, self._place, now.id)
+        table = self._client.releases.get(now.id)
+        before, version = was.spec.version, now.spec.version
+        if obstacle := find_obstacle(table, before, version):
+            return (), obstacle
+        return match_versions(table, before, version), ""
 
     def _findings(self, known: BaselineFailures, now: Campaigns) -> tuple[GateFinding, ...]:
         """What became of the known failures of a member."""

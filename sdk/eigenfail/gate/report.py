@@ -18,36 +18,48 @@ from xml.etree import ElementTree as ET
 import msgspec
 
 from eigenfail.gate.known import NEW_MODE
-from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
+from eigenfail.gate.matched import MatchedMode, count_statuses, describe_match
+from eigenfail.gate.reruns import (
+    Count,
+    GateFinding,
+    JudgedBy,
+    ReportName,
+    ReportSentence,
+    Rerun,
+    RerunFigures,
+)
 from eigenfail.gate.verdicts import CLOSING, INFRASTRUCTURE, STRICTLY_CLOSING, GateVerdict
 
 
-class MemberReport(msgspec.Struct, frozen=True, kw_only=True):
+class MemberReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What became of one member of the suite.
 
     Attributes:
         baseline: its campaign there; None where there is none, so that nothing is judged.
         known: the known failures, replayed.
         rerun: None where the baseline is the version itself.
+        modes: the failure modes of both versions, matched over releases; they judge nothing.
         notes: what could not be done, in sentences.
     """
 
-    member: str
+    member: ReportName
     baseline: RerunFigures | None = None
     known: tuple[GateFinding, ...] = ()
     rerun: Rerun | None = None
-    notes: tuple[str, ...] = ()
+    modes: tuple[MatchedMode, ...] = ()
+    notes: tuple[ReportSentence, ...] = ()
 
-    def verdicts(self) -> Iterator[GateVerdict]:
-        """Of each known failure, and of each failing episode of the rerun or of all of it."""
-        yield from (finding.verdict for finding in self.known)
+    def count_verdicts(self) -> Counter[GateVerdict]:
+        """Those of known failures, and of failing episodes of the rerun or of all of it."""
+        counts = Counter(finding.verdict for finding in self.known)
         if self.rerun is not None and self.rerun.by is JudgedBy.EPISODE:
-            yield from Counter(self.rerun.counts).elements()
+            counts.update(self.rerun.counts)
         if self.rerun is not None and self.rerun.by is JudgedBy.RATE:
-            yield self.rerun.verdict
+            counts[self.rerun.verdict] += 1
+        return counts
 
 
-class GateRun(msgspec.Struct, frozen=True, kw_only=True):
+class GateRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The inputs of a gate.
 
     Attributes:
@@ -56,14 +68,16 @@ class GateRun(msgspec.Struct, frozen=True, kw_only=True):
         baseline: as it was named; empty if this run makes one.
         strict: whether failures that were there before close the gate, too.
         by: by what campaigns under the same noise are judged.
+        file: file of the suite, as the command named it; empty where that is not known.
     """
 
-    suite: str
-    version: str
-    run: str
-    baseline: str = ""
+    suite: ReportName
+    version: ReportName
+    run: ReportName
+    baseline: ReportSentence = ""
     strict: bool = False
     by: JudgedBy = JudgedBy.EPISODE
+    file: ReportSentence = ""
 
     @property
     def closing(self) -> frozenset[GateVerdict]:
@@ -71,7 +85,7 @@ class GateRun(msgspec.Struct, frozen=True, kw_only=True):
         return STRICTLY_CLOSING if self.strict else CLOSING
 
 
-class GateReport(msgspec.Struct, frozen=True, kw_only=True):
+class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a gate found.
 
     Attributes:
@@ -81,7 +95,7 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True):
 
     gate: GateRun
     open: bool
-    counts: dict[GateVerdict, int]
+    counts: dict[GateVerdict, Count]
     members: tuple[MemberReport, ...]
 
     def problems(self) -> Iterator[str]:
@@ -101,7 +115,9 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True):
 
 def build_report(gate: GateRun, members: Sequence[MemberReport]) -> GateReport:
     """Everything together."""
-    seen = Counter(verdict for member in members for verdict in member.verdicts())
+    seen = Counter[GateVerdict]()
+    for member in members:
+        seen.update(member.count_verdicts())
     counts = {verdict: seen[verdict] for verdict in GateVerdict if seen[verdict]}
     is_open = gate.closing.isdisjoint(counts)
     return GateReport(gate=gate, open=is_open, counts=counts, members=tuple(members))
@@ -163,6 +179,10 @@ def _list_cases(member: MemberReport) -> Iterator[_TestCase]:
     """The test cases of a member."""
     for note in member.notes:
         yield _TestCase("baseline", note, None, note)
+    for mode in member.modes:
+        yield _TestCase(
+            "failure modes", f"{mode.name}: {mode.status_word}", None, describe_match(mode)
+        )
     for known in member.known:
         yield _TestCase(
             "known failures", known.what, known.verdict, _format_details(known), known.wall_s
@@ -303,6 +323,9 @@ def _list_caveats(report: GateReport) -> Iterator[str]:
             f" {new_modes}. Replay them; whether they come back, the same search from other seeds"
             " says."
         )
+    if matched := [mode for member in report.members for mode in member.modes]:
+        counts = ", ".join(count_statuses(matched))
+        yield f"Failure modes matched over releases, reported and not judged: {counts}."
     if within := sum(_count_within_chance(member) for member in report.members):
         yield f"Within chance, yet new: {within} episodes that did not fail before."
     if GateVerdict.UNPROVEN in report.counts:

@@ -12,6 +12,7 @@ from eigenfail_services.store.checkpoints import CheckpointStore
 from eigenfail_services.store.engine import WAIT_S, Database, find_backend, translate_errors
 from eigenfail_services.store.episodes import EpisodeStore
 from eigenfail_services.store.events import EventLog
+from eigenfail_services.store.gates import GateStore
 from eigenfail_services.store.jobs import JobQueue
 from eigenfail_services.store.migrate import ensure_newest, upgrade_with
 from eigenfail_services.store.query_cache import CachedQueries, FigureStore
@@ -48,6 +49,7 @@ class Store:
         self.audit = AuditLog(database)
         self.roster = Roster(database)
         self.webhooks = WebhookStore(database)
+        self.gates = GateStore(database)
 
     def ping(self) -> None:
         """Raises StoreUnavailable, within seconds, if the database does not answer.

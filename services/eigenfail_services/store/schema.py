@@ -36,7 +36,7 @@ from sqlalchemy.types import TypeEngine
 from eigenfail.values import MEASURES, Measure, Priority
 from eigenfail.values.episode import FAILURES, Outcome
 
-VERSION = "0025"
+VERSION = "0026"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -492,6 +492,25 @@ webhook_deliveries = Table(
     Index(None, "state", "next_ms"),
     Index(None, "webhook", "id"),
     Index(None, "webhook", "state"),
+    sqlite_autoincrement=True,
+)
+
+# Reports of gates, each once: `digest` is the SHA-256 of the report.
+gates = Table(
+    "gates",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("created_ms", BigInteger, nullable=False),
+    Column("digest", Text, nullable=False),
+    Column("suite", Prose, nullable=False),
+    Column("version", Prose, nullable=False),
+    Column("run", Prose, nullable=False),
+    Column("baseline", Prose, nullable=False),
+    Column("open", Boolean, nullable=False),
+    Column("counts", Text, nullable=False),  # JSON
+    Column("conclusion", Prose, nullable=False),
+    Column("report", Text, nullable=False),  # JSON
+    UniqueConstraint("digest"),
     sqlite_autoincrement=True,
 )
 

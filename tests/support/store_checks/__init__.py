@@ -20,6 +20,7 @@ from store_checks import (
     episodes,
     fencing,
     figures,
+    gates,
     jobs,
     labels,
     modes,
@@ -63,6 +64,7 @@ STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
     *quotas.CHECKS,
     *roster.CHECKS,
     *webhooks.CHECKS,
+    *gates.CHECKS,
     *crowds.CHECKS,
 )
 """One behaviour each; raise AssertionError where it is broken."""
