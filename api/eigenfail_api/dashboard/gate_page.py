@@ -44,7 +44,7 @@ _PAIR = re.compile(r"([1-9][0-9]{0,18})/([0-9]{1,18})")
 """An episode as CAMPAIGN/INDEX, or a mode as ANALYSIS/NUMBER."""
 
 
-class Link(NamedTuple):
+class PageLink(NamedTuple):
     """A text with the address of its page; empty where it has none."""
 
     text: str
@@ -83,9 +83,9 @@ class FindingLine(msgspec.Struct, frozen=True, kw_only=True):
 
     what: str
     badge: Badge
-    was: Link
-    mode: Link
-    episode: Link
+    was: PageLink
+    mode: PageLink
+    episode: PageLink
     note: str
 
 
@@ -114,7 +114,7 @@ class ModeMatchLine(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     name: str
-    mode: Link
+    mode: PageLink
     status: str
     mark: str
     before: str
@@ -131,7 +131,7 @@ class MemberPart(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     name: str
-    links: tuple[Link, ...]
+    links: tuple[PageLink, ...]
     known: tuple[FindingLine, ...]
     rerun: RerunPart | None
     modes: tuple[ModeMatchLine, ...]
@@ -202,18 +202,18 @@ def _make_member(member: MemberReport) -> MemberPart:
     )
 
 
-def _list_links(member: MemberReport) -> Iterator[Link]:
+def _list_links(member: MemberReport) -> Iterator[PageLink]:
     """Yield the campaigns of a member, and what compares them."""
     if member.baseline is None:
         return
     before = member.baseline.campaign
-    yield Link(f"Baseline: campaign {before}", f"/campaigns/{before}")
+    yield PageLink(f"Baseline: campaign {before}", f"/campaigns/{before}")
     if rerun := member.rerun:
         now = rerun.now.campaign
-        yield Link(f"Rerun: campaign {now}", f"/campaigns/{now}")
-        yield Link("Comparison", f"/comparison?a={before}&b={now}")
+        yield PageLink(f"Rerun: campaign {now}", f"/campaigns/{now}")
+        yield PageLink("Comparison", f"/comparison?a={before}&b={now}")
         if traits_of(rerun.method).finds_new:
-            yield Link("Failure modes of both releases", f"/releases/{now}")
+            yield PageLink("Failure modes of both releases", f"/releases/{now}")
 
 
 def _make_rerun(rerun: Rerun) -> RerunPart:
@@ -239,17 +239,17 @@ def _make_finding(finding: GateFinding) -> FindingLine:
     )
 
 
-def _link_episode(place: str) -> Link:
+def _link_episode(place: str) -> PageLink:
     match = _PAIR.fullmatch(place)
-    return Link(place, f"/campaigns/{match[1]}/episodes/{match[2]}" if match else "")
+    return PageLink(place, f"/campaigns/{match[1]}/episodes/{match[2]}" if match else "")
 
 
-def _link_mode(place: str) -> Link:
+def _link_mode(place: str) -> PageLink:
     match = _PAIR.fullmatch(place)
     if match is None:
-        return Link(place)
+        return PageLink(place)
     text = f"mode {match[2]} of analysis {match[1]}"
-    return Link(text, f"/analyses/{match[1]}/modes/{match[2]}")
+    return PageLink(text, f"/analyses/{match[1]}/modes/{match[2]}")
 
 
 def _make_mode_line(mode: MatchedMode) -> ModeMatchLine:

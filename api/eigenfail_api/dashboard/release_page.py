@@ -98,7 +98,7 @@ class ReleaseView(msgspec.Struct, frozen=True, kw_only=True):
     modes: tuple[ModeLine, ...]
 
 
-class ChangeLine(msgspec.Struct, frozen=True, kw_only=True):
+class ModeChangeLine(msgspec.Struct, frozen=True, kw_only=True):
     """Failure modes of which the same became in the newest version.
 
     Attributes:
@@ -119,7 +119,7 @@ class NewestPart(msgspec.Struct, frozen=True, kw_only=True):
     title: str
     asked: str
     words: str
-    changes: tuple[ChangeLine, ...]
+    changes: tuple[ModeChangeLine, ...]
 
 
 class QuestionsView(msgspec.Struct, frozen=True, kw_only=True):
@@ -143,7 +143,7 @@ def make_newest_part(table: ReleaseTable) -> NewestPart:
         asked=f"Required: {asked.requirements}. Method: {asked.method}.",
         words=found.words,
         changes=tuple(
-            ChangeLine(
+            ModeChangeLine(
                 change=CHANGES[status].capitalize(),
                 mark=MARKS[status],
                 modes=tuple(
