@@ -8,7 +8,7 @@ import msgspec
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
-from eigenfail.gate.matched import MatchedMode
+from eigenfail.gate.matched import MatchedMode, MatchedModes
 from eigenfail.gate.report import MemberReport, list_notes
 from eigenfail.gate.reruns import GateFinding, Rerun
 from eigenfail.gate.results import GateResult, GateSummary, format_command
@@ -134,8 +134,16 @@ class MemberPart(msgspec.Struct, frozen=True, kw_only=True):
     links: tuple[PageLink, ...]
     known: tuple[FindingLine, ...]
     rerun: RerunPart | None
-    modes: tuple[ModeMatchLine, ...]
     limits: tuple[str, ...]
+
+
+class MatchedPart(msgspec.Struct, frozen=True, kw_only=True):
+    """The failure modes of both versions in one scenario."""
+
+    members: str
+    releases: str
+    modes: tuple[ModeMatchLine, ...]
+    problem: str
 
 
 class GateView(msgspec.Struct, frozen=True, kw_only=True):
@@ -154,6 +162,7 @@ class GateView(msgspec.Struct, frozen=True, kw_only=True):
     conclusions: tuple[str, ...]
     created: str
     members: tuple[MemberPart, ...]
+    matched: tuple[MatchedPart, ...]
     command: str
 
 
@@ -186,6 +195,7 @@ def make_gate_view(result: GateResult) -> GateView:
         conclusions=tuple(each for each in conclusions if each not in notes),
         created=format_utc(result.created_ms),
         members=tuple(map(_make_member, result.report.members)),
+        matched=tuple(map(_make_matched, result.report.matched)),
         command=format_command(result.report),
     )
 
@@ -197,7 +207,6 @@ def _make_member(member: MemberReport) -> MemberPart:
         links=tuple(_list_links(member)),
         known=tuple(map(_make_finding, member.known)),
         rerun=_make_rerun(rerun) if rerun else None,
-        modes=tuple(map(_make_mode_line, member.modes)),
         limits=(*member.notes, *(rerun.warnings if rerun else ())),
     )
 
@@ -250,6 +259,15 @@ def _link_mode(place: str) -> PageLink:
         return PageLink(place)
     text = f"mode {match[2]} of analysis {match[1]}"
     return PageLink(text, f"/analyses/{match[1]}/modes/{match[2]}")
+
+
+def _make_matched(matched: MatchedModes) -> MatchedPart:
+    return MatchedPart(
+        members=", ".join(matched.members),
+        releases=f"/releases/{matched.campaign}",
+        modes=tuple(map(_make_mode_line, matched.modes)),
+        problem=matched.problem,
+    )
 
 
 def _make_mode_line(mode: MatchedMode) -> ModeMatchLine:

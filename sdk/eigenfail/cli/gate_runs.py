@@ -6,8 +6,6 @@ from contextlib import suppress
 from functools import partial
 from typing import Any, NamedTuple
 
-from msgspec.structs import replace
-
 from eigenfail.cli.connection import Place
 from eigenfail.cli.render import run_suite
 from eigenfail.client import Client
@@ -34,7 +32,7 @@ from eigenfail.gate.known import (
     needs_modes,
     read_outcomes,
 )
-from eigenfail.gate.matched import MatchedMode, find_obstacle, match_versions
+from eigenfail.gate.matched import MatchedModes, match_versions
 from eigenfail.gate.report import GateReport, GateRun, MemberReport, build_report
 from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunSide, judge_rerun, read_figures
 from eigenfail.gate.verdicts import RunOutcomes
@@ -54,6 +52,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.episode import FAILURES
 from eigenfail.values.records import EpisodeRow
+from eigenfail.values.release import ReleaseTable
 from eigenfail.values.suite import suite_of
 from eigenfail.values.variation import KINDS
 from eigenfail.worlds import drawn_for
@@ -314,7 +313,7 @@ class Runner:
         replays = [replay.now.member for each in known.values() for replay in each.replays]
         now = self._together(Suite(gate.run, (*judged, *replays)))
         members = [self._member(each, before, known, now, gate.by) for each in gated.members]
-        return build_report(gate, members)
+        return build_report(gate, members, [*self._match_modes(judged, before, now)])
 
     def _together(self, suite: Suite) -> Campaigns:
         """The campaigns of a suite by the names of its members, all of them done."""
@@ -335,30 +334,37 @@ class Runner:
         if member.name not in before:
             return MemberReport(member=member.name, notes=("It is not in the baseline.",))
         was, is_now, ours = before[member.name], now[member.name], known[member.name]
-        report = MemberReport(
+        return MemberReport(
             member=member.name,
             baseline=read_figures(was),
             known=self._findings(ours, now),
+            rerun=None if was.id == is_now.id else self._rerun(was, is_now, by),
             notes=ours.notes,
         )
-        if was.id == is_now.id:
-            return report
-        modes, obstacle = self._match_modes(was, is_now)
-        notes = (*report.notes, obstacle) if obstacle else report.notes
-        return replace(report, rerun=self._rerun(was, is_now, by), modes=modes, notes=notes)
 
-    def _match_modes(self, was: Campaign, now: Campaign) -> tuple[tuple[MatchedMode, ...], str]:
-        """The failure modes of both versions, and why they are not matched, if so."""
-        has_failures = was.counts.failures or now.counts.failures
-        if not has_failures or not traits_of(now.spec.method).finds_new:
-            return (), ""
-        if now.counts.failures:
-            analyze_campaign(self._client, self._place, now.id)
-        table = self._client.releases.get(now.id)
-        before, version = was.spec.version, now.spec.version
-        if obstacle := find_obstacle(table, before, version):
-            return (), obstacle
-        return match_versions(table, before, version), ""
+    def _match_modes(
+        self, members: Sequence[SuiteMember], before: Found, now: Campaigns
+    ) -> Iterator[MatchedModes]:
+        """The failure modes of both versions, by scenario; members may test the same one."""
+        reruns = [
+            (each.name, before[each.name], now[each.name])
+            for each in members
+            if before[each.name].id != now[each.name].id and _may_have_modes(now[each.name])
+        ]
+        for _, _, campaign in reruns:
+            if campaign.counts.failures:
+                analyze_campaign(self._client, self._place, campaign.id)
+        tables: dict[int, ReleaseTable] = {}
+        names: dict[tuple[int, str, str], list[str]] = {}
+        for name, was, campaign in reruns:
+            table = self._client.releases.get(campaign.id)
+            tables[table.question.campaign] = table
+            versions = was.spec.version, campaign.spec.version
+            names.setdefault((table.question.campaign, *versions), []).append(name)
+        for (question, old, new), alike in names.items():
+            matched = match_versions(alike, tables[question], old, new)
+            if matched.modes or matched.problem:
+                yield matched
 
     def _findings(self, known: BaselineFailures, now: Campaigns) -> tuple[GateFinding, ...]:
         """What became of the known failures of a member."""
@@ -399,6 +405,11 @@ class Runner:
             for outcome in outcomes
             for row in self._client.episodes.list(campaign.id, outcome)
         }
+
+
+def _may_have_modes(campaign: Campaign) -> bool:
+    """Whether releases compare the failure modes of campaigns like this one."""
+    return traits_of(campaign.spec.method).finds_new
 
 
 def _require_done(campaign: Campaign) -> None:

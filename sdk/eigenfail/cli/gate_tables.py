@@ -31,7 +31,7 @@ def _draw_parts(report: GateReport) -> Iterator[RenderableType]:
     if any(member.rerun for member in report.members):
         yield _draw_reruns(report)
         yield Text()
-    if any(member.modes for member in report.members):
+    if any(each.modes for each in report.matched):
         yield _draw_modes(report)
         yield Text()
     if findings := list(_list_findings(report)):
@@ -63,16 +63,11 @@ def _draw_reruns(report: GateReport) -> Table:
 def _draw_modes(report: GateReport) -> Table:
     """The failure modes of both versions, one a row."""
     counted = ("failures", "failures now")
-    grid = start_grid("member", "failure mode", "over releases", *counted, right=counted)
-    for member in report.members:
-        for mode in member.modes:
-            cells = (
-                member.member,
-                mode.name,
-                mode.status_word,
-                f"{mode.before:,}",
-                f"{mode.now:,}",
-            )
+    grid = start_grid("members", "failure mode", "over releases", *counted, right=counted)
+    for each in report.matched:
+        for mode in each.modes:
+            numbers = (f"{mode.before:,}", f"{mode.now:,}")
+            cells = (", ".join(each.members), mode.name, mode.status_word, *numbers)
             grid.add_row(*map(escape, cells))
     return grid
 

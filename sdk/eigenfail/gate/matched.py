@@ -5,12 +5,10 @@ from collections.abc import Iterator, Sequence
 
 import msgspec
 
-from eigenfail.gate.reruns import Count, ReportName, ReportSentence
+from eigenfail.gate.reruns import Count, Ordinal, ReportName, ReportSentence
 from eigenfail.values.release import ModeSighting, ModeStatus, ReleaseTable
 
 NOT_COMPARED = "not compared"
-
-NOT_MATCHED = "Failure modes are not matched over releases: {}"
 
 
 class MatchedMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -39,21 +37,59 @@ class MatchedMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
         return self.status or NOT_COMPARED
 
 
-def match_versions(table: ReleaseTable, before: str, now: str) -> tuple[MatchedMode, ...]:
-    """Return the failure modes that two versions have, the baseline first.
+class MatchedModes(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The failure modes of two versions in one scenario, over all campaigns of each version.
+
+    Attributes:
+        members: members of the suite that test the scenario.
+        campaign: campaign of the new version that stands for the comparison of releases.
+        modes: the modes of either version, in the order in which they were found.
+        problem: why modes are not matched; empty where they are.
+    """
+
+    members: tuple[ReportName, ...]
+    campaign: Ordinal
+    modes: tuple[MatchedMode, ...] = ()
+    problem: ReportSentence = ""
+
+
+def match_versions(
+    members: Sequence[str], table: ReleaseTable, before: str, now: str
+) -> MatchedModes:
+    """Return the failure modes that two versions have, or why they are not matched.
 
     Args:
-        table: the comparison of releases that has both versions.
-        before: version of the baseline.
+        members: members of the suite that test the scenario.
+        table: the comparison of releases in the scenario, which has the new version.
+        before: version of the baseline; empty if it names none.
         now: the new version.
     """
+    problem = _find_problem(table, before, now)
+    return MatchedModes(
+        members=tuple(members),
+        campaign=table.question.campaign,
+        modes=() if problem else tuple(_list_matched(table, before, now)),
+        problem=problem,
+    )
+
+
+def _find_problem(table: ReleaseTable, before: str, now: str) -> str:
+    if not before:
+        return "The baseline names no version of the planner."
+    releases = {each.version: each for each in table.releases}
+    if before not in releases:
+        return f"The releases of this scenario do not have {before}: its planner is another one."
+    return " ".join(releases[each].problem for each in (before, now) if releases[each].problem)
+
+
+def _list_matched(table: ReleaseTable, before: str, now: str) -> Iterator[MatchedMode]:
+    """Yield the modes of which either version has failures."""
     places = [each.version for each in table.releases]
     pair = places.index(before), places.index(now)
-    found = []
     for mode in table.modes:
         was, newest = (mode.sightings[place] for place in pair)
         if was.failures or newest.failures:
-            matched = MatchedMode(
+            yield MatchedMode(
                 name=mode.name,
                 status=newest.status,
                 before=was.failures,
@@ -61,20 +97,6 @@ def match_versions(table: ReleaseTable, before: str, now: str) -> tuple[MatchedM
                 mode=_place_mode(newest if newest.failures else was),
                 words=newest.words,
             )
-            found.append(matched)
-    return tuple(found)
-
-
-def find_obstacle(table: ReleaseTable, before: str, now: str) -> str:
-    """Return why the modes of two versions are not matched; empty where they are."""
-    if not before:
-        return NOT_MATCHED.format("the baseline names no version of the planner.")
-    releases = {each.version: each for each in table.releases}
-    if before not in releases:
-        return NOT_MATCHED.format("the baseline is of another planner.")
-    problems = (releases[version].problem for version in (before, now))
-    problem = " ".join(filter(None, problems))
-    return NOT_MATCHED.format(problem) if problem else ""
 
 
 def describe_match(mode: MatchedMode) -> str:

@@ -18,7 +18,7 @@ from xml.etree import ElementTree as ET
 import msgspec
 
 from eigenfail.gate.known import NEW_MODE
-from eigenfail.gate.matched import MatchedMode, count_statuses, describe_match
+from eigenfail.gate.matched import MatchedModes, count_statuses, describe_match
 from eigenfail.gate.reruns import (
     Count,
     GateFinding,
@@ -38,7 +38,6 @@ class MemberReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
         baseline: its campaign there; None where there is none, so that nothing is judged.
         known: the known failures, replayed.
         rerun: None where the baseline is the version itself.
-        modes: the failure modes of both versions, matched over releases; they judge nothing.
         notes: what could not be done, in sentences.
     """
 
@@ -46,7 +45,6 @@ class MemberReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     baseline: RerunFigures | None = None
     known: tuple[GateFinding, ...] = ()
     rerun: Rerun | None = None
-    modes: tuple[MatchedMode, ...] = ()
     notes: tuple[ReportSentence, ...] = ()
 
     def count_verdicts(self) -> Counter[GateVerdict]:
@@ -91,12 +89,14 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     Attributes:
         counts: how many known failures, episodes and campaigns there are of each verdict.
         open: whether nothing closes the gate.
+        matched: the failure modes of both versions, matched over releases; they judge nothing.
     """
 
     gate: GateRun
     open: bool
     counts: dict[GateVerdict, Count]
     members: tuple[MemberReport, ...]
+    matched: tuple[MatchedModes, ...] = ()
 
     def problems(self) -> Iterator[str]:
         """Why episodes errored."""
@@ -113,14 +113,18 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
         )
 
 
-def build_report(gate: GateRun, members: Sequence[MemberReport]) -> GateReport:
+def build_report(
+    gate: GateRun, members: Sequence[MemberReport], matched: Sequence[MatchedModes] = ()
+) -> GateReport:
     """Everything together."""
     seen = Counter[GateVerdict]()
     for member in members:
         seen.update(member.count_verdicts())
     counts = {verdict: seen[verdict] for verdict in GateVerdict if seen[verdict]}
     is_open = gate.closing.isdisjoint(counts)
-    return GateReport(gate=gate, open=is_open, counts=counts, members=tuple(members))
+    return GateReport(
+        gate=gate, open=is_open, counts=counts, members=tuple(members), matched=tuple(matched)
+    )
 
 
 ILLEGAL = re.compile("[^\t\n\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -144,6 +148,8 @@ def to_junit(report: GateReport) -> bytes:
     root = ET.Element("testsuites", name=_remove_illegal(f"eigenfail gate {report.gate.run}"))
     for member in report.members:
         root.append(_build_suite(member, report.gate))
+    if report.matched:
+        root.append(_build_mode_suite(report))
     _write_totals(root, list(root.iter("testcase")))
     ET.indent(root)
     document: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
@@ -160,6 +166,27 @@ def _build_suite(member: MemberReport, gate: GateRun) -> ET.Element:
     suite.extend(found)
     _write_totals(suite, found)
     return suite
+
+
+def _build_mode_suite(report: GateReport) -> ET.Element:
+    """The test suite of the failure modes of both versions."""
+    name = _remove_illegal(f"{report.gate.suite}: failure modes over releases")
+    suite = ET.Element("testsuite", name=name)
+    found = [_build_case(case, name, report.gate) for case in _list_mode_cases(report.matched)]
+    suite.extend(found)
+    _write_totals(suite, found)
+    return suite
+
+
+def _list_mode_cases(matched: Sequence[MatchedModes]) -> Iterator[_TestCase]:
+    """The test cases of failure modes, none of which is judged."""
+    for each in matched:
+        members = ", ".join(each.members)
+        if each.problem:
+            yield _TestCase(members, "failure modes are not matched", None, each.problem)
+        for mode in each.modes:
+            name = f"{mode.name}: {mode.status_word}"
+            yield _TestCase(members, name, None, describe_match(mode))
 
 
 def _list_properties(member: MemberReport, gate: GateRun) -> Iterator[tuple[str, str]]:
@@ -179,10 +206,6 @@ def _list_cases(member: MemberReport) -> Iterator[_TestCase]:
     """The test cases of a member."""
     for note in member.notes:
         yield _TestCase("baseline", note, None, note)
-    for mode in member.modes:
-        yield _TestCase(
-            "failure modes", f"{mode.name}: {mode.status_word}", None, describe_match(mode)
-        )
     for known in member.known:
         yield _TestCase(
             "known failures", known.what, known.verdict, _format_details(known), known.wall_s
@@ -323,7 +346,7 @@ def _list_caveats(report: GateReport) -> Iterator[str]:
             f" {new_modes}. Replay them; whether they come back, the same search from other seeds"
             " says."
         )
-    if matched := [mode for member in report.members for mode in member.modes]:
+    if matched := [mode for each in report.matched for mode in each.modes]:
         counts = ", ".join(count_statuses(matched))
         yield f"Failure modes matched over releases, reported and not judged: {counts}."
     if within := sum(_count_within_chance(member) for member in report.members):
@@ -336,6 +359,10 @@ def _list_caveats(report: GateReport) -> Iterator[str]:
     if report.open and report.gate.baseline and STRICTLY_CLOSING & report.counts.keys():
         yield "Failures that were there before do not close the gate without --strict."
     yield from (note for member in report.members for note in list_notes(member))
+    for each in report.matched:
+        if each.problem:
+            members = ", ".join(each.members)
+            yield f"{members}: failure modes are not matched over releases. {each.problem}"
 
 
 def _describe_false_alarms(by_rate: Sequence[Rerun]) -> str:

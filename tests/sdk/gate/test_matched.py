@@ -2,7 +2,7 @@
 
 from xml.etree import ElementTree as ET
 
-from eigenfail.gate.matched import find_obstacle, match_versions
+from eigenfail.gate.matched import match_versions
 from eigenfail.gate.report import GateRun, MemberReport, build_report, list_conclusions, to_junit
 from eigenfail.values.release import (
     ModeSighting,
@@ -67,31 +67,48 @@ def make_table(**problems):
 
 
 def test_modes_that_neither_version_has_are_left_out():
-    found = match_versions(make_table(), "v1", "v3")
-    told = [(each.name, each.status, each.before, each.now, each.mode) for each in found]
+    found = match_versions(["a", "b"], make_table(), "v1", "v3")
+    told = [(each.name, each.status, each.before, each.now, each.mode) for each in found.modes]
     assert told == [
         ("late", ModeStatus.REGRESSED, 7, 9, "3/1"),
         ("hard", ModeStatus.NOT_MET, 5, 0, "1/2"),
     ]
+    assert (found.members, found.campaign, found.problem) == (("a", "b"), 3, "")
 
 
-def test_versions_that_are_not_compared_have_an_obstacle():
+def test_versions_that_are_not_compared_have_a_problem():
     table = make_table(v3="Campaign 3 is not analysed.")
-    assert find_obstacle(table, "v1", "v2") == ""
-    assert find_obstacle(table, "", "v2").endswith("the baseline names no version of the planner.")
-    assert find_obstacle(table, "v0", "v2").endswith("the baseline is of another planner.")
-    assert find_obstacle(table, "v1", "v3").endswith("Campaign 3 is not analysed.")
+    pairs = {
+        ("v1", "v2"): "",
+        ("", "v2"): "The baseline names no version of the planner.",
+        ("v0", "v2"): "The releases of this scenario do not have v0: its planner is another one.",
+        ("v1", "v3"): "Campaign 3 is not analysed.",
+    }
+    for versions, problem in pairs.items():
+        found = match_versions(["a"], table, *versions)
+        assert found.problem == problem
+        assert bool(found.modes) == (not problem)
 
 
 def test_matched_modes_are_reported_and_judge_nothing():
     gate = GateRun(suite="s", version="v3", run="s @ v3", baseline="v1", strict=True)
-    modes = match_versions(make_table(), "v1", "v3")
-    report = build_report(gate, [MemberReport(member="a", modes=modes)])
+    matched = [
+        match_versions(["a", "b"], make_table(), "v1", "v3"),
+        match_versions(["c"], make_table(), "", "v3"),
+    ]
+    report = build_report(gate, [MemberReport(member="a")], matched)
     assert (report.open, report.counts) == (True, {})
+    conclusions = [*list_conclusions(report)]
     told = "Failure modes matched over releases, reported and not judged: 1 regressed, 1 not met."
-    assert told in list_conclusions(report)
-    cases = ET.fromstring(to_junit(report)).findall(".//testcase")
-    assert [each.get("name") for each in cases] == ["late: regressed", "hard: not met"]
+    assert told in conclusions
+    assert conclusions[-1].startswith("c: failure modes are not matched over releases. The base")
+    (suite,) = (
+        each for each in ET.fromstring(to_junit(report)) if "over releases" in each.get("name")
+    )
+    cases = [*suite.iter("testcase")]
+    names = ["late: regressed", "hard: not met", "failure modes are not matched"]
+    assert [each.get("name") for each in cases] == names
+    assert [each.get("classname").rpartition(".")[2] for each in cases] == ["a, b", "a, b", "c"]
     for case in cases:
         assert case.find("skipped").get("message") == "not judged"
     assert "9 failures, 7 in the baseline (mode 3/1)" in cases[0].find("skipped").text

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from eigenfail.errors import NotFound
-from eigenfail.gate.matched import MatchedMode
+from eigenfail.gate.matched import MatchedMode, MatchedModes
 from eigenfail.gate.report import GateReport, GateRun, MemberReport, build_report
 from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
 from eigenfail.gate.results import check_report
@@ -53,15 +53,10 @@ def make_report(*verdicts: GateVerdict, version: str = "v2", baseline: str = "v1
         mode="1/1",
         words="No failure of it. Not met in this search.",
     )
-    member = MemberReport(
-        member="cut-in",
-        baseline=sides[0],
-        known=known,
-        rerun=compared,
-        modes=(mode,) if baseline else (),
-    )
+    member = MemberReport(member="cut-in", baseline=sides[0], known=known, rerun=compared)
     absent = MemberReport(member="merge", notes=("It is not in the baseline.",))
-    return build_report(run, [member, absent])
+    matched = MatchedModes(members=("cut-in",), campaign=2, modes=(mode,))
+    return build_report(run, [member, absent], [matched] if baseline else [])
 
 
 def keeps_reports(store: Store) -> None:
