@@ -11,7 +11,7 @@ from eigenfail.cli.render import run_suite
 from eigenfail.client import Client
 from eigenfail.client.analyses import OVER
 from eigenfail.client.link import wait_until
-from eigenfail.errors import Conflict, InvalidValue, ServiceError
+from eigenfail.errors import Conflict, InvalidValue, NotFound, ServiceError
 from eigenfail.gate.baselines import (
     Resolve,
     check_baseline,
@@ -357,7 +357,12 @@ class Runner:
         tables: dict[int, ReleaseTable] = {}
         names: dict[tuple[int, str, str], list[str]] = {}
         for name, was, campaign in reruns:
-            table = self._client.releases.get(campaign.id)
+            try:
+                table = self._client.releases.get(campaign.id)
+            except NotFound as error:
+                # It is none of the newest campaigns, to which the comparison is limited.
+                yield MatchedModes(members=(name,), campaign=campaign.id, problem=str(error))
+                continue
             tables[table.question.campaign] = table
             versions = was.spec.version, campaign.spec.version
             names.setdefault((table.question.campaign, *versions), []).append(name)

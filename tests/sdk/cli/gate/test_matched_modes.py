@@ -3,6 +3,9 @@
 import json
 from xml.etree import ElementTree as ET
 
+from eigenfail.client.releases import Releases
+from eigenfail.errors import NotFound
+
 
 def test_modes_of_both_versions_are_reported_and_judge_nothing(gate, eigenfail, tmp_path, store):
     written = tmp_path / "gate.xml"
@@ -35,3 +38,15 @@ def test_a_baseline_without_a_version_says_why_no_mode_is_matched(eigenfail, sui
     (matched,) = json.loads(eigenfail("gate", file, *words).stdout)["matched"]
     assert matched["modes"] == []
     assert matched["problem"] == "The baseline names no version of the planner."
+
+
+def test_a_campaign_that_is_part_of_no_comparison_says_so_and_the_gate_goes_on(gate, monkeypatch):
+    def refuse(*_):
+        raise NotFound("Campaign 9 is part of no release.", "Name a newer one.")
+
+    monkeypatch.setattr(Releases, "get", refuse)
+    done = gate("usual", "--json")
+    assert done.exit_code == 0
+    problems = [each["problem"] for each in json.loads(done.stdout)["matched"]]
+    assert len(problems) == 2
+    assert all("part of no release" in each for each in problems)
