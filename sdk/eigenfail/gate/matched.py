@@ -105,10 +105,16 @@ def describe_match(mode: MatchedMode) -> str:
     return f"{numbers} {mode.words}".rstrip()
 
 
-def count_statuses(modes: Sequence[MatchedMode]) -> Iterator[str]:
-    """Yield how many modes have each status, in words."""
-    counts = Counter(each.status_word for each in modes)
-    yield from (f"{count} {word}" for word, count in counts.items())
+def describe_matched(matched: Sequence[MatchedModes]) -> Iterator[str]:
+    """Yield how many modes have each status, and which are not matched, in sentences."""
+    statuses = Counter(mode.status_word for each in matched for mode in each.modes)
+    if statuses:
+        counts = ", ".join(f"{count} {word}" for word, count in statuses.items())
+        yield f"Failure modes matched over releases, reported and not judged: {counts}."
+    for each in matched:
+        if each.problem:
+            members = ", ".join(each.members)
+            yield f"{members}: failure modes are not matched over releases. {each.problem}"
 
 
 def _place_mode(sighting: ModeSighting) -> str:

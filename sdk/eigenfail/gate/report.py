@@ -18,7 +18,7 @@ from xml.etree import ElementTree as ET
 import msgspec
 
 from eigenfail.gate.known import NEW_MODE
-from eigenfail.gate.matched import MatchedModes, count_statuses, describe_match
+from eigenfail.gate.matched import MatchedModes, describe_match, describe_matched
 from eigenfail.gate.reruns import (
     Count,
     GateFinding,
@@ -310,6 +310,7 @@ def list_conclusions(report: GateReport) -> Iterator[str]:
     """What the gate says of all of it, and what it cannot say."""
     yield describe_conclusion(report)
     yield from _list_caveats(report)
+    yield from describe_matched(report.matched)
 
 
 def describe_conclusion(report: GateReport) -> str:
@@ -346,9 +347,6 @@ def _list_caveats(report: GateReport) -> Iterator[str]:
             f" {new_modes}. Replay them; whether they come back, the same search from other seeds"
             " says."
         )
-    if matched := [mode for each in report.matched for mode in each.modes]:
-        counts = ", ".join(count_statuses(matched))
-        yield f"Failure modes matched over releases, reported and not judged: {counts}."
     if within := sum(_count_within_chance(member) for member in report.members):
         yield f"Within chance, yet new: {within} episodes that did not fail before."
     if GateVerdict.UNPROVEN in report.counts:
@@ -359,10 +357,6 @@ def _list_caveats(report: GateReport) -> Iterator[str]:
     if report.open and report.gate.baseline and STRICTLY_CLOSING & report.counts.keys():
         yield "Failures that were there before do not close the gate without --strict."
     yield from (note for member in report.members for note in list_notes(member))
-    for each in report.matched:
-        if each.problem:
-            members = ", ".join(each.members)
-            yield f"{members}: failure modes are not matched over releases. {each.problem}"
 
 
 def _describe_false_alarms(by_rate: Sequence[Rerun]) -> str:
