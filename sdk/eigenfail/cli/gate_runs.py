@@ -351,8 +351,8 @@ class Runner:
             for each in members
             if before[each.name].id != now[each.name].id and _may_have_modes(now[each.name])
         ]
-        for _, _, campaign in reruns:
-            if campaign.counts.failures:
+        for _, was, campaign in reruns:
+            if was.spec.version and campaign.counts.failures:
                 analyze_campaign(self._client, self._place, campaign.id)
         tables: dict[int, ReleaseTable] = {}
         names: dict[tuple[int, str, str], list[str]] = {}
