@@ -12,6 +12,8 @@ from fastapi.openapi.utils import get_openapi
 
 from eigenfail import __version__
 from eigenfail.errors import EigenfailError
+from eigenfail.gate.report import GateReport
+from eigenfail.gate.results import GateResult, GateSummary
 from eigenfail.risk.assessment import RiskAssessment
 from eigenfail.risk.question import RiskQuestion
 from eigenfail.suites import SuiteRequest
@@ -57,7 +59,6 @@ from eigenfail.values.triage import (
     TriageNote,
 )
 from eigenfail.values.webhooks import (
-    GateVerdictRecord,
     NewWebhook,
     Webhook,
     WebhookDelivery,
@@ -96,7 +97,9 @@ BODIES = (
     Explanation,
     Export,
     ExportRequest,
-    GateVerdictRecord,
+    GateReport,
+    GateResult,
+    GateSummary,
     KeyRequest,
     MinimalFailure,
     NewKey,
@@ -108,6 +111,7 @@ BODIES = (
     Page[EpisodeRow],
     Page[Event],
     Page[FailureMode],
+    Page[GateSummary],
     Page[Mode],
     Mode,
     Page[PeerCosts],
@@ -239,6 +243,7 @@ TAGS = {
     "episodes": "The simulation runs of campaigns.",
     "analyses": "Failures grouped into failure modes, and replays of these modes.",
     "suites": "Named sets of campaigns that run, resume and are judged together.",
+    "gates": "Results of regression gates, which `eigenfail gate` judges and reports.",
     "triage": "State, owner, labels, ticket and notes of failure modes and episodes.",
     "views": "Lists with their filter and order under a name, shared by all users.",
     "events": "Events as a list or as a stream.",
@@ -282,12 +287,15 @@ EXAMPLES: dict[str, Node] = {
         "query": {"filter": "severity > 80 and state = new", "sort": "-severity"},
     },
     "record_gate": {
-        "suite": "nightly",
-        "version": "9f3c2a1",
-        "run": "nightly@9f3c2a1",
-        "baseline": "v1.4",
-        "passed": False,
-        "conclusions": ["The gate is closed: 2 failures are new."],
+        "gate": {"suite": "nightly", "version": "v2", "run": "nightly @ v2", "baseline": "v1"},
+        "open": True,
+        "counts": {"fixed": 1},
+        "members": [
+            {
+                "member": "cut-in",
+                "known": [{"verdict": "fixed", "what": "medoid 1, 3/115", "was": "3/115"}],
+            }
+        ],
     },
     "find_risk": {
         "name": "motorway",

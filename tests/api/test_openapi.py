@@ -4,12 +4,15 @@ import json
 from pathlib import Path
 
 import jsonschema
+import msgspec
 import pytest
 from referencing import Registry, Resource
 from referencing.jsonschema import DRAFT202012
+from store_checks.gates import make_report
 from store_checks.releases import release
 
 from eigenfail.errors import EigenfailError
+from eigenfail.gate.verdicts import GateVerdict
 from eigenfail.values import Outcome
 from eigenfail.wire.http import list_error_types, slugify
 from eigenfail_api.app import ROUTERS
@@ -244,3 +247,11 @@ def test_answers_about_releases_are_what_it_says(http, conforms, store):
     conforms(http.get("/api/v1/releases"), "/api/v1/releases")
     conforms(http.get(f"/api/v1/releases/{newest.id}"), "/api/v1/releases/{campaign}")
     conforms(http.get(f"/api/v1/campaigns/{newest.id}"), "/api/v1/campaigns/{campaign}")
+
+
+def test_answers_about_gates_are_what_it_says(http, conforms):
+    report = msgspec.to_builtins(make_report(GateVerdict.NEW))
+    made = http.post("/api/v1/gates", json=report)
+    conforms(made, "/api/v1/gates", "post")
+    conforms(http.get("/api/v1/gates"), "/api/v1/gates")
+    conforms(http.get(made.headers["Location"]), "/api/v1/gates/{gate}")

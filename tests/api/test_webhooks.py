@@ -1,4 +1,4 @@
-"""Routes of webhooks and gates: the secret is shown once, and who may do what."""
+"""Routes of webhooks: the secret is shown once, and who may do what."""
 
 import json
 
@@ -9,7 +9,6 @@ from eigenfail.values.webhooks import MAX_WEBHOOKS
 
 URL = "https://hooks.example/eigenfail"
 WEBHOOKS = "/api/v1/webhooks"
-GATE = {"suite": "s", "version": "v2", "run": "s@v2", "baseline": "v1", "passed": False}
 
 
 @pytest.fixture
@@ -97,22 +96,3 @@ def test_a_webhook_is_deactivated_and_activated(http, made):
     place = made.headers["Location"]
     states = [http.post(f"{place}/{verb}").json()["active"] for verb in ("deactivate", "activate")]
     assert states == [False, True]
-
-
-def test_the_verdict_of_a_gate_is_an_event_and_a_closed_one_is_told(http, made):
-    closed = http.post("/api/v1/gates", json=GATE)
-    assert closed.status_code == 200
-    assert closed.json()["kind"] == "gate.failed"
-    http.post("/api/v1/gates", json=GATE | {"passed": True})
-    events = http.get("/api/v1/events/list").json()["items"]
-    assert {event["kind"] for event in events} >= {"gate.failed", "gate.passed"}
-    deliveries = http.get(f"{made.headers['Location']}/deliveries").json()["items"]
-    assert [each["kind"] for each in deliveries] == ["gate.failed"]
-
-
-@pytest.mark.parametrize(
-    "wrong", [{"passed": 1}, {"suite": "x" * 201}, {"conclusions": ["x"] * 21}, {"run": None}]
-)
-def test_wrong_verdicts_are_refused(http, problem, wrong):
-    told = problem(http.post("/api/v1/gates", json=GATE | wrong), 422)
-    assert told["field"] == next(iter(wrong))

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 from playwright.sync_api import expect, sync_playwright
+from store_checks.gates import make_report
 
 from eigenfail import plugins
+from eigenfail.gate.verdicts import GateVerdict
 from eigenfail.signatures import make_secret
 from eigenfail.values import (
     AnalysisSettings,
@@ -262,6 +264,7 @@ def fill_tables(store, made):
     store.checkpoints.save(made.members[1], b"state", REFUSED)
     made.suite = SUITE
     fill_webhooks(store)
+    made.gate = store.gates.record(make_report(*GateVerdict, version=UNBROKEN[:80])).id
     made.long_analysis = analysed(store, made.long)
     made.real = campaign_of(store, "Wave on cut-in", real_results(), planner_version="1.4")
 

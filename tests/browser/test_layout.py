@@ -79,6 +79,8 @@ PAGES = {
     "/releases": ["/releases", "/releases?project=none"],
     "/releases/{campaign}": ["/releases/{real}"],
     "/failures": ["/failures", "/failures?planner=none"],
+    "/gates": ["/gates"],
+    "/gates/{gate}": ["/gates/{gate}"],
     "/risk": ["/risk"],
     "/workers": ["/workers"],
     "/search": ["/search", "/search?q=a", "/search?q=nothing-has-this-name"],

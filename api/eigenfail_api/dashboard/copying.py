@@ -146,6 +146,8 @@ WORDS: Mapping[tuple[str, str], Words] = {
     ),
     ("GET", "/failures"): Words("list(client.episodes.list_failures())", "episode failures"),
     ("GET", "/views"): Words("list(client.views.list())", "view list"),
+    ("GET", "/gates"): Words("list(client.gates.list())", "gate list"),
+    ("GET", "/gates/{gate}"): Words("client.gates.get({gate})", "gate show {gate}"),
     ("GET", "/workers/present"): Words("client.present_workers()", "worker list"),
     ("GET", "/comparisons"): Words("client.campaigns.compare({a}, {b})", "compare {a} {b}"),
 }

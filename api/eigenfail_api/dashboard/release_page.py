@@ -8,7 +8,12 @@ from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
 
 from eigenfail.presentation.figures import format_count
-from eigenfail.presentation.releases import format_code, format_status
+from eigenfail.presentation.releases import (
+    CHANGES,
+    compare_newest,
+    format_code,
+    format_status,
+)
 from eigenfail.values.release import ModeSighting, ModeStatus, ReleaseQuestion, ReleaseTable
 from eigenfail.values.triage import TriageState
 from eigenfail_api.dashboard.rendering import page
@@ -17,6 +22,7 @@ from eigenfail_api.routes.releases import RELEASES
 from eigenfail_services.campaigns.releases import (
     find_history,
     list_questions,
+    list_release_tables,
     make_release_table,
 )
 from eigenfail_services.store import Store
@@ -30,6 +36,9 @@ MARKS: Mapping[ModeStatus, str] = {
     ModeStatus.UNDECIDED: "",
 }
 """Class of the style of a status."""
+
+SHOWN = 10
+"""Newest scenarios of which the newest version is compared on the page of all."""
 
 
 class SightingCell(msgspec.Struct, frozen=True, kw_only=True):
@@ -89,11 +98,61 @@ class ReleaseView(msgspec.Struct, frozen=True, kw_only=True):
     modes: tuple[ModeLine, ...]
 
 
-class QuestionsView(msgspec.Struct, frozen=True, kw_only=True):
-    """The page of all scenarios in which versions were tested."""
+class ModeChangeLine(msgspec.Struct, frozen=True, kw_only=True):
+    """Failure modes of which the same became in the newest version.
 
+    Attributes:
+        change: what became of them, in words.
+        mark: class of the style.
+        modes: name and address of each.
+    """
+
+    change: str
+    mark: str
+    modes: tuple[tuple[str, str], ...]
+
+
+class NewestPart(msgspec.Struct, frozen=True, kw_only=True):
+    """The newest version of a planner in one scenario against the one before it."""
+
+    campaign: int
+    title: str
+    asked: str
+    words: str
+    changes: tuple[ModeChangeLine, ...]
+
+
+class QuestionsView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page of all scenarios in which versions were tested.
+
+    Attributes:
+        newest: the newest version against the one before it, of the newest scenarios.
+    """
+
+    newest: tuple[NewestPart, ...]
     questions: tuple[ReleaseQuestion, ...]
     project: str
+
+
+def make_newest_part(table: ReleaseTable) -> NewestPart:
+    """Return the newest version of a comparison against the one before it."""
+    asked, found = table.question, compare_newest(table)
+    return NewestPart(
+        campaign=asked.campaign,
+        title=f"{asked.planner} in {asked.scenario}",
+        asked=f"Required: {asked.requirements}. Method: {asked.method}.",
+        words=found.words,
+        changes=tuple(
+            ModeChangeLine(
+                change=CHANGES[status].capitalize(),
+                mark=MARKS[status],
+                modes=tuple(
+                    (each.name, f"/releases/{asked.campaign}#mode-{each.number}") for each in modes
+                ),
+            )
+            for status, modes in found.modes.items()
+        ),
+    )
 
 
 def make_release_view(table: ReleaseTable) -> ReleaseView:
@@ -185,8 +244,13 @@ Project = Annotated[str, Query(max_length=80)]
 @router.get("/releases", dependencies=[RELEASES])
 def show_questions(store: Stored, project: Project = "") -> HTMLResponse:
     """Serve the scenarios in which versions of a planner were tested."""
-    found = list_questions(store, project or None)
-    return page("releases.html", QuestionsView(questions=found, project=project))
+    tables = list_release_tables(store, project or None, SHOWN)
+    view = QuestionsView(
+        newest=tuple(map(make_newest_part, tables)),
+        questions=list_questions(store, project or None),
+        project=project,
+    )
+    return page("releases.html", view)
 
 
 @router.get("/releases/{campaign}", dependencies=[RELEASES])

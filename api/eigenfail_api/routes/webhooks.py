@@ -1,14 +1,13 @@
-"""Routes of webhooks and their deliveries, and of the verdicts of gates."""
+"""Routes of webhooks and their deliveries."""
 
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Path, Query
 
 from eigenfail.signatures import make_secret
-from eigenfail.values import Event, Page
+from eigenfail.values import Page
 from eigenfail.values.webhooks import (
     DeliveryState,
-    GateVerdictRecord,
     NewWebhook,
     Webhook,
     WebhookDelivery,
@@ -98,14 +97,6 @@ def get_delivery(store: Stored, webhook: WebhookId, delivery: DeliveryId) -> Jso
 def redeliver_event(store: Stored, webhook: WebhookId, delivery: DeliveryId) -> Json:
     """Queue a delivery again, under the same event id."""
     return _answer_queued(store.webhooks.redeliver(webhook, delivery))
-
-
-@router.post("/gates", **document_route(Event, body=GateVerdictRecord))
-def record_gate(
-    store: Stored, record: Annotated[GateVerdictRecord, Depends(body_of(GateVerdictRecord))]
-) -> Json:
-    """Record the verdict of a gate in the event log; webhooks get a message if it is closed."""
-    return Json(store.webhooks.record_gate(record))
 
 
 def _answer_queued(delivery: WebhookDelivery) -> Json:

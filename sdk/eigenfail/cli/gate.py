@@ -1,42 +1,30 @@
 """`eigenfail gate`: new, fixed and remaining failures of another version of a planner."""
 
 import re
-from collections.abc import Iterator
 from contextlib import suppress
 from hashlib import sha256
 from importlib.metadata import distributions
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import msgspec
 import typer
-from rich.console import Group, RenderableType
-from rich.markup import escape
-from rich.table import Table
-from rich.text import Text
+from typer.core import TyperGroup
 
-from eigenfail.cli.connection import MaybeUrl, connect_for_suite, this_command
+from eigenfail.cli.connection import MaybeUrl, connect_for_suite, connect_to, this_command
 from eigenfail.cli.gate_runs import Runner
-from eigenfail.cli.options import AsJson, Data, Workers
-from eigenfail.cli.render import INTERRUPTED, show
+from eigenfail.cli.gate_tables import draw_report, draw_summaries
+from eigenfail.cli.options import AsJson, Data, Limit, Url, Workers
+from eigenfail.cli.render import INTERRUPTED, show, show_rows
 from eigenfail.client import Client
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceError
 from eigenfail.fingerprints import LENGTH, list_packages, read_package_files
 from eigenfail.gate.baselines import name_run
-from eigenfail.gate.report import GateReport, GateRun, list_conclusions, to_junit
-from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
-from eigenfail.gate.verdicts import CLOSING, GateVerdict
-from eigenfail.hosting.folder import DEFAULT_DATA
+from eigenfail.gate.report import GateReport, GateRun, to_junit
+from eigenfail.gate.reruns import JudgedBy
+from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL
 from eigenfail.hosting.service import Plan
-from eigenfail.presentation.figures import UNKNOWN
-from eigenfail.presentation.terminal import start_grid
 from eigenfail.suites import Suite
-from eigenfail.values.webhooks import (
-    LONGEST_NAME,
-    LONGEST_SENTENCE,
-    MOST_SENTENCES,
-    GateVerdictRecord,
-)
 
 
 def _check_folder(junit: Path | None) -> None:
@@ -133,87 +121,29 @@ def _find_own_version(suite: Suite, url: str | None) -> str:
     return fingerprint(suite)
 
 
-SHOWN = 5
-"""How many failures of each member that close the gate are printed; --json and JUnit have more."""
-
-
-def draw_report(report: GateReport) -> Group:
-    """All of it, for people."""
-    return Group(*_draw_parts(report))
-
-
-def _draw_parts(report: GateReport) -> Iterator[RenderableType]:
-    """The parts of the page."""
-    if any(member.known for member in report.members):
-        yield _draw_known_failures(report)
-        yield Text()
-    if any(member.rerun for member in report.members):
-        yield _draw_reruns(report)
-        yield Text()
-    if findings := list(_list_findings(report)):
-        yield _draw_findings(findings)
-        yield Text()
-    yield from map(Text, list_conclusions(report))
-
-
-def _draw_known_failures(report: GateReport) -> Table:
-    """The known failures of the baseline, one a row."""
-    grid = start_grid("member", "known failure", "now", "replay")
-    for member in report.members:
-        for known in member.known:
-            cells = (member.member, known.what, known.verdict, known.replay or UNKNOWN)
-            grid.add_row(*map(escape, cells))
-    return grid
-
-
-def _draw_reruns(report: GateReport) -> Table:
-    """The campaigns that were run again, one a row."""
-    counted = ("baseline", "failures", "rerun", "failures now", "new", "fixed", "still failing")
-    grid = start_grid("member", *counted, "verdict", "because", right=counted)
-    for member in report.members:
-        if rerun := member.rerun:
-            grid.add_row(*map(escape, (member.member, *_make_rerun_row(rerun))))
-    return grid
-
-
-def _make_rerun_row(rerun: Rerun) -> tuple[str, ...]:
-    """Failures before and now, what became of them, and why."""
-    sides = (_format_side(rerun.before), _format_side(rerun.now))
-    counted = (GateVerdict.NEW, GateVerdict.FIXED, GateVerdict.STILL_FAILING)
-    nothing = UNKNOWN if rerun.unpaired_because else "0"
-    counts = (str(rerun.counts.get(each, nothing)) for each in counted)
-    return (*sides[0], *sides[1], *counts, rerun.verdict, rerun.summary)
-
-
-def _format_side(figures: RerunFigures) -> tuple[str, str]:
-    """A campaign, and how many of its episodes fail."""
-    return str(figures.campaign), f"{figures.failures}/{figures.completed}"
-
-
-def _list_findings(report: GateReport) -> Iterator[tuple[str, GateFinding]]:
-    """Return new modes and a bounded number of the findings that close the gate."""
-    for member in report.members:
-        closing = [each for each in member.known if each.verdict in CLOSING]
-        if rerun := member.rerun:
-            yield from ((member.member, each) for each in rerun.new_modes)
-            whole = rerun.unpaired_because and rerun.verdict in CLOSING
-            closing += [each for each in rerun.findings if whole or each.verdict in CLOSING]
-        yield from ((member.member, each) for each in closing[:SHOWN])
-
-
-def _draw_findings(findings: list[tuple[str, GateFinding]]) -> Table:
-    """Episodes to look at, one a row."""
-    grid = start_grid("look at", "episode", "verdict", "replay", "page")
-    for member, found in findings:
-        seen = (found.replay or found.problem, found.link)
-        cells = (member, found.what, found.verdict, *seen)
-        grid.add_row(*(escape(cell) for cell in cells))
-    return grid
-
-
 CLOSED = 1
+RUN = "run"
 
-app = typer.Typer(add_completion=False)
+
+class GateCommands(TyperGroup):
+    """`eigenfail gate`, which runs the gate of a file where no other command is named."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Put the command in front of a file."""
+        if args and args[0] not in (*self.commands, *ctx.help_option_names):
+            args = [RUN, *args]
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(
+    cls=GateCommands,
+    add_completion=False,
+    no_args_is_help=True,
+    help="Check a new version of a planner against the failures of an earlier one.\n\n"
+    "`eigenfail gate FILE.toml` is short for `eigenfail gate run FILE.toml`.",
+)
+
+GateId = Annotated[int, typer.Argument(metavar="ID", min=1, help="Id of the result of a gate.")]
 
 SuiteFile = Annotated[
     Path, typer.Argument(metavar="FILE.toml", help="The suite, with the planners under test.")
@@ -246,8 +176,8 @@ JUnit = Annotated[
 ]
 
 
-@app.command()
-def gate(
+@app.command(RUN)
+def run_gate(
     context: typer.Context,
     file: SuiteFile,
     baseline: Baseline = None,
@@ -272,7 +202,13 @@ def gate(
     run = name_run(suite.name, version)
     against = _find_baseline_version(baseline)
     asked = GateRun(
-        suite=suite.name, version=version, run=run, baseline=against, strict=strict, by=by
+        suite=suite.name,
+        version=version,
+        run=run,
+        baseline=against,
+        strict=strict,
+        by=by,
+        file=str(file),
     )
     _check_folder(junit)
     with connect_for_suite(context, suite, url, Plan(data, 0, workers)) as (client, place):
@@ -294,23 +230,14 @@ def _run_and_write(runner: Runner, suite: Suite, asked: GateRun) -> GateReport:
 
 
 def _record_verdict(client: Client, report: GateReport) -> None:
-    """Report the verdict to the service, for its event log and webhooks.
+    """Report the verdict to the service, for its pages, its event log and webhooks.
 
     The verdict of this command is the same where the service does not take it.
     """
     if report.in_trouble:
         return
-    sentences = [each[:LONGEST_SENTENCE] for each in list_conclusions(report)]
-    record = GateVerdictRecord(
-        suite=report.gate.suite[:LONGEST_NAME],
-        version=report.gate.version[:LONGEST_NAME],
-        run=report.gate.run[:LONGEST_NAME],
-        baseline=report.gate.baseline[:LONGEST_NAME],
-        passed=report.open,
-        conclusions=tuple(sentences[:MOST_SENTENCES]),
-    )
     try:
-        client.record_gate(record)
+        client.gates.record(report)
     except EigenfailError as error:
         typer.echo(f"The service did not record the verdict: {error}", err=True)
 
@@ -328,3 +255,25 @@ def _exit_by_verdict(report: GateReport) -> None:
         )
     if not report.open:
         raise typer.Exit(CLOSED)
+
+
+@app.command("list")
+def list_gates(
+    context: typer.Context,
+    url: Url = DEFAULT_URL,
+    limit: Limit = 50,
+    as_json: AsJson = False,
+) -> None:
+    """List the results of gates, newest first."""
+    with connect_to(context, url) as client:
+        show_rows(client.gates.list(), limit, as_json, draw_summaries)
+
+
+@app.command("show")
+def show_gate(
+    context: typer.Context, gate: GateId, url: Url = DEFAULT_URL, as_json: AsJson = False
+) -> None:
+    """Show the result of a gate, as the gate printed it."""
+    with connect_to(context, url) as client:
+        found = client.gates.get(gate)
+    show(found, as_json, lambda: draw_report(found.report))

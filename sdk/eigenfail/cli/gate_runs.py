@@ -11,7 +11,7 @@ from eigenfail.cli.render import run_suite
 from eigenfail.client import Client
 from eigenfail.client.analyses import OVER
 from eigenfail.client.link import wait_until
-from eigenfail.errors import Conflict, InvalidValue, ServiceError
+from eigenfail.errors import Conflict, InvalidValue, NotFound, ServiceError
 from eigenfail.gate.baselines import (
     Resolve,
     check_baseline,
@@ -32,10 +32,12 @@ from eigenfail.gate.known import (
     needs_modes,
     read_outcomes,
 )
+from eigenfail.gate.matched import MatchedModes, match_versions
 from eigenfail.gate.report import GateReport, GateRun, MemberReport, build_report
 from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunSide, judge_rerun, read_figures
 from eigenfail.gate.verdicts import RunOutcomes
 from eigenfail.hosting.folder import DEFAULT_URL
+from eigenfail.methods import traits_of
 from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values import (
     Analysis,
@@ -50,6 +52,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.episode import FAILURES
 from eigenfail.values.records import EpisodeRow
+from eigenfail.values.release import ReleaseTable
 from eigenfail.values.suite import suite_of
 from eigenfail.values.variation import KINDS
 from eigenfail.worlds import drawn_for
@@ -310,7 +313,7 @@ class Runner:
         replays = [replay.now.member for each in known.values() for replay in each.replays]
         now = self._together(Suite(gate.run, (*judged, *replays)))
         members = [self._member(each, before, known, now, gate.by) for each in gated.members]
-        return build_report(gate, members)
+        return build_report(gate, members, [*self._match_modes(judged, before, now)])
 
     def _together(self, suite: Suite) -> Campaigns:
         """The campaigns of a suite by the names of its members, all of them done."""
@@ -338,6 +341,35 @@ class Runner:
             rerun=None if was.id == is_now.id else self._rerun(was, is_now, by),
             notes=ours.notes,
         )
+
+    def _match_modes(
+        self, members: Sequence[SuiteMember], before: Found, now: Campaigns
+    ) -> Iterator[MatchedModes]:
+        """The failure modes of both versions, by scenario; members may test the same one."""
+        reruns = [
+            (each.name, before[each.name], now[each.name])
+            for each in members
+            if before[each.name].id != now[each.name].id and _may_have_modes(now[each.name])
+        ]
+        for _, was, campaign in reruns:
+            if was.spec.version and campaign.counts.failures:
+                analyze_campaign(self._client, self._place, campaign.id)
+        tables: dict[int, ReleaseTable] = {}
+        names: dict[tuple[int, str, str], list[str]] = {}
+        for name, was, campaign in reruns:
+            try:
+                table = self._client.releases.get(campaign.id)
+            except NotFound as error:
+                # It is none of the newest campaigns, to which the comparison is limited.
+                yield MatchedModes(members=(name,), campaign=campaign.id, problem=str(error))
+                continue
+            tables[table.question.campaign] = table
+            versions = was.spec.version, campaign.spec.version
+            names.setdefault((table.question.campaign, *versions), []).append(name)
+        for (question, old, new), alike in names.items():
+            matched = match_versions(alike, tables[question], old, new)
+            if matched.modes or matched.problem:
+                yield matched
 
     def _findings(self, known: BaselineFailures, now: Campaigns) -> tuple[GateFinding, ...]:
         """What became of the known failures of a member."""
@@ -378,6 +410,11 @@ class Runner:
             for outcome in outcomes
             for row in self._client.episodes.list(campaign.id, outcome)
         }
+
+
+def _may_have_modes(campaign: Campaign) -> bool:
+    """Whether releases compare the failure modes of campaigns like this one."""
+    return traits_of(campaign.spec.method).finds_new
 
 
 def _require_done(campaign: Campaign) -> None:

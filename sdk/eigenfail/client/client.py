@@ -11,6 +11,7 @@ import httpx2
 from eigenfail.client.analyses import NOTHING, Analyses, check_folder, fetch_report, write_report
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.client.episodes import Episodes
+from eigenfail.client.gates import Gates
 from eigenfail.client.link import Link, waiter
 from eigenfail.client.references import (
     CampaignLike,
@@ -44,7 +45,6 @@ from eigenfail.values.access import (
 )
 from eigenfail.values.operations import Presence, Staffing, WorkerShare
 from eigenfail.values.report import Report
-from eigenfail.values.webhooks import GateVerdictRecord
 from eigenfail.wire import http
 from eigenfail.wire.http import PluginInfo, read_fields
 
@@ -84,6 +84,7 @@ class Client:
         self.analyses = Analyses(self._link)
         self.triage = TriageRecords(self._link)
         self.releases = Releases(self._link)
+        self.gates = Gates(self._link)
         self.events = Events(self._link)
         self.keys = Keys(self._link)
         self.webhooks = Webhooks(self._link)
@@ -161,13 +162,6 @@ class Client:
             InvalidValue: a campaign is named twice, or does not fit the others.
         """
         return self._link.post("/risk", RiskAssessment, question)
-
-    def record_gate(self, record: GateVerdictRecord) -> Event:
-        """Record the verdict of a gate in the event log; webhooks get a message if it is closed.
-
-        `eigenfail gate` does so. The service takes the verdict as it is.
-        """
-        return self._link.post("/gates", Event, record)
 
     def health(self) -> bool:
         """Whether the service answers and reaches its database."""

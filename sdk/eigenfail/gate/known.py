@@ -47,11 +47,13 @@ class KnownFailure(msgspec.Struct, frozen=True):
         what: it is, in words.
         was: the baseline's episode, as CAMPAIGN/INDEX; empty of an eigenfailure.
         before: what came of it with the baseline's planner; None where that was never tried.
+        mode: failure mode that it stands for, as ANALYSIS/NUMBER; empty of a minimal failure.
     """
 
     what: str
     was: str = ""
     before: Outcome | None = None
+    mode: str = ""
 
 
 class KnownReplay(msgspec.Struct, frozen=True):
@@ -157,7 +159,8 @@ def make_known_findings(
     for index, known in replay.known.items():
         row = rows.get(index)
         became = judge_outcome(known.before, row.outcome if row else None)
-        found.append(make_finding(became, known.what, known.was, row, pages))
+        finding = make_finding(became, known.what, known.was, row, pages)
+        found.append(replace(finding, mode=known.mode))
     return tuple(found)
 
 
@@ -198,7 +201,10 @@ def make_mode_replays(
             settings={"campaign": before.id, "episodes": medoids},
             episodes=len(medoids),
         )
-        known = {n: _name_medoid(place, before.id, modes[place]) for n, place in enumerate(places)}
+        known = {
+            n: _name_medoid(place, before.id, analysis.id, modes[place])
+            for n, place in enumerate(places)
+        }
         yield KnownReplay(again, known)
 
 
@@ -216,13 +222,16 @@ def _group_by_scenario(
 
 def _name_eigenfailure(analysis: int, place: int) -> KnownFailure:
     """Return the name of a mode's eigenfailure, which has not been replayed yet."""
-    return KnownFailure(f"eigenfailure {place + 1} of analysis {analysis}")
+    return KnownFailure(
+        f"eigenfailure {place + 1} of analysis {analysis}", mode=f"{analysis}/{place + 1}"
+    )
 
 
-def _name_medoid(place: int, campaign: int, mode: FailureMode) -> KnownFailure:
+def _name_medoid(place: int, campaign: int, analysis: int, mode: FailureMode) -> KnownFailure:
     """The medoid of a mode: an episode that did fail."""
     was = f"{campaign}/{mode.medoid}"
-    return KnownFailure(f"medoid {place + 1}, {was}", was, Outcome.COLLISION)
+    what = f"medoid {place + 1}, {was}"
+    return KnownFailure(what, was, Outcome.COLLISION, f"{analysis}/{place + 1}")
 
 
 NEW_MODE = 0.025

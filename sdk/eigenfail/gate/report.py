@@ -18,11 +18,20 @@ from xml.etree import ElementTree as ET
 import msgspec
 
 from eigenfail.gate.known import NEW_MODE
-from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
+from eigenfail.gate.matched import MatchedModes, describe_match, describe_matched
+from eigenfail.gate.reruns import (
+    Count,
+    GateFinding,
+    JudgedBy,
+    ReportName,
+    ReportSentence,
+    Rerun,
+    RerunFigures,
+)
 from eigenfail.gate.verdicts import CLOSING, INFRASTRUCTURE, STRICTLY_CLOSING, GateVerdict
 
 
-class MemberReport(msgspec.Struct, frozen=True, kw_only=True):
+class MemberReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What became of one member of the suite.
 
     Attributes:
@@ -32,22 +41,23 @@ class MemberReport(msgspec.Struct, frozen=True, kw_only=True):
         notes: what could not be done, in sentences.
     """
 
-    member: str
+    member: ReportName
     baseline: RerunFigures | None = None
     known: tuple[GateFinding, ...] = ()
     rerun: Rerun | None = None
-    notes: tuple[str, ...] = ()
+    notes: tuple[ReportSentence, ...] = ()
 
-    def verdicts(self) -> Iterator[GateVerdict]:
-        """Of each known failure, and of each failing episode of the rerun or of all of it."""
-        yield from (finding.verdict for finding in self.known)
+    def count_verdicts(self) -> Counter[GateVerdict]:
+        """Those of known failures, and of failing episodes of the rerun or of all of it."""
+        counts = Counter(finding.verdict for finding in self.known)
         if self.rerun is not None and self.rerun.by is JudgedBy.EPISODE:
-            yield from Counter(self.rerun.counts).elements()
+            counts.update(self.rerun.counts)
         if self.rerun is not None and self.rerun.by is JudgedBy.RATE:
-            yield self.rerun.verdict
+            counts[self.rerun.verdict] += 1
+        return counts
 
 
-class GateRun(msgspec.Struct, frozen=True, kw_only=True):
+class GateRun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The inputs of a gate.
 
     Attributes:
@@ -56,14 +66,16 @@ class GateRun(msgspec.Struct, frozen=True, kw_only=True):
         baseline: as it was named; empty if this run makes one.
         strict: whether failures that were there before close the gate, too.
         by: by what campaigns under the same noise are judged.
+        file: file of the suite, as the command named it; empty where that is not known.
     """
 
-    suite: str
-    version: str
-    run: str
-    baseline: str = ""
+    suite: ReportName
+    version: ReportName
+    run: ReportName
+    baseline: ReportSentence = ""
     strict: bool = False
     by: JudgedBy = JudgedBy.EPISODE
+    file: ReportSentence = ""
 
     @property
     def closing(self) -> frozenset[GateVerdict]:
@@ -71,18 +83,20 @@ class GateRun(msgspec.Struct, frozen=True, kw_only=True):
         return STRICTLY_CLOSING if self.strict else CLOSING
 
 
-class GateReport(msgspec.Struct, frozen=True, kw_only=True):
+class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a gate found.
 
     Attributes:
         counts: how many known failures, episodes and campaigns there are of each verdict.
         open: whether nothing closes the gate.
+        matched: the failure modes of both versions, matched over releases; they judge nothing.
     """
 
     gate: GateRun
     open: bool
-    counts: dict[GateVerdict, int]
+    counts: dict[GateVerdict, Count]
     members: tuple[MemberReport, ...]
+    matched: tuple[MatchedModes, ...] = ()
 
     def problems(self) -> Iterator[str]:
         """Why episodes errored."""
@@ -99,12 +113,18 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True):
         )
 
 
-def build_report(gate: GateRun, members: Sequence[MemberReport]) -> GateReport:
+def build_report(
+    gate: GateRun, members: Sequence[MemberReport], matched: Sequence[MatchedModes] = ()
+) -> GateReport:
     """Everything together."""
-    seen = Counter(verdict for member in members for verdict in member.verdicts())
+    seen = Counter[GateVerdict]()
+    for member in members:
+        seen.update(member.count_verdicts())
     counts = {verdict: seen[verdict] for verdict in GateVerdict if seen[verdict]}
     is_open = gate.closing.isdisjoint(counts)
-    return GateReport(gate=gate, open=is_open, counts=counts, members=tuple(members))
+    return GateReport(
+        gate=gate, open=is_open, counts=counts, members=tuple(members), matched=tuple(matched)
+    )
 
 
 ILLEGAL = re.compile("[^\t\n\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -128,6 +148,8 @@ def to_junit(report: GateReport) -> bytes:
     root = ET.Element("testsuites", name=_remove_illegal(f"eigenfail gate {report.gate.run}"))
     for member in report.members:
         root.append(_build_suite(member, report.gate))
+    if report.matched:
+        root.append(_build_mode_suite(report))
     _write_totals(root, list(root.iter("testcase")))
     ET.indent(root)
     document: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
@@ -144,6 +166,27 @@ def _build_suite(member: MemberReport, gate: GateRun) -> ET.Element:
     suite.extend(found)
     _write_totals(suite, found)
     return suite
+
+
+def _build_mode_suite(report: GateReport) -> ET.Element:
+    """The test suite of the failure modes of both versions."""
+    name = _remove_illegal(f"{report.gate.suite}: failure modes over releases")
+    suite = ET.Element("testsuite", name=name)
+    found = [_build_case(case, name, report.gate) for case in _list_mode_cases(report.matched)]
+    suite.extend(found)
+    _write_totals(suite, found)
+    return suite
+
+
+def _list_mode_cases(matched: Sequence[MatchedModes]) -> Iterator[_TestCase]:
+    """The test cases of failure modes, none of which is judged."""
+    for each in matched:
+        members = ", ".join(each.members)
+        if each.problem:
+            yield _TestCase(members, "failure modes are not matched", None, each.problem)
+        for mode in each.modes:
+            name = f"{mode.name}: {mode.status_word}"
+            yield _TestCase(members, name, None, describe_match(mode))
 
 
 def _list_properties(member: MemberReport, gate: GateRun) -> Iterator[tuple[str, str]]:
@@ -267,6 +310,7 @@ def list_conclusions(report: GateReport) -> Iterator[str]:
     """What the gate says of all of it, and what it cannot say."""
     yield describe_conclusion(report)
     yield from _list_caveats(report)
+    yield from describe_matched(report.matched)
 
 
 def describe_conclusion(report: GateReport) -> str:

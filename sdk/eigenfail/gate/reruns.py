@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from enum import StrEnum
+from typing import Annotated
 
 import msgspec
 
@@ -19,13 +20,24 @@ from eigenfail.methods import traits_of
 from eigenfail.values import Campaign, Comparison, Difference
 from eigenfail.values.records import EpisodeRow
 
+LONGEST_NAME, LONGEST_SENTENCE = 200, 10_000
+"""Of texts in a report that a service takes, in characters."""
 
-class GateFinding(msgspec.Struct, frozen=True, kw_only=True):
+ReportName = Annotated[str, msgspec.Meta(max_length=LONGEST_NAME)]
+ReportSentence = Annotated[str, msgspec.Meta(max_length=LONGEST_SENTENCE)]
+Ordinal = Annotated[int, msgspec.Meta(ge=1, le=2**63 - 1)]
+Count = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
+Seconds = Annotated[float, msgspec.Meta(ge=0.0)]
+
+
+class GateFinding(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """An episode of the new planner, and what became of it.
 
     Attributes:
         what: was injected, in words.
         was: the baseline's episode, as CAMPAIGN/INDEX; empty where there is none.
+        mode: failure mode of the baseline that it belongs to, as ANALYSIS/NUMBER; empty where there
+            is none.
         episode: the new planner's, as CAMPAIGN/INDEX; empty if it was never run.
         replay: the command that runs it again.
         link: its page.
@@ -34,13 +46,14 @@ class GateFinding(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     verdict: GateVerdict
-    what: str
-    was: str = ""
-    episode: str = ""
-    replay: str = ""
-    link: str = ""
-    problem: str = ""
-    wall_s: float = 0.0
+    what: ReportSentence
+    was: ReportName = ""
+    mode: ReportName = ""
+    episode: ReportName = ""
+    replay: ReportSentence = ""
+    link: ReportSentence = ""
+    problem: ReportSentence = ""
+    wall_s: Seconds = 0.0
 
 
 class JudgedBy(StrEnum):
@@ -54,16 +67,16 @@ class JudgedBy(StrEnum):
     RATE = "rate"
 
 
-class RerunFigures(msgspec.Struct, frozen=True, kw_only=True):
+class RerunFigures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a campaign found, in numbers."""
 
-    campaign: int
-    completed: int
-    failures: int
-    errored: int = msgspec.field(name="failed")
+    campaign: Ordinal
+    completed: Count
+    failures: Count
+    errored: Count = msgspec.field(name="failed")
 
 
-class Rerun(msgspec.Struct, frozen=True, kw_only=True):
+class Rerun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A campaign that was run again with the new planner.
 
     Attributes:
@@ -87,18 +100,18 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True):
 
     before: RerunFigures
     now: RerunFigures
-    method: str
+    method: ReportName
     verdict: GateVerdict
     by: JudgedBy
-    words: str
-    unpaired_because: str = ""
-    counts: dict[GateVerdict, int] = {}
+    words: ReportSentence
+    unpaired_because: ReportSentence = ""
+    counts: dict[GateVerdict, Count] = {}
     findings: tuple[GateFinding, ...] = ()
     difference: Difference | None = None
-    modes: str = ""
+    modes: ReportSentence = ""
     new_modes: tuple[GateFinding, ...] = ()
-    warnings: tuple[str, ...] = ()
-    wall_s: float = 0.0
+    warnings: tuple[ReportSentence, ...] = ()
+    wall_s: Seconds = 0.0
 
     @property
     def summary(self) -> str:

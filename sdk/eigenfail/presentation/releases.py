@@ -1,11 +1,13 @@
 """Tables of releases: the versions of a planner, and what became of each failure mode."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
+from typing import NamedTuple
 
 from eigenfail.presentation.figures import UNKNOWN
 from eigenfail.presentation.tables import Block, Cell, Table, count_columns, name_columns
 from eigenfail.values.release import (
     ModeSighting,
+    ModeStatus,
     Release,
     ReleaseMode,
     ReleaseQuestion,
@@ -37,12 +39,66 @@ def tabulate_questions(questions: Iterable[ReleaseQuestion]) -> Table:
 
 def tabulate_releases(found: ReleaseTable) -> tuple[Block, ...]:
     """Return the versions, their failure modes, and what limits the comparison."""
+    asked = found.question
     return (
-        f"{found.planner} in {found.scenario}, {found.requirements}, by {found.method}",
+        f"{asked.planner} in {asked.scenario}, {asked.requirements}, by {asked.method}",
+        *([compare_newest(found).words] if len(found.releases) > 1 else []),
         _tabulate_versions(found.releases),
         _tabulate_modes(found),
         *found.notes,
     )
+
+
+CHANGES: Mapping[ModeStatus, str] = {
+    ModeStatus.FIRST_SEEN: "new",
+    ModeStatus.REGRESSED: "regressed",
+    ModeStatus.STILL_THERE: "still there",
+    ModeStatus.NOT_FOUND_AGAIN: "fixed",
+    ModeStatus.NOT_MET: "not met",
+    ModeStatus.UNDECIDED: "undecided",
+}
+"""What a status says of the newest version, in the order of lists."""
+
+
+class NewestComparison(NamedTuple):
+    """The newest version against the one before it.
+
+    Attributes:
+        version: the newest version.
+        before: newest version before it whose failure modes are compared; empty without one.
+        modes: failure modes of either version, by what became of them in the newest one.
+        words: how many there are of each, or why nothing is compared, in a sentence.
+    """
+
+    version: str
+    before: str
+    modes: Mapping[ModeStatus, tuple[ReleaseMode, ...]]
+    words: str
+
+
+def compare_newest(table: ReleaseTable) -> NewestComparison:
+    """Return what became of failure modes in the newest version.
+
+    A mode that neither of the two versions has is left out.
+    """
+    *earlier, newest = table.releases
+    compared = [place for place, each in enumerate(earlier) if not each.problem]
+    version = newest.version
+    if newest.problem:
+        return NewestComparison(version, "", {}, f"{version} is not compared. {newest.problem}")
+    if not compared:
+        words = f"{version} is not compared: no version before it can be."
+        return NewestComparison(version, "", {}, words)
+    before = earlier[compared[-1]].version
+    found: dict[ModeStatus, list[ReleaseMode]] = {each: [] for each in CHANGES}
+    for mode in table.modes:
+        status, was = mode.newest.status, mode.sightings[compared[-1]]
+        if status is not None and (mode.newest.failures or was.failures):
+            found[status].append(mode)
+    modes = {status: tuple(each) for status, each in found.items() if each}
+    counts = ", ".join(f"{len(each)} {CHANGES[status]}" for status, each in modes.items())
+    words = f"{version} against {before}: {counts or 'no failure mode in either version'}."
+    return NewestComparison(version, before, modes, words)
 
 
 def _tabulate_versions(releases: Iterable[Release]) -> Table:

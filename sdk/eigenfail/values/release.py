@@ -87,7 +87,7 @@ class Release(msgspec.Struct, frozen=True, kw_only=True):
         episodes: number of their completed episodes.
         failures: number of the failures among these.
         analysed: number of the failures that belong to a mode of an analysis.
-        is_random: whether all episodes were drawn from p(x), so that numbers of failures can be
+        is_random: whether episodes were drawn from p(x), so that numbers of failures can be
             compared.
         is_distinct: whether all analyses found distinct modes; where one did not, its groups cannot
             be told from chance.
@@ -105,42 +105,6 @@ class Release(msgspec.Struct, frozen=True, kw_only=True):
     is_distinct: bool = True
     fingerprints: tuple[Versions, ...] = ()
     problem: str = ""
-
-
-class ReleaseTable(Brief, msgspec.Struct, frozen=True, kw_only=True):
-    """The versions of a planner in one scenario, and their failure modes.
-
-    Attributes:
-        campaign: id of the newest campaign, which stands for the question.
-        planner: name of the planner.
-        scenario: name of the scenario.
-        requirements: what an episode must satisfy, in words.
-        method: name of the search method.
-        releases: the versions, in the order of their first campaigns.
-        modes: the failure modes, in the order in which they were found.
-        notes: what limits the comparison, in sentences.
-    """
-
-    campaign: int
-    planner: str
-    scenario: str
-    requirements: str
-    method: str
-    releases: tuple[Release, ...]
-    modes: tuple[ReleaseMode, ...]
-    notes: tuple[str, ...] = ()
-
-    @property
-    def is_tested(self) -> bool:
-        """Whether numbers of failures of any mode were compared by a test."""
-        return any(one.chance is not None for each in self.modes for one in each.sightings)
-
-    @property
-    def title(self) -> str:
-        """The heading of its modes, which are groups where no version has distinct ones."""
-        analysed = [each for each in self.releases if each.analysed]
-        has_modes = not analysed or any(each.is_distinct for each in analysed)
-        return "Failure modes" if has_modes else "Groups of failures"
 
 
 class ReleaseQuestion(Brief, msgspec.Struct, frozen=True, kw_only=True):
@@ -163,3 +127,31 @@ class ReleaseQuestion(Brief, msgspec.Struct, frozen=True, kw_only=True):
     method: str
     versions: tuple[str, ...]
     campaigns: int
+
+
+class ReleaseTable(Brief, msgspec.Struct, frozen=True, kw_only=True):
+    """The versions of a planner in one scenario, and their failure modes.
+
+    Attributes:
+        question: planner, scenario, requirements and method, which all versions share.
+        releases: the versions, in the order of their first campaigns.
+        modes: the failure modes, in the order in which they were found.
+        notes: what limits the comparison, in sentences.
+    """
+
+    question: ReleaseQuestion
+    releases: tuple[Release, ...]
+    modes: tuple[ReleaseMode, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def is_tested(self) -> bool:
+        """Whether numbers of failures of any mode were compared by a test."""
+        return any(one.chance is not None for each in self.modes for one in each.sightings)
+
+    @property
+    def title(self) -> str:
+        """The heading of its modes, which are groups where no version has distinct ones."""
+        analysed = [each for each in self.releases if each.analysed]
+        has_modes = not analysed or any(each.is_distinct for each in analysed)
+        return "Failure modes" if has_modes else "Groups of failures"

@@ -117,30 +117,3 @@ class WebhookDelivery(msgspec.Struct, frozen=True):
     status: int | None
     problem: str
     payload: str
-
-
-LONGEST_NAME, LONGEST_SENTENCE, MOST_SENTENCES = 200, 500, 20
-"""Of a verdict, in characters and in number."""
-
-Name = Annotated[str, msgspec.Meta(max_length=LONGEST_NAME)]
-Sentence = Annotated[str, msgspec.Meta(max_length=LONGEST_SENTENCE)]
-
-
-class GateVerdictRecord(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """The verdict of `eigenfail gate`, as the client that ran the gate reports it.
-
-    Attributes:
-        suite: name of the suite.
-        version: version of the planner under test.
-        run: name of the suite of this run.
-        baseline: version or run that it was compared with; empty if this run makes one.
-        passed: whether nothing closes the gate.
-        conclusions: the verdict in sentences.
-    """
-
-    suite: Name
-    version: Name
-    run: Name
-    baseline: Name
-    passed: bool
-    conclusions: Annotated[tuple[Sentence, ...], msgspec.Meta(max_length=MOST_SENTENCES)] = ()

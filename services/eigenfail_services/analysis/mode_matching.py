@@ -40,7 +40,8 @@ class ReleaseBehaviours(NamedTuple):
 
     Attributes:
         episodes: number of completed episodes.
-        is_random: whether they were drawn from p(x), so that failures can be counted.
+        is_random: whether they were drawn from p(x), so that failures can be counted; the same in
+            all releases that are compared, as these have one method.
         modes: the modes of its analyses.
         build: text that is equal for releases of the same code and settings; empty if these are not
             known.
@@ -102,12 +103,12 @@ class _Known:
 
     @property
     def episodes(self) -> int:
-        """Number of random episodes of these releases."""
+        """Number of episodes of these releases."""
         return sum(episodes for _, episodes in self.present.values())
 
     @property
     def episodes_without(self) -> int:
-        """Number of random episodes of the releases since then."""
+        """Number of episodes of the releases since then."""
         return sum(self.without.values())
 
     def keep(self, points: Points) -> None:
@@ -138,8 +139,7 @@ def match_modes(releases: Sequence[ReleaseBehaviours], step_s: float) -> tuple[S
         _Comparison(place, release, known, before, builds.get(release.build)).run(
             separate_failures(clouds, release.modes)
         )
-        if release.is_random:
-            earlier[release.noise or f"release {place}"] = release.episodes
+        earlier[release.noise or f"release {place}"] = release.episodes
         if release.build:
             builds[release.build] = place
     return tuple(tuple(each.sightings) for each in known)
@@ -152,7 +152,7 @@ class _Comparison:
         place: number of the release, from 0.
         release: the release.
         known: modes of earlier releases; those of this one are added.
-        earlier: number of random episodes of earlier releases.
+        earlier: number of episodes of earlier releases.
         same_as: place of the newest earlier release of the same build; None without one.
     """
 
@@ -237,17 +237,16 @@ class _Comparison:
             status = ModeStatus.REGRESSED if is_back else ModeStatus.UNDECIDED
             mode.present = {}
         mode.present |= {noise: (0.0, episodes) for noise, episodes in mode.without.items()}
-        mode.present |= self._count_failures(failures)
+        mode.present[self._noise] = failures, self._release.episodes
         mode.without, mode.is_absent = {}, False
         return Sighting(status, failures, chance, source, same_as)
 
     def _see_absent(self, mode: _Known) -> Sighting:
-        if self._release.is_random:
-            mode.without[self._noise] = self._release.episodes
+        mode.without[self._noise] = self._release.episodes
         same_as = self._find_contradiction(mode, is_present=False)
         if same_as is not None:
             return Sighting(ModeStatus.UNDECIDED, same_as=same_as)
-        if not self._release.is_random or not mode.episodes:
+        if not self._release.is_random:
             mode.is_absent = True
             return Sighting(ModeStatus.NOT_MET)
         if mode.is_absent:
@@ -266,7 +265,7 @@ class _Comparison:
 
     def _begin(self, piece: FailureGroup, together: int) -> _Known:
         failures, mode = round(piece.failures), _Known(piece.points, self._place)
-        mode.present = self._count_failures(failures)
+        mode.present[self._noise] = failures, self._release.episodes
         mode.sightings = [Sighting(None)] * self._place
         status, chance = ModeStatus.FIRST_SEEN, None
         if self._place:
@@ -278,11 +277,6 @@ class _Comparison:
         mode.sightings.append(Sighting(status, failures, chance, piece.source, self._same_as))
         return mode
 
-    def _count_failures(self, failures: int) -> dict[str, tuple[float, int]]:
-        if not self._release.is_random:
-            return {}
-        return {self._noise: (failures, self._release.episodes)}
-
     def _compare(self, failures: float, episodes: int, without: int) -> float:
         return min(1.0, len(self._known) * self._test(failures, episodes, without))
 
@@ -290,7 +284,7 @@ class _Comparison:
         """Return the probability that all failures are on one side, if both have one rate.
 
         Of two sides, one with so many episodes has the failures, and one has none; 1 where the
-        episodes of a side are no random sample.
+        episodes are no random sample.
         """
         if not self._release.is_random or not episodes or not without:
             return 1.0

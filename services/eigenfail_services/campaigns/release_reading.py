@@ -128,7 +128,7 @@ def read_release(store: Store, version: str, campaigns: Sequence[Campaign]) -> R
         episodes=sum(each.counts.completed for each in used),
         failures=sum(each.counts.failures for each in used),
         analysed=sum(each.behaviours.failures for each in sources),
-        is_random=all(traits_of(each.spec.method).draws_from_prior for each in used),
+        is_random=traits_of(used[0].spec.method).draws_from_prior,
         is_distinct=all(each.is_distinct for each in found),
         fingerprints=_list_different(code for of_one in codes.values() for code in of_one),
         problem=" ".join(problems),

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache, partial
+from itertools import islice
 
 import msgspec
 from msgspec.structs import replace
@@ -50,11 +51,32 @@ def list_questions(store: Store, project: str | None = None) -> tuple[ReleaseQue
         store: where campaigns are.
         project: project that the campaigns belong to; None: any.
     """
+    return tuple(map(_make_question, _group_campaigns(store, project)))
+
+
+def list_release_tables(store: Store, project: str | None, limit: int) -> tuple[ReleaseTable, ...]:
+    """Return the newest scenarios in which several versions were tested, with all their versions.
+
+    Args:
+        store: where campaigns are.
+        project: project that the campaigns belong to; None: any.
+        limit: maximum number of scenarios.
+    """
+    found = (
+        each
+        for each in _group_campaigns(store, project)
+        if any(one.spec.version != each[0].spec.version for one in each)
+    )
+    return tuple(_make_table(store, each) for each in islice(found, limit))
+
+
+def _group_campaigns(store: Store, project: str | None) -> list[list[Campaign]]:
+    """Return campaigns by what they ask, the newest first."""
     found: dict[str, list[Campaign]] = {}
     for campaign in _list_campaigns(store):
         if project is None or campaign.spec.project == project:
             found.setdefault(_find_key(campaign.spec), []).append(campaign)
-    return tuple(map(_make_question, found.values()))
+    return [*found.values()]
 
 
 def make_release_table(store: Store, campaign: int) -> ReleaseTable:
@@ -71,19 +93,19 @@ def make_release_table(store: Store, campaign: int) -> ReleaseTable:
             "Name the version of its planner (`planner_version`), and use a method that finds "
             "failures of its own.",
         )
+    return _make_table(store, alike)
+
+
+def _make_table(store: Store, alike: Sequence[Campaign]) -> ReleaseTable:
+    """Return the versions of campaigns that ask the same, the newest campaign first."""
     versions: dict[str, list[Campaign]] = {}
     for each in reversed(alike):
         versions.setdefault(each.spec.version, []).append(each)
     read = [read_release(store, version, used) for version, used in versions.items()]
     known = _read_modes(store, read)
     modes = tuple(_name_modes(_compare_modes(store, read), known))
-    question = _make_question(alike)
     return ReleaseTable(
-        campaign=question.campaign,
-        planner=question.planner,
-        scenario=question.scenario,
-        requirements=question.requirements,
-        method=question.method,
+        question=_make_question(alike),
         releases=tuple(each.release for each in read),
         modes=modes,
         notes=(*list_notes(read), *_list_fixed(modes, known)),
@@ -104,7 +126,7 @@ def find_history(store: Store, analysis: int, mode: int) -> tuple[int, ReleaseMo
     table = make_release_table(store, campaign.id)
     for each in table.modes:
         if any((one.analysis, one.mode) == (analysis, mode) for one in each.sightings):
-            return table.campaign, each
+            return table.question.campaign, each
     return None
 
 

@@ -13,6 +13,7 @@ from eigenfail_services.store.engine import WAIT_S, Database, find_backend, tran
 from eigenfail_services.store.episodes import EpisodeStore
 from eigenfail_services.store.events import EventLog
 from eigenfail_services.store.failures import FailureStore
+from eigenfail_services.store.gates import GateStore
 from eigenfail_services.store.jobs import JobQueue
 from eigenfail_services.store.migrate import ensure_newest, upgrade_with
 from eigenfail_services.store.query_cache import CachedQueries, FigureStore
@@ -52,6 +53,7 @@ class Store:
         self.roster = Roster(database)
         self.webhooks = WebhookStore(database)
         self.views = ViewStore(database)
+        self.gates = GateStore(database)
 
     def ping(self) -> None:
         """Raises StoreUnavailable, within seconds, if the database does not answer.

@@ -10,6 +10,7 @@ from collections.abc import Collection
 
 from sqlalchemy import Connection, delete, insert, select, update
 
+from eigenfail.gate.report import GateReport
 from eigenfail.presentation.figures import count_noun
 from eigenfail.values import (
     Analysis,
@@ -20,7 +21,6 @@ from eigenfail.values import (
     Event,
 )
 from eigenfail.values.operations import Retention
-from eigenfail.values.webhooks import GateVerdictRecord
 from eigenfail.versions import describe_mixed
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
@@ -91,11 +91,12 @@ def describe_analysis(analysis: Analysis) -> str:
     return f"{story} {analysis.problem}".strip()
 
 
-def describe_gate(record: GateVerdictRecord) -> str:
+def describe_gate(report: GateReport) -> str:
     """Describe the verdict of a gate."""
-    against = f" against {record.baseline}" if record.baseline else ""
-    verdict = "passed" if record.passed else "did not pass"
-    return f"Version {record.version} {verdict} the gate of suite '{record.suite}'{against}."
+    gate = report.gate
+    against = f" against {gate.baseline}" if gate.baseline else ""
+    verdict = "passed" if report.open else "did not pass"
+    return f"Version {gate.version} {verdict} the gate of suite '{gate.suite}'{against}."
 
 
 def _name_of(campaign: Campaign) -> str:

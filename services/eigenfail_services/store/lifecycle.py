@@ -226,6 +226,11 @@ def make_key_error(key: int) -> NotFound:
     return NotFound(f"Key {key} does not exist.", "`eigenfail key list` lists them.")
 
 
+def make_gate_error(gate: int) -> NotFound:
+    """Return the error that no result of a gate has the id."""
+    return NotFound(f"Gate {gate} does not exist.", "`eigenfail gate list` lists them.")
+
+
 def make_webhook_error(webhook: int) -> NotFound:
     """Return the error that no webhook has the id."""
     return NotFound(f"Webhook {webhook} does not exist.", "`eigenfail webhook list` lists them.")

@@ -8,6 +8,7 @@ process delivers it again, under the same event id.
 import json
 from collections.abc import Mapping
 from datetime import UTC, datetime
+from itertools import islice
 from typing import Any, NamedTuple
 from uuid import uuid4
 
@@ -24,11 +25,11 @@ from sqlalchemy import (
     update,
 )
 
+from eigenfail.gate.report import GateReport, list_conclusions
 from eigenfail.values import FINAL_STATES, Analysis, Campaign
 from eigenfail.values.webhooks import (
     TEST_EVENT,
     DeliveryState,
-    GateVerdictRecord,
     WebhookDelivery,
     WebhookEvent,
 )
@@ -40,6 +41,9 @@ KEPT_DELIVERIES = 20_000
 """Ended deliveries that are kept at least; older ones are deleted."""
 
 PRUNED_EVERY = 1_000
+
+MOST_SENTENCES, LONGEST_SENTENCE = 20, 500
+"""Of the conclusions of a gate in a message, in number and in characters."""
 
 _out = webhook_deliveries.c
 
@@ -80,16 +84,24 @@ def queue_analysis_end(connection: Connection, analysis: Analysis) -> None:
     queue_event(connection, WebhookEvent.ANALYSIS_FINISHED, data)
 
 
-def queue_gate_failure(connection: Connection, record: GateVerdictRecord) -> None:
-    """Queue `gate.failed` for a gate that is closed; nothing for one that is open."""
-    if record.passed:
+def queue_gate_failure(connection: Connection, number: int, report: GateReport) -> None:
+    """Queue `gate.failed` for a gate that is closed; nothing for one that is open.
+
+    Args:
+        connection: the transaction that stores the report.
+        number: id of the result.
+        report: the report.
+    """
+    if report.open:
         return
+    sentences = islice(list_conclusions(report), MOST_SENTENCES)
     data = {
-        "suite": record.suite,
-        "version": record.version,
-        "run": record.run,
-        "baseline": record.baseline,
-        "conclusions": list(record.conclusions),
+        "gate": number,
+        "suite": report.gate.suite,
+        "version": report.gate.version,
+        "run": report.gate.run,
+        "baseline": report.gate.baseline,
+        "conclusions": [each[:LONGEST_SENTENCE] for each in sentences],
     }
     queue_event(connection, WebhookEvent.GATE_FAILED, data)
 

@@ -496,6 +496,25 @@ webhook_deliveries = Table(
     sqlite_autoincrement=True,
 )
 
+# Reports of gates, each once: `digest` is the SHA-256 of the report.
+gates = Table(
+    "gates",
+    metadata,
+    Column("id", Number, primary_key=True),
+    Column("created_ms", BigInteger, nullable=False),
+    Column("digest", Text, nullable=False),
+    Column("suite", Prose, nullable=False),
+    Column("version", Prose, nullable=False),
+    Column("run", Prose, nullable=False),
+    Column("baseline", Prose, nullable=False),
+    Column("open", Boolean, nullable=False),
+    Column("counts", Text, nullable=False),  # JSON
+    Column("conclusion", Prose, nullable=False),
+    Column("report", Text, nullable=False),  # JSON
+    UniqueConstraint("digest"),
+    sqlite_autoincrement=True,
+)
+
 
 # Views of lists, which all users of the service share.
 saved_views = Table(

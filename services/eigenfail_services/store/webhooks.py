@@ -6,11 +6,10 @@ from typing import Any
 from sqlalchemy import RowMapping, delete, func, insert, select, update
 
 from eigenfail.errors import Conflict
-from eigenfail.values import Event, Page
+from eigenfail.values import Page
 from eigenfail.values.webhooks import (
     MAX_WEBHOOKS,
     DeliveryState,
-    GateVerdictRecord,
     Webhook,
     WebhookDelivery,
     WebhookEvent,
@@ -18,9 +17,8 @@ from eigenfail.values.webhooks import (
 )
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.events import append_event, describe_gate
 from eigenfail_services.store.lifecycle import make_delivery_error, make_webhook_error
-from eigenfail_services.store.outbox import Outbox, queue_gate_failure
+from eigenfail_services.store.outbox import Outbox
 from eigenfail_services.store.schema import webhook_deliveries, webhooks
 
 _SHOWN = tuple(column for column in webhooks.c if column is not webhooks.c.secret)
@@ -161,13 +159,6 @@ class WebhookStore:
         if found is None:
             raise make_delivery_error(webhook, delivery)
         return found
-
-    def record_gate(self, record: GateVerdictRecord) -> Event:
-        """Log the verdict of a gate, and tell webhooks of one that is closed."""
-        kind = "gate.passed" if record.passed else WebhookEvent.GATE_FAILED.value
-        with self._database.writing() as connection:
-            queue_gate_failure(connection, record)
-            return append_event(connection, kind, describe_gate(record))
 
 
 def _to_webhook(found: RowMapping) -> Webhook:

@@ -61,6 +61,8 @@ ROUTES = {
         POST /suites/new/form
         GET /suites/{suite}
         GET /workers
+        GET /gates
+        GET /gates/{gate}
         GET /analyses/{analysis}/modes/{mode}
         GET /analyses/{analysis}/modes/{mode}/history
         GET /analyses/{analysis}/modes/{mode}/overlay
@@ -108,6 +110,8 @@ ROUTES = {
         GET /api/v1/methods/{name}
         GET /api/v1/planners
         GET /api/v1/planners/{name}
+        GET /api/v1/gates
+        GET /api/v1/gates/{gate}
         GET /api/v1/releases
         GET /api/v1/releases/{campaign}
         GET /api/v1/report

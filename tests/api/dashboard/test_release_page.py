@@ -7,6 +7,7 @@ import pytest
 from store_checks.releases import release
 
 from eigenfail.values.triage import TriageChange, TriageState
+from eigenfail_api.dashboard import release_page
 from eigenfail_services.store.triage import mode_subject
 
 CLAIMS = Path(__file__).parents[3] / "docs/claims.json"
@@ -28,6 +29,32 @@ def newest(store):
 def test_releases_have_a_page(newest, check_page):
     check_page("dashboard/releases/list", "/releases")
     check_page("dashboard/releases/table", f"/releases/{newest}")
+
+
+def test_one_click_from_the_home_page_says_what_is_fixed(store, check_page, http):
+    release(store, "v1", {"late": 20, "hard": 12})
+    newest = release(store, "v2", {"late": 22}, seed=1, passes=60)
+    release(store, "v1", {"late": 9}, method="ast")
+    release(store, "v2", {"hard": 9}, method="ast", seed=1)
+    release(store, "v1", {"late": 3}, scenario_parameters={"distance_m": 60.0})
+    assert 'href="/releases"' in http.get("/", headers=HTML).text
+    text = http.get("/releases", headers=HTML).text
+    assert "v2 against v1: 1 still there, 1 fixed." in text
+    assert "v2 against v1: 1 not met, 1 undecided." in text
+    assert text.index("1 fixed") < text.index("Table of scenarios")
+    assert f'<a href="/releases/{newest.id}#mode-2">hard</a>' in text
+    assert text.count("against v1") == 2
+    check_page("dashboard/releases/newest", "/releases")
+
+
+def test_a_bounded_number_of_scenarios_is_compared(store, http, monkeypatch):
+    monkeypatch.setattr(release_page, "SHOWN", 1)
+    for method in ("ast", "difs"):
+        release(store, "v1", {"late": 9}, method=method)
+        release(store, "v2", {"late": 9}, method=method, seed=1)
+    text = http.get("/releases", headers=HTML).text
+    assert text.count("against v1") == 1
+    assert "difs" in text[: text.index("Table of scenarios")]
 
 
 def test_releases_of_a_search_have_a_page(store, check_page):
@@ -77,6 +104,7 @@ def test_the_api_says_the_same(newest, http):
     (question,) = http.get("/api/v1/releases").json()["items"]
     assert question["versions"] == ["v1", "v2", "v3", "v4"]
     answer = http.get(f"/api/v1/releases/{question['campaign']}")
-    assert answer.json()["campaign"] == newest
+    assert answer.json()["question"] == question
+    assert question["campaign"] == newest
     assert [each["name"] for each in answer.json()["modes"]] == ["late", "hard"]
     assert http.get("/api/v1/releases?project=other").json()["items"] == []

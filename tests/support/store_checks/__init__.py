@@ -21,6 +21,7 @@ from store_checks import (
     failures,
     fencing,
     figures,
+    gates,
     jobs,
     labels,
     modes,
@@ -67,6 +68,7 @@ STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
     *quotas.CHECKS,
     *roster.CHECKS,
     *webhooks.CHECKS,
+    *gates.CHECKS,
     *crowds.CHECKS,
 )
 """One behaviour each; raise AssertionError where it is broken."""

@@ -8,6 +8,7 @@ from unittest.mock import patch
 from msgspec.structs import replace
 
 from eigenfail.errors import Conflict, IllegalTransition, NotFound
+from eigenfail.gate.verdicts import GateVerdict
 from eigenfail.testing import expect, expect_error
 from eigenfail.testing.examples import analysis_result
 from eigenfail.values import AnalysisSettings, AnalysisState, CampaignState
@@ -15,7 +16,6 @@ from eigenfail.values.webhooks import (
     EVERY_EVENT,
     MAX_WEBHOOKS,
     DeliveryState,
-    GateVerdictRecord,
     Webhook,
     WebhookDelivery,
     WebhookEvent,
@@ -26,15 +26,14 @@ from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.outbox import ClaimedDelivery, DeliveryAttempt
 from store_checks.crowds import at_once
 from store_checks.examples import BEYOND, equal, running
+from store_checks.gates import make_report
 from store_checks.modes import crashed
 
 URL, SECRET = "https://hooks.example/eigenfail", "whsec_bm90IGEgc2VjcmV0IG9mIGFueWJvZHk="
 LONG_S, PASSED_S = 600.0, 0.0
 DELIVERED = DeliveryAttempt(DeliveryState.DELIVERED, 204)
 LATER = DeliveryAttempt(DeliveryState.PENDING, 500, "It answered 500.", 3_600_000)
-GATE = GateVerdictRecord(
-    suite="nightly", version="v2", run="nightly@v2", baseline="v1", passed=False
-)
+GATE = make_report(GateVerdict.NEW)
 
 
 def add(store: Store, *events: WebhookEvent) -> Webhook:
@@ -95,10 +94,10 @@ def tells_of_modes_and_gates(store: Store) -> None:
     store.analyses.finish(done, replace(analysis_result(), words=words))
     store.analyses.finish(done, analysis_result())
     store.analyses.fail(failed, "Too few.")
-    passed, closed = (
-        store.webhooks.record_gate(replace(GATE, passed=passed)) for passed in (True, False)
-    )
-    equal([passed.kind, closed.kind], ["gate.passed", "gate.failed"], "Kinds in the log")
+    for verdict in (GateVerdict.FIXED, GateVerdict.NEW):
+        store.gates.record(make_report(verdict))
+    logged = [each.kind for each in store.events.latest(2)]
+    equal(logged, ["gate.failed", "gate.passed"], "Kinds in the log")
     told = [json.loads(each.payload) for each in queued(store, webhook)]
     kinds = ["analysis.finished", "analysis.finished", "gate.failed"]
     equal([each["type"] for each in told], kinds, "Kinds")
@@ -115,7 +114,7 @@ def queues_all_or_nothing(store: Store) -> None:
     changes: dict[str, Callable[[], object]] = {
         "campaigns": partial(store.campaigns.move, campaign.id, CampaignState.DONE),
         "analyses": partial(store.analyses.finish, analysis, analysis_result()),
-        "webhooks": partial(store.webhooks.record_gate, GATE),
+        "gates": partial(store.gates.record, GATE),
     }
     last = store.events.last()
     for module, change in changes.items():

@@ -1,0 +1,45 @@
+"""Results of gates, as a client sees them."""
+
+from eigenfail.client.link import Link
+from eigenfail.frames import Rows
+from eigenfail.gate.report import GateReport
+from eigenfail.gate.results import GateResult, GateSummary, shorten_report
+from eigenfail.values import Page
+
+
+class Gates:
+    """Read the results of gates, and report new ones.
+
+    Every method raises ServiceUnreachable if no service answers.
+    """
+
+    def __init__(self, link: Link) -> None:
+        self._link = link
+
+    def list(self) -> Rows[GateSummary]:
+        """The results of gates, newest first, without their reports."""
+        return self._link.pages("/gates", Page[GateSummary], "before")
+
+    def get(self, gate: int | GateSummary) -> GateResult:
+        """The result of a gate, with its report.
+
+        Args:
+            gate: id of the result, or its line in the list.
+
+        Raises:
+            NotFound: no such result.
+        """
+        number = gate.id if isinstance(gate, GateSummary) else gate
+        return self._link.get(f"/gates/{number}", GateResult)
+
+    def record(self, report: GateReport) -> GateSummary:
+        """Store the report of a gate; webhooks get a message if it is closed.
+
+        `eigenfail gate` does so. A report that is sent again is stored once. One that is too large
+        is stored without the single episodes of reruns.
+
+        Raises:
+            InvalidValue: the verdict does not follow from the members of the report.
+            Forbidden: the key does not have the scope runner.
+        """
+        return self._link.post_once_only("/gates", GateSummary, shorten_report(report))

@@ -1,0 +1,121 @@
+"""Failure modes of two versions, matched as in the comparison of releases: shown, not judged."""
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+
+import msgspec
+
+from eigenfail.gate.reruns import Count, Ordinal, ReportName, ReportSentence
+from eigenfail.values.release import ModeSighting, ModeStatus, ReleaseTable
+
+NOT_COMPARED = "not compared"
+
+
+class MatchedMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A failure mode in two versions.
+
+    Attributes:
+        name: name of the mode.
+        status: what became of it in the new version, after all versions before it; None where that
+            is not known.
+        before: number of its failures in the version of the baseline.
+        now: number of its failures in the new version.
+        mode: its newest place, as ANALYSIS/NUMBER.
+        words: why the status is what it is, in a sentence.
+    """
+
+    name: ReportSentence
+    status: ModeStatus | None
+    before: Count
+    now: Count
+    mode: ReportName
+    words: ReportSentence = ""
+
+    @property
+    def status_word(self) -> str:
+        """The status in words."""
+        return self.status or NOT_COMPARED
+
+
+class MatchedModes(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The failure modes of two versions in one scenario, over all campaigns of each version.
+
+    Attributes:
+        members: members of the suite that test the scenario.
+        campaign: campaign of the new version that stands for the comparison of releases.
+        modes: the modes of either version, in the order in which they were found.
+        problem: why modes are not matched; empty where they are.
+    """
+
+    members: tuple[ReportName, ...]
+    campaign: Ordinal
+    modes: tuple[MatchedMode, ...] = ()
+    problem: ReportSentence = ""
+
+
+def match_versions(
+    members: Sequence[str], table: ReleaseTable, before: str, now: str
+) -> MatchedModes:
+    """Return the failure modes that two versions have, or why they are not matched.
+
+    Args:
+        members: members of the suite that test the scenario.
+        table: the comparison of releases in the scenario, which has the new version.
+        before: version of the baseline; empty if it names none.
+        now: the new version.
+    """
+    problem = _find_problem(table, before, now)
+    return MatchedModes(
+        members=tuple(members),
+        campaign=table.question.campaign,
+        modes=() if problem else tuple(_list_matched(table, before, now)),
+        problem=problem,
+    )
+
+
+def _find_problem(table: ReleaseTable, before: str, now: str) -> str:
+    if not before:
+        return "The baseline names no version of the planner."
+    releases = {each.version: each for each in table.releases}
+    if before not in releases:
+        return f"The releases of this scenario do not have {before}: its planner is another one."
+    return " ".join(releases[each].problem for each in (before, now) if releases[each].problem)
+
+
+def _list_matched(table: ReleaseTable, before: str, now: str) -> Iterator[MatchedMode]:
+    """Yield the modes of which either version has failures."""
+    places = [each.version for each in table.releases]
+    pair = places.index(before), places.index(now)
+    for mode in table.modes:
+        was, newest = (mode.sightings[place] for place in pair)
+        if was.failures or newest.failures:
+            yield MatchedMode(
+                name=mode.name,
+                status=newest.status,
+                before=was.failures,
+                now=newest.failures,
+                mode=_place_mode(newest if newest.failures else was),
+                words=newest.words,
+            )
+
+
+def describe_match(mode: MatchedMode) -> str:
+    """Return the numbers of failures of a mode in both versions, and why it has its status."""
+    numbers = f"{mode.now:,} failures, {mode.before:,} in the baseline (mode {mode.mode})."
+    return f"{numbers} {mode.words}".rstrip()
+
+
+def describe_matched(matched: Sequence[MatchedModes]) -> Iterator[str]:
+    """Yield how many modes have each status, and which are not matched, in sentences."""
+    statuses = Counter(mode.status_word for each in matched for mode in each.modes)
+    if statuses:
+        counts = ", ".join(f"{count} {word}" for word, count in statuses.items())
+        yield f"Failure modes matched over releases, reported and not judged: {counts}."
+    for each in matched:
+        if each.problem:
+            members = ", ".join(each.members)
+            yield f"{members}: failure modes are not matched over releases. {each.problem}"
+
+
+def _place_mode(sighting: ModeSighting) -> str:
+    return f"{sighting.analysis}/{sighting.mode}"

@@ -1,0 +1,84 @@
+"""Routes of gates: a report is checked, stored once, told to webhooks, and read again."""
+
+import json
+
+import msgspec
+import pytest
+from store_checks.gates import make_report
+
+from eigenfail.gate.results import LARGEST_REPORT, shorten_report
+from eigenfail.gate.verdicts import GateVerdict
+
+GATES = "/api/v1/gates"
+GATE = json.loads(msgspec.json.encode(make_report(GateVerdict.NEW, GateVerdict.FIXED)))
+
+
+def test_a_report_comes_back_as_it_was_sent_and_is_stored_once(http):
+    made = http.post(GATES, json=GATE)
+    assert (made.status_code, made.headers["Location"]) == (201, f"{GATES}/1")
+    assert made.json()["open"] is False
+    again = http.post(GATES, json=GATE)
+    assert again.json() == made.json()
+    found = http.get(made.headers["Location"]).json()
+    assert found["report"] == GATE
+    assert found["conclusions"][0] == made.json()["conclusion"]
+    http.post(GATES, json=msgspec.to_builtins(make_report(GateVerdict.FIXED)))
+    listed = http.get(GATES, params={"limit": 1}).json()
+    assert ([each["id"] for each in listed["items"]], listed["next"]) == ([2], 2)
+    assert http.get(GATES, params={"before": 2}).json()["items"] == [made.json()]
+
+
+def test_a_verdict_is_an_event_and_a_closed_gate_is_told_once(http):
+    webhook = http.post("/api/v1/webhooks", json={"url": "https://hooks.example/eigenfail"})
+    for _ in range(2):
+        http.post(GATES, json=GATE)
+    http.post(GATES, json=msgspec.to_builtins(make_report(GateVerdict.FIXED)))
+    events = [each["kind"] for each in http.get("/api/v1/events/list").json()["items"]]
+    assert sorted(events) == ["gate.failed", "gate.passed"]
+    (told,) = http.get(f"{webhook.headers['Location']}/deliveries").json()["items"]
+    data = json.loads(told["payload"])["data"]
+    assert (told["kind"], data["gate"], data["version"]) == ("gate.failed", 1, "v2")
+
+
+@pytest.mark.parametrize(
+    ("wrong", "field"),
+    [
+        ({"open": True}, "open"),
+        ({"counts": {"fixed": 2}}, "counts"),
+        ({"counts": {"fixed": -1}}, "counts"),
+        ({"gate": GATE["gate"] | {"suite": "x" * 201}}, "gate.suite"),
+        ({"members": [{"member": "a", "known": [{"verdict": "new"}]}]}, "members"),
+        ({"members": "all"}, "members"),
+    ],
+)
+def test_a_report_that_is_not_sound_is_refused(http, problem, wrong, field):
+    told = problem(http.post(GATES, json=GATE | wrong), 422)
+    assert told["field"].startswith(field)
+    assert http.get(GATES).json()["items"] == []
+
+
+def test_a_gate_that_lost_its_episodes_is_refused(http, problem):
+    lost = {"verdict": "cannot be run", "what": "medoid 1", "problem": "infrastructure: lost"}
+    report = {
+        "gate": GATE["gate"],
+        "open": False,
+        "counts": {"cannot be run": 1},
+        "members": [{"member": "a", "known": [lost]}],
+    }
+    assert "episodes were lost" in problem(http.post(GATES, json=report), 422)["detail"]
+
+
+def test_a_large_report_is_shortened_to_what_the_service_takes(http):
+    report = make_report(GateVerdict.NEW)
+    (first, second) = report.members
+    findings = first.known * (LARGEST_REPORT // 100)
+    rerun = msgspec.structs.replace(first.rerun, findings=findings)
+    large = msgspec.structs.replace(
+        report, members=(msgspec.structs.replace(first, rerun=rerun), second)
+    )
+    assert http.post(GATES, json=msgspec.to_builtins(large)).status_code == 413
+    short = shorten_report(large)
+    assert (short.counts, short.open) == (report.counts, report.open)
+    assert "single episodes of reruns are left out" in short.members[0].notes[-1]
+    assert http.post(GATES, json=msgspec.to_builtins(short)).status_code == 201
+    assert shorten_report(report) is report

@@ -1,0 +1,92 @@
+"""Checks of the results of gates: each report is kept once, as it was judged."""
+
+from collections.abc import Callable
+
+from eigenfail.errors import NotFound
+from eigenfail.gate.matched import MatchedMode, MatchedModes
+from eigenfail.gate.report import GateReport, GateRun, MemberReport, build_report
+from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures
+from eigenfail.gate.results import check_report
+from eigenfail.gate.verdicts import GateVerdict
+from eigenfail.testing import expect_error
+from eigenfail.values.release import ModeStatus
+from eigenfail_services.store import Store
+from store_checks.crowds import at_once
+from store_checks.examples import equal
+
+
+def make_report(*verdicts: GateVerdict, version: str = "v2", baseline: str = "v1") -> GateReport:
+    """The report of a gate of one member, whose known failures have these verdicts."""
+    known = tuple(
+        GateFinding(
+            verdict=each,
+            what=f"medoid {place}, 1/{place}",
+            was=f"1/{place}",
+            mode=f"1/{place}",
+            episode=f"3/{place}",
+        )
+        for place, each in enumerate(verdicts, start=1)
+    )
+    sides = [RerunFigures(campaign=n, completed=90, failures=5, errored=0) for n in (1, 2)]
+    rerun = Rerun(
+        before=sides[0],
+        now=sides[1],
+        method="cem",
+        verdict=GateVerdict.STILL_FAILING,
+        by=JudgedBy.RATE,
+        words="5 of 90 fail, 5 of 90 did: a difference within the gate's threshold.",
+        unpaired_because="Their noise depends on the planner.",
+    )
+    run = GateRun(
+        suite="nightly",
+        version=version,
+        run=f"nightly @ {version}",
+        baseline=baseline,
+        file="nightly.toml",
+    )
+    compared = rerun if baseline else None
+    mode = MatchedMode(
+        name="It brakes late",
+        status=ModeStatus.NOT_MET,
+        before=5,
+        now=0,
+        mode="1/1",
+        words="No failure of it. Not met in this search.",
+    )
+    member = MemberReport(member="cut-in", baseline=sides[0], known=known, rerun=compared)
+    absent = MemberReport(member="merge", notes=("It is not in the baseline.",))
+    matched = MatchedModes(members=("cut-in",), campaign=2, modes=(mode,))
+    return build_report(run, [member, absent], [matched] if baseline else [])
+
+
+def keeps_reports(store: Store) -> None:
+    """A report comes back as it was sent, with its conclusions; lists have no reports."""
+    reports = [make_report(GateVerdict.FIXED), make_report(GateVerdict.NEW, GateVerdict.FIXED)]
+    made = [store.gates.record(each) for each in reports]
+    for report, summary in zip(reports, made, strict=True):
+        check_report(report)
+        found = store.gates.get(summary.id)
+        equal(found.report, report, "The report")
+        equal(found.conclusions[0], summary.conclusion, "The verdict in a sentence")
+        equal(found.created_ms, summary.created_ms, "When it came")
+    equal([each.verdict for each in made], ["open", "closed"], "Verdicts")
+    equal(made[1].counts, {"new": 1, "fixed": 1, "still failing": 1}, "Counts")
+    page = store.gates.page(1)
+    equal((page.items, page.next), ((made[1],), made[1].id), "The newest")
+    equal(store.gates.page(9, made[1].id).items, (made[0],), "Older ones")
+    with expect_error(NotFound, "There is no such result."):
+        store.gates.get(99)
+
+
+def keeps_a_report_once(store: Store) -> None:
+    """The same report has one result and one event, also when it comes several times at once."""
+    report = make_report(GateVerdict.NEW)
+    found = at_once(lambda _: store.gates.record(report))
+    equal(len({each.id for each in found}), 1, "Results")
+    equal(len(store.gates.page(9).items), 1, "Results in the list")
+    equal(len(store.events.latest(9)), 1, "Events")
+    store.gates.record(make_report(GateVerdict.NEW, version="v3"))
+    equal(len(store.gates.page(9).items), 2, "Results of two versions")
+
+
+CHECKS: tuple[Callable[[Store], None], ...] = (keeps_reports, keeps_a_report_once)
