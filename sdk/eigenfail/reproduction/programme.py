@@ -127,8 +127,8 @@ PROGRAMMES: Mapping[str, ScenarioProgramme] = MappingProxyType(
         ),
     }
 )
-"""By scenario. The settings of `highway_drive` were fixed before the campaigns that are printed: the
-paper's noise on every vehicle, all gaps moved together, as far as their bounds allow.
+"""By scenario. On `highway_drive` there is the paper's noise on every vehicle, and all gaps are
+moved together, as far as their bounds allow.
 
 Searches on `highway_drive` follow the smallest time to collision: the smallest distance is the same
 in every drive without a collision, that of the car that passes in the next lane, and leads nowhere.
