@@ -29,7 +29,7 @@ from eigenfail.values.records import make_failure_course
 from eigenfail_workers.engine import Engine
 
 SCENARIO, PLANNER = "highway_drive", "rulebook"
-EPISODES = 10_000
+EPISODES = 60_000
 WORSE_EPISODES, WORSE_SCALE = 2_500, 1.25
 POINTS = 2_000
 BATCH = 50
@@ -50,35 +50,49 @@ class DriveSummary(msgspec.Struct, frozen=True):
 
 
 def find_p_fail(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
-    """P(failure) by Monte Carlo under p(x): white noise of the paper's sigma on every vehicle."""
+    """P(failure) by Monte Carlo under p(x), and the true causes of the failures.
+
+    p(x) is white noise of the paper's sigma on every vehicle.
+    """
     drives = draw(crew, 1.0, EPISODES, seed)
     found = share([one.is_failure for one in drives], describe_causes(drives))
     yield "drive.p_fail", msgspec.structs.replace(found, unit="probability")
-    yield "drive.track_lost", share(tell_lost_tracks(drives), "failures under p(x)")
+    failed = [one for one in drives if one.is_failure]
+    causes = Counter(str(one.measures.cause) for one in failed)
+    common = [cause for cause, n in causes.items() if n >= LEAST_SHARE * len(failed)]
+    yield (
+        "drive.labels",
+        count(len(common), "causes of 10 % of the failures or more", len(failed), found.note),
+    )
+    yield from share_causes("drive", drives, "failures under p(x)")
     first = drives[:2_000]
     failures = sum(one.is_failure for one in first)
     yield "drive.mc2000.failures", count(failures, "failures", len(first))
+    nearest_m = [one.measures.robustness_m for one in first if not one.is_failure]
+    spread_mm = 1000.0 * (max(nearest_m) - min(nearest_m))
+    yield "drive.mc2000.nearest_m", count(max(nearest_m), "m", len(nearest_m))
+    yield "drive.mc2000.nearest_spread_mm", count(spread_mm, "mm", len(nearest_m))
 
 
-def find_labels(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
-    """True causes of the failures under noise that is larger than p(x), and when they collide."""
+def find_worse(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+    """How often drives fail under noise that is larger than p(x), and the true causes."""
     drives = draw(crew, WORSE_SCALE, WORSE_EPISODES, seed)
-    failed = [one for one in drives if one.is_failure]
     note = f"noise of scale {WORSE_SCALE:g}, not p(x)"
     yield "drive.worse.failure_rate", share([one.is_failure for one in drives], note)
-    causes = Counter(str(one.measures.cause) for one in failed)
-    common = [cause for cause, n in causes.items() if n >= LEAST_SHARE * len(failed)]
-    words = f"{note}; {describe_causes(drives)}"
-    yield (
-        "drive.labels",
-        count(len(common), "causes of 10 % of the failures or more", len(failed), words),
-    )
-    for cause in sorted(causes):
+    yield from share_causes("drive.worse", drives, note)
+
+
+def share_causes(
+    prefix: str, drives: Sequence[DriveSummary], note: str
+) -> Iterator[tuple[str, Figure]]:
+    """Yield the share of the failures that each cause has, and of those that collide late."""
+    failed = [one for one in drives if one.is_failure]
+    for cause in sorted({str(one.measures.cause) for one in failed}):
         name = cause.replace(", track", "").replace(" ", "_").replace("-", "_")
-        yield f"drive.cause.{name}", share([one.measures.cause == cause for one in failed], note)
-    yield "drive.worse.track_lost", share(tell_lost_tracks(drives), note)
+        yield f"{prefix}.cause.{name}", share([one.measures.cause == cause for one in failed], note)
+    yield f"{prefix}.track_lost", share(tell_lost_tracks(drives), note)
     last = 0.9 * horizon(SCENARIO)
-    yield "drive.last_tenth", share([one.steps > last for one in failed], note)
+    yield f"{prefix}.last_tenth", share([one.steps > last for one in failed], note)
 
 
 def find_agreement(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:

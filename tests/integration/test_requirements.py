@@ -165,6 +165,25 @@ def test_an_importance_leads_a_search_and_changes_no_verdict(client, lasting_wor
     )
 
 
+def test_with_an_importance_alone_failures_are_collisions_and_can_be_aligned_there(
+    client, lasting_worker
+) -> None:
+    led = wait_until_done(
+        client,
+        create(
+            client,
+            "monte_carlo",
+            30,
+            {},
+            ({"kind": "no_collision"},),
+            importance={"kind": "measure", "measure": "min_ttc_s", "at_least": 0.0},
+        ),
+    )
+    found = client.analyses.wait(client.analyses.create(led.id, align="collision").id)
+    assert found.state is AnalysisState.DONE, found.problem
+    assert found.result.before_collision
+
+
 def test_the_one_that_is_always_there_changes_nothing(client, lasting_worker) -> None:
     named = wait_until_done(
         client, create(client, "monte_carlo", 10, {}, ({"kind": "no_collision"},))

@@ -296,7 +296,7 @@ def list_analysis_choices(spec: CampaignSpec) -> AnalysisChoices:
     channels = world.channels(spec)
     words = choose_channel_words(channels)
     axes = {JOINT: words.together, **{channel: f"{channel} only" for channel in channels}}
-    collides = world.has_road and not spec.named_requirements
+    collides = world.has_road and spec.fails_by_collision_alone
     alignments = {"start": "start"} | ({"collision": "collision"} if collides else {})
     return AnalysisChoices(words.several.capitalize(), axes, alignments)
 

@@ -10,6 +10,7 @@ from eigenfail.errors import UnknownName
 from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values import CampaignSpec, Channel, DisturbanceModel
 from eigenfail.values.disturbance import AXES
+from eigenfail.values.requirements import AnyRequirement, MeasureLimit
 
 FRESH = 1000
 """Added to a seed: what was learnt is evaluated on draws that training never saw."""
@@ -83,6 +84,8 @@ class ScenarioProgramme(msgspec.Struct, frozen=True, kw_only=True):
             last word of the member's name.
         sweep: values of each setting of the sweep.
         every_vehicle: whether the noise is on every vehicle; otherwise it is on the nearest one.
+        importance: what searches follow in episodes without a collision; None: the smallest
+            distance to another vehicle, as in the paper.
     """
 
     name: str
@@ -91,6 +94,7 @@ class ScenarioProgramme(msgspec.Struct, frozen=True, kw_only=True):
     moved: Mapping[str, Mapping[str, float]]
     sweep: Mapping[str, tuple[Any, ...]]
     every_vehicle: bool = False
+    importance: AnyRequirement | None = None
 
     @property
     def axes(self) -> tuple[str, str]:
@@ -119,11 +123,16 @@ PROGRAMMES: Mapping[str, ScenarioProgramme] = MappingProxyType(
             },
             sweep=LONG_SWEEP,
             every_vehicle=True,
+            importance=MeasureLimit(measure="min_ttc_s", at_least=0.0),
         ),
     }
 )
-"""By scenario. The settings of `highway_drive` were fixed before any of its campaigns was run: the
-paper's noise on every vehicle, all gaps moved together, as far as their bounds allow."""
+"""By scenario. On `highway_drive` there is the paper's noise on every vehicle, and all gaps are
+moved together, as far as their bounds allow.
+
+Searches on `highway_drive` follow the smallest time to collision: the smallest distance is the same
+in every drive without a collision, that of the car that passes in the next lane, and leads nowhere.
+"""
 
 
 class ProgrammeScale(msgspec.Struct, frozen=True):
@@ -152,12 +161,19 @@ SCALES: Mapping[str, ProgrammeScale] = MappingProxyType(
 )
 """`full` has the paper's numbers of episodes; `learners` are those of `small` that are trained."""
 
+PAPER_GUIDANCE = 2.0
+"""Weight of the condition with the paper's schedule; the paper gives no number.
+
+In trials with the seeds 11 and 12, which no printed campaign has, the draws after both trainings
+failed about as often as the paper's 3.1 % with weights of 1.5 to 2, and hardly ever with less.
+"""
+
 LEARNERS: Mapping[str, tuple[str, Mapping[str, Any]]] = MappingProxyType(
     {
         "ast": ("ast", {}),
         "ast_paper": ("ast", CHOSEN),
         "difs": ("difs", {}),
-        "difs_paper": ("difs", {"schedule": "paper"}),
+        "difs_paper": ("difs", {"schedule": "paper", "guidance": PAPER_GUIDANCE}),
     }
 )
 """Method and settings: as they are here by default, and as they are in the paper."""
@@ -262,6 +278,8 @@ def _make_member(
         "seed": seed + FRESH if fields["method"] == "evaluate" else seed,
         "disturbance": _make_disturbance(programme),
     }
+    if programme.importance is not None:
+        usual["importance"] = programme.importance
     return SuiteMember(name, CampaignSpec(name=f"{suite}: {name}", **{**usual, **fields}))
 
 

@@ -334,6 +334,11 @@ class CampaignSpec(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         return self.named_requirements or COLLISION_ALONE
 
     @property
+    def fails_by_collision_alone(self) -> bool:
+        """Whether every failure ends in a collision, as nothing else is required."""
+        return self.all_requirements == COLLISION_ALONE
+
+    @property
     def version(self) -> str:
         """The version of the planner; empty where none is given."""
         return "" if isinstance(self.planner_version, msgspec.UnsetType) else self.planner_version

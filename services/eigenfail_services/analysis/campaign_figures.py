@@ -312,7 +312,7 @@ def make_safety(
         completed=totals.completed,
         failures=_make_share(by_failures, totals.failures, totals.completed),
         collisions=_make_share(
-            design if campaign.spec.named_requirements else by_failures,
+            by_failures if campaign.spec.fails_by_collision_alone else design,
             conflicts.collisions,
             totals.completed,
         ),

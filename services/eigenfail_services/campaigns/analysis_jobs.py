@@ -110,7 +110,7 @@ def find_basis(store: Store, campaign: int, settings: AnalysisSettings) -> Analy
     if settings.align == "collision" and not world.has_road:
         problem = "all calls of a function end at their last step: no time of a collision differs."
         raise InvalidValue("align", problem, "Align at the start.")
-    may_violate = any(each.spec.named_requirements for each in campaigns)
+    may_violate = not all(each.spec.fails_by_collision_alone for each in campaigns)
     if settings.align == "collision" and may_violate:
         problem = "failures of campaigns with requirements need not end in a collision."
         raise InvalidValue("align", problem, "Align at the start.")

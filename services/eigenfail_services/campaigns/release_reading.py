@@ -233,7 +233,7 @@ def _describe_next(store: Store, campaign: int) -> str:
 
 def _read_behaviours(store: Store, analysis: int, campaign: Campaign) -> _CampaignModes | None:
     from_start = None
-    if campaign.spec.named_requirements:
+    if not campaign.spec.fails_by_collision_alone:
         # These failures need not end in a collision: all their steps count, from the start.
         from_start = world_of(campaign.spec.simulator).horizon(campaign.spec)
     found = store.episodes.mode_courses(analysis, campaign.id, SAMPLED)

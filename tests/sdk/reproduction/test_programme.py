@@ -38,7 +38,7 @@ def test_settings_are_the_papers_where_they_are_called_so():
     found = by_name(build_suite("full"))
     assert found["ast_paper"].settings == dict(CHOSEN)
     assert found["ast"].settings == {}
-    assert found["difs_paper"].settings == {"schedule": "paper"}
+    assert found["difs_paper"].settings == {"schedule": "paper", "guidance": 2.0}
     assert found["sweep alpha=500"].settings["alpha"] == 500
     assert found["sweep alpha=500"].settings["c_dist"] == 1000
 
