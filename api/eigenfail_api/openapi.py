@@ -37,7 +37,7 @@ from eigenfail.values import (
     Summary,
 )
 from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey, Quotas, Usage
-from eigenfail.values.campaign import PriorityChange
+from eigenfail.values.campaign_spec import PriorityChange
 from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.mixing import ChainMixing
 from eigenfail.values.operations import Presence, Pruning, Staffing, WorkerShare

@@ -15,7 +15,8 @@ import msgspec
 from eigenfail.filters import COLUMNS, ColumnKind, find_column
 from eigenfail.tabulation import name_field, records
 from eigenfail.values import CampaignCost, Course, Safety
-from eigenfail.values.campaign import CampaignSpec, Counts
+from eigenfail.values.campaign import Counts
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.safety import FailurePoint
 from eigenfail.values.summary import CostPoint, CourseBlock

@@ -27,7 +27,8 @@ from eigenfail.values import (
     NoiseTrajectory,
     Safety,
 )
-from eigenfail.values.campaign import CampaignSpec, Counts
+from eigenfail.values.campaign import Counts
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.channels import name_columns
 from eigenfail.values.disturbance import number_channels
 from eigenfail.values.records import EpisodeDetail, EpisodeRow

@@ -38,7 +38,7 @@ from eigenfail.values import (
     Priority,
     Summary,
 )
-from eigenfail.values.campaign import SPEC_FIELDS
+from eigenfail.values.campaign_spec import SPEC_FIELDS
 from eigenfail.values.operations import Presence
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.summary import EpisodeSample

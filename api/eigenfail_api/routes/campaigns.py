@@ -18,7 +18,8 @@ from eigenfail.values import (
     Page,
     Summary,
 )
-from eigenfail.values.campaign import CampaignFilter, PriorityChange
+from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.campaign_spec import PriorityChange
 from eigenfail.values.learning import Policy
 from eigenfail.values.mixing import ChainMixing
 from eigenfail.values.operations import Pruning

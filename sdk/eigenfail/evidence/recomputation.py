@@ -41,7 +41,7 @@ from eigenfail.evidence.solutions import (
 )
 from eigenfail.evidence.storage import BundleDefect, make_defect
 from eigenfail.values import FINAL_STATES, CampaignState, episode_seed
-from eigenfail.values.campaign import RESULT_RULES
+from eigenfail.values.campaign_spec import RESULT_RULES
 
 CAMPAIGNS, TABLE, NOISE = "campaigns/", ".episodes.csv", ".noise.json"
 

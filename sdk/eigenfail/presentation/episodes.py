@@ -30,7 +30,7 @@ from eigenfail.values import (
     Measures,
     MinimalFailure,
 )
-from eigenfail.values.campaign import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import ChannelLikelihood
 from eigenfail.values.records import LEAD_TIMES, EpisodeDetail, EpisodeRow
 from eigenfail.worlds import world_of

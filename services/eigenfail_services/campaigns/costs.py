@@ -20,7 +20,7 @@ from eigenfail.values import (
     Safety,
     SpendingTotals,
 )
-from eigenfail.values.campaign import Settings
+from eigenfail.values.campaign_spec import Settings
 from eigenfail.values.comparison import MethodCost, PeerCosts, Peers, Pool
 from eigenfail.values.operations import WorkerShare
 from eigenfail.values.requirements import COLLISION_ALONE
