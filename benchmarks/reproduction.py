@@ -13,9 +13,9 @@ from samples import COMMAND
 from eigenfail.client import Client
 from eigenfail.hosting.service import Plan, local_service
 from eigenfail.reproduction.page import format_page, list_claims
+from eigenfail.reproduction.paper import PaperReproduction
 from eigenfail.reproduction.programme import build_suite
 from eigenfail.reproduction.statements import build_reproduction
-from eigenfail.reproduction.tables import PaperReproduction
 from eigenfail.suites import Suite
 
 FILE = ROOT / "docs" / "reproduction.json"

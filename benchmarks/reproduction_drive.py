@@ -18,6 +18,7 @@ from eigenfail.client import Client
 from eigenfail.hosting.service import Plan, local_service
 from eigenfail.reproduction.page import PREFIXES as NAMES
 from eigenfail.reproduction.page import format_our_number, format_tables
+from eigenfail.reproduction.paper import PaperNumber, PaperReproduction, PaperTable
 from eigenfail.reproduction.programme import LEARNERS, build_suite
 from eigenfail.reproduction.seeds import (
     JudgedStatement,
@@ -26,12 +27,7 @@ from eigenfail.reproduction.seeds import (
     judge_over_seeds,
 )
 from eigenfail.reproduction.statements import build_reproduction
-from eigenfail.reproduction.tables import (
-    FAILURE_RATE,
-    PaperNumber,
-    PaperReproduction,
-    PaperTable,
-)
+from eigenfail.reproduction.tables import FAILURE_RATE
 from eigenfail.values import Interval
 
 SCENARIO = "highway_drive"

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
-from eigenfail.reproduction import tables
+from eigenfail.reproduction import captions, tables
 from eigenfail.reproduction.page import list_claims
 from eigenfail.reproduction.programme import PROGRAMMES, SCALES
 
@@ -48,8 +48,8 @@ def test_its_captions_are_those_of_the_program(benchmark):
     kept = {table.name: table.note for table in benchmark.read().tables}
     assert kept == {
         **{layout.name: layout.note for layout in tables.list_layouts(CUT_IN)},
-        "safety": tables.OF_SAFETY,
-        "components": tables.OF_COMPONENTS,
+        "safety": captions.OF_SAFETY,
+        "components": captions.OF_COMPONENTS,
         "eigenfailures": tables.describe_replays(CUT_IN),
     }
 
