@@ -15,7 +15,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import JobKind
 from eigenfail.values.triage import ANY_TRIAGE, TriageFilter
-from eigenfail_services.store.campaigns import lock_campaign, read_campaign
+from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import pack, to_analysis_result, to_json, to_settings
 from eigenfail_services.store.engine import Database

@@ -8,7 +8,7 @@ from sqlalchemy import Connection, delete, func, insert, select
 
 from eigenfail.values import Estimate
 from eigenfail.values.records import Job
-from eigenfail_services.store.campaigns import lock_campaign, update_learner
+from eigenfail_services.store.campaign_rows import lock_campaign, update_learner
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.events import append_event, describe_damage

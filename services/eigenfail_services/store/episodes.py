@@ -50,7 +50,7 @@ from eigenfail.values.records import (
 from eigenfail.values.safety import MOST_POINTS, SeveritySample
 from eigenfail.values.summary import MOST_LANDINGS
 from eigenfail.values.triage import UNTOUCHED
-from eigenfail_services.store.campaigns import (
+from eigenfail_services.store.campaign_rows import (
     hash_results,
     lock_campaign,
     read_campaign,

@@ -15,7 +15,7 @@ from sqlalchemy.engine import RowMapping
 
 from eigenfail.values import FINAL_STATES, Outcome
 from eigenfail.values.operations import Pruning, Retention, Weight
-from eigenfail_services.store.campaigns import lock_campaign, read_campaign
+from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.events import append_event, describe_pruning
