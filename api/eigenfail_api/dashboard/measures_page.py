@@ -294,7 +294,9 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 def show_measures(store: Stored, campaign: CampaignId) -> HTMLResponse:
     """Safety, cost and workers of a campaign: its page asks for them once it stands."""
     seen = store.campaigns.get(campaign)
-    return page("measures.html", read_measures(seen, find_figures(store, seen)))
+    with store.figures.as_of(seen):
+        figures = find_figures(store, seen)
+    return page("measures.html", read_measures(seen, figures))
 
 
 def read_measures(campaign: Campaign, found: CampaignFigures) -> MeasuresView:
