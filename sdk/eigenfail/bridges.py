@@ -326,7 +326,7 @@ def check_channels(offer: BridgeOffer, names: Collection[str]) -> None:
 
 
 def check_signals(offer: BridgeOffer, names: Collection[str], field: str = "requirements") -> None:
-    """Check that a bridge reports the signals of its own among these.
+    """Check that a bridge reports those of some signals whose names begin with `bridge.`.
 
     Args:
         offer: what the bridge offers.

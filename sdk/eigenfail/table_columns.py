@@ -1,4 +1,4 @@
-"""Columns that the tables of values have whatever is in them, with their types.
+"""Columns that the tables of values have for any data, with their types.
 
 A table of one campaign so has the types of another one's, and an empty table its columns. Columns
 that come from the data, such as those of a requirement, are not among them.
@@ -38,7 +38,7 @@ _TYPES = (
 
 @singledispatch
 def find_columns(value: object) -> Columns:
-    """Return the columns of the table of a value that do not depend on what is in it.
+    """Return the columns of the table of a value that do not depend on its data.
 
     A sequence has those of its rows if all of them are of one type.
     """

@@ -213,7 +213,7 @@ def _check_counts(counted: CountedCampaign) -> Iterator[BundleDefect]:
 
 
 def _check_completeness(counted: CountedCampaign) -> Iterator[BundleDefect]:
-    """Yield what is missing of a campaign that is done, other than by its stop rules.
+    """Yield the episodes that a campaign lacks though it is done and no stop rule ended it.
 
     Rounds are completed in index order. Only a rule on time or cost ends a campaign within a round,
     so that episodes before the last one may be missing.

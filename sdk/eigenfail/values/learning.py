@@ -141,7 +141,7 @@ FEWEST_TOGETHER = 5
 
 
 def choose_group_size(parallel: int) -> int:
-    """Return how many chains move together at most, for so many episodes at a time."""
+    """Return the largest number of chains that move together, for `parallel` open episodes."""
     return max(ceil(CHAINS_IN_FLIGHT * parallel / OPEN_GROUPS), FEWEST_TOGETHER)
 
 

@@ -1,4 +1,4 @@
-"""A log of what a sensor reported of other vehicles, and of what was true."""
+"""A log of a sensor's measurements of other vehicles, with their true values."""
 
 from collections.abc import Sequence
 from math import isnan, nan, pi
@@ -82,13 +82,14 @@ class ErrorSeries(msgspec.Struct, frozen=True, eq=False):
 
 
 class EventSteps(msgspec.Struct, frozen=True, eq=False):
-    """Steps of an event that follow another step of the log, with what was before.
+    """Steps of an event that follow another step of the log, with the state at that step.
 
     Attributes:
         block: number of the block of each step, shape (n,).
         before: whether the event lasted at the step before, shape (n,).
         now: whether it lasts, shape (n,).
-        age: how many steps what was before had lasted; 0 where the log does not hold its beginning.
+        age: number of steps that the state before had lasted; 0 where the log does not hold
+            the beginning of that state.
         distance_m: true distance at the step in the plane, shape (n,); 0 for ghosts. [m]
         blocks: number of blocks.
     """
@@ -357,7 +358,7 @@ def _find_step(time_s: float, step_s: float) -> int:
 
 
 def _refuse_uninformative(log: SensorLog) -> None:
-    """Refuse a log from which a parameter cannot be told.
+    """Refuse a log from which a parameter cannot be estimated.
 
     Raises:
         InvalidValue: few measurements are one step apart, or the distances or the errors of a

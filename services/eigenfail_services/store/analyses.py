@@ -221,7 +221,7 @@ def give_up(connection: Connection, analysis: int, problem: str) -> None:
 
 
 def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -> Analysis | None:
-    """Change an analysis, and return it; None where it has ended, and stays as it is.
+    """Change an analysis that has not ended, and return it; None if the analysis has ended.
 
     Raises:
         NotFound: no such analysis.

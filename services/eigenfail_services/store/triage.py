@@ -97,7 +97,7 @@ class TriageStore:
     def change_seen(
         self, subject: TriageSubject, change: TriageChange, who: str, changed_ms: int | None
     ) -> Triage:
-        """Change the triage of a mode or an episode as `change`, if nobody did so meanwhile.
+        """Change the triage of a mode or an episode, unless it was changed in the meantime.
 
         Args:
             subject: the mode or the episode.

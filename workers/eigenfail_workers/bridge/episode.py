@@ -270,7 +270,7 @@ class ObservationReader:
         return now
 
     def complete_scene(self, scene: Scene) -> Scene:
-        """Return the scene of the episode with the road and the kinds that the bridge has told."""
+        """Return the scene of the episode with the road and the kinds that the bridge reported."""
         kinds: tuple[str, ...] | UnsetType = UNSET
         if self._kinds:
             numbers = range(len(scene.sizes))
@@ -278,7 +278,7 @@ class ObservationReader:
         return replace(scene, road=self._road, kinds=kinds)
 
     def _note_kinds(self, seen: SlotObservation, now: Observation) -> None:
-        """Keep the first kind that the bridge tells of each vehicle."""
+        """Keep the first kind that the bridge reports of each vehicle."""
         kinds = seen.kinds if isinstance(seen, DetailedObservation) else None
         if kinds is None:
             return
