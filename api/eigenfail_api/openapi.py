@@ -39,7 +39,7 @@ from eigenfail.values import (
 from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey, Quotas, Usage
 from eigenfail.values.campaign_spec import PriorityChange
 from eigenfail.values.comparison import PeerCosts
-from eigenfail.values.mixing import ChainMixing
+from eigenfail.values.estimates import ChainMixing
 from eigenfail.values.operations import Presence, Pruning, Staffing, WorkerShare
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.release import ReleaseQuestion, ReleaseTable

@@ -20,8 +20,8 @@ from eigenfail.values import (
 )
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.campaign_spec import PriorityChange
+from eigenfail.values.estimates import ChainMixing
 from eigenfail.values.learning import Policy
-from eigenfail.values.mixing import ChainMixing
 from eigenfail.values.operations import Pruning
 from eigenfail.values.suite import SuiteStanding, SuiteTable
 from eigenfail.wire.http import PREFIX, CampaignCheck, Digest, ShrinkRequest, make_problem
