@@ -18,7 +18,7 @@ import msgspec
 import reproduction
 import reproduction_drive
 import typer
-from crew import crew
+from episode_pool import open_pool
 from figures import ROOT, Figure, write
 from foreign_stacks import count_stacks
 from peers import compare_searches
@@ -34,7 +34,7 @@ SEED = 20261122
 def found(prefix: str, seed: int) -> dict[str, Finding]:
     """What the trials find that a prefix concerns; figures only whose names begin with it."""
     findings: dict[str, Finding] = {}
-    with crew() as hands:
+    with open_pool() as hands:
         for trial in TRIALS:
             if trial.concerns(prefix) and trial.missing:
                 print(f"{trial.prefixes[0]}… kept: {', '.join(trial.missing)} not installed")

@@ -4,7 +4,7 @@ from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
-from crew import staged
+from episode_pool import make_setup
 from shapes import square_wave
 
 from eigenfail import plugins
@@ -47,7 +47,9 @@ def course(scenario: str) -> Course:
     """The course of a scenario at its defaults."""
     plugin = plugins.load(plugins.SCENARIOS, scenario)
     calm = injected(scenario, SILENCE).result
-    noisy = explain(staged(scenario, "rulebook"), EpisodeTask(0, NOISY_SEED, PriorSource())).result
+    noisy = explain(
+        make_setup(scenario, "rulebook"), EpisodeTask(0, NOISY_SEED, PriorSource())
+    ).result
     if calm.scene is None:
         raise SystemExit(f"{scenario} cannot be run: {calm.fault}.")
     return Course(plugin()(plugin.Parameters(), 0).mission, calm.scene, noisy.noise)
@@ -64,4 +66,4 @@ def crash() -> ExplainedEpisode:
 def injected(scenario: str, z: np.ndarray) -> ExplainedEpisode:
     """`rulebook` under this noise, shape (steps, 2)."""
     source = TrajectorySource(z.astype(np.float32))
-    return explain(staged(scenario, "rulebook"), EpisodeTask(0, 0, source))
+    return explain(make_setup(scenario, "rulebook"), EpisodeTask(0, 0, source))

@@ -7,7 +7,8 @@ from itertools import chain
 
 import msgspec
 import numpy as np
-from crew import Crew, horizon
+from episode_pool import EpisodePool as Crew
+from episode_pool import horizon
 from figures import Figure
 from learning_figures import of_seeds
 from mode_agreement import LabelledFailure, measure_agreement, measure_agreement_of_struck

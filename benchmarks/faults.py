@@ -12,7 +12,7 @@ from random import Random
 from typing import Annotated, NamedTuple
 
 import typer
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import ROOT, Figure
 from undisturbed import number
 
@@ -88,14 +88,14 @@ def everywhere(faults: int = FAULTS, seed: int = SEED) -> dict[str, Weathered]:
         return found | {"PostgreSQL": weathered(stage, some, seed, calm, more)}
 
 
-def kinds(_crew: Crew, _seed: int) -> Iterator[tuple[str, Figure]]:
+def kinds(_crew: EpisodePool, _seed: int) -> Iterator[tuple[str, Figure]]:
     """Yield the number of kinds of faults that the tests inject, by their marks."""
     marked = read_faults()
     tests = {test for fault in marked for test in fault.tests}
     yield "faults.kinds", number(len(marked), "kinds", len(tests))
 
 
-def faults(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def faults(_crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Figures: how many faults of how many kinds, and what was lost, doubled or changed."""
     found = [*everywhere(seed=seed).values()]
     befell = sum((one.befell for one in found), Counter[str]())

@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import ROOT, Figure
 from samples import COMMAND
 
@@ -60,7 +60,7 @@ EXAMPLES = {
 }
 
 
-def found_in_others(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def found_in_others(_crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """The failure rate of each campaign; a service has workers of its own."""
     for name, example in EXAMPLES.items():
         with TemporaryDirectory() as folder, bridged(example, Path(folder)) as client:

@@ -15,7 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import ROOT, Figure
 from foreign import ALL, FOLDER, PYTHON, Example, bridged
 from msgspec.structs import replace
@@ -89,7 +89,7 @@ def list_missing(stack: Stack) -> tuple[str, ...]:
     return ()
 
 
-def find(name: str, _crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find(name: str, _crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Yield the figures of one stack."""
     stack, place = STACKS[name], f"foreign.{name}"
     with TemporaryDirectory() as folder, bridged(stack.example, Path(folder)) as client:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from crew import Crew, horizon
+from episode_pool import EpisodePool, horizon
 from searches import engine
 from shapes import AXES, HALF_PERIODS, Array, held
 
@@ -76,12 +76,12 @@ SHAPES: dict[str, Shape] = {
 }
 
 
-def tried(crew: Crew, setup: EpisodeSetup, shape: Shape, n: int, seed: int) -> list[Tried]:
+def tried(pool: EpisodePool, setup: EpisodeSetup, shape: Shape, n: int, seed: int) -> list[Tried]:
     """n episodes of a shape at each amplitude, the smallest first."""
     steps = horizon(setup.scenario)
     noises = [shape(np.random.default_rng(seed), n, steps, sigma) for sigma in AMPLITUDES]
     encoded = [msgspec.json.encode(setup)] * len(noises)
-    return crew.each(attempt, encoded, AMPLITUDES, noises)
+    return pool.each(attempt, encoded, AMPLITUDES, noises)
 
 
 def attempt(setup: bytes, sigma: float, z: Array) -> Tried:

@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from crew import Crew, horizon
+from episode_pool import EpisodePool as Crew
+from episode_pool import horizon
 from figures import Figure
 from peer_tools import PEERS, Answer, CallsSpent, Task, Vector
 from samples import COMMAND

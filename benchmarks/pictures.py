@@ -6,7 +6,7 @@ Also writes docs/reproduction.md and docs/reproduction_drive.md, from the runs t
 import curves
 import reproduction
 import reproduction_drive
-from crash_view import crash_view
+from crash_drawing import crash_view
 from figures import ROOT
 from top_view import TopView
 

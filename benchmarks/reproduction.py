@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import msgspec
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import ROOT, Figure
 from samples import COMMAND
 
@@ -79,7 +79,7 @@ def drawn(client: Client, suite: Suite, folder: Path) -> Iterator[tuple[str, byt
         yield name, (folder / "pictures" / file).read_bytes()
 
 
-def find(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure | Run]]:
+def find(_crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure | Run]]:
     """The run, and every number of it; a service has workers of its own."""
     run = reproduced(seed)
     yield "reproduction", run

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 import msgspec
 import reproduction
-from crew import Crew
+from episode_pool import EpisodePool as Crew
 from figures import ROOT, Figure
 from learning_figures import of_seeds
 from samples import COMMAND, share

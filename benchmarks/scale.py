@@ -9,14 +9,14 @@ from collections.abc import Mapping, Sequence
 from math import ceil
 
 import msgspec
+from duration_tails import PARALLEL, TAIL, WIDER, tail_figures
 from figures import ROOT, Figure, write
-from hub import COMMAND, crowd, hub_figures, playing
+from hub import COMMAND, hub_figures, playing, run_simulated_workers
 from learner_cost import CASES
 from scale_costs import cost_figures
 from scale_table import CREWS, EPISODE_S, method_of, predicted, table
 from sqlalchemy import text
 from stage import Stage
-from tails import PARALLEL, TAIL, WIDER, tail_figures
 
 LATEST = ROOT / "benchmarks" / "latest.json"
 PAGE = ROOT / "benchmarks" / "scale.md"
@@ -100,7 +100,7 @@ def measured(
             "parallel": parallel or case.parallel,
         }
         campaign = stage.create(**told, simulator="highway", planner="rulebook")
-        with crowd(services.hub, workers, EPISODE_S, **durations):
+        with run_simulated_workers(services.hub, workers, EPISODE_S, **durations):
             stage.wait_for(campaign, first + span + 1)
             took_ms = landed_ms(stage, campaign, first + span) - landed_ms(stage, campaign, first)
     return Figure(value=1000.0 * span / took_ms, unit="1/s", n=span, command=COMMAND)

@@ -5,7 +5,7 @@ from math import ceil
 
 from figures import Figure
 from scale_model import Prediction, predict
-from scale_parts import GROUP, Costs, Crew, Method
+from scale_parts import GROUP, Costs, Method, WorkerPool
 
 from eigenfail.values.learning import count_rounds_ahead
 
@@ -83,7 +83,7 @@ def predicted(
     """What the model says."""
     method = method_of(name, figures)
     played = PLAYED + ceil(10 * workers / method.round_size)
-    return predict(method, Crew(workers, episode_s), costs_of(figures), played)
+    return predict(method, WorkerPool(workers, episode_s), costs_of(figures), played)
 
 
 def table(figures: Mapping[str, Figure]) -> Iterator[str]:

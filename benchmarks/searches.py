@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from crew import Crew, horizon
+from episode_pool import EpisodePool as Crew
+from episode_pool import horizon
 from known_problems import Problem
 
 from eigenfail import plugins

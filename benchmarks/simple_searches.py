@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 
 import msgspec
 import numpy as np
-from crew import Crew
+from episode_pool import EpisodePool as Crew
 from figures import Figure
 from known_problems import Noise, Problem, four_branches, two_modes, walk
 from learning_figures import first_failure, log_p_per_step, of_seeds

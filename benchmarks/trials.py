@@ -28,8 +28,8 @@ import subset_parallel
 import transfer
 import varied
 from chains import chains
-from crew import Crew
 from curves import Curve
+from episode_pool import EpisodePool
 from faults import faults, kinds
 from figures import Figure
 from foreign import found_in_others
@@ -52,7 +52,7 @@ from undisturbed import undisturbed, unlit
 SCENARIOS = ("cut_in", "merge_in", "lead_brake")
 
 Finding = Figure | tuple[Curve, ...] | Run | SeedRuns
-Find = Callable[[Crew, int], Iterable[tuple[str, Finding]]]
+Find = Callable[[EpisodePool, int], Iterable[tuple[str, Finding]]]
 
 
 class Trial(NamedTuple):
