@@ -241,7 +241,7 @@ class MeasuresView(msgspec.Struct, frozen=True, kw_only=True):
         scatter: None without a failure of known severity.
         cost: None before the first episode.
         varies: whether scenario parameters are drawn, so that there may be a failing region.
-        crew: without rows before the first result.
+        workers: without rows before the first result.
     """
 
     campaign: int
@@ -251,11 +251,11 @@ class MeasuresView(msgspec.Struct, frozen=True, kw_only=True):
     scatter: Chart | None
     cost: SpendingView | None
     varies: bool
-    crew: Table
+    workers: Table
 
 
 def make_measures_view(
-    campaign: Campaign, safety: Safety, cost: CampaignCost, crew: Table
+    campaign: Campaign, safety: Safety, cost: CampaignCost, workers: Table
 ) -> MeasuresView:
     """Return the whole page, without parts that have no values."""
     some = safety.completed > 0
@@ -269,7 +269,7 @@ def make_measures_view(
         scatter=make_scatter_chart(safety.scatter) if safety.scatter.points else None,
         cost=make_spending_view(cost) if some else None,
         varies=some and bool(list_drawn(campaign.spec)),
-        crew=crew,
+        workers=workers,
     )
 
 

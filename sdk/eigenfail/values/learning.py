@@ -66,7 +66,7 @@ class Policy(msgspec.Struct, frozen=True, eq=False):
 
 
 class Predecessor(msgspec.Struct, frozen=True, eq=False):
-    """The learner of an earlier campaign: what it was born with, and what it knew in the end.
+    """The learner of an earlier campaign: its context at the start, and its state at the end.
 
     Attributes:
         campaign: its id.
@@ -146,7 +146,7 @@ def choose_group_size(parallel: int) -> int:
 
 
 class LearnerContext(msgspec.Struct, frozen=True, eq=False):
-    """What a learner is born with.
+    """The context that a learner is created with.
 
     Attributes:
         seed: seed of its own random draws.

@@ -51,7 +51,7 @@ BY_USER = "A user asked for it."
 """Why most campaigns rest; what else makes one rest stays with it until it goes on."""
 
 
-STORIES: Mapping[CampaignState, str] = {
+PHRASES: Mapping[CampaignState, str] = {
     S.QUEUED: "waits in the queue",
     S.RUNNING: "is running",
     S.PAUSING: "is about to pause",
@@ -74,13 +74,13 @@ def _check_move(source: CampaignState, target: CampaignState, who: str = "The ca
     """Refuse a move that `MOVES` does not allow; `REPEATABLE` states may be reached twice.
 
     Raises:
-        IllegalTransition: with the story so far and the moves that are allowed.
+        IllegalTransition: the move is not allowed; the error names the allowed ones.
     """
     if target in MOVES[source] or (source is target and target in REPEATABLE):
         return
     allowed = ", ".join(sorted(MOVES[source]))
     raise IllegalTransition(
-        f"{who} {STORIES[source]}: it cannot go from {source} to {target}.",
+        f"{who} {PHRASES[source]}: it cannot go from {source} to {target}.",
         f"From {source} it can become: {allowed}." if allowed else "Launch a copy of the campaign.",
     )
 
@@ -116,7 +116,7 @@ def set_priority(campaign: Campaign, priority: Priority) -> Campaign:
     """
     if campaign.state in FINAL_STATES:
         raise IllegalTransition(
-            f"Campaign {campaign.id} {STORIES[campaign.state]}: its priority cannot be changed.",
+            f"Campaign {campaign.id} {PHRASES[campaign.state]}: its priority cannot be changed.",
             "Only one that is queued, at work or paused can be given another priority.",
         )
     if campaign.spec.priority is priority:
@@ -133,7 +133,7 @@ def set_archived(campaign: Campaign, archived_ms: int | None) -> Campaign:
     """
     if archived_ms is not None and campaign.state not in FINAL_STATES:
         raise IllegalTransition(
-            f"Campaign {campaign.id} {STORIES[campaign.state]}: it cannot be archived.",
+            f"Campaign {campaign.id} {PHRASES[campaign.state]}: it cannot be archived.",
             "Wait for its end, or cancel it.",
         )
     if (campaign.archived_ms is None) is (archived_ms is None):
@@ -239,8 +239,8 @@ def make_delivery_error(webhook: int, delivery: int) -> NotFound:
     )
 
 
-def claim_lost(claim: Job) -> ClaimLost:
-    """The job is no longer that of who wants to write."""
+def make_claim_error(claim: Job) -> ClaimLost:
+    """Return the error that a job was claimed by another process."""
     return ClaimLost(
         f"The {claim.kind} {claim.subject} belongs to another process: the lease ran out, or it "
         "was paused, resumed or ended meanwhile.",
@@ -265,6 +265,6 @@ def make_reuse_error(campaign: int) -> IdempotencyMismatch:
     )
 
 
-def upgrade_command(address: str) -> str:
-    """The command that makes or upgrades the schema of the database at an address."""
+def format_upgrade_command(address: str) -> str:
+    """Return the command that makes or upgrades the schema of the database at an address."""
     return f"eigenfail db upgrade --database {quote(address)}"
