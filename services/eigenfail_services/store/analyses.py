@@ -19,10 +19,10 @@ from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import pack, to_analysis_result, to_json, to_settings
 from eigenfail_services.store.engine import Database
+from eigenfail_services.store.errors import make_analysis_error, make_mode_error
 from eigenfail_services.store.events import append_event, describe_analysis
 from eigenfail_services.store.jobs import enqueue
 from eigenfail_services.store.judging import keep_finite
-from eigenfail_services.store.lifecycle import make_analysis_error, make_mode_error
 from eigenfail_services.store.listing import contains_text
 from eigenfail_services.store.outbox import queue_analysis_end
 from eigenfail_services.store.references import hold_noise

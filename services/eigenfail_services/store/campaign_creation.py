@@ -10,9 +10,9 @@ from eigenfail.values.records import JobKind
 from eigenfail_services.store.access import admit_campaigns
 from eigenfail_services.store.campaign_rows import insert_campaign, read_campaign
 from eigenfail_services.store.codec import spec_hash
+from eigenfail_services.store.errors import make_reuse_error
 from eigenfail_services.store.events import append_event, describe_created
 from eigenfail_services.store.jobs import enqueue
-from eigenfail_services.store.lifecycle import make_reuse_error
 from eigenfail_services.store.references import hold_named_noise, refuse_pruned
 from eigenfail_services.store.schema import idempotency_keys
 

@@ -18,7 +18,7 @@ from eigenfail_services.store.codec import (
     to_tags_text,
 )
 from eigenfail_services.store.engine import CHUNK
-from eigenfail_services.store.lifecycle import make_campaign_error
+from eigenfail_services.store.errors import make_campaign_error
 from eigenfail_services.store.schema import campaigns, episode_index, episodes
 
 # Built once: they are executed with every group of results.

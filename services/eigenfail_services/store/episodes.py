@@ -68,9 +68,9 @@ from eigenfail_services.store.codec import (
     to_row,
 )
 from eigenfail_services.store.engine import Database, chunks
+from eigenfail_services.store.errors import make_episode_error, make_pruned_error
 from eigenfail_services.store.events import append_event, describe_alarm
 from eigenfail_services.store.judging import Kept, judge, make_rows
-from eigenfail_services.store.lifecycle import make_episode_error, make_pruned_error
 from eigenfail_services.store.listing import (
     Expression,
     count_episodes,

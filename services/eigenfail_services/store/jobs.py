@@ -23,7 +23,7 @@ from eigenfail.values import Priority
 from eigenfail.values.records import Job, JobKind
 from eigenfail_services.store.clock import LeaseClock, length_ms, now_ms
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.lifecycle import make_claim_error
+from eigenfail_services.store.errors import make_claim_error
 from eigenfail_services.store.schema import analyses, campaigns, jobs
 
 # A lease that is yet to begin is of another clock: of before the machine was started anew.

@@ -19,7 +19,7 @@ from eigenfail_services.store.engine import (
     to_unavailable,
     translate_errors,
 )
-from eigenfail_services.store.lifecycle import format_upgrade_command
+from eigenfail_services.store.errors import format_upgrade_command
 from eigenfail_services.store.schema import VERSION, VERSION_TABLE, metadata
 
 if TYPE_CHECKING:

@@ -32,7 +32,7 @@ from eigenfail.errors import StoreDamaged, StoreUnavailable
 from eigenfail.files import make_private_folder
 from eigenfail_services.store.alarms import FolderLock, ProcessFlag
 from eigenfail_services.store.clock import LeaseClock, steady_ms
-from eigenfail_services.store.lifecycle import format_upgrade_command
+from eigenfail_services.store.errors import format_upgrade_command
 from eigenfail_services.store.schema import event_counter, metadata
 
 SCHEMA_WAIT_S = 30.0

@@ -21,7 +21,7 @@ from eigenfail_services.store.analyses import require_analysis
 from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database, chunks
-from eigenfail_services.store.lifecycle import make_episode_error, make_mode_error
+from eigenfail_services.store.errors import make_episode_error, make_mode_error
 from eigenfail_services.store.listing import page_queries
 from eigenfail_services.store.schema import (
     analyses,
