@@ -48,7 +48,7 @@ def chains(method: str, prefix: str, pool: EpisodePool, seed: int) -> Iterator[t
     truth = true_failures(pool)
     share = of_seeds([failure_rate(run) for run in runs], "share", MOVED)
     yield f"{prefix}.share_failing", share
-    for name, figure in (*compared(method, runs, starts, truth), *mixed(runs)):
+    for name, figure in (*compare_samples(method, runs, starts, truth), *summarise_mixing(runs)):
         yield f"{prefix}.{name}", figure
 
 
@@ -64,7 +64,7 @@ def spec_of(method: str, episodes: int, seed: int, **settings: float) -> Campaig
     )
 
 
-def compared(
+def compare_samples(
     method: str, runs: Sequence[Found], starts: Sequence[Sequence[Floats]], truth: TrueFailures
 ) -> Iterator[tuple[str, Figure]]:
     """Compare the samples with the true failures: log p(z) per step, groups, early collisions."""
@@ -109,7 +109,7 @@ def log_p_per_step(noise: Sequence[Floats]) -> float:
     return -0.5 * squares / steps - log(2.0 * pi)
 
 
-def mixed(runs: Sequence[Found]) -> Iterator[tuple[str, Figure]]:
+def summarise_mixing(runs: Sequence[Found]) -> Iterator[tuple[str, Figure]]:
     """What the diagnostics say of them: the worst projections."""
     states = [read_state(run.state) for run in runs]
     found = [measure_projections(facts.projections, trace) for facts, trace in states]

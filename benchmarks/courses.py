@@ -46,7 +46,7 @@ class Course(NamedTuple):
 def course(scenario: str) -> Course:
     """The course of a scenario at its defaults."""
     plugin = plugins.load(plugins.SCENARIOS, scenario)
-    calm = injected(scenario, SILENCE).result
+    calm = run_with_noise(scenario, SILENCE).result
     noisy = explain(
         make_setup(scenario, "rulebook"), EpisodeTask(0, NOISY_SEED, PriorSource())
     ).result
@@ -57,13 +57,13 @@ def course(scenario: str) -> Course:
 
 def crash() -> ExplainedEpisode:
     """A run on cut_in under a slow longitudinal wave."""
-    found = injected("cut_in", square_wave(100, WAVE_SIGMA, WAVE_HALF_PERIOD))
+    found = run_with_noise("cut_in", square_wave(100, WAVE_SIGMA, WAVE_HALF_PERIOD))
     if not found.result.is_failure:
         raise SystemExit("The slow wave no longer makes it collide: choose another one.")
     return found
 
 
-def injected(scenario: str, z: np.ndarray) -> ExplainedEpisode:
+def run_with_noise(scenario: str, z: np.ndarray) -> ExplainedEpisode:
     """`rulebook` under this noise, shape (steps, 2)."""
     source = TrajectorySource(z.astype(np.float32))
     return explain(make_setup(scenario, "rulebook"), EpisodeTask(0, 0, source))

@@ -59,7 +59,7 @@ def digests() -> dict[str, str]:
         return {method: found[campaign] for method, campaign in campaigns.items()}
 
 
-def weathered(
+def run_storm(
     stage: Stage,
     faults: int,
     seed: int,
@@ -81,11 +81,11 @@ def everywhere(faults: int = FAULTS, seed: int = SEED) -> dict[str, Weathered]:
     calm = digests()
     with stage_on("") as stage:
         lock = {WRITE_LOCK: partial(hold_write_lock, stage.url, Random(seed))}
-        found = {"SQLite": weathered(stage, faults, seed, calm, lock)}
+        found = {"SQLite": run_storm(stage, faults, seed, calm, lock)}
     with server() as running, stage_on(running.url) as stage:
         more = {SERVER_SHUTDOWN: running.restarted}
         some = max(1, faults // OF_THEM_ON_POSTGRESQL)
-        return found | {"PostgreSQL": weathered(stage, some, seed, calm, more)}
+        return found | {"PostgreSQL": run_storm(stage, some, seed, calm, more)}
 
 
 def kinds(_crew: EpisodePool, _seed: int) -> Iterator[tuple[str, Figure]]:

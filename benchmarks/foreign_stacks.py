@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from episode_pool import EpisodePool
 from figures import ROOT, Figure
-from foreign import ALL, FOLDER, PYTHON, Example, bridged
+from foreign import ALL, FOLDER, PYTHON, Example, serve_bridge
 from msgspec.structs import replace
 from samples import COMMAND, count_share
 
@@ -92,7 +92,7 @@ def list_missing(stack: Stack) -> tuple[str, ...]:
 def find(name: str, _crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Yield the figures of one stack."""
     stack, place = STACKS[name], f"foreign.{name}"
-    with TemporaryDirectory() as folder, bridged(stack.example, Path(folder)) as client:
+    with TemporaryDirectory() as folder, serve_bridge(stack.example, Path(folder)) as client:
         yield f"{place}.undisturbed", drive_undisturbed(stack)
         found = {method: launch(client, stack, method, seed) for method in ALL}
         for method, campaign in found.items():

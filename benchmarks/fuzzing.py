@@ -200,7 +200,7 @@ def acks(dealer: FakeSocket) -> Iterator[bytes]:
     """What a hub says to the results that came."""
     assembler = Assembler()
     while dealer.outbox:
-        said = joined(assembler, dealer.outbox.popleft())
+        said = join_pieces(assembler, dealer.outbox.popleft())
         if isinstance(said, m.Results):
             yield m.encode(m.Ack(said.campaign, tuple(one.index for one in said.results)))
 
@@ -213,12 +213,12 @@ def runs_on(worker: FakeWorker) -> bool:
         worker.turn()
         worker.work()
         while worker.dealer.outbox:
-            if is_last_result(joined(assembler, worker.dealer.outbox.popleft())):
+            if is_last_result(join_pieces(assembler, worker.dealer.outbox.popleft())):
                 return True
     return False
 
 
-def joined(assembler: Assembler, data: bytes) -> m.Message:
+def join_pieces(assembler: Assembler, data: bytes) -> m.Message:
     """What a worker says, or the message that it completes with it."""
     said = m.read_worker_message(data)
     whole = assembler.add(said) if isinstance(said, m.Piece) else None
@@ -303,7 +303,7 @@ def wait_for_last(router: "zmq.Socket[bytes]") -> bool:
     until_s, assembler = time.monotonic() + PATIENCE_S, Assembler()
     while (left_s := until_s - time.monotonic()) > 0 and router.poll(left_s * 1_000):
         connection, *_, data = router.recv_multipart()
-        if is_last_result(joined(assembler, data)):
+        if is_last_result(join_pieces(assembler, data)):
             return True
         for word in LAST_WORDS:
             router.send_multipart([connection, word])

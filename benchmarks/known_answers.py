@@ -33,14 +33,14 @@ def planted(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Three modes with noise around them: whether they are found, and called distinct."""
     for spread in SPREADS:
         seeds = range(seed, seed + PLANTED_SEEDS)
-        found = pool.each(recovered, seeds, [spread] * PLANTED_SEEDS)
+        found = pool.each(compute_agreement, seeds, [spread] * PLANTED_SEEDS)
         place = f"analysis.planted.spread_{spread:g}"
         worst = min(rand for rand, _ in found)
         yield f"{place}.smallest_rand_index", number(worst, "index", PLANTED_SEEDS)
         yield f"{place}.called_distinct", share([distinct for _, distinct in found])
 
 
-def recovered(seed: int, spread: float) -> tuple[float, bool]:
+def compute_agreement(seed: int, spread: float) -> tuple[float, bool]:
     """The adjusted Rand index with the truth, and whether the modes are called distinct."""
     random = np.random.default_rng(seed)
     labels = random.permutation(np.repeat(range(len(SIZES)), SIZES))
@@ -61,7 +61,7 @@ def three_modes() -> Noise:
 def clouds(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """One cloud of failures, which has no modes: how often it is said to have some."""
     for name in CLOUD_KINDS:
-        called = pool.each(divided, [name] * CLOUDS, range(seed, seed + CLOUDS))
+        called = pool.each(is_divided, [name] * CLOUDS, range(seed, seed + CLOUDS))
         yield f"analysis.one_cloud.{name}.called_distinct", share(called)
 
 
@@ -91,7 +91,7 @@ CLOUD_KINDS: dict[str, Callable[[np.random.Generator, Noise], Noise]] = {
 }
 
 
-def divided(kind: str, seed: int) -> bool:
+def is_divided(kind: str, seed: int) -> bool:
     """Whether one cloud is said to have distinct modes."""
     random = np.random.default_rng(seed)
     noise = random.standard_normal((CLOUD_FAILURES, CLOUD_STEPS, 2))

@@ -11,8 +11,9 @@ from typing import Any
 from curves import Curve, curve
 from episode_pool import EpisodePool, make_setup
 from figures import Figure
-from heuristics import SHAPES, rate_at, tried
+from heuristics import SHAPES, rate_at, try_amplitudes
 from learning_figures import (
+    count_trained,
     deviation,
     each,
     failure_rate,
@@ -24,7 +25,6 @@ from learning_figures import (
     over_heuristics,
     rate_gained,
     severity,
-    trained,
 )
 from mode_reference import Reference, reference
 from samples import COMMAND
@@ -79,11 +79,11 @@ def ast(pool: EpisodePool, seed: int) -> Findings:
     yield "ast", tuple(map(curve, runs))
     place = f"cut_in.ast.train{TRAINED}"
     yield from rates(place, runs)
-    yield "cut_in.ast.trained_episodes", middle(runs, trained, "episodes", TRAINED)
+    yield "cut_in.ast.trained_episodes", middle(runs, count_trained, "episodes", TRAINED)
     yield "cut_in.ast.first_failure_episode", middle(runs, first_failure, "episode", TRAINED)
     evaluated_runs = evaluations(pool, runs, EVALUATED)
-    yield from evaluated("cut_in.ast", evaluated_runs)
-    yield from covered("cut_in.ast", pool, evaluated_runs)
+    yield from summarise_evaluation("cut_in.ast", evaluated_runs)
+    yield from compute_coverage("cut_in.ast", pool, evaluated_runs)
     usual_m = plugins.load(plugins.SCENARIOS, "cut_in").Parameters().distance_m
     for name, offset_m in {"plus5": 5.0, "minus5": -5.0}.items():
         moved = evaluations(pool, runs, MOVED, distance_m=usual_m + offset_m)
@@ -98,9 +98,11 @@ def likely_ast(pool: EpisodePool, seed: int) -> Findings:
     """AST that prefers likely failures, against noise with a shape that is as likely."""
     runs = learnt(pool, seed, "ast", **LIKELY)
     evaluated_runs = evaluations(pool, runs, EVALUATED)
-    yield from evaluated("cut_in.ast_likely", evaluated_runs)
+    yield from summarise_evaluation("cut_in.ast_likely", evaluated_runs)
     setup = make_setup("cut_in", "rulebook")
-    tried_shapes = {name: tried(pool, setup, of, TRIED, seed) for name, of in SHAPES.items()}
+    tried_shapes = {
+        name: try_amplitudes(pool, setup, of, TRIED, seed) for name, of in SHAPES.items()
+    }
     blind = {name: found for name, found in tried_shapes.items() if name != KNOWING}
     for name, shapes in (("ast_over_heuristic", blind), ("ast_over_knowing", tried_shapes)):
         over = partial(over_heuristics, tried=shapes)
@@ -120,9 +122,9 @@ def cem(pool: EpisodePool, seed: int) -> Findings:
     yield "cem", tuple(map(curve, runs))
     yield from rates(f"cut_in.cem.train{TRAINED}", runs)
     evaluated_runs = evaluations(pool, runs, EVALUATED)
-    yield from evaluated("cut_in.cem", evaluated_runs)
+    yield from summarise_evaluation("cut_in.cem", evaluated_runs)
     yield "cut_in.cem.logp_ratio", middle(evaluated_runs, log_p_ratio, "ratio", EVALUATED)
-    yield from covered("cut_in.cem", pool, evaluated_runs)
+    yield from compute_coverage("cut_in.cem", pool, evaluated_runs)
 
 
 def difs(pool: EpisodePool, seed: int) -> Findings:
@@ -131,10 +133,10 @@ def difs(pool: EpisodePool, seed: int) -> Findings:
     yield "difs", tuple(map(curve, runs))
     yield from rates(f"cut_in.difs.train{TRAINED}", runs)
     evaluated_runs = evaluations(pool, runs, EVALUATED)
-    yield from evaluated("cut_in.difs", evaluated_runs)
+    yield from summarise_evaluation("cut_in.difs", evaluated_runs)
     yield "cut_in.difs.logp_ratio", middle(evaluated_runs, log_p_ratio, "ratio", EVALUATED)
     yield "cut_in.difs.sample_std", middle(evaluated_runs, deviation, "sigma", EVALUATED)
-    yield from covered("cut_in.difs", pool, evaluated_runs)
+    yield from compute_coverage("cut_in.difs", pool, evaluated_runs)
     yield from beside_cem(pool, seed, evaluated_runs)
     full = evaluations(pool, [changed(run, sampler="ddpm") for run in runs], EVALUATED)
     yield from rates(f"cut_in.difs.ddpm1000.eval{EVALUATED}", full)
@@ -149,7 +151,7 @@ def beside_cem(pool: EpisodePool, seed: int, of_difs: Sequence[Found]) -> Figure
     yield from rates(f"cut_in.cem_held_back.eval{EVALUATED}", of_cem)
     yield "cut_in.cem_held_back.logp_ratio", middle(of_cem, log_p_ratio, "ratio", EVALUATED)
     yield "cut_in.cem_held_back.sample_std", middle(of_cem, deviation, "sigma", EVALUATED)
-    yield from covered("cut_in.cem_held_back", pool, of_cem)
+    yield from compute_coverage("cut_in.cem_held_back", pool, of_cem)
     yield "cut_in.difs_over_cem.logp_per_step", likelier(of_difs, of_cem)
 
 
@@ -177,13 +179,13 @@ def rates(place: str, runs: Sequence[Found]) -> Figures:
     yield f"{place}.log_p_per_step", middle(runs, log_p_per_step, "nat", n)
 
 
-def evaluated(place: str, runs: Sequence[Found]) -> Figures:
+def summarise_evaluation(place: str, runs: Sequence[Found]) -> Figures:
     """The same of an evaluation, and how severe."""
     yield from rates(f"{place}.eval{EVALUATED}", runs)
     yield f"{place}.eval{EVALUATED}.mean_severity", middle(runs, severity, "m²/s²", EVALUATED)
 
 
-def covered(place: str, pool: EpisodePool, runs: Sequence[Found]) -> Figures:
+def compute_coverage(place: str, pool: EpisodePool, runs: Sequence[Found]) -> Figures:
     """How much of p(x | failure) the failures of all seeds reach together."""
     known = true_failures(pool)
     failures = [one.z for run in runs for one in run.crashes]

@@ -6,7 +6,7 @@ import msgspec
 from episode_loop import tasks
 from episode_pool import EpisodePool, EpisodeRecord, make_setup
 from figures import Figure
-from monte_carlo import defined
+from monte_carlo import list_defined
 from samples import mean, median, share
 
 from eigenfail.values import Correlated, DisturbanceModel, HeavyTailed
@@ -49,6 +49,6 @@ def under(
 def figures(place: str, played: Sequence[EpisodeRecord]) -> Iterator[tuple[str, Figure]]:
     """What is told of the episodes under a model; a severity only where anything failed."""
     yield f"{place}.failure_rate", share([one.is_failure for one in played])
-    yield f"{place}.median_min_ttc_s", median(defined(played, "min_ttc_s"), "s")
-    if severities := defined(played, "severity"):
+    yield f"{place}.median_min_ttc_s", median(list_defined(played, "min_ttc_s"), "s")
+    if severities := list_defined(played, "severity"):
         yield f"{place}.mean_severity", mean(severities, "m²/s²")

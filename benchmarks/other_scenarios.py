@@ -7,9 +7,9 @@ import numpy as np
 from episode_loop import tasks
 from episode_pool import EpisodePool, horizon, make_setup
 from figures import Figure
-from monte_carlo import defined
+from monte_carlo import list_defined
 from samples import mean, median, share
-from shapes import held
+from shapes import draw_held_noise
 from undisturbed import number
 
 from eigenfail import plugins
@@ -36,13 +36,13 @@ def held_noise(
     scenario: str, planner: str, pool: EpisodePool, seed: int
 ) -> Iterator[tuple[str, Figure]]:
     """Uniform noise of ±3 sigma, each value held for 5 steps: crashes, severity, tracks lost."""
-    noise = held(np.random.default_rng(seed), HELD, horizon(scenario), sigma=3.0, hold=5)
+    noise = draw_held_noise(np.random.default_rng(seed), HELD, horizon(scenario), sigma=3.0, hold=5)
     played = pool.inject(make_setup(scenario, planner), noise)
     crashed = [one for one in played if one.is_failure]
     place = f"{scenario}.{planner}.held3"
     yield f"{place}.rate", share([one.is_failure for one in played])
     if crashed:
-        yield f"{place}.mean_severity", mean(defined(crashed, "severity"), "m²/s²")
+        yield f"{place}.mean_severity", mean(list_defined(crashed, "severity"), "m²/s²")
     if planner == "rulebook":
         after = share([one.lost_tracks > 0 for one in crashed], "of the crashes")
         yield f"{place}.crashes_after_a_lost_track", after
@@ -66,7 +66,9 @@ def merges(planner: str, pool: EpisodePool, seed: int) -> Iterator[tuple[str, Fi
     )
     every = tasks(0, EPISODES, seed)
     batches = [every[first : first + BATCH] for first in range(0, EPISODES, BATCH)]
-    found = [one for batch in pool.each(merged, [setup] * len(batches), batches) for one in batch]
+    found = [
+        one for batch in pool.each(run_in_process, [setup] * len(batches), batches) for one in batch
+    ]
     place = f"merge_in.{planner}.merges"
     times_s = [one.crossed_s for one in found if one.crossed_s is not None]
     distances_m = [one.robustness_m for one in found]
@@ -80,7 +82,7 @@ def merges(planner: str, pool: EpisodePool, seed: int) -> Iterator[tuple[str, Fi
     yield f"{place}.different_robustness", number(len(set(distances_m)), "episodes", EPISODES)
 
 
-def merged(setup: bytes, batch: list[EpisodeTask]) -> list[Merge]:
+def run_in_process(setup: bytes, batch: list[EpisodeTask]) -> list[Merge]:
     """Run episodes in this process."""
     engine = Engine(msgspec.json.decode(setup, type=EpisodeSetup))
     try:

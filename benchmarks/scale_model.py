@@ -43,16 +43,16 @@ def limits(method: Method, pool: WorkerPool, costs: Costs) -> dict[str, float]:
     )
     turn_s = pool.episode_s + costs.result_s + costs.commit_s + method.round_s
     return {
-        "workers": divided(pool.workers, pool.episode_s),
-        "hub": divided(free, hub_s),
-        "learner": divided(method.round_size, method.round_s),
-        ROUNDS: divided((method.lookahead + 1) * method.round_size, turn_s),
-        "network": divided(costs.wire_bytes_per_s, costs.wire_bytes),
-        "disk": divided(costs.disk_bytes_per_s, costs.disk_bytes),
+        "workers": divide(pool.workers, pool.episode_s),
+        "hub": divide(free, hub_s),
+        "learner": divide(method.round_size, method.round_s),
+        ROUNDS: divide((method.lookahead + 1) * method.round_size, turn_s),
+        "network": divide(costs.wire_bytes_per_s, costs.wire_bytes),
+        "disk": divide(costs.disk_bytes_per_s, costs.disk_bytes),
     }
 
 
-def divided(amount: float, by: float) -> float:
+def divide(amount: float, by: float) -> float:
     """A rate; without end where nothing is asked."""
     return amount / by if by > 0.0 else inf
 

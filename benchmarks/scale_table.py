@@ -77,7 +77,7 @@ def method_of(name: str, figures: Mapping[str, Figure]) -> Method:
     )
 
 
-def predicted(
+def predict_rate(
     name: str, workers: int, episode_s: float, figures: Mapping[str, Figure]
 ) -> Prediction:
     """What the model says."""
@@ -94,20 +94,20 @@ def table(figures: Mapping[str, Figure]) -> Iterator[str]:
     for name, words in NAMES.items():
         for workers in CREWS:
             seen = figures.get(f"rate_{name}_{workers}")
-            sleepers = predicted(name, workers, EPISODE_S, figures)
-            real = predicted(name, workers, episode_s, figures)
+            sleepers = predict_rate(name, workers, EPISODE_S, figures)
+            real = predict_rate(name, workers, episode_s, figures)
             cells = (
                 words,
                 f"{workers:,}",
-                shown(sleepers.episodes_per_s),
-                shown(seen.value if seen else None),
+                format_digits(sleepers.episodes_per_s),
+                format_digits(seen.value if seen else None),
                 sleepers.bottleneck,
-                shown(real.episodes_per_s),
+                format_digits(real.episodes_per_s),
                 real.bottleneck,
             )
             yield f"| {' | '.join(cells)} |"
 
 
-def shown(rate: float | None) -> str:
+def format_digits(rate: float | None) -> str:
     """Three digits; nothing where nothing was measured."""
     return "" if rate is None else f"{float(f'{rate:.3g}'):,.4g}".replace("e+03", "")

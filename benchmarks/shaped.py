@@ -7,7 +7,7 @@ import numpy as np
 from episode_pool import EpisodePool, EpisodeRecord, horizon, make_setup
 from figures import Figure
 from samples import COMMAND, count_share, mean, share
-from shapes import Array, held, shuffles, square_wave, square_waves
+from shapes import Array, draw_held_noise, shuffles, square_wave, square_waves
 
 from eigenfail import plugins
 
@@ -37,10 +37,10 @@ def noises(steps: int, seed: int) -> dict[str, Array]:
     rng = np.random.default_rng(seed)
     wave = square_wave(steps, sigma=2.0, half_period=20)
     return {
-        "held3": held(rng, RUNS, steps, sigma=3.0, hold=5),
-        "held2": held(rng, RUNS, steps, sigma=2.0, hold=5),
-        "white3": held(rng, RUNS, steps, sigma=3.0, hold=1),
-        "white2": held(rng, RUNS, steps, sigma=2.0, hold=1),
+        "held3": draw_held_noise(rng, RUNS, steps, sigma=3.0, hold=5),
+        "held2": draw_held_noise(rng, RUNS, steps, sigma=2.0, hold=5),
+        "white3": draw_held_noise(rng, RUNS, steps, sigma=3.0, hold=1),
+        "white2": draw_held_noise(rng, RUNS, steps, sigma=2.0, hold=1),
         "square3": square_waves(steps, sigma=3.0),
         "wave2": wave[None],
         "wave2_shuffled": shuffles(rng, wave, SHUFFLES),

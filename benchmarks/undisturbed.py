@@ -80,10 +80,10 @@ def grid(scenario: str) -> Iterator[dict[str, float]]:
 
 def drive(setup: bytes) -> Drive:
     """Run a setup in JSON once, in this process."""
-    return told(explain(msgspec.json.decode(setup, type=EpisodeSetup), UNDISTURBED))
+    return read_account(explain(msgspec.json.decode(setup, type=EpisodeSetup), UNDISTURBED))
 
 
-def told(run: ExplainedEpisode) -> Drive:
+def read_account(run: ExplainedEpisode) -> Drive:
     """What is kept of a run."""
     measures, scene = run.result.measures, run.result.scene
     if measures is None or scene is None:

@@ -9,7 +9,7 @@ from episode_loop import tasks
 from episode_pool import EpisodePool, horizon, make_setup
 from figures import Figure
 from samples import share
-from shapes import held
+from shapes import draw_held_noise
 
 from eigenfail.values import EpisodeSetup
 
@@ -83,7 +83,7 @@ def idm(
 def rulebook(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """How often `rulebook` loses its track under ordinary noise, and crashes under held noise."""
     steps = horizon("cut_in")
-    noise = held(np.random.default_rng(seed), EPISODES, steps, sigma=3.0, hold=5)
+    noise = draw_held_noise(np.random.default_rng(seed), EPISODES, steps, sigma=3.0, hold=5)
     for name, changed in RULEBOOK_IN_CUT_IN.items():
         setup, place = changed.setup("cut_in", "rulebook"), f"cut_in.rulebook.varied.{name}"
         usual = pool.play(setup, tasks(0, EPISODES, seed))

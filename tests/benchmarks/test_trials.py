@@ -96,10 +96,10 @@ def test_without_brake_lights_the_tracker_is_never_told():
 def test_an_episode_of_a_merge_says_when_the_marking_was_crossed():
     from episode_loop import tasks
     from episode_pool import make_setup
-    from other_scenarios import merged
+    from other_scenarios import run_in_process
 
     setup = msgspec.structs.replace(make_setup("merge_in", "rulebook"), scene_every=1)
-    (one,) = merged(msgspec.json.encode(setup), tasks(0, 1, seed=3))
+    (one,) = run_in_process(msgspec.json.encode(setup), tasks(0, 1, seed=3))
     assert 3.0 < one.crossed_s < 10.0
     assert one.ahead
     assert not one.is_failure

@@ -21,7 +21,7 @@ def benchmark(monkeypatch, root):
 
 def test_the_page_is_that_of_the_kept_run(benchmark, root):
     page = (root / "docs" / "reproduction.md").read_text()
-    assert page == benchmark.illustrated(benchmark.read()), "run `make pictures`"
+    assert page == benchmark.illustrate_page(benchmark.read()), "run `make pictures`"
     for name in benchmark.PICTURES:
         assert f"(reproduction/{name}.svg)" in page
         assert "<svg" in (root / "docs" / "reproduction" / f"{name}.svg").read_text()
