@@ -1,6 +1,5 @@
 """Routes of triage: state, owner, labels, ticket and notes of failure modes and episodes."""
 
-from collections.abc import Callable
 from typing import Annotated
 
 from fastapi import APIRouter, Depends
@@ -32,88 +31,17 @@ from eigenfail_api.parameters import (
     Stored,
     body_of,
 )
-from eigenfail_services.store.triage import TriageSubject, episode_subject, mode_subject
-from eigenfail_services.store.triage_rows import TriageKind
+from eigenfail_services.store.triage import episode_subject, mode_subject
 
 router = APIRouter(prefix=PREFIX, tags=["triage"])
 
 MODES = "/analyses/{analysis}/modes"
 EPISODES = "/campaigns/{campaign}/episodes"
+MODE = f"{MODES}/{{mode}}"
+EPISODE = f"{EPISODES}/{{index}}"
 
 Change = Annotated[TriageChange, Depends(body_of(TriageChange))]
 Text = Annotated[NoteText, Depends(body_of(NoteText))]
-
-
-def _find_mode(analysis: AnalysisId, mode: ModeNumber) -> TriageSubject:
-    return mode_subject(analysis, mode)
-
-
-def _find_episode(campaign: CampaignId, index: EpisodeIndex) -> TriageSubject:
-    return episode_subject(campaign, index)
-
-
-def _add_subject_routes(
-    path: str, kind: TriageKind, words: str, find_subject: Callable[..., TriageSubject]
-) -> None:
-    """Add the routes of one subject of triage: its triage and its notes.
-
-    Args:
-        path: path of a subject.
-        kind: kind of the subjects, which the names of the routes contain.
-        words: a subject of this kind, in the descriptions of the routes.
-        find_subject: dependency that reads the subject from the path.
-    """
-
-    @router.get(
-        f"{path}/triage",
-        name=f"get_{kind}_triage",
-        description=f"Get the triage of {words}.",
-        **document_route(Triage),
-    )
-    def get_triage(store: Stored, subject: Annotated[TriageSubject, Depends(find_subject)]) -> Json:
-        return Json(store.triage.get(subject))
-
-    @router.post(
-        f"{path}/triage",
-        name=f"triage_{kind}",
-        description=f"Change the triage of {words}; fields that are left out do not change.",
-        **document_route(Triage, body=TriageChange),
-    )
-    def change_triage(
-        store: Stored,
-        subject: Annotated[TriageSubject, Depends(find_subject)],
-        change: Change,
-        who: CallerName,
-    ) -> Json:
-        return Json(store.triage.change(subject, check_change(change), who))
-
-    @router.get(
-        f"{path}/notes",
-        name=f"list_{kind}_notes",
-        description=f"List the notes on {words}, newest first.",
-        **document_route(Page[TriageNote]),
-    )
-    def list_notes(
-        store: Stored,
-        subject: Annotated[TriageSubject, Depends(find_subject)],
-        limit: Limit = 100,
-        before: Before = None,
-    ) -> Json:
-        return Json(store.triage.notes(subject, limit, before))
-
-    @router.post(
-        f"{path}/notes",
-        name=f"add_{kind}_note",
-        description=f"Add a note to {words}.",
-        **document_route(TriageNote, body=NoteText),
-    )
-    def add_note(
-        store: Stored,
-        subject: Annotated[TriageSubject, Depends(find_subject)],
-        given: Text,
-        who: CallerName,
-    ) -> Json:
-        return Json(store.triage.add_note(subject, check_note(given.text), who))
 
 
 @router.post(f"{MODES}/triage", **document_route(TriageCount, body=ModesTriage))
@@ -128,7 +56,38 @@ def triage_modes(
     return Json(store.triage.change_modes(analysis, asked.modes, change, who))
 
 
-_add_subject_routes(f"{MODES}/{{mode}}", TriageKind.MODE, "a failure mode", _find_mode)
+@router.get(f"{MODE}/triage", **document_route(Triage))
+def get_mode_triage(store: Stored, analysis: AnalysisId, mode: ModeNumber) -> Json:
+    """Get the triage of a failure mode."""
+    return Json(store.triage.get(mode_subject(analysis, mode)))
+
+
+@router.post(f"{MODE}/triage", **document_route(Triage, body=TriageChange))
+def triage_mode(
+    store: Stored, analysis: AnalysisId, mode: ModeNumber, change: Change, who: CallerName
+) -> Json:
+    """Change the triage of a failure mode; fields that are left out do not change."""
+    return Json(store.triage.change(mode_subject(analysis, mode), check_change(change), who))
+
+
+@router.get(f"{MODE}/notes", **document_route(Page[TriageNote]))
+def list_mode_notes(
+    store: Stored,
+    analysis: AnalysisId,
+    mode: ModeNumber,
+    limit: Limit = 100,
+    before: Before = None,
+) -> Json:
+    """List the notes on a failure mode, newest first."""
+    return Json(store.triage.notes(mode_subject(analysis, mode), limit, before))
+
+
+@router.post(f"{MODE}/notes", **document_route(TriageNote, body=NoteText))
+def add_mode_note(
+    store: Stored, analysis: AnalysisId, mode: ModeNumber, given: Text, who: CallerName
+) -> Json:
+    """Add a note to a failure mode."""
+    return Json(store.triage.add_note(mode_subject(analysis, mode), check_note(given.text), who))
 
 
 @router.post(f"{EPISODES}/triage", **document_route(TriageCount, body=EpisodesTriage))
@@ -143,4 +102,37 @@ def triage_episodes(
     return Json(store.triage.change_episodes(campaign, where, change, who))
 
 
-_add_subject_routes(f"{EPISODES}/{{index}}", TriageKind.EPISODE, "an episode", _find_episode)
+@router.get(f"{EPISODE}/triage", **document_route(Triage))
+def get_episode_triage(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Json:
+    """Get the triage of an episode."""
+    return Json(store.triage.get(episode_subject(campaign, index)))
+
+
+@router.post(f"{EPISODE}/triage", **document_route(Triage, body=TriageChange))
+def triage_episode(
+    store: Stored, campaign: CampaignId, index: EpisodeIndex, change: Change, who: CallerName
+) -> Json:
+    """Change the triage of an episode; fields that are left out do not change."""
+    return Json(store.triage.change(episode_subject(campaign, index), check_change(change), who))
+
+
+@router.get(f"{EPISODE}/notes", **document_route(Page[TriageNote]))
+def list_episode_notes(
+    store: Stored,
+    campaign: CampaignId,
+    index: EpisodeIndex,
+    limit: Limit = 100,
+    before: Before = None,
+) -> Json:
+    """List the notes on an episode, newest first."""
+    return Json(store.triage.notes(episode_subject(campaign, index), limit, before))
+
+
+@router.post(f"{EPISODE}/notes", **document_route(TriageNote, body=NoteText))
+def add_episode_note(
+    store: Stored, campaign: CampaignId, index: EpisodeIndex, given: Text, who: CallerName
+) -> Json:
+    """Add a note to an episode."""
+    return Json(
+        store.triage.add_note(episode_subject(campaign, index), check_note(given.text), who)
+    )
