@@ -47,8 +47,10 @@ class Taken(msgspec.Struct, frozen=True):
 def analysis_figures() -> dict[str, Figure]:
     """Of 300 failures without the bootstrap, and of 100,000 with it."""
     with TemporaryDirectory() as folder:
-        few = measured(Path(folder) / "few.db", FEW, bootstrap=0, runs=RUNS)
-        many = measured(Path(folder) / "many.db", MANY, bootstrap=AnalysisSettings().bootstrap)
+        few = measure_analysis(Path(folder) / "few.db", FEW, bootstrap=0, runs=RUNS)
+        many = measure_analysis(
+            Path(folder) / "many.db", MANY, bootstrap=AnalysisSettings().bootstrap
+        )
     return {
         "analysis_300_s": figure([one.wall_s for one in few], "s", "<= 2"),
         "analysis_1e5_s": figure([one.wall_s for one in many], "s", "<= 60"),
@@ -56,7 +58,7 @@ def analysis_figures() -> dict[str, Figure]:
     }
 
 
-def measured(path: Path, count: int, bootstrap: int, runs: int = 1) -> list[Taken]:
+def measure_analysis(path: Path, count: int, bootstrap: int, runs: int = 1) -> list[Taken]:
     """Fill a store, and analyse it a few times."""
     fill(path, count)
     return [in_a_process_of_its_own(path, bootstrap) for _ in range(runs)]

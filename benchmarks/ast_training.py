@@ -11,7 +11,7 @@ from statistics import mean
 from typing import Any
 
 import msgspec
-from crew import Crew, crew
+from episode_pool import EpisodePool, open_pool
 from learning_figures import log_p_per_step
 from searches import evaluations, side_by_side
 from transfer import list_transfers, read_example
@@ -35,7 +35,7 @@ ENDS = {
 """Ends of the ranges that `transfer` judges."""
 
 
-def compare_choices(hands: Crew, seeds: range) -> None:
+def compare_choices(hands: EpisodePool, seeds: range) -> None:
     """Train with each choice from each seed, and evaluate at the ends of the ranges."""
     for name, settings in CHOICES.items():
         specs = [
@@ -65,7 +65,7 @@ def compare_choices(hands: Crew, seeds: range) -> None:
         )
 
 
-def show_worst_places(hands: Crew, seeds: range) -> None:
+def show_worst_places(hands: EpisodePool, seeds: range) -> None:
     """Print the smallest share of failures of members of the example's ensemble."""
     example = read_example()
     members, judged = example.settings["members"], example.settings["judged"]
@@ -81,7 +81,7 @@ def show_worst_places(hands: Crew, seeds: range) -> None:
 
 
 if __name__ == "__main__":
-    with crew() as everybody:
+    with open_pool() as everybody:
         match sys.argv[1:]:
             case ["settings", first_seed, number]:
                 compare_choices(everybody, range(int(first_seed), int(first_seed) + int(number)))

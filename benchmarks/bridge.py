@@ -7,7 +7,7 @@ import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 
-from bare import tasks
+from episode_loop import tasks
 from figures import ROOT, Figure, show, summarize_runs
 
 from eigenfail.contracts import EpisodeEngine

@@ -5,7 +5,7 @@ from math import log, pi
 from statistics import fmean
 
 import numpy as np
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import Figure
 from learning_figures import failure_rate, of_seeds
 from mode_reference import TrueFailures, true_failures
@@ -38,17 +38,17 @@ OF_Z = "log p(z) per step, z standardised"
 """What `log_p_gap` compares; other claims have log p(a), a density of the errors in metres."""
 
 
-def chains(method: str, prefix: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def chains(method: str, prefix: str, pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Campaigns of chains from the failures of a method, one for each seed."""
     seeds = range(seed + UNSEEN, seed + UNSEEN + SEEDS)
     found_in = [spec_of(method, FOUND_IN[method], each) for each in seeds]
-    starts = [[one.z for one in run.crashes] for run in side_by_side(crew, found_in)]
+    starts = [[one.z for one in run.crashes] for run in side_by_side(pool, found_in)]
     specs = [spec_of("chains", MOVED, each, **SETTINGS[method]) for each in seeds]
-    runs = crew.each(search, specs, [None] * SEEDS, starts)
-    truth = true_failures(crew)
+    runs = pool.each(search, specs, [None] * SEEDS, starts)
+    truth = true_failures(pool)
     share = of_seeds([failure_rate(run) for run in runs], "share", MOVED)
     yield f"{prefix}.share_failing", share
-    for name, figure in (*compared(method, runs, starts, truth), *mixed(runs)):
+    for name, figure in (*compare_samples(method, runs, starts, truth), *summarise_mixing(runs)):
         yield f"{prefix}.{name}", figure
 
 
@@ -64,7 +64,7 @@ def spec_of(method: str, episodes: int, seed: int, **settings: float) -> Campaig
     )
 
 
-def compared(
+def compare_samples(
     method: str, runs: Sequence[Found], starts: Sequence[Sequence[Floats]], truth: TrueFailures
 ) -> Iterator[tuple[str, Figure]]:
     """Compare the samples with the true failures: log p(z) per step, groups, early collisions."""
@@ -109,7 +109,7 @@ def log_p_per_step(noise: Sequence[Floats]) -> float:
     return -0.5 * squares / steps - log(2.0 * pi)
 
 
-def mixed(runs: Sequence[Found]) -> Iterator[tuple[str, Figure]]:
+def summarise_mixing(runs: Sequence[Found]) -> Iterator[tuple[str, Figure]]:
     """What the diagnostics say of them: the worst projections."""
     states = [read_state(run.state) for run in runs]
     found = [measure_projections(facts.projections, trace) for facts, trace in states]

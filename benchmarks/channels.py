@@ -7,8 +7,8 @@ from statistics import NormalDist, fmean
 
 import msgspec
 import numpy as np
-from bare import tasks
-from crew import Crew, horizon, staged
+from episode_loop import tasks
+from episode_pool import EpisodePool, horizon, make_setup
 from figures import Figure
 from intervals import Plan, estimate, judge
 from known_problems import Noise, Problem
@@ -74,11 +74,11 @@ SETTINGS: dict[str, dict[str, object]] = {
 SEARCHING = (*METHODS, "ensemble", "subset", "mixture", "splitting")
 
 
-def find(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Failures, log p and severity of each method with each set, in each scenario."""
     places = list_places()
     specs = [make_spec(*place, seed + n) for place in places for n in range(SEEDS)]
-    founds = crew.each(search, specs)
+    founds = pool.each(search, specs)
     for number, place in enumerate(places):
         scenario, channels, method = place
         own = founds[number * SEEDS : (number + 1) * SEEDS]
@@ -144,22 +144,22 @@ def count_distinct_modes(found: Found) -> int:
     return count_modes(noise, courses, horizon(found.spec.scenario))
 
 
-def find_equal_digests(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_equal_digests(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Whether the two channels of the position, named, give the episodes of a campaign without."""
-    del crew
+    del pool
     same = []
     for scenario, planner in product(SCENARIOS, ("rulebook", "idm")):
-        plain = staged(scenario, planner)
+        plain = make_setup(scenario, planner)
         named = msgspec.structs.replace(plain, disturbance=DisturbanceModel(channels=POSITION))
         runs = [Engine(each).run(tasks(0, 100, seed)) for each in (plain, named)]
         same += [one.digest() == other.digest() for one, other in zip(*runs, strict=True)]
     yield "channels.white_digest_equal", count_share(same, "episodes of Monte Carlo")
 
 
-def find_conformance(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_conformance(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """The share of methods × numbers of channels whose campaign ran as it should."""
     places = [*product(SEARCHING, FIRST_SETS)]
-    passed = crew.each(runs_to_its_end, *zip(*places, strict=True), [seed] * len(places))
+    passed = pool.each(runs_to_its_end, *zip(*places, strict=True), [seed] * len(places))
     note = f"{len(SEARCHING)} methods with 1, 2 and 5 channels, events among them, on cut_in"
     yield "channels.conformance", count_share(passed, note)
 
@@ -187,11 +187,11 @@ def runs_to_its_end(method: str, channels: int, seed: int) -> bool:
 JOINT_EPISODES, JOINT_SEEDS = 1_000, 5
 
 
-def find_joint_gain(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_joint_gain(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """How much likelier the likeliest failure is where scenario and noise are searched together."""
     seeds = [seed + n for n in range(JOINT_SEEDS)]
     specs = [make_joint_spec(each, joint) for each in seeds for joint in (False, True)]
-    found = [find_likeliest(one) for one in crew.each(search, specs)]
+    found = [find_likeliest(one) for one in pool.each(search, specs)]
     gains = [
         None if None in pair else pair[1] - pair[0]
         for pair in zip(found[::2], found[1::2], strict=True)
@@ -240,13 +240,13 @@ def joint_half_space(probability: float) -> Problem:
     return Problem(f"joint half space {probability:.0e}", JOINT_STEPS, probability, robustness)
 
 
-def find_joint_cover(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_joint_cover(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """How often intervals hold the probability over what is drawn once and at each step."""
     held = []
     for probability in (1e-3, 1e-4):
         problem = joint_half_space(probability)
         seeds = range(seed, seed + JOINT_CAMPAIGNS)
-        found = crew.each(estimate_joint, [probability] * JOINT_CAMPAIGNS, seeds)
+        found = pool.each(estimate_joint, [probability] * JOINT_CAMPAIGNS, seeds)
         held.append(judge(found, problem.probability).held)
     note = (
         f"the smaller share of two half spaces, 1e-3 and 1e-4, with {JOINT_CAMPAIGNS} campaigns of "

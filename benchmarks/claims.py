@@ -18,23 +18,23 @@ import msgspec
 import reproduction
 import reproduction_drive
 import typer
-from crew import crew
+from episode_pool import open_pool
 from figures import ROOT, Figure, write
 from foreign_stacks import count_stacks
 from peers import compare_searches
 from reproduction import Run
 from reproduction_drive import SeedRuns
-from targets import TARGETS, aimed, missed
+from targets import TARGETS, add_target, list_missed
 from trials import TRIALS, Finding
 
 SEED = 20261122
 """Used for nothing else: no part of the world was chosen by what it shows."""
 
 
-def found(prefix: str, seed: int) -> dict[str, Finding]:
+def find_figures(prefix: str, seed: int) -> dict[str, Finding]:
     """What the trials find that a prefix concerns; figures only whose names begin with it."""
     findings: dict[str, Finding] = {}
-    with crew() as hands:
+    with open_pool() as hands:
         for trial in TRIALS:
             if trial.concerns(prefix) and trial.missing:
                 print(f"{trial.prefixes[0]}… kept: {', '.join(trial.missing)} not installed")
@@ -61,7 +61,7 @@ def write_beside(to: Path, findings: dict[str, Finding]) -> None:
             reproduction_drive.write(run, to.with_name(reproduction_drive.FILE.name))
 
 
-def kept(path: Path, prefix: str) -> dict[str, Figure]:
+def read_other_figures(path: Path, prefix: str) -> dict[str, Figure]:
     """The figures in the file whose names begin otherwise, or that cannot be found here."""
     if not path.exists():
         return {}
@@ -106,16 +106,18 @@ def main(
     to: Annotated[Path, typer.Option(help="File to write.")] = ROOT / "docs" / "claims.json",
 ) -> None:
     """Find, write, show."""
-    findings = found(only, seed)
-    figures = {n: aimed(n, one, seed) for n, one in findings.items() if isinstance(one, Figure)}
-    compared = derive(kept(to, only) | figures, only)
+    findings = find_figures(only, seed)
+    figures = {
+        n: add_target(n, one, seed) for n, one in findings.items() if isinstance(one, Figure)
+    }
+    compared = derive(read_other_figures(to, only) | figures, only)
     if not figures and not any(name.startswith(only) for name in compared):
         print(f"No figure's name begins with '{only}'; some are {', '.join(sorted(TARGETS))}.")
         raise typer.Exit(2)
-    figures |= {name: aimed(name, one, seed) for name, one in compared.items()}
-    write(to, kept(to, only) | figures)
+    figures |= {name: add_target(name, one, seed) for name, one in compared.items()}
+    write(to, read_other_figures(to, only) | figures)
     write_beside(to, findings)
-    late = missed(figures, only)
+    late = list_missed(figures, only)
     print("\n".join(table(figures, late)))
     raise typer.Exit(bool(late))
 

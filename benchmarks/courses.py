@@ -4,7 +4,7 @@ from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
-from crew import staged
+from episode_pool import make_setup
 from shapes import square_wave
 
 from eigenfail import plugins
@@ -46,8 +46,10 @@ class Course(NamedTuple):
 def course(scenario: str) -> Course:
     """The course of a scenario at its defaults."""
     plugin = plugins.load(plugins.SCENARIOS, scenario)
-    calm = injected(scenario, SILENCE).result
-    noisy = explain(staged(scenario, "rulebook"), EpisodeTask(0, NOISY_SEED, PriorSource())).result
+    calm = run_with_noise(scenario, SILENCE).result
+    noisy = explain(
+        make_setup(scenario, "rulebook"), EpisodeTask(0, NOISY_SEED, PriorSource())
+    ).result
     if calm.scene is None:
         raise SystemExit(f"{scenario} cannot be run: {calm.fault}.")
     return Course(plugin()(plugin.Parameters(), 0).mission, calm.scene, noisy.noise)
@@ -55,13 +57,13 @@ def course(scenario: str) -> Course:
 
 def crash() -> ExplainedEpisode:
     """A run on cut_in under a slow longitudinal wave."""
-    found = injected("cut_in", square_wave(100, WAVE_SIGMA, WAVE_HALF_PERIOD))
+    found = run_with_noise("cut_in", square_wave(100, WAVE_SIGMA, WAVE_HALF_PERIOD))
     if not found.result.is_failure:
         raise SystemExit("The slow wave no longer makes it collide: choose another one.")
     return found
 
 
-def injected(scenario: str, z: np.ndarray) -> ExplainedEpisode:
+def run_with_noise(scenario: str, z: np.ndarray) -> ExplainedEpisode:
     """`rulebook` under this noise, shape (steps, 2)."""
     source = TrajectorySource(z.astype(np.float32))
-    return explain(staged(scenario, "rulebook"), EpisodeTask(0, 0, source))
+    return explain(make_setup(scenario, "rulebook"), EpisodeTask(0, 0, source))

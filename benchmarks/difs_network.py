@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from crew import Crew, crew
+from episode_pool import EpisodePool, open_pool
 from figures import Figure
 from known_problems import EXAMPLES, Noise
 from learning_figures import of_seeds
@@ -41,12 +41,12 @@ class Samples(NamedTuple):
     log_p_per_step: float | None
 
 
-def find(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Failures of samples at robustness 0 after training, with the network and without."""
     for problem, schedule in product(PROBLEMS, SCHEDULES):
         for model in MODELS:
             given = [problem] * SEEDS, [schedule] * SEEDS, [model] * SEEDS
-            runs = crew.each(train_and_sample, *given, range(seed, seed + SEEDS))
+            runs = pool.each(train_and_sample, *given, range(seed, seed + SEEDS))
             for guidance in GUIDANCES:
                 found = [run[guidance] for run in runs]
                 place = f"difs.network.{problem}.{schedule}.{model}.{guidance}_guidance"
@@ -101,7 +101,7 @@ def table(figures: dict[str, Figure]) -> Iterator[str]:
 
 def main() -> None:
     """Find and print."""
-    with crew() as hands:
+    with open_pool() as hands:
         figures = dict(find(hands, seed=101))
     print("\n".join(table(figures)))
 

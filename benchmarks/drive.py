@@ -7,7 +7,7 @@ from itertools import chain
 
 import msgspec
 import numpy as np
-from crew import Crew, horizon
+from episode_pool import EpisodePool, horizon
 from figures import Figure
 from learning_figures import of_seeds
 from mode_agreement import LabelledFailure, measure_agreement, measure_agreement_of_struck
@@ -49,12 +49,12 @@ class DriveSummary(msgspec.Struct, frozen=True):
     measures: Measures
 
 
-def find_p_fail(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_p_fail(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """P(failure) by Monte Carlo under p(x), and the true causes of the failures.
 
     p(x) is white noise of the paper's sigma on every vehicle.
     """
-    drives = draw(crew, 1.0, EPISODES, seed)
+    drives = draw(pool, 1.0, EPISODES, seed)
     found = share([one.is_failure for one in drives], describe_causes(drives))
     yield "drive.p_fail", msgspec.structs.replace(found, unit="probability")
     failed = [one for one in drives if one.is_failure]
@@ -74,9 +74,9 @@ def find_p_fail(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     yield "drive.mc2000.nearest_spread_mm", count(spread_mm, "mm", len(nearest_m))
 
 
-def find_worse(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_worse(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """How often drives fail under noise that is larger than p(x), and the true causes."""
-    drives = draw(crew, WORSE_SCALE, WORSE_EPISODES, seed)
+    drives = draw(pool, WORSE_SCALE, WORSE_EPISODES, seed)
     note = f"noise of scale {WORSE_SCALE:g}, not p(x)"
     yield "drive.worse.failure_rate", share([one.is_failure for one in drives], note)
     yield from share_causes("drive.worse", drives, note)
@@ -95,7 +95,7 @@ def share_causes(
     yield f"{prefix}.last_tenth", share([one.steps > last for one in failed], note)
 
 
-def find_agreement(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_agreement(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Adjusted Rand index of the modes with the true causes, in campaigns of their own seeds.
 
     With the number of modes found, not given. A cause is the challenge of the vehicle that was
@@ -106,7 +106,7 @@ def find_agreement(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     found: dict[str, list[float]] = {}
     numbers = []
     for campaign in range(1, CAMPAIGNS + 1):
-        failures = collect_failures(crew, seed + campaign)
+        failures = collect_failures(pool, seed + campaign)
         numbers.append(len(failures))
         for name, index in compare_features(failures).items():
             found.setdefault(name, []).append(index)
@@ -137,11 +137,11 @@ def compare_features(failures: Sequence[LabelledFailure]) -> dict[str, float]:
     }
 
 
-def collect_failures(crew: Crew, seed: int) -> list[LabelledFailure]:
+def collect_failures(pool: EpisodePool, seed: int) -> list[LabelledFailure]:
     """Return the failures of a Monte Carlo campaign under noise that is larger than p(x)."""
     tasks = [EpisodeTask(i, episode_seed(seed, i), PriorSource()) for i in range(WORSE_EPISODES)]
     batches = [tasks[first : first + BATCH] for first in range(0, len(tasks), BATCH)]
-    return list(chain.from_iterable(crew.each(label_failures, batches)))
+    return list(chain.from_iterable(pool.each(label_failures, batches)))
 
 
 def label_failures(tasks: Sequence[EpisodeTask]) -> list[LabelledFailure]:
@@ -158,7 +158,7 @@ def label_failures(tasks: Sequence[EpisodeTask]) -> list[LabelledFailure]:
     ]
 
 
-def find_undisturbed(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_undisturbed(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Runs without noise at points that are drawn evenly from the bounds of the parameters."""
     parameters = plugins.load(plugins.SCENARIOS, SCENARIO).Parameters
     (schema,) = msgspec.json.schema(parameters)["$defs"].values()
@@ -169,18 +169,18 @@ def find_undisturbed(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
         for _ in range(POINTS)
     ]
     batches = [points[first : first + BATCH] for first in range(0, POINTS, BATCH)]
-    drives = list(chain.from_iterable(crew.each(drive_undisturbed, batches)))
+    drives = list(chain.from_iterable(pool.each(drive_undisturbed, batches)))
     collisions = sum(one.is_failure for one in drives)
     yield "drive.undisturbed", count(collisions, "collisions", len(drives))
     nearest_m = min(one.measures.robustness_m for one in drives)
     yield "drive.undisturbed.nearest_m", count(nearest_m, "m", len(drives))
 
 
-def draw(crew: Crew, scale: float, n: int, seed: int) -> list[DriveSummary]:
+def draw(pool: EpisodePool, scale: float, n: int, seed: int) -> list[DriveSummary]:
     """Run the first episodes of a Monte Carlo campaign."""
     tasks = [EpisodeTask(i, episode_seed(seed, i), PriorSource()) for i in range(n)]
     batches = [tasks[first : first + BATCH] for first in range(0, n, BATCH)]
-    return list(chain.from_iterable(crew.each(drive, [scale] * len(batches), batches)))
+    return list(chain.from_iterable(pool.each(drive, [scale] * len(batches), batches)))
 
 
 def drive(scale: float, tasks: Sequence[EpisodeTask]) -> list[DriveSummary]:

@@ -14,7 +14,7 @@ from math import log, pi
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from crew import Crew, horizon
+from episode_pool import EpisodePool, horizon
 from figures import ROOT, Figure
 from learning_figures import of_seeds
 from msgspec.structs import replace
@@ -116,13 +116,15 @@ class DrivenRun(NamedTuple):
     cpu_s: float
 
 
-def compare_driven(place: str, name: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def compare_driven(
+    place: str, name: str, pool: EpisodePool, seed: int
+) -> Iterator[tuple[str, Figure]]:
     """Yield the figures of a search."""
     where = DRIVEN[place]
     seeds = range(seed, seed + where.fewer.get(name, where.seeds))
     # One bridge for all campaigns: it takes longer to start than a campaign.
     batches = [seeds] if place == "sumo" else [seeds[i : i + 1] for i in range(len(seeds))]
-    found = crew.each(find, [place] * len(batches), [name] * len(batches), batches)
+    found = pool.each(find, [place] * len(batches), [name] * len(batches), batches)
     yield from describe_driven(place, name, list(chain.from_iterable(found)))
 
 

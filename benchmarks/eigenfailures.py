@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from crew import Crew, horizon
+from episode_pool import EpisodePool, horizon
 from figures import Figure
 from searches import engine, search
 
@@ -41,9 +41,9 @@ class Reproduced(NamedTuple):
     modes: int
 
 
-def reproduce(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def reproduce(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Eigenfailures of `ast` on `cut_in` that fail again, in the same scenario and in all three."""
-    found = crew.each(reproduce_campaign, range(seed, seed + SEEDS))
+    found = pool.each(reproduce_campaign, range(seed, seed + SEEDS))
     for centre in CENTRES:
         each = [one[centre] for one in found]
         tried = sum(one.modes for one in each)

@@ -111,7 +111,7 @@ def put_up(clock: Clock) -> None:
 
 def measure(episodes: int, timed: bool) -> dict[str, Any]:
     """Seconds of the loop, and with timers the parts' own, in a process of its own."""
-    from bare import tasks
+    from episode_loop import tasks
 
     from eigenfail.values import CampaignSpec
     from eigenfail_workers.engine import Engine

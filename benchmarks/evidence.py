@@ -13,7 +13,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import Figure
 from samples import COMMAND, share
 
@@ -51,7 +51,7 @@ CHANGES = 1_000
 EPISODES = 200
 
 
-def find_tampering(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_tampering(_crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """How often a changed byte is found, with the hashes of before and with new ones."""
     bundle = make_example_bundle(seed)
     generator = np.random.default_rng(seed)

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import msgspec
-from crew import Crew, staged
+from episode_pool import EpisodePool, make_setup
 from figures import ROOT, Figure
 from samples import COMMAND
 
@@ -20,10 +20,10 @@ SCENARIOS = ("cut_in", "merge_in", "lead_brake")
 MM_PER_M = 1000.0
 
 
-def find(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """The largest distance over all vehicles, steps, episodes and formats."""
     episodes = [(scenario, seed, index) for scenario in SCENARIOS for index in range(EPISODES)]
-    errors_m = crew.each(measure_errors, *zip(*episodes, strict=True))
+    errors_m = pool.each(measure_errors, *zip(*episodes, strict=True))
     worst_mm = MM_PER_M * max(map(max, errors_m))
     yield (
         "export.pose_error_mm",
@@ -53,7 +53,7 @@ def measure_errors(scenario: str, seed: int, index: int) -> tuple[float, float]:
 
 def record(scenario: str, seed: int, index: int) -> EpisodeRecording:
     """An episode of `rulebook` with noise of p(x)."""
-    setup = msgspec.structs.replace(staged(scenario, "rulebook"), scene_every=1)
+    setup = msgspec.structs.replace(make_setup(scenario, "rulebook"), scene_every=1)
     engine = plugins.load(plugins.ENGINES, "default")(setup)
     task = EpisodeTask(index, episode_seed(seed, index), PriorSource())
     (result,) = engine.run([task])

@@ -12,7 +12,7 @@ from random import Random
 from typing import Annotated, NamedTuple
 
 import typer
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import ROOT, Figure
 from undisturbed import number
 
@@ -59,7 +59,7 @@ def digests() -> dict[str, str]:
         return {method: found[campaign] for method, campaign in campaigns.items()}
 
 
-def weathered(
+def run_storm(
     stage: Stage,
     faults: int,
     seed: int,
@@ -81,21 +81,21 @@ def everywhere(faults: int = FAULTS, seed: int = SEED) -> dict[str, Weathered]:
     calm = digests()
     with stage_on("") as stage:
         lock = {WRITE_LOCK: partial(hold_write_lock, stage.url, Random(seed))}
-        found = {"SQLite": weathered(stage, faults, seed, calm, lock)}
+        found = {"SQLite": run_storm(stage, faults, seed, calm, lock)}
     with server() as running, stage_on(running.url) as stage:
         more = {SERVER_SHUTDOWN: running.restarted}
         some = max(1, faults // OF_THEM_ON_POSTGRESQL)
-        return found | {"PostgreSQL": weathered(stage, some, seed, calm, more)}
+        return found | {"PostgreSQL": run_storm(stage, some, seed, calm, more)}
 
 
-def kinds(_crew: Crew, _seed: int) -> Iterator[tuple[str, Figure]]:
+def kinds(_crew: EpisodePool, _seed: int) -> Iterator[tuple[str, Figure]]:
     """Yield the number of kinds of faults that the tests inject, by their marks."""
     marked = read_faults()
     tests = {test for fault in marked for test in fault.tests}
     yield "faults.kinds", number(len(marked), "kinds", len(tests))
 
 
-def faults(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def faults(_crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Figures: how many faults of how many kinds, and what was lost, doubled or changed."""
     found = [*everywhere(seed=seed).values()]
     befell = sum((one.befell for one in found), Counter[str]())

@@ -12,7 +12,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import ROOT, Figure
 from samples import COMMAND
 
@@ -60,10 +60,10 @@ EXAMPLES = {
 }
 
 
-def found_in_others(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def found_in_others(_crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """The failure rate of each campaign; a service has workers of its own."""
     for name, example in EXAMPLES.items():
-        with TemporaryDirectory() as folder, bridged(example, Path(folder)) as client:
+        with TemporaryDirectory() as folder, serve_bridge(example, Path(folder)) as client:
             for fields in campaigns(example, seed):
                 place = f"bridges.{name}.{fields['planner'].lower()}.{fields['method']}"
                 yield f"{place}.failure_rate", rate(client, fields)
@@ -92,7 +92,7 @@ def rate(client: Client, fields: dict[str, Any]) -> Figure:
 
 
 @contextmanager
-def bridged(example: Example, folder: Path) -> Iterator[Client]:
+def serve_bridge(example: Example, folder: Path) -> Iterator[Client]:
     """A service of one worker, whose bridge runs."""
     if example.command == COMPILED:
         build(folder)

@@ -15,9 +15,9 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import ROOT, Figure
-from foreign import ALL, FOLDER, PYTHON, Example, bridged
+from foreign import ALL, FOLDER, PYTHON, Example, serve_bridge
 from msgspec.structs import replace
 from samples import COMMAND, count_share
 
@@ -94,10 +94,10 @@ def list_missing_package(package: str) -> tuple[str, ...]:
     return ()
 
 
-def find(name: str, _crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find(name: str, _crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Yield the figures of one stack."""
     stack, place = STACKS[name], f"foreign.{name}"
-    with TemporaryDirectory() as folder, bridged(stack.example, Path(folder)) as client:
+    with TemporaryDirectory() as folder, serve_bridge(stack.example, Path(folder)) as client:
         yield f"{place}.undisturbed", drive_undisturbed(stack)
         found = {method: launch(client, stack, method, seed) for method in ALL}
         for method, campaign in found.items():

@@ -14,11 +14,11 @@ from typing import Annotated, NamedTuple
 import fuzzing_bridge
 import typer
 import zmq
-from crew import Crew
+from episode_pool import EpisodePool
+from fake_services import LAYER, FakeSocket, context_of, fake_hub, fake_learners, quiet
+from fake_worker import FakeWorker
 from figures import Figure
 from invalid_messages import FOREIGN, words
-from played import LAYER, PlayedSocket, context_of, played_hub, played_learners, quiet
-from played_worker import PlayedWorker
 from undisturbed import number
 
 from eigenfail.bridges import BridgeOffer, OfferedPlanner, OfferedScenario
@@ -130,7 +130,7 @@ def resident_bytes() -> int:
     return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
 
 
-def turns(inbox: Iterator[object], n: int, into: PlayedSocket, turn: Callable[[], None]) -> Fuzzed:
+def turns(inbox: Iterator[object], n: int, into: FakeSocket, turn: Callable[[], None]) -> Fuzzed:
     """Let messages come in, some at a time; each turn is to bear them."""
     escapes: list[str] = []
     before = 0
@@ -148,8 +148,8 @@ def turns(inbox: Iterator[object], n: int, into: PlayedSocket, turn: Callable[[]
 def at_the_hub(n: int = MESSAGES, seed: int = SEED) -> Fuzzed:
     """A hub that runs campaigns, and n messages from eight connections."""
     store = open_store("memory://")
-    with quiet(), played_learners():
-        hub, router = played_hub(store)
+    with quiet(), fake_learners():
+        hub, router = fake_hub(store)
         for _ in CAMPAIGNS:
             launch(hub, store.campaigns.create(spec(episodes=EPISODES)).id)
 
@@ -185,7 +185,7 @@ def parts(n: int, seed: int) -> Iterator[list[bytes]]:
 def at_the_worker(n: int = MESSAGES, seed: int = SEED) -> Fuzzed:
     """A worker that runs what it can, and n messages from its hub."""
     with quiet():
-        worker = PlayedWorker()
+        worker = FakeWorker()
 
         def turn() -> None:
             worker.turn()
@@ -196,16 +196,16 @@ def at_the_worker(n: int = MESSAGES, seed: int = SEED) -> Fuzzed:
         return fuzzed._replace(answered=runs_on(worker))
 
 
-def acks(dealer: PlayedSocket) -> Iterator[bytes]:
+def acks(dealer: FakeSocket) -> Iterator[bytes]:
     """What a hub says to the results that came."""
     assembler = Assembler()
     while dealer.outbox:
-        said = joined(assembler, dealer.outbox.popleft())
+        said = join_pieces(assembler, dealer.outbox.popleft())
         if isinstance(said, m.Results):
             yield m.encode(m.Ack(said.campaign, tuple(one.index for one in said.results)))
 
 
-def runs_on(worker: PlayedWorker) -> bool:
+def runs_on(worker: FakeWorker) -> bool:
     """Whether it still runs an episode that it is leased."""
     worker.dealer.inbox.extend(LAST_WORDS)
     assembler = Assembler()
@@ -213,12 +213,12 @@ def runs_on(worker: PlayedWorker) -> bool:
         worker.turn()
         worker.work()
         while worker.dealer.outbox:
-            if is_last_result(joined(assembler, worker.dealer.outbox.popleft())):
+            if is_last_result(join_pieces(assembler, worker.dealer.outbox.popleft())):
                 return True
     return False
 
 
-def joined(assembler: Assembler, data: bytes) -> m.Message:
+def join_pieces(assembler: Assembler, data: bytes) -> m.Message:
     """What a worker says, or the message that it completes with it."""
     said = m.read_worker_message(data)
     whole = assembler.add(said) if isinstance(said, m.Piece) else None
@@ -281,7 +281,7 @@ def at_the_worker_s_socket(n: int = OVER_SOCKETS, seed: int = SEED) -> Fuzzed:
     with quiet(), zmq.Context.instance().socket(zmq.ROUTER) as router:
         router.setsockopt(zmq.LINGER, 0)
         port = router.bind_to_random_port("tcp://127.0.0.1")
-        worker = PlayedWorker(f"tcp://127.0.0.1:{port}")
+        worker = FakeWorker(f"tcp://127.0.0.1:{port}")
         thread = Thread(target=worker.serve)
         thread.start()
         router.poll(PATIENCE_S * 1_000)
@@ -303,7 +303,7 @@ def wait_for_last(router: "zmq.Socket[bytes]") -> bool:
     until_s, assembler = time.monotonic() + PATIENCE_S, Assembler()
     while (left_s := until_s - time.monotonic()) > 0 and router.poll(left_s * 1_000):
         connection, *_, data = router.recv_multipart()
-        if is_last_result(joined(assembler, data)):
+        if is_last_result(join_pieces(assembler, data)):
             return True
         for word in LAST_WORDS:
             router.send_multipart([connection, word])
@@ -326,7 +326,7 @@ def everywhere(n: int = MESSAGES, seed: int = SEED) -> dict[str, Fuzzed]:
     }
 
 
-def fuzzed(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def fuzzed(_crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Figures: how many messages were said, and how many exceptions left a loop."""
     found = everywhere(seed=seed).values()
     n = sum(one.messages for one in found)

@@ -92,7 +92,7 @@ def observe(step: int) -> dict[str, Any]:
     return seen | (decided if step else road)
 
 
-class PlayedConnection(Connection):
+class FakeConnection(Connection):
     """A session with a bridge that is played in this process, and whose answers are bent.
 
     Args:
@@ -141,16 +141,16 @@ class PlayedConnection(Connection):
         self._asked.clear()
 
 
-class PlayedSessions(SharedConnection):
+class FakeSessions(SharedConnection):
     """Opens the same played session again and again."""
 
-    def __init__(self, played: PlayedConnection) -> None:
+    def __init__(self, played: FakeConnection) -> None:
         self.address, self.timeouts = played.address, played.timeouts
         self._played = played
         self._connection = None
         self._was_reachable = True
 
-    def _open(self, _until_s: float) -> PlayedConnection:
+    def _open(self, _until_s: float) -> FakeConnection:
         return self._played
 
 
@@ -160,9 +160,9 @@ def at_the_engine(n: int = MESSAGES, seed: int = SEED) -> tuple[tuple[str, ...],
     Returns:
         The exceptions that left the engine, as text, and whether it runs an episode afterwards.
     """
-    played = PlayedConnection(Random(seed))
+    played = FakeConnection(Random(seed))
     recorded: list[RecordedStep] = []
-    engine = BridgeEngine(SETUP, PlayedSessions(played), recorded)
+    engine = BridgeEngine(SETUP, FakeSessions(played), recorded)
     escapes: list[str] = []
     begun = 0
     while played.bent_answers < n:
@@ -178,11 +178,11 @@ def at_the_engine(n: int = MESSAGES, seed: int = SEED) -> tuple[tuple[str, ...],
     return tuple(escapes), _is_served(played)
 
 
-def _is_served(played: PlayedConnection) -> bool:
+def _is_served(played: FakeConnection) -> bool:
     """Return whether a new engine runs an episode to its end."""
     played.drop()
     played.bent = 0.0
-    (result,) = BridgeEngine(SETUP, PlayedSessions(played)).run([EpisodeTask(0, 1, PriorSource())])
+    (result,) = BridgeEngine(SETUP, FakeSessions(played)).run([EpisodeTask(0, 1, PriorSource())])
     return result.fault is None and result.steps == STEPS
 
 

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from crew import Crew, horizon
+from episode_pool import EpisodePool, horizon
 from searches import engine
-from shapes import AXES, HALF_PERIODS, Array, held
+from shapes import AXES, HALF_PERIODS, Array, draw_held_noise
 
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, TrajectorySource
 
@@ -39,7 +39,7 @@ class Tried(NamedTuple):
 
 def uniform(rng: np.random.Generator, n: int, steps: int, sigma: float) -> Array:
     """Uniform in ±sigma on both axes, each value held for 5 steps; shape (n, steps, 2)."""
-    return held(rng, n, steps, sigma, hold=5)
+    return draw_held_noise(rng, n, steps, sigma, hold=5)
 
 
 def squares(rng: np.random.Generator, n: int, steps: int, sigma: float, axes: Axes = AXES) -> Array:
@@ -76,12 +76,14 @@ SHAPES: dict[str, Shape] = {
 }
 
 
-def tried(crew: Crew, setup: EpisodeSetup, shape: Shape, n: int, seed: int) -> list[Tried]:
+def try_amplitudes(
+    pool: EpisodePool, setup: EpisodeSetup, shape: Shape, n: int, seed: int
+) -> list[Tried]:
     """n episodes of a shape at each amplitude, the smallest first."""
     steps = horizon(setup.scenario)
     noises = [shape(np.random.default_rng(seed), n, steps, sigma) for sigma in AMPLITUDES]
     encoded = [msgspec.json.encode(setup)] * len(noises)
-    return crew.each(attempt, encoded, AMPLITUDES, noises)
+    return pool.each(attempt, encoded, AMPLITUDES, noises)
 
 
 def attempt(setup: bytes, sigma: float, z: Array) -> Tried:

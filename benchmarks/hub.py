@@ -22,7 +22,7 @@ from stage import Stage
 from started import Services, wait_until
 
 COMMAND = "make bench"
-CROWD = ROOT / "benchmarks" / "crowd.py"
+SIMULATED_WORKERS = ROOT / "benchmarks" / "simulated_workers.py"
 RUNS = 3
 BUSY = 16
 RESULTS, WARM = 20_000, 4_000
@@ -65,7 +65,7 @@ def results_per_s() -> float:
         services = stage.services()
         settings = {"round_size": ROUND}
         campaign = stage.create(method="monte_carlo", episodes=10**6, settings=settings)
-        with crowd(services.hub, BUSY):
+        with run_simulated_workers(services.hub, BUSY):
             stage.wait_for(campaign, WARM)
             began, first = time.perf_counter(), stage.finished(campaign)
             stage.wait_for(campaign, first + RESULTS)
@@ -77,7 +77,7 @@ def idle_cores() -> float:
     """Share of a core that the services process takes while many workers have nothing to do."""
     with playing() as stage:
         services = stage.services()
-        with crowd(services.hub, IDLE):
+        with run_simulated_workers(services.hub, IDLE):
             wait_until(lambda: present(stage) == IDLE, f"{IDLE} workers are there")
             time.sleep(SETTLING_S)
             spent, began = Spent(services), time.perf_counter()
@@ -108,11 +108,11 @@ class Spent:
 
 
 @contextmanager
-def crowd(
+def run_simulated_workers(
     hub: str, workers: int, episode_s: float = 0.0, **options: float
 ) -> Iterator[psutil.Process]:
-    """Run a number of made-up workers in one process, with options of `crowd.py`."""
-    words = [sys.executable, str(CROWD), hub, str(workers), str(episode_s)]
+    """Run a number of made-up workers in one process, with options of `simulated_workers.py`."""
+    words = [sys.executable, str(SIMULATED_WORKERS), hub, str(workers), str(episode_s)]
     words += [f"--{name}={value}" for name, value in options.items()]
     process = subprocess.Popen(words)
     try:

@@ -17,8 +17,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from crew import Crew
-from crew import crew as open_crew
+from episode_pool import EpisodePool, open_pool
 from figures import Figure
 from known_problems import PROBLEMS, Problem, half_space, two_half_spaces
 from samples import COMMAND
@@ -180,10 +179,10 @@ class Place(NamedTuple):
         return f"{plan.method.__name__} {plan.episodes} {plan.problems[self.problem].name}"
 
 
-def judge_place(place: Place, crew: Crew, seed: int) -> Verdict:
+def judge_place(place: Place, pool: EpisodePool, seed: int) -> Verdict:
     """Run the campaigns of a plan on a problem."""
     seeds = range(seed, seed + SEEDS)
-    found = crew.each(estimate_at, [place] * SEEDS, seeds)
+    found = pool.each(estimate_at, [place] * SEEDS, seeds)
     return judge(found, PLANS[place.plan].problems[place.problem].probability)
 
 
@@ -193,18 +192,20 @@ def estimate_at(place: Place, seed: int) -> Estimate:
     return estimate(plan, plan.problems[place.problem], seed)
 
 
-def find_figures(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_figures(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """The figures of all plans."""
-    yield from summarize(dict(judge_all(range(len(PLANS)), crew, seed)))
+    yield from summarize(dict(judge_all(range(len(PLANS)), pool, seed)))
 
 
-def judge_all(plans: Iterable[int], crew: Crew, seed: int) -> Iterator[tuple[Place, Verdict]]:
+def judge_all(
+    plans: Iterable[int], pool: EpisodePool, seed: int
+) -> Iterator[tuple[Place, Verdict]]:
     """Judge plans on all of their problems, and print each verdict when it is known."""
     print(f"{'method, episodes, problem':50} told  held  mean  error")
     for plan in plans:
         for problem in range(len(PLANS[plan].problems)):
             place = Place(plan, problem)
-            one = judge_place(place, crew, seed)
+            one = judge_place(place, pool, seed)
             figures = f"{one.told:4.2f}  {one.held:4.2f}  {one.mean:4.2f}  {one.error:4.2f}"
             print(f"{place.describe():50} {figures}{' lower bound' * one.is_bound}", flush=True)
             yield place, one
@@ -272,8 +273,8 @@ def main() -> None:
     if unknown := set(sys.argv[1:]).difference(names):
         sys.exit(f"No method is named {', '.join(unknown)}; there are {', '.join(set(names))}.")
     chosen = [at for at, name in enumerate(names) if name in (sys.argv[1:] or names)]
-    with open_crew() as crew:
-        verdicts = dict(judge_all(chosen, crew, FIRST_SEED))
+    with open_pool() as pool:
+        verdicts = dict(judge_all(chosen, pool, FIRST_SEED))
     for name, figure in summarize(verdicts):
         print(f"{name} {figure.value:.2f}: {figure.note}")
     if faults := list_faults(verdicts):

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 
 import numpy as np
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import Figure
 from known_problems import two_modes
 from numpy.typing import NDArray
@@ -29,18 +29,18 @@ PUSH_STEPS = 8
 CORNERS, CORNER_EPISODES, LEAST_SHARE = 20, 300, 0.25
 
 
-def planted(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def planted(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Three modes with noise around them: whether they are found, and called distinct."""
     for spread in SPREADS:
         seeds = range(seed, seed + PLANTED_SEEDS)
-        found = crew.each(recovered, seeds, [spread] * PLANTED_SEEDS)
+        found = pool.each(compute_agreement, seeds, [spread] * PLANTED_SEEDS)
         place = f"analysis.planted.spread_{spread:g}"
         worst = min(rand for rand, _ in found)
         yield f"{place}.smallest_rand_index", number(worst, "index", PLANTED_SEEDS)
         yield f"{place}.called_distinct", share([distinct for _, distinct in found])
 
 
-def recovered(seed: int, spread: float) -> tuple[float, bool]:
+def compute_agreement(seed: int, spread: float) -> tuple[float, bool]:
     """The adjusted Rand index with the truth, and whether the modes are called distinct."""
     random = np.random.default_rng(seed)
     labels = random.permutation(np.repeat(range(len(SIZES)), SIZES))
@@ -58,10 +58,10 @@ def three_modes() -> Noise:
     return modes
 
 
-def clouds(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def clouds(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """One cloud of failures, which has no modes: how often it is said to have some."""
     for name in CLOUD_KINDS:
-        called = crew.each(divided, [name] * CLOUDS, range(seed, seed + CLOUDS))
+        called = pool.each(is_divided, [name] * CLOUDS, range(seed, seed + CLOUDS))
         yield f"analysis.one_cloud.{name}.called_distinct", share(called)
 
 
@@ -91,7 +91,7 @@ CLOUD_KINDS: dict[str, Callable[[np.random.Generator, Noise], Noise]] = {
 }
 
 
-def divided(kind: str, seed: int) -> bool:
+def is_divided(kind: str, seed: int) -> bool:
     """Whether one cloud is said to have distinct modes."""
     random = np.random.default_rng(seed)
     noise = random.standard_normal((CLOUD_FAILURES, CLOUD_STEPS, 2))
@@ -104,9 +104,9 @@ def failures(noise: Noise) -> Failures:
     return Failures(tuple(range(len(noise))), tuple(noise.astype(np.float32)))
 
 
-def corners(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def corners(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """DiFS on a toy with two ways to fail: from how many seeds it finds both."""
-    both = crew.each(finds_both, range(seed, seed + CORNERS))
+    both = pool.each(finds_both, range(seed, seed + CORNERS))
     note = f"{CORNER_EPISODES} episodes each; found: {LEAST_SHARE:.0%} of the failures or more"
     yield "two_corners.difs.found_both", share(both, note)
 

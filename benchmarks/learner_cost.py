@@ -16,8 +16,8 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 import numpy as np
-from crowd import examples
 from msgspec.structs import replace
+from simulated_workers import examples
 
 from eigenfail.values import STATE, CampaignSpec, EpisodeResult, EpisodeTask, LearnerContext
 from eigenfail.wire.messages import (

@@ -8,11 +8,12 @@ from functools import cache, partial
 from statistics import median
 from typing import Any
 
-from crew import Crew, staged
 from curves import Curve, curve
+from episode_pool import EpisodePool, make_setup
 from figures import Figure
-from heuristics import SHAPES, rate_at, tried
+from heuristics import SHAPES, rate_at, try_amplitudes
 from learning_figures import (
+    count_trained,
     deviation,
     each,
     failure_rate,
@@ -24,7 +25,6 @@ from learning_figures import (
     over_heuristics,
     rate_gained,
     severity,
-    trained,
 )
 from mode_reference import Reference, reference
 from samples import COMMAND
@@ -54,11 +54,11 @@ Findings = Iterator[tuple[str, Figure | tuple[Curve, ...]]]
 
 
 def learnt(
-    crew: Crew, seed: int, method: str, scenario: str = "cut_in", **settings: Any
+    pool: EpisodePool, seed: int, method: str, scenario: str = "cut_in", **settings: Any
 ) -> list[Found]:
     """A campaign of training from each seed, with all else as it is by default."""
     return side_by_side(
-        crew,
+        pool,
         [
             CampaignSpec(
                 name=method,
@@ -73,20 +73,20 @@ def learnt(
     )
 
 
-def ast(crew: Crew, seed: int) -> Findings:
+def ast(pool: EpisodePool, seed: int) -> Findings:
     """AST: trained, evaluated, and its policy moved to other distances of the cut-in."""
-    runs = learnt(crew, seed, "ast")
+    runs = learnt(pool, seed, "ast")
     yield "ast", tuple(map(curve, runs))
     place = f"cut_in.ast.train{TRAINED}"
     yield from rates(place, runs)
-    yield "cut_in.ast.trained_episodes", middle(runs, trained, "episodes", TRAINED)
+    yield "cut_in.ast.trained_episodes", middle(runs, count_trained, "episodes", TRAINED)
     yield "cut_in.ast.first_failure_episode", middle(runs, first_failure, "episode", TRAINED)
-    evaluated_runs = evaluations(crew, runs, EVALUATED)
-    yield from evaluated("cut_in.ast", evaluated_runs)
-    yield from covered("cut_in.ast", crew, evaluated_runs)
+    evaluated_runs = evaluations(pool, runs, EVALUATED)
+    yield from summarise_evaluation("cut_in.ast", evaluated_runs)
+    yield from compute_coverage("cut_in.ast", pool, evaluated_runs)
     usual_m = plugins.load(plugins.SCENARIOS, "cut_in").Parameters().distance_m
     for name, offset_m in {"plus5": 5.0, "minus5": -5.0}.items():
-        moved = evaluations(crew, runs, MOVED, distance_m=usual_m + offset_m)
+        moved = evaluations(pool, runs, MOVED, distance_m=usual_m + offset_m)
         yield f"cut_in.ast.{name}.failure_rate", middle(moved, failure_rate, "share", MOVED)
 
 
@@ -94,13 +94,15 @@ KNOWING = "squares_lengthways"
 """It knows that longitudinal noise is what breaks this planner; the other shapes know nothing."""
 
 
-def likely_ast(crew: Crew, seed: int) -> Findings:
+def likely_ast(pool: EpisodePool, seed: int) -> Findings:
     """AST that prefers likely failures, against noise with a shape that is as likely."""
-    runs = learnt(crew, seed, "ast", **LIKELY)
-    evaluated_runs = evaluations(crew, runs, EVALUATED)
-    yield from evaluated("cut_in.ast_likely", evaluated_runs)
-    setup = staged("cut_in", "rulebook")
-    tried_shapes = {name: tried(crew, setup, of, TRIED, seed) for name, of in SHAPES.items()}
+    runs = learnt(pool, seed, "ast", **LIKELY)
+    evaluated_runs = evaluations(pool, runs, EVALUATED)
+    yield from summarise_evaluation("cut_in.ast_likely", evaluated_runs)
+    setup = make_setup("cut_in", "rulebook")
+    tried_shapes = {
+        name: try_amplitudes(pool, setup, of, TRIED, seed) for name, of in SHAPES.items()
+    }
     blind = {name: found for name, found in tried_shapes.items() if name != KNOWING}
     for name, shapes in (("ast_over_heuristic", blind), ("ast_over_knowing", tried_shapes)):
         over = partial(over_heuristics, tried=shapes)
@@ -114,48 +116,48 @@ def likely_ast(crew: Crew, seed: int) -> Findings:
         )
 
 
-def cem(crew: Crew, seed: int) -> Findings:
+def cem(pool: EpisodePool, seed: int) -> Findings:
     """The cross-entropy method."""
-    runs = learnt(crew, seed, "cem")
+    runs = learnt(pool, seed, "cem")
     yield "cem", tuple(map(curve, runs))
     yield from rates(f"cut_in.cem.train{TRAINED}", runs)
-    evaluated_runs = evaluations(crew, runs, EVALUATED)
-    yield from evaluated("cut_in.cem", evaluated_runs)
+    evaluated_runs = evaluations(pool, runs, EVALUATED)
+    yield from summarise_evaluation("cut_in.cem", evaluated_runs)
     yield "cut_in.cem.logp_ratio", middle(evaluated_runs, log_p_ratio, "ratio", EVALUATED)
-    yield from covered("cut_in.cem", crew, evaluated_runs)
+    yield from compute_coverage("cut_in.cem", pool, evaluated_runs)
 
 
-def difs(crew: Crew, seed: int) -> Findings:
+def difs(pool: EpisodePool, seed: int) -> Findings:
     """DiFS as it is by default, and with the paper's three rounds of 500."""
-    runs = learnt(crew, seed, "difs")
+    runs = learnt(pool, seed, "difs")
     yield "difs", tuple(map(curve, runs))
     yield from rates(f"cut_in.difs.train{TRAINED}", runs)
-    evaluated_runs = evaluations(crew, runs, EVALUATED)
-    yield from evaluated("cut_in.difs", evaluated_runs)
+    evaluated_runs = evaluations(pool, runs, EVALUATED)
+    yield from summarise_evaluation("cut_in.difs", evaluated_runs)
     yield "cut_in.difs.logp_ratio", middle(evaluated_runs, log_p_ratio, "ratio", EVALUATED)
     yield "cut_in.difs.sample_std", middle(evaluated_runs, deviation, "sigma", EVALUATED)
-    yield from covered("cut_in.difs", crew, evaluated_runs)
-    yield from beside_cem(crew, seed, evaluated_runs)
-    full = evaluations(crew, [changed(run, sampler="ddpm") for run in runs], EVALUATED)
+    yield from compute_coverage("cut_in.difs", pool, evaluated_runs)
+    yield from beside_cem(pool, seed, evaluated_runs)
+    full = evaluations(pool, [changed(run, sampler="ddpm") for run in runs], EVALUATED)
     yield from rates(f"cut_in.difs.ddpm1000.eval{EVALUATED}", full)
     yield "cut_in.difs.default_less_ddpm1000.failure_rate", rate_gained(full, evaluated_runs)
-    papers = evaluations(crew, learnt(crew, seed, "difs", schedule="paper"), EVALUATED)
+    papers = evaluations(pool, learnt(pool, seed, "difs", schedule="paper"), EVALUATED)
     yield from rates(f"cut_in.difs.paper_preset.eval{EVALUATED}", papers)
 
 
-def beside_cem(crew: Crew, seed: int, of_difs: Sequence[Found]) -> Figures:
+def beside_cem(pool: EpisodePool, seed: int, of_difs: Sequence[Found]) -> Figures:
     """DiFS against a cross-entropy method held back until it fails about as often."""
-    of_cem = evaluations(crew, learnt(crew, seed, "cem", **HELD_BACK), EVALUATED)
+    of_cem = evaluations(pool, learnt(pool, seed, "cem", **HELD_BACK), EVALUATED)
     yield from rates(f"cut_in.cem_held_back.eval{EVALUATED}", of_cem)
     yield "cut_in.cem_held_back.logp_ratio", middle(of_cem, log_p_ratio, "ratio", EVALUATED)
     yield "cut_in.cem_held_back.sample_std", middle(of_cem, deviation, "sigma", EVALUATED)
-    yield from covered("cut_in.cem_held_back", crew, of_cem)
+    yield from compute_coverage("cut_in.cem_held_back", pool, of_cem)
     yield "cut_in.difs_over_cem.logp_per_step", likelier(of_difs, of_cem)
 
 
-def merge(method: str, crew: Crew, seed: int, **settings: Any) -> Figures:
+def merge(method: str, pool: EpisodePool, seed: int, **settings: Any) -> Figures:
     """How many failures a method finds where the truck merges; the sum over the seeds."""
-    runs = learnt(crew, seed, method, "merge_in", **settings)
+    runs = learnt(pool, seed, method, "merge_in", **settings)
     found = [sum(one.crashed) for one in runs]
     yield (
         f"merge_in.{method}.failures",
@@ -177,15 +179,15 @@ def rates(place: str, runs: Sequence[Found]) -> Figures:
     yield f"{place}.log_p_per_step", middle(runs, log_p_per_step, "nat", n)
 
 
-def evaluated(place: str, runs: Sequence[Found]) -> Figures:
+def summarise_evaluation(place: str, runs: Sequence[Found]) -> Figures:
     """The same of an evaluation, and how severe."""
     yield from rates(f"{place}.eval{EVALUATED}", runs)
     yield f"{place}.eval{EVALUATED}.mean_severity", middle(runs, severity, "m²/s²", EVALUATED)
 
 
-def covered(place: str, crew: Crew, runs: Sequence[Found]) -> Figures:
+def compute_coverage(place: str, pool: EpisodePool, runs: Sequence[Found]) -> Figures:
     """How much of p(x | failure) the failures of all seeds reach together."""
-    known = true_failures(crew)
+    known = true_failures(pool)
     failures = [one.z for run in runs for one in run.crashes]
     found = f"{known.failures} true failures by brute force"
     apart = f"silhouette {known.silhouette or 0.0:.2f}, of noise {known.noise_silhouette:.2f}"
@@ -201,6 +203,6 @@ def covered(place: str, crew: Crew, runs: Sequence[Found]) -> Figures:
 
 
 @cache
-def true_failures(crew: Crew) -> Reference:
+def true_failures(pool: EpisodePool) -> Reference:
     """The reference, made once."""
-    return reference(crew)
+    return reference(pool)

@@ -48,7 +48,7 @@ def first_failure(run: Found) -> float | None:
     return run.crashed.index(True) + 1.0 if any(run.crashed) else None
 
 
-def trained(run: Found) -> float | None:
+def count_trained(run: Found) -> float | None:
     """How many episodes the policy was trained on."""
     return None if run.trained_episodes is None else float(run.trained_episodes)
 
@@ -84,7 +84,7 @@ def likelier(runs: Sequence[Found], others: Sequence[Found]) -> Figure:
 
 def rate_gained(runs: Sequence[Found], others: Sequence[Found]) -> Figure:
     """The others' failure rate less that of the runs, over all seeds, with Newcombe's interval."""
-    rates = [rate(*counted(side)) for side in (runs, others)]
+    rates = [rate(*count_failures(side)) for side in (runs, others)]
     found = difference(*rates)
     told = " less ".join(f"{one.k} of {one.n}" for one in reversed(rates))
     return Figure(
@@ -97,7 +97,7 @@ def rate_gained(runs: Sequence[Found], others: Sequence[Found]) -> Figure:
     )
 
 
-def counted(runs: Sequence[Found]) -> tuple[int, int]:
+def count_failures(runs: Sequence[Found]) -> tuple[int, int]:
     """Failures and episodes over all seeds."""
     return sum(sum(run.crashed) for run in runs), sum(len(run.crashed) for run in runs)
 

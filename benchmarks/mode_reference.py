@@ -20,7 +20,7 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from crew import Crew, crew, horizon, staged
+from episode_pool import EpisodePool, horizon, make_setup, open_pool
 from figures import ROOT, Figure
 from numpy.typing import NDArray
 from samples import COMMAND
@@ -118,11 +118,11 @@ def brute_force() -> BruteForce:
     return msgspec.json.decode(kept, type=BruteForce)
 
 
-def confirmed(crew: Crew, _seed: int) -> Iterator[tuple[str, Figure]]:
+def confirmed(pool: EpisodePool, _seed: int) -> Iterator[tuple[str, Figure]]:
     """How many of the draws crash `rulebook`: no fewer than these, whose noise is run again."""
     found = brute_force()
     z = found.noise(horizon(found.scenario))
-    played = crew.inject(staged(found.scenario, "rulebook"), z)
+    played = pool.inject(make_setup(found.scenario, "rulebook"), z)
     crashes = [one for one in played if one.is_failure]
     share, n = rate(len(crashes), found.draws), found.draws
     ends = (share.interval.low, share.interval.high)
@@ -134,7 +134,7 @@ def confirmed(crew: Crew, _seed: int) -> Iterator[tuple[str, Figure]]:
     yield "cut_in.true_failures.p_fail_at_least", least
 
 
-def plain_monte_carlo(_crew: Crew, _seed: int) -> Iterator[tuple[str, Figure]]:
+def plain_monte_carlo(_crew: EpisodePool, _seed: int) -> Iterator[tuple[str, Figure]]:
     """P(failure) of `rulebook` at the defaults of `cut_in`, with its exact 95 % interval."""
     share = binomtest(PLAIN_FAILURES, PLAIN_EPISODES)
     ends = share.proportion_ci(0.95, "exact")
@@ -149,16 +149,16 @@ def plain_monte_carlo(_crew: Crew, _seed: int) -> Iterator[tuple[str, Figure]]:
     yield "cut_in.rulebook.plain_monte_carlo.p_fail", found
 
 
-def reference(crew: Crew) -> Reference:
+def reference(pool: EpisodePool) -> Reference:
     """The reference for `rulebook` in `cut_in` at its defaults."""
-    return true_failures(crew).reference
+    return true_failures(pool).reference
 
 
-def true_failures(crew: Crew) -> TrueFailures:
+def true_failures(pool: EpisodePool) -> TrueFailures:
     """The true failures of `rulebook` in `cut_in` at its defaults, each up to its collision."""
     found = brute_force()
     z = found.noise(horizon(found.scenario))
-    played = crew.inject(staged(found.scenario, "rulebook"), z)
+    played = pool.inject(make_setup(found.scenario, "rulebook"), z)
     ends_s = [one.measures.collided_s for one in played]
     failures = [one for one, end_s in zip(z, ends_s, strict=True) if end_s is not None]
     ends = [round(end_s / step_s(found.scenario)) for end_s in ends_s if end_s is not None]
@@ -198,7 +198,7 @@ def step_s(scenario: str) -> float:
 def main() -> None:
     """Make the reference and tell what it shows."""
     began = time.perf_counter()
-    with crew() as hands:
+    with open_pool() as hands:
         found = reference(hands)
     print(
         f"{found.failures} failures: {found.modes} mode(s); "

@@ -14,7 +14,7 @@ from math import nan
 from typing import NamedTuple
 
 import numpy as np
-from crew import Crew, crew
+from episode_pool import EpisodePool, open_pool
 from figures import Figure
 from numpy.typing import NDArray
 from samples import COMMAND, count_share, share
@@ -364,15 +364,15 @@ KINDS = {"errors": tuple(SPREADS), "missed": (MISSED,), "ghost": (GHOST,)}
 """Kinds of channels, by what the names of their figures end in."""
 
 
-def find_figures(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_figures(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """The figures of logs of positions."""
-    judged = crew.each(judge_log, range(seed, seed + LOGS))
+    judged = pool.each(judge_log, range(seed, seed + LOGS))
     note = f"of the planted parameters, in {LOGS} logs of {TRACKS} tracks"
     yield "fit.covered", count_covered([one for log, _, _ in judged for one in log], note)
     yield "fit.shape", share([right for _, right, _ in judged])
     yield "fit.false_alarms", share([alarm for _, _, alarm in judged])
     names = [name for name in BENDS for _ in range(LOGS // len(BENDS))]
-    found = crew.each(judge_bent_log, range(seed, seed + len(names)), names)
+    found = pool.each(judge_bent_log, range(seed, seed + len(names)), names)
     missed = sorted({name for name, alarm in zip(names, found, strict=True) if not alarm})
     note = (
         f"as many logs each with {', '.join(BENDS)}; not always found: {', '.join(missed) or '-'}"
@@ -380,9 +380,9 @@ def find_figures(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     yield "fit.misfits_found", count_share(found, note)
 
 
-def find_channel_figures(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_channel_figures(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """The figures of logs of channels."""
-    judged = crew.each(judge_channels, range(seed, seed + LOGS))
+    judged = pool.each(judge_channels, range(seed, seed + LOGS))
     note = f"of the planted parameters, in {LOGS} logs of {TRACKS} tracks"
     everything = [one for log in judged for one in log.covered.values()]
     yield "fit.channels.covered", count_covered(everything, note)
@@ -412,7 +412,7 @@ def count_covered(covered: Sequence[bool], note: str) -> Figure:
 
 
 if __name__ == "__main__":
-    with crew() as everybody:
+    with open_pool() as everybody:
         for find in (find_figures, find_channel_figures):
             for name, figure in find(everybody, 20_261_122):
                 print(f"{name} {figure.value:.3f} ({figure.n}): {figure.note}")

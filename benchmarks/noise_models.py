@@ -3,10 +3,10 @@
 from collections.abc import Iterator, Sequence
 
 import msgspec
-from bare import tasks
-from crew import Crew, Played, staged
+from episode_loop import tasks
+from episode_pool import EpisodePool, EpisodeRecord, make_setup
 from figures import Figure
-from monte_carlo import defined
+from monte_carlo import list_defined
 from samples import mean, median, share
 
 from eigenfail.values import Correlated, DisturbanceModel, HeavyTailed
@@ -27,28 +27,28 @@ MODELS = {
 }
 
 
-def noise_models(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def noise_models(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Failure rate, MinTTC and severity for each model and planner; one model once more, longer."""
     for name, model in MODELS.items():
         for planner in PLANNERS:
-            played = under(model, planner, EPISODES, crew, seed)
+            played = under(model, planner, EPISODES, pool, seed)
             yield from figures(f"cut_in.noise.{name}.{planner}", played)
-    longer = under(MODELS["ar1_0.8"], "rulebook", LONG, crew, seed)
+    longer = under(MODELS["ar1_0.8"], "rulebook", LONG, pool, seed)
     crashed = share([one.is_failure for one in longer])
     yield f"cut_in.noise.ar1_0.8.rulebook.mc{LONG}.failure_rate", crashed
 
 
 def under(
-    model: DisturbanceModel, planner: str, episodes: int, crew: Crew, seed: int
-) -> list[Played]:
+    model: DisturbanceModel, planner: str, episodes: int, pool: EpisodePool, seed: int
+) -> list[EpisodeRecord]:
     """Monte Carlo on the default cut_in."""
-    setup = msgspec.structs.replace(staged("cut_in", planner), disturbance=model)
-    return crew.play(setup, tasks(0, episodes, seed))
+    setup = msgspec.structs.replace(make_setup("cut_in", planner), disturbance=model)
+    return pool.play(setup, tasks(0, episodes, seed))
 
 
-def figures(place: str, played: Sequence[Played]) -> Iterator[tuple[str, Figure]]:
+def figures(place: str, played: Sequence[EpisodeRecord]) -> Iterator[tuple[str, Figure]]:
     """What is told of the episodes under a model; a severity only where anything failed."""
     yield f"{place}.failure_rate", share([one.is_failure for one in played])
-    yield f"{place}.median_min_ttc_s", median(defined(played, "min_ttc_s"), "s")
-    if severities := defined(played, "severity"):
+    yield f"{place}.median_min_ttc_s", median(list_defined(played, "min_ttc_s"), "s")
+    if severities := list_defined(played, "severity"):
         yield f"{place}.mean_severity", mean(severities, "m²/s²")

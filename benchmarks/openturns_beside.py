@@ -30,7 +30,7 @@ from itertools import repeat
 from typing import Any, NamedTuple
 
 import numpy as np
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import Figure
 from intervals import Plan, estimate
 from known_problems import PROBLEMS, Noise, Problem
@@ -202,9 +202,9 @@ def compare_problem(number: int, first_seed: int) -> Comparison:
     return one
 
 
-def find_figures(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_figures(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """The largest and the middle one of the ratios of the errors."""
-    every = crew.each(compare_problem, range(len(PROBLEMS)), repeat(seed))
+    every = pool.each(compare_problem, range(len(PROBLEMS)), repeat(seed))
     told = sorted((one for one in every if one.is_informative), key=lambda one: one.ratio)
     worst = told[-1]
     low, high = worst.find_interval()

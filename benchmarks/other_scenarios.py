@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 import msgspec
 import numpy as np
-from bare import tasks
-from crew import Crew, horizon, staged
+from episode_loop import tasks
+from episode_pool import EpisodePool, horizon, make_setup
 from figures import Figure
-from monte_carlo import defined
+from monte_carlo import list_defined
 from samples import mean, median, share
-from shapes import held
+from shapes import draw_held_noise
 from undisturbed import number
 
 from eigenfail import plugins
@@ -32,35 +32,43 @@ class Merge(msgspec.Struct, frozen=True):
     is_failure: bool
 
 
-def held_noise(scenario: str, planner: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def held_noise(
+    scenario: str, planner: str, pool: EpisodePool, seed: int
+) -> Iterator[tuple[str, Figure]]:
     """Uniform noise of ±3 sigma, each value held for 5 steps: crashes, severity, tracks lost."""
-    noise = held(np.random.default_rng(seed), HELD, horizon(scenario), sigma=3.0, hold=5)
-    played = crew.inject(staged(scenario, planner), noise)
+    noise = draw_held_noise(np.random.default_rng(seed), HELD, horizon(scenario), sigma=3.0, hold=5)
+    played = pool.inject(make_setup(scenario, planner), noise)
     crashed = [one for one in played if one.is_failure]
     place = f"{scenario}.{planner}.held3"
     yield f"{place}.rate", share([one.is_failure for one in played])
     if crashed:
-        yield f"{place}.mean_severity", mean(defined(crashed, "severity"), "m²/s²")
+        yield f"{place}.mean_severity", mean(list_defined(crashed, "severity"), "m²/s²")
     if planner == "rulebook":
         after = share([one.lost_tracks > 0 for one in crashed], "of the crashes")
         yield f"{place}.crashes_after_a_lost_track", after
 
 
-def ordinary(scenario: str, planner: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def ordinary(
+    scenario: str, planner: str, pool: EpisodePool, seed: int
+) -> Iterator[tuple[str, Figure]]:
     """The first episodes of a Monte Carlo campaign: how many fail, and the nearest of all."""
-    played = crew.play(staged(scenario, planner), tasks(0, EPISODES, seed))
+    played = pool.play(make_setup(scenario, planner), tasks(0, EPISODES, seed))
     place = f"{scenario}.{planner}.mc{EPISODES}"
     yield f"{place}.failure_rate", share([one.is_failure for one in played])
     nearest_m = min(one.measures.robustness_m for one in played)
     yield f"{place}.nearest_m", number(nearest_m, "m", EPISODES)
 
 
-def merges(planner: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def merges(planner: str, pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """When the truck crosses the marking under ordinary noise, and how near it comes."""
-    setup = msgspec.json.encode(msgspec.structs.replace(staged("merge_in", planner), scene_every=1))
+    setup = msgspec.json.encode(
+        msgspec.structs.replace(make_setup("merge_in", planner), scene_every=1)
+    )
     every = tasks(0, EPISODES, seed)
     batches = [every[first : first + BATCH] for first in range(0, EPISODES, BATCH)]
-    found = [one for batch in crew.each(merged, [setup] * len(batches), batches) for one in batch]
+    found = [
+        one for batch in pool.each(run_in_process, [setup] * len(batches), batches) for one in batch
+    ]
     place = f"merge_in.{planner}.merges"
     times_s = [one.crossed_s for one in found if one.crossed_s is not None]
     distances_m = [one.robustness_m for one in found]
@@ -74,7 +82,7 @@ def merges(planner: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     yield f"{place}.different_robustness", number(len(set(distances_m)), "episodes", EPISODES)
 
 
-def merged(setup: bytes, batch: list[EpisodeTask]) -> list[Merge]:
+def run_in_process(setup: bytes, batch: list[EpisodeTask]) -> list[Merge]:
     """Run episodes in this process."""
     engine = Engine(msgspec.json.decode(setup, type=EpisodeSetup))
     try:

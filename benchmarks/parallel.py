@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from itertools import product
 
 import numpy as np
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import Figure
 from learning_figures import first_failure, log_p_per_step, middle
 from samples import COMMAND
@@ -21,10 +21,10 @@ UNSEEN = 500
 """Added to the seed: seeds that no setting was chosen by."""
 
 
-def find_figures(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_figures(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Run the campaigns, and compare their failures."""
     seeds = range(seed + UNSEEN, seed + UNSEEN + SEEDS)
-    runs = side_by_side(crew, [make_spec(*one) for one in product(seeds, (None, PARALLEL))])
+    runs = side_by_side(pool, [make_spec(*one) for one in product(seeds, (None, PARALLEL))])
     narrow, wide = runs[::2], runs[1::2]
     counts = [(sum(a.crashed), sum(b.crashed)) for a, b in zip(narrow, wide, strict=True)]
     of_narrow, of_wide = np.array(counts).T

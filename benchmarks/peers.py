@@ -11,9 +11,9 @@ from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from crew import Crew, horizon
 from driven_searches import ADAPTED, DRIVEN
 from driven_searches import LEAST_LOG_P as LEAST_LOG_P_DRIVEN
+from episode_pool import EpisodePool, horizon
 from figures import Figure
 from peer_tools import PEERS, Answer, CallsSpent, Task, Vector
 from samples import COMMAND
@@ -115,9 +115,11 @@ class Calls:
         return PeerRun(tuple(self._crashed), tuple(self._crashes))
 
 
-def compare_peer(place: str, name: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def compare_peer(
+    place: str, name: str, pool: EpisodePool, seed: int
+) -> Iterator[tuple[str, Figure]]:
     """Figures of a tool's search in a scenario, or on a function with known regions."""
-    runs = crew.each(search_by_peer, [place] * SEEDS, [name] * SEEDS, range(seed, seed + SEEDS))
+    runs = pool.each(search_by_peer, [place] * SEEDS, [name] * SEEDS, range(seed, seed + SEEDS))
     yield from describe(place, name, runs)
 
 

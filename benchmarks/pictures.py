@@ -6,7 +6,7 @@ Also writes docs/reproduction.md and docs/reproduction_drive.md, from the runs t
 import curves
 import reproduction
 import reproduction_drive
-from crash_view import crash_view
+from crash_drawing import crash_view
 from figures import ROOT
 from top_view import TopView
 
@@ -22,7 +22,7 @@ def main() -> None:
         (FOLDER / f"{scenario}.svg").write_text(TopView(scenario).picture(), encoding="utf-8")
     (FOLDER / "crash.svg").write_text(crash_view(), encoding="utf-8")
     curves.PICTURE.write_text(curves.picture(curves.read()), encoding="utf-8")
-    written = reproduction.illustrated(reproduction.read())
+    written = reproduction.illustrate_page(reproduction.read())
     reproduction.PAGE.write_text(written, encoding="utf-8")
     driven = reproduction_drive.format_page(reproduction_drive.read())
     reproduction_drive.PAGE.write_text(driven, encoding="utf-8")

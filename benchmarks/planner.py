@@ -57,7 +57,7 @@ class Watched:
 
 def watch() -> tuple[Watched, Watched]:
     """Monte Carlo episodes on cut_in, with every decision and every program watched."""
-    from bare import tasks
+    from episode_loop import tasks
 
     from eigenfail.values import CampaignSpec
     from eigenfail_workers.engine import Engine

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
-from crew import Crew, horizon, staged
+from episode_pool import EpisodePool, horizon, make_setup
 from figures import Figure
 from samples import COMMAND
 
@@ -19,9 +19,9 @@ from eigenfail_services.statistics.subset_simulation import (
 CALLS = 46_000
 
 
-def p_fail(scenario: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def p_fail(scenario: str, pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """P(failure) of `rulebook` at a scenario's defaults."""
-    simulation = simulate(scenario, crew, seed)
+    simulation = simulate(scenario, pool, seed)
     results = [run.result for run in simulation.runs if run.result is not None]
     found = pool_simulations(results, simulation.trajectories_run)
     ends = found.interval and (found.interval.low, found.interval.high)
@@ -38,12 +38,12 @@ def p_fail(scenario: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]
     )
 
 
-def simulate(scenario: str, crew: Crew, seed: int) -> SubsetSimulation:
+def simulate(scenario: str, pool: EpisodePool, seed: int) -> SubsetSimulation:
     """A subset simulation whose trajectories are run as episodes."""
-    setup = staged(scenario, "rulebook")
+    setup = make_setup(scenario, "rulebook")
 
     def robustness(z: Array) -> Array:
-        return np.array([one.measures.robustness_m for one in crew.inject(setup, z)])
+        return np.array([one.measures.robustness_m for one in pool.inject(setup, z)])
 
     shape = horizon(scenario), len(AXES)
     return simulate_subsets(robustness, shape, CALLS, SubsetSettings(), seed)

@@ -15,7 +15,7 @@ import sys
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import Figure
 from samples import COMMAND
 from searches import EARLIER, Found, search
@@ -66,10 +66,10 @@ GIVEN = {"chains": 20, "minimal": 1, "nearest": 2, "replay": 20}
 """Failures that the methods which need some are given."""
 
 
-def find_figures(crew: Crew, _seed: int) -> Iterator[tuple[str, Figure]]:
+def find_figures(pool: EpisodePool, _seed: int) -> Iterator[tuple[str, Figure]]:
     """Count the digests that are the same on every type, with the environment and without it."""
-    pinned = crew.each(run_on, TYPES.values(), [NUMERIC_ENVIRONMENT] * len(TYPES))
-    bare = crew.each(run_on, TYPES.values(), [{}] * len(TYPES))
+    pinned = pool.each(run_on, TYPES.values(), [NUMERIC_ENVIRONMENT] * len(TYPES))
+    bare = pool.each(run_on, TYPES.values(), [{}] * len(TYPES))
     agreeing, left = count_agreeing(pinned), count_agreeing(bare)
     value = agreeing / (len(TYPES) * len(pinned[0]))
     note = (

@@ -14,7 +14,7 @@ from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 
-from counted import COUNTS
+from counting_function import COUNTS
 from figures import ROOT, Figure
 
 from eigenfail.functions import ALLOWED_VARIABLE
@@ -36,7 +36,7 @@ FUNCTION = {
     "simulator": "function",
     "scenario": "function",
     "scenario_parameters": {"steps": 5},
-    "planner": "counted:robustness",
+    "planner": "counting_function:robustness",
     "method": "monte_carlo",
 }
 
@@ -102,7 +102,7 @@ def playing() -> Iterator[Stage]:
     """A stage whose processes find the function, and where to count its calls."""
     with TemporaryDirectory() as folder:
         os.environ |= {"PYTHONPATH": str(ROOT / "benchmarks"), COUNTS: str(Path(folder) / "calls")}
-        os.environ[ALLOWED_VARIABLE] = "counted"
+        os.environ[ALLOWED_VARIABLE] = "counting_function"
         stage = Stage(f"sqlite:///{Path(folder) / 'eigenfail.db'}", Path(folder))
         try:
             yield stage

@@ -16,7 +16,7 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import Figure
 from numpy.typing import NDArray
 from samples import COMMAND, share
@@ -85,14 +85,14 @@ class Drawn(NamedTuple):
     planted: tuple[int, ...]
 
 
-def find_figures(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_figures(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """How well statuses agree with the truth, and how often a re-run differs."""
-    pairs = crew.each(compare_rerun, range(seed, seed + PAIRS))
+    pairs = pool.each(compare_rerun, range(seed, seed + PAIRS))
     note = f"{MODES[0]} to {MODES[1]} modes with {RARE[0]:g} to {RARE[1]:g} failures in {EPISODES}"
     yield "releases.false_new", share([ModeStatus.FIRST_SEEN in each for each in pairs], note)
     gone = [ModeStatus.NOT_FOUND_AGAIN in each for each in pairs]
     yield "releases.false_gone", share(gone, note)
-    counts = crew.each(score_history, range(seed, seed + HISTORIES))
+    counts = pool.each(score_history, range(seed, seed + HISTORIES))
     hits, stated, true = (sum(each[place] for each in counts) for place in range(3))
     note = f"{HISTORIES} histories of {RELEASES} releases; {true:,} statuses; {stated:,} stated"
     value = 2.0 * hits / (stated + true)

@@ -6,16 +6,16 @@ from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
 import msgspec
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import ROOT, Figure
 from samples import COMMAND
 
 from eigenfail.client import Client
 from eigenfail.hosting.service import Plan, local_service
 from eigenfail.reproduction.page import format_page, list_claims
+from eigenfail.reproduction.paper import PaperReproduction
 from eigenfail.reproduction.programme import build_suite
 from eigenfail.reproduction.statements import build_reproduction
-from eigenfail.reproduction.tables import PaperReproduction
 from eigenfail.suites import Suite
 
 FILE = ROOT / "docs" / "reproduction.json"
@@ -52,7 +52,7 @@ class Run(NamedTuple):
     pictures: Mapping[str, bytes]
 
 
-def reproduced(seed: int, scale: str = "full") -> Run:
+def run_reproduction(seed: int, scale: str = "full") -> Run:
     """What `eigenfail reproduce` finds, on a service of its own."""
     suite = build_suite(scale, seed)
     with (
@@ -62,10 +62,10 @@ def reproduced(seed: int, scale: str = "full") -> Run:
     ):
         client.suites.run(suite, on_progress=lambda _: service.check())
         found = build_reproduction(client, suite, scale)
-        return Run(found, dict(drawn(client, suite, Path(folder) / "report")))
+        return Run(found, dict(draw_pictures(client, suite, Path(folder) / "report")))
 
 
-def drawn(client: Client, suite: Suite, folder: Path) -> Iterator[tuple[str, bytes]]:
+def draw_pictures(client: Client, suite: Suite, folder: Path) -> Iterator[tuple[str, bytes]]:
     """Pictures of a report."""
     campaigns = zip(suite.members, client.suites.find(suite), strict=True)
     ids = {member.name: campaign.id for member, campaign in campaigns if campaign}
@@ -79,15 +79,15 @@ def drawn(client: Client, suite: Suite, folder: Path) -> Iterator[tuple[str, byt
         yield name, (folder / "pictures" / file).read_bytes()
 
 
-def find(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure | Run]]:
+def find(_crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure | Run]]:
     """The run, and every number of it; a service has workers of its own."""
-    run = reproduced(seed)
+    run = run_reproduction(seed)
     yield "reproduction", run
     yield from figures(run.found)
-    yield proven(run.found)
+    yield prove_eigenfailures(run.found)
 
 
-def proven(found: PaperReproduction) -> tuple[str, Figure]:
+def prove_eigenfailures(found: PaperReproduction) -> tuple[str, Figure]:
     """The eigenfailures of AST's failures that fail again in the scenario that they came from."""
     name, claim = next(
         (name, claim)
@@ -158,7 +158,7 @@ share of the variance × the absolute value of their entry.
 """
 
 
-def illustrated(found: PaperReproduction) -> str:
+def illustrate_page(found: PaperReproduction) -> str:
     """The page, with what other seeds gave, and the pictures of the same run behind the tables."""
     tables = tuple(
         msgspec.structs.replace(table, note=f"{table.note} {NOTES.get(table.name, '')}".rstrip())

@@ -9,7 +9,7 @@ from tempfile import TemporaryDirectory
 
 import msgspec
 import reproduction
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import ROOT, Figure
 from learning_figures import of_seeds
 from samples import COMMAND, share
@@ -18,6 +18,7 @@ from eigenfail.client import Client
 from eigenfail.hosting.service import Plan, local_service
 from eigenfail.reproduction.page import PREFIXES as NAMES
 from eigenfail.reproduction.page import format_our_number, format_tables
+from eigenfail.reproduction.paper import PaperNumber, PaperReproduction, PaperTable
 from eigenfail.reproduction.programme import LEARNERS, build_suite
 from eigenfail.reproduction.seeds import (
     JudgedStatement,
@@ -26,12 +27,7 @@ from eigenfail.reproduction.seeds import (
     judge_over_seeds,
 )
 from eigenfail.reproduction.statements import build_reproduction
-from eigenfail.reproduction.tables import (
-    FAILURE_RATE,
-    PaperNumber,
-    PaperReproduction,
-    PaperTable,
-)
+from eigenfail.reproduction.tables import FAILURE_RATE
 from eigenfail.values import Interval
 
 SCENARIO = "highway_drive"
@@ -50,7 +46,7 @@ class SeedRuns(msgspec.Struct, frozen=True):
     found: tuple[PaperReproduction, ...]
 
 
-def find(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure | SeedRuns]]:
+def find(_crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure | SeedRuns]]:
     """Yield the reproductions, and the figures in them."""
     with (
         TemporaryDirectory() as folder,

@@ -5,8 +5,8 @@ from itertools import product
 from statistics import NormalDist, fmean, stdev
 
 import msgspec
-from bare import tasks
-from crew import Crew, horizon
+from episode_loop import tasks
+from episode_pool import EpisodePool, horizon
 from figures import Figure
 from intervals import holds
 from learning_figures import of_seeds
@@ -47,10 +47,10 @@ METHODS = ("monte_carlo", "held", "cem", "cma", "ast", "difs")
 EPISODES, SEEDS = 400, 3
 
 
-def find_rates(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_rates(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """The share of Monte Carlo episodes that violate each requirement."""
     places = [*product(SCENARIOS, PLANNERS, SETS)]
-    found = crew.each(judge, *zip(*places, strict=True), [seed] * len(places))
+    found = pool.each(judge, *zip(*places, strict=True), [seed] * len(places))
     for (scenario, planner, channels), values in zip(places, found, strict=True):
         for place, kind in enumerate(KINDS):
             violated = [each[place] <= 0.0 for each in values]
@@ -64,14 +64,14 @@ def judge(scenario: str, planner: str, channels: str, seed: int) -> list[tuple[f
     return [result.requirements for result in Engine(spec.setup()).run(tasks(0, SAMPLE, seed))]
 
 
-def find_searches(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_searches(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """What each method finds of hard braking without cause, with ghosts."""
     places = [*product(METHODS, range(SEEDS))]
     specs = [
         make_spec(method, "merge_in", "ghost", (UncausedBraking(),), seed + n)
         for method, n in places
     ]
-    founds = crew.each(search, specs)
+    founds = pool.each(search, specs)
     for number, method in enumerate(METHODS):
         own = founds[number * SEEDS : (number + 1) * SEEDS]
         failures = [len(one.crashes) for one in own]
@@ -107,9 +107,9 @@ CALLS, RUNS = 2_000, 20
 """What a probability in closed form is estimated from, and how often."""
 
 
-def find_closed_form(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_closed_form(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Subset simulation of a requirement on the error of one channel, which is white noise."""
-    founds = crew.each(search, [make_excess_spec(seed + n) for n in range(RUNS)])
+    founds = pool.each(search, [make_excess_spec(seed + n) for n in range(RUNS)])
     steps = horizon("lead_brake")
     truth = 1.0 - NormalDist().cdf(LARGEST_SIGMA) ** steps
     told = [one.estimate for one in founds if one.estimate and one.estimate.probability]
@@ -141,11 +141,11 @@ IMPORTANCES: dict[str, AnyRequirement | None] = {
 """What subset simulation follows; the first is the robustness of no collision."""
 
 
-def find_importance(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_importance(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """What subset simulation says of `cut_in`, led by different measures."""
     places = [*product(IMPORTANCES, range(LED_RUNS))]
     specs = [make_led_spec(name, seed + n) for name, n in places]
-    founds = crew.each(search, specs)
+    founds = pool.each(search, specs)
     for number, name in enumerate(IMPORTANCES):
         own = founds[number * LED_RUNS : (number + 1) * LED_RUNS]
         told = [one.estimate.probability or 0.0 for one in own if one.estimate]

@@ -19,7 +19,7 @@ from math import exp, log, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import Figure
 from numpy.typing import NDArray
 from samples import COMMAND, count_share, median, share
@@ -86,9 +86,9 @@ class SuiteCheck(NamedTuple):
     renamed: float
 
 
-def find_cover(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_cover(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """How often intervals and bounds hold, and whether they are monotone."""
-    found = crew.each(check_suite, range(seed, seed + SUITES))
+    found = pool.each(check_suite, range(seed, seed + SUITES))
     note = f"1 to {MOST_SCENARIOS} scenarios, with 2 to 10 runs or 100 to 100000 episodes each"
     yield "risk.cover", share([each.covered for each in found], note)
     yield "risk.cover.at_most", share([each.below_at_most for each in found], note)

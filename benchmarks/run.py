@@ -2,9 +2,9 @@
 
 from analysis import analysis_figures
 from bridge import bridge_figures
-from by_hand import failure_figures, ledger_figures
 from difs_sampling import difs_sampling_figures
 from figures import ROOT, show, write
+from handwritten_programs import failure_figures, ledger_figures
 from hub import hub_figures
 from pages import page_figures
 from planner import planner_figures

@@ -9,14 +9,14 @@ from collections.abc import Mapping, Sequence
 from math import ceil
 
 import msgspec
+from duration_tails import PARALLEL, TAIL, WIDER, tail_figures
 from figures import ROOT, Figure, write
-from hub import COMMAND, crowd, hub_figures, playing
+from hub import COMMAND, hub_figures, playing, run_simulated_workers
 from learner_cost import CASES
 from scale_costs import cost_figures
-from scale_table import CREWS, EPISODE_S, method_of, predicted, table
+from scale_table import CREWS, EPISODE_S, method_of, predict_rate, table
 from sqlalchemy import text
 from stage import Stage
-from tails import PARALLEL, TAIL, WIDER, tail_figures
 
 LATEST = ROOT / "benchmarks" / "latest.json"
 PAGE = ROOT / "benchmarks" / "scale.md"
@@ -57,12 +57,12 @@ def scale_figures(hub: Mapping[str, Figure]) -> dict[str, Figure]:
     """
     costs = cost_figures()
     rates = {
-        f"rate_{name}_{workers}": measured(name, workers, {**hub, **costs})
+        f"rate_{name}_{workers}": measure_rate(name, workers, {**hub, **costs})
         for name, crews in MEASURED.items()
         for workers in crews
     }
     tails = {
-        f"rate_ast_parallel_100_tail{end}": measured(
+        f"rate_ast_parallel_100_tail{end}": measure_rate(
             "ast_parallel", 100, {**hub, **costs}, parallel, tail=TAIL
         )
         for end, parallel in (("", PARALLEL), ("_wider", WIDER))
@@ -70,7 +70,7 @@ def scale_figures(hub: Mapping[str, Figure]) -> dict[str, Figure]:
     return costs | rates | tails | tail_figures({**hub, **costs})
 
 
-def measured(
+def measure_rate(
     name: str,
     workers: int,
     figures: Mapping[str, Figure],
@@ -87,7 +87,7 @@ def measured(
         durations: options of the made-up workers.
     """
     case, method = CASES[name], method_of(name, figures)
-    expected = predicted(name, workers, EPISODE_S, figures).episodes_per_s
+    expected = predict_rate(name, workers, EPISODE_S, figures).episodes_per_s
     first = whole(max(SETTLED[name], WARM_S * expected), method.round_size)
     span = whole(SPAN_S * expected, method.round_size)
     span = max(span, LEAST_ROUNDS * method.round_size)
@@ -100,7 +100,7 @@ def measured(
             "parallel": parallel or case.parallel,
         }
         campaign = stage.create(**told, simulator="highway", planner="rulebook")
-        with crowd(services.hub, workers, EPISODE_S, **durations):
+        with run_simulated_workers(services.hub, workers, EPISODE_S, **durations):
             stage.wait_for(campaign, first + span + 1)
             took_ms = landed_ms(stage, campaign, first + span) - landed_ms(stage, campaign, first)
     return Figure(value=1000.0 * span / took_ms, unit="1/s", n=span, command=COMMAND)

@@ -9,11 +9,11 @@ from pathlib import Path
 from statistics import median
 from tempfile import TemporaryDirectory
 
-from bare import tasks
-from crowd import examples
+from episode_loop import tasks
 from figures import ROOT, Figure
 from learner_cost import CASES
 from msgspec.structs import replace
+from simulated_workers import examples
 
 from eigenfail.processes import NUMERIC_ENVIRONMENT
 from eigenfail.values import CampaignSpec

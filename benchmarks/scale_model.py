@@ -1,4 +1,4 @@
-"""Episodes per second of a service with many workers, as a queueing network played event by event.
+"""Episodes per second of a service with many workers: a simulated queueing network.
 
 Pure: costs in, a rate out. Workers run one episode at a time, and take the next one as soon as they
 are through. A result waits for the hub, and then for the group that it is committed with. A round
@@ -12,8 +12,8 @@ from collections.abc import Callable
 from math import inf
 
 import msgspec
-from scale_parts import GROUP, TURN, Costs, Crew, Method
-from scale_play import Play
+from scale_parts import GROUP, TURN, Costs, Method, WorkerPool
+from scale_simulation import Play
 
 SATURATED = 0.95
 """Who works for so much of the time holds up all the others."""
@@ -34,32 +34,32 @@ class Prediction(msgspec.Struct, frozen=True):
     use: dict[str, float]
 
 
-def limits(method: Method, crew: Crew, costs: Costs) -> dict[str, float]:
+def limits(method: Method, pool: WorkerPool, costs: Costs) -> dict[str, float]:
     """What each part could do if it never waited for another. [episodes/s]"""
-    free = max(1e-9, 1.0 - crew.workers * costs.heartbeat_s)
+    free = max(1e-9, 1.0 - pool.workers * costs.heartbeat_s)
     largest_group = GROUP - 1 + TURN  # A turn's results are added to a group that is not full yet.
     hub_s = (
         costs.result_s + costs.commit_s / largest_group + method.checkpoint_s / method.round_size
     )
-    turn_s = crew.episode_s + costs.result_s + costs.commit_s + method.round_s
+    turn_s = pool.episode_s + costs.result_s + costs.commit_s + method.round_s
     return {
-        "workers": divided(crew.workers, crew.episode_s),
-        "hub": divided(free, hub_s),
-        "learner": divided(method.round_size, method.round_s),
-        ROUNDS: divided((method.lookahead + 1) * method.round_size, turn_s),
-        "network": divided(costs.wire_bytes_per_s, costs.wire_bytes),
-        "disk": divided(costs.disk_bytes_per_s, costs.disk_bytes),
+        "workers": divide(pool.workers, pool.episode_s),
+        "hub": divide(free, hub_s),
+        "learner": divide(method.round_size, method.round_s),
+        ROUNDS: divide((method.lookahead + 1) * method.round_size, turn_s),
+        "network": divide(costs.wire_bytes_per_s, costs.wire_bytes),
+        "disk": divide(costs.disk_bytes_per_s, costs.disk_bytes),
     }
 
 
-def divided(amount: float, by: float) -> float:
+def divide(amount: float, by: float) -> float:
     """A rate; without end where nothing is asked."""
     return amount / by if by > 0.0 else inf
 
 
 def predict(
     method: Method,
-    crew: Crew,
+    pool: WorkerPool,
     costs: Costs,
     rounds: int,
     draw: Callable[[], float] | None = None,
@@ -69,13 +69,13 @@ def predict(
     A rate from rounds that are not endless may lie above a bound; it is then the bound.
 
     Args:
-        draw: an episode's time [s]; by default all take `crew.episode_s`.
+        draw: an episode's time [s]; by default all take `pool.episode_s`.
     """
-    play = Play(method, crew, costs, draw or (lambda: crew.episode_s))
+    play = Play(method, pool, costs, draw or (lambda: pool.episode_s))
     play.run(rounds)
-    bounds = limits(method, crew, costs)
+    bounds = limits(method, pool, costs)
     rate = min(play.rate, *bounds.values())
-    heartbeats = min(1.0, crew.workers * costs.heartbeat_s)
+    heartbeats = min(1.0, pool.workers * costs.heartbeat_s)
     # The play stretches the hub's other work by what the heartbeats take meanwhile.
     hub_share = play.hub_share * (1.0 - heartbeats) + heartbeats
     use = {

@@ -56,8 +56,8 @@ class Costs(msgspec.Struct, frozen=True):
     disk_bytes_per_s: float = inf
 
 
-class Crew(msgspec.Struct, frozen=True):
-    """So many workers, of which each takes so long for an episode. [s]"""
+class WorkerPool(msgspec.Struct, frozen=True):
+    """A number of workers, and the time that each of them takes for an episode. [s]"""
 
     workers: int
     episode_s: float

@@ -5,7 +5,7 @@ from math import ceil
 
 from figures import Figure
 from scale_model import Prediction, predict
-from scale_parts import GROUP, Costs, Crew, Method
+from scale_parts import GROUP, Costs, Method, WorkerPool
 
 from eigenfail.values.learning import count_rounds_ahead
 
@@ -77,13 +77,13 @@ def method_of(name: str, figures: Mapping[str, Figure]) -> Method:
     )
 
 
-def predicted(
+def predict_rate(
     name: str, workers: int, episode_s: float, figures: Mapping[str, Figure]
 ) -> Prediction:
     """What the model says."""
     method = method_of(name, figures)
     played = PLAYED + ceil(10 * workers / method.round_size)
-    return predict(method, Crew(workers, episode_s), costs_of(figures), played)
+    return predict(method, WorkerPool(workers, episode_s), costs_of(figures), played)
 
 
 def table(figures: Mapping[str, Figure]) -> Iterator[str]:
@@ -94,20 +94,20 @@ def table(figures: Mapping[str, Figure]) -> Iterator[str]:
     for name, words in NAMES.items():
         for workers in CREWS:
             seen = figures.get(f"rate_{name}_{workers}")
-            sleepers = predicted(name, workers, EPISODE_S, figures)
-            real = predicted(name, workers, episode_s, figures)
+            sleepers = predict_rate(name, workers, EPISODE_S, figures)
+            real = predict_rate(name, workers, episode_s, figures)
             cells = (
                 words,
                 f"{workers:,}",
-                shown(sleepers.episodes_per_s),
-                shown(seen.value if seen else None),
+                format_digits(sleepers.episodes_per_s),
+                format_digits(seen.value if seen else None),
                 sleepers.bottleneck,
-                shown(real.episodes_per_s),
+                format_digits(real.episodes_per_s),
                 real.bottleneck,
             )
             yield f"| {' | '.join(cells)} |"
 
 
-def shown(rate: float | None) -> str:
+def format_digits(rate: float | None) -> str:
     """Three digits; nothing where nothing was measured."""
     return "" if rate is None else f"{float(f'{rate:.3g}'):,.4g}".replace("e+03", "")

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from crew import Crew, horizon
+from episode_pool import EpisodePool, horizon
 from known_problems import Problem
 
 from eigenfail import plugins
@@ -109,12 +109,14 @@ def run(spec: CampaignSpec, given: LearnerContext, episodes: EpisodeEngine) -> F
     )
 
 
-def side_by_side(crew: Crew, specs: list[CampaignSpec]) -> list[Found]:
+def side_by_side(pool: EpisodePool, specs: list[CampaignSpec]) -> list[Found]:
     """Run campaigns, as many at a time as there are cores."""
-    return crew.each(search, specs)
+    return pool.each(search, specs)
 
 
-def evaluations(crew: Crew, learnt: list[Found], episodes: int, **parameters: float) -> list[Found]:
+def evaluations(
+    pool: EpisodePool, learnt: list[Found], episodes: int, **parameters: float
+) -> list[Found]:
     """Evaluate what campaigns have learnt, in the scenario with these parameters."""
     specs = [
         msgspec.structs.replace(
@@ -127,7 +129,7 @@ def evaluations(crew: Crew, learnt: list[Found], episodes: int, **parameters: fl
         )
         for found in learnt
     ]
-    return crew.each(search, specs, learnt)
+    return pool.each(search, specs, learnt)
 
 
 def changed(found: Found, **settings: Any) -> Found:

@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from bare import tasks
-from crew import Crew, staged
+from episode_loop import tasks
+from episode_pool import EpisodePool, make_setup
 from figures import Figure
 from numpy.typing import NDArray
 from samples import COMMAND, count_share, share
@@ -86,11 +86,11 @@ TOYS = (
 )
 
 
-def find_covered(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_covered(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """How often all limits of a search hold, and how far they reach."""
     shares = []
     for toy in TOYS:
-        found = crew.each(search_toy, [toy] * SEARCHES, range(seed, seed + SEARCHES))
+        found = pool.each(search_toy, [toy] * SEARCHES, range(seed, seed + SEARCHES))
         held = share([each <= 1.0 for each in found], f"{toy.episodes} episodes an anchor")
         shares.append(held.value or 0.0)
         yield f"requirement.covered.{toy.name}", held
@@ -183,11 +183,11 @@ ANCHOR_EPISODES, CONFIRMING = 3_000, 20_000
 BATCH = 100
 
 
-def find_frontier(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_frontier(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """The frontier of `rulebook` in `cut_in`, and P(failure) there by new episodes."""
-    setup = staged("cut_in", "rulebook")
+    setup = make_setup("cut_in", "rulebook")
     confirmed = []
-    for place, limit in enumerate(search_frontier(crew, setup, seed).frontier, start=1):
+    for place, limit in enumerate(search_frontier(pool, setup, seed).frontier, start=1):
         (kept,) = limit.beside.values()
         name = f"requirement.cut_in.at_{kept:g}"
         tests = f"lateral beside {kept:g} × longitudinal; {ANCHOR_EPISODES} episodes an anchor"
@@ -197,7 +197,7 @@ def find_frontier(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
         yield f"{name}.limit", value
         is_met = limit.largest is not None
         multiples = {**limit.beside, limit.channel: limit.largest or ASKED.within.low}
-        k = count_failures(crew, scale_setup(setup, multiples), seed + place, CONFIRMING, inf)
+        k = count_failures(pool, scale_setup(setup, multiples), seed + place, CONFIRMING, inf)
         where = (
             "at the limit" if is_met else f"at {ASKED.within.low:g} × lateral, where none is met"
         )
@@ -212,12 +212,12 @@ def find_frontier(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     yield "requirement.cut_in.confirmed", count_share(confirmed, note)
 
 
-def search_frontier(crew: Crew, setup: EpisodeSetup, seed: int) -> RequirementAnswer:
+def search_frontier(pool: EpisodePool, setup: EpisodeSetup, seed: int) -> RequirementAnswer:
     """Return the answer by Monte Carlo, without a service."""
 
     def measure(multiples: Multiples, error: float) -> Anchor:
         most = find_fewest_failures(ASKED.target, ANCHOR_EPISODES, error) or inf
-        k = count_failures(crew, scale_setup(setup, multiples), seed, ANCHOR_EPISODES, most)
+        k = count_failures(pool, scale_setup(setup, multiples), seed, ANCHOR_EPISODES, most)
         bounds = Interval(
             find_lower_bound(k, ANCHOR_EPISODES, error),
             1.0 if k >= most else find_upper_bound(k, ANCHOR_EPISODES, error),
@@ -241,12 +241,14 @@ def scale_setup(setup: EpisodeSetup, multiples: Multiples) -> EpisodeSetup:
     return msgspec.structs.replace(setup, disturbance=model)
 
 
-def count_failures(crew: Crew, setup: EpisodeSetup, seed: int, episodes: int, most: float) -> int:
+def count_failures(
+    pool: EpisodePool, setup: EpisodeSetup, seed: int, episodes: int, most: float
+) -> int:
     """Count failures of Monte Carlo, until there are as many as decide."""
     failures = 0
     for first in range(0, episodes, BATCH):
         n = min(BATCH, episodes - first)
-        failures += sum(one.is_failure for one in crew.play(setup, tasks(first, n, seed)))
+        failures += sum(one.is_failure for one in pool.play(setup, tasks(first, n, seed)))
         if failures >= most:
             break
     return failures

@@ -21,13 +21,18 @@ EPISODES = 500
 PAIRS = 3
 
 
-def bare(seed: int, interpreted: bool = False) -> dict[str, float]:
+def run_episode_loop(seed: int, interpreted: bool = False) -> dict[str, float]:
     """One run of the bare loop.
 
     Raises:
         SystemExit: it is to be compiled, and is not.
     """
-    command = [sys.executable, str(ROOT / "benchmarks" / "bare.py"), str(EPISODES), str(seed)]
+    command = [
+        sys.executable,
+        str(ROOT / "benchmarks" / "episode_loop.py"),
+        str(EPISODES),
+        str(seed),
+    ]
     environment = (
         os.environ | NUMERIC_ENVIRONMENT | {INTERPRETED_VARIABLE: "1" if interpreted else ""}
     )
@@ -73,10 +78,10 @@ def service_figures() -> dict[str, Figure]:
         with local_service(plan) as service, Client(service.address.url) as client:
             campaign_rate(client, seed=99)
             for seed in range(PAIRS):
-                measured = bare(seed)
+                measured = run_episode_loop(seed)
                 bares.append(measured["episodes_per_s"])
                 cpus.append(measured["cpu_ms"])
-                interpreted.append(bare(seed, interpreted=True)["cpu_ms"])
+                interpreted.append(run_episode_loop(seed, interpreted=True)["cpu_ms"])
                 ones.append(campaign_rate(client, seed))
                 with another_worker(service):
                     campaign_rate(client, seed=98)  # it loads the simulator: once, not per campaign

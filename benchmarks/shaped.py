@@ -4,10 +4,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from statistics import fmean
 
 import numpy as np
-from crew import Crew, Played, horizon, staged
+from episode_pool import EpisodePool, EpisodeRecord, horizon, make_setup
 from figures import Figure
 from samples import COMMAND, count_share, mean, share
-from shapes import Array, held, shuffles, square_wave, square_waves
+from shapes import Array, draw_held_noise, shuffles, square_wave, square_waves
 
 from eigenfail import plugins
 
@@ -19,14 +19,14 @@ ENUMERATED = ("square3", "wave2")
 DISTANCES_M = {"": 0.0, "_minus_5m": -5.0, "_plus_5m": 5.0}
 
 
-def shaped(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def shaped(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Rates and mean severities of each kind of noise, and of what has a shape together."""
     cut_in = plugins.load(plugins.SCENARIOS, "cut_in")
     kinds = noises(horizon("cut_in"), seed)
     for place, offset_m in DISTANCES_M.items():
         distance_m = cut_in.Parameters().distance_m + offset_m
-        setup = staged("cut_in", "rulebook", distance_m=distance_m)
-        played = {kind: crew.inject(setup, z) for kind, z in kinds.items()}
+        setup = make_setup("cut_in", "rulebook", distance_m=distance_m)
+        played = {kind: pool.inject(setup, z) for kind, z in kinds.items()}
         yield from rates(played, place)
         if not place:
             yield from severities(played)
@@ -37,24 +37,26 @@ def noises(steps: int, seed: int) -> dict[str, Array]:
     rng = np.random.default_rng(seed)
     wave = square_wave(steps, sigma=2.0, half_period=20)
     return {
-        "held3": held(rng, RUNS, steps, sigma=3.0, hold=5),
-        "held2": held(rng, RUNS, steps, sigma=2.0, hold=5),
-        "white3": held(rng, RUNS, steps, sigma=3.0, hold=1),
-        "white2": held(rng, RUNS, steps, sigma=2.0, hold=1),
+        "held3": draw_held_noise(rng, RUNS, steps, sigma=3.0, hold=5),
+        "held2": draw_held_noise(rng, RUNS, steps, sigma=2.0, hold=5),
+        "white3": draw_held_noise(rng, RUNS, steps, sigma=3.0, hold=1),
+        "white2": draw_held_noise(rng, RUNS, steps, sigma=2.0, hold=1),
         "square3": square_waves(steps, sigma=3.0),
         "wave2": wave[None],
         "wave2_shuffled": shuffles(rng, wave, SHUFFLES),
     }
 
 
-def rates(played: Mapping[str, Sequence[Played]], place: str) -> Iterator[tuple[str, Figure]]:
+def rates(
+    played: Mapping[str, Sequence[EpisodeRecord]], place: str
+) -> Iterator[tuple[str, Figure]]:
     """The share of crashes of each kind."""
     for kind, runs in played.items():
         count = count_share if kind in ENUMERATED else share
         yield f"{PLACE}.{kind}.rate{place}", count([one.is_failure for one in runs])
 
 
-def severities(played: Mapping[str, Sequence[Played]]) -> Iterator[tuple[str, Figure]]:
+def severities(played: Mapping[str, Sequence[EpisodeRecord]]) -> Iterator[tuple[str, Figure]]:
     """The mean severity of the crashes of each kind that has any."""
     for kind, runs in played.items():
         if found := crashes(runs):
@@ -75,6 +77,6 @@ def average_severity(severities: Sequence[float], unit: str, note: str = "") -> 
     return Figure(value=value, unit=unit, n=len(severities), note=note, command=COMMAND)
 
 
-def crashes(runs: Sequence[Played]) -> list[float]:
+def crashes(runs: Sequence[EpisodeRecord]) -> list[float]:
     """The severities of those that crashed."""
     return [one.measures.severity for one in runs if one.measures.severity is not None]

@@ -9,7 +9,7 @@ HALF_PERIODS = range(8, 21)
 AXES = ((1.0, 0.0), (0.0, 1.0), (1.0, 1.0))
 
 
-def held(rng: np.random.Generator, n: int, steps: int, sigma: float, hold: int) -> Array:
+def draw_held_noise(rng: np.random.Generator, n: int, steps: int, sigma: float, hold: int) -> Array:
     """Uniform in ±sigma, each value held for some steps; shape (n, steps, 2)."""
     drawn = rng.uniform(-sigma, sigma, (n, -(-steps // hold), 2))
     return np.repeat(drawn, hold, axis=1)[:, :steps]

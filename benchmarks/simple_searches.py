@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, Protocol
 
 import msgspec
 import numpy as np
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import Figure
 from known_problems import Noise, Problem, four_branches, two_modes, walk
 from learning_figures import first_failure, log_p_per_step, of_seeds
@@ -123,9 +123,9 @@ class Run(Protocol):
     def crashes(self) -> tuple[Crash, ...]: ...
 
 
-def compare(place: str, name: str, crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def compare(place: str, name: str, pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """A search in a scenario, or on a function with known regions."""
-    runs = crew.each(find, [place] * SEEDS, [name] * SEEDS, range(seed, seed + SEEDS))
+    runs = pool.each(find, [place] * SEEDS, [name] * SEEDS, range(seed, seed + SEEDS))
     yield from describe(place, name, runs)
 
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from crew import BATCH, Crew, horizon, staged
+from episode_pool import BATCH, EpisodePool, horizon, make_setup
 from figures import Figure
 from samples import COMMAND
 
@@ -61,11 +61,11 @@ def read_stored() -> tuple[StoredCampaign, ...]:
     return msgspec.json.decode(STORED.read_bytes(), type=tuple[StoredCampaign, ...])
 
 
-class CrewEngine:
-    """Runs the episodes of a campaign in all processes of a crew."""
+class PoolEngine:
+    """Runs the episodes of a campaign in all processes of a pool."""
 
-    def __init__(self, crew: Crew, setup: EpisodeSetup) -> None:
-        self._crew = crew
+    def __init__(self, pool: EpisodePool, setup: EpisodeSetup) -> None:
+        self._crew = pool
         self._setup = setup
 
     def add_policy(self, _policy: object) -> None:
@@ -92,12 +92,12 @@ def make_engine(setup: bytes) -> Engine:
     return Engine(msgspec.json.decode(setup, type=EpisodeSetup))
 
 
-def run_campaign(scenario: str, crew: Crew, seed: int) -> Estimate:
+def run_campaign(scenario: str, pool: EpisodePool, seed: int) -> Estimate:
     """Return the estimate of a whole campaign of `splitting`."""
     nothing = np.zeros((0, horizon(scenario), 2), np.float32)
     context = LearnerContext(learner_seed(seed), BUDGET, horizon(scenario), nothing)
     rounds = Rounds(MultilevelSplitting(context, SplittingSettings()), seed, BUDGET)
-    engine: Any = CrewEngine(crew, staged(scenario, "rulebook"))
+    engine: Any = PoolEngine(pool, make_setup(scenario, "rulebook"))
     for _ in run_in_process(rounds, engine):
         pass
     estimate = rounds.estimate()
@@ -106,9 +106,9 @@ def run_campaign(scenario: str, crew: Crew, seed: int) -> Estimate:
     return estimate
 
 
-def find(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Yield P(failure) at the defaults of `cut_in`, and figures of campaigns on the port."""
-    found = run_campaign("cut_in", crew, seed)
+    found = run_campaign("cut_in", pool, seed)
     ends = found.interval and (found.interval.low, found.interval.high)
     yield (
         "cut_in.p_fail",

@@ -10,9 +10,9 @@ known problems, where groups of chains share a step, with those of chains that a
 from collections.abc import Iterator
 
 import numpy as np
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import Figure
-from hub import crowd, playing, present
+from hub import playing, present, run_simulated_workers
 from intervals import Plan, Verdict, estimate, judge
 from known_problems import PROBLEMS
 from samples import COMMAND
@@ -33,7 +33,7 @@ SPAN_MS = text(
 )
 
 
-def find_busy(_crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_busy(_crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Run a campaign with `parallel`, and one without."""
     yield "subset_busy_100", measure_busy(seed, WORKERS)
     yield "subset_busy_100_in_waves", measure_busy(seed, None)
@@ -43,7 +43,7 @@ def measure_busy(seed: int, parallel: int | None) -> Figure:
     """Return the share of the workers' time that is spent on episodes."""
     with playing() as stage:
         services = stage.services()
-        with crowd(services.hub, WORKERS, EPISODE_S, probability=PROBABILITY):
+        with run_simulated_workers(services.hub, WORKERS, EPISODE_S, probability=PROBABILITY):
             wait_until(lambda: present(stage) == WORKERS, "all workers are there")
             campaign = stage.create(
                 method="subset",
@@ -66,10 +66,10 @@ SEEDS, CALLS, PARALLEL = 100, 2_000, 10
 PLANS = tuple(Plan(SubsetMethod, CALLS, {}, PROBLEMS, parallel=each) for each in (None, PARALLEL))
 
 
-def find_estimates(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def find_estimates(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """Compare the estimates with `parallel` with those without, on each problem."""
     pairs = [
-        (judge_plan(0, problem, crew, seed), judge_plan(1, problem, crew, seed))
+        (judge_plan(0, problem, pool, seed), judge_plan(1, problem, pool, seed))
         for problem in range(len(PROBLEMS))
     ]
     judged = [(before, after) for before, after in pairs if before.is_judged and after.is_judged]
@@ -93,9 +93,9 @@ def find_estimates(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
         yield name, Figure(value=held / told, unit="share", n=SEEDS, command=COMMAND, note=note)
 
 
-def judge_plan(plan: int, problem: int, crew: Crew, seed: int) -> Verdict:
+def judge_plan(plan: int, problem: int, pool: EpisodePool, seed: int) -> Verdict:
     """Run the campaigns of a plan on a problem."""
-    found = crew.each(estimate_at, [plan] * SEEDS, [problem] * SEEDS, range(seed, seed + SEEDS))
+    found = pool.each(estimate_at, [plan] * SEEDS, [problem] * SEEDS, range(seed, seed + SEEDS))
     return judge(found, PROBLEMS[problem].probability)
 
 

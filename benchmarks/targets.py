@@ -131,7 +131,7 @@ TARGETS = {
 }
 
 
-def aimed(name: str, figure: Figure, seed: int) -> Figure:
+def add_target(name: str, figure: Figure, seed: int) -> Figure:
     """A figure with its target, the paper's number and the seed of its noise."""
     target = TARGETS.get(name, Target())
     paper = figure.paper if target.paper is None else target.paper
@@ -141,7 +141,7 @@ def aimed(name: str, figure: Figure, seed: int) -> Figure:
     )
 
 
-def missed(figures: Mapping[str, Figure], prefix: str) -> list[str]:
+def list_missed(figures: Mapping[str, Figure], prefix: str) -> list[str]:
     """The names that begin with a prefix, and are outside their targets or not there at all."""
     values = {name: figure.value for name, figure in figures.items()}
     return [

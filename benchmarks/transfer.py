@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from crew import Crew
+from episode_pool import EpisodePool
 from figures import ROOT, Figure
 from learning_figures import each, of_seeds
 from samples import COMMAND
@@ -73,9 +73,9 @@ class Transfer(NamedTuple):
         return min(self.shares, key=lambda place: self.shares[place].value)
 
 
-def over_a_distribution(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def over_a_distribution(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """The policy of `examples/transfer.toml`."""
-    found = list_transfers(crew, read_example(), list_seeds(seed))
+    found = list_transfers(pool, read_example(), list_seeds(seed))
     worst = [one.shares[one.find_worst()].value for one in found]
     median = of_seeds(worst, "share", EPISODES)
     places = ", ".join(one.find_worst() for one in found)
@@ -91,10 +91,10 @@ def over_a_distribution(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
     yield from summarize("ast.transfer", found)
 
 
-def from_one_scenario(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def from_one_scenario(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """The policy of the default settings, trained at the scenario's defaults."""
     spec = CampaignSpec(name="ast", method="ast", episodes=1000, scenario="cut_in")
-    found = list_transfers(crew, spec, list_seeds(seed))
+    found = list_transfers(pool, spec, list_seeds(seed))
     worst = [one.shares[one.find_worst()].value for one in found]
     yield "ast.one_scenario.worst_place", of_seeds(worst, "share", EPISODES)
     yield from summarize("ast.one_scenario", found)
@@ -105,17 +105,17 @@ def list_seeds(seed: int) -> range:
     return range(seed + OFFSET, seed + OFFSET + SEEDS)
 
 
-def list_transfers(crew: Crew, spec: CampaignSpec, seeds: range) -> list[Transfer]:
+def list_transfers(pool: EpisodePool, spec: CampaignSpec, seeds: range) -> list[Transfer]:
     """Train a policy from each seed, and evaluate it at all places."""
     specs = [msgspec.structs.replace(spec, seed=seed) for seed in seeds]
-    trained = side_by_side(crew, specs)
+    trained = side_by_side(pool, specs)
     runs = {
-        f"{name} {value:g}": evaluations(crew, trained, EPISODES, **{name: value})
+        f"{name} {value:g}": evaluations(pool, trained, EPISODES, **{name: value})
         for name, values in PLACES.items()
         for value in values
     }
     spread = [over_the_range(found) for found in trained]
-    drawn = evaluations(crew, spread, DRAWN)
+    drawn = evaluations(pool, spread, DRAWN)
     return [
         Transfer(
             shares={

@@ -28,9 +28,9 @@ import subset_parallel
 import transfer
 import varied
 from chains import chains
-from crew import Crew
 from curves import Curve
 from driven_searches import ADAPTED, DRIVEN, OWN, compare_driven
+from episode_pool import EpisodePool
 from faults import faults, kinds
 from figures import Figure
 from foreign import found_in_others
@@ -53,7 +53,7 @@ from undisturbed import undisturbed, unlit
 SCENARIOS = ("cut_in", "merge_in", "lead_brake")
 
 Finding = Figure | tuple[Curve, ...] | Run | SeedRuns
-Find = Callable[[Crew, int], Iterable[tuple[str, Finding]]]
+Find = Callable[[EpisodePool, int], Iterable[tuple[str, Finding]]]
 
 
 class Trial(NamedTuple):

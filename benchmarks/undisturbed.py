@@ -9,7 +9,7 @@ from itertools import pairwise, product
 
 import msgspec
 import numpy as np
-from crew import Crew, staged
+from episode_pool import EpisodePool, make_setup
 from figures import Figure
 from samples import COMMAND
 
@@ -40,15 +40,15 @@ class Drive(msgspec.Struct, frozen=True):
 
 
 def undisturbed(
-    scenario: str, planner: str, crew: Crew, _seed: int
+    scenario: str, planner: str, pool: EpisodePool, _seed: int
 ) -> Iterator[tuple[str, Figure]]:
     """The worst over the bounds; there is no noise, and so no seed."""
-    yield from worst(f"{scenario}.{planner}.undisturbed", swept(crew, scenario, planner))
+    yield from worst(f"{scenario}.{planner}.undisturbed", swept(pool, scenario, planner))
 
 
-def unlit(crew: Crew, _seed: int) -> Iterator[tuple[str, Figure]]:
+def unlit(pool: EpisodePool, _seed: int) -> Iterator[tuple[str, Figure]]:
     """`rulebook` behind a braking car whose brake lights it does not see."""
-    drives = swept(crew, "lead_brake", "rulebook", UNLIT)
+    drives = swept(pool, "lead_brake", "rulebook", UNLIT)
     crashed = [one for one in drives if one.collided]
     n, place = len(drives), "lead_brake.rulebook.unlit"
     yield f"{place}.collisions", number(len(crashed), "runs", n)
@@ -57,16 +57,16 @@ def unlit(crew: Crew, _seed: int) -> Iterator[tuple[str, Figure]]:
 
 
 def swept(
-    crew: Crew, scenario: str, planner: str, settings: Mapping[str, object] | None = None
+    pool: EpisodePool, scenario: str, planner: str, settings: Mapping[str, object] | None = None
 ) -> list[Drive]:
     """A run at each point of the grid."""
     setups = [
         msgspec.structs.replace(
-            staged(scenario, planner, **parameters), planner_settings=settings or {}
+            make_setup(scenario, planner, **parameters), planner_settings=settings or {}
         )
         for parameters in grid(scenario)
     ]
-    return crew.each(drive, map(msgspec.json.encode, setups))
+    return pool.each(drive, map(msgspec.json.encode, setups))
 
 
 def grid(scenario: str) -> Iterator[dict[str, float]]:
@@ -80,10 +80,10 @@ def grid(scenario: str) -> Iterator[dict[str, float]]:
 
 def drive(setup: bytes) -> Drive:
     """Run a setup in JSON once, in this process."""
-    return told(explain(msgspec.json.decode(setup, type=EpisodeSetup), UNDISTURBED))
+    return read_account(explain(msgspec.json.decode(setup, type=EpisodeSetup), UNDISTURBED))
 
 
-def told(run: ExplainedEpisode) -> Drive:
+def read_account(run: ExplainedEpisode) -> Drive:
     """What is kept of a run."""
     measures, scene = run.result.measures, run.result.scene
     if measures is None or scene is None:

@@ -5,11 +5,11 @@ from typing import Any, NamedTuple
 
 import msgspec
 import numpy as np
-from bare import tasks
-from crew import Crew, horizon, staged
+from episode_loop import tasks
+from episode_pool import EpisodePool, horizon, make_setup
 from figures import Figure
 from samples import share
-from shapes import held
+from shapes import draw_held_noise
 
 from eigenfail.values import EpisodeSetup
 
@@ -24,7 +24,7 @@ class Changed(NamedTuple):
 
     def setup(self, scenario: str, planner: str) -> EpisodeSetup:
         """A campaign with these; all else is as it is by default."""
-        setup = staged(scenario, planner, **self.parameters)
+        setup = make_setup(scenario, planner, **self.parameters)
         return msgspec.structs.replace(setup, planner_settings=dict(self.settings))
 
 
@@ -71,22 +71,22 @@ RULEBOOK_IN_CUT_IN = {
 
 
 def idm(
-    scenario: str, changes: Mapping[str, Changed], crew: Crew, seed: int
+    scenario: str, changes: Mapping[str, Changed], pool: EpisodePool, seed: int
 ) -> Iterator[tuple[str, Figure]]:
     """How often `idm` fails under ordinary noise."""
     for name, changed in changes.items():
-        played = crew.play(changed.setup(scenario, "idm"), tasks(0, EPISODES, seed))
+        played = pool.play(changed.setup(scenario, "idm"), tasks(0, EPISODES, seed))
         rate = share([one.is_failure for one in played])
         yield f"{scenario}.idm.varied.{name}.failure_rate", rate
 
 
-def rulebook(crew: Crew, seed: int) -> Iterator[tuple[str, Figure]]:
+def rulebook(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     """How often `rulebook` loses its track under ordinary noise, and crashes under held noise."""
     steps = horizon("cut_in")
-    noise = held(np.random.default_rng(seed), EPISODES, steps, sigma=3.0, hold=5)
+    noise = draw_held_noise(np.random.default_rng(seed), EPISODES, steps, sigma=3.0, hold=5)
     for name, changed in RULEBOOK_IN_CUT_IN.items():
         setup, place = changed.setup("cut_in", "rulebook"), f"cut_in.rulebook.varied.{name}"
-        usual = crew.play(setup, tasks(0, EPISODES, seed))
+        usual = pool.play(setup, tasks(0, EPISODES, seed))
         yield f"{place}.track_lost", share([one.lost_tracks > 0 for one in usual])
-        crashed = [one.is_failure for one in crew.inject(setup, noise)]
+        crashed = [one.is_failure for one in pool.inject(setup, noise)]
         yield f"{place}.held3_rate", share(crashed)

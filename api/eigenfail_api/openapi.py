@@ -40,9 +40,9 @@ from eigenfail.values import (
     Summary,
 )
 from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey, Quotas, Usage
-from eigenfail.values.campaign import PriorityChange
+from eigenfail.values.campaign_spec import PriorityChange
 from eigenfail.values.comparison import PeerCosts
-from eigenfail.values.mixing import ChainMixing
+from eigenfail.values.estimates import ChainMixing
 from eigenfail.values.operations import Presence, Pruning, Staffing, WorkerShare
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.release import ReleaseQuestion, ReleaseTable
@@ -199,14 +199,14 @@ def document_route(
     return options
 
 
-def documented_plain(answer: Any, status: int, body: dict[str, Any]) -> dict[str, Any]:
-    """Return the same for a route whose body has a schema but no struct."""
+def document_plain_route(answer: Any, status: int, body: dict[str, Any]) -> dict[str, Any]:
+    """Return what `document_route` returns, for a body that has a schema but no struct."""
     request = {"content": {JSON: {"schema": body}}, "required": body["type"] == "array"}
     return {**document_route(answer, status), "openapi_extra": {"requestBody": request}}
 
 
-def documented_stream() -> dict[str, Any]:
-    """Return the same for a stream of events, which version 3.1 can only call text."""
+def document_stream() -> dict[str, Any]:
+    """Return what `document_route` returns, for a stream of events, in OpenAPI 3.1 a text."""
     description = (
         "Server-sent events. The data of each is the JSON of an Event, its id the Event's id."
     )

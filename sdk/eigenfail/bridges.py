@@ -214,7 +214,7 @@ def parameters_kind(given: Mapping[str, Any]) -> type[msgspec.Struct]:
     )
 
 
-def foreign(parameters: msgspec.Struct) -> dict[str, Plain]:
+def select_bridge_parameters(parameters: msgspec.Struct) -> dict[str, Plain]:
     """Return the parameters of an episode that the bridge receives under their names."""
     named = msgspec.structs.asdict(parameters)
     return {name: value for name, value in named.items() if name not in OWN}
@@ -254,7 +254,9 @@ def check_offer(offer: BridgeOffer, spec: CampaignSpec) -> None:
     for corner in check(spec).corners():
         named = msgspec.structs.asdict(corner)
         steps, dt_s = int(named["steps"]), float(named["dt_s"])
-        demand = EpisodeDemand(spec.scenario, spec.planner, foreign(corner), settings, steps, dt_s)
+        demand = EpisodeDemand(
+            spec.scenario, spec.planner, select_bridge_parameters(corner), settings, steps, dt_s
+        )
         check_demand(offer, demand)
     names = (channel.name for channel in spec.disturbance.list_channels())
     check_channels(offer, [name for name in names if split_name(name).target != SCENARIO])
@@ -326,7 +328,7 @@ def check_channels(offer: BridgeOffer, names: Collection[str]) -> None:
 
 
 def check_signals(offer: BridgeOffer, names: Collection[str], field: str = "requirements") -> None:
-    """Check that a bridge reports the signals of its own among these.
+    """Check that a bridge reports those of some signals whose names begin with `bridge.`.
 
     Args:
         offer: what the bridge offers.

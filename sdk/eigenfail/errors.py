@@ -287,7 +287,7 @@ class ServiceBusy(ServiceError):
 
 
 class WaitTimeout(ServiceError):
-    """What was waited for has not ended in the time that was given, and goes on."""
+    """The work did not end within the time limit of the caller, and continues."""
 
 
 class ServiceUnreachable(ServiceError):

@@ -18,7 +18,7 @@ from typing import Any
 import msgspec
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values.campaign import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import Outcome
 from eigenfail.values.measures import MEASURES, Measure
 from eigenfail.values.records import LEAD_TIMES, ConflictClass, EpisodeRow

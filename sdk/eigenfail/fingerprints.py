@@ -9,7 +9,7 @@ from pathlib import Path
 
 from eigenfail import plugins
 from eigenfail.errors import EigenfailError, InvalidValue
-from eigenfail.values.campaign import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.operations import Versions
 from eigenfail.worlds import world_of
 

@@ -149,7 +149,7 @@ def gather_columns(rows: Iterable[Record], known: Columns = NO_COLUMNS) -> dict[
 def _is_superfluous(name: str, columns: Mapping[str, Sequence[Any]], known: Columns) -> bool:
     """Return whether a column has nothing, and its place is taken or its type not known."""
     is_empty = bool(known) and all(each is None for each in columns[name])
-    return is_empty or hollow(name, columns)
+    return is_empty or is_placeholder(name, columns)
 
 
 def columns_of(rows: Iterable[Record]) -> dict[str, list[Any]]:
@@ -157,8 +157,8 @@ def columns_of(rows: Iterable[Record]) -> dict[str, list[Any]]:
     return {name: fill_column(column) for name, column in gather_columns(rows).items()}
 
 
-def hollow(name: str, columns: Mapping[str, Sequence[Any]]) -> bool:
-    """Whether a column has nothing but a place for fields that stand in columns of their own."""
+def is_placeholder(name: str, columns: Mapping[str, Sequence[Any]]) -> bool:
+    """Whether a column is empty because the fields of its values have columns of their own."""
     inner = any(other.startswith(f"{name}_") for other in columns)
     return inner and all(each is None for each in columns[name])
 

@@ -163,7 +163,7 @@ def require_module(place: str) -> None:
     package = place.partition(":")[0].partition(".")[0]
     look_in_this_folder()
     if find_spec(package) is None:
-        raise not_found(place, f"there is no module '{package}'")
+        raise make_import_error(place, f"there is no module '{package}'")
     refuse_undefined(place)
 
 
@@ -293,8 +293,8 @@ def allow(places: str) -> None:
     os.environ[ALLOWED_VARIABLE] = places
 
 
-def allow_of(specs: Iterable[CampaignSpec]) -> None:
-    """List the modules that campaigns name, for a service that is started for these alone.
+def allow_functions(specs: Iterable[CampaignSpec]) -> None:
+    """Allow the modules that campaigns name, in a service that is started for these alone.
 
     The user who starts that service chose the file of the campaigns; a list given there holds.
     """
@@ -310,8 +310,8 @@ def look_in_this_folder() -> None:
         sys.path.append(here)
 
 
-def not_found(place: str, why: str) -> InvalidValue:
-    """The error of a function whose module cannot be imported."""
+def make_import_error(place: str, why: str) -> InvalidValue:
+    """Return the error of a function whose module cannot be imported."""
     return InvalidValue(
         "planner",
         f"'{place}' cannot be imported: {why}.",

@@ -30,9 +30,9 @@ def find_interval(k: int, n: int) -> Interval:
     """
     refuse_no_share(k, n)
     if k == 0:
-        return Interval(0.0, upper_bound_of_none(n))
+        return Interval(0.0, bound_rate_without_events(n))
     if k == n:
-        return Interval(1.0 - upper_bound_of_none(n), 1.0)
+        return Interval(1.0 - bound_rate_without_events(n), 1.0)
     return wilson(k, n)
 
 
@@ -58,7 +58,7 @@ def wilson(k: int, n: int) -> Interval:
     return Interval(max(0.0, centre - half_width), min(1.0, centre + half_width))
 
 
-def upper_bound_of_none(n: int) -> float:
+def bound_rate_without_events(n: int) -> float:
     """The one-sided 95 % upper bound after no event in n trials, near 3 / n.
 
     Exact: the p at which (1 − p)^n = 0.05 (Clopper and Pearson 1934, Biometrika 26, 404–413).

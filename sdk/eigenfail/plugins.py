@@ -1,4 +1,4 @@
-"""Plug-ins by entry point: what outsiders add, and what one part of the house needs of another."""
+"""Plug-ins by entry point: those of users, and those by which our own packages find each other."""
 
 import logging
 import re

@@ -116,8 +116,8 @@ def exit_status(process: Popen[bytes]) -> int | None:
     return process.poll()
 
 
-def status_within(process: Popen[bytes], patience_s: float) -> int | None:
-    """Its `exit_status` as soon as it has ended; None if it still lives when that is over."""
+def wait_for_exit(process: Popen[bytes], patience_s: float) -> int | None:
+    """Return the `exit_status` of a process once it has ended; None if it outlives the patience."""
     until_s = time.monotonic() + patience_s
     while (status := exit_status(process)) is None and time.monotonic() < until_s:
         time.sleep(LOOK_EVERY_S)
@@ -207,7 +207,7 @@ def run_question(module: str, question: bytes, patience_s: float) -> bytes:
     with asked:
         try:
             written = read_answer(asked, patience_s)
-            status = status_within(asked, LAST_STEPS_S)
+            status = wait_for_exit(asked, LAST_STEPS_S)
         finally:
             # Before it is waited for: afterwards its children could no longer be found.
             kill_group(asked)

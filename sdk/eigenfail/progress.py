@@ -31,16 +31,16 @@ class Standing(NamedTuple):
 Display = Callable[[Standing], None]
 
 
-def standing(campaign: Campaign) -> Standing:
-    """How far a campaign is."""
+def make_standing(campaign: Campaign) -> Standing:
+    """Return the progress of a campaign."""
     counts = campaign.counts
     done = counts.completed + counts.errored
     planned = counts.planned - counts.cancelled
-    return Standing(headline(campaign), done, planned, counts.failures, counts.errored)
+    return Standing(format_headline(campaign), done, planned, counts.failures, counts.errored)
 
 
-def headline(campaign: Campaign) -> str:
-    """Which campaign, and where it is in its life."""
+def format_headline(campaign: Campaign) -> str:
+    """Return a campaign's id, method and state as text."""
     return f"campaign {campaign.id} ({campaign.spec.method}) {campaign.state_word}"
 
 
@@ -48,7 +48,7 @@ def headline(campaign: Campaign) -> str:
 def reporter() -> Iterator[Report]:
     """Show the progress of one campaign during the block."""
     with display() as show:
-        yield lambda campaign: show(standing(campaign))
+        yield lambda campaign: show(make_standing(campaign))
 
 
 @contextmanager

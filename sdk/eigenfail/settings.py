@@ -119,7 +119,7 @@ _LONGEST_VALUE = 60
 
 
 def _describe_refusal(value: Any, wanted: Any, expected: re.Match[str]) -> str:
-    """Return what was given and what is wanted: 588 is not a number from 52 to 70."""
+    """Return the given value and the allowed ones in words: 588 is not a number from 52 to 70."""
     kinds = (kind.strip() for kind in expected["kinds"].split("|"))
     *others, last = (_NAMES.get(kind, kind) for kind in kinds if kind != "null")
     words = f"{', '.join(others)} or {last}" if others else last

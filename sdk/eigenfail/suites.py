@@ -21,7 +21,7 @@ from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.files import read_toml
 from eigenfail.settings import convert, read_settings
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, DisturbanceModel
-from eigenfail.values.campaign import Name
+from eigenfail.values.campaign_spec import Name
 from eigenfail.values.suite import suite_of
 from eigenfail.values.variation import MOST_SAMPLES
 from eigenfail.wire.http import make_plain, refuse_unknown_fields

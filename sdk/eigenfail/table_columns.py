@@ -1,4 +1,4 @@
-"""Columns that the tables of values have whatever is in them, with their types.
+"""Columns that the tables of values have for any data, with their types.
 
 A table of one campaign so has the types of another one's, and an empty table its columns. Columns
 that come from the data, such as those of a requirement, are not among them.
@@ -15,7 +15,8 @@ import msgspec
 from eigenfail.filters import COLUMNS, ColumnKind, find_column
 from eigenfail.tabulation import name_field, records
 from eigenfail.values import CampaignCost, Course, Safety
-from eigenfail.values.campaign import CampaignSpec, Counts
+from eigenfail.values.campaign import Counts
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.safety import FailurePoint
 from eigenfail.values.summary import CostPoint, CourseBlock
@@ -37,7 +38,7 @@ _TYPES = (
 
 @singledispatch
 def find_columns(value: object) -> Columns:
-    """Return the columns of the table of a value that do not depend on what is in it.
+    """Return the columns of the table of a value that do not depend on its data.
 
     A sequence has those of its rows if all of them are of one type.
     """

@@ -27,7 +27,8 @@ from eigenfail.values import (
     NoiseTrajectory,
     Safety,
 )
-from eigenfail.values.campaign import CampaignSpec, Counts
+from eigenfail.values.campaign import Counts
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.channels import name_columns
 from eigenfail.values.disturbance import number_channels
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
@@ -45,32 +46,32 @@ def records(value: object) -> Iterator[Record]:
         InvalidValue: there is no table in it.
     """
     if isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping)):
-        return (flat(row) for row in value if row is not None)
+        return (flatten(row) for row in value if row is not None)
     if isinstance(value, msgspec.Struct):
-        return iter([flat(value)])
+        return iter([flatten(value)])
     problem = f"there is no table in a {type(value).__name__}."
     raise InvalidValue("value", problem, "Pass a list or an eigenfail object.")
 
 
 @records.register
 def _(value: Course) -> Iterator[Record]:
-    return map(flat, value.blocks)
+    return map(flatten, value.blocks)
 
 
 @records.register
 def _(value: Safety) -> Iterator[Record]:
-    return map(flat, value.scatter.points)
+    return map(flatten, value.scatter.points)
 
 
 @records.register
 def _(value: CampaignCost) -> Iterator[Record]:
-    return map(flat, value.curve)
+    return map(flatten, value.curve)
 
 
 @records.register
 def _(value: Comparison) -> Iterator[Record]:
-    yield {"side": "A", **flat(value.a)}
-    yield {"side": "B", **flat(value.b)}
+    yield {"side": "A", **flatten(value.a)}
+    yield {"side": "B", **flatten(value.b)}
 
 
 @records.register
@@ -119,7 +120,7 @@ def _(value: SuiteTable) -> Iterator[Record]:
     for row in value.members:
         standing: Record = {"member": row.member, "state": row.state.value}
         standing["stopped_because"] = row.stopped_because
-        found = flat(row.summary)
+        found = flatten(row.summary)
         # A stop rule has the name of what it counts.
         named = {
             column: f"setting_{column}" if column in found else column for column in value.columns
@@ -140,7 +141,7 @@ def result_of(analysis: Analysis) -> AnalysisResult:
     return analysis.result
 
 
-def flat(row: object) -> Record:
+def flatten(row: object) -> Record:
     """Return the fields of a value, nested fields as `outer_inner`; arrays are left out.
 
     Episodes have the columns of filters and files, in their order. A campaign's specification and
@@ -154,9 +155,9 @@ def flat(row: object) -> Record:
     for name in row.__struct_fields__:
         content = getattr(row, name)
         if isinstance(content, (CampaignSpec, Counts)):
-            found |= flat(content)
+            found |= flatten(content)
         elif isinstance(content, msgspec.Struct):
-            found |= {f"{name}_{inner}": each for inner, each in flat(content).items()}
+            found |= {f"{name}_{inner}": each for inner, each in flatten(content).items()}
         elif not isinstance(content, np.ndarray):
             found[name_field(type(row), name)] = _unwrap(content)
     return found

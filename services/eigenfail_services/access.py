@@ -72,32 +72,32 @@ def revoke_key(store: Store, number: int) -> ApiKey:
     return store.keys.revoke(number)
 
 
-def shown_key(store: Store, token: str, at_ms: int) -> ApiKey:
-    """Return the key of a secret, if it is valid at a moment; else None.
+def authenticate_key(store: Store, token: str, at_ms: int) -> ApiKey:
+    """Return the key that a token belongs to, if the key is valid at a moment.
 
     Raises:
-        Unauthorized: it is none, or not any more; in the same words whatever the reason.
+        Unauthorized: no key has this token, or the key is not valid; both in the same words.
     """
     match = TOKEN.fullmatch(token)
     if match is None:
-        raise no_valid_key()
+        raise make_invalid_key_error()
     try:
         found = store.keys.find(int(match["id"]))
     except NotFound:
-        raise no_valid_key() from None
+        raise make_invalid_key_error() from None
     if not hmac.compare_digest(digest(match["secret"]), found.digest):
-        raise no_valid_key()
-    return valid(found.key, at_ms)
+        raise make_invalid_key_error()
+    return require_valid(found.key, at_ms)
 
 
-def valid(key: ApiKey, at_ms: int) -> ApiKey:
-    """The key, if it is valid at a moment.
+def require_valid(key: ApiKey, at_ms: int) -> ApiKey:
+    """Return a key that is valid at a moment.
 
     Raises:
-        Unauthorized: it is not.
+        Unauthorized: the key is not valid.
     """
     if not key.is_valid(at_ms):
-        raise no_valid_key()
+        raise make_invalid_key_error()
     return key
 
 
@@ -112,7 +112,7 @@ def digest(secret: str) -> str:
     return hashlib.sha256(secret.encode()).hexdigest()
 
 
-def no_valid_key() -> Unauthorized:
+def make_invalid_key_error() -> Unauthorized:
     """Return the refusal of a request without a valid key."""
     return Unauthorized(
         "This service requires a valid key.",

@@ -220,5 +220,7 @@ def test_figures_of_a_tool_that_is_not_installed_are_kept(tmp_path, monkeypatch)
         Trial(("search.walk.held.",), lambda _crew, _seed: []),
     )
     monkeypatch.setattr(claims, "TRIALS", trials)
-    assert {name.split(".")[2] for name in claims.kept(path, "")} == {"pycma"}
-    assert {name.split(".")[2] for name in claims.kept(path, "search.walk.held.")} == {"pycma"}
+    assert {name.split(".")[2] for name in claims.read_other_figures(path, "")} == {"pycma"}
+    assert {
+        name.split(".")[2] for name in claims.read_other_figures(path, "search.walk.held.")
+    } == {"pycma"}

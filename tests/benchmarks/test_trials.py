@@ -68,10 +68,10 @@ def test_a_grid_holds_smallest_default_and_largest_of_each_parameter():
 
 
 def test_a_drive_without_noise_is_told_by_its_worst():
-    from crew import staged
+    from episode_pool import make_setup
     from undisturbed import drive, worst
 
-    calm = drive(msgspec.json.encode(staged("cut_in", "rulebook")))
+    calm = drive(msgspec.json.encode(make_setup("cut_in", "rulebook")))
     assert not calm.collided
     assert 0.0 < calm.hardest_braking_mps2 <= 2.0
     assert calm.largest_jerk_mps3 <= 4.01
@@ -94,12 +94,12 @@ def test_without_brake_lights_the_tracker_is_never_told():
 
 
 def test_an_episode_of_a_merge_says_when_the_marking_was_crossed():
-    from bare import tasks
-    from crew import staged
-    from other_scenarios import merged
+    from episode_loop import tasks
+    from episode_pool import make_setup
+    from other_scenarios import run_in_process
 
-    setup = msgspec.structs.replace(staged("merge_in", "rulebook"), scene_every=1)
-    (one,) = merged(msgspec.json.encode(setup), tasks(0, 1, seed=3))
+    setup = msgspec.structs.replace(make_setup("merge_in", "rulebook"), scene_every=1)
+    (one,) = run_in_process(msgspec.json.encode(setup), tasks(0, 1, seed=3))
     assert 3.0 < one.crossed_s < 10.0
     assert one.ahead
     assert not one.is_failure

@@ -14,9 +14,9 @@ from types import SimpleNamespace
 from unittest.mock import patch
 
 import pytest
+from fake_services import FakeLearner, fake_hub, fake_learners, quiet
+from fake_worker import FakeWorker
 from inprocess import NoAnalyses
-from played import PlayedLearner, played_hub, played_learners, quiet
-from played_worker import PlayedWorker
 
 from eigenfail.values import FINAL_STATES, CampaignSpec, CampaignState
 from eigenfail_services.campaigns import supervisor
@@ -58,7 +58,7 @@ class Worker:
     def __init__(self, name: int) -> None:
         self.name = name
         self.connections = count()
-        self.process = PlayedWorker()
+        self.process = FakeWorker()
         self.halted_until_s = self.worked_s = 0.0
         self.cut()
 
@@ -78,7 +78,7 @@ class Worker:
 class World:
     """A service, workers, a network, and a campaign."""
 
-    def __init__(self, store: Store, learners: list[PlayedLearner], random: Random) -> None:
+    def __init__(self, store: Store, learners: list[FakeLearner], random: Random) -> None:
         self.now_s = 1_000.0
         self.wall_s = 1.8e9
         self._store, self._learners, self._random = store, learners, random
@@ -192,7 +192,7 @@ class World:
         self.wall_s += self._random.choice((-3_600.0, 3_600.0))
 
     def _open(self) -> None:
-        self._hub, self._router = played_hub(self._store)
+        self._hub, self._router = fake_hub(self._store)
         self._supervisor = Supervisor(self._store, self._hub, NoAnalyses())
 
 
@@ -200,7 +200,7 @@ class World:
 def world(seed: int) -> Iterator[World]:
     """One that begins."""
     with ExitStack() as stack:
-        learners = stack.enter_context(played_learners())
+        learners = stack.enter_context(fake_learners())
         made = World(stack.enter_context(closing(open_store("memory://"))), learners, Random(seed))
         told = SimpleNamespace(
             monotonic=lambda: made.now_s,

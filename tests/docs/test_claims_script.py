@@ -19,28 +19,28 @@ def figure(value, **changes):
 
 
 def test_a_prefix_leaves_the_other_figures_and_their_commits_as_they_are(tmp_path):
-    from claims import kept
+    from claims import read_other_figures
     from figures import commit, write
 
     path = tmp_path / "claims.json"
     write(path, {"a.rate": figure(0.5, commit="old"), "b.rate": figure(0.1, commit="old")})
-    write(path, kept(path, "b.") | {"b.rate": figure(0.2)})
-    found = kept(path, "nothing")
+    write(path, read_other_figures(path, "b.") | {"b.rate": figure(0.2)})
+    found = read_other_figures(path, "nothing")
     assert (found["a.rate"].value, found["a.rate"].commit) == (0.5, "old")
     assert (found["b.rate"].value, found["b.rate"].commit) == (0.2, commit())
-    assert kept(tmp_path / "none.json", "") == {}
+    assert read_other_figures(tmp_path / "none.json", "") == {}
 
 
 def test_targets_say_what_is_missed():
-    from targets import aimed, missed
+    from targets import add_target, list_missed
 
     name, other = "cut_in.idm.mc2000.failure_rate", "cut_in.rulebook.mc2000.failures"
     figures = {name: figure(0.24), other: figure(0), "cut_in.rulebook.held2.rate": figure(0.3)}
-    assert missed(figures, "cut_in.idm.mc") == [name]
-    assert missed(figures | {name: figure(0.25)}, "cut_in.idm.mc") == []
-    assert missed(figures, other) == []
-    assert "cut_in.rulebook.p_fail" in missed(figures, "cut_in.rulebook."), "it was not found"
-    told = aimed(name, figures[name], seed=5)
+    assert list_missed(figures, "cut_in.idm.mc") == [name]
+    assert list_missed(figures | {name: figure(0.25)}, "cut_in.idm.mc") == []
+    assert list_missed(figures, other) == []
+    assert "cut_in.rulebook.p_fail" in list_missed(figures, "cut_in.rulebook."), "it was not found"
+    told = add_target(name, figures[name], seed=5)
     assert (told.target, told.paper, told.note) == (
         *("0.25 … 0.55", 0.401),
         "the paper gives no number of episodes; seed 5",
@@ -58,10 +58,10 @@ def test_an_unknown_prefix_is_a_usage_error(root, tmp_path):
 
 
 def test_held_noise_stands_still_and_shuffles_keep_the_values():
-    from shapes import held, shuffles, square_wave, square_waves
+    from shapes import draw_held_noise, shuffles, square_wave, square_waves
 
     rng = np.random.default_rng(1)
-    z = held(rng, 4, 103, sigma=3.0, hold=5)
+    z = draw_held_noise(rng, 4, 103, sigma=3.0, hold=5)
     assert z.shape == (4, 103, 2)
     assert (z[:, 5:10] == z[:, 5:6]).all()
     assert (z[:, 5] != z[:, 4]).all()

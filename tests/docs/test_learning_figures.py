@@ -60,7 +60,7 @@ def test_without_a_failure_there_is_nothing_to_tell_of_failures():
 
     run = campaign([False, False])
     told = (learning.first_failure, learning.log_p_per_step, learning.log_p_ratio)
-    assert [of(run) for of in (*told, learning.severity, learning.trained)] == [None] * 5
+    assert [of(run) for of in (*told, learning.severity, learning.count_trained)] == [None] * 5
 
 
 def test_the_median_of_the_seeds_is_stated_with_all_of_them():

@@ -34,7 +34,7 @@ def test_each_scenario_is_drawn_as_it_runs(benchmarks, root, scenario):
 
 
 def test_the_crash_is_drawn_as_it_happens(benchmarks, root):
-    from crash_view import crash_view
+    from crash_drawing import crash_view
 
     kept, now = (root / "docs" / "pictures" / "crash.svg").read_text(), crash_view()
     assert words(kept) == words(now), "run `make pictures`"

@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
-from eigenfail.reproduction import tables
+from eigenfail.reproduction import captions, tables
 from eigenfail.reproduction.page import list_claims
 from eigenfail.reproduction.programme import PROGRAMMES, SCALES
 
@@ -21,7 +21,7 @@ def benchmark(monkeypatch, root):
 
 def test_the_page_is_that_of_the_kept_run(benchmark, root):
     page = (root / "docs" / "reproduction.md").read_text()
-    assert page == benchmark.illustrated(benchmark.read()), "run `make pictures`"
+    assert page == benchmark.illustrate_page(benchmark.read()), "run `make pictures`"
     for name in benchmark.PICTURES:
         assert f"(reproduction/{name}.svg)" in page
         assert "<svg" in (root / "docs" / "reproduction" / f"{name}.svg").read_text()
@@ -48,8 +48,8 @@ def test_its_captions_are_those_of_the_program(benchmark):
     kept = {table.name: table.note for table in benchmark.read().tables}
     assert kept == {
         **{layout.name: layout.note for layout in tables.list_layouts(CUT_IN)},
-        "safety": tables.OF_SAFETY,
-        "components": tables.OF_COMPONENTS,
+        "safety": captions.OF_SAFETY,
+        "components": captions.OF_COMPONENTS,
         "eigenfailures": tables.describe_replays(CUT_IN),
     }
 

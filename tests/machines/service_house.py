@@ -3,8 +3,8 @@
 from itertools import count
 from types import SimpleNamespace
 
-from played import PlayedLearner, played_hub
-from service_workers import Key, PlayedWorker
+from fake_services import FakeLearner, fake_hub
+from service_workers import FakeWorker, Key
 
 from eigenfail.errors import StoreUnavailable
 from eigenfail.testing.examples import result
@@ -35,9 +35,9 @@ class NoAnalyses:
 class House:
     """A service, the workers around it, and what an onlooker knows."""
 
-    def __init__(self, store, learners: list[PlayedLearner], now_s: list[float]) -> None:
+    def __init__(self, store, learners: list[FakeLearner], now_s: list[float]) -> None:
         self.store, self.learners, self.now_s = store, learners, now_s
-        self.workers: list[PlayedWorker] = []
+        self.workers: list[FakeWorker] = []
         self.names = count()
         self.campaigns: list[int] = []
         self.digests: dict[Key, str] = {}
@@ -45,7 +45,7 @@ class House:
         self.open()
 
     def open(self) -> None:
-        self.hub, self.router = played_hub(self.store)
+        self.hub, self.router = fake_hub(self.store)
         self.supervisor = Supervisor(self.store, self.hub, NoAnalyses())
 
     def close(self) -> None:
@@ -63,7 +63,7 @@ class House:
         for worker in self.workers:
             assert not worker.heard or worker.connection in self.hub._leases.sessions
 
-    def say(self, worker: PlayedWorker, *messages) -> None:
+    def say(self, worker: FakeWorker, *messages) -> None:
         for message in messages:
             self.router.inbox.append([worker.connection, encode(message)])
 
@@ -117,7 +117,7 @@ class House:
                     self.say(worker, worker.beat())
             self.turn(1.0)
 
-    def run_one(self, worker: PlayedWorker) -> None:
+    def run_one(self, worker: FakeWorker) -> None:
         if worker.held:
             key = next(iter(worker.held))
             task = worker.held.pop(key)
@@ -145,7 +145,7 @@ class House:
         held = [key for seat in self.hub._leases.sessions.values() for key in seat.held]
         assert len(held) == len(set(held))
 
-    def miss_words(self, worker: PlayedWorker) -> None:
+    def miss_words(self, worker: FakeWorker) -> None:
         """It hands over what it holds, and what is said to it then goes astray."""
         while worker.held:
             self.run_one(worker)
@@ -161,7 +161,7 @@ class House:
             self.miss_words(worker)
             worker.heard = True
         if not self.workers:
-            self.workers.append(PlayedWorker(b"last", "last"))
+            self.workers.append(FakeWorker(b"last", "last"))
         turns = count()
         while not self.over():
             assert next(turns) < TURNS_TO_THE_END

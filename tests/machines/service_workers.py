@@ -23,7 +23,7 @@ CREDIT = 4
 Key = tuple[int, int]
 
 
-class PlayedWorker:
+class FakeWorker:
     """One process: does what it is told, when it is told to; keeps results until the ack."""
 
     def __init__(self, connection: bytes, name: str) -> None:

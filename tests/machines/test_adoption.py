@@ -11,10 +11,10 @@ from types import SimpleNamespace
 from typing import Any, ClassVar
 from unittest.mock import patch
 
-import played_worker
+import fake_worker
 import pytest
-from played import PlayedLearner, context_of, played_hub, played_learners, quiet
-from played_worker import PlayedEngine, PlayedWorker
+from fake_services import FakeLearner, context_of, fake_hub, fake_learners, quiet
+from fake_worker import FakeEngine, FakeWorker
 from sqlalchemy import select
 
 from eigenfail.testing.examples import spec
@@ -38,7 +38,7 @@ MOMENTS = range(1, 80, 5)
 """Steps after which something happens: before the first lease, and up to behind the last one."""
 
 
-class CountingEngine(PlayedEngine):
+class CountingEngine(FakeEngine):
     """Knows how often each episode was run, by whomever."""
 
     runs: ClassVar = Counter[int]()
@@ -51,19 +51,19 @@ class CountingEngine(PlayedEngine):
 class House:
     """One campaign, a hub that runs it, and two workers that can be cut off from it."""
 
-    def __init__(self, now_s: list[float], learners: list[PlayedLearner]) -> None:
+    def __init__(self, now_s: list[float], learners: list[FakeLearner]) -> None:
         self.now_s, self.learners = now_s, learners
         self._steps = 0
         self.cut: set[bytes] = set()
         self.held_up: list[tuple[deque[Any], Any]] = []
         self.store = open_store("memory://")
         self.campaign = self.store.campaigns.create(spec(episodes=EPISODES)).id
-        self.workers = {b"a": PlayedWorker(), b"b": PlayedWorker()}
+        self.workers = {b"a": FakeWorker(), b"b": FakeWorker()}
         self.open(launch_after=0)
 
     def open(self, launch_after: int) -> None:
         """A new hub, which is told of the campaign some steps later."""
-        self.hub, self.router = played_hub(self.store)
+        self.hub, self.router = fake_hub(self.store)
         self._launch_after = launch_after
         # Whoever came last comes first, so that nobody is leased the same again by chance.
         self.workers = dict(reversed(self.workers.items()))
@@ -114,24 +114,24 @@ def now_s() -> Iterator[list[float]]:
         for module in (commits, worker_sessions, parent, child_process):
             stack.enter_context(patch.object(module, "time", clock))
         stack.enter_context(quiet())
-        stack.enter_context(patch.object(played_worker, "PlayedEngine", CountingEngine))
+        stack.enter_context(patch.object(fake_worker, "FakeEngine", CountingEngine))
         yield now_s
 
 
 @pytest.fixture
-def learners() -> Iterator[list[PlayedLearner]]:
-    with played_learners() as learners:
+def learners() -> Iterator[list[FakeLearner]]:
+    with fake_learners() as learners:
         yield learners
 
 
 @pytest.fixture
-def house(now_s: list[float], learners: list[PlayedLearner]) -> House:
+def house(now_s: list[float], learners: list[FakeLearner]) -> House:
     CountingEngine.runs.clear()
     return House(now_s, learners)
 
 
 @pytest.fixture
-def calm(now_s: list[float], learners: list[PlayedLearner]) -> str:
+def calm(now_s: list[float], learners: list[FakeLearner]) -> str:
     """The digest of the campaign if nothing happens."""
     return House(now_s, learners).end()
 
@@ -243,7 +243,7 @@ def test_an_episode_that_takes_three_workers_with_it_is_given_up_whoever_counts(
 ) -> None:
     others, house.workers = house.workers, {}
     for number in range(MAX_DEATHS):
-        worker = PlayedWorker()
+        worker = FakeWorker()
         worker.work = lambda messages: None  # type: ignore[method-assign]
         house.workers = {f"w{number}".encode(): worker}
         while (house.campaign, 0) not in {s.running for s in house.hub._leases.sessions.values()}:

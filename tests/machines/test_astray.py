@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
-from played import LAYER, context_of, played_hub, played_learners, quiet
-from played_worker import PlayedWorker
+from fake_services import LAYER, context_of, fake_hub, fake_learners, quiet
+from fake_worker import FakeWorker
 
 from eigenfail.errors import ProtocolError
 from eigenfail.testing.examples import result, spec
@@ -45,7 +45,7 @@ class Room:
         monkeypatch.setattr(worker_sessions, "time", clock)
         monkeypatch.setattr(commits, "time", clock)
         self.store = open_store("memory://")
-        self.hub, self.router = played_hub(self.store)
+        self.hub, self.router = fake_hub(self.store)
         self.campaign = self.store.campaigns.create(spec(episodes=3)).id
         self.hub.launch(RunSpec(self.campaign, SETUP, "monte_carlo", {}, 0, context_of(3)))
 
@@ -64,7 +64,7 @@ class Room:
 
 @pytest.fixture
 def room(monkeypatch: pytest.MonkeyPatch):
-    with quiet(), played_learners() as learners:
+    with quiet(), fake_learners() as learners:
         yield Room(monkeypatch, learners)
 
 
@@ -153,7 +153,7 @@ def test_a_heartbeat_that_is_no_time_is_no_welcome(seconds: float) -> None:
         read_hub_message(encode(Welcome(seconds)))
 
 
-def said_by(worker: PlayedWorker, *messages: Message) -> list[type]:
+def said_by(worker: FakeWorker, *messages: Message) -> list[type]:
     """What a worker says when it hears these and its time to speak has come."""
     worker.dealer.outbox.clear()
     worker.dealer.inbox.extend(map(encode, messages))
@@ -167,19 +167,19 @@ def said_by(worker: PlayedWorker, *messages: Message) -> list[type]:
 @pytest.fixture
 def worker():
     with quiet():
-        worker = PlayedWorker()
+        worker = FakeWorker()
         worker.turn()
         yield worker
 
 
 @pytest.mark.fault("lease, setup or policy lost on the way")
-def test_a_worker_whose_setup_went_astray_says_hello_again(worker: PlayedWorker) -> None:
+def test_a_worker_whose_setup_went_astray_says_hello_again(worker: FakeWorker) -> None:
     assert said_by(worker, Welcome(1.0), Lease(1, (TASK,))) == [Hello]
     assert Results in said_by(worker, Welcome(1.0), Setup(1, SETUP), Lease(1, (TASK,)))
 
 
 @pytest.mark.fault("lease, setup or policy lost on the way")
-def test_so_does_one_whose_policy_did(worker: PlayedWorker) -> None:
+def test_so_does_one_whose_policy_did(worker: FakeWorker) -> None:
     lease = Lease(1, (EpisodeTask(0, 100, PolicySource(2)),))
     update = PolicyUpdate(1, Policy(2, (), LAYER, LAYER, 3.0, 1))
     assert said_by(worker, Welcome(1.0), Setup(1, SETUP), lease) == [Hello]
@@ -192,7 +192,7 @@ def test_so_does_one_whose_policy_did(worker: PlayedWorker) -> None:
     outcome="The worker says hello again and is sent the policy; an engine without it errors "
     "that episode alone.",
 )
-def test_policies_of_the_future_do_not_end_a_worker(worker: PlayedWorker) -> None:
+def test_policies_of_the_future_do_not_end_a_worker(worker: FakeWorker) -> None:
     later = (Policy(10**6 + n, (), LAYER, LAYER, 3.0, 1) for n in range(MOST_POLICIES))
     lease = Lease(1, (EpisodeTask(0, 100, PolicySource(2)),))
     now = PolicyUpdate(1, Policy(2, (), LAYER, LAYER, 3.0, 1))

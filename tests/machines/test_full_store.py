@@ -3,7 +3,7 @@
 from types import SimpleNamespace
 
 import pytest
-from played import context_of, played_hub, played_learners, quiet
+from fake_services import context_of, fake_hub, fake_learners, quiet
 
 from eigenfail.errors import StoreUnwritable
 from eigenfail.testing.examples import result, spec
@@ -34,7 +34,7 @@ class Room:
         monkeypatch.setattr(commits, "time", clock)
         self.store = open_store("memory://")
         self.break_(monkeypatch, part, verb)
-        self.hub, self.router = played_hub(self.store)
+        self.hub, self.router = fake_hub(self.store)
         self.campaign = self.store.campaigns.create(spec(episodes=EPISODES)).id
         order = RunSpec(self.campaign, spec().setup(), "monte_carlo", {}, 0, context_of(EPISODES))
         self.hub.launch(order)
@@ -70,7 +70,7 @@ def acked(said: list[Message]) -> list[int]:
 @pytest.fixture
 def enter(monkeypatch: pytest.MonkeyPatch):
     """Makes a room in which one verb of the store may fail."""
-    with quiet(), played_learners():
+    with quiet(), fake_learners():
         yield lambda part, verb: Room(monkeypatch, part, verb)
 
 

@@ -13,6 +13,7 @@ from types import SimpleNamespace
 from unittest.mock import patch
 
 import pytest
+from fake_services import fake_learners, quiet
 from hypothesis import strategies as st
 from hypothesis.stateful import (
     RuleBasedStateMachine,
@@ -22,9 +23,8 @@ from hypothesis.stateful import (
     run_state_machine_as_test,
 )
 from lives import lives
-from played import played_learners, quiet
 from service_house import EPISODES, Away, House
-from service_workers import PlayedWorker
+from service_workers import FakeWorker
 
 from eigenfail.errors import IllegalTransition
 from eigenfail.testing.examples import result
@@ -50,10 +50,10 @@ class Service(RuleBasedStateMachine):
         for module in (worker_sessions, commits, supervisor):
             self.stack.enter_context(patch.object(module, "time", clock))
         self.stack.enter_context(quiet())
-        learners = self.stack.enter_context(played_learners())
+        learners = self.stack.enter_context(fake_learners())
         self.house = House(Away(self.stack.enter_context(opened())), learners, now_s)
 
-    def worker(self, number: int) -> PlayedWorker:
+    def worker(self, number: int) -> FakeWorker:
         return self.house.workers[number % len(self.house.workers)]
 
     def campaign(self, number: int) -> int:
@@ -85,7 +85,7 @@ class Service(RuleBasedStateMachine):
     @precondition(lambda self: len(self.house.workers) < 4)
     @rule(name=st.sampled_from(["one", "one", "two"]))
     def join(self, name) -> None:
-        worker = PlayedWorker(f"c{next(self.house.names)}".encode(), name)
+        worker = FakeWorker(f"c{next(self.house.names)}".encode(), name)
         self.house.workers.append(worker)
         self.house.say(worker, worker.beat())
         self.house.turn()

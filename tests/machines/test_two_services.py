@@ -13,7 +13,7 @@ from types import SimpleNamespace
 from unittest.mock import patch
 
 import pytest
-from played import played_hub, played_learners
+from fake_services import fake_hub, fake_learners
 from structlog.testing import capture_logs
 
 from eigenfail.testing.examples import result
@@ -59,7 +59,7 @@ class Service:
 
     def __init__(self, store: Store, now_s: list[float]) -> None:
         self.store, self.now_s = store, now_s
-        self.hub, self.router = played_hub(store)
+        self.hub, self.router = fake_hub(store)
         self.supervisor = Supervisor(store, self.hub, NoAnalyses())
         self.held: dict[tuple[int, int], object] = {}
         self.say(Hello(PROTOCOL, "w", EPISODES))
@@ -167,7 +167,7 @@ def pair(request, tmp_path) -> Iterator[Pair]:
         for module in (worker_sessions, commits, supervisor):
             stack.enter_context(patch.object(module, "time", played))
         stack.enter_context(patch.object(clock, "time", leases))
-        stack.enter_context(played_learners())
+        stack.enter_context(fake_learners())
         if request.param == "memory":
             stores = [open_store("memory://")] * 2
         else:

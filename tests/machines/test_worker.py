@@ -8,12 +8,12 @@ from contextlib import ExitStack
 from types import SimpleNamespace
 from unittest.mock import patch
 
+from fake_services import LAYER, quiet
+from fake_worker import FakeEngine, FakeWorker
 from hypothesis import strategies as st
 from hypothesis.stateful import RuleBasedStateMachine, rule, run_state_machine_as_test
 from lives import lives
 from msgspec.structs import replace
-from played import LAYER, quiet
-from played_worker import PlayedEngine, PlayedWorker
 
 from eigenfail.values import CampaignSpec, EpisodeTask, Outcome, Policy, PolicySource, PriorSource
 from eigenfail.wire.messages import (
@@ -70,7 +70,7 @@ class Worker(RuleBasedStateMachine):
         for module in (parent, child_process):
             self.stack.enter_context(patch.object(module, "time", clock))
         self.stack.enter_context(quiet())
-        self.worker = PlayedWorker()
+        self.worker = FakeWorker()
         self.leased: set[Key] = set()
         self.owed: set[Key] = set()
         self.brought: set[Key] = set()
@@ -224,7 +224,7 @@ class Worker(RuleBasedStateMachine):
             self.turn()
 
 
-ENGINE = PlayedEngine(SETUPS[1])
+ENGINE = FakeEngine(SETUPS[1])
 HEEDING = {Hello: Worker.hear_hello, Heartbeat: Worker.hear_beat, Results: Worker.hear}
 
 

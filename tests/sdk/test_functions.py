@@ -10,7 +10,7 @@ from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.functions import (
     ALLOWED_VARIABLE,
     allow,
-    allow_of,
+    allow_functions,
     check,
     refuse_undefined,
     refuse_unlisted,
@@ -135,7 +135,9 @@ def test_what_is_no_module_is_refused(given):
 
 
 def test_a_service_for_some_campaigns_alone_takes_their_modules():
-    allow_of([spec("one:f"), spec("two.deep:f"), spec("idm", "point_mass"), spec("no place")])
+    allow_functions(
+        [spec("one:f"), spec("two.deep:f"), spec("idm", "point_mass"), spec("no place")]
+    )
     assert [is_listed(name) for name in ("one", "two.deep", "idm", "no place")] == [
         *(True, True, False, False)
     ]
@@ -143,7 +145,7 @@ def test_a_service_for_some_campaigns_alone_takes_their_modules():
 
 def test_a_list_of_its_own_holds(monkeypatch):
     monkeypatch.setenv(ALLOWED_VARIABLE, "other")
-    allow_of([spec("one:f")])
+    allow_functions([spec("one:f")])
     assert not is_listed("one")
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values.access import TOKEN, KeyRequest, Scope
-from eigenfail_services.access import first_key, make_key, shown_key
+from eigenfail_services.access import authenticate_key, first_key, make_key
 from eigenfail_services.store import open_store
 from eigenfail_services.store.clock import now_ms
 
@@ -25,7 +25,7 @@ def test_it_is_in_a_file_for_its_owner_alone_and_opens_the_door(store, tmp_path)
     file = tmp_path / "key"
     told = first_key(store, "compose", file)
     token = file.read_text().strip()
-    assert shown_key(store, token, now_ms()) == told.made
+    assert authenticate_key(store, token, now_ms()) == told.made
     assert (told.made.scope, told.made.name) == (Scope.ADMIN, "compose")
     assert stat.S_IMODE(file.stat().st_mode) == 0o600
     assert token not in repr(told)

@@ -61,7 +61,7 @@ class CompiledModules(MetaPathFinder):
 
 
 def find_copy() -> Path:
-    """Return the folder of what is compiled from the present sources, which need not exist.
+    """Return the folder for the modules compiled from the present sources, which may not exist.
 
     All sources count that the compiled code was checked against, and this version of Python.
     """
@@ -74,7 +74,7 @@ def find_copy() -> Path:
 
 
 def use_compiled_modules() -> None:
-    """Import the modules compiled from now on, if they are, and nobody wants them interpreted."""
+    """Import the compiled modules from now on, unless there are none or they are switched off."""
     if os.environ.get(INTERPRETED_VARIABLE) or not COPIES.is_dir():
         return
     folder = find_copy()

@@ -54,7 +54,7 @@ def _run_here(
 def _run_on_bridge(
     setup: EpisodeSetup, task: EpisodeTask, recorded: list[RecordedStep]
 ) -> EpisodeResult:
-    """Run an episode in a session of its own: a worker of this process may have another one."""
+    """Run an episode in a new session: a worker of this process may have another one."""
     address = os.environ.get(bridges.ADDRESS_VARIABLE)
     if not address:
         problem = "this process knows no bridge that could explain the episode."

@@ -23,7 +23,7 @@ from eigenfail.functions import (
     FunctionUnderTest,
     Noise,
     look_in_this_folder,
-    not_found,
+    make_import_error,
     refuse_unlisted,
 )
 from eigenfail.process_state import ProcessState
@@ -254,7 +254,7 @@ def _import_module(name: str, place: str) -> ModuleType:
     except InvalidValue:
         raise
     except (Exception, SystemExit) as error:
-        raise not_found(place, _format_error(error)) from error
+        raise make_import_error(place, _format_error(error)) from error
     written_ns = _find_write_time_ns(module)
     if vars(module).setdefault(IMPORT_TIME_KEY, written_ns) != written_ns:
         problem = f"the file of '{name}' was changed after this worker imported it."

@@ -17,7 +17,12 @@ from eigenfail.wire.http import PREFIX
 from eigenfail_api.access.proxy import ProxySignIn
 from eigenfail_api.access.throttling import LoginThrottle, RateLimiter
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.access import no_valid_key, note_use, shown_key, valid
+from eigenfail_services.access import (
+    authenticate_key,
+    make_invalid_key_error,
+    note_use,
+    require_valid,
+)
 from eigenfail_services.store import Store
 
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
@@ -341,7 +346,7 @@ class Authenticator:
         at_ms, match = self.clock(), TOKEN.fullmatch(token)
         key_id = match["id"] if match else ""
         try:
-            key = shown_key(self._store, token, at_ms)
+            key = authenticate_key(self._store, token, at_ms)
         except Unauthorized:
             # The right token is accepted at any time: others must not be able to lock it out.
             self._throttle.refuse_too_many(address, key_id, at_ms)
@@ -353,11 +358,11 @@ class Authenticator:
         at_ms = self.clock()
         key_id = self.sessions.key_of(request.cookies.get(SESSION_COOKIE, ""), at_ms)
         if key_id is None:
-            raise no_valid_key()
+            raise make_invalid_key_error()
         try:
-            key = valid(self._store.keys.find(key_id).key, at_ms)
+            key = require_valid(self._store.keys.find(key_id).key, at_ms)
         except NotFound:
-            raise no_valid_key() from None
+            raise make_invalid_key_error() from None
         _refuse_without_origin(request)
         return caller_of_key(self._admit(key, at_ms), signed_in=True)
 

@@ -10,21 +10,25 @@ from typing import Any
 import msgspec
 from starlette.types import Scope
 
+from eigenfail.gate.report import GateReport, GateRun
 from eigenfail.values.access import UNLIMITED, KeyRequest, Quotas, redact
-from eigenfail.values.campaign import PriorityChange
+from eigenfail.values.campaign_spec import PriorityChange
 from eigenfail.values.triage import EpisodesTriage, ModesTriage, TriageChange
-from eigenfail.values.webhooks import GateVerdictRecord, WebhookRequest
+from eigenfail.values.webhooks import WebhookRequest
+from eigenfail.views import ViewRequest
 from eigenfail.wire.http import ModeName
 
 RECORDED: Mapping[type[msgspec.Struct], tuple[str, ...]] = {
     EpisodesTriage: ("filter", "change"),
-    GateVerdictRecord: ("suite", "version", "baseline", "passed"),
+    GateReport: ("gate", "open"),
+    GateRun: ("suite", "version", "baseline"),
     KeyRequest: ("name", "scope", "expires_s", "quotas"),
     ModeName: ("name",),
     ModesTriage: ("modes", "change"),
     PriorityChange: ("priority",),
     Quotas: ("max_open", "max_episodes", "max_episodes_per_day"),
     TriageChange: ("state", "owner", "labels", "add_labels", "remove_labels", "ticket"),
+    ViewRequest: ("name", "page"),
     WebhookRequest: ("events",),
 }
 """Fields of a body that the audit log has; of other bodies it has none."""

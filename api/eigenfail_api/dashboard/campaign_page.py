@@ -38,7 +38,7 @@ from eigenfail.values import (
     Priority,
     Summary,
 )
-from eigenfail.values.campaign import SPEC_FIELDS
+from eigenfail.values.campaign_spec import SPEC_FIELDS
 from eigenfail.values.operations import Presence
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.summary import EpisodeSample
@@ -485,6 +485,11 @@ Again = Annotated[str | None, Header(alias="HX-Request", include_in_schema=False
 def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> HTMLResponse:
     """Serve the page of a campaign; its slow second part is included only if it is cached."""
     latest, seen = store.events.last(), store.campaigns.get(campaign)
+    with store.figures.as_of(seen):
+        return _serve_campaign(store, seen, latest, again)
+
+
+def _serve_campaign(store: Store, seen: Campaign, latest: int, again: str | None) -> HTMLResponse:
     begun = () if again else prefetch_figures(store, seen)
     listed = read_failures(store, seen, find_failure_order(seen))
     first = [row.index for row in listed.items[:MOST_FAILURES]]
@@ -493,16 +498,16 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
         campaign=seen,
         summary=read_summary(store, seen),
         course=find_course(store, seen),
-        rows=store.figures.samples(campaign),
+        rows=store.figures.samples(seen.id),
         listed=listed,
-        analyses=store.analyses.page(ANALYSES_ON_A_PAGE, None, campaign).items,
-        events=tuple(store.events.latest(EVENTS_SHOWN, campaign)),
+        analyses=store.analyses.page(ANALYSES_ON_A_PAGE, None, seen.id).items,
+        events=tuple(store.events.latest(EVENTS_SHOWN, seen.id)),
         latest=latest,
         here=here,
-        stranded=tuple(each for each in lacking if each.campaign == campaign),
+        stranded=tuple(each for each in lacking if each.campaign == seen.id),
         narrow=find_narrow(store, seen, len(here)),
         minimal=read_minimal_failure(store, seen),
-        reference=find_reference(store, campaign, first),
+        reference=find_reference(store, seen.id, first),
         at_ms=now_ms(),
     )
     measures = (

@@ -16,7 +16,7 @@ from eigenfail.presentation.figures import (
 )
 from eigenfail.presentation.tables import OWN_EPISODES, format_cell
 from eigenfail.values import Cost, Rate, Summary
-from eigenfail.values.campaign import Settings
+from eigenfail.values.campaign_spec import Settings
 from eigenfail.values.comparison import MethodCost, PeerCosts, Peers
 from eigenfail.values.variation import in_words
 from eigenfail_api.dashboard.charts import Chart, round_values

@@ -240,7 +240,7 @@ class MeasuresView(msgspec.Struct, frozen=True, kw_only=True):
         scatter: None without a failure of known severity.
         cost: None before the first episode.
         varies: whether scenario parameters are drawn, so that there may be a failing region.
-        crew: without rows before the first result.
+        workers: without rows before the first result.
     """
 
     campaign: int
@@ -250,11 +250,11 @@ class MeasuresView(msgspec.Struct, frozen=True, kw_only=True):
     scatter: Chart | None
     cost: SpendingView | None
     varies: bool
-    crew: Table
+    workers: Table
 
 
 def make_measures_view(
-    campaign: Campaign, safety: Safety, cost: CampaignCost, crew: Table
+    campaign: Campaign, safety: Safety, cost: CampaignCost, workers: Table
 ) -> MeasuresView:
     """Return the whole page, without parts that have no values."""
     some = safety.completed > 0
@@ -268,7 +268,7 @@ def make_measures_view(
         scatter=make_scatter_chart(safety.scatter) if safety.scatter.points else None,
         cost=make_spending_view(cost) if some else None,
         varies=some and bool(list_drawn(campaign.spec)),
-        crew=crew,
+        workers=workers,
     )
 
 
@@ -293,7 +293,9 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 def show_measures(store: Stored, campaign: CampaignId) -> HTMLResponse:
     """Safety, cost and workers of a campaign: its page asks for them once it stands."""
     seen = store.campaigns.get(campaign)
-    return page("measures.html", read_measures(seen, find_figures(store, seen)))
+    with store.figures.as_of(seen):
+        figures = find_figures(store, seen)
+    return page("measures.html", read_measures(seen, figures))
 
 
 def _make_time_cell(at_ms: int) -> FormattedCell:

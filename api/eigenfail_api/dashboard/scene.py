@@ -208,7 +208,7 @@ def make_scene_chart(
 
 
 def _list_optional_values(scene: Scene) -> dict[str, object]:
-    """Return the borders of the lanes and the kinds of the vehicles, where the simulator told any.
+    """Return the borders of the lanes and the kinds of the vehicles, where the scene has them.
 
     A vehicle of an unknown kind has an empty text.
     """

@@ -16,7 +16,8 @@ from msgspec.structs import replace
 
 from eigenfail.errors import NotFound
 from eigenfail.values import Campaign
-from eigenfail.values.campaign import LONGEST_NAME, CampaignFilter, Tag
+from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.campaign_spec import LONGEST_NAME, Tag
 from eigenfail_api.dashboard.rendering import Badge, make_campaign_badge, page
 from eigenfail_api.parameters import LARGEST, Stored
 from eigenfail_services.store import Store

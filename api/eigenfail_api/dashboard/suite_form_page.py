@@ -497,8 +497,9 @@ def preview_members(draft: SuiteDraft, members: Members) -> Preview | None:
 def read_episodes(fields: Mapping[str, Any]) -> int:
     """Return the budget of a member; 0 where it is no number."""
     episodes = fields.get("episodes")
-    is_number = isinstance(episodes, int) and not isinstance(episodes, bool)
-    return max(0, episodes) if is_number else 0
+    if isinstance(episodes, int) and not isinstance(episodes, bool):
+        return max(0, episodes)
+    return 0
 
 
 def describe_suite(members: Members) -> str:

@@ -20,13 +20,14 @@ from eigenfail.values import (
     Page,
     Summary,
 )
-from eigenfail.values.campaign import CampaignFilter, PriorityChange
+from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.campaign_spec import PriorityChange
+from eigenfail.values.estimates import ChainMixing
 from eigenfail.values.learning import Policy
-from eigenfail.values.mixing import ChainMixing
 from eigenfail.values.operations import Pruning
 from eigenfail.values.suite import SuiteStanding, SuiteTable
 from eigenfail.wire.http import PREFIX, CampaignCheck, Digest, ShrinkRequest, make_problem
-from eigenfail_api.openapi import FIELDS, SPECS, document_route, documented_plain
+from eigenfail_api.openapi import FIELDS, SPECS, document_plain_route, document_route
 from eigenfail_api.parameters import (
     LARGEST,
     Before,
@@ -214,7 +215,7 @@ def create_campaign(
     return _launch(store, validate_campaign(spec, store), idempotency_key, made_by)
 
 
-@router.post("/check", **documented_plain(CampaignCheck, 200, FIELDS))
+@router.post("/check", **document_plain_route(CampaignCheck, 200, FIELDS))
 def check_campaign(store: Stored, fields: Fields) -> Json:
     """Validate a new campaign: its full specification, or all its errors. Nothing is created."""
     if problems := find_problems(fields, store):
@@ -224,7 +225,7 @@ def check_campaign(store: Stored, fields: Fields) -> Json:
     return Json(CampaignCheck(fill_defaults(campaign.spec), notes=notes))
 
 
-@router.post("/bulk", **documented_plain(Page[Campaign], 201, SPECS))
+@router.post("/bulk", **document_plain_route(Page[Campaign], 201, SPECS))
 def create_campaigns(
     store: Stored, specs: Items, made_by: MadeBy, idempotency_key: IdempotencyKey = None
 ) -> Json:
@@ -265,7 +266,7 @@ def get_campaign(store: Stored, campaign: CampaignId) -> Json:
     return Json(store.campaigns.get(campaign))
 
 
-@router.post("/{campaign}/clone", **documented_plain(Campaign, 201, FIELDS))
+@router.post("/{campaign}/clone", **document_plain_route(Campaign, 201, FIELDS))
 def clone_campaign(
     store: Stored,
     campaign: CampaignId,

@@ -12,7 +12,7 @@ from fastapi.sse import EventSourceResponse, ServerSentEvent
 
 from eigenfail.values import Event, Page
 from eigenfail.wire import http
-from eigenfail_api.openapi import document_route, documented_stream
+from eigenfail_api.openapi import document_route, document_stream
 from eigenfail_api.parameters import LARGEST, Json, Limit, Stored
 from eigenfail_services.store import Store
 
@@ -141,7 +141,7 @@ def list_events(
     return Json(Page(events, events[-1].id if len(events) == limit else None))
 
 
-@router.get("/events", response_class=EventSourceResponse, **documented_stream())
+@router.get("/events", response_class=EventSourceResponse, **document_stream())
 async def follow_events(
     feed: Annotated[EventFeed, Depends(feed_of)],
     campaign: Annotated[int | None, Depends(check_campaign_filter)],

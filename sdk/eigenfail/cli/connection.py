@@ -18,7 +18,7 @@ from eigenfail.bridges import ADDRESS_OPTION, ADDRESS_VARIABLE
 from eigenfail.cli.render import skip_check
 from eigenfail.cli.specs import check_local_bridge, check_plugins
 from eigenfail.client import Client
-from eigenfail.client.link import checking
+from eigenfail.client.link import check_during_waits
 from eigenfail.errors import InvalidValue, ServiceUnreachable
 from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL, DataFolder
 from eigenfail.hosting.processes import interruptible
@@ -141,7 +141,7 @@ def connect_for_suite(
         InvalidValue: a setting outside its bounds.
     """
     specs = [replace_references(member.spec) for member in suite.members]
-    functions.allow_of(specs)
+    functions.allow_functions(specs)
     with connect_for_campaign(context, specs[0], url, plan) as (client, place):
         if place.again:
             for spec in specs:
@@ -183,10 +183,10 @@ def open_place(
             f"No eigenfail service answers at {url}.",
             "Start one with 'eigenfail up', or omit --url to start one for this run.",
         )
-    functions.allow_of([spec])
+    functions.allow_functions([spec])
     check_plugins(spec)
     check_local_bridge([spec])
-    with local_service(plan) as service, checking(service.check):
+    with local_service(plan) as service, check_during_waits(service.check):
         try:
             again = f"eigenfail up --data {plan.data}{functions.up_option()}"
             yield Place(service.address.url, service.check, again)

@@ -164,7 +164,7 @@ def limit(
     url: Url = DEFAULT_URL,
     as_json: AsJson = False,
 ) -> None:
-    """Change quotas of a key; other quotas and existing campaigns stay as they are."""
+    """Change quotas of a key; other quotas and existing campaigns do not change."""
     with _open_keys(context, url, database) as keys:
         before = keys.get(key).quotas
         wanted = _change_quotas(before, max_open, max_episodes, max_episodes_per_day)

@@ -20,7 +20,14 @@ from eigenfail.errors import Conflict, EigenfailError, IllegalTransition, Servic
 from eigenfail.presentation.analyses import describe_chain_mixing
 from eigenfail.presentation.episodes import describe_minimal_failure
 from eigenfail.presentation.tables import Block
-from eigenfail.progress import PlainLines, Standing, display, headline, reporter, standing
+from eigenfail.progress import (
+    PlainLines,
+    Standing,
+    display,
+    format_headline,
+    make_standing,
+    reporter,
+)
 from eigenfail.suites import Suite
 from eigenfail.values import (
     FINAL_STATES,
@@ -154,7 +161,7 @@ class _ProgressLines(Generic[Snapshot]):
     def __call__(self, seen: Snapshot) -> None:
         """Print the lines that are due."""
         for campaign in self.campaigns(seen):
-            self.lines.setdefault(campaign.id, PlainLines(typer.echo))(standing(campaign))
+            self.lines.setdefault(campaign.id, PlainLines(typer.echo))(make_standing(campaign))
 
 
 PATIENCE_S = 5.0
@@ -222,7 +229,7 @@ def follow(client: Client, campaign: int, check: Callable[[], None] = skip_check
 
         ended = client.campaigns.wait(campaign, look)
     if ended.state is CampaignState.DONE:
-        typer.echo(f"{headline(ended)}: {ended.stopped_because}", err=True)
+        typer.echo(f"{format_headline(ended)}: {ended.stopped_because}", err=True)
     return ended
 
 

@@ -27,9 +27,9 @@ from eigenfail.reproduction.page import (
     format_verdict,
     list_files,
 )
+from eigenfail.reproduction.paper import PaperReproduction, PaperTable
 from eigenfail.reproduction.programme import PROGRAMMES, build_suite
 from eigenfail.reproduction.statements import build_reproduction
-from eigenfail.reproduction.tables import PaperReproduction, PaperTable
 from eigenfail.suites import Suite
 
 

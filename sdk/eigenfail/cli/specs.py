@@ -148,7 +148,7 @@ def check_local_bridge(specs: Collection[CampaignSpec]) -> None:
 
 
 def ask_about_bridges(question: BridgeQuestion, timeout_s: float = BRIDGE_TIMEOUT_S) -> bytes:
-    """Return what a process with all that it takes to talk to a bridge answers, as JSON.
+    """Return the answer of a separate process with the libraries for bridges, as JSON.
 
     Raises:
         EigenfailError: that which it raised.

@@ -19,8 +19,8 @@ from eigenfail.hosting.service import (
     LocalService,
     Plan,
     local_service,
+    make_span,
     refuse_scaling,
-    span_of,
 )
 
 LOOK_EVERY_S = 0.2
@@ -79,7 +79,7 @@ def up(
         allow(functions)
     if launcher is Launcher.NONE:
         refuse_scaling(min_workers, max_workers, idle_s)
-    span = span_of(workers or None, min_workers, max_workers, idle_s)
+    span = make_span(workers or None, min_workers, max_workers, idle_s)
     plan = Plan(data, port, workers, launcher, hub_port, span)
     with interruptible(), suppress(KeyboardInterrupt), local_service(plan) as service:
         typer.echo(

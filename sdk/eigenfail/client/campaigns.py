@@ -32,9 +32,9 @@ from eigenfail.values import (
     Safety,
     Summary,
 )
-from eigenfail.values.campaign import PriorityChange
+from eigenfail.values.campaign_spec import PriorityChange
 from eigenfail.values.comparison import PeerCosts
-from eigenfail.values.mixing import ChainMixing
+from eigenfail.values.estimates import ChainMixing
 from eigenfail.values.operations import Pruning, WorkerShare
 from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.values.seeds import SeedSpread

@@ -125,7 +125,7 @@ def _look_until_back(look: Callable[[], Kind], poll_s: float, until_s: float) ->
 
 
 @contextmanager
-def checking(check: Callable[[], None]) -> Iterator[None]:
+def check_during_waits(check: Callable[[], None]) -> Iterator[None]:
     """Call a check during all waits within the block."""
     token = waiter.set(CheckingWaiter(check))
     try:

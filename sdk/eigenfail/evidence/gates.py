@@ -110,7 +110,7 @@ def _compare_counts(figures: RerunFigures, counted: CountedCampaign) -> Iterator
 def _check_paired(
     rerun: Rerun, gate: GateRun, before: CountedCampaign, now: CountedCampaign
 ) -> Iterator[str]:
-    """Yield what is wrong with a rerun that is judged by pairs of episodes."""
+    """Yield the contradictions in a rerun that is judged by pairs of episodes."""
     name = f"campaign {now.campaign.id}"
     if rerun.by is not gate.by:
         yield f"{name} is judged by {rerun.by}, and the gate by {gate.by}."
@@ -126,7 +126,7 @@ def _check_paired(
 
 
 def _check_unpaired(rerun: Rerun, before: CountedCampaign, now: CountedCampaign) -> Iterator[str]:
-    """Yield what is wrong with a rerun that is judged by its rate."""
+    """Yield the contradictions in a rerun that is judged by its rate."""
     name = f"campaign {now.campaign.id}"
     if rerun.by is not JudgedBy.RATE or rerun.counts:
         yield f"{name} has no pairs, and is judged by them."

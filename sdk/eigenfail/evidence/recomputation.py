@@ -41,7 +41,7 @@ from eigenfail.evidence.solutions import (
 )
 from eigenfail.evidence.storage import BundleDefect, make_defect
 from eigenfail.values import FINAL_STATES, CampaignState, episode_seed
-from eigenfail.values.campaign import RESULT_RULES
+from eigenfail.values.campaign_spec import RESULT_RULES
 
 CAMPAIGNS, TABLE, NOISE = "campaigns/", ".episodes.csv", ".noise.json"
 
@@ -213,7 +213,7 @@ def _check_counts(counted: CountedCampaign) -> Iterator[BundleDefect]:
 
 
 def _check_completeness(counted: CountedCampaign) -> Iterator[BundleDefect]:
-    """Yield what is missing of a campaign that is done, other than by its stop rules.
+    """Yield the episodes that a campaign lacks though it is done and no stop rule ended it.
 
     Rounds are completed in index order. Only a rule on time or cost ends a campaign within a round,
     so that episodes before the last one may be missing.

@@ -22,7 +22,7 @@ from eigenfail.evidence.question import AnySolution, GateSolution, SensorSolutio
 from eigenfail.gate.report import GateReport
 from eigenfail.values import Campaign, Outcome, Proof
 from eigenfail.values.arrays import Floats
-from eigenfail.values.campaign import Settings
+from eigenfail.values.campaign_spec import Settings
 from eigenfail.values.episode import MAX_SEED
 from eigenfail.values.operations import DRAWN_AGAIN, Versions
 

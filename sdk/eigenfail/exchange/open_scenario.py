@@ -1,4 +1,4 @@
-"""Episodes as OpenSCENARIO 1.2 on a road in OpenDRIVE 1.7, with the noise beside them.
+"""Episodes as OpenSCENARIO 1.2 on a road in OpenDRIVE 1.7, with the noise in another file.
 
 ASAM OpenSCENARIO XML 1.2.0 and ASAM OpenDRIVE 1.7.0: the reference point of a vehicle is the middle
 of its rear axle, on the ground; that of a pedestrian is the centre of the footprint. A scene has

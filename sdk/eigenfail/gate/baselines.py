@@ -7,7 +7,7 @@ from msgspec.structs import asdict, replace
 from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.suites import Suite, SuiteMember, resolve_references
 from eigenfail.values import Campaign, CampaignSpec, CampaignState
-from eigenfail.values.campaign import SPEC_FIELDS
+from eigenfail.values.campaign_spec import SPEC_FIELDS
 
 MAY_DIFFER = frozenset(
     {

@@ -285,14 +285,14 @@ REMOVE = "--remove"
 @contextmanager
 def guard_owner(owner: str) -> Iterator[None]:
     """Have the owner's processes ended if this process dies within the block."""
-    with _guarding([owner]):
+    with _run_guard([owner]):
         yield
 
 
 @contextmanager
 def remove_afterwards(folder: Path) -> Iterator[None]:
     """Have a folder of ours, and the processes that run on it, gone after the block in any case."""
-    with _guarding([str(folder), REMOVE]):
+    with _run_guard([str(folder), REMOVE]):
         try:
             yield
         finally:
@@ -300,8 +300,8 @@ def remove_afterwards(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def _guarding(words: list[str]) -> Iterator[None]:
-    """A warden for as long as the block lasts."""
+def _run_guard(words: list[str]) -> Iterator[None]:
+    """Run a guard process for the block, which cleans up if this process dies within it."""
     unmarked = {name: text for name, text in os.environ.items() if name != OWNER_MARK}
     process = subprocess.Popen(
         [sys.executable, "-m", __name__, *words],

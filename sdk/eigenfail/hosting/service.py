@@ -59,8 +59,10 @@ class Span(msgspec.Struct, frozen=True):
         return (*bounds, "--idle-s", f"{self.idle_s:g}")
 
 
-def span_of(workers: int | None, least: int | None, most: int | None, idle_s: float | None) -> Span:
-    """Between which numbers to choose: the same one twice, unless there is a highest one.
+def make_span(
+    workers: int | None, least: int | None, most: int | None, idle_s: float | None
+) -> Span:
+    """Return the range of the number of workers: one number twice, unless `most` is given.
 
     Args:
         workers: the number that stays; None is one per core.
@@ -69,7 +71,7 @@ def span_of(workers: int | None, least: int | None, most: int | None, idle_s: fl
         idle_s: how long fewer must have been enough; None is a minute. [s]
 
     Raises:
-        InvalidValue: they do not go together.
+        InvalidValue: the numbers exclude each other.
     """
     if most is None:
         _refuse_half(least, idle_s)
@@ -205,7 +207,7 @@ def local_service(plan: Plan) -> Iterator[LocalService]:
     if folder.address() is None:
         choose_ports(plan)  # a port that is taken is said before the folder is made
     with folder.claimed(), guard_owner(owner):
-        kill_marked(owner)  # left where the warden was killed, too
+        kill_marked(owner)  # those that remain where the guard was killed, too
         port, hub_port = choose_ports(plan)
         parts: list[ServicePart] = []
         try:
@@ -224,7 +226,7 @@ def make_commands(plan: Plan, database: str, port: int, hub_port: int) -> dict[s
     """The command line of each part."""
     python = (sys.executable, "-m")
     controller = ("--host", HOST, "--port", str(port))
-    span = plan.span or span_of(plan.workers or None, None, None, None)
+    span = plan.span or make_span(plan.workers or None, None, None, None)
     services = (*span.options(), "--launcher", plan.launcher.value)
     hub = ("--hub", f"tcp://{HOST}:{hub_port}", *_list_key_options(DataFolder(plan.data)))
     return {

@@ -37,7 +37,7 @@ from eigenfail.values import (
     Reproduction,
 )
 from eigenfail.values.disturbance import number_channels
-from eigenfail.values.mixing import ChainMixing
+from eigenfail.values.estimates import ChainMixing
 
 NO_FAILURE = (
     "the centre of its failures is no failure. Quote its medoid, a failure that happened, or "

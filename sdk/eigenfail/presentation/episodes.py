@@ -30,7 +30,7 @@ from eigenfail.values import (
     Measures,
     MinimalFailure,
 )
-from eigenfail.values.campaign import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.disturbance import ChannelLikelihood
 from eigenfail.values.records import LEAD_TIMES, EpisodeDetail, EpisodeRow
 from eigenfail.worlds import world_of
@@ -127,7 +127,7 @@ def list_episode_facts(
 
 
 def list_result_facts(result: EpisodeDetail) -> FactTable:
-    """Return one episode by itself: how it ended, and what was measured of it."""
+    """Return the facts of one episode: its outcome, its noise and its measures."""
     likelihood = format_number(result.noise.log_probability, LOG_P_DIGITS)
     rows = (
         ("episode", f"{result.index}, seed {result.seed}"),

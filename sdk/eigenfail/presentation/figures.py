@@ -155,7 +155,7 @@ def format_usd_interval(interval: Bounds) -> str:
 
 
 def _count_usd_digits(amount: float) -> int:
-    """Return the significant digits of an amount as it is printed, with cents at least."""
+    """Return the number of significant digits that an amount is printed with, cents included."""
     return DIGITS if amount <= 0.0 else max(DIGITS, floor(log10(amount)) + 3)
 
 

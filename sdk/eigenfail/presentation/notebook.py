@@ -24,7 +24,7 @@ from eigenfail.presentation.episodes import list_result_facts, tabulate_episodes
 from eigenfail.presentation.seeds import tabulate_spreads
 from eigenfail.presentation.suites import describe_suite, tabulate_suites
 from eigenfail.presentation.tables import Block, FactTable, Table, name_columns
-from eigenfail.tabulation import flat
+from eigenfail.tabulation import flatten
 from eigenfail.values import (
     Analysis,
     Campaign,
@@ -136,7 +136,7 @@ def _(value: Rows) -> Blocks:  # type: ignore[type-arg]  # singledispatch takes 
 
 
 def _tabulate_fields(rows: tuple[object, ...]) -> Table:
-    records = [flat(row) for row in rows]
+    records = [flatten(row) for row in rows]
     names = tuple(dict.fromkeys(name for record in records for name in record))
     cells = tuple(tuple(str(record.get(name, "")) for name in names) for record in records)
     return Table("", name_columns(*names), cells)

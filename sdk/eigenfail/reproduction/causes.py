@@ -6,8 +6,9 @@ from math import comb
 
 from eigenfail.presentation.figures import format_interval, format_number, format_share
 from eigenfail.reproduction.judgements import FEWEST_FAILURES, Judgement, agree
+from eigenfail.reproduction.paper import MODES, PaperStatement
 from eigenfail.reproduction.programme import STEP_S, ScenarioProgramme
-from eigenfail.reproduction.tables import MODES, Analyses, PaperStatement, list_readings
+from eigenfail.reproduction.tables import Analyses, list_readings
 from eigenfail.values import AnalysisResult, Proof, Safety
 from eigenfail.values.safety import Scatter
 

@@ -9,8 +9,7 @@ import msgspec
 
 from eigenfail.presentation import figures
 from eigenfail.presentation.tables import TableColumn, format_cell
-from eigenfail.reproduction.programme import FRESH
-from eigenfail.reproduction.tables import (
+from eigenfail.reproduction.paper import (
     REPLAYED,
     PaperColumn,
     PaperNumber,
@@ -19,6 +18,7 @@ from eigenfail.reproduction.tables import (
     PaperStatement,
     PaperTable,
 )
+from eigenfail.reproduction.programme import FRESH
 from eigenfail.values import Interval
 
 

@@ -22,12 +22,10 @@ from eigenfail.reproduction.judgements import (
     is_more_severe,
     is_rarer,
 )
+from eigenfail.reproduction.paper import PaperReproduction, PaperStatement, PaperTable
 from eigenfail.reproduction.programme import SWEPT, ScenarioProgramme, find_programme
 from eigenfail.reproduction.tables import (
     Analyses,
-    PaperReproduction,
-    PaperStatement,
-    PaperTable,
     build_campaign_tables,
     build_component_table,
     build_replay_table,

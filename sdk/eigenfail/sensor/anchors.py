@@ -27,7 +27,7 @@ from eigenfail.sensor.search import (
 )
 from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Estimate, Interval
-from eigenfail.values.campaign import RESULT_RULES
+from eigenfail.values.campaign_spec import RESULT_RULES
 from eigenfail.values.student_t import split_t_mass
 
 METHODS = "Take subset or mixture for rare failures, monte_carlo for frequent ones."

@@ -59,7 +59,7 @@ class MultipleRange(msgspec.Struct, frozen=True):
             raise InvalidValue("low", f"{self.low:g} is not below the high end, {self.high:g}.")
 
     def make_grid(self, points: int | None = None) -> tuple[float, ...]:
-        """Return multiples with equal ratios, both ends included: so many, or by tolerance."""
+        """Return multiples with equal ratios, both ends included: `points`, or by the tolerance."""
         ratio = self.high / self.low
         steps = points - 1 if points else max(ceil(log(ratio) / log(1.0 + self.tolerance)), 1)
         made = (self.low * ratio ** (place / steps) for place in range(steps + 1))
@@ -164,7 +164,7 @@ class Contradiction(msgspec.Struct, frozen=True):
 
 
 class ErrorLimit(msgspec.Struct, frozen=True, kw_only=True):
-    """The largest error of one channel, in multiples of its own size.
+    """The largest error of one channel, in multiples of the size that the channel states.
 
     Attributes:
         channel: name of the channel.

@@ -67,7 +67,7 @@ def result(
 
 
 def collision(index: int, steps: int = 3, **changes: Any) -> EpisodeResult:
-    """Return the result of an episode with a collision, with all that a result may have."""
+    """Return the result of an episode with a collision, with every optional field set."""
     scene = Scene(
         dt_s=0.1,
         vehicles=floats(index, steps + 1, 2, 4),

@@ -198,7 +198,7 @@ class LearnerSuite:
     rounds: ClassVar[int] = 3
 
     def context(self, seed: int, corridor: Corridor) -> LearnerContext:
-        """Return what a learner is born with, for noise of the steps and channels of a corridor."""
+        """Return the context of a learner for noise of the steps and channels of a corridor."""
         random = np.random.default_rng(seed)
         shape = self.budget, corridor.steps, corridor.channels
         return LearnerContext(

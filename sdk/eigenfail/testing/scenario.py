@@ -117,7 +117,7 @@ def _situations(scenario: Scenario) -> Iterator[AnySituation]:
 
 
 def _describe(situation: AnySituation) -> tuple[object, ...]:
-    """Return all that a situation says before its script."""
+    """Return the parts of a situation other than its script."""
     parts = situation.mission, situation.steps, situation.ego, situation.actors
     if isinstance(situation, ReactiveSituation):
         return (*parts, situation.challenges)

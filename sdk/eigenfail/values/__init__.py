@@ -20,22 +20,13 @@ from eigenfail.values.analysis import (
 from eigenfail.values.arrays import Floats
 from eigenfail.values.campaign import (
     FINAL_STATES,
-    IMPORTANCE_SAMPLING,
-    ONE_REGION,
     Campaign,
-    CampaignSpec,
     CampaignState,
-    Cost,
     Counts,
-    Estimate,
-    Interval,
     Overhead,
-    Priority,
-    Rate,
-    RateDesign,
     RunPart,
-    StopRules,
 )
+from eigenfail.values.campaign_spec import CampaignSpec, Priority, StopRules
 from eigenfail.values.channels import Channel
 from eigenfail.values.comparison import (
     Bound,
@@ -73,6 +64,15 @@ from eigenfail.values.episode import (
     episode_seed,
     learner_seed,
     unrunnable,
+)
+from eigenfail.values.estimates import (
+    IMPORTANCE_SAMPLING,
+    ONE_REGION,
+    Cost,
+    Estimate,
+    Interval,
+    Rate,
+    RateDesign,
 )
 from eigenfail.values.learning import (
     STATE,

@@ -154,10 +154,10 @@ RESERVED_NAMES = frozenset({"loopback", "network", "database"})
 
 
 def check_key_name(name: str) -> None:
-    """Refuse a name of a key that belongs to callers without one, in whatever letters.
+    """Refuse a key's name that is reserved for callers without a key, in any spelling.
 
     Raises:
-        InvalidValue: it does.
+        InvalidValue: the name is reserved.
     """
     letters = unicodedata.normalize("NFKC", name)
     plain = "".join(each for each in letters if each.isprintable()).casefold().strip()

@@ -9,8 +9,8 @@ import msgspec
 import numpy as np
 
 from eigenfail.values.arrays import Floats
-from eigenfail.values.campaign import Estimate, Interval
 from eigenfail.values.disturbance import AXES
+from eigenfail.values.estimates import Estimate, Interval
 from eigenfail.values.showing import Brief, Plottable, Shown, Tabular
 from eigenfail.values.triage import TriageState
 

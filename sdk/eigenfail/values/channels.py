@@ -33,7 +33,7 @@ DELAY = "delay"
 
 
 class Quantity(NamedTuple):
-    """What of a perceived vehicle a channel disturbs.
+    """A quantity of a perceived vehicle that a channel disturbs.
 
     Attributes:
         unit: unit of the error; empty for an event.

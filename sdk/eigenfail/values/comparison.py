@@ -6,8 +6,9 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values.campaign import Cost, Interval, Rate, Settings
+from eigenfail.values.campaign_spec import Settings
 from eigenfail.values.disturbance import DisturbanceModel
+from eigenfail.values.estimates import Cost, Interval, Rate
 from eigenfail.values.requirements import Requirements
 from eigenfail.values.showing import Brief, Plottable, Shown, Tabular
 

@@ -1,4 +1,4 @@
-"""The disturbance model p(x), its conversion to what is injected, and noise trajectories."""
+"""The disturbance model p(x), its conversion to injected errors, and noise trajectories."""
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
@@ -256,7 +256,7 @@ class Conversion:
         return self._before
 
     def to_z(self, a: Row, sigma: Row) -> Row:
-        """z_t of what was injected at that sigma."""
+        """z_t of the errors that were injected at that sigma."""
         u = tuple([each / at for each, at in zip(a, self._get_scales(sigma), strict=True)])
         z = self._shape.step_back(u, self._before, sigma)
         self._before = u
@@ -277,7 +277,7 @@ doubles stay in the cache of the processor."""
 
 
 def number_channels(count: int) -> tuple[str, ...]:
-    """Return names of so many channels whose own names are not known.
+    """Return names of a number of channels whose own names are not known.
 
     Two channels have the names of those that there always were.
     """
@@ -309,7 +309,7 @@ class NoiseTrajectory(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq
 
     @cached_property
     def injected(self) -> Doubles:
-        """The disturbances a_t of what is perceived, shape (steps, channels), in their units."""
+        """The disturbances a_t of the perception, shape (steps, channels), in their units."""
         return _convert(Conversion(self.shape).inject, self.z, self.sigma)
 
     @cached_property

@@ -66,7 +66,7 @@ class Policy(msgspec.Struct, frozen=True, eq=False):
 
 
 class Predecessor(msgspec.Struct, frozen=True, eq=False):
-    """The learner of an earlier campaign: what it was born with, and what it knew in the end.
+    """The learner of an earlier campaign: its context at the start, and its state at the end.
 
     Attributes:
         campaign: its id.
@@ -141,12 +141,12 @@ FEWEST_TOGETHER = 5
 
 
 def choose_group_size(parallel: int) -> int:
-    """Return how many chains move together at most, for so many episodes at a time."""
+    """Return the largest number of chains that move together, for `parallel` open episodes."""
     return max(ceil(CHAINS_IN_FLIGHT * parallel / OPEN_GROUPS), FEWEST_TOGETHER)
 
 
 class LearnerContext(msgspec.Struct, frozen=True, eq=False):
-    """What a learner is born with.
+    """The context that a learner is created with.
 
     Attributes:
         seed: seed of its own random draws.

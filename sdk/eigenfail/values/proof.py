@@ -4,8 +4,10 @@ from enum import StrEnum
 
 import msgspec
 
-from eigenfail.values.campaign import CampaignState, Rate, Settings
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import Settings
 from eigenfail.values.episode import EpisodeResult, Outcome
+from eigenfail.values.estimates import Rate
 from eigenfail.values.scene import Scene
 from eigenfail.values.showing import Brief, Shown
 

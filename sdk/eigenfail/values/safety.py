@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values.campaign import Interval, Rate
+from eigenfail.values.estimates import Interval, Rate
 from eigenfail.values.records import ConflictClass
 from eigenfail.values.showing import Brief, Plottable, Shown, Tabular
 from eigenfail.values.summary import Conflicts, Unresolved

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from eigenfail.values.campaign import Cost, Interval
+from eigenfail.values.estimates import Cost, Interval
 from eigenfail.values.showing import Brief, Shown, Tabular
 
 

@@ -378,7 +378,7 @@ class PerChannel(
 
     @property
     def once(self) -> list[int]:
-        """Columns of what is drawn once."""
+        """Columns of the channels whose error is drawn once an episode."""
         return [way for way, shape in enumerate(self.shapes) if isinstance(shape, Once)]
 
     @property
@@ -391,7 +391,7 @@ class PerChannel(
         }
 
     def drop_uncounted(self, z: Floats) -> Floats:
-        """z with 0 in place of the values without effect: the later ones of what is drawn once."""
+        """z with 0 in place of values without effect: those after the first of a `Once` channel."""
         counted = z.copy()
         counted[1:, self.once] = 0.0
         return counted

@@ -1,4 +1,4 @@
-"""Signals: named scalars that every step of a drive tells, and from which requirements are judged.
+"""Signals: named scalars of every step of a drive, from which requirements are judged.
 
 A course has a value of each for the start and after every step. Values stay finite, so that the
 robustness of any requirement does: where a quantity has no value, as the time to collision of

@@ -5,7 +5,8 @@ from collections.abc import Mapping
 
 import msgspec
 
-from eigenfail.values.campaign import CampaignState, Settings
+from eigenfail.values.campaign import CampaignState
+from eigenfail.values.campaign_spec import Settings
 from eigenfail.values.episode import ERRORED
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.showing import Brief, Shown, Tabular

@@ -2,8 +2,9 @@
 
 import msgspec
 
-from eigenfail.values.campaign import Cost, Counts, Estimate, Rate
+from eigenfail.values.campaign import Counts
 from eigenfail.values.episode import Outcome
+from eigenfail.values.estimates import Cost, Estimate, Rate
 from eigenfail.values.showing import Brief, Plottable, Shown, Tabular
 
 

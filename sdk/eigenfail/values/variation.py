@@ -105,7 +105,7 @@ class Normal(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     @property
     def has_mass(self) -> bool:
-        """Whether the normal distribution has a share between the ends that can be told from 0."""
+        """Whether the share of the normal distribution between the ends is numerically above 0."""
         mean, deviation = self.normal
         return min(abs((end - mean) / deviation) for end in self.within) < FARTHEST or (
             self.within[0] <= mean <= self.within[1]

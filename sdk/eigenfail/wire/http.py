@@ -28,7 +28,7 @@ from eigenfail.errors import (
 from eigenfail.settings import convert, invalid_value
 from eigenfail.values.analysis import LONGEST_MODE_NAME
 from eigenfail.values.arrays import decode_array, encode_array_as_lists
-from eigenfail.values.campaign import CampaignSpec, Settings
+from eigenfail.values.campaign_spec import CampaignSpec, Settings
 from eigenfail.values.showing import Brief
 
 NAMESPACE = "urn:eigenfail:"

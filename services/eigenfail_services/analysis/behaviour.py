@@ -203,7 +203,7 @@ class GroupingFeatures(NamedTuple):
 
 
 def select_features(failures: Aligned, settings: AnalysisSettings) -> GroupingFeatures:
-    """Return what failures are grouped by: what is asked for, or the best that is known of them."""
+    """Return the features that failures are grouped by: as set, or the best that all have."""
     if settings.features == "noise":
         return GroupingFeatures("noise", failures.data, settings.components)
     motion = failures.motion

@@ -25,7 +25,7 @@ from eigenfail.values import (
     AnalysisSettings,
     Campaign,
 )
-from eigenfail.values.campaign import CampaignSpec
+from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.records import FailureCourse, Failures, Job
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis.alignment import check_clusterer, choose_columns

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from eigenfail.errors import Conflict
 from eigenfail.values import Campaign
-from eigenfail.values.mixing import LARGEST_R_HAT, ChainMixing, ProjectionMixing
+from eigenfail.values.estimates import LARGEST_R_HAT, ChainMixing, ProjectionMixing
 from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns.resolution import resolve_method
 from eigenfail_services.campaigns.rounds import read_checkpoint

@@ -354,7 +354,7 @@ def _list_known_rates(side: Side) -> list[float]:
 
 
 def _explain_no_effect(a: Side, b: Side) -> Iterator[str]:
-    """Yield why there is no effect size, where somebody gave several seeds for one."""
+    """Yield why there is no effect size over several seeds of each side."""
     n_a, n_b = (len(_list_known_rates(side)) for side in (a, b))
     if min(n_a, n_b) > 1 and not can_distinguish(n_a, n_b):
         yield (

@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from contextvars import copy_context
 from typing import Any, NamedTuple
 
 import msgspec
@@ -20,7 +21,7 @@ from eigenfail.values import (
     Safety,
     SpendingTotals,
 )
-from eigenfail.values.campaign import Settings
+from eigenfail.values.campaign_spec import Settings
 from eigenfail.values.comparison import MethodCost, PeerCosts, Peers, Pool
 from eigenfail.values.operations import WorkerShare
 from eigenfail.values.requirements import COLLISION_ALONE
@@ -299,7 +300,8 @@ def read_figures(store: Store, campaign: Campaign) -> CampaignFigures:
 def prefetch_figures(store: Store, campaign: Campaign) -> Sequence[Future[Any]]:
     """Start computing the sums that `find_figures` needs; the store caches them."""
     asked = (store.episodes.safety, store.episodes.spending, store.figures.workers)
-    return [POOL.submit(ask, campaign.id) for ask in asked]
+    with store.figures.as_of(campaign):
+        return [POOL.submit(copy_context().run, ask, campaign.id) for ask in asked]
 
 
 def is_prefetched(begun: Sequence[Future[Any]]) -> bool:

@@ -12,7 +12,7 @@ from eigenfail.contracts import Reference
 from eigenfail.errors import EigenfailError, InputError, InvalidValue, UnknownName
 from eigenfail.methods import describe_method, traits_of
 from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec
-from eigenfail.values.campaign import MAX_EPISODES
+from eigenfail.values.campaign_spec import MAX_EPISODES
 from eigenfail.wire.http import MAX_CAMPAIGNS_AT_ONCE, read_fields
 from eigenfail.worlds import world_of
 from eigenfail_services.campaigns.resolution import (

@@ -31,7 +31,7 @@ from eigenfail.values import (
     StopRules,
     TrajectorySource,
 )
-from eigenfail.values.campaign import LONGEST_NAME
+from eigenfail.values.campaign_spec import LONGEST_NAME
 from eigenfail.values.channels import name_columns
 from eigenfail.worlds import drawn_for, list_channels, world_of
 from eigenfail_services.analysis.footprints import measure_clearances

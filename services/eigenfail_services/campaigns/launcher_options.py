@@ -4,7 +4,7 @@ import argparse
 from collections.abc import Callable
 
 from eigenfail.errors import InvalidValue
-from eigenfail.hosting.service import Launcher, Span, refuse_scaling, span_of
+from eigenfail.hosting.service import Launcher, Span, make_span, refuse_scaling
 from eigenfail_services.campaigns.launcher import NoLauncher, WorkerLauncher
 from eigenfail_services.campaigns.process_launcher import ProcessLauncher
 from eigenfail_services.campaigns.ray_launcher import RayLauncher
@@ -38,7 +38,7 @@ def _read_span(arguments: argparse.Namespace) -> Span:
         InvalidValue: they do not go together.
     """
     least, most = arguments.min_workers, arguments.max_workers
-    return span_of(arguments.workers, least, most, arguments.idle_s)
+    return make_span(arguments.workers, least, most, arguments.idle_s)
 
 
 def make_no_launcher(arguments: argparse.Namespace) -> WorkerLauncher:

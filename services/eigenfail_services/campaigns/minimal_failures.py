@@ -17,7 +17,7 @@ from eigenfail.values import (
     Outcome,
     StopRules,
 )
-from eigenfail.values.campaign import LONGEST_NAME
+from eigenfail.values.campaign_spec import LONGEST_NAME
 from eigenfail.worlds import drawn_for, list_channels
 from eigenfail_services.analysis.words import Clock, describe_needed
 from eigenfail_services.campaigns.rounds import read_checkpoint

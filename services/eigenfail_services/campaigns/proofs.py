@@ -27,7 +27,7 @@ from eigenfail.values import (
     StopRules,
     episode_seed,
 )
-from eigenfail.values.campaign import LONGEST_NAME
+from eigenfail.values.campaign_spec import LONGEST_NAME
 from eigenfail.worlds import drawn_for, list_channels, world_of
 from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS, read_world_field
 from eigenfail_services.campaigns.cache import StoreCache

@@ -21,7 +21,7 @@ from eigenfail.worlds import drawn_for, list_channels, placed_for, world_of
 from eigenfail_services.campaigns.explanations import Explanations
 from eigenfail_services.campaigns.proofs import read_result
 from eigenfail_services.store import Store
-from eigenfail_services.store.lifecycle import make_mode_error
+from eigenfail_services.store.errors import make_mode_error
 
 MAX_OVERLAID = 200
 """Episodes that are drawn over each other at most; of a larger mode every n-th, with its medoid."""

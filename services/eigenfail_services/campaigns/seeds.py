@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import msgspec
 from msgspec.structs import replace
 
-from eigenfail.intervals import upper_bound_of_none
+from eigenfail.intervals import bound_rate_without_events
 from eigenfail.presentation.figures import format_no_event
 from eigenfail.presentation.rates import explain_design, format_rate
 from eigenfail.suites import KeyPath, format_value, list_leaves, shorten_paths
@@ -234,7 +234,7 @@ def price_over_seeds(
     if pooled.at_least_usd is not None:
         return pooled
     return replace(
-        pooled, at_least_usd=sums.price / (completed * upper_bound_of_none(sums.n)) or None
+        pooled, at_least_usd=sums.price / (completed * bound_rate_without_events(sums.n)) or None
     )
 
 

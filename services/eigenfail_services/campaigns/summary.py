@@ -47,7 +47,7 @@ from eigenfail_services.hub.worker_table import WORKERS_LACKING, WORKERS_MET
 from eigenfail_services.methods import describe_reach
 from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.lifecycle import make_episode_error
+from eigenfail_services.store.errors import make_episode_error
 from eigenfail_services.store.roster import PRESENT_S
 
 MOST_SPECS = 1_000

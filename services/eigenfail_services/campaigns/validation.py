@@ -13,7 +13,7 @@ from eigenfail.contracts import Injection, Reference
 from eigenfail.errors import InvalidValue, NotFound, UnknownName
 from eigenfail.settings import convert
 from eigenfail.values import CampaignSpec
-from eigenfail.values.campaign import RESULT_RULES
+from eigenfail.values.campaign_spec import RESULT_RULES
 from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS
 from eigenfail.values.variation import KINDS
 from eigenfail.worlds import CampaignWorld, list_simulators, world_of

@@ -21,7 +21,7 @@ from eigenfail.processes import (
     as_parent,
     exit_status,
     kill_group,
-    status_within,
+    wait_for_exit,
 )
 from eigenfail.values import Estimate, Policy, TrajectorySource
 from eigenfail.wire.messages import (
@@ -230,7 +230,7 @@ class LearnerLink:
             self.send(Stop())
         self.socket.close(linger=100)
         if self._process is not None:
-            status_within(self._process, STOP_S)
+            wait_for_exit(self._process, STOP_S)
             kill_group(self._process)
 
 

@@ -16,8 +16,7 @@ import zmq
 from eigenfail.errors import ClaimLost, StoreUnavailable
 from eigenfail.worlds import world_of
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
-from eigenfail_services.hub.code_records import CodeRecorder
-from eigenfail_services.hub.commits import CommitQueue, WorkerDeaths
+from eigenfail_services.hub.commits import CodeRecorder, CommitQueue, WorkerDeaths
 from eigenfail_services.hub.keys import HubKeys
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.metrics import (

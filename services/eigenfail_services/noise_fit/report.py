@@ -279,7 +279,7 @@ def format_model(report: FitReport, source: str) -> str:
 
 
 def format_channels(channels: Sequence[Channel]) -> str:
-    """Return the TOML text of channels, each a table of its own."""
+    """Return the TOML text of channels, a table for each."""
     return "\n".join(map(_format_channel, channels))
 
 

@@ -1,4 +1,4 @@
-"""A log of what a sensor reported of other vehicles, and of what was true."""
+"""A log of a sensor's measurements of other vehicles, with their true values."""
 
 from collections.abc import Sequence
 from math import isnan, nan, pi
@@ -82,13 +82,14 @@ class ErrorSeries(msgspec.Struct, frozen=True, eq=False):
 
 
 class EventSteps(msgspec.Struct, frozen=True, eq=False):
-    """Steps of an event that follow another step of the log, with what was before.
+    """Steps of an event that follow another step of the log, with the state at that step.
 
     Attributes:
         block: number of the block of each step, shape (n,).
         before: whether the event lasted at the step before, shape (n,).
         now: whether it lasts, shape (n,).
-        age: how many steps what was before had lasted; 0 where the log does not hold its beginning.
+        age: number of steps that the state before had lasted; 0 where the log does not hold
+            the beginning of that state.
         distance_m: true distance at the step in the plane, shape (n,); 0 for ghosts. [m]
         blocks: number of blocks.
     """
@@ -196,26 +197,13 @@ def make_log(rows: Sequence[Row], step_s: float, quantities: Sequence[str] = ())
     Raises:
         InvalidValue: as `read_log`.
     """
-    by_track: dict[str, list[Row]] = {}
-    for row in rows:
-        if not isnan(row.positions[0]):
-            by_track.setdefault(row.track, []).append(row)
-    ordered = [sorted(track, key=lambda row: row.time_s) for track in by_track.values()]
-    seen = sum(any(not isnan(row.positions[2]) for row in track) for track in ordered)
-    if seen < FEWEST_TRACKS:
-        raise InvalidValue(
-            "track",
-            f"{seen} tracks contain measurements of a vehicle; at least {FEWEST_TRACKS} are "
-            "required, as intervals rest on the differences between tracks.",
-            "Log more vehicles. A track starts where the sensor first sees a vehicle, and ends "
-            "where it loses it.",
-        )
+    by_track = _group_by_track(rows)
     steps = [
         _count_steps(name, np.array([row.time_s for row in track]), step_s)
-        for name, track in zip(by_track, ordered, strict=True)
+        for name, track in by_track.items()
     ]
-    vehicles = [row for track in ordered for row in track]
-    track = np.repeat(np.arange(len(ordered)), [len(track) for track in ordered])
+    vehicles = [row for track in by_track.values() for row in track]
+    track = np.repeat(np.arange(len(by_track)), [len(track) for track in by_track.values()])
     step = np.concatenate(steps)
     positions = np.array([row.positions for row in vehicles])
     true = positions[:, TRUE]
@@ -239,6 +227,30 @@ def make_log(rows: Sequence[Row], step_s: float, quantities: Sequence[str] = ())
     )
     _refuse_uninformative(log)
     return log
+
+
+def _group_by_track(rows: Sequence[Row]) -> dict[str, list[Row]]:
+    """Return the rows of vehicles by track, those of each track in order of time.
+
+    Raises:
+        InvalidValue: too few tracks contain measurements of a vehicle.
+    """
+    by_track: dict[str, list[Row]] = {}
+    for row in rows:
+        if not isnan(row.positions[0]):
+            by_track.setdefault(row.track, []).append(row)
+    for track in by_track.values():
+        track.sort(key=lambda row: row.time_s)
+    seen = sum(any(not isnan(row.positions[2]) for row in track) for track in by_track.values())
+    if seen < FEWEST_TRACKS:
+        raise InvalidValue(
+            "track",
+            f"{seen} tracks contain measurements of a vehicle; at least {FEWEST_TRACKS} are "
+            "required, as intervals rest on the differences between tracks.",
+            "Log more vehicles. A track starts where the sensor first sees a vehicle, and ends "
+            "where it loses it.",
+        )
+    return by_track
 
 
 def _count_steps(name: str, time_s: Array, step_s: float) -> Integers:
@@ -357,7 +369,7 @@ def _find_step(time_s: float, step_s: float) -> int:
 
 
 def _refuse_uninformative(log: SensorLog) -> None:
-    """Refuse a log from which a parameter cannot be told.
+    """Refuse a log from which a parameter cannot be estimated.
 
     Raises:
         InvalidValue: few measurements are one step apart, or the distances or the errors of a

@@ -200,7 +200,7 @@ PANELS_BESIDE = 3
 
 
 def count_panels_beside(count: int) -> int:
-    """Return how many of the panels stand beside each other."""
+    """Return the number of panels in a row."""
     return min(count, PANELS_BESIDE)
 
 

@@ -43,7 +43,7 @@ class Requester:
         return self._resume(lambda: next(self._requests))
 
     def answer(self, robustness: Array) -> Batches:
-        """Pass on the robustness of the oldest batch; return what is requested then."""
+        """Pass on the robustness of the oldest batch; return the batches requested next."""
         return self._resume(lambda: self._requests.send(robustness))
 
     @staticmethod

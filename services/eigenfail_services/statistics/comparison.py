@@ -43,7 +43,7 @@ SIGNIFICANCE = 0.05
 
 
 def can_distinguish(n_a: int, n_b: int) -> bool:
-    """Whether so many values a side could show a difference at all, were they fully apart.
+    """Whether n_a and n_b values could show a difference at all, were they fully separated.
 
     The p-value of the exact rank-sum test is then 2 ÷ (n_a + n_b over n_a), the smallest there is
     (Mann and Whitney 1947, Annals of Mathematical Statistics 18, 50–60): 0.33 with two values on

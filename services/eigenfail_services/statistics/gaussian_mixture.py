@@ -272,7 +272,7 @@ def _maximise_likelihood(
 
 
 def _fit_component(z: Array, weights: Array) -> NormalComponent:
-    """Return a normal with the mean of weighted samples, shrunk as far as they are few.
+    """Return a normal with the mean of weighted samples, shrunk the more, the fewer there are.
 
     The mean is James and Stein's (1961), towards zero. The covariance is shrunk towards that of
     p(z), by the ratio of its sampling variance to its squared distance from there (Ledoit and Wolf

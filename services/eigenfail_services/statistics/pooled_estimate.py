@@ -10,7 +10,7 @@ from itertools import combinations
 from math import fsum, hypot, inf, log, log1p, prod, sqrt
 from statistics import stdev
 
-from eigenfail.values import Estimate
+from eigenfail.values import Estimate, Interval
 from eigenfail_services.statistics.intervals import find_quantile, log_normal
 from eigenfail_services.statistics.subset_estimate import (
     SubsetEnd,
@@ -163,20 +163,8 @@ def pool_simulations(
     probability = _multiply_pooled_shares(found)
     effective = sum(one.effective_first_draws for one in found)
     interval = log_normal(probability, cv, effective)
-    if wide and wide.without_largest > FAR_ABOVE * interval.high:
-        return refuse_estimate(
-            episodes,
-            "Wider noise meets failures that the levels passed by: P is about "
-            f"{wide.probability:.0e} by these and {probability:.0e} by the levels. "
-            "Take method mixture.",
-        )
-    is_confirmed = wide and probability / NEAR <= wide.probability <= probability * NEAR
-    if interval.high > WIDEST_INTERVAL * interval.low and not is_confirmed:
-        return refuse_estimate(
-            episodes,
-            f"Its failures are worth {effective:.1f} independent first draws: a 95 % interval would"
-            f" reach from {interval.low:.0e} to {interval.high:.0e}. {MORE}",
-        )
+    if problem := _describe_doubt(probability, interval, effective, wide):
+        return refuse_estimate(episodes, problem)
     return Estimate(
         by=SUBSET_SIMULATION,
         episodes=episodes,
@@ -186,6 +174,32 @@ def pool_simulations(
         effective=effective,
         note=_list_doubts(len(found), max(one.draws for one in found)),
     )
+
+
+def _describe_doubt(
+    probability: float, interval: Interval, effective: float, wide: WideEstimate | None
+) -> str:
+    """Return why a pooled estimate is not stated; empty if it is.
+
+    Args:
+        probability: the estimate.
+        interval: its interval.
+        effective: effective number of first draws.
+        wide: estimate of the same probability from wide noise, if there is one.
+    """
+    if wide and wide.without_largest > FAR_ABOVE * interval.high:
+        return (
+            "Wider noise meets failures that the levels passed by: P is about "
+            f"{wide.probability:.0e} by these and {probability:.0e} by the levels. "
+            "Take method mixture."
+        )
+    is_confirmed = wide and probability / NEAR <= wide.probability <= probability * NEAR
+    if interval.high > WIDEST_INTERVAL * interval.low and not is_confirmed:
+        return (
+            f"Its failures are worth {effective:.1f} independent first draws: a 95 % interval would"
+            f" reach from {interval.low:.0e} to {interval.high:.0e}. {MORE}"
+        )
+    return ""
 
 
 def _multiply_pooled_shares(found: Sequence[SubsetEstimate]) -> float:

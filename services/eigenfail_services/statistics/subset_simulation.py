@@ -171,7 +171,7 @@ class FirstRun:
         return SubsetEnd.STALLED if threshold is None else SubsetEnd.SPENT
 
     def _count_free(self) -> int:
-        """Return the trajectories that are left for a level, beside those of the other runs."""
+        """Return the number of trajectories left for a level, without those of the other runs."""
         reserved = self._settings.count_reserved(len(self.levels) + 1)
         return self._max_trajectories - self._sampler.trajectories_requested - reserved
 

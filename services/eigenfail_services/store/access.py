@@ -31,7 +31,7 @@ from eigenfail.values.access import (
 )
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.lifecycle import make_key_error
+from eigenfail_services.store.errors import make_key_error
 from eigenfail_services.store.schema import audit, campaigns, keys
 
 DAY_MS = 24 * 3_600_000

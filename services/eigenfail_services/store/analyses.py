@@ -15,14 +15,14 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import JobKind
 from eigenfail.values.triage import ANY_TRIAGE, TriageFilter
-from eigenfail_services.store.campaigns import lock_campaign, read_campaign
+from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import pack, to_analysis_result, to_json, to_settings
 from eigenfail_services.store.engine import Database
+from eigenfail_services.store.errors import make_analysis_error, make_mode_error
 from eigenfail_services.store.events import append_event, describe_analysis
 from eigenfail_services.store.jobs import enqueue
 from eigenfail_services.store.judging import keep_finite
-from eigenfail_services.store.lifecycle import make_analysis_error, make_mode_error
 from eigenfail_services.store.listing import contains_text
 from eigenfail_services.store.outbox import queue_analysis_end
 from eigenfail_services.store.references import hold_noise
@@ -221,7 +221,7 @@ def give_up(connection: Connection, analysis: int, problem: str) -> None:
 
 
 def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -> Analysis | None:
-    """Change an analysis, and return it; None where it has ended, and stays as it is.
+    """Change an analysis that has not ended, and return it; None if the analysis has ended.
 
     Raises:
         NotFound: no such analysis.

@@ -1,57 +1,39 @@
-"""Campaigns: their rows, how they are created and moved, and suites of them.
+"""Campaigns: how they are listed, moved from state to state, archived, and grouped in suites.
 
 A suite is all campaigns with one text before the first ": " of their names.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from hashlib import sha256
 from typing import Any, TypeVar
 
-from msgspec import UNSET
 from msgspec.structs import replace
-from sqlalchemy import (
-    Connection,
-    Row,
-    Select,
-    bindparam,
-    func,
-    insert,
-    select,
-    update,
-)
+from sqlalchemy import Connection, Row, func, select, update
 from sqlalchemy.exc import IntegrityError
 
 from eigenfail.filters import NEWEST_FIRST, SortOrder
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    Counts,
-    Estimate,
-    Overhead,
-    Page,
-    Priority,
-)
+from eigenfail.values import Campaign, CampaignSpec, CampaignState, Overhead, Page, Priority
 from eigenfail.values.campaign import ANY_CAMPAIGN, CampaignFilter
 from eigenfail.values.operations import Versions
 from eigenfail.values.records import Job, JobKind
-from eigenfail.values.suite import SuiteStanding, suite_of
-from eigenfail_services.store.access import admit_campaigns
-from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import (
-    COUNTS,
-    OVERHEAD,
-    spec_hash,
-    spec_text,
-    to_campaign,
-    to_json,
-    to_tags_text,
+from eigenfail.values.suite import SuiteStanding
+from eigenfail_services.store.campaign_creation import (
+    create_campaign,
+    create_campaigns,
+    create_missing,
+    derive_key,
 )
-from eigenfail_services.store.engine import CHUNK, Database
+from eigenfail_services.store.campaign_rows import (
+    hash_results,
+    lock_campaign,
+    read_campaign,
+    update_campaign,
+)
+from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.codec import OVERHEAD, to_campaign, to_json
+from eigenfail_services.store.engine import Database
 from eigenfail_services.store.events import (
     append_event,
     describe_archive,
-    describe_created,
     describe_mixed_releases,
     describe_move,
     describe_priority,
@@ -61,288 +43,13 @@ from eigenfail_services.store.lifecycle import (
     MOVES,
     WITHDRAWN,
     begin_part,
-    make_campaign_error,
-    make_reuse_error,
     move_campaign,
     set_archived,
     set_priority,
 )
 from eigenfail_services.store.listing import contains_text, filter_campaigns, sort_campaigns
 from eigenfail_services.store.outbox import queue_campaign_end
-from eigenfail_services.store.references import hold_named_noise, refuse_pruned
-from eigenfail_services.store.schema import (
-    campaigns,
-    episode_index,
-    episodes,
-    idempotency_keys,
-)
-
-# Made once: they are asked for with every group of results.
-_BY_ID = select(campaigns).where(campaigns.c.id == bindparam("campaign"))
-_BY_ID_LOCKED = _BY_ID.with_for_update(key_share=True)
-_SET_COUNTS = update(campaigns).where(campaigns.c.id == bindparam("campaign"))
-
-
-def read_campaign(
-    connection: Connection, campaign: int, row: Select[*tuple[Any, ...]] = _BY_ID
-) -> Campaign:
-    """Return the campaign with an id.
-
-    Raises:
-        NotFound: no such campaign.
-    """
-    found = connection.execute(row, {"campaign": campaign}).mappings().one_or_none()
-    if found is None:
-        raise make_campaign_error(campaign)
-    return to_campaign(found)
-
-
-def lock_campaign(connection: Connection, campaign: int) -> Campaign:
-    """Return a campaign and lock its row until the transaction ends.
-
-    Raises:
-        NotFound: no such campaign.
-    """
-    return read_campaign(connection, campaign, _BY_ID_LOCKED)
-
-
-def _insert_campaign(
-    connection: Connection, spec: CampaignSpec, made_by: int | None = None
-) -> Campaign:
-    statement = (
-        insert(campaigns)
-        .values(
-            state=CampaignState.QUEUED,
-            spec=spec_text(spec),
-            priority=spec.priority,
-            planner_version=spec.version or None,
-            project=None if spec.project is UNSET else spec.project,
-            tags=to_tags_text(spec.all_tags),
-            made_by=made_by,
-            created_ms=now_ms(),
-            active_s=0.0,
-            stopped_because="",
-            suite=suite_of(spec.name),
-            **dict.fromkeys(OVERHEAD, 0.0),
-            **count_columns(Counts(spec.episodes)),
-        )
-        .returning(campaigns)
-    )
-    return to_campaign(connection.execute(statement).mappings().one())
-
-
-def _update_campaign(connection: Connection, campaign: Campaign) -> None:
-    connection.execute(
-        update(campaigns)
-        .where(campaigns.c.id == campaign.id)
-        .values(
-            state=campaign.state,
-            started_ms=campaign.started_ms,
-            ended_ms=campaign.ended_ms,
-            stopped_because=campaign.stopped_because,
-            digest=campaign.digest,
-            **count_columns(campaign.counts),
-        )
-    )
-
-
-def update_counts(connection: Connection, campaign: int, counts: Counts) -> None:
-    """Write the counts of a locked campaign."""
-    connection.execute(_SET_COUNTS, {"campaign": campaign} | count_columns(counts))
-
-
-def update_learner(
-    connection: Connection, campaign: int, estimate: Estimate | None, trained_episodes: int | None
-) -> None:
-    """Write the estimate of a locked campaign's learner, and its number of trained episodes."""
-    text = None if estimate is None else to_json(estimate)
-    connection.execute(
-        update(campaigns)
-        .where(campaigns.c.id == campaign)
-        .values(estimate=text, trained_episodes=trained_episodes)
-    )
-
-
-def count_columns(counts: Counts) -> dict[str, int]:
-    """Return counts as columns of a campaign's row."""
-    return {column: getattr(counts, name) for column, name in COUNTS.items()}
-
-
-def hash_results(connection: Connection, campaign: int) -> str:
-    """Return the SHA-256 over one line "index digest" for each result, in index order."""
-    query = (
-        select(episode_index, episodes.c.digest)
-        .where(episodes.c.campaign == campaign)
-        .order_by(episode_index)
-        .execution_options(yield_per=CHUNK)
-    )
-    lines = sha256()
-    for index, known in connection.execute(query):
-        lines.update(f"{index} {known}\n".encode())
-    return lines.hexdigest()
-
-
-_States = dict[str, dict[CampaignState, int]]
-
-
-def _read_suites(connection: Connection, limit: int, before: int | None) -> Page[SuiteStanding]:
-    newest = func.max(campaigns.c.id)
-    query = (
-        select(
-            campaigns.c.suite,
-            newest.label("newest"),
-            func.count().label("campaigns"),
-            *(func.sum(campaigns.c[name]).label(name) for name in _SUMS),
-            func.count().filter(*_ALL_ERRORED).label("errored"),
-        )
-        .where(campaigns.c.suite.is_not(None))
-        .group_by(campaigns.c.suite)
-        .order_by(newest.desc())
-        .limit(limit + 1)
-    )
-    if before is not None:
-        query = query.having(newest < before)
-    found = connection.execute(query).all()
-    states = _count_states(connection, [row.suite for row in found])
-    items = tuple(_to_standing(row, states) for row in found[:limit])
-    return Page(items, items[-1].newest if len(found) > limit else None)
-
-
-_SUMS = ("planned", "completed", "failures")
-
-_ALL_ERRORED = (
-    campaigns.c.state == CampaignState.DONE,
-    campaigns.c.completed == 0,
-    campaigns.c.failed > 0,
-)
-
-
-def _count_states(connection: Connection, names: Sequence[str]) -> _States:
-    query = (
-        select(campaigns.c.suite, campaigns.c.state, func.count().label("n"))
-        .where(campaigns.c.suite.in_(names))
-        .group_by(campaigns.c.suite, campaigns.c.state)
-        .order_by(campaigns.c.state)
-    )
-    found: _States = {name: {} for name in names}
-    for row in connection.execute(query):
-        found[row.suite][CampaignState(row.state)] = row.n
-    return found
-
-
-def _to_standing(row: Row[Any], states: _States) -> SuiteStanding:
-    return SuiteStanding(
-        name=row.suite,
-        newest=row.newest,
-        campaigns=row.campaigns,
-        states=states[row.suite],
-        errored=row.errored,
-        **{name: int(getattr(row, name)) for name in _SUMS},
-    )
-
-
-def create_campaign(
-    connection: Connection, spec: CampaignSpec, key: str | None, made_by: int | None
-) -> Campaign:
-    """Create a campaign, or return the one that the key has created."""
-    if key is None:
-        return _insert_queued(connection, [spec], made_by)[0]
-    if earlier := _find_made_with(connection, [key], spec_hash(spec)):
-        return earlier[0]
-    made = _insert_queued(connection, [spec], made_by)
-    _insert_keys(connection, [key], spec_hash(spec), made)
-    return made[0]
-
-
-def create_campaigns(
-    connection: Connection, specs: Sequence[CampaignSpec], key: str | None, made_by: int | None
-) -> tuple[Campaign, ...]:
-    """Create campaigns in their order, or return those that the key has created."""
-    if key is None:
-        return _insert_queued(connection, specs, made_by)
-    keys, asked = [derive_key(key, place) for place in range(len(specs))], hash_specs(specs)
-    if earlier := _find_made_with(connection, keys, asked):
-        return earlier
-    made = _insert_queued(connection, specs, made_by)
-    _insert_keys(connection, keys, asked, made)
-    return made
-
-
-def create_missing(
-    connection: Connection,
-    specs: Mapping[str, CampaignSpec],
-    made_by: int | None,
-) -> tuple[Campaign, ...]:
-    """Create the campaigns of the keys that have created none, in their order; return all."""
-    found = {
-        key: campaign
-        for key, spec in specs.items()
-        for campaign in _find_made_with(connection, [key], spec_hash(spec))
-    }
-    missing = [key for key in specs if key not in found]
-    if missing:
-        made = _insert_queued(connection, [specs[key] for key in missing], made_by)
-        for key, campaign in zip(missing, made, strict=True):
-            _insert_keys(connection, [key], spec_hash(specs[key]), [campaign])
-            found[key] = campaign
-    return tuple(found[key] for key in specs)
-
-
-def _insert_queued(
-    connection: Connection, specs: Sequence[CampaignSpec], made_by: int | None
-) -> tuple[Campaign, ...]:
-    """Create campaigns with their jobs and their events.
-
-    Raises:
-        QuotaExceeded: the key's quota of campaigns or episodes would be exceeded.
-        NoisePruned: a spec names an episode whose noise was pruned.
-    """
-    hold_named_noise(connection, specs)
-    refuse_pruned(connection, specs)
-    admit_campaigns(connection, made_by, specs)
-    made = tuple(_insert_campaign(connection, spec, made_by) for spec in specs)
-    for campaign in made:
-        enqueue(connection, JobKind.CAMPAIGN, campaign.id)
-        append_event(connection, "campaign.created", describe_created(campaign), campaign.id)
-    return made
-
-
-def _find_made_with(
-    connection: Connection, keys: Sequence[str], asked: str
-) -> tuple[Campaign, ...]:
-    """Return the campaigns that these keys have created, in the order of the keys.
-
-    Raises:
-        IdempotencyMismatch: they were created by a request for something else.
-    """
-    query = select(idempotency_keys).where(idempotency_keys.c.key.in_(keys))
-    known = {row.key: row for row in connection.execute(query)}
-    for row in known.values():
-        if row.spec_hash != asked:
-            raise make_reuse_error(row.campaign)
-    return tuple(read_campaign(connection, known[key].campaign) for key in keys if key in known)
-
-
-def _insert_keys(
-    connection: Connection, keys: Sequence[str], asked: str, made: Sequence[Campaign]
-) -> None:
-    rows = [
-        {"key": key, "spec_hash": asked, "campaign": campaign.id}
-        for key, campaign in zip(keys, made, strict=True)
-    ]
-    if rows:
-        connection.execute(insert(idempotency_keys), rows)
-
-
-def derive_key(key: str, place: int) -> str:
-    """Return the key of one campaign of a request for many; no single campaign has such a key."""
-    return f"bulk-{sha256(f'{place} {key}'.encode()).hexdigest()}"
-
-
-def hash_specs(specs: Sequence[CampaignSpec]) -> str:
-    """Return the SHA-256 of all specs of a request, by which a repeated request is recognised."""
-    return sha256("\n".join(map(spec_hash, specs)).encode()).hexdigest()
-
+from eigenfail_services.store.schema import campaigns, idempotency_keys
 
 _NOTHING = Overhead()
 
@@ -631,7 +338,7 @@ def _move_campaign(
         return before
     if after.state is CampaignState.DONE:
         after = replace(after, digest=hash_results(connection, campaign))
-    _update_campaign(connection, after)
+    update_campaign(connection, after)
     if after.state is CampaignState.QUEUED:
         enqueue(connection, JobKind.CAMPAIGN, campaign)
     if before.state is CampaignState.QUEUED and after.state in WITHDRAWN:
@@ -666,3 +373,60 @@ def give_up(connection: Connection, campaign: int, because: str) -> None:
     """Move a campaign to `dead`, unless it has ended or is paused."""
     if CampaignState.DEAD in MOVES[lock_campaign(connection, campaign).state]:
         _move_campaign(connection, campaign, CampaignState.DEAD, because)
+
+
+_States = dict[str, dict[CampaignState, int]]
+
+_SUMS = ("planned", "completed", "failures")
+_ALL_ERRORED = (
+    campaigns.c.state == CampaignState.DONE,
+    campaigns.c.completed == 0,
+    campaigns.c.failed > 0,
+)
+
+
+def _read_suites(connection: Connection, limit: int, before: int | None) -> Page[SuiteStanding]:
+    newest = func.max(campaigns.c.id)
+    query = (
+        select(
+            campaigns.c.suite,
+            newest.label("newest"),
+            func.count().label("campaigns"),
+            *(func.sum(campaigns.c[name]).label(name) for name in _SUMS),
+            func.count().filter(*_ALL_ERRORED).label("errored"),
+        )
+        .where(campaigns.c.suite.is_not(None))
+        .group_by(campaigns.c.suite)
+        .order_by(newest.desc())
+        .limit(limit + 1)
+    )
+    if before is not None:
+        query = query.having(newest < before)
+    found = connection.execute(query).all()
+    states = _count_states(connection, [row.suite for row in found])
+    items = tuple(_to_standing(row, states) for row in found[:limit])
+    return Page(items, items[-1].newest if len(found) > limit else None)
+
+
+def _count_states(connection: Connection, names: Sequence[str]) -> _States:
+    query = (
+        select(campaigns.c.suite, campaigns.c.state, func.count().label("n"))
+        .where(campaigns.c.suite.in_(names))
+        .group_by(campaigns.c.suite, campaigns.c.state)
+        .order_by(campaigns.c.state)
+    )
+    found: _States = {name: {} for name in names}
+    for row in connection.execute(query):
+        found[row.suite][CampaignState(row.state)] = row.n
+    return found
+
+
+def _to_standing(row: Row[Any], states: _States) -> SuiteStanding:
+    return SuiteStanding(
+        name=row.suite,
+        newest=row.newest,
+        campaigns=row.campaigns,
+        states=states[row.suite],
+        errored=row.errored,
+        **{name: int(getattr(row, name)) for name in _SUMS},
+    )

@@ -8,12 +8,12 @@ from sqlalchemy import Connection, delete, func, insert, select
 
 from eigenfail.values import Estimate
 from eigenfail.values.records import Job
-from eigenfail_services.store.campaigns import lock_campaign, update_learner
+from eigenfail_services.store.campaign_rows import lock_campaign, update_learner
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
+from eigenfail_services.store.errors import make_checkpoint_error
 from eigenfail_services.store.events import append_event, describe_damage
 from eigenfail_services.store.jobs import fence
-from eigenfail_services.store.lifecycle import make_checkpoint_error
 from eigenfail_services.store.schema import checkpoints
 
 log = structlog.get_logger()

@@ -50,7 +50,7 @@ from eigenfail.values.records import (
 from eigenfail.values.safety import MOST_POINTS, SeveritySample
 from eigenfail.values.summary import MOST_LANDINGS
 from eigenfail.values.triage import UNTOUCHED
-from eigenfail_services.store.campaigns import (
+from eigenfail_services.store.campaign_rows import (
     hash_results,
     lock_campaign,
     read_campaign,
@@ -68,9 +68,9 @@ from eigenfail_services.store.codec import (
     to_row,
 )
 from eigenfail_services.store.engine import Database, chunks
+from eigenfail_services.store.errors import make_episode_error, make_pruned_error
 from eigenfail_services.store.events import append_event, describe_alarm
 from eigenfail_services.store.judging import Kept, judge, make_rows
-from eigenfail_services.store.lifecycle import make_episode_error, make_pruned_error
 from eigenfail_services.store.listing import (
     Expression,
     count_episodes,

@@ -24,7 +24,7 @@ from eigenfail.values.operations import Retention
 from eigenfail.versions import describe_mixed
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.lifecycle import STORIES
+from eigenfail_services.store.lifecycle import PHRASES
 from eigenfail_services.store.schema import campaigns, event_counter, events
 
 
@@ -36,7 +36,7 @@ def describe_created(campaign: Campaign) -> str:
 
 def describe_move(campaign: Campaign, because: str) -> str:
     """Describe a campaign's new state."""
-    return f"{_name_of(campaign)} {STORIES[campaign.state]}. {because}".strip()
+    return f"{_name_of(campaign)} {PHRASES[campaign.state]}. {because}".strip()
 
 
 def describe_priority(campaign: Campaign) -> str:
@@ -46,8 +46,8 @@ def describe_priority(campaign: Campaign) -> str:
 
 def describe_archive(campaign: Campaign) -> str:
     """Describe that a campaign was archived, or is listed again."""
-    story = "is listed again" if campaign.archived_ms is None else "is archived: lists omit it"
-    return f"{_name_of(campaign)} {story}."
+    phrase = "is listed again" if campaign.archived_ms is None else "is archived: lists omit it"
+    return f"{_name_of(campaign)} {phrase}."
 
 
 def describe_mixed_releases(campaign: Campaign) -> str:
@@ -81,14 +81,14 @@ def describe_pruning(campaign: int, rule: Retention, who: str) -> str:
 
 def describe_analysis(analysis: Analysis) -> str:
     """Describe an analysis's new state."""
-    stories = {
+    phrases = {
         AnalysisState.QUEUED: "waits in the queue",
         AnalysisState.RUNNING: "is running",
         AnalysisState.DONE: f"is done{_describe_findings(analysis.result)}",
         AnalysisState.FAILED: "failed",
     }
-    story = f"Analysis {analysis.id} of campaign {analysis.campaign} {stories[analysis.state]}."
-    return f"{story} {analysis.problem}".strip()
+    phrase = f"Analysis {analysis.id} of campaign {analysis.campaign} {phrases[analysis.state]}."
+    return f"{phrase} {analysis.problem}".strip()
 
 
 def describe_gate(report: GateReport) -> str:

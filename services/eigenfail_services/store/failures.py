@@ -23,7 +23,7 @@ from sqlalchemy import (
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Campaign, Outcome, Page
-from eigenfail.values.campaign import MAX_EPISODES
+from eigenfail.values.campaign_spec import MAX_EPISODES
 from eigenfail.values.failures import FailureFilter
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.triage import UNTOUCHED, Triage, TriageState

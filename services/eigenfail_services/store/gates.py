@@ -13,8 +13,8 @@ from eigenfail.values import Page
 from eigenfail.values.webhooks import WebhookEvent
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
+from eigenfail_services.store.errors import make_gate_error
 from eigenfail_services.store.events import append_event, describe_gate
-from eigenfail_services.store.lifecycle import make_gate_error
 from eigenfail_services.store.outbox import queue_gate_failure
 from eigenfail_services.store.schema import gates
 

@@ -23,7 +23,7 @@ from eigenfail.values import Priority
 from eigenfail.values.records import Job, JobKind
 from eigenfail_services.store.clock import LeaseClock, length_ms, now_ms
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.lifecycle import claim_lost
+from eigenfail_services.store.errors import make_claim_error
 from eigenfail_services.store.schema import analyses, campaigns, jobs
 
 # A lease that is yet to begin is of another clock: of before the machine was started anew.
@@ -55,7 +55,7 @@ def fence(connection: Connection, claim: Job | None) -> None:
     # No other process claims it or takes it away meanwhile; its lease may be renewed.
     theirs = select(jobs.c.id).where(holds_token(claim)).with_for_update(read=True, key_share=True)
     if connection.execute(theirs).first() is None:
-        raise claim_lost(claim)
+        raise make_claim_error(claim)
 
 
 MAX_ATTEMPTS = 5

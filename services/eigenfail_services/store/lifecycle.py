@@ -1,23 +1,12 @@
 """The life of a campaign: its states, the moves between them, and what a move changes."""
 
 from collections.abc import Mapping
-from datetime import UTC, datetime
-from shlex import quote
 
 import msgspec
 
-from eigenfail.errors import (
-    ClaimLost,
-    Conflict,
-    IdempotencyMismatch,
-    IllegalTransition,
-    NoisePruned,
-    NotFound,
-    ProtocolError,
-)
+from eigenfail.errors import IllegalTransition
 from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Priority, RunPart
-from eigenfail.values.operations import DRAWN_AGAIN, Versions
-from eigenfail.values.records import Job
+from eigenfail.values.operations import Versions
 
 S = CampaignState
 
@@ -36,22 +25,22 @@ MOVES: Mapping[CampaignState, frozenset[CampaignState]] = {
 
 
 REPEATABLE = frozenset({S.QUEUED, S.PAUSING, S.PAUSED, S.CANCELLING, S.CANCELLED})
-"""What users ask for may be asked twice. What the service reaches (running, done, dead) may not:
-the second process to reach it must be refused."""
+"""States that a request of a user may reach again. Those that the service reaches (running, done,
+dead) are not among them: a second process that reaches one must be refused."""
 
 
 WITHDRAWN = frozenset({S.PAUSED, S.CANCELLED})
-"""What a queued campaign becomes on a user's word; its job leaves the queue with it."""
+"""States that a user may move a queued campaign to; its job then leaves the queue."""
 
 
 RESTING = frozenset({S.PAUSING, S.PAUSED})
 
 
 BY_USER = "A user asked for it."
-"""Why most campaigns rest; what else makes one rest stays with it until it goes on."""
+"""Reason of most pauses; another reason is kept until the campaign is resumed."""
 
 
-STORIES: Mapping[CampaignState, str] = {
+PHRASES: Mapping[CampaignState, str] = {
     S.QUEUED: "waits in the queue",
     S.RUNNING: "is running",
     S.PAUSING: "is about to pause",
@@ -74,13 +63,13 @@ def _check_move(source: CampaignState, target: CampaignState, who: str = "The ca
     """Refuse a move that `MOVES` does not allow; `REPEATABLE` states may be reached twice.
 
     Raises:
-        IllegalTransition: with the story so far and the moves that are allowed.
+        IllegalTransition: the move is not allowed; the error names the allowed ones.
     """
     if target in MOVES[source] or (source is target and target in REPEATABLE):
         return
     allowed = ", ".join(sorted(MOVES[source]))
     raise IllegalTransition(
-        f"{who} {STORIES[source]}: it cannot go from {source} to {target}.",
+        f"{who} {PHRASES[source]}: it cannot go from {source} to {target}.",
         f"From {source} it can become: {allowed}." if allowed else "Launch a copy of the campaign.",
     )
 
@@ -116,7 +105,7 @@ def set_priority(campaign: Campaign, priority: Priority) -> Campaign:
     """
     if campaign.state in FINAL_STATES:
         raise IllegalTransition(
-            f"Campaign {campaign.id} {STORIES[campaign.state]}: its priority cannot be changed.",
+            f"Campaign {campaign.id} {PHRASES[campaign.state]}: its priority cannot be changed.",
             "Only one that is queued, at work or paused can be given another priority.",
         )
     if campaign.spec.priority is priority:
@@ -133,7 +122,7 @@ def set_archived(campaign: Campaign, archived_ms: int | None) -> Campaign:
     """
     if archived_ms is not None and campaign.state not in FINAL_STATES:
         raise IllegalTransition(
-            f"Campaign {campaign.id} {STORIES[campaign.state]}: it cannot be archived.",
+            f"Campaign {campaign.id} {PHRASES[campaign.state]}: it cannot be archived.",
             "Wait for its end, or cancel it.",
         )
     if (campaign.archived_ms is None) is (archived_ms is None):
@@ -163,113 +152,3 @@ def _end_campaign(campaign: Campaign, to: CampaignState, because: str, at_ms: in
         ended_ms=at_ms,
         stopped_because=because,
     )
-
-
-def make_campaign_error(campaign: int) -> NotFound:
-    """Return the error that no campaign has the id."""
-    return NotFound(f"Campaign {campaign} does not exist.", "`eigenfail campaign list` lists them.")
-
-
-def make_episode_error(campaign: int, index: int) -> NotFound:
-    """Return the error that the episode has no result."""
-    return NotFound(
-        f"Episode {index} of campaign {campaign} has no result.",
-        "It is still open, was cancelled, or is beyond the campaign's budget.",
-    )
-
-
-def make_pruned_error(campaign: int, index: int, source: str, at_ms: int) -> NoisePruned:
-    """Return the error that the noise of an episode was pruned."""
-    day = datetime.fromtimestamp(at_ms / 1_000, UTC).date()
-    drawn = (
-        f"It follows from the episode's seed: `eigenfail episode replay {campaign}/{index}` draws "
-        "it again, and compares."
-    )
-    chosen = "Its method chose it: it is in backups from before, and nowhere else."
-    return NoisePruned(
-        f"The noise of episode {campaign}/{index} was pruned on {day}.",
-        drawn if source == DRAWN_AGAIN else chosen,
-    )
-
-
-def make_running_error(campaign: Campaign) -> Conflict:
-    """Return the error that noise of a campaign is needed until it has ended."""
-    return Conflict(
-        f"Campaign {campaign.id} is {campaign.state}: its noise cannot be pruned.",
-        f"Wait for its end (`eigenfail campaign watch {campaign.id}`), or cancel it.",
-    )
-
-
-def make_needed_error(campaign: int) -> Conflict:
-    """Return the error that noise of a campaign is needed by others."""
-    return Conflict(
-        f"A campaign or an analysis that has not ended needs the noise of campaign {campaign}.",
-        "Wait for its end, or cancel it.",
-    )
-
-
-def make_analysis_error(analysis: int) -> NotFound:
-    """Return the error that no analysis has the id."""
-    return NotFound(f"Analysis {analysis} does not exist.", "`eigenfail analyze` starts one.")
-
-
-def make_mode_error(analysis: int, number: int) -> NotFound:
-    """Return the error that an analysis has no mode of the number."""
-    return NotFound(
-        f"Analysis {analysis} has no mode {number}.",
-        f"`eigenfail mode list {analysis}` lists them.",
-    )
-
-
-def make_key_error(key: int) -> NotFound:
-    """Return the error that no key has the id."""
-    return NotFound(f"Key {key} does not exist.", "`eigenfail key list` lists them.")
-
-
-def make_gate_error(gate: int) -> NotFound:
-    """Return the error that no result of a gate has the id."""
-    return NotFound(f"Gate {gate} does not exist.", "`eigenfail gate list` lists them.")
-
-
-def make_webhook_error(webhook: int) -> NotFound:
-    """Return the error that no webhook has the id."""
-    return NotFound(f"Webhook {webhook} does not exist.", "`eigenfail webhook list` lists them.")
-
-
-def make_delivery_error(webhook: int, delivery: int) -> NotFound:
-    """Return the error that a webhook has no delivery of the id."""
-    return NotFound(
-        f"Webhook {webhook} has no delivery {delivery}.",
-        f"`eigenfail webhook deliveries {webhook}` lists them.",
-    )
-
-
-def claim_lost(claim: Job) -> ClaimLost:
-    """The job is no longer that of who wants to write."""
-    return ClaimLost(
-        f"The {claim.kind} {claim.subject} belongs to another process: the lease ran out, or it "
-        "was paused, resumed or ended meanwhile.",
-        "No action is needed: nothing was written, and the process that has claimed it goes on.",
-    )
-
-
-def make_checkpoint_error(campaign: int) -> ProtocolError:
-    """Return the error that all checkpoints of a campaign are damaged."""
-    return ProtocolError(
-        f"The checkpoint of campaign {campaign} cannot be read: its SHA-256 does not match, and "
-        "there is no older one that is whole.",
-        "Launch the campaign again.",
-    )
-
-
-def make_reuse_error(campaign: int) -> IdempotencyMismatch:
-    """Return the error that the idempotency key was used for another spec."""
-    return IdempotencyMismatch(
-        f"This Idempotency-Key was used for campaign {campaign}, which asks for something else.",
-        "Use a new key for a new campaign.",
-    )
-
-
-def upgrade_command(address: str) -> str:
-    """The command that makes or upgrades the schema of the database at an address."""
-    return f"eigenfail db upgrade --database {quote(address)}"

@@ -19,7 +19,7 @@ from eigenfail_services.store.engine import (
     to_unavailable,
     translate_errors,
 )
-from eigenfail_services.store.lifecycle import upgrade_command
+from eigenfail_services.store.errors import format_upgrade_command
 from eigenfail_services.store.schema import VERSION, VERSION_TABLE, metadata
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def ensure_newest(database: Database, backend: Backend, *, migrate: bool) -> Non
     if not migrate:
         raise SchemaMismatch(
             f"The schema of {backend.label} is {found or 'empty'}, not {VERSION}.",
-            f"Run: {upgrade_command(backend.address)}.",
+            f"Run: {format_upgrade_command(backend.address)}.",
         )
     upgrade_with(backend)
 

@@ -154,7 +154,7 @@ _SHOWN = tuple(_out[name] for name in WebhookDelivery.__struct_fields__)
 
 
 class DeliverySummary(NamedTuple):
-    """A delivery in a list of those of all webhooks: as `WebhookDelivery`, without what is sent."""
+    """A delivery in a list over all webhooks: a `WebhookDelivery` without its payload."""
 
     id: int
     webhook: int

@@ -4,11 +4,13 @@ Results are only ever added, so an answer holds as long as their number is the s
 """
 
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
+from contextvars import ContextVar
 from functools import reduce
 from math import ceil
 from threading import Lock
-from typing import Any, Concatenate, ParamSpec, TypeVar
+from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
 import msgspec
 from sqlalchemy import (
@@ -25,7 +27,7 @@ from sqlalchemy import (
     select,
 )
 
-from eigenfail.values import Outcome
+from eigenfail.values import Campaign, Outcome
 from eigenfail.values.comparison import Peers, Pool
 from eigenfail.values.operations import WorkerShare
 from eigenfail.values.records import Totals
@@ -106,6 +108,18 @@ More = ParamSpec("More")
 MOST_TOTALS = 20_000
 
 
+class _CountedCampaign(NamedTuple):
+    """The number of results that a campaign of a store had when it was read."""
+
+    queries: "CachedQueries"
+    campaign: int
+    results: int
+
+
+# A context variable, as the sums of a page are computed in several threads.
+_COUNTED: ContextVar[_CountedCampaign | None] = ContextVar("counted campaign", default=None)
+
+
 class CachedQueries:
     """Queries of campaigns' results, answered from a cache while no result was added.
 
@@ -117,6 +131,20 @@ class CachedQueries:
         self._database = database
         self._answers = AnswerCache()
         self._totals = AnswerCache(MOST_TOTALS)
+
+    @contextmanager
+    def as_of(self, campaign: Campaign) -> Iterator[None]:
+        """Within the block, take the number of a campaign's results from a campaign as read before.
+
+        No query then reads that number again, and all answers about the campaign are of at least
+        these results.
+        """
+        results = campaign.counts.completed + campaign.counts.errored
+        token = _COUNTED.set(_CountedCampaign(self, campaign.id, results))
+        try:
+            yield
+        finally:
+            _COUNTED.reset(token)
 
     def once(
         self,
@@ -149,6 +177,9 @@ class CachedQueries:
         return known
 
     def _results(self, campaigns: Sequence[int]) -> dict[int, int]:
+        counted = _COUNTED.get()
+        if counted and counted.queries is self and [*campaigns] == [counted.campaign]:
+            return {counted.campaign: counted.results}
         with self._database.reading() as connection:
             return count_results(connection, campaigns)
 
@@ -296,6 +327,10 @@ class FigureStore:
     def __init__(self, database: Database, cached: CachedQueries) -> None:
         self._database = database
         self._cached = cached
+
+    def as_of(self, campaign: Campaign) -> AbstractContextManager[None]:
+        """Return a context in which questions about a campaign do not count its results again."""
+        return self._cached.as_of(campaign)
 
     def totals(self, campaigns: Sequence[int]) -> dict[int, Totals]:
         """Return `EpisodeStore.totals` of several campaigns, by id."""

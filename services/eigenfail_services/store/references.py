@@ -25,7 +25,7 @@ from eigenfail.values import (
     Outcome,
 )
 from eigenfail_services.store.engine import chunks
-from eigenfail_services.store.lifecycle import make_pruned_error
+from eigenfail_services.store.errors import make_pruned_error
 from eigenfail_services.store.schema import (
     MAX_NUMBER,
     analyses,

@@ -15,11 +15,11 @@ from sqlalchemy.engine import RowMapping
 
 from eigenfail.values import FINAL_STATES, Outcome
 from eigenfail.values.operations import Pruning, Retention, Weight
-from eigenfail_services.store.campaigns import lock_campaign, read_campaign
+from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
+from eigenfail_services.store.errors import make_needed_error, make_running_error
 from eigenfail_services.store.events import append_event, describe_pruning
-from eigenfail_services.store.lifecycle import make_needed_error, make_running_error
 from eigenfail_services.store.references import find_noise_in_use
 from eigenfail_services.store.schema import episode_index, episodes, prunings, scenes, trajectories
 

@@ -32,7 +32,7 @@ from eigenfail.errors import StoreDamaged, StoreUnavailable
 from eigenfail.files import make_private_folder
 from eigenfail_services.store.alarms import FolderLock, ProcessFlag
 from eigenfail_services.store.clock import LeaseClock, steady_ms
-from eigenfail_services.store.lifecycle import upgrade_command
+from eigenfail_services.store.errors import format_upgrade_command
 from eigenfail_services.store.schema import event_counter, metadata
 
 SCHEMA_WAIT_S = 30.0
@@ -176,7 +176,7 @@ class Sqlite(_SqliteErrors):
         """Refuse a file that is not there."""
         if not self._path.exists():
             raise StoreUnavailable(
-                f"There is no {self.label}.", f"Make it: {upgrade_command(self.address)}."
+                f"There is no {self.label}.", f"Make it: {format_upgrade_command(self.address)}."
             )
 
     def lock_schema(self, connection: Connection) -> None:

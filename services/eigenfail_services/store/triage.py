@@ -18,10 +18,10 @@ from eigenfail.values.triage import (
     change_triage,
 )
 from eigenfail_services.store.analyses import require_analysis
-from eigenfail_services.store.campaigns import lock_campaign, read_campaign
+from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database, chunks
-from eigenfail_services.store.lifecycle import make_episode_error, make_mode_error
+from eigenfail_services.store.errors import make_episode_error, make_mode_error
 from eigenfail_services.store.listing import page_queries
 from eigenfail_services.store.schema import (
     analyses,
@@ -97,7 +97,7 @@ class TriageStore:
     def change_seen(
         self, subject: TriageSubject, change: TriageChange, who: str, changed_ms: int | None
     ) -> Triage:
-        """Change the triage of a mode or an episode as `change`, if nobody did so meanwhile.
+        """Change the triage of a mode or an episode, unless it was changed in the meantime.
 
         Args:
             subject: the mode or the episode.

@@ -17,7 +17,7 @@ from eigenfail.values.webhooks import (
 )
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.lifecycle import make_delivery_error, make_webhook_error
+from eigenfail_services.store.errors import make_delivery_error, make_webhook_error
 from eigenfail_services.store.outbox import Outbox
 from eigenfail_services.store.schema import webhook_deliveries, webhooks
 

@@ -22,7 +22,7 @@ from eigenfail.values.operations import PrunedCampaign, PruneReport, Retention, 
 from eigenfail_services.store import Store, migrate, open_store
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database, find_backend, read_kind, translate_errors
-from eigenfail_services.store.lifecycle import make_running_error
+from eigenfail_services.store.errors import make_running_error
 from eigenfail_services.store.schema import metadata
 from eigenfail_services.upkeep.backup import (
     COUNT_CONNECTIONS,

@@ -56,7 +56,7 @@ from eigenfail.values.records import JobKind
 from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.store import Store
 from eigenfail_services.store import migrate as schema
-from eigenfail_services.store.campaigns import count_columns, lock_campaign
+from eigenfail_services.store.campaign_rows import count_columns, lock_campaign
 from eigenfail_services.store.engine import Database, find_backend, read_kind
 from eigenfail_services.store.events import append_event
 from eigenfail_services.store.jobs import LEASE_OVER, NOT_DEAD, SUBJECTS

@@ -10,7 +10,7 @@ from rich.progress import Progress
 from eigenfail import progress
 from eigenfail.cli.render import follow
 from eigenfail.client import Client
-from eigenfail.progress import standing
+from eigenfail.progress import make_standing
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
 
 
@@ -46,13 +46,13 @@ def test_plain_lines_come_at_changes_and_now_and_then(campaign, capsys, clock):
         (105.1, "running", 9),
     )
     for clock.now_s, state, completed in steps:
-        lines(standing(campaign(state, completed)))
+        lines(make_standing(campaign(state, completed)))
     assert capsys.readouterr().err.splitlines() == [
         "campaign 7 (ast) queued: 0/10 episodes, 0 failures",
         "campaign 7 (ast) running: 0/10 episodes, 0 failures",
     ]
     clock.now_s = 106.0
-    lines(standing(campaign("running", 9, failures=2)))
+    lines(make_standing(campaign("running", 9, failures=2)))
     assert capsys.readouterr().err == (
         "campaign 7 (ast) running: 9/10 episodes, 2 failures, 1.5 episodes/s, 0:00:01 to go\n"
     )
@@ -60,12 +60,12 @@ def test_plain_lines_come_at_changes_and_now_and_then(campaign, capsys, clock):
 
 def test_the_pace_is_that_since_the_first_look(campaign, clock):
     pace = progress.Pace()
-    assert pace.words(standing(campaign("running", 4))) == "0 failures"
+    assert pace.words(make_standing(campaign("running", 4))) == "0 failures"
     clock.now_s += 2.0
-    words = pace.words(standing(campaign("running", 5, failures=1)))
+    words = pace.words(make_standing(campaign("running", 5, failures=1)))
     assert words == "1 failure, 0.5 episodes/s, 0:00:10 to go"
     clock.now_s += 2.0
-    assert pace.words(standing(campaign("done", 10))) == "0 failures, 1.5 episodes/s"
+    assert pace.words(make_standing(campaign("done", 10))) == "0 failures, 1.5 episodes/s"
 
 
 def test_people_see_a_bar(eigenfail, spec_file, monkeypatch):
@@ -83,9 +83,9 @@ def test_a_campaign_that_stopped_early_is_at_its_end_and_says_why(campaign):
     stopped = replace(campaign("done", 3), counts=counts)
     with Progress(console=Console(file=StringIO())) as drawn:
         bar = progress.Bar(drawn)
-        bar(standing(campaign("running", 3)))
+        bar(make_standing(campaign("running", 3)))
         assert not drawn.finished
-        bar(standing(stopped))
+        bar(make_standing(stopped))
         assert drawn.finished
 
 

@@ -7,8 +7,8 @@ import msgspec
 import pytest
 
 from eigenfail.cli import reproduce
+from eigenfail.reproduction.paper import PaperReproduction
 from eigenfail.reproduction.programme import build_suite
-from eigenfail.reproduction.tables import PaperReproduction
 from eigenfail.suites import Suite, SuiteMember
 
 QUICK = {

@@ -6,7 +6,7 @@ import httpx2
 import pytest
 
 from eigenfail.client import link
-from eigenfail.client.link import AWAY_S, Waiter, checking, waiter
+from eigenfail.client.link import AWAY_S, Waiter, check_during_waits, waiter
 from eigenfail.errors import ServiceError, ServiceUnreachable, StoreUnavailable
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
 from eigenfail.wire import http
@@ -96,7 +96,7 @@ def test_who_was_never_there_is_not_waited_for(scripted, time):
 
 def test_who_waits_hears_of_trouble_meanwhile(scripted):
     client, asked = scripted(lambda _request, _asked: campaign(CampaignState.RUNNING))
-    with pytest.raises(ServiceError, match="gone"), checking(gone):
+    with pytest.raises(ServiceError, match="gone"), check_during_waits(gone):
         client.campaigns.wait(1)
     assert len(asked) == 1
 

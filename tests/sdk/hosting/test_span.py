@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from eigenfail.cli.main import app
 from eigenfail.errors import InvalidValue
-from eigenfail.hosting.service import Span, span_of
+from eigenfail.hosting.service import Span, make_span
 
 CORES = os.cpu_count() or 1
 
@@ -25,7 +25,7 @@ CORES = os.cpu_count() or 1
     ],
 )
 def test_a_number_stays_and_a_range_follows_the_work(given, span) -> None:
-    assert span_of(*given) == span
+    assert make_span(*given) == span
 
 
 @pytest.mark.parametrize(
@@ -44,7 +44,7 @@ def test_a_number_stays_and_a_range_follows_the_work(given, span) -> None:
 )
 def test_what_does_not_go_together_is_refused_by_name(given, problem) -> None:
     with pytest.raises(InvalidValue, match=problem):
-        span_of(*given)
+        make_span(*given)
 
 
 @pytest.mark.parametrize("option", ["--min-workers=1", "--max-workers=2", "--idle-s=5"])
@@ -66,4 +66,4 @@ def test_the_services_read_what_they_are_told(span) -> None:
     from eigenfail_services.__main__ import parse
 
     told = parse([*span.options()])
-    assert span_of(told.workers, told.min_workers, told.max_workers, told.idle_s) == span
+    assert make_span(told.workers, told.min_workers, told.max_workers, told.idle_s) == span

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from eigenfail.reproduction.page import format_page, list_claims
-from eigenfail.reproduction.tables import (
+from eigenfail.reproduction.paper import (
     PaperColumn,
     PaperNumber,
     PaperReproduction,

@@ -5,7 +5,7 @@ import pytest
 
 from eigenfail.cli.specs import check_plugins
 from eigenfail.errors import UnknownName
-from eigenfail.reproduction import tables
+from eigenfail.reproduction import paper, tables
 from eigenfail.reproduction.programme import CHOSEN, PROGRAMMES, SCALES, STEP_S, SWEEP, build_suite
 from eigenfail.suites import Suite
 from eigenfail.worlds import world_of
@@ -84,8 +84,8 @@ def test_the_drive_has_noise_of_the_papers_sigma_on_every_vehicle():
 
 def test_the_drive_has_the_rows_of_the_sweep_that_have_an_effect_there():
     names = by_name(build_suite("full", scenario="highway_drive"))
-    assert set(tables.LONG_SWEEP) == {name for name in names if name.startswith("sweep ")}
-    assert set(tables.LONG_SWEEP) > set(tables.SWEEP)
+    assert set(paper.LONG_SWEEP) == {name for name in names if name.startswith("sweep ")}
+    assert set(paper.LONG_SWEEP) > set(paper.SWEEP)
 
 
 def test_an_unknown_scenario_is_refused_with_the_nearest_one():

@@ -2,8 +2,8 @@
 
 import pytest
 
+from eigenfail.reproduction.paper import PaperReproduction, PaperStatement
 from eigenfail.reproduction.seeds import SeedVerdict, count_asked, judge_over_seeds
-from eigenfail.reproduction.tables import PaperReproduction, PaperStatement
 
 UNASKED = "unasked"
 

@@ -4,9 +4,9 @@ import msgspec
 import pytest
 
 from eigenfail.reproduction.judgements import is_greater
+from eigenfail.reproduction.paper import LONG_SWEEP
 from eigenfail.reproduction.programme import PROGRAMMES
 from eigenfail.reproduction.statements import NEEDED, judge_campaigns
-from eigenfail.reproduction.tables import LONG_SWEEP
 from eigenfail.values import Comparison, Cost, Difference, Interval, Side
 
 CUT_IN, DRIVE = PROGRAMMES["cut_in"], PROGRAMMES["highway_drive"]

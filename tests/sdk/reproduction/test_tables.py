@@ -1,15 +1,10 @@
 """The paper's tables with our numbers beside its own."""
 
 from eigenfail.intervals import find_interval
-from eigenfail.reproduction import tables as published
 from eigenfail.reproduction.page import format_heading, format_our_number, format_paper_number
+from eigenfail.reproduction.paper import REPLAYED, SWEEP, PaperColumn, PaperNumber
 from eigenfail.reproduction.programme import PROGRAMMES
-from eigenfail.reproduction.tables import (
-    REPLAYED,
-    PaperColumn,
-    PaperNumber,
-    build_campaign_tables,
-)
+from eigenfail.reproduction.tables import build_campaign_tables
 from eigenfail.values import Interval
 
 
@@ -25,7 +20,7 @@ def cell(table, row, column):
 def test_each_table_has_the_papers_rows(summaries):
     found = tables(summaries)
     assert list(found) == ["planners", "sweep", "training", "evaluation", "generalisation"]
-    assert {row.name for row in found["sweep"].rows} == set(published.SWEEP)
+    assert {row.name for row in found["sweep"].rows} == set(SWEEP)
     assert len(found["training"].rows) == 4
     assert len(found["evaluation"].rows) == 5
     assert len(found["generalisation"].rows) == 6

@@ -5,7 +5,7 @@ from store_checks.examples import running
 
 from eigenfail.fingerprints import CODE, fingerprint_plugins, select_code
 from eigenfail.testing.examples import spec
-from eigenfail_services.hub.code_records import CodeRecorder
+from eigenfail_services.hub.commits import CodeRecorder
 from eigenfail_services.store import open_store
 
 OURS = {f"{CODE}eigenfail_workers": "a1", "numpy": "2.0", f"{CODE}other_package": "b1"}

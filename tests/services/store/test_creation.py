@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from eigenfail.testing.examples import spec
 from eigenfail.values import CampaignSpec, Priority
 from eigenfail_services.store import open_store
-from eigenfail_services.store.campaigns import derive_key, hash_specs
+from eigenfail_services.store.campaign_creation import derive_key, hash_specs
 from eigenfail_services.store.codec import spec_text
 from eigenfail_services.store.references import find_named_campaigns, find_named_episodes
 

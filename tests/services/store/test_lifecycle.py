@@ -6,9 +6,9 @@ from eigenfail.errors import IllegalTransition
 from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, CampaignState, Counts
 from eigenfail_services.store.lifecycle import (
     MOVES,
+    PHRASES,
     REASONS,
     REPEATABLE,
-    STORIES,
     _check_move,
     move_campaign,
 )
@@ -29,7 +29,7 @@ def campaign():
 
 
 def test_every_state_has_its_moves_and_its_story() -> None:
-    assert set(MOVES) == set(STORIES) == set(CampaignState)
+    assert set(MOVES) == set(PHRASES) == set(CampaignState)
     assert set(REASONS) == FINAL_STATES
 
 

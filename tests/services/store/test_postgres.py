@@ -21,7 +21,7 @@ from eigenfail.errors import InvalidValue, StoreUnavailable
 from eigenfail.testing.examples import result, spec
 from eigenfail.values import AnalysisSettings, CampaignState
 from eigenfail_services.store import events, open_store
-from eigenfail_services.store.campaigns import lock_campaign
+from eigenfail_services.store.campaign_rows import lock_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.outbox import claim_first

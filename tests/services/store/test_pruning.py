@@ -22,7 +22,7 @@ from eigenfail.values import (
 from eigenfail.values.operations import Retention
 from eigenfail_services.campaigns.summary import find_safety, summarise
 from eigenfail_services.store import Store, migrate, open_store, retention
-from eigenfail_services.store.campaigns import create_campaign
+from eigenfail_services.store.campaign_creation import create_campaign
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.retention import SLICE
 from eigenfail_services.upkeep import maintenance

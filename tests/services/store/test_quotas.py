@@ -11,7 +11,7 @@ from eigenfail.errors import QuotaExceeded
 from eigenfail.testing.examples import spec
 from eigenfail.values import Priority
 from eigenfail.values.access import Quotas, Usage
-from eigenfail_services.store import access, campaigns, jobs, open_store
+from eigenfail_services.store import access, campaign_rows, campaigns, jobs, open_store
 from eigenfail_services.store.access import DAY_MS
 
 AT_ONCE = 8
@@ -68,7 +68,7 @@ class Calendar:
 @pytest.fixture
 def calendar(monkeypatch) -> Calendar:
     found = Calendar()
-    for reader in (campaigns, jobs, access):
+    for reader in (campaign_rows, campaigns, jobs, access):
         monkeypatch.setattr(reader, "now_ms", found)
     return found
 

@@ -6,7 +6,8 @@ from eigenfail.errors import InvalidValue
 from eigenfail.testing import expect_error
 from eigenfail.testing.examples import collision, result
 from eigenfail.values import CampaignState, Measures, Outcome
-from eigenfail.values.campaign import MAX_EPISODES, CampaignFilter
+from eigenfail.values.campaign import CampaignFilter
+from eigenfail.values.campaign_spec import MAX_EPISODES
 from eigenfail.values.failures import FailureFilter
 from eigenfail.values.triage import TriageChange, TriageState
 from eigenfail_services.store import Store

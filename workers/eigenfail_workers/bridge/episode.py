@@ -14,7 +14,7 @@ from eigenfail.bridges import (
     check_channels,
     check_demand,
     check_signals,
-    foreign,
+    select_bridge_parameters,
 )
 from eigenfail.errors import EpisodeError, InputError, InvalidValue, SimulatorError
 from eigenfail.values import (
@@ -106,7 +106,7 @@ class BridgeEpisode:
         self.task = task
         self._campaign = campaign
         self._welcome = welcome
-        self._foreign = foreign(parameters)
+        self._parameters = select_bridge_parameters(parameters)
         named = msgspec.structs.asdict(parameters)
         self._steps, self._dt_s = int(named["steps"]), float(named["dt_s"])
         offer = welcome.offer
@@ -134,7 +134,7 @@ class BridgeEpisode:
         return EpisodeDemand(
             setup.scenario,
             setup.planner,
-            self._foreign,
+            self._parameters,
             self._campaign.settings,
             self._steps,
             self._dt_s,
@@ -147,7 +147,7 @@ class BridgeEpisode:
             slot,
             str(seed) if self._welcome.wants_text_seeds else seed,
             setup.scenario,
-            self._foreign,
+            self._parameters,
             setup.planner,
             self._campaign.settings,
             self._steps,
@@ -270,7 +270,7 @@ class ObservationReader:
         return now
 
     def complete_scene(self, scene: Scene) -> Scene:
-        """Return the scene of the episode with the road and the kinds that the bridge has told."""
+        """Return the scene of the episode with the road and the kinds that the bridge reported."""
         kinds: tuple[str, ...] | UnsetType = UNSET
         if self._kinds:
             numbers = range(len(scene.sizes))
@@ -278,7 +278,7 @@ class ObservationReader:
         return replace(scene, road=self._road, kinds=kinds)
 
     def _note_kinds(self, seen: SlotObservation, now: Observation) -> None:
-        """Keep the first kind that the bridge tells of each vehicle."""
+        """Keep the first kind that the bridge reports of each vehicle."""
         kinds = seen.kinds if isinstance(seen, DetailedObservation) else None
         if kinds is None:
             return

@@ -28,7 +28,7 @@ class SpeedChange(NamedTuple):
 
 
 class PlannedCar:
-    """A car with a plan of motion that it keeps to, whatever the ego does.
+    """A car with a plan of motion that does not depend on the ego.
 
     Args:
         x_m, y_m: position of its centre at first.

@@ -23,7 +23,7 @@ from eigenfail.processes import (
     as_parent,
     exit_status,
     kill_group,
-    status_within,
+    wait_for_exit,
 )
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
 from eigenfail.wire.messages import (
@@ -308,7 +308,7 @@ class ChildProcess:
         """Kill the child and its descendants; return its exit status, or -signal."""
         if self._process.returncode is None:
             os.kill(self._process.pid, signal.SIGTERM)
-            status_within(self._process, GUARD_S)
+            wait_for_exit(self._process, GUARD_S)
             kill_group(self._process)
         self._messages.put(None)
         self._writer.join(JOIN_S)

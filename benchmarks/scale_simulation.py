@@ -1,11 +1,11 @@
-"""A service with many workers, played event by event: pure."""
+"""A service with many workers, simulated event by event: pure."""
 
 from collections import deque
 from collections.abc import Callable
 from heapq import heappop, heappush
 from statistics import linear_regression
 
-from scale_parts import GROUP, GROUP_S, TURN, Costs, Crew, Method
+from scale_parts import GROUP, GROUP_S, TURN, Costs, Method, WorkerPool
 
 
 class Play:
@@ -19,14 +19,16 @@ class Play:
         hub_share: how much of that time the hub's thread worked.
     """
 
-    def __init__(self, method: Method, crew: Crew, costs: Costs, draw: Callable[[], float]) -> None:
+    def __init__(
+        self, method: Method, pool: WorkerPool, costs: Costs, draw: Callable[[], float]
+    ) -> None:
         self.rate = self.hub_share = 0.0
         self._method, self._costs, self._draw = method, costs, draw
         # Heartbeats take their part of the hub's time, all the time.
-        self._slow = 1.0 / max(1e-9, 1.0 - crew.workers * costs.heartbeat_s)
+        self._slow = 1.0 / max(1e-9, 1.0 - pool.workers * costs.heartbeat_s)
         self._now_s, self._number = 0.0, 0
         self._events: list[tuple[float, int, Callable[[int], None], int]] = []
-        self._idle, self._waiting = crew.workers, deque[int]()
+        self._idle, self._waiting = pool.workers, deque[int]()
         self._missing: dict[int, int] = {}
         self._proposed = self._learnt = 0
         self._learnt_s = list[float]()

@@ -3,7 +3,8 @@
 What they bring is one real episode's result, over and over, with index and seed of what was asked
 for, and with a robustness made of the seed, or of the noise where a probability of failure is
 given. An episode is no work for them: they sleep for its duration, and report it.
-`python benchmarks/crowd.py HUB WORKERS EPISODE_S [--probability P] [--tail S]`, until it is ended.
+`python benchmarks/simulated_workers.py HUB WORKERS EPISODE_S [--probability P] [--tail S]` runs
+until it is ended.
 """
 
 import argparse
@@ -19,7 +20,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 import zmq
-from bare import tasks
+from episode_loop import tasks
 from msgspec.structs import replace
 
 from eigenfail import plugins

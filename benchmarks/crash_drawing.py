@@ -49,7 +49,7 @@ class Chart(NamedTuple):
                 yield line(points, css)
 
 
-def believed(name: str) -> Value:
+def read_belief(name: str) -> Value:
     """A number of the planner's account; None while it heeds nobody."""
 
     def value(step: ExplainedStep) -> float | None:
@@ -67,14 +67,18 @@ def crash_view() -> str:
     speeds = Chart(top=372.0, height=130.0, end_s=end_s, low=0.0, high=16.0)
     drawn = [
         *legend(),
-        *(drawing for chart in (gaps, speeds) for drawing in unheeded(chart, found.steps)),
+        *(
+            drawing
+            for chart in (gaps, speeds)
+            for drawing in list_unheeded_times(chart, found.steps)
+        ),
         *gaps.frame("gap between bumpers [m]", 20),
         *speeds.frame("closing speed [m/s]", 4),
-        *map(dot, perceived(gaps, found)),
+        *map(dot, list_perceived_gaps(gaps, found)),
         *gaps.course(found.steps, lambda step: step.gap_m, "true"),
-        *gaps.course(found.steps, believed("gap_m"), "believed"),
+        *gaps.course(found.steps, read_belief("gap_m"), "believed"),
         *speeds.course(found.steps, lambda step: step.closing_mps, "true"),
-        *speeds.course(found.steps, believed("closing_mps"), "believed"),
+        *speeds.course(found.steps, read_belief("closing_mps"), "believed"),
         *times(speeds),
     ]
     return page(548.0, "A crash by shaped noise: gap and closing speed over time", drawn)
@@ -95,7 +99,7 @@ def legend() -> Iterator[str]:
     yield text(Point(873.0, 52.0), "no track")
 
 
-def perceived(chart: Chart, found: ExplainedEpisode) -> Iterator[Point]:
+def list_perceived_gaps(chart: Chart, found: ExplainedEpisode) -> Iterator[Point]:
     """The gap as perceived in each step."""
     scene = found.result.scene
     if scene is None:
@@ -107,7 +111,7 @@ def perceived(chart: Chart, found: ExplainedEpisode) -> Iterator[Point]:
         yield chart.place(step.time_s, gap_m)
 
 
-def unheeded(chart: Chart, steps: Sequence[ExplainedStep]) -> Iterator[str]:
+def list_unheeded_times(chart: Chart, steps: Sequence[ExplainedStep]) -> Iterator[str]:
     """The times at which the planner knew of nobody."""
     for nobody, run in groupby(steps, lambda step: step.account["heeds"] == "nobody"):
         times_s = [step.time_s for step in run]

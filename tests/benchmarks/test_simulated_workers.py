@@ -15,12 +15,12 @@ def benchmarks(monkeypatch):
 
 @pytest.mark.service
 def test_a_crowd_sees_a_campaign_through():
-    from hub import crowd, playing, present, wait_until
+    from hub import playing, present, run_simulated_workers, wait_until
 
     with playing() as stage:
         services = stage.services()
         campaign = stage.create(method="monte_carlo", episodes=EPISODES)
-        with crowd(services.hub, WORKERS):
+        with run_simulated_workers(services.hub, WORKERS):
             found = stage.finish(campaign)
             wait_until(lambda: present(stage) == WORKERS, "all of them are written down")
         assert (found.repeated, len(found.digests)) == (0, 1)

@@ -4,8 +4,9 @@ A search for failures is compared with soft actor-critic of stable-baselines3, w
 and a gymnasium environment whose episodes, decisions, bounds and reward are those of `ast`. A
 campaign of a Python function is compared with Optuna, which stores its trials in SQLite.
 
-`python benchmarks/by_hand.py sac SEED PROCESSES` and `python benchmarks/by_hand.py trials` run one
-of the two other programs, and print what it took as JSON.
+`python benchmarks/handwritten_programs.py sac SEED PROCESSES` and
+`python benchmarks/handwritten_programs.py trials` run one of the two other programs, and print what
+it took as JSON.
 """
 
 import json
@@ -31,7 +32,7 @@ from eigenfail.functions import of_trajectory
 from eigenfail.hosting.service import Launcher, LocalService, Plan, local_service
 from eigenfail.processes import ONE_THREAD
 from eigenfail.values import POSITION, STATE, CampaignSpec, Observation, VehicleState
-from eigenfail.values.campaign import StopRules
+from eigenfail.values.campaign_spec import StopRules
 from eigenfail.values.shapes import Pair
 from eigenfail_services.methods.ast.settings import REWARD_SCALE, AstSettings
 from eigenfail_workers.episode import EpisodeDriver
@@ -233,7 +234,7 @@ def store_by_campaign(service: LocalService, client: Client, seed: int) -> float
         seed=seed,
         simulator="function",
         scenario="function",
-        planner="by_hand:robustness",
+        planner="handwritten_programs:robustness",
         scenario_parameters={"steps": STEPS},
     )
     ended = client.campaigns.wait(made.id, timeout_s=600)
@@ -274,7 +275,7 @@ def ledger_figures() -> dict[str, Figure]:
     """Optuna's processor time for a stored trial ÷ ours; nothing where there is no Optuna."""
     if find_spec("optuna") is None:
         return {}
-    os.environ["EIGENFAIL_FUNCTIONS"] = "by_hand"
+    os.environ["EIGENFAIL_FUNCTIONS"] = "handwritten_programs"
     os.environ["PYTHONPATH"] = f"{ROOT / 'benchmarks'}:{os.environ.get('PYTHONPATH', '')}"
     ratios, said = [], []
     with open_service(1) as (service, client):

@@ -1,4 +1,4 @@
-"""A worker whose hub is played, and whose child runs in this process: no socket, no process."""
+"""A worker with a fake connection to its hub and a fake child, all in this process."""
 
 import time
 from collections.abc import Sequence
@@ -8,8 +8,8 @@ from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
+from fake_services import FakeSocket
 from msgspec.structs import replace
-from played import PlayedSocket
 
 from eigenfail.testing.examples import result
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy, PolicySource
@@ -20,7 +20,7 @@ from eigenfail_workers.worker.child import Child
 from eigenfail_workers.worker.child_process import ChildProcess, FrameBuffer
 
 
-class PlayedEngine:
+class FakeEngine:
     """Runs every episode at once; of a policy that it was not taught it cannot."""
 
     def __init__(self, _setup: EpisodeSetup) -> None:
@@ -46,7 +46,7 @@ class PlayedEngine:
         """Nothing to let go of."""
 
 
-class PlayedBuffer(FrameBuffer):
+class FakeBuffer(FrameBuffer):
     """Is given what a pipe would give."""
 
     def take(self, out: BytesIO) -> None:
@@ -56,17 +56,17 @@ class PlayedBuffer(FrameBuffer):
         out.truncate()
 
 
-class PlayedChild(ChildProcess):
+class FakeChild(ChildProcess):
     """The parent's handle, with all its bookkeeping, on a child without a process."""
 
     def __init__(self, _limits: Limits) -> None:
         self._messages = SimpleQueue()
-        self._buffer = PlayedBuffer()
+        self._buffer = FakeBuffer()
         self._output: Any = SimpleNamespace(start_episode=lambda: None)
         self._start_records()
         self.ready = self.alive = True
         self._out = BytesIO()
-        self._child = Child(self._out, PlayedEngine)
+        self._child = Child(self._out, FakeEngine)
 
     def work(self, messages: int) -> None:
         """Do what so many of the waiting messages ask.
@@ -108,12 +108,12 @@ class PlayedChild(ChildProcess):
         return -9
 
 
-class PlayedLink(hub_connection.HubConnection):
+class FakeLink(hub_connection.HubConnection):
     """A link without a socket below."""
 
     def __init__(self, address: str, _key: None = None) -> None:
         self.address = address
-        self.socket: Any = PlayedSocket()
+        self.socket: Any = FakeSocket()
         self._assembler = Assembler()
         self.handshakes: Any = SimpleNamespace(check=lambda: None, close=lambda: None)
 
@@ -121,31 +121,31 @@ class PlayedLink(hub_connection.HubConnection):
         """There is one line, and it is sound."""
 
 
-class PlayedWorker(parent.Parent):
+class FakeWorker(parent.Parent):
     """A worker that is driven by its `turn`, and whose child is by `work`."""
 
     def __init__(self, address: str = "", episode_limit_s: float = 60.0) -> None:
-        """Of a hub at an address, or of one that is played."""
-        made = hub_connection.HubConnection if address else PlayedLink
+        """Of a hub at an address, or of one that is a fake."""
+        made = hub_connection.HubConnection if address else FakeLink
         with (
             patch.object(parent, "HubConnection", made),
-            patch.object(parent, "ChildProcess", PlayedChild),
+            patch.object(parent, "ChildProcess", FakeChild),
         ):
             super().__init__(address, "w", episode_limit_s)
 
     @property
-    def dealer(self) -> PlayedSocket:
+    def dealer(self) -> FakeSocket:
         """Its end of the connection."""
         return self._hub.socket
 
     @property
-    def child(self) -> PlayedChild:
+    def child(self) -> FakeChild:
         """The present one."""
         return self._child
 
     def turn(self, child_spoke: bool = True) -> None:
-        """One turn; a child that it begins is a played one."""
-        with patch.object(parent, "ChildProcess", PlayedChild):
+        """One turn; a child that it begins is a fake one."""
+        with patch.object(parent, "ChildProcess", FakeChild):
             super().turn(child_spoke)
 
     def work(self, messages: int = 100) -> None:

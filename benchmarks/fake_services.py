@@ -1,4 +1,4 @@
-"""The hub's and the worker's counterparts, played in this process: no socket, no other process."""
+"""A hub with a fake socket and fake learners, all in this process."""
 
 from collections import deque
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ CRITICAL = 50
 LAYER = Layer(np.zeros((2, 2), np.float32), np.zeros(2, np.float32))
 
 
-class PlayedSocket:
+class FakeSocket:
     """A ROUTER or DEALER: what comes in is put into `inbox`, what is sent lies in `outbox`."""
 
     def __init__(self) -> None:
@@ -74,7 +74,7 @@ class PlayedSocket:
         """Nothing to let go of."""
 
 
-class PlayedLearner:
+class FakeLearner:
     """Proposes rounds of three, two at a time, every second one with a policy of its own."""
 
     def __init__(self) -> None:
@@ -128,20 +128,20 @@ class PlayedLearner:
         return Round(number, tuple(tasks), policy)
 
 
-def played_hub(store: Store) -> tuple[Hub, PlayedSocket]:
+def fake_hub(store: Store) -> tuple[Hub, FakeSocket]:
     """A hub that is driven by its `turn`, and its socket."""
-    router = PlayedSocket()
+    router = FakeSocket()
     with patch.object(server, "bind", lambda *_: router):
         return Hub(store, "played"), router
 
 
 @contextmanager
-def played_learners() -> Iterator[list[PlayedLearner]]:
-    """Every learner that is started meanwhile is a played one; they are listed."""
-    learners: list[PlayedLearner] = []
+def fake_learners() -> Iterator[list[FakeLearner]]:
+    """Start fake learners in place of real ones within the block, and list them."""
+    learners: list[FakeLearner] = []
 
-    def start(_bounds: SettingBounds, _pause_s: float) -> PlayedLearner:
-        learners.append(PlayedLearner())
+    def start(_bounds: SettingBounds, _pause_s: float) -> FakeLearner:
+        learners.append(FakeLearner())
         return learners[-1]
 
     with patch.object(runs, "LearnerLink", start):

@@ -2,8 +2,10 @@
 
 Rounds are observed in order, so the slowest episode of the oldest round holds up the proposal of
 the next one. With `parallel = 100`, 150 episodes are open; how fast they end is a bound for any
-number of workers, which 10,000 workers come close to. `python benchmarks/tails.py` prints the rates
-from the costs in benchmarks/latest.json; with `write` it writes them there.
+number of workers, which 10,000 workers come close to.
+
+`python benchmarks/duration_tails.py` prints the rates from the costs in benchmarks/latest.json;
+with `write` it writes them there.
 """
 
 import sys
@@ -16,7 +18,7 @@ import msgspec
 from figures import ROOT, Figure, show, summarize_runs, write
 from msgspec.structs import replace
 from scale_model import predict
-from scale_parts import Crew
+from scale_parts import WorkerPool
 from scale_table import EPISODE_S, costs_of, method_of
 
 from eigenfail.values.learning import count_rounds_ahead
@@ -51,7 +53,7 @@ def play_tail(figures: Mapping[str, Figure], parallel: int, workers: int) -> Fig
     method = method_of("ast_parallel", figures)
     ahead = count_rounds_ahead(parallel, method.round_size, LEAST)
     play = partial(
-        predict, replace(method, lookahead=ahead), Crew(workers, EPISODE_S), costs_of(figures)
+        predict, replace(method, lookahead=ahead), WorkerPool(workers, EPISODE_S), costs_of(figures)
     )
     rates = [play(ROUNDS, make_draw(TAIL, seed)).episodes_per_s for seed in SEEDS]
     return summarize_runs(rates, "1/s", note=f"simulated, {ROUNDS} rounds, seeds 1 to 5")

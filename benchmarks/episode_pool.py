@@ -35,22 +35,22 @@ T = TypeVar("T")
 BATCH = 20
 
 
-class Played(msgspec.Struct, frozen=True):
-    """What is kept of an episode; `lost_tracks` are those that the planner says it gave up."""
+class EpisodeRecord(msgspec.Struct, frozen=True):
+    """An episode as figures need it; `lost_tracks` counts the tracks that the planner gave up."""
 
     is_failure: bool
     measures: Measures
     lost_tracks: float
 
 
-class Crew:
-    """The processes; each keeps its engines from call to call."""
+class EpisodePool:
+    """Processes, one for each core, that keep their engines from call to call."""
 
     def __init__(self, pool: ProcessPoolExecutor) -> None:
         self._pool = pool
 
-    def play(self, setup: EpisodeSetup, tasks: Sequence[EpisodeTask]) -> list[Played]:
-        """Run the tasks; what came of them, in their order."""
+    def play(self, setup: EpisodeSetup, tasks: Sequence[EpisodeTask]) -> list[EpisodeRecord]:
+        """Run the tasks, and return their records in the same order."""
         batches = [tasks[first : first + BATCH] for first in range(0, len(tasks), BATCH)]
         return list(chain.from_iterable(self._pool.map(play, repeat(setup), batches)))
 
@@ -58,44 +58,44 @@ class Crew:
         """Call a function with each set of arguments, side by side."""
         return list(self._pool.map(function, *arguments))
 
-    def inject(self, setup: EpisodeSetup, z: NDArray[np.floating]) -> list[Played]:
+    def inject(self, setup: EpisodeSetup, z: NDArray[np.floating]) -> list[EpisodeRecord]:
         """Run an episode for each noise trajectory z, shape (n, steps, 2)."""
         sources = map(TrajectorySource, z.astype(np.float32))
         return self.play(setup, [EpisodeTask(i, 0, source) for i, source in enumerate(sources)])
 
 
 @contextmanager
-def crew() -> Iterator[Crew]:
-    """A crew for as long as the block lasts."""
+def open_pool() -> Iterator[EpisodePool]:
+    """Open a pool of processes for the block."""
     os.environ.update(NUMERIC_ENVIRONMENT)
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), die_with_parent) as pool:
-        yield Crew(pool)
+        yield EpisodePool(pool)
 
 
-def play(setup: EpisodeSetup, tasks: Sequence[EpisodeTask]) -> list[Played]:
-    """Run tasks in this process."""
-    engine, told = watched_engine(msgspec.json.encode(setup))
-    return [kept(result, told) for result in engine.run(tasks)]
+def play(setup: EpisodeSetup, tasks: Sequence[EpisodeTask]) -> list[EpisodeRecord]:
+    """Run tasks in this process, and return their records."""
+    engine, recorded = make_recording_engine(msgspec.json.encode(setup))
+    return [make_record(result, recorded) for result in engine.run(tasks)]
 
 
 @cache
-def watched_engine(setup: bytes) -> tuple[Engine, list[RecordedStep]]:
-    """An engine for a setup in JSON, and what its planner tells of the last episode."""
-    told: list[RecordedStep] = []
+def make_recording_engine(setup: bytes) -> tuple[Engine, list[RecordedStep]]:
+    """Return an engine for a setup in JSON, and the steps that its planner records."""
+    recorded: list[RecordedStep] = []
     decoded = msgspec.json.decode(setup, type=EpisodeSetup)
-    return Engine(decoded, lambda planner: RecordingPlanner(planner, told)), told
+    return Engine(decoded, lambda planner: RecordingPlanner(planner, recorded)), recorded
 
 
-def kept(result: EpisodeResult, told: list[RecordedStep]) -> Played:
-    """The part of a result that figures rest on."""
+def make_record(result: EpisodeResult, recorded: list[RecordedStep]) -> EpisodeRecord:
+    """Return the part of a result that figures rest on."""
     if result.measures is None:
         raise EpisodeError(f"Episode {result.index} of seed {result.seed} failed: {result.fault}.")
-    _, _, account, *_ = told[-1]
-    return Played(result.is_failure, result.measures, float(account.get("lost_tracks", 0.0)))
+    _, _, account, *_ = recorded[-1]
+    return EpisodeRecord(result.is_failure, result.measures, float(account.get("lost_tracks", 0.0)))
 
 
-def staged(scenario: str, planner: str, **parameters: float) -> EpisodeSetup:
-    """The setup of a campaign that leaves everything else as it is by default."""
+def make_setup(scenario: str, planner: str, **parameters: float) -> EpisodeSetup:
+    """Return the setup of a campaign with default values for everything else."""
     spec = CampaignSpec(
         name=scenario,
         method="monte_carlo",
@@ -108,6 +108,6 @@ def staged(scenario: str, planner: str, **parameters: float) -> EpisodeSetup:
 
 
 def horizon(scenario: str) -> int:
-    """How many steps an episode of a scenario has at most."""
+    """Return the largest number of steps of an episode of a scenario."""
     plugin = plugins.load(plugins.SCENARIOS, scenario)
     return int(plugin()(plugin.Parameters(), 0).steps)

@@ -1,0 +1,126 @@
+"""Rows of campaigns: how they are read, locked and written."""
+
+from hashlib import sha256
+from typing import Any
+
+from msgspec import UNSET
+from sqlalchemy import Connection, Select, bindparam, insert, select, update
+
+from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts, Estimate
+from eigenfail.values.suite import suite_of
+from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.codec import (
+    COUNTS,
+    OVERHEAD,
+    spec_text,
+    to_campaign,
+    to_json,
+    to_tags_text,
+)
+from eigenfail_services.store.engine import CHUNK
+from eigenfail_services.store.errors import make_campaign_error
+from eigenfail_services.store.schema import campaigns, episode_index, episodes
+
+# Built once: they are executed with every group of results.
+_BY_ID = select(campaigns).where(campaigns.c.id == bindparam("campaign"))
+_BY_ID_LOCKED = _BY_ID.with_for_update(key_share=True)
+_SET_COUNTS = update(campaigns).where(campaigns.c.id == bindparam("campaign"))
+
+
+def read_campaign(
+    connection: Connection, campaign: int, row: Select[*tuple[Any, ...]] = _BY_ID
+) -> Campaign:
+    """Return the campaign with an id.
+
+    Raises:
+        NotFound: no such campaign.
+    """
+    found = connection.execute(row, {"campaign": campaign}).mappings().one_or_none()
+    if found is None:
+        raise make_campaign_error(campaign)
+    return to_campaign(found)
+
+
+def lock_campaign(connection: Connection, campaign: int) -> Campaign:
+    """Return a campaign and lock its row until the transaction ends.
+
+    Raises:
+        NotFound: no such campaign.
+    """
+    return read_campaign(connection, campaign, _BY_ID_LOCKED)
+
+
+def insert_campaign(connection: Connection, spec: CampaignSpec, made_by: int | None) -> Campaign:
+    """Insert the row of a queued campaign with no results, and return the campaign."""
+    statement = (
+        insert(campaigns)
+        .values(
+            state=CampaignState.QUEUED,
+            spec=spec_text(spec),
+            priority=spec.priority,
+            planner_version=spec.version or None,
+            project=None if spec.project is UNSET else spec.project,
+            tags=to_tags_text(spec.all_tags),
+            made_by=made_by,
+            created_ms=now_ms(),
+            active_s=0.0,
+            stopped_because="",
+            suite=suite_of(spec.name),
+            **dict.fromkeys(OVERHEAD, 0.0),
+            **count_columns(Counts(spec.episodes)),
+        )
+        .returning(campaigns)
+    )
+    return to_campaign(connection.execute(statement).mappings().one())
+
+
+def update_campaign(connection: Connection, campaign: Campaign) -> None:
+    """Write the state, the times, the counts and the digest of a locked campaign."""
+    connection.execute(
+        update(campaigns)
+        .where(campaigns.c.id == campaign.id)
+        .values(
+            state=campaign.state,
+            started_ms=campaign.started_ms,
+            ended_ms=campaign.ended_ms,
+            stopped_because=campaign.stopped_because,
+            digest=campaign.digest,
+            **count_columns(campaign.counts),
+        )
+    )
+
+
+def update_counts(connection: Connection, campaign: int, counts: Counts) -> None:
+    """Write the counts of a locked campaign."""
+    connection.execute(_SET_COUNTS, {"campaign": campaign} | count_columns(counts))
+
+
+def update_learner(
+    connection: Connection, campaign: int, estimate: Estimate | None, trained_episodes: int | None
+) -> None:
+    """Write the estimate of a locked campaign's learner, and its number of trained episodes."""
+    text = None if estimate is None else to_json(estimate)
+    connection.execute(
+        update(campaigns)
+        .where(campaigns.c.id == campaign)
+        .values(estimate=text, trained_episodes=trained_episodes)
+    )
+
+
+def count_columns(counts: Counts) -> dict[str, int]:
+    """Return counts as columns of a campaign's row."""
+    return {column: getattr(counts, name) for column, name in COUNTS.items()}
+
+
+def hash_results(connection: Connection, campaign: int) -> str:
+    """Return the SHA-256 over one line "index digest" for each result, in index order."""
+    query = (
+        select(episode_index, episodes.c.digest)
+        .where(episodes.c.campaign == campaign)
+        .order_by(episode_index)
+        .execution_options(yield_per=CHUNK)
+    )
+    lines = sha256()
+    for index, known in connection.execute(query):
+        lines.update(f"{index} {known}\n".encode())
+    return lines.hexdigest()
