@@ -20,6 +20,7 @@ from eigenfail.values import (
     AnalysisResult,
     CampaignState,
     Conflicts,
+    FailureMode,
     InfluenceShare,
     Interval,
     Proof,
@@ -48,7 +49,7 @@ def analysis(*explained, largest=(91, 95, 100), silhouette=0.6, modes=3):
         components=components,
         scores=np.zeros((30, 0), np.float32),
         labels=(0,) * 30,
-        modes=(None,) * modes,
+        modes=(FailureMode(0, 0, nothing, nothing),) * modes,
         influence=nothing,
         silhouette=silhouette,
         noise_silhouette=0.2,
@@ -280,7 +281,7 @@ ONE_CAUSE = dict.fromkeys(range(30), "cut-in, track lost")
     [
         ({}, SAME, True),
         ({}, ONE_CAUSE, False),
-        ({"modes": (None,) * 2}, SAME, False),
+        ({"modes": (FailureMode(0, 0, np.zeros(0), np.zeros(0)),) * 2}, SAME, False),
         ({"silhouette": 0.1}, SAME, False),
     ],
 )
