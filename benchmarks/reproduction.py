@@ -151,10 +151,10 @@ NOTES = {
 
 
 OF_PICTURES = """Of the same run: the training `ast`, `ast evaluation` and `difs evaluation`.
-The analyses have the default settings: noise of both axes, aligned at the start; of `ast` the later
-half of the failures, but for the tenths, which are of all. An eigenfailure is here the median noise
-of its mode's failures at each step. Influence is the sum over the first three components of their
-share of the variance × the absolute value of their entry.
+The analyses have the default settings: modes by behaviour, noise of both axes, aligned at the
+start; of `ast` the later half of the failures, but for the tenths, which are of all. An
+eigenfailure is here the median noise of its mode's failures at each step. Influence is the sum over
+the first three components of their share of the variance × the absolute value of their entry.
 """
 
 
