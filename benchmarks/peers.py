@@ -229,9 +229,10 @@ LEAST_LOG_P = {
     place: -log(2.0 * pi) - (FUNCTION_BOUND if place in FUNCTIONS else SCENARIO_BOUND) ** 2
     for place in PLACES
 } | LEAST_LOG_P_DRIVEN
-"""log p per step of noise at the bounds of the other tools. [nat] Failures beyond them may have any
-distance from each other: that of less likely ones is not compared. In scenarios densities are of
-errors in metres, which are within 1 nat a step of those of z."""
+"""log p per step of noise at the bounds of the other tools. [nat] Noise beyond them fails more
+often, sooner, and in more different ways: searches with less likely failures are compared by their
+likelihood alone. In scenarios densities are of errors in metres, which are within 1 nat a step of
+those of z."""
 
 NOISE_LEVEL = 0.05
 """Two searches are within noise of each other where the one-sided test of Mann and Whitney (1947)
@@ -286,7 +287,7 @@ def list_comparable(
         figure = figures.get(f"{prefix}.{measure}")
         log_p = figures.get(f"{prefix}.log_p_per_step")
         is_likely = log_p and log_p.value is not None and log_p.value >= LEAST_LOG_P[place]
-        if figure and (measure != "distance" or is_likely):
+        if figure and (measure == "log_p_per_step" or is_likely):
             values = [MEASURES[measure] * value for value in read_seeds(figure)]
             found.append([-inf if isnan(value) else value for value in values])
     return found
