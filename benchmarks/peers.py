@@ -286,7 +286,8 @@ def list_comparable(
         prefix = f"search.{place}.{name}"
         figure = figures.get(f"{prefix}.{measure}")
         log_p = figures.get(f"{prefix}.log_p_per_step")
-        is_likely = log_p and log_p.value is not None and log_p.value >= LEAST_LOG_P[place]
+        known = log_p.value if log_p else None
+        is_likely = known is None or known >= LEAST_LOG_P[place]
         if figure and (measure == "log_p_per_step" or is_likely):
             values = [MEASURES[measure] * value for value in read_seeds(figure)]
             found.append([-inf if isnan(value) else value for value in values])

@@ -126,11 +126,12 @@ def test_the_best_share_is_over_cells_and_allows_for_noise_between_seeds():
     assert find(early, late)[0] == 1.0
 
 
-def test_distances_count_where_the_failures_are_likely_enough():
+@pytest.mark.parametrize("measure", ["failures", "distance", "regions"])
+def test_searches_count_where_their_failures_are_likely_enough(measure):
     from peers import find_best_share
 
-    def make(name, distance, log_p):
-        return make_seeds("walk", name, "distance", *[distance] * 5) | make_seeds(
+    def make(name, value, log_p):
+        return make_seeds("walk", name, measure, *[value] * 5) | make_seeds(
             "walk", name, "log_p_per_step", *[log_p] * 5
         )
 
