@@ -123,7 +123,7 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 def build_report(
     gate: GateRun, members: Sequence[MemberReport], matched: Sequence[MatchedModes] = ()
 ) -> GateReport:
-    """Everything together."""
+    """Return the report of a gate, with the counts of its verdicts and whether it is open."""
     seen = Counter[GateVerdict]()
     for member in members:
         seen.update(member.count_verdicts())
