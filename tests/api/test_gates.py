@@ -4,9 +4,12 @@ import json
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 from store_checks.gates import make_report
 
-from eigenfail.gate.results import LARGEST_REPORT, shorten_report
+from eigenfail.gate.report import build_report
+from eigenfail.gate.reruns import GateFinding, JudgedBy
+from eigenfail.gate.results import LARGEST_REPORT, MOST_KNOWN, shorten_report
 from eigenfail.gate.verdicts import GateVerdict
 
 GATES = "/api/v1/gates"
@@ -72,13 +75,40 @@ def test_a_large_report_is_shortened_to_what_the_service_takes(http):
     report = make_report(GateVerdict.NEW)
     (first, second) = report.members
     findings = first.known * (LARGEST_REPORT // 100)
-    rerun = msgspec.structs.replace(first.rerun, findings=findings)
-    large = msgspec.structs.replace(
-        report, members=(msgspec.structs.replace(first, rerun=rerun), second)
-    )
+    rerun = replace(first.rerun, findings=findings)
+    large = replace(report, members=(replace(first, rerun=rerun), second))
     assert http.post(GATES, json=msgspec.to_builtins(large)).status_code == 413
     short = shorten_report(large)
     assert (short.counts, short.open) == (report.counts, report.open)
     assert "single episodes of reruns are left out" in short.members[0].notes[-1]
     assert http.post(GATES, json=msgspec.to_builtins(short)).status_code == 201
     assert shorten_report(report) is report
+
+
+def test_a_large_report_keeps_an_error_that_is_not_of_the_infrastructure(http):
+    report = make_report(GateVerdict.FIXED)
+    (first, second) = report.members
+    (error, lost) = (
+        GateFinding(verdict=GateVerdict.CANNOT_RUN, what="episode 3", problem=problem)
+        for problem in ("planner: ValueError", "infrastructure: lost")
+    )
+    findings = (*([lost] * (LARGEST_REPORT // 50)), error)
+    counts = {GateVerdict.CANNOT_RUN: len(findings)}
+    rerun = replace(first.rerun, by=JudgedBy.EPISODE, counts=counts, findings=findings)
+    short = shorten_report(build_report(report.gate, [replace(first, rerun=rerun), second]))
+    assert short.members[0].rerun.findings == (error,)
+    assert not short.in_trouble
+    assert http.post(GATES, json=msgspec.to_builtins(short)).status_code == 201
+
+
+def test_known_failures_that_are_left_out_are_counted(http):
+    report = make_report(GateVerdict.NEW, GateVerdict.FIXED)
+    (first, second) = report.members
+    known = first.known[::-1] * (LARGEST_REPORT // 200)
+    large = build_report(report.gate, [replace(first, known=known), second])
+    short = shorten_report(large)
+    assert (short.counts, short.open) == (large.counts, large.open)
+    assert [each.verdict for each in short.members[0].known] == [GateVerdict.NEW] * MOST_KNOWN
+    left_out = f"{len(known) - MOST_KNOWN:,} known failures are left out"
+    assert left_out in short.members[0].notes[-1]
+    assert http.post(GATES, json=msgspec.to_builtins(short)).status_code == 201

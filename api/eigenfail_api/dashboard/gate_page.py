@@ -14,9 +14,9 @@ from eigenfail.gate.reruns import GateFinding, Rerun
 from eigenfail.gate.results import GateResult, GateSummary, format_command
 from eigenfail.gate.verdicts import GateVerdict
 from eigenfail.methods import traits_of
-from eigenfail.presentation.figures import format_count, format_utc
+from eigenfail.presentation.figures import format_count
 from eigenfail_api.dashboard.release_page import MARKS
-from eigenfail_api.dashboard.rendering import Badge, Pager, make_pager, page
+from eigenfail_api.dashboard.rendering import Badge, Pager, make_pager, page, write_time
 from eigenfail_api.parameters import Before, Stored
 from eigenfail_api.routes.gates import GateId
 
@@ -175,7 +175,7 @@ def make_gate_line(summary: GateSummary) -> GateLine:
         baseline=summary.baseline,
         badge=BADGES[summary.verdict],
         counts=_join_counts(summary.counts),
-        created=format_utc(summary.created_ms),
+        created=write_time(summary.created_ms),
     )
 
 
@@ -193,7 +193,7 @@ def make_gate_view(result: GateResult) -> GateView:
         badge=BADGES[is_open if gate.baseline else "baseline"],
         verdict=verdict,
         conclusions=tuple(each for each in conclusions if each not in notes),
-        created=format_utc(result.created_ms),
+        created=write_time(result.created_ms),
         members=tuple(map(_make_member, result.report.members)),
         matched=tuple(map(_make_matched, result.report.matched)),
         command=format_command(result.report),

@@ -99,7 +99,7 @@ class ReleaseView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class ModeChangeLine(msgspec.Struct, frozen=True, kw_only=True):
-    """Failure modes of which the same became in the newest version.
+    """Failure modes with one status in the newest version.
 
     Attributes:
         change: what became of them, in words.

@@ -34,7 +34,7 @@ def _check_folder(junit: Path | None) -> None:
 
 
 def _write_junit(file: Path, content: bytes) -> None:
-    """All of it or nothing.
+    """Write the JUnit report, all of it or nothing.
 
     Raises:
         InvalidValue: it cannot be written.

@@ -11,7 +11,7 @@ from eigenfail.cli.render import run_suite
 from eigenfail.client import Client
 from eigenfail.client.analyses import OVER
 from eigenfail.client.link import wait_until
-from eigenfail.errors import Conflict, InvalidValue, NotFound, ServiceError
+from eigenfail.errors import Conflict, EigenfailError, InvalidValue, ServiceError
 from eigenfail.gate.baselines import (
     Resolve,
     check_baseline,
@@ -351,17 +351,13 @@ class Runner:
             for each in members
             if before[each.name].id != now[each.name].id and _may_have_modes(now[each.name])
         ]
-        for _, was, campaign in reruns:
-            if was.spec.version and campaign.counts.failures:
-                analyze_campaign(self._client, self._place, campaign.id)
+        problems = {name: self._analyze_modes(was, campaign) for name, was, campaign in reruns}
         tables: dict[int, ReleaseTable] = {}
         names: dict[tuple[int, str, str], list[str]] = {}
         for name, was, campaign in reruns:
-            try:
-                table = self._client.releases.get(campaign.id)
-            except NotFound as error:
-                # It is none of the newest campaigns, to which the comparison is limited.
-                yield MatchedModes(members=(name,), campaign=campaign.id, problem=str(error))
+            table = problems[name] or self._compare_releases(campaign)
+            if isinstance(table, str):
+                yield MatchedModes(members=(name,), campaign=campaign.id, problem=table)
                 continue
             tables[table.question.campaign] = table
             versions = was.spec.version, campaign.spec.version
@@ -370,6 +366,28 @@ class Runner:
             matched = match_versions(alike, tables[question], old, new)
             if matched.modes or matched.problem:
                 yield matched
+
+    def _analyze_modes(self, was: Campaign, campaign: Campaign) -> str:
+        """Analyse a campaign of the new version; return why that was not possible, or nothing.
+
+        No error ends the gate: its verdict does not depend on the modes.
+        """
+        if was.spec.version and campaign.counts.failures:
+            try:
+                analyze_campaign(self._client, self._place, campaign.id)
+            except EigenfailError as error:
+                return str(error)
+        return ""
+
+    def _compare_releases(self, campaign: Campaign) -> ReleaseTable | str:
+        """Return the comparison of releases that has a campaign, or why there is none.
+
+        The campaign may be none of the newest ones, to which the comparison is limited.
+        """
+        try:
+            return self._client.releases.get(campaign.id)
+        except EigenfailError as error:
+            return str(error)
 
     def _findings(self, known: BaselineFailures, now: Campaigns) -> tuple[GateFinding, ...]:
         """What became of the known failures of a member."""

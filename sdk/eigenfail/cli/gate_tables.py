@@ -19,7 +19,7 @@ SHOWN = 5
 
 
 def draw_report(report: GateReport) -> Group:
-    """All of it, for people."""
+    """Return the tables of a report, and its conclusions in sentences."""
     return Group(*_draw_parts(report))
 
 

@@ -36,7 +36,7 @@ class Gates:
         """Store the report of a gate; webhooks get a message if it is closed.
 
         `eigenfail gate` does so. A report that is sent again is stored once. One that is too large
-        is stored without the single episodes of reruns.
+        is stored as `shorten_report` returns it.
 
         Raises:
             InvalidValue: the verdict does not follow from the members of the report.

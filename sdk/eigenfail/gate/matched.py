@@ -6,9 +6,8 @@ from collections.abc import Iterator, Sequence
 import msgspec
 
 from eigenfail.gate.reruns import Count, Ordinal, ReportName, ReportSentence
+from eigenfail.presentation.releases import CHANGES, NOT_COMPARED
 from eigenfail.values.release import ModeSighting, ModeStatus, ReleaseTable
-
-NOT_COMPARED = "not compared"
 
 
 class MatchedMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -17,7 +16,7 @@ class MatchedMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     Attributes:
         name: name of the mode.
         status: what became of it in the new version, after all versions before it; None where that
-            is not known.
+            is not known, as in the first version compared.
         before: number of its failures in the version of the baseline.
         now: number of its failures in the new version.
         mode: its newest place, as ANALYSIS/NUMBER.
@@ -33,8 +32,8 @@ class MatchedMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
 
     @property
     def status_word(self) -> str:
-        """The status in words."""
-        return self.status or NOT_COMPARED
+        """What became of the mode in the new version, in the words of the pages of releases."""
+        return CHANGES[self.status] if self.status else NOT_COMPARED
 
 
 class MatchedModes(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -91,7 +90,7 @@ def _list_matched(table: ReleaseTable, before: str, now: str) -> Iterator[Matche
         if was.failures or newest.failures:
             yield MatchedMode(
                 name=mode.name,
-                status=newest.status,
+                status=None if newest.is_baseline else newest.status,
                 before=was.failures,
                 now=newest.failures,
                 mode=_place_mode(newest if newest.failures else was),

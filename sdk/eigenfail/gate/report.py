@@ -37,6 +37,8 @@ class MemberReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     Attributes:
         baseline: its campaign there; None where there is none, so that nothing is judged.
         known: the known failures, replayed.
+        known_left_out: how many more known failures there are of each verdict, in a report that was
+            too large for a service; empty where `known` has all of them.
         rerun: None where the baseline is the version itself.
         notes: what could not be done, in sentences.
     """
@@ -44,12 +46,14 @@ class MemberReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     member: ReportName
     baseline: RerunFigures | None = None
     known: tuple[GateFinding, ...] = ()
+    known_left_out: dict[GateVerdict, Count] = {}
     rerun: Rerun | None = None
     notes: tuple[ReportSentence, ...] = ()
 
     def count_verdicts(self) -> Counter[GateVerdict]:
         """Those of known failures, and of failing episodes of the rerun or of all of it."""
         counts = Counter(finding.verdict for finding in self.known)
+        counts.update(self.known_left_out)
         if self.rerun is not None and self.rerun.by is JudgedBy.EPISODE:
             counts.update(self.rerun.counts)
         if self.rerun is not None and self.rerun.by is JudgedBy.RATE:
@@ -108,15 +112,18 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     def in_trouble(self) -> bool:
         """Whether nothing but the machinery keeps it closed, so that it says nothing."""
         closing = self.gate.closing & self.counts.keys()
-        return closing == {GateVerdict.CANNOT_RUN} and all(
-            problem.startswith(INFRASTRUCTURE) for problem in self.problems()
+        problems = tuple(self.problems())
+        return (
+            closing == {GateVerdict.CANNOT_RUN}
+            and bool(problems)
+            and all(problem.startswith(INFRASTRUCTURE) for problem in problems)
         )
 
 
 def build_report(
     gate: GateRun, members: Sequence[MemberReport], matched: Sequence[MatchedModes] = ()
 ) -> GateReport:
-    """Everything together."""
+    """Return the report of a gate, with the counts of its verdicts and whether it is open."""
     seen = Counter[GateVerdict]()
     for member in members:
         seen.update(member.count_verdicts())

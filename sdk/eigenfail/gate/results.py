@@ -1,21 +1,35 @@
 """Results of gates that a service keeps: the report as it was judged, checked and bounded."""
 
 import shlex
-from typing import Any
+from collections import Counter
+from collections.abc import Sequence
 
 import msgspec
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
-from eigenfail.gate.report import GateReport, build_report, describe_conclusion, list_conclusions
-from eigenfail.gate.reruns import JudgedBy
-from eigenfail.gate.verdicts import GateVerdict
+from eigenfail.gate.report import (
+    GateReport,
+    MemberReport,
+    build_report,
+    describe_conclusion,
+    list_conclusions,
+)
+from eigenfail.gate.reruns import GateFinding, JudgedBy
+from eigenfail.gate.verdicts import CLOSING, INFRASTRUCTURE, GateVerdict
 from eigenfail.values.showing import Brief
 
 LARGEST_REPORT = 900_000
 """Size of the JSON of a report that a service takes; see `shorten_report`. [bytes]"""
 
 LEFT_OUT = "The report is larger than {:,} bytes: single episodes of reruns are left out."
+
+MOST_KNOWN = 10
+"""Known failures of a member in a report that is too large without episodes of reruns, too."""
+
+KNOWN_LEFT_OUT = (
+    "The report is larger than {:,} bytes: {:,} known failures are left out, but counted."
+)
 
 
 class GateSummary(Brief, msgspec.Struct, frozen=True, kw_only=True):
@@ -119,18 +133,50 @@ def check_report(report: GateReport) -> None:
 def shorten_report(report: GateReport) -> GateReport:
     """Return a report that a service takes: without episodes of reruns if it is too large.
 
-    Verdicts and counts do not depend on them.
+    If it still is, each member keeps its first `MOST_KNOWN` known failures, those that close the
+    gate before others. Verdicts and counts stay as they are, and so does whether a gate is
+    inconclusive: the errored episode that says so is kept.
     """
-    if len(msgspec.json.encode(report)) <= LARGEST_REPORT:
-        return report
-    members = []
-    for each in report.members:
-        changes: dict[str, Any] = {}
-        if each.rerun and each.rerun.findings:
-            changes["rerun"] = replace(each.rerun, findings=())
-            changes["notes"] = (*each.notes, LEFT_OUT.format(LARGEST_REPORT))
-        members.append(replace(each, **changes))
-    return replace(report, members=tuple(members))
+    for shorten in (_shorten_rerun, _shorten_known):
+        if len(msgspec.json.encode(report)) <= LARGEST_REPORT:
+            break
+        report = replace(report, members=tuple(map(shorten, report.members)))
+    return report
+
+
+def _shorten_rerun(member: MemberReport) -> MemberReport:
+    """Return a member without the episodes of its rerun, but for one that errored."""
+    rerun = member.rerun
+    kept = _choose_errored(rerun.findings) if rerun else ()
+    if rerun is None or len(kept) == len(rerun.findings):
+        return member
+    notes = (*member.notes, LEFT_OUT.format(LARGEST_REPORT))
+    return replace(member, rerun=replace(rerun, findings=kept), notes=notes)
+
+
+def _shorten_known(member: MemberReport) -> MemberReport:
+    """Return a member with at most `MOST_KNOWN` known failures, and the numbers of the others."""
+    if len(member.known) <= MOST_KNOWN:
+        return member
+    errored = _choose_errored(member.known)
+    ordered = sorted(
+        member.known,
+        key=lambda each: (all(each is not kept for kept in errored), each.verdict not in CLOSING),
+    )
+    left_out = Counter(each.verdict for each in ordered[MOST_KNOWN:])
+    note = KNOWN_LEFT_OUT.format(LARGEST_REPORT, left_out.total())
+    return replace(
+        member,
+        known=tuple(ordered[:MOST_KNOWN]),
+        known_left_out=dict(left_out),
+        notes=(*member.notes, note),
+    )
+
+
+def _choose_errored(findings: Sequence[GateFinding]) -> tuple[GateFinding, ...]:
+    """Return one episode that errored, not for the infrastructure if there is such a one."""
+    errored = [each for each in findings if each.verdict is GateVerdict.CANNOT_RUN]
+    return tuple(sorted(errored, key=lambda each: each.problem.startswith(INFRASTRUCTURE))[:1])
 
 
 def format_command(report: GateReport) -> str:

@@ -94,9 +94,11 @@ def describe_analysis(analysis: Analysis) -> str:
 def describe_gate(report: GateReport) -> str:
     """Describe the verdict of a gate."""
     gate = report.gate
-    against = f" against {gate.baseline}" if gate.baseline else ""
+    if not gate.baseline:
+        return f"Version {gate.version} is a baseline of suite '{gate.suite}'."
     verdict = "passed" if report.open else "did not pass"
-    return f"Version {gate.version} {verdict} the gate of suite '{gate.suite}'{against}."
+    against = f"suite '{gate.suite}' against {gate.baseline}"
+    return f"Version {gate.version} {verdict} the gate of {against}."
 
 
 def _name_of(campaign: Campaign) -> str:

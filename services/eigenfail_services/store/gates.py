@@ -3,10 +3,11 @@
 import hashlib
 
 import msgspec
+from msgspec.structs import replace
 from sqlalchemy import Connection, RowMapping, insert, select
 from sqlalchemy.exc import IntegrityError
 
-from eigenfail.gate.report import GateReport
+from eigenfail.gate.report import GateReport, MemberReport
 from eigenfail.gate.results import GateResult, GateSummary, make_result, summarise_report
 from eigenfail.gate.verdicts import GateVerdict
 from eigenfail.values import Page
@@ -35,7 +36,8 @@ class GateStore:
     def record(self, report: GateReport) -> GateSummary:
         """Store a report, log its verdict, and tell webhooks of a gate that is closed.
 
-        A report that is stored already is returned as it is, and told once.
+        A report that is stored already is returned as it is, and told once, also where the file of
+        the suite, the links or the matched modes differ.
         """
         try:
             with self._database.writing() as connection:
@@ -69,7 +71,7 @@ class GateStore:
 
 
 def _record_once(connection: Connection, report: GateReport) -> GateSummary:
-    digest = hashlib.sha256(msgspec.json.encode(report, order="deterministic")).hexdigest()
+    digest = _digest_judged(report)
     query = select(*_SUMMARY).where(gates.c.digest == digest)
     if (known := connection.execute(query).mappings().one_or_none()) is not None:
         return _to_summary(known)
@@ -88,9 +90,42 @@ def _record_once(connection: Connection, report: GateReport) -> GateSummary:
     )
     summary = _to_summary(connection.execute(statement.returning(*_SUMMARY)).mappings().one())
     queue_gate_failure(connection, summary.id, report)
-    kind = "gate.passed" if report.open else WebhookEvent.GATE_FAILED.value
-    append_event(connection, kind, describe_gate(report))
+    append_event(connection, _choose_kind(report), describe_gate(report))
     return summary
+
+
+def _choose_kind(report: GateReport) -> str:
+    """Return the kind of the event of a report."""
+    if not report.gate.baseline:
+        return "gate.baseline"
+    return "gate.passed" if report.open else WebhookEvent.GATE_FAILED.value
+
+
+def _digest_judged(report: GateReport) -> str:
+    """Return the SHA-256 of what was judged, as a hexadecimal number.
+
+    The file of the suite and the links depend on where the command was run, and the matched modes
+    on other campaigns of the service: the same gate is the same result whatever they are.
+    """
+    judged = replace(
+        report,
+        gate=replace(report.gate, file=""),
+        members=tuple(map(_remove_links, report.members)),
+        matched=(),
+    )
+    return hashlib.sha256(msgspec.json.encode(judged, order="deterministic")).hexdigest()
+
+
+def _remove_links(member: MemberReport) -> MemberReport:
+    rerun = member.rerun
+    if rerun is not None:
+        findings, new_modes = (
+            tuple(replace(each, link="") for each in group)
+            for group in (rerun.findings, rerun.new_modes)
+        )
+        rerun = replace(rerun, findings=findings, new_modes=new_modes)
+    known = tuple(replace(each, link="") for each in member.known)
+    return replace(member, known=known, rerun=rerun)
 
 
 def _to_summary(found: RowMapping) -> GateSummary:

@@ -85,14 +85,14 @@ def queue_analysis_end(connection: Connection, analysis: Analysis) -> None:
 
 
 def queue_gate_failure(connection: Connection, number: int, report: GateReport) -> None:
-    """Queue `gate.failed` for a gate that is closed; nothing for one that is open.
+    """Queue `gate.failed` for a gate that is closed; nothing for an open one or a baseline.
 
     Args:
         connection: the transaction that stores the report.
         number: id of the result.
         report: the report.
     """
-    if report.open:
+    if report.open or not report.gate.baseline:
         return
     sentences = islice(list_conclusions(report), MOST_SENTENCES)
     data = {

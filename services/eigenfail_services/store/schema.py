@@ -496,7 +496,8 @@ webhook_deliveries = Table(
     sqlite_autoincrement=True,
 )
 
-# Reports of gates, each once: `digest` is the SHA-256 of the report.
+# Reports of gates, each once: `digest` is the SHA-256 of the report without file, links and modes
+# over releases.
 gates = Table(
     "gates",
     metadata,

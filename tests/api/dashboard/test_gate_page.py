@@ -4,6 +4,7 @@ from store_checks.gates import make_report
 
 from eigenfail.gate.verdicts import GateVerdict
 from eigenfail_api.dashboard import gate_page
+from eigenfail_api.dashboard.rendering import write_time
 
 HTML = {"Accept": "text/html"}
 
@@ -26,6 +27,14 @@ def test_a_known_failure_leads_to_its_episodes_its_mode_and_the_campaigns(store,
         assert f'href="{address}"' in text
     assert "eigenfail gate nightly.toml --planner-version v2 --baseline v1" in text
     assert text.index("is closed: 1 new") < text.index("Known failures")
+
+
+def test_pages_of_gates_have_times_that_scripts_show_in_the_zone_of_the_browser(store, http):
+    made = store.gates.record(make_report(GateVerdict.NEW))
+    written = str(write_time(made.created_ms))
+    assert written.startswith("<time datetime=")
+    for address in ("/gates", f"/gates/{made.id}"):
+        assert written in http.get(address, headers=HTML).text
 
 
 def test_text_of_a_report_is_no_address_and_no_markup(store, http):

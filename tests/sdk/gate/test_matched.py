@@ -2,8 +2,9 @@
 
 from xml.etree import ElementTree as ET
 
-from eigenfail.gate.matched import match_versions
+from eigenfail.gate.matched import MatchedMode, match_versions
 from eigenfail.gate.report import GateRun, MemberReport, build_report, list_conclusions, to_junit
+from eigenfail.presentation.releases import CHANGES
 from eigenfail.values.release import (
     ModeSighting,
     ModeStatus,
@@ -74,6 +75,19 @@ def test_modes_that_neither_version_has_are_left_out():
         ("hard", ModeStatus.NOT_MET, 5, 0, "1/2"),
     ]
     assert (found.members, found.campaign, found.problem) == (("a", "b"), 3, "")
+
+
+def test_statuses_have_the_words_of_releases():
+    words = {
+        status: MatchedMode(name="late", status=status, before=1, now=1, mode="1/1").status_word
+        for status in (*ModeStatus, None)
+    }
+    assert words == {**CHANGES, None: "not compared"}
+
+
+def test_no_mode_is_new_in_the_first_version_compared():
+    found = match_versions(["a"], make_table(), "v2", "v1")
+    assert [(each.now, each.status) for each in found.modes] == [(7, None), (5, None), (0, None)]
 
 
 def test_versions_that_are_not_compared_have_a_problem():

@@ -2,6 +2,8 @@
 
 from collections.abc import Callable
 
+from msgspec.structs import replace
+
 from eigenfail.errors import NotFound
 from eigenfail.gate.matched import MatchedMode, MatchedModes
 from eigenfail.gate.report import GateReport, GateRun, MemberReport, build_report
@@ -10,6 +12,7 @@ from eigenfail.gate.results import check_report
 from eigenfail.gate.verdicts import GateVerdict
 from eigenfail.testing import expect_error
 from eigenfail.values.release import ModeStatus
+from eigenfail.values.webhooks import WebhookEvent, WebhookRequest
 from eigenfail_services.store import Store
 from store_checks.crowds import at_once
 from store_checks.examples import equal
@@ -89,4 +92,46 @@ def keeps_a_report_once(store: Store) -> None:
     equal(len(store.gates.page(9).items), 2, "Results of two versions")
 
 
-CHECKS: tuple[Callable[[Store], None], ...] = (keeps_reports, keeps_a_report_once)
+def keeps_a_gate_of_two_places_once(store: Store) -> None:
+    """A gate from another folder, over another URL or beside other releases is the same result."""
+    report = make_report(GateVerdict.NEW)
+    first, *others = report.members
+    known = tuple(replace(each, link="https://other.example/") for each in first.known)
+    elsewhere = replace(
+        report,
+        gate=replace(report.gate, file="suites/nightly.toml"),
+        members=(replace(first, known=known), *others),
+        matched=(),
+    )
+    made = [store.gates.record(each) for each in (report, elsewhere)]
+    equal(made[1], made[0], "The same gate")
+    equal(store.gates.get(made[0].id).report, report, "The report that came first")
+    store.gates.record(replace(report, gate=replace(report.gate, strict=True)))
+    equal(len(store.gates.page(9).items), 2, "Results with another setting")
+
+
+def tells_no_verdict_of_a_baseline(store: Store) -> None:
+    """A run that is compared with nothing is a baseline in the log, and no webhook is told."""
+    webhook = store.webhooks.create(
+        WebhookRequest("https://hooks.example/", (WebhookEvent.GATE_FAILED,)), "whsec_AAAA"
+    )
+    made = make_report(GateVerdict.STILL_FAILING, baseline="")
+    strict = build_report(replace(made.gate, strict=True), made.members)
+    for report in (make_report(version="v3", baseline=""), strict):
+        store.gates.record(report)
+    equal([each.open for each in store.gates.page(9).items], [False, True], "Whether they are open")
+    logged = [(each.kind, each.message) for each in store.events.latest(2)]
+    told = [
+        ("gate.baseline", f"Version {version} is a baseline of suite 'nightly'.")
+        for version in ("v2", "v3")
+    ]
+    equal(logged, told, "Events")
+    equal(store.webhooks.deliveries(webhook.id, 9).items, (), "Deliveries")
+
+
+CHECKS: tuple[Callable[[Store], None], ...] = (
+    keeps_reports,
+    keeps_a_report_once,
+    keeps_a_gate_of_two_places_once,
+    tells_no_verdict_of_a_baseline,
+)

@@ -106,8 +106,10 @@ def parted(monkeypatch):
             return result
         labels = tuple(int(each != analysis.campaign) for each in result.campaigns)
         modes = (result.modes * 2)[:2]
+        texts = [text.split(": ", 1)[1] for text in (result.words * 2)[:2]]
+        words = tuple(f"Mode {number}: {text}" for number, text in enumerate(texts, start=1))
         told = {"silhouette": 0.9, "noise_silhouette": 0.1, "stability": None}
-        return replace(result, labels=labels, modes=modes, **told)
+        return replace(result, labels=labels, modes=modes, words=words, **told)
 
     monkeypatch.setattr(analysis_jobs, "find_modes", apart)
     monkeypatch.setattr("eigenfail.gate.known.NEW_MODE", 1.0)  # so few failures are chance

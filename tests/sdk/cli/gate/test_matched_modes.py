@@ -3,8 +3,11 @@
 import json
 from xml.etree import ElementTree as ET
 
+import pytest
+
+from eigenfail.cli import gate_runs
 from eigenfail.client.releases import Releases
-from eigenfail.errors import NotFound
+from eigenfail.errors import NotFound, ServiceBusy
 
 
 def test_modes_of_both_versions_are_reported_and_judge_nothing(gate, eigenfail, tmp_path, store):
@@ -40,13 +43,33 @@ def test_a_baseline_without_a_version_says_why_no_mode_is_matched(eigenfail, sui
     assert matched["problem"] == "The baseline names no version of the planner."
 
 
-def test_a_campaign_that_is_part_of_no_comparison_says_so_and_the_gate_goes_on(gate, monkeypatch):
+ERRORS = (
+    NotFound("Campaign 9 is part of no release.", "Name a newer one."),
+    ServiceBusy("Too many comparisons are made.", "Try again later."),
+)
+
+
+def find_problems(done):
+    assert done.exit_code == 0, done.output
+    return [each["problem"] for each in json.loads(done.stdout)["matched"]]
+
+
+@pytest.mark.parametrize("error", ERRORS)
+def test_a_gate_goes_on_where_releases_are_not_compared_and_says_why(gate, monkeypatch, error):
     def refuse(*_):
-        raise NotFound("Campaign 9 is part of no release.", "Name a newer one.")
+        raise error
 
     monkeypatch.setattr(Releases, "get", refuse)
-    done = gate("usual", "--json")
-    assert done.exit_code == 0
-    problems = [each["problem"] for each in json.loads(done.stdout)["matched"]]
-    assert len(problems) == 2
-    assert all("part of no release" in each for each in problems)
+    assert find_problems(gate("usual", "--json")) == [str(error)] * 2
+
+
+def test_a_gate_goes_on_where_the_new_version_is_not_analysed_and_says_why(gate, monkeypatch):
+    analyze, error = gate_runs.analyze_campaign, ERRORS[1]
+
+    def refuse_new(client, place, campaign):
+        if client.campaigns.get(campaign).spec.version == "v2":
+            raise error
+        return analyze(client, place, campaign)
+
+    monkeypatch.setattr(gate_runs, "analyze_campaign", refuse_new)
+    assert find_problems(gate("usual", "--json")) == [str(error)] * 2
