@@ -376,19 +376,29 @@ def read_axis_table(
     axes: Sequence[Axis], by_name: Mapping[str, LaunchField], own: Mapping[str, LaunchField]
 ) -> tuple[dict[str, Any], tuple[LaunchTrouble, ...]]:
     """Return the lists of values at the paths of the settings that vary, and what is wrong."""
-    table, troubles, seen = dict[str, Any](), list[LaunchTrouble](), set[str]()
+    table, troubles, seen = dict[str, Any](), list[LaunchTrouble](), list[Axis]()
     for axis in axes:
         if axis.is_empty:
             continue
         values, problems = find_axis_values(axis, by_name.get(axis.field))
         troubles += (LaunchTrouble(each.words, own[each.element]) for each in problems)
-        if axis.field and axis.field in seen:
-            words = f"{axis.field} varies already. Give all of its values in one place."
+        if words := describe_clash(axis, seen):
             troubles.append(LaunchTrouble(words, own[axis.name_part("field")]))
         elif not problems:
             table = set_path(table, axis.path, list(values))
-        seen.add(axis.field)
+        seen.append(axis)
     return table, tuple(troubles)
+
+
+def describe_clash(axis: Axis, seen: Sequence[Axis]) -> str:
+    """Return why a setting cannot vary beside those before it; empty where it can."""
+    for other in seen if axis.field else ():
+        if other.path == axis.path:
+            return f"{axis.field} varies already. Give all of its values in one place."
+        inner, outer = sorted((axis, other), key=lambda each: len(each.path), reverse=True)
+        if other.field and inner.path[: len(outer.path)] == outer.path:
+            return f"{inner.field} is a part of {outer.field}, which varies too. Vary one of them."
+    return ""
 
 
 def list_own_troubles(
