@@ -176,6 +176,13 @@ def test_what_cannot_be_is_refused_in_words(draw, typed, changes, words):
     assert not KEY.search(page)[1]
 
 
+def test_members_that_are_too_large_together_are_refused(draw):
+    base = f'method = "monte_carlo"\nepisodes = 5\nplanner = "{"x" * 30_000}"'
+    page = draw(wish="import", toml=f'name = "a"\n[base]\n{base}\n[grid]\nseed = {[*range(900)]}')
+    assert "The members of the suite take about 27 MB, more than 20 MB." in page
+    assert not KEY.search(page)[1]
+
+
 def test_an_earlier_campaign_is_the_base(draw, http, fields):
     given = {**fields, "method": "cem", "settings": {"batch": 7}, "episodes": 40}
     made = http.post("/api/v1/campaigns", json=given).json()["id"]
