@@ -3,8 +3,10 @@
 import pytest
 
 from eigenfail.client import Client
-from eigenfail.suites import Suite
+from eigenfail.suites import Suite, SuiteFile
 from eigenfail.values import CampaignState
+from eigenfail_api import concurrency
+from eigenfail_services.campaigns.suites import refuse_large_suite
 
 URL = "/api/v1/suites"
 
@@ -86,6 +88,27 @@ def test_what_cannot_be_a_suite_is_refused_by_its_field(*, http, grid, problem, 
     assert told.get("field", "") == field
 
 
+@pytest.mark.parametrize(
+    ("way", "axes"),
+    [
+        ("grid", {"seed": [*range(30)], "episodes": [*range(1, 31)]}),
+        ("sweep", {"seed": [*range(900)]}),
+        ("campaigns", [{"seed": seed} for seed in range(900)]),
+        ("grid", {"seed": [*range(500)], "scenario_parameters": {"x": ["y" * 50_000, 2]}}),
+    ],
+    ids=["grid", "sweep", "campaigns", "large value"],
+)
+def test_members_that_are_too_large_together_are_refused(*, http, base, problem, way, axes):
+    base["settings"] = {"note": "x" * 30_000}
+    told = problem(http.post(URL, json={"name": "a", "base": base, way: axes}), 422)
+    assert "MB, more than 20 MB" in told["detail"]
+
+
+def test_a_large_list_of_small_members_is_no_large_suite(base):
+    campaigns = [{"seed": seed, "settings": {"note": "x" * 900}} for seed in range(1000)]
+    refuse_large_suite(SuiteFile(base=base, campaigns=campaigns))
+
+
 def test_members_that_build_upon_others_follow_with_a_later_request(http, base, store):
     campaigns = [{"name": "first"}, {"name": "again", "settings": {"campaign": "first"}}]
     campaigns[1] |= {"method": "replay"}
@@ -102,3 +125,12 @@ def test_members_that_build_upon_others_follow_with_a_later_request(http, base, 
         "again",
     ]
     assert store.campaigns.get(2).spec.settings["campaign"] == 1
+
+
+@pytest.mark.parametrize("path", [URL, "/suites/new/form"])
+def test_a_crowd_of_suites_is_refused(http, grid, monkeypatch, path):
+    asked = {"json": grid} if path == URL else {"data": {"suite": "a"}}
+    monkeypatch.setattr(concurrency, "MOST_WAITING", -concurrency.MOST_RUNNING)
+    assert http.post(path, **asked).status_code == 503
+    monkeypatch.undo()
+    assert http.post(path, **asked).is_success

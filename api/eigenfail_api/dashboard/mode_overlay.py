@@ -42,6 +42,8 @@ class OverlayView(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         noun: what the analysis calls its clusters.
         shown: failures that are drawn.
+        first: the opaque one, in words.
+        has_medoid: whether that is the medoid.
         scene: their courses; None where none can be drawn.
         problem: why none can be drawn; empty otherwise.
     """
@@ -49,6 +51,8 @@ class OverlayView(msgspec.Struct, frozen=True, kw_only=True):
     mode: Mode
     noun: str
     shown: int = 0
+    first: str = ""
+    has_medoid: bool = True
     scene: Chart | None = None
     problem: str = ""
 
@@ -70,14 +74,22 @@ def make_overlay_view(store: Store, analysis: int, number: int) -> OverlayView:
         mode=mode,
         noun=noun,
         shown=len(recordings.scenes),
+        first=describe_first(recordings),
+        has_medoid=recordings.has_medoid,
         scene=make_overlay_chart(recordings, f"overlay-{analysis}-{number}"),
     )
+
+
+def describe_first(recordings: OverlaidRecordings) -> str:
+    """Return which failure is opaque: the medoid, or an episode if the medoid has no scene."""
+    campaign, index = recordings.episodes[0]
+    return "the medoid" if recordings.has_medoid else f"episode {campaign}/{index}"
 
 
 def make_overlay_chart(recordings: OverlaidRecordings, name: str) -> Chart:
     """Return the courses of episodes over each other, and a table of them by time."""
     failures = [_Failure(scene) for scene in recordings.scenes]
-    mission = recordings.mission
+    mission, first = recordings.mission, describe_first(recordings)
     data: dict[str, object] = {
         "dt": recordings.scenes[0].dt_s,
         "last": max(each.last for each in failures),
@@ -101,7 +113,8 @@ def make_overlay_chart(recordings: OverlaidRecordings, name: str) -> Chart:
         id=name,
         kind="overlay",
         title="Failures over each other",
-        caption="From above. The medoid is opaque, the other failures are translucent.",
+        caption=f"From above. {first[0].upper()}{first[1:]} is opaque, the other failures are"
+        " translucent.",
         data=data,
         columns=(
             "Time before the end [s]",

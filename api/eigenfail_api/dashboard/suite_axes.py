@@ -25,6 +25,12 @@ MOST_AXES = 8
 FEWEST_STEPS, MOST_STEPS = 2, 1000
 """Bounds of the number of values from start to stop."""
 
+LARGEST = 1e300
+"""Largest magnitude of start and stop: sums and multiples of such numbers are finite."""
+
+WHOLE_BELOW = 2**63
+"""Magnitude that whole numbers of a campaign do not reach."""
+
 DIGITS = 12
 """Significant digits of a value between start and stop: sums of floats have more."""
 
@@ -151,10 +157,14 @@ def _list_value_problems(axis: Axis, field: LaunchField | None) -> Iterator[Axis
 
 def _list_spacing_problems(axis: Axis, spaced: Mapping[str, str]) -> Iterator[AxisProblem]:
     for part, text in spaced.items():
+        read = read_number(text)
         if not text:
             yield AxisProblem(axis.name_part(part), "Give start, stop and number.")
-        elif isinstance(read_number(text), str):
+        elif isinstance(read, str):
             yield AxisProblem(axis.name_part(part), f"'{text[:60]}' is not a number.")
+        elif part != "number" and abs(read) > LARGEST:
+            words = f"Give a number from {-LARGEST:g} to {LARGEST:g}."
+            yield AxisProblem(axis.name_part(part), words)
     number = read_number(axis.number) if axis.number else FEWEST_STEPS
     if isinstance(number, float) or (
         isinstance(number, int) and not FEWEST_STEPS <= number <= MOST_STEPS
@@ -171,16 +181,25 @@ def _read_values(axis: Axis, field: LaunchField | None) -> list[Any]:
     return [None if field is None and part == NONE else read(part) for part in parts if part]
 
 
-def _space_values(axis: Axis) -> Iterator[int | float]:
-    start, stop, number = (
-        float(read_number(getattr(axis, part))) for part in ("start", "stop", "number")
-    )
-    steps = int(number) - 1
-    spaced = [
-        float(f"{start + (stop - start) * step / steps:.{DIGITS}g}") for step in range(steps + 1)
-    ]
-    is_whole = all(map(float.is_integer, spaced)) and "." not in f"{axis.start}{axis.stop}"
-    yield from map(int, spaced) if is_whole else spaced
+def _space_values(axis: Axis) -> list[int] | list[float]:
+    start, stop = (_read_end(text) for text in (axis.start, axis.stop))
+    steps = int(read_number(axis.number)) - 1
+    # Seeds have more digits than floats, and two whole numbers with a whole step need none.
+    if isinstance(start, int) and isinstance(stop, int) and not (stop - start) % steps:
+        return [start + (stop - start) // steps * step for step in range(steps + 1)]
+    first, last = float(start), float(stop)
+    inside = (first + (last - first) * step / steps for step in range(1, steps))
+    return [first, *(float(f"{each:.{DIGITS}g}") for each in inside), last]
+
+
+def _read_end(text: str) -> int | float:
+    """Return start or stop: whole if it is, unless it is written with a decimal point."""
+    read = read_number(text)
+    if isinstance(read, int):
+        return read
+    number = float(read)
+    is_whole = "." not in text and abs(number) < WHOLE_BELOW and number.is_integer()
+    return int(number) if is_whole else number
 
 
 class PreviewMember(msgspec.Struct, frozen=True, kw_only=True):

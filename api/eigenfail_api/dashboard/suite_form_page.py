@@ -7,7 +7,7 @@ from urllib.parse import quote
 
 import msgspec
 from anyio.to_thread import run_sync
-from fastapi import APIRouter, Request
+from fastapi import APIRouter, Depends, Request
 from fastapi.responses import HTMLResponse
 from msgspec.structs import replace
 
@@ -28,6 +28,7 @@ from eigenfail.suites import (
 from eigenfail.values import Campaign, CampaignSpec
 from eigenfail.values.suite import SEPARATOR
 from eigenfail.wire.http import read_fields
+from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.dashboard.copying import (
     CopiedRequest,
     Copies,
@@ -75,7 +76,11 @@ from eigenfail_api.dashboard.suite_axes import (
 from eigenfail_api.dashboard.suites_page import make_suite_address
 from eigenfail_api.parameters import Stored
 from eigenfail_services.campaigns.drafts import find_path, find_problems
-from eigenfail_services.campaigns.suites import read_suite, rename_suite_error
+from eigenfail_services.campaigns.suites import (
+    read_suite,
+    refuse_large_suite,
+    rename_suite_error,
+)
 from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.store import Store
 
@@ -196,7 +201,10 @@ def show_new_suite(request: Request, store: Stored) -> HTMLResponse:
     return page("suite_form.html", view)
 
 
-@router.post("/suites/new/form")
+FORMS = Depends(ConcurrencyLimit("forms of suites"), scope="function")
+
+
+@router.post("/suites/new/form", dependencies=[FORMS])
 async def show_suite_form(request: Request, store: Stored) -> HTMLResponse:
     """Serve the form, checked on request; nothing is launched."""
     typed = await read_form(request)
@@ -376,19 +384,29 @@ def read_axis_table(
     axes: Sequence[Axis], by_name: Mapping[str, LaunchField], own: Mapping[str, LaunchField]
 ) -> tuple[dict[str, Any], tuple[LaunchTrouble, ...]]:
     """Return the lists of values at the paths of the settings that vary, and what is wrong."""
-    table, troubles, seen = dict[str, Any](), list[LaunchTrouble](), set[str]()
+    table, troubles, seen = dict[str, Any](), list[LaunchTrouble](), list[Axis]()
     for axis in axes:
         if axis.is_empty:
             continue
         values, problems = find_axis_values(axis, by_name.get(axis.field))
         troubles += (LaunchTrouble(each.words, own[each.element]) for each in problems)
-        if axis.field and axis.field in seen:
-            words = f"{axis.field} varies already. Give all of its values in one place."
+        if words := describe_clash(axis, seen):
             troubles.append(LaunchTrouble(words, own[axis.name_part("field")]))
         elif not problems:
             table = set_path(table, axis.path, list(values))
-        seen.add(axis.field)
+        seen.append(axis)
     return table, tuple(troubles)
+
+
+def describe_clash(axis: Axis, seen: Sequence[Axis]) -> str:
+    """Return why a setting cannot vary beside those before it; empty where it can."""
+    for other in seen if axis.field else ():
+        if other.path == axis.path:
+            return f"{axis.field} varies already. Give all of its values in one place."
+        inner, outer = sorted((axis, other), key=lambda each: len(each.path), reverse=True)
+        if other.field and inner.path[: len(outer.path)] == outer.path:
+            return f"{inner.field} is a part of {outer.field}, which varies too. Vary one of them."
+    return ""
 
 
 def list_own_troubles(
@@ -406,7 +424,9 @@ def expand_members(body: Mapping[str, Any]) -> Members:
     """Return the members of a suite, unchecked."""
     tables = {name: table for name, table in body.items() if name != "name"}
     try:
-        return Members(fields=dict(expand_suite(SuiteFile(**tables), NAME)))
+        suite = SuiteFile(**tables)
+        refuse_large_suite(suite)
+        return Members(fields=dict(expand_suite(suite, NAME)))
     except InputError as error:
         return Members(refused=rename_suite_error(error, NAME))
 

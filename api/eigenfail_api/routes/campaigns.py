@@ -27,6 +27,7 @@ from eigenfail.values.learning import Policy
 from eigenfail.values.operations import Pruning
 from eigenfail.values.suite import SuiteStanding, SuiteTable
 from eigenfail.wire.http import PREFIX, CampaignCheck, Digest, ShrinkRequest, make_problem
+from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.openapi import FIELDS, SPECS, document_plain_route, document_route
 from eigenfail_api.parameters import (
     LARGEST,
@@ -403,7 +404,10 @@ def list_suites(store: Stored, limit: Limit = 50, before: Before = None) -> Json
     return Json(store.campaigns.suites(limit, before))
 
 
-@suites_router.post("", **document_route(SuiteTable, 201, body=SuiteRequest))
+SUITES = Depends(ConcurrencyLimit("suites"), scope="function")
+
+
+@suites_router.post("", dependencies=[SUITES], **document_route(SuiteTable, 201, body=SuiteRequest))
 def create_suite_campaigns(
     store: Stored,
     given: Annotated[SuiteRequest, Depends(body_of(SuiteRequest))],

@@ -171,6 +171,7 @@ class OverlaidRecordings(Brief, msgspec.Struct, frozen=True, eq=False, kw_only=T
         mission: lanes of the scenario; None where they are not known.
         aligned_at_end: whether they are aligned at their last step, and not at their first.
         episodes: campaign and index of each, in the order of the scenes; empty if not told.
+        has_medoid: whether the first one is the medoid of the mode, whose scene may be missing.
     """
 
     title: str
@@ -180,6 +181,7 @@ class OverlaidRecordings(Brief, msgspec.Struct, frozen=True, eq=False, kw_only=T
     mission: Mission | None = None
     aligned_at_end: bool = False
     episodes: tuple[tuple[int, int], ...] = ()
+    has_medoid: bool = True
 
 
 def name_vehicle(number: int) -> str:

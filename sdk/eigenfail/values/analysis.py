@@ -365,12 +365,16 @@ _PHRASE_ENDS = re.compile(r"; |, (?![^()]*\))|\. | (?=(?:from|during) \d)")
 """Where a description may end: between phrases, but not inside parentheses."""
 
 
+_NUMBERED = re.compile(r"(?:Mode |.* \(mode )(\d+)\)?", re.DOTALL)
+"""Names that end with the number of a mode, as proposed names may."""
+
+
 def propose_mode_names(words: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the modes of an analysis that were given none, each another one.
 
-    A name is the beginning of the description, up to the end of a phrase: of its first sentence,
-    and of as much of the next one as tells it from the other modes. A number in parentheses does so
-    where the descriptions do not.
+    A name is the beginning of the first sentence of the description, up to the end of a phrase.
+    Where another mode has the same, it is the longest beginning of the whole description that fits,
+    with the number of the mode in parentheses; and "Mode 3" where none fits.
 
     Args:
         words: the descriptions in the order of the modes, empty in results of older releases.
@@ -392,9 +396,13 @@ def _find_phrases(text: str) -> list[str]:
 
 
 def _tell_apart(number: int, name: str, names: Sequence[str], beginnings: Sequence[str]) -> str:
-    """Return a name that no other mode has: as it is, with more of its description, or a number."""
+    """Return a name that no other mode has: as it is, or with more of its description and a number.
+
+    A name that ends with the number of another mode is not kept: that mode may be called so.
+    """
     others = [each for place, each in enumerate(names, start=1) if place != number]
-    if name not in others:
+    numbered = _NUMBERED.fullmatch(name)
+    if name not in others and (numbered is None or int(numbered[1]) == number):
         return name
     suffix = f" (mode {number})"
     fitting = [each for each in beginnings if len(each) + len(suffix) <= LONGEST_MODE_NAME]

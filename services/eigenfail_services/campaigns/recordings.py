@@ -172,6 +172,8 @@ def load_mode_recordings(
 ) -> OverlaidRecordings:
     """Return the failures of a mode, its medoid first; raises as `make_mode_animation` does.
 
+    Where the medoid has no scene that can be drawn, another failure is the first.
+
     Args:
         store: where the episodes are.
         analysis: analysis that found the mode.
@@ -207,6 +209,7 @@ def load_mode_recordings(
         total=found.failures,
         mission=find_mission(spec, first),
         aligned_at_end=analysis.settings.align == "collision",
+        has_medoid=shown[0][0] == medoid,
     )
 
 
@@ -221,7 +224,7 @@ def _choose_scenes(
     Args:
         store: where the episodes are.
         members: campaign and index of the failures, the medoid first.
-        medoid: the episode that the view follows.
+        medoid: the episode that the view follows, if its scene can be drawn.
         bounds: what can be drawn.
     """
     shown: list[tuple[tuple[int, int], Scene, Outcome]] = []

@@ -1,7 +1,10 @@
 """Suites: their campaigns, created at once, and their tables with figures over seeds."""
 
 from collections.abc import Iterator
+from math import prod
+from typing import Any
 
+import msgspec
 from msgspec.structs import asdict
 
 from eigenfail.errors import InputError, InvalidValue, NotFound, UnknownName
@@ -9,7 +12,9 @@ from eigenfail.suites import (
     MOST_MEMBERS,
     KeyPath,
     Suite,
+    SuiteFile,
     SuiteRequest,
+    list_leaves,
     list_ready_members,
     make_member_key,
     match_campaigns,
@@ -36,6 +41,9 @@ from eigenfail_services.store import Store
 
 PAGE = 200
 
+LARGEST_SUITE = 20_000_000
+"""Size of the JSON of all members of a suite that a request describes. [bytes]"""
+
 
 def read_suite(given: SuiteRequest) -> Suite:
     """Return the suite that a request describes.
@@ -43,9 +51,10 @@ def read_suite(given: SuiteRequest) -> Suite:
     Raises:
         UnknownName: a field does not exist, or a member refers to one that does not exist.
         InvalidValue: a value is outside its bounds, an axis has no values, two members are equal,
-            there are too many, members refer to each other in a circle, or the name cannot be that
-            of a suite.
+            there are too many or they are too large, members refer to each other in a circle, or
+            the name cannot be that of a suite.
     """
+    refuse_large_suite(given)
     try:
         suite = Suite.of(**asdict(given))
     except InputError as error:
@@ -55,6 +64,42 @@ def read_suite(given: SuiteRequest) -> Suite:
             problem = f"A campaign '{member.spec.name}' would belong to another suite, or to none."
             raise InvalidValue("name", problem, "Choose another name, without a colon.")
     return suite
+
+
+def refuse_large_suite(given: SuiteFile) -> None:
+    """Make sure that the members of a suite are not too large together, before they are made.
+
+    Raises:
+        InvalidValue: they are.
+    """
+    size = _bound_size(given)
+    if size > LARGEST_SUITE:
+        problem = (
+            f"The members of the suite take about {size / 1e6:,.0f} MB, more than"
+            f" {LARGEST_SUITE / 1e6:,.0f} MB."
+        )
+        raise InvalidValue("", problem, "Vary fewer values, or create several suites.")
+
+
+def _bound_size(given: SuiteFile) -> int:
+    """Return the size of the JSON of all members: each has the base, and a value of each axis.
+
+    Of more members than a suite can have, the size of as many as it can have. [bytes]
+    """
+    axes = [each if isinstance(each, list) else [each] for _, each in list_leaves(given.grid)]
+    ways = (
+        prod(map(len, axes)) if axes else 0,
+        sum(len(each) if isinstance(each, list) else 1 for _, each in list_leaves(given.sweep)),
+        len(given.campaigns),
+    )
+    members = min(max(ways) + 1, MOST_MEMBERS)
+    repeated = sum(members * _measure_size(each) // max(len(each), 1) for each in axes)
+    alone = _measure_size(given.sweep) + _measure_size(given.campaigns)
+    return members * _measure_size(given.base) + repeated + alone
+
+
+def _measure_size(value: Any) -> int:
+    return len(msgspec.json.encode(value))
 
 
 def rename_suite_error(error: InputError, suite: str) -> InputError:

@@ -77,6 +77,9 @@ def test_the_player_gets_the_course_of_every_failure_the_medoid_first(http, over
     # A vehicle that is not there yet has no pose.
     assert other["tracks"][1][:4] == [None, None, None, 100.0]
     assert "All 2 failures" in page
+    assert "The medoid is opaque" in page
+    assert "ego of the medoid; translucent" in page
+    assert "The medoid is not drawn" not in page
 
 
 def test_the_table_tells_the_same_by_time_before_the_end(http, overlaid, text_of):
@@ -99,6 +102,16 @@ def test_of_many_failures_some_are_shown_and_the_page_says_so(http, overlaid, mo
     assert "3 of 6 failures" in page
     found = [each["episode"].rpartition("/")[2] for each in read_values(page)["failures"]]
     assert found == ["5", "0", "4"]
+
+
+def test_another_failure_is_opaque_where_the_medoid_has_no_scene(http, overlaid):
+    page = http.get(f"{overlaid(drive(STEPS, 0.0), drive(STEPS, 1.0), None)}/overlay").text
+    (first, *_) = read_values(page)["failures"]
+    assert first["episode"] == "1/0"
+    assert "Episode 1/0 is opaque" in page
+    assert "ego of episode 1/0; translucent" in page
+    assert "The medoid is not drawn" in page
+    assert "The medoid is opaque" not in page
 
 
 def test_an_ego_alone_is_apart_from_nothing(http, overlaid):

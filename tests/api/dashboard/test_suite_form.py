@@ -5,6 +5,7 @@ import json
 import re
 import tomllib
 from itertools import pairwise
+from math import isfinite
 from urllib.parse import unquote
 
 import pytest
@@ -134,6 +135,32 @@ def test_a_setting_is_varied_once(draw, typed):
             {"axis.1.values": "", "axis.1.start": "0", "axis.1.stop": "9", "axis.1.number": "2000"},
             "from 2 to 1,000",
         ),
+        (
+            {
+                "axis.1.values": "",
+                "axis.1.start": "0",
+                "axis.1.stop": "1e308",
+                "axis.1.number": "3",
+            },
+            "from -1e+300 to 1e+300",
+        ),
+        (
+            {
+                "axis.1.values": "",
+                "axis.1.start": "-1" + 400 * "0",
+                "axis.1.stop": "1",
+                "axis.1.number": "3",
+            },
+            "from -1e+300 to 1e+300",
+        ),
+        (
+            {"axis.1.field": "settings", "axis.2.field": "settings.round_size"},
+            "settings.round_size is a part of settings, which varies too",
+        ),
+        (
+            {"axis.1.field": "settings.round_size", "axis.2.field": "settings"},
+            "settings.round_size is a part of settings, which varies too",
+        ),
         ({"axis.1.values": ",".join(map(str, range(600)))}, "1200 members, more than 1000"),
         ({"axis.1.field": "settings.hidden", "axis.1.values": "8, 4"}, "round_size"),
         ({"suite": "a: b"}, "another suite"),
@@ -146,6 +173,13 @@ def test_a_setting_is_varied_once(draw, typed):
 def test_what_cannot_be_is_refused_in_words(draw, typed, changes, words):
     page = draw(**{**typed, **changes})
     assert words in html.unescape(page)
+    assert not KEY.search(page)[1]
+
+
+def test_members_that_are_too_large_together_are_refused(draw):
+    base = f'method = "monte_carlo"\nepisodes = 5\nplanner = "{"x" * 30_000}"'
+    page = draw(wish="import", toml=f'name = "a"\n[base]\n{base}\n[grid]\nseed = {[*range(900)]}')
+    assert "The members of the suite take about 27 MB, more than 20 MB." in page
     assert not KEY.search(page)[1]
 
 
@@ -283,6 +317,27 @@ def test_spaced_values_begin_and_end_as_typed_and_are_evenly_spaced(start, stop,
     assert steps == pytest.approx([(stop - start) / (number - 1)] * (number - 1))
     if (stop - start) % (number - 1) == 0:
         assert {type(value) for value in values} == {int}
+
+
+@given(st.integers(0, 2**62), st.integers(-(2**51), 2**51), st.integers(2, 1000))
+def test_whole_numbers_with_a_whole_step_are_exact(start, step, number):
+    stop = start + step * (number - 1)
+    axis = Axis(place=1, field="seed", start=str(start), stop=str(stop), number=str(number))
+    values, problems = find_axis_values(axis, None)
+    assert problems == ()
+    assert values == tuple(start + step * place for place in range(number))
+    assert {type(value) for value in values} == {int}
+
+
+@pytest.mark.parametrize("end", ["9e299", "-1e300", "12345678901234567890"])
+def test_far_ends_have_finite_values_in_between(draw, typed, end):
+    axis = Axis(place=1, field="seed", start="-1e300", stop=end, number="7")
+    values, problems = find_axis_values(axis, None)
+    assert problems == ()
+    assert (len(values), values[-1]) == (7, float(end))
+    assert all(map(isfinite, values))
+    spaced = {axis.name_part(part): getattr(axis, part) for part in ("start", "stop", "number")}
+    assert not KEY.search(draw(**{**typed, "axis.1.values": "", **spaced}))[1]
 
 
 def test_a_decimal_step_has_no_digits_of_binary_numbers():

@@ -43,6 +43,9 @@ BRAKES = "The ego brakes at up to 5.1 m/s² from 3.4 to 0.0 s before the collisi
             ],
         ),
         (["Mode 1: " + "far " * 40], ["Mode 1"]),
+        (["A.", "A (mode 1).", "A."], ["A (mode 1)", "A (mode 1) (mode 2)", "A (mode 3)"]),
+        (["Mode 2.", ""], ["Mode 2 (mode 1)", "Mode 2"]),
+        (["It stops.", "It stops (mode 2)."], ["It stops", "It stops (mode 2)"]),
     ],
 )
 def test_a_name_ends_with_a_phrase(words, names):
@@ -78,3 +81,13 @@ def test_names_are_short_complete_and_unique(seeds, channels):
         rest = text.removeprefix(f"Mode {number}: ")
         assert rest.startswith(beginning)
         assert rest[len(beginning) :].startswith((", ", "; ", ". ", " from ", " during "))
+
+
+PARTS = ("A", "B", "Mode 1", "Mode 2", " (mode 1)", " (mode 2)", ". ", ", ", "x" * 70)
+
+
+@given(st.lists(st.lists(st.sampled_from(PARTS), max_size=4).map("".join), max_size=5))
+def test_names_of_any_descriptions_are_unique(words):
+    names = propose_mode_names(words)
+    assert len({*names}) == len(names) == len(words)
+    assert all(0 < len(name) <= LONGEST_MODE_NAME for name in names)
