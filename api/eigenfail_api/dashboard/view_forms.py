@@ -111,7 +111,7 @@ router = APIRouter(include_in_schema=False)
 @router.post("/views")
 def save_view(store: Stored, form: Form, who: CallerName) -> RedirectResponse:
     """Save the list as it is shown under a new name."""
-    query = dict(parse_qsl(form.get("query", ""), max_num_fields=MOST_FIELDS))
+    query = _parse_query(form.get("query", ""))
     given = {"name": form.get("name", ""), "page": form.get("page"), "query": query}
     request = check_view(read_fields(given, ViewRequest))
     campaign = _read_campaign(form, request.page)
@@ -133,6 +133,15 @@ def delete_view(store: Stored, view: ViewId, form: Form) -> RedirectResponse:
     """Delete a view."""
     campaign = _read_campaign(form, store.views.get(view).page)
     return _return_to(store.views.delete(view), campaign)
+
+
+def _parse_query(text: str) -> dict[str, str]:
+    """Return the parameters of a list, as in its address."""
+    try:
+        return dict(parse_qsl(text, max_num_fields=MOST_FIELDS))
+    except ValueError:
+        problem = f"it has more than {MOST_FIELDS} parameters."
+        raise InvalidValue("query", problem, "Open the list again.") from None
 
 
 def _read_campaign(form: Mapping[str, str], page: ViewPage) -> int | None:

@@ -60,6 +60,7 @@ def test_parameters_that_no_page_has_are_left_out_of_the_address(http, store, ca
         ({"name": "x", "page": "modes"}, 422),
         ({"name": "x"}, 422),
         ({"name": "x", "page": "campaigns", "query": "state=open"}, 422),
+        ({"name": "x", "page": "campaigns", "query": "&".join(["sort=id"] * 101)}, 422),
         ({"name": "x", "page": "episodes"}, 422),
         ({"name": "x", "page": "episodes", "campaign": "²"}, 422),
         ({"name": "taken", "page": "campaigns"}, 409),
