@@ -110,10 +110,26 @@ def read_campaign_fields(
     return FailureForm(*(text.strip() for text in (project, planner, planner_version, method)))
 
 
-def parse_request(
-    campaigns: Annotated[FailureForm, Depends(read_campaign_fields)],
+class TriageFields(NamedTuple):
+    """Fields of the form about triage; None asks for nothing, an empty owner for none."""
+
+    state: TriageState | None
+    owner: str | None
+
+
+def read_triage_fields(
     state: Annotated[TriageState | Literal[""], Query()] = "",
     owner: Words = "",
+    unowned: Annotated[bool, Query()] = False,
+) -> TriageFields:
+    """Return the fields of a request about triage; `unowned` overrides an owner."""
+    named = owner.strip() or None
+    return TriageFields(TriageState(state) if state else None, "" if unowned else named)
+
+
+def parse_request(
+    campaigns: Annotated[FailureForm, Depends(read_campaign_fields)],
+    triage: Annotated[TriageFields, Depends(read_triage_fields)],
     archived: Annotated[bool, Query()] = False,
     sort: Annotated[str, Query(max_length=64)] = MOST_SEVERE_FIRST,
 ) -> FailureQuery:
@@ -122,15 +138,16 @@ def parse_request(
     of_campaign = campaigns._asdict()
     given = {
         **of_campaign,
-        "state": str(state),
-        "owner": owner.strip(),
+        "state": triage.state or "",
+        "owner": triage.owner or "",
+        "unowned": "true" if triage.owner == "" else "",
         "archived": "true" if archived else "",
         "sort": "" if sort.strip() == MOST_SEVERE_FIRST else sort.strip(),
     }
     where = replace(
         parse_campaigns(**of_campaign, archived=archived),
-        state=TriageState(state) if state else None,
-        owner=owner.strip() or None,
+        state=triage.state,
+        owner=triage.owner,
     )
     return FailureQuery({name: text for name, text in given.items() if text}, where, sort.strip())
 

@@ -35,6 +35,13 @@ ON_NO_PAGE = frozenset({"fields"})
 """Parameters that the command line has, but no page."""
 
 
+UNOWNED = {"unowned": "true"}
+"""Parameter of the page of failures for those without an owner.
+
+The field `owner` of its form is empty where the owner does not matter.
+"""
+
+
 class ViewLine(msgspec.Struct, frozen=True):
     """A view in the menu.
 
@@ -83,7 +90,7 @@ def make_view_menu(
                 id=view.id,
                 name=view.name,
                 address=_find_address(page, view.query, campaign),
-                is_current=_drop_unshown(view.query) == shown,
+                is_current=_to_page_query(view.query) == shown,
                 author=view.author,
                 saved=write_time(view.saved_ms),
             )
@@ -96,13 +103,15 @@ def make_view_menu(
 
 
 def _find_address(page: ViewPage, query: Mapping[str, str], campaign: int | None) -> str:
-    shown = _drop_unshown(query)
+    shown = _to_page_query(query)
     path = LISTS[page].format(campaign=campaign)
     return f"{path}?{urlencode(shown)}" if shown else path
 
 
-def _drop_unshown(query: Mapping[str, str]) -> dict[str, str]:
-    return {name: value for name, value in query.items() if name not in ON_NO_PAGE}
+def _to_page_query(query: Mapping[str, str]) -> dict[str, str]:
+    """Return the parameters of a view as the address of the page has them."""
+    shown = {name: value for name, value in query.items() if value and name not in ON_NO_PAGE}
+    return shown | UNOWNED if query.get("owner") == "" else shown
 
 
 router = APIRouter(include_in_schema=False)
@@ -136,12 +145,14 @@ def delete_view(store: Stored, view: ViewId, form: Form) -> RedirectResponse:
 
 
 def _parse_query(text: str) -> dict[str, str]:
-    """Return the parameters of a list, as in its address."""
+    """Return the parameters of a view from those of a page's address."""
     try:
-        return dict(parse_qsl(text, max_num_fields=MOST_FIELDS))
+        query = dict(parse_qsl(text, max_num_fields=MOST_FIELDS))
     except ValueError:
         problem = f"it has more than {MOST_FIELDS} parameters."
         raise InvalidValue("query", problem, "Open the list again.") from None
+    named = {name: value for name, value in query.items() if name not in UNOWNED}
+    return named if named == query else named | {"owner": ""}
 
 
 def _read_campaign(form: Mapping[str, str], page: ViewPage) -> int | None:

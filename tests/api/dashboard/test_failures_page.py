@@ -5,7 +5,9 @@ import re
 import pytest
 from store_checks.failures import fill
 
+from eigenfail.values.triage import TriageChange
 from eigenfail_api.dashboard import failures_page
+from eigenfail_services.store.triage import episode_subject
 
 HTML = {"Accept": "text/html"}
 
@@ -56,6 +58,15 @@ def test_filters_stay_in_the_form(http, places):
     assert '<input type="hidden" name="archived" value="true">' in text
     assert "No failures match these filters." in read(http, "/failures?project=none")
     assert places
+
+
+def test_failures_without_an_owner_are_chosen(http, store, places):
+    _, campaign, index = places[0]
+    subject = episode_subject(campaign, index)
+    store.triage.change(subject, TriageChange(owner="anna"), "anna")
+    shown = list_places(read(http, "/failures?owner=&unowned=true"))
+    assert shown == [(one, other) for _, one, other in places[1:]]
+    assert list_places(read(http, "/failures?owner=anna")) == [(campaign, index)]
 
 
 def test_without_failures(http):
