@@ -55,6 +55,12 @@ class ViewRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     query: dict[str, _Parameter] = {}
 
 
+class ViewName(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The name that a view is to have, which no other view has."""
+
+    name: _Name
+
+
 class SavedView(Tabular, msgspec.Struct, frozen=True):
     """A saved view.
 

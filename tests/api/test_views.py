@@ -37,6 +37,16 @@ def test_a_view_is_saved_changed_and_deleted(http, problem):
     problem(http.delete(address), 404)
 
 
+def test_a_renaming_keeps_a_filter_that_was_changed_in_between(http, problem):
+    address = http.post(URL, json=HARD).headers["Location"]
+    http.put(address, json={**HARD, "query": {"sort": "severity"}})
+    told = http.put(f"{address}/name", json={"name": "  harder "}).json()
+    assert (told["name"], told["query"]) == ("harder", {"sort": "severity"})
+    assert http.get(address).json() == told
+    assert problem(http.put(f"{address}/name", json={"name": " "}), 422)["field"] == "name"
+    problem(http.put(f"{URL}/999/name", json={"name": "x"}), 404)
+
+
 def test_a_name_is_given_once(http, problem):
     assert http.post(URL, json=HARD).status_code == 201
     told = problem(http.post(URL, json={"name": HARD["name"], "page": "campaigns"}), 409)

@@ -15,7 +15,7 @@ from eigenfail.values.access import UNLIMITED, KeyRequest, Quotas, redact
 from eigenfail.values.campaign_spec import PriorityChange
 from eigenfail.values.triage import EpisodesTriage, ModesTriage, TriageChange
 from eigenfail.values.webhooks import WebhookRequest
-from eigenfail.views import ViewRequest
+from eigenfail.views import ViewName, ViewRequest
 from eigenfail.wire.http import ModeName
 
 RECORDED: Mapping[type[msgspec.Struct], tuple[str, ...]] = {
@@ -28,6 +28,7 @@ RECORDED: Mapping[type[msgspec.Struct], tuple[str, ...]] = {
     PriorityChange: ("priority",),
     Quotas: ("max_open", "max_episodes", "max_episodes_per_day"),
     TriageChange: ("state", "owner", "labels", "add_labels", "remove_labels", "ticket"),
+    ViewName: ("name",),
     ViewRequest: ("name", "page"),
     WebhookRequest: ("events",),
 }

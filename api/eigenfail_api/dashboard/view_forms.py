@@ -17,6 +17,7 @@ from eigenfail.views import (
     ViewPage,
     ViewRequest,
     check_view,
+    check_view_name,
 )
 from eigenfail.wire.http import read_fields
 from eigenfail_api.dashboard.rendering import write_time
@@ -130,11 +131,9 @@ def save_view(store: Stored, form: Form, who: CallerName) -> RedirectResponse:
 @router.post("/views/{view}/name")
 def rename_view(store: Stored, view: ViewId, form: Form, who: CallerName) -> RedirectResponse:
     """Give a view another name."""
-    found = store.views.get(view)
-    campaign = _read_campaign(form, found.page)
-    given = {"name": form.get("name", ""), "page": found.page, "query": found.query}
-    request = check_view(read_fields(given, ViewRequest))
-    return _return_to(store.views.change(view, request, who), campaign)
+    campaign = _read_campaign(form, store.views.get(view).page)
+    name = check_view_name(form.get("name", ""))
+    return _return_to(store.views.rename(view, name, who), campaign)
 
 
 @router.post("/views/{view}/delete")
