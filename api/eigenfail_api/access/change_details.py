@@ -34,8 +34,8 @@ RECORDED: Mapping[type[msgspec.Struct], tuple[str, ...]] = {
 }
 """Fields of a body that the audit log has; of other bodies it has none."""
 
-RECORDED_IN_FORMS = ("state", "owner", "labels", "ticket", "filter")
-"""The same for forms of pages, all of which are about triage."""
+RECORDED_IN_FORMS = ("state", "owner", "labels", "ticket", "filter", "name", "page")
+"""The same for forms of pages: those of triage, and those of saved views (`name`, `page`)."""
 
 LONGEST_VALUE, LONGEST_DETAILS = 120, 600
 """Most characters of a value, and of all of them together."""
