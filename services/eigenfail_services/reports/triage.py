@@ -12,7 +12,7 @@ from eigenfail_services.store import Store
 from eigenfail_services.store.triage import TriageSubject
 from eigenfail_services.store.triage_rows import TriageKind
 
-MOST_TRIAGED = 1_000
+MOST_SHOWN = 1_000
 """Modes or episodes of a campaign whose triage stands in a report, those of the lowest numbers."""
 
 MOST_NOTES = 1_000
@@ -93,7 +93,7 @@ def make_triage(material: Material) -> ReportPart | None:
     return ReportPart(section)
 
 
-_BOUND = f"At most {MOST_TRIAGED:,} modes and {MOST_TRIAGED:,} episodes of each campaign."
+_BOUND = f"At most {MOST_SHOWN:,} modes and {MOST_SHOWN:,} episodes of each campaign."
 _NOTES_BOUND = f"At most the newest {MOST_NOTES:,} notes on modes and on episodes of each campaign."
 
 
@@ -107,11 +107,11 @@ def _list_all(store: Store, subject: Subject) -> Iterator[_Triaged]:
     """Yield all modes of the newest analysis, and the episodes that were triaged."""
     if subject.analysis is not None:
         analysis = subject.analysis.id
-        changed = dict(store.triage.list_triaged(TriageKind.MODE, analysis, MOST_TRIAGED))
-        for mode in store.analyses.modes(analysis)[:MOST_TRIAGED]:
+        changed = dict(store.triage.list_triaged(TriageKind.MODE, analysis, MOST_SHOWN))
+        for mode in store.analyses.modes(analysis)[:MOST_SHOWN]:
             place = TriageSubject(TriageKind.MODE, analysis, mode.number)
             yield _Triaged(subject.id, place, changed.get(place, UNTOUCHED), mode.name)
-    for place, triage in store.triage.list_triaged(TriageKind.EPISODE, subject.id, MOST_TRIAGED):
+    for place, triage in store.triage.list_triaged(TriageKind.EPISODE, subject.id, MOST_SHOWN):
         yield _Triaged(subject.id, place, triage)
 
 
