@@ -116,7 +116,7 @@ def read_campaign_fields(
     return FailureForm(*(text.strip() for text in (project, planner, planner_version, method)))
 
 
-class TriageFields(NamedTuple):
+class TriageForm(NamedTuple):
     """Fields of the form about triage; None asks for nothing, an empty owner for none."""
 
     state: TriageState | None
@@ -127,15 +127,15 @@ def read_triage_fields(
     state: Annotated[TriageState | Literal[""], Query()] = "",
     owner: Words = "",
     unowned: Annotated[bool, Query()] = False,
-) -> TriageFields:
+) -> TriageForm:
     """Return the fields of a request about triage; `unowned` overrides an owner."""
     named = owner.strip() or None
-    return TriageFields(TriageState(state) if state else None, "" if unowned else named)
+    return TriageForm(TriageState(state) if state else None, "" if unowned else named)
 
 
 def parse_request(
     campaigns: Annotated[FailureForm, Depends(read_campaign_fields)],
-    triage: Annotated[TriageFields, Depends(read_triage_fields)],
+    triage: Annotated[TriageForm, Depends(read_triage_fields)],
     archived: Annotated[bool, Query()] = False,
     sort: Annotated[str, Query(max_length=64)] = MOST_SEVERE_FIRST,
 ) -> FailureQuery:
