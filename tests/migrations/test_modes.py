@@ -1,5 +1,7 @@
 """Migration 0022: modes of earlier analyses get names, and their failures know them."""
 
+from textwrap import shorten
+
 from msgspec.structs import replace
 from sqlalchemy import inspect
 from store_checks.modes import WORDS, analysed, crashed
@@ -29,7 +31,13 @@ def test_modes_of_earlier_analyses_are_filled_in(url, look) -> None:
     migrate.downgrade(url, "0021")
     assert not {"modes", "mode_members"} & look(url, tables)
     store = open_store(url)  # brings the schema up again
-    assert [store.analyses.modes(each) for each in (described, bare)] == before
+    first, second = before[0]
+    # The migration keeps the words that it had: names that are proposed today may be shorter.
+    filled = replace(second, name=shorten(WORDS[1].removeprefix("Mode 2: "), 80, placeholder=" …"))
+    assert [store.analyses.modes(each) for each in (described, bare)] == [
+        (first, filled),
+        before[1],
+    ]
     assert store.analyses.modes(unfinished) == ()
     rows = store.episodes.page(campaign.id, 10).items
     assert [row.mode for row in rows] == [1, 2, None, 2]
