@@ -64,7 +64,7 @@ from eigenfail.values.webhooks import (
     WebhookDelivery,
     WebhookRequest,
 )
-from eigenfail.views import SavedView, ViewRequest
+from eigenfail.views import SavedView, ViewName, ViewRequest
 from eigenfail.wire import http
 from eigenfail.wire.http import (
     MAX_CAMPAIGNS_AT_ONCE,
@@ -150,6 +150,7 @@ BODIES = (
     Page[TriageNote],
     Usage,
     SavedView,
+    ViewName,
     ViewRequest,
     Page[SavedView],
     Webhook,

@@ -55,6 +55,12 @@ class ViewRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     query: dict[str, _Parameter] = {}
 
 
+class ViewName(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """The name that a view is to have, which no other view has."""
+
+    name: _Name
+
+
 class SavedView(Tabular, msgspec.Struct, frozen=True):
     """A saved view.
 
@@ -141,8 +147,14 @@ PARAMETERS: Mapping[ViewPage, Mapping[str, Callable[[str, str], None]]] = {
 """Parameters of each list, with the check of a value under its field; it raises InputError."""
 
 
+EMPTY_ASKS = frozenset({"owner"})
+"""Parameters whose empty text asks for something: failures without an owner."""
+
+
 def check_view(request: ViewRequest) -> ViewRequest:
     """Return a view without white space around its texts, and without empty parameters.
+
+    An empty owner stays: it asks for failures without one.
 
     Raises:
         UnknownName: the list does not have a parameter, or a parameter never has the value.
@@ -173,7 +185,8 @@ def _check_query(page: ViewPage, given: Mapping[str, str]) -> dict[str, str]:
     for name in given:
         if name not in checks:
             raise UnknownName("query", name, checks)
-    query = {name: text.strip() for name, text in given.items() if text.strip()}
+    tidy = {name: text.strip() for name, text in given.items()}
+    query = {name: text for name, text in tidy.items() if text or name in EMPTY_ASKS}
     for name, text in query.items():
         checks[name](f"query.{name}", text)
     return query
@@ -182,10 +195,16 @@ def _check_query(page: ViewPage, given: Mapping[str, str]) -> dict[str, str]:
 def write_query(given: Mapping[str, object]) -> dict[str, str]:
     """Return keyword arguments of a list as parameters; what is empty, False or None is left out.
 
+    An empty owner stays, as in `check_view`.
+
     Raises:
         InvalidValue: a value is neither a text, nor True, nor a sequence of texts.
     """
-    return {name: _write_value(name, value) for name, value in given.items() if value}
+    return {
+        name: _write_value(name, value)
+        for name, value in given.items()
+        if value or (value == "" and name in EMPTY_ASKS)
+    }
 
 
 def _write_value(name: str, value: object) -> str:

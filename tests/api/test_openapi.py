@@ -188,6 +188,7 @@ def test_bodies_are_described_where_they_are_read(document):
         "/api/v1/suites",
         "/api/v1/views",
         "/api/v1/views/{view}",
+        "/api/v1/views/{view}/name",
         "/api/v1/webhooks",
     }
 

@@ -25,6 +25,7 @@ BODIES = {
     "/api/v1/campaigns/{campaign}/episodes/{index}/notes": {"text": "as before"},
     "/api/v1/suites": {"name": "a", "base": {}, "grid": {}},
     "/api/v1/views/{view}": {"name": "mine", "page": "campaigns"},
+    "/api/v1/views/{view}/name": {"name": "mine"},
 }
 """Where one must be given."""
 

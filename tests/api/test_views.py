@@ -29,10 +29,22 @@ def test_a_view_is_saved_changed_and_deleted(http, problem):
     assert (changed.json()["name"], changed.json()["query"]) == ("open", {})
     for query, count in (("page=campaigns", 1), ("page=episodes", 0), ("name=open", 1)):
         assert len(http.get(f"{URL}?{query}").json()["items"]) == count
-    assert http.delete(address).json() == changed.json()
+    unowned = {"name": "u", "page": "failures", "query": {"owner": " ", "planner": ""}}
+    assert http.put(address, json=unowned).json()["query"] == {"owner": ""}
+    assert http.delete(address).status_code == 200
     problem(http.get(address), 404)
     problem(http.put(address, json=HARD), 404)
     problem(http.delete(address), 404)
+
+
+def test_a_renaming_keeps_a_filter_that_was_changed_in_between(http, problem):
+    address = http.post(URL, json=HARD).headers["Location"]
+    http.put(address, json={**HARD, "query": {"sort": "severity"}})
+    told = http.put(f"{address}/name", json={"name": "  harder "}).json()
+    assert (told["name"], told["query"]) == ("harder", {"sort": "severity"})
+    assert http.get(address).json() == told
+    assert problem(http.put(f"{address}/name", json={"name": " "}), 422)["field"] == "name"
+    problem(http.put(f"{URL}/999/name", json={"name": "x"}), 404)
 
 
 def test_a_name_is_given_once(http, problem):

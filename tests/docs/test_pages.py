@@ -76,6 +76,7 @@ MEASURES = "It measures for many minutes; its results are claims."
 
 NOT_RUN = {
     "make setup": INSTALLS,
+    ".venv/bin/eigenfail up": "It is a service; tests/browser/test_first_ten_minutes.py has one.",
     "make demo": "It takes minutes; tests/docs/test_pages.py runs the same searches, smaller.",
     "eigenfail requirement examples/sensor_requirement.toml": "It takes an hour or more.",
     "eigenfail noise import": "The reader has the file: tests/services/noise_fit/test_tier4.py.",
@@ -96,6 +97,7 @@ OTHERWISE = {
     "docs/security.md": "It turns authentication on for good: tests/sdk/cli/test_key.py.",
     "docs/contributing.md": f"{SUITE} Its Python shows a mark: tests/docs/fault_table.py.",
     "docs/faults.md": f"{SUITE} It is the soak.",
+    "docs/world.md": "Its TOML is a part of a campaign: test_the_importance_is_accepted.",
     "docs/bridge_examples.md": "tests/examples/bridge builds and runs these bridges.",
     "docs/foreign_stacks.md": "tests/examples/bridge runs these bridges.",
     "docs/fix_a_planner.md": "tests/sdk/cli/gate/test_story.py runs its commands in order.",
@@ -419,6 +421,14 @@ def test_a_command_that_hangs_is_ended_with_its_shell(tmp_path, monkeypatch):
     monkeypatch.setattr(f"{__name__}.COMMAND_WITHIN_S", 0.5)
     with shell(tmp_path) as here, pytest.raises(AssertionError, match="took too long"):
         here.type("sleep 300; true")
+
+
+def test_the_importance_is_accepted():
+    ((language, block),) = blocks("docs/world.md")
+    assert language == "toml"
+    check(block)
+    with pytest.raises(msgspec.ValidationError):
+        check(block.replace('kind = "measure"', 'kind = "measured"'))
 
 
 def test_every_page_with_blocks_is_typed_or_says_why_not():

@@ -70,6 +70,7 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"POST {PREFIX}/campaigns/{{campaign}}/episodes/{{index}}/notes",
         f"POST {PREFIX}/views",
         f"PUT {PREFIX}/views/{{view}}",
+        f"PUT {PREFIX}/views/{{view}}/name",
         f"DELETE {PREFIX}/views/{{view}}",
         "POST /views",
         "POST /views/{view}/name",

@@ -4,7 +4,7 @@ import re
 import shlex
 from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any
-from urllib.parse import unquote
+from urllib.parse import parse_qsl, unquote, urlencode
 
 import msgspec
 from fastapi import APIRouter, Query, Request
@@ -12,10 +12,14 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import NotFound
 from eigenfail.suites import list_leaves
+from eigenfail.views import PARAMETERS, ViewPage
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.dashboard.rendering import page
 
 MARK = "TOML"
+
+FLAGS = frozenset({"archived"})
+"""Parameters of lists that are true where they are given."""
 
 Values = Mapping[str, Any]
 
@@ -75,18 +79,36 @@ class Words(msgspec.Struct, frozen=True):
         call: the arguments of the expression, from the query and the body.
         imports: what the expression needs besides the client.
         before: what the command line needs first, from the body.
+        options: options of the command, from the query.
+        parameters: parameters of the query that an address of a page may have.
     """
 
     python: str
     cli: str = ""
     call: Callable[[CopiedRequest], str] = lambda _: ""
     before: Callable[[CopiedRequest], str] = lambda _: ""
+    options: Callable[[CopiedRequest], str] = lambda _: ""
     imports: str = ""
+    parameters: frozenset[str] = frozenset()
 
 
 def format_arguments(asked: CopiedRequest) -> str:
     """Return the body as keyword arguments."""
     return ", ".join(f"{name}={value!r}" for name, value in (asked.body or {}).items())
+
+
+def format_filter(asked: CopiedRequest) -> str:
+    """Return the query of a list as keyword arguments."""
+    given = ((name, True if name in FLAGS else value) for name, value in asked.query.items())
+    return ", ".join(f"{name}={value!r}" for name, value in given)
+
+
+def format_options(asked: CopiedRequest) -> str:
+    """Return the query of a list as options of its command."""
+    return "".join(
+        f" --{name}" if name in FLAGS else f" --{name.replace('_', '-')}={shlex.quote(value)}"
+        for name, value in asked.query.items()
+    )
 
 
 def format_spec_file(asked: CopiedRequest) -> str:
@@ -144,7 +166,13 @@ WORDS: Mapping[tuple[str, str], Words] = {
     ("GET", "/releases/{campaign}"): Words(
         "client.releases.get({campaign})", "release show {campaign}"
     ),
-    ("GET", "/failures"): Words("list(client.episodes.list_failures())", "episode failures"),
+    ("GET", "/failures"): Words(
+        "list(client.episodes.list_failures({}))",
+        "episode failures",
+        call=format_filter,
+        options=format_options,
+        parameters=frozenset(PARAMETERS[ViewPage.FAILURES]),
+    ),
     ("GET", "/views"): Words("list(client.views.list())", "view list"),
     ("GET", "/gates"): Words("list(client.gates.list())", "gate list"),
     ("GET", "/gates/{gate}"): Words("client.gates.get({gate})", "gate show {gate}"),
@@ -187,7 +215,7 @@ def as_regex(pattern: str) -> re.Pattern[str]:
 
 def format_curl(service: Service, asked: CopiedRequest) -> str:
     """Return the request for a shell; the key comes from SDK's and command line's variable."""
-    query = "&".join(f"{name}={value}" for name, value in asked.query.items())
+    query = urlencode(asked.query)
     address = f"{service.address}{PREFIX}{asked.path}{'?' if query else ''}{query}"
     parts = [f"curl {shlex.quote(address)}"]
     if service.asks_for_key:
@@ -213,7 +241,8 @@ def format_command(base: str, asked: CopiedRequest, words: Words, names: Mapping
     """Return the request as a command."""
     given = {**names, **asked.query, **{n: str(v) for n, v in (asked.body or {}).items()}}
     command = words.cli.format(**{name: shlex.quote(text) for name, text in given.items()})
-    return f"{words.before(asked)}eigenfail {command} --url {shlex.quote(base)}"
+    before, options = words.before(asked), words.options(asked)
+    return f"{before}eigenfail {command}{options} --url {shlex.quote(base)}"
 
 
 def list_ids(ids: str) -> str:
@@ -278,7 +307,24 @@ def read_service(request: Request) -> Service:
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
-ApiPath = Annotated[str, Query(max_length=1_000, description="Path below /api/v1.")]
+ApiPath = Annotated[
+    str, Query(max_length=16_000, description="Path below /api/v1, with the filter of a list.")
+]
+
+
+def read_address(address: str) -> CopiedRequest:
+    """Return the request for a path with a query.
+
+    Raises:
+        KeyError: nothing is known of such a path, or it does not have a parameter.
+    """
+    path, _, text = address.partition("?")
+    query = dict(parse_qsl(text, keep_blank_values=True))
+    asked = CopiedRequest(method="GET", path=path, query=query)
+    words, _ = find_words(asked)
+    if not query.keys() <= words.parameters:
+        raise KeyError(address)
+    return asked
 
 
 @router.get("/copies")
@@ -289,7 +335,7 @@ def show_copies(request: Request, path: ApiPath) -> HTMLResponse:
         NotFound: no page shows such a thing.
     """
     try:
-        found = make_copies(read_service(request), CopiedRequest(method="GET", path=path))
+        found = make_copies(read_service(request), read_address(path))
     except KeyError as error:
         raise NotFound(f"The request for '{path}' is unknown.") from error
     return page("copies.html", found)

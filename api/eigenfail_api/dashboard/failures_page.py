@@ -9,8 +9,9 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 from msgspec.structs import replace
 
+from eigenfail.errors import InvalidValue
 from eigenfail.filters import SortOrder, parse_sort, write_failure_filter
-from eigenfail.values import Campaign
+from eigenfail.values import Campaign, Page
 from eigenfail.values.failures import MOST_SEVERE_FIRST, FailureFilter, parse_failure_sort
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.triage import TriageState
@@ -29,6 +30,7 @@ from eigenfail_api.dashboard.triage_forms import STATES
 from eigenfail_api.dashboard.view_forms import ViewMenu, make_view_menu
 from eigenfail_api.parameters import Stored
 from eigenfail_api.routes.failures import After, parse_campaigns
+from eigenfail_services.store import Store
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
@@ -81,6 +83,8 @@ class FailuresView(msgspec.Struct, frozen=True, kw_only=True):
         next: address of the page behind this one; empty on the last.
         states: values and words of the states of triage, for a choice.
         archive: words and address of the list with or without archived campaigns.
+        copied: path of the request that lists the same failures, below /api/v1.
+        is_first_again: whether the first page is shown since the place is not there any more.
     """
 
     query: Mapping[str, str]
@@ -90,6 +94,8 @@ class FailuresView(msgspec.Struct, frozen=True, kw_only=True):
     next: str
     states: tuple[tuple[str, str], ...] = STATES
     archive: tuple[str, str]
+    copied: str
+    is_first_again: bool
     is_filtered: bool
     views: ViewMenu
 
@@ -110,10 +116,26 @@ def read_campaign_fields(
     return FailureForm(*(text.strip() for text in (project, planner, planner_version, method)))
 
 
-def parse_request(
-    campaigns: Annotated[FailureForm, Depends(read_campaign_fields)],
+class TriageForm(NamedTuple):
+    """Fields of the form about triage; None asks for nothing, an empty owner for none."""
+
+    state: TriageState | None
+    owner: str | None
+
+
+def read_triage_fields(
     state: Annotated[TriageState | Literal[""], Query()] = "",
     owner: Words = "",
+    unowned: Annotated[bool, Query()] = False,
+) -> TriageForm:
+    """Return the fields of a request about triage; `unowned` overrides an owner."""
+    named = owner.strip() or None
+    return TriageForm(TriageState(state) if state else None, "" if unowned else named)
+
+
+def parse_request(
+    campaigns: Annotated[FailureForm, Depends(read_campaign_fields)],
+    triage: Annotated[TriageForm, Depends(read_triage_fields)],
     archived: Annotated[bool, Query()] = False,
     sort: Annotated[str, Query(max_length=64)] = MOST_SEVERE_FIRST,
 ) -> FailureQuery:
@@ -122,15 +144,16 @@ def parse_request(
     of_campaign = campaigns._asdict()
     given = {
         **of_campaign,
-        "state": str(state),
-        "owner": owner.strip(),
+        "state": triage.state or "",
+        "owner": triage.owner or "",
+        "unowned": "true" if triage.owner == "" else "",
         "archived": "true" if archived else "",
         "sort": "" if sort.strip() == MOST_SEVERE_FIRST else sort.strip(),
     }
     where = replace(
         parse_campaigns(**of_campaign, archived=archived),
-        state=TriageState(state) if state else None,
-        owner=owner.strip() or None,
+        state=triage.state,
+        owner=triage.owner,
     )
     return FailureQuery({name: text for name, text in given.items() if text}, where, sort.strip())
 
@@ -143,9 +166,8 @@ def show_failures(
 ) -> HTMLResponse:
     """The collisions of all campaigns by severity."""
     descending = parse_failure_sort(asked.sort)
-    found = store.failures.page(
-        asked.where, FAILURES_ON_A_PAGE, after, most_severe_first=descending
-    )
+    found, is_gone = _read_page(store, asked, after, most_severe_first=descending)
+    after = None if is_gone else after
     campaigns = store.failures.read_campaigns(found.items)
     views = store.views.list_by_name(ViewPage.FAILURES)
     view = FailuresView(
@@ -155,10 +177,30 @@ def show_failures(
         first="" if after is None else _write_address(asked.query),
         next="" if found.next is None else _write_address(asked.query, after=str(found.next)),
         archive=_describe_archive(asked),
+        copied=_write_copied(asked),
+        is_first_again=is_gone,
         is_filtered=bool({*asked.query} - {"sort", "archived"}),
         views=make_view_menu(views, ViewPage.FAILURES, asked.query),
     )
     return page("all_failures.html", view)
+
+
+def _read_page(
+    store: Store, asked: FailureQuery, after: int | None, *, most_severe_first: bool
+) -> tuple[Page[EpisodeRow], bool]:
+    """Return a page, and whether it is the first one instead of one whose place is gone."""
+
+    def read(place: int | None) -> Page[EpisodeRow]:
+        return store.failures.page(
+            asked.where, FAILURES_ON_A_PAGE, place, most_severe_first=most_severe_first
+        )
+
+    try:
+        return read(after), False
+    except InvalidValue as error:
+        if error.field != "after":
+            raise
+        return read(None), True
 
 
 def make_failure_line(row: EpisodeRow, campaign: Campaign) -> FailureLine:
@@ -184,6 +226,13 @@ def _describe_archive(asked: FailureQuery) -> tuple[str, str]:
     if "archived" in asked.query:
         return "Hide failures of archived campaigns", _write_address(asked.query, archived="")
     return "Show failures of archived campaigns", _write_address(asked.query, archived="true")
+
+
+def _write_copied(asked: FailureQuery) -> str:
+    """Return the path and query of the same list in the API, which has no `unowned`."""
+    named = {name: text for name, text in asked.query.items() if name != "unowned"}
+    query = named | ({"owner": ""} if asked.where.owner == "" else {})
+    return f"/failures?{urlencode(query)}" if query else "/failures"
 
 
 def _write_address(query: Mapping[str, str], **changes: str) -> str:

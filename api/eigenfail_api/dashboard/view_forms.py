@@ -17,6 +17,7 @@ from eigenfail.views import (
     ViewPage,
     ViewRequest,
     check_view,
+    check_view_name,
 )
 from eigenfail.wire.http import read_fields
 from eigenfail_api.dashboard.rendering import write_time
@@ -33,6 +34,13 @@ LISTS = {
 
 ON_NO_PAGE = frozenset({"fields"})
 """Parameters that the command line has, but no page."""
+
+
+UNOWNED = {"unowned": "true"}
+"""Parameter of the page of failures for those without an owner.
+
+The field `owner` of its form is empty where the owner does not matter.
+"""
 
 
 class ViewLine(msgspec.Struct, frozen=True):
@@ -83,7 +91,7 @@ def make_view_menu(
                 id=view.id,
                 name=view.name,
                 address=_find_address(page, view.query, campaign),
-                is_current=_drop_unshown(view.query) == shown,
+                is_current=_to_page_query(view.query) == shown,
                 author=view.author,
                 saved=write_time(view.saved_ms),
             )
@@ -96,13 +104,15 @@ def make_view_menu(
 
 
 def _find_address(page: ViewPage, query: Mapping[str, str], campaign: int | None) -> str:
-    shown = _drop_unshown(query)
+    shown = _to_page_query(query)
     path = LISTS[page].format(campaign=campaign)
     return f"{path}?{urlencode(shown)}" if shown else path
 
 
-def _drop_unshown(query: Mapping[str, str]) -> dict[str, str]:
-    return {name: value for name, value in query.items() if name not in ON_NO_PAGE}
+def _to_page_query(query: Mapping[str, str]) -> dict[str, str]:
+    """Return the parameters of a view as the address of the page has them."""
+    shown = {name: value for name, value in query.items() if value and name not in ON_NO_PAGE}
+    return shown | UNOWNED if query.get("owner") == "" else shown
 
 
 router = APIRouter(include_in_schema=False)
@@ -111,7 +121,7 @@ router = APIRouter(include_in_schema=False)
 @router.post("/views")
 def save_view(store: Stored, form: Form, who: CallerName) -> RedirectResponse:
     """Save the list as it is shown under a new name."""
-    query = dict(parse_qsl(form.get("query", ""), max_num_fields=MOST_FIELDS))
+    query = _parse_query(form.get("query", ""))
     given = {"name": form.get("name", ""), "page": form.get("page"), "query": query}
     request = check_view(read_fields(given, ViewRequest))
     campaign = _read_campaign(form, request.page)
@@ -121,11 +131,9 @@ def save_view(store: Stored, form: Form, who: CallerName) -> RedirectResponse:
 @router.post("/views/{view}/name")
 def rename_view(store: Stored, view: ViewId, form: Form, who: CallerName) -> RedirectResponse:
     """Give a view another name."""
-    found = store.views.get(view)
-    campaign = _read_campaign(form, found.page)
-    given = {"name": form.get("name", ""), "page": found.page, "query": found.query}
-    request = check_view(read_fields(given, ViewRequest))
-    return _return_to(store.views.change(view, request, who), campaign)
+    campaign = _read_campaign(form, store.views.get(view).page)
+    name = check_view_name(form.get("name", ""))
+    return _return_to(store.views.rename(view, name, who), campaign)
 
 
 @router.post("/views/{view}/delete")
@@ -133,6 +141,17 @@ def delete_view(store: Stored, view: ViewId, form: Form) -> RedirectResponse:
     """Delete a view."""
     campaign = _read_campaign(form, store.views.get(view).page)
     return _return_to(store.views.delete(view), campaign)
+
+
+def _parse_query(text: str) -> dict[str, str]:
+    """Return the parameters of a view from those of a page's address."""
+    try:
+        query = dict(parse_qsl(text, max_num_fields=MOST_FIELDS))
+    except ValueError:
+        problem = f"it has more than {MOST_FIELDS} parameters."
+        raise InvalidValue("query", problem, "Open the list again.") from None
+    named = {name: value for name, value in query.items() if name not in UNOWNED}
+    return named if named == query else named | {"owner": ""}
 
 
 def _read_campaign(form: Mapping[str, str], page: ViewPage) -> int | None:

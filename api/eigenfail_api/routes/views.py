@@ -5,7 +5,14 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Path, Query
 
 from eigenfail.values import Page
-from eigenfail.views import SavedView, ViewPage, ViewRequest, check_view
+from eigenfail.views import (
+    SavedView,
+    ViewName,
+    ViewPage,
+    ViewRequest,
+    check_view,
+    check_view_name,
+)
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.openapi import document_route
 from eigenfail_api.parameters import LARGEST, Before, CallerName, Json, Limit, Stored, body_of
@@ -16,6 +23,8 @@ ViewId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of a view.")]
 OfPage = Annotated[ViewPage | None, Query(description="Only views of this list.")]
 Named = Annotated[str | None, Query(description="Only the view with this name.")]
 Wanted = Annotated[ViewRequest, Depends(body_of(ViewRequest))]
+
+WantedName = Annotated[ViewName, Depends(body_of(ViewName))]
 
 
 @router.post("", **document_route(SavedView, 201, body=ViewRequest))
@@ -47,6 +56,12 @@ def get_view(store: Stored, view: ViewId) -> Json:
 def change_view(store: Stored, view: ViewId, wanted: Wanted, who: CallerName) -> Json:
     """Replace name, list and parameters of a saved view."""
     return Json(store.views.change(view, check_view(wanted), who))
+
+
+@router.put("/{view}/name", **document_route(SavedView, body=ViewName))
+def rename_view(store: Stored, view: ViewId, wanted: WantedName, who: CallerName) -> Json:
+    """Give a saved view another name; its list and parameters stay as they are."""
+    return Json(store.views.rename(view, check_view_name(wanted.name), who))
 
 
 @router.delete("/{view}", **document_route(SavedView))

@@ -214,7 +214,10 @@ Sort = Annotated[
         help=f"Order: {', '.join(CAMPAIGN_ORDERS)}; with a minus, the largest first.",
     ),
 ]
-Archived = Annotated[bool, typer.Option("--archived", help="List archived campaigns, too.")]
+Archived = Annotated[
+    bool | None,
+    typer.Option("--archived/--no-archived", help="List archived campaigns, too."),
+]
 Level = Annotated[float, typer.Option(help="Level of VaR and CVaR of severity.")]
 Ids = Annotated[
     list[int], typer.Argument(metavar="CAMPAIGN...", min=1, help="One campaign, or several.")
@@ -240,7 +243,7 @@ def list_campaigns(
     tag: Tag = None,
     planner_version: PlannerVersion = None,
     sort: Sort = None,
-    archived: Archived = False,
+    archived: Archived = None,
     view: ViewName = None,
     limit: Limit = 20,
     watched: Watched = False,
@@ -255,7 +258,7 @@ def list_campaigns(
         "tag": tag,
         "planner_version": planner_version,
         "sort": sort,
-        "archived": archived or None,
+        "archived": archived,
     }
     with interruptible(), connect_to(context, url) as client:
         asked = read_view(client, view, ViewPage.CAMPAIGNS, given)

@@ -41,7 +41,8 @@ Sort = Annotated[
     typer.Option(show_default=MOST_SEVERE_FIRST, help=f"{' or '.join(FAILURE_ORDERS)}."),
 ]
 Archived = Annotated[
-    bool, typer.Option("--archived", help="List failures of archived campaigns, too.")
+    bool | None,
+    typer.Option("--archived/--no-archived", help="List failures of archived campaigns, too."),
 ]
 
 
@@ -55,7 +56,7 @@ def list_failures(
     state: State = None,
     owner: Owner = None,
     sort: Sort = None,
-    archived: Archived = False,
+    archived: Archived = None,
     view: ViewName = None,
     limit: Limit = 20,
     as_json: AsJson = False,
@@ -72,7 +73,7 @@ def list_failures(
         "state": state,
         "owner": owner,
         "sort": sort,
-        "archived": archived or None,
+        "archived": archived,
     }
     with connect_to(context, url) as client:
         asked = read_view(client, view, ViewPage.FAILURES, given)

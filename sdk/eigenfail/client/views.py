@@ -7,6 +7,7 @@ from eigenfail.frames import Rows
 from eigenfail.values import Page
 from eigenfail.views import (
     SavedView,
+    ViewName,
     ViewPage,
     ViewRequest,
     check_view,
@@ -90,9 +91,8 @@ class Views:
             InvalidValue: the name is empty or too long.
             Conflict: another view has the name.
         """
-        found = self.get(view)
-        request = _make_request(name, found.page, found.query)
-        return self._link.put(f"/views/{found.id}", SavedView, request)
+        place = f"/views/{self.get(view).id}/name"
+        return self._link.put(place, SavedView, read_fields({"name": name}, ViewName))
 
     def delete(self, view: ViewLike) -> SavedView:
         """Delete a view, and return it as it was; what it lists stays.

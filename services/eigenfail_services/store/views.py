@@ -92,12 +92,26 @@ class ViewStore:
             NotFound: no such view.
             Conflict: another view has the name.
         """
+        return self._update(view, _list_values(request, author))
+
+    def rename(self, view: int, name: str, author: str) -> SavedView:
+        """Give a view another name, and return it; its list and parameters stay as they are.
+
+        Raises:
+            NotFound: no such view.
+            Conflict: another view has the name.
+        """
+        return self._update(view, {"name": name, "author": author, "saved_ms": now_ms()})
+
+    def _update(self, view: int, values: dict[str, Any]) -> SavedView:
         change = update(saved_views).where(saved_views.c.id == view)
-        changed = change.values(_list_values(request, author)).returning(saved_views)
-        with self._claiming(request.name) as connection:
-            _read_view(connection, view)
-            _refuse_taken_name(connection, request.name, view)
-            return _to_view(connection.execute(changed).mappings().one())
+        changed = change.values(values).returning(saved_views)
+        with self._claiming(values["name"]) as connection:
+            _refuse_taken_name(connection, values["name"], view)
+            found = connection.execute(changed).mappings().one_or_none()
+        if found is None:
+            raise make_unknown_view_error(view)
+        return _to_view(found)
 
     def delete(self, view: int) -> SavedView:
         """Delete a view, and return it as it was.

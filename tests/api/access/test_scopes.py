@@ -140,6 +140,7 @@ ROUTES = {
         POST /api/v1/views
         DELETE /api/v1/views/{view}
         PUT /api/v1/views/{view}
+        PUT /api/v1/views/{view}/name
         POST /analyses/{analysis}/modes/triage
         POST /analyses/{analysis}/modes/{mode}/notes
         POST /analyses/{analysis}/modes/{mode}/triage

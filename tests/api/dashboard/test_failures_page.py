@@ -1,11 +1,14 @@
 """The page of the failures of all campaigns."""
 
 import re
+from html import unescape
 
 import pytest
 from store_checks.failures import fill
 
+from eigenfail.values.triage import TriageChange
 from eigenfail_api.dashboard import failures_page
+from eigenfail_services.store.triage import episode_subject
 
 HTML = {"Accept": "text/html"}
 
@@ -58,10 +61,47 @@ def test_filters_stay_in_the_form(http, places):
     assert places
 
 
+def test_failures_without_an_owner_are_chosen(http, store, places):
+    _, campaign, index = places[0]
+    subject = episode_subject(campaign, index)
+    store.triage.change(subject, TriageChange(owner="anna"), "anna")
+    shown = list_places(read(http, "/failures?owner=&unowned=true"))
+    assert shown == [(one, other) for _, one, other in places[1:]]
+    assert list_places(read(http, "/failures?owner=anna")) == [(campaign, index)]
+
+
+def test_a_place_that_has_gone_leads_to_the_first_page(http, places):
+    text = read(http, "/failures?sort=severity&after=7")
+    assert list_places(text) == [(campaign, index) for _, campaign, index in places[::-1]]
+    assert "This is the first page." in text
+    assert "This is the first page." not in read(http, "/failures?sort=severity")
+    assert "First page" not in text
+
+
+def test_the_copied_request_has_the_filter_of_the_page(http, places, store):
+    query = "planner=idm&planner_version=a+b%26&state=new&unowned=true&archived=true&sort=severity"
+    text = read(http, f"/failures?{query}")
+    address = re.search(r'hx-get="(/copies[^"]*)"', text)[1].replace("&amp;", "&")
+    copies = unescape(read(http, address))
+    python = "planner='idm', planner_version='a b&', state='new', archived=True"
+    assert f"list_failures({python}, sort='severity', owner='')" in copies
+    options = "--planner=idm --planner-version='a b&' --state=new --archived --sort=severity"
+    assert f"eigenfail episode failures {options} --owner='' --url" in copies
+    assert "/api/v1/failures?planner=idm&planner_version=a+b%26&state=new&archived=true" in copies
+    assert places
+
+
+@pytest.mark.parametrize(
+    "path", ["/failures?staet=new", "/campaigns?state=new", "/nonsense?state=new"]
+)
+def test_a_request_with_other_parameters_is_not_copied(http, path):
+    assert http.get("/copies", params={"path": path}, headers=HTML).status_code == 404
+
+
 def test_without_failures(http):
     assert "No campaign has found a collision yet." in read(http, "/failures")
 
 
-@pytest.mark.parametrize("query", ["sort=steps", "state=done", "after=7", "project=" + "x" * 201])
+@pytest.mark.parametrize("query", ["sort=steps", "state=done", "after=x", "project=" + "x" * 201])
 def test_what_cannot_be_is_refused(http, query):
     assert http.get(f"/failures?{query}", headers=HTML).status_code == 422

@@ -5,7 +5,7 @@ from urllib.parse import parse_qsl
 
 import pytest
 
-from eigenfail.views import ViewPage, ViewRequest
+from eigenfail.views import ViewPage, ViewRequest, check_view
 
 HTML = {"Accept": "text/html", "Origin": "http://127.0.0.1:8440"}
 
@@ -53,6 +53,19 @@ def test_parameters_that_no_page_has_are_left_out_of_the_address(http, store, ca
     assert f'<a href="/campaigns/{campaign}/episodes?sort=-severity">columns</a>' in text
 
 
+def test_failures_without_an_owner_are_a_view(http, store):
+    query = {"owner": "", "state": "known"}
+    view = store.views.create(check_view(ViewRequest("open", ViewPage.FAILURES, query)), "anna")
+    assert view.query == query
+    answer = send(http, f"/views/{view.id}/name", name="b")
+    assert answer.headers["location"] == "/failures?state=known&unowned=true"
+    page = http.get(answer.headers["location"], headers=HTML).text
+    assert 'name="unowned" value="true" checked' in page
+    assert 'aria-current="true">b</a>' in page
+    send(http, "/views", name="c", page="failures", query="state=known&unowned=true")
+    assert store.views.page(9, name="c").items[0].query == query
+
+
 @pytest.mark.parametrize(
     ("fields", "status"),
     [
@@ -60,6 +73,7 @@ def test_parameters_that_no_page_has_are_left_out_of_the_address(http, store, ca
         ({"name": "x", "page": "modes"}, 422),
         ({"name": "x"}, 422),
         ({"name": "x", "page": "campaigns", "query": "state=open"}, 422),
+        ({"name": "x", "page": "campaigns", "query": "&".join(["sort=id"] * 101)}, 422),
         ({"name": "x", "page": "episodes"}, 422),
         ({"name": "x", "page": "episodes", "campaign": "²"}, 422),
         ({"name": "taken", "page": "campaigns"}, 409),

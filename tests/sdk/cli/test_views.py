@@ -10,6 +10,7 @@ from store_checks.failures import fill
 from eigenfail.client import Client
 
 PAGE = (Path(__file__).parents[3] / "docs" / "views.md").read_text()
+FAILURES = ("episode", "failures")
 HARD = ("filter=severity > 2", "sort=-severity", "fields=index,severity,label")
 
 
@@ -63,6 +64,19 @@ def test_options_beside_a_view_replace_its_own(store, eigenfail):
     assert told[0]["severity"] == 0.0
     ran = eigenfail("episode", "failures", "--view", "idm", "--sort", "-severity", "--json")
     assert json.loads(ran.stdout)[0]["severity"] == 4.0
+
+
+def test_archived_campaigns_of_a_view_are_hidden_again(store, eigenfail):
+    fill(store)
+    store.campaigns.archive(2)
+    for page, command in (("campaigns", ("campaign", "list")), ("failures", FAILURES)):
+        eigenfail("view", "save", f"all {page}", page, "--set", "archived=true")
+        asked = (*command, "--view", f"all {page}", "--limit", 99, "--json")
+        shown, narrowed = (
+            {row["id" if page == "campaigns" else "campaign"] for row in json.loads(ran.stdout)}
+            for ran in (eigenfail(*asked), eigenfail(*asked, "--no-archived"))
+        )
+        assert shown - narrowed == {2}
 
 
 def test_the_page_is_true(store, eigenfail, service):

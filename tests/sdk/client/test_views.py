@@ -23,6 +23,8 @@ def test_a_view_gives_the_arguments_of_its_list(client, store):
     found = client.episodes.list_failures(**view.options)
     assert {row.campaign for row in found} == {2, 4}
     assert [row.severity for row in found] == sorted((row.severity for row in found), reverse=True)
+    view = client.views.save("unowned", "failures", owner="", planner="")
+    assert view.options == {"owner": ""}
 
 
 def test_views_are_found_by_id_name_and_themselves(client):

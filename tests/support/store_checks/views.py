@@ -55,6 +55,14 @@ def changes_views(store: Store) -> None:
         with expect_error(Conflict, "Two views have one name."):
             act()
     equal(store.views.get(made.id), changed, "The view after a refusal")
+    renamed = store.views.rename(other.id, "d", "ben")
+    told = (renamed.name, renamed.page, renamed.query, renamed.author)
+    equal(told, ("d", HARD.page, HARD.query, "ben"), "The renamed view")
+    equal(store.views.get(other.id), renamed, "The renamed view, asked for")
+    with expect_error(Conflict, "Two views have one name after a renaming."):
+        store.views.rename(other.id, "c", "ben")
+    with expect_error(NotFound, "A view that is not there was renamed."):
+        store.views.rename(999, "e", "ben")
     with expect_error(NotFound, "A view that is not there was changed."):
         store.views.change(999, HARD, "ben")
 
