@@ -14,8 +14,12 @@ export function armNotifications() {
   showButtons();
   watch();
   document.addEventListener("htmx:after:swap", showButtons);
-  // Another page of the dashboard has changed the list.
-  window.addEventListener("storage", ({ key }) => { if (key === KEY) showButtons(); });
+  // Another page of the dashboard has changed the list, and may be closed before a campaign ends.
+  window.addEventListener("storage", ({ key }) => {
+    if (key !== KEY) return;
+    showButtons();
+    watch();
+  });
   document.addEventListener("click", ({ target }) => {
     const button = target.closest("[data-notify]");
     if (button) toggle(button);
@@ -31,7 +35,7 @@ function recall() {
 }
 
 function keep(ids) {
-  localStorage.setItem(KEY, JSON.stringify(ids.slice(-MOST)));
+  localStorage.setItem(KEY, JSON.stringify(ids));
   showButtons();
 }
 
@@ -55,6 +59,8 @@ async function toggle(button) {
   const others = recall().filter((id) => !ids.includes(id));
   if (isOn(button)) {
     keep(others);
+  } else if (others.length + ids.length > MOST) {
+    tell(`At most ${MOST} campaigns can be watched at a time. Stop watching some of them.`);
   } else if (await Notification.requestPermission() === "granted") {
     keep([...others, ...ids]);
     watch();
@@ -80,7 +86,9 @@ async function look(id) {
   try {
     const response = await fetch(`/api/v1/campaigns/${id}`);
     const campaign = response.ok ? await response.json() : null;
-    if (response.status !== 404 && !campaign?.ended_ms) return;
+    // A campaign that this browser may no longer see is not asked for again.
+    const isGone = [401, 403, 404].includes(response.status);
+    if (!isGone && !campaign?.ended_ms) return;
     keep(recall().filter((each) => each !== id));
     if (campaign) announce(campaign);
   } catch {
@@ -89,7 +97,8 @@ async function look(id) {
 }
 
 function announce({ id, state, spec, counts }) {
-  const title = `Campaign ${id} has ended: ${state}`;
+  const isErrored = counts.errored > 0 && counts.completed === 0;
+  const title = `Campaign ${id} has ended: ${isErrored ? "errored" : state}`;
   const body = `${spec.name}: ${counts.failures} failures in ${counts.completed} completed episodes.`;
   try {
     const shown = new Notification(title, { body, tag: `eigenfail-${id}`, icon: "/static/favicon.svg" });
