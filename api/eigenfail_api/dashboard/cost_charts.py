@@ -15,7 +15,7 @@ from eigenfail.presentation.figures import (
     format_upper_bound,
 )
 from eigenfail.presentation.tables import OWN_EPISODES, format_cell
-from eigenfail.values import Cost, Rate, Summary
+from eigenfail.values import Cost, DisturbanceModel, Rate, Summary
 from eigenfail.values.campaign_spec import Settings
 from eigenfail.values.comparison import MethodCost, PeerCosts, Peers
 from eigenfail.values.variation import in_words
@@ -179,6 +179,12 @@ def describe_shared(peers: Peers) -> str:
         "scenario": peers.scenario_parameters,
     }
     settings = [describe_settings(name, settings) for name, settings in given.items() if settings]
+    usual = DisturbanceModel().in_words()
+    settings += [
+        f"{name} of the noise: {words}"
+        for name, words in peers.disturbance.in_words().items()
+        if words != usual.get(name)
+    ]
     named = peers.requirements or ()
     settings += [f"requirement {each.label}: {each.in_words()}" for each in named]
     return f"In common: {', '.join([f'simulator {peers.simulator}', *settings])}."

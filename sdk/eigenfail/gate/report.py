@@ -323,13 +323,15 @@ def list_conclusions(report: GateReport) -> Iterator[str]:
 def describe_conclusion(report: GateReport) -> str:
     """Whether it is open, and why."""
     counts = ", ".join(f"{count} {each}" for each, count in report.counts.items())
-    text = counts or "no failure on either side"
     gate = report.gate
     if not gate.baseline:
         found = _describe_findings(report)
         return f"{gate.run} can be a baseline (--baseline {gate.version}): {found}."
     state = "open" if report.open else "closed"
-    return f"The gate of {gate.run} against {gate.baseline} is {state}: {text}."
+    judged = f"The gate of {gate.run} against {gate.baseline} is {state}"
+    if not counts:
+        return f"{judged}: no failure on either side."
+    return f"{judged}. Known failures, episodes and campaigns together: {counts}."
 
 
 def _describe_findings(report: GateReport) -> str:

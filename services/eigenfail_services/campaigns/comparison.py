@@ -12,7 +12,7 @@ from eigenfail.presentation.figures import (
     format_amount,
     format_interval,
     format_no_event,
-    format_share,
+    format_number,
     format_signed,
     format_signed_interval,
     format_usd_interval,
@@ -104,10 +104,11 @@ def _compare_rates(found: Difference, pairs: McNemar | None) -> str:
             f"Whether they differ is open: B − A is {size} {interval} of the episodes, and the "
             "exact test on the pairs does not distinguish them."
         )
-    word = "more" if found.value > 0.0 else "fewer"
+    word = "more" if found.value > 0.0 else "less"
     near, far = sorted((abs(found.interval.low), abs(found.interval.high)))
-    size = f"{format_share(abs(found.value))} {format_interval(Interval(near, far), 100.0)}"
-    return f"B fails in {size} {word} of the episodes than A."
+    points = format_number(100.0 * abs(found.value))
+    interval = format_interval(Interval(near, far), 100.0)
+    return f"B fails {points} percentage points {interval} {word} often than A."
 
 
 def is_beyond_chance(found: Difference, pairs: McNemar | None) -> bool:

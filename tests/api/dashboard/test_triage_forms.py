@@ -54,6 +54,18 @@ def test_a_form_changes_triage_and_leads_back(http, store, subject):
     assert (told.state, told.owner, told.labels) == ("new", "", ())
 
 
+def test_the_page_of_a_failure_has_the_triage_of_its_mode(http, store, made):
+    campaign, analysis = made
+    index = store.analyses.get(analysis).result.episodes[0]
+    (mode,) = store.analyses.find_modes(campaign, index)
+    address = f"/campaigns/{campaign}/episodes/{index}"
+    assert "State of the mode" not in http.get(address, headers=HTML).text
+    store.triage.change(
+        mode_subject(analysis, mode.number), TriageChange(state="known", owner="anna"), "ben"
+    )
+    assert "State of the mode: known, owner anna." in http.get(address, headers=HTML).text
+
+
 def test_a_page_that_was_opened_before_another_change_overwrites_nothing(http, store, subject):
     address, what = subject
     page = http.get(address, headers=HTML).text

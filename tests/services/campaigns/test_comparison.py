@@ -104,7 +104,7 @@ def test_what_it_says_is_plain(store: Store) -> None:
         "A fails in 10.0 % [4.34, 21.4] of 50 episodes; "
         "B fails in 40.0 % [27.6, 53.9] of 50 episodes."
     )
-    assert said[1] == "B fails in 30.0 % [13.2, 45.7] more of the episodes than A."
+    assert said[1] == "B fails 30.0 percentage points [13.2, 45.7] more often than A."
     assert said[2] == (
         "Both saw the same noise in 50 pairs of episodes: 18 where only B failed, 3 where only A "
         "did, 2 where both did; McNemar's exact test distinguishes them (p = 0.0015)."
@@ -112,7 +112,7 @@ def test_what_it_says_is_plain(store: Store) -> None:
     assert said[3].startswith("A failure costs 0.240 USD [0.112, 0.553] with A, 0.0600 USD [")
     assert said[4].startswith("log p per step of the failures is ")
     back = compare(store, [b], [a]).sentences
-    assert back[1] == "B fails in 30.0 % [13.2, 45.7] fewer of the episodes than A."
+    assert back[1] == "B fails 30.0 percentage points [13.2, 45.7] less often than A."
     none = compare(store, [campaign(store, [])], [b]).sentences
     assert none[0].startswith("A fails in 0 of 50: ≤ 5.82 %; B fails in 40.0 % [27.6, 53.9] of ")
 
