@@ -442,7 +442,7 @@ SAMPLE, COLUMN = "empirical", "column"
 
 
 def read_disturbance(file: Path) -> DisturbanceModel:
-    """Read the disturbance model in a TOML file: of its own, or the one of a campaign.
+    """Read the disturbance model in a TOML file, which is alone there or part of a campaign.
 
     Raises:
         UnknownName: a field that models do not have.

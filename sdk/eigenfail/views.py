@@ -193,7 +193,7 @@ def _check_query(page: ViewPage, given: Mapping[str, str]) -> dict[str, str]:
 
 
 def write_query(given: Mapping[str, object]) -> dict[str, str]:
-    """Return keyword arguments of a list as parameters; what is empty, False or None is left out.
+    """Return arguments of a list as parameters, without those that are empty, False or None.
 
     An empty owner stays, as in `check_view`.
 

@@ -1,4 +1,4 @@
-"""The settings that a new suite varies: what is typed of them, their values, and their grid."""
+"""The settings that a new suite varies: their texts in the form, their values, and their grid."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import ceil
@@ -42,7 +42,7 @@ LEVELS = 5
 
 
 class Axis(msgspec.Struct, frozen=True, kw_only=True):
-    """A setting that varies, as it is typed.
+    """A setting that varies, with the texts of the form.
 
     Attributes:
         place: its place in the form, from 1.
@@ -101,7 +101,7 @@ def make_axes(table: Mapping[str, Any]) -> tuple[Axis, ...]:
 
 
 def format_values(values: Any) -> str:
-    """Return the values of an axis as they are typed: words with commas, or a list in JSON."""
+    """Return the values of an axis as text of the form: words with commas, or a list in JSON."""
     if not isinstance(values, list) or not all(map(_is_plain, values)):
         return msgspec.json.encode(values).decode()
     return ", ".join(map(format_field, values))

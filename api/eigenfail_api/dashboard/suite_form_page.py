@@ -383,7 +383,7 @@ def make_axis_view(
 def read_axis_table(
     axes: Sequence[Axis], by_name: Mapping[str, LaunchField], own: Mapping[str, LaunchField]
 ) -> tuple[dict[str, Any], tuple[LaunchTrouble, ...]]:
-    """Return the lists of values at the paths of the settings that vary, and what is wrong."""
+    """Return the lists of values by the paths of their settings, and the problems of others."""
     table, troubles, seen = dict[str, Any](), list[LaunchTrouble](), list[Axis]()
     for axis in axes:
         if axis.is_empty:
@@ -399,7 +399,7 @@ def read_axis_table(
 
 
 def describe_clash(axis: Axis, seen: Sequence[Axis]) -> str:
-    """Return why a setting cannot vary beside those before it; empty where it can."""
+    """Return why a setting cannot vary together with those before it; empty where it can."""
     for other in seen if axis.field else ():
         if other.path == axis.path:
             return f"{axis.field} varies already. Give all of its values in one place."
@@ -412,7 +412,7 @@ def describe_clash(axis: Axis, seen: Sequence[Axis]) -> str:
 def list_own_troubles(
     draft: SuiteDraft, table: Mapping[str, Any], own: Mapping[str, LaunchField]
 ) -> Iterator[LaunchTrouble]:
-    """Yield what is missing of the suite itself."""
+    """Yield the problems of the suite itself, such as a missing name."""
     if not draft.name:
         yield LaunchTrouble("Is required.", own[NAME])
     if not table and all(axis.is_empty for axis in draft.axes):
@@ -438,7 +438,7 @@ def check_members(
     axes: Sequence[Axis],
     fields: Mapping[str, LaunchField],
 ) -> Members:
-    """Return members with all that is wrong with them; without members the base is checked."""
+    """Return the members with all their problems; without members the base is checked."""
     if members.refused:
         where = f"{members.refused.field}: " if members.refused.field else ""
         words = f"{where}{describe_error(members.refused)}"

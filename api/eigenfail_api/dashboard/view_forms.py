@@ -120,7 +120,7 @@ router = APIRouter(include_in_schema=False)
 
 @router.post("/views")
 def save_view(store: Stored, form: Form, who: CallerName) -> RedirectResponse:
-    """Save the list as it is shown under a new name."""
+    """Save filter, order and columns of the list under a new name."""
     query = _parse_query(form.get("query", ""))
     given = {"name": form.get("name", ""), "page": form.get("page"), "query": query}
     request = check_view(read_fields(given, ViewRequest))

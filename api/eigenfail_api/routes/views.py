@@ -60,7 +60,7 @@ def change_view(store: Stored, view: ViewId, wanted: Wanted, who: CallerName) ->
 
 @router.put("/{view}/name", **document_route(SavedView, body=ViewName))
 def rename_view(store: Stored, view: ViewId, wanted: WantedName, who: CallerName) -> Json:
-    """Give a saved view another name; its list and parameters stay as they are."""
+    """Give a saved view another name, without a change of its list and parameters."""
     return Json(store.views.rename(view, check_view_name(wanted.name), who))
 
 

@@ -74,7 +74,7 @@ def run(
 def run_and_show(
     context: typer.Context, suite: Suite, url: str | None, plan: Plan, command: str, as_json: bool
 ) -> tuple[tuple[Campaign, ...], SuiteResult, Place]:
-    """Run what is missing of a suite, print its results, and return both with the service.
+    """Run the missing campaigns of a suite, print its results, and return both with the service.
 
     Args:
         context: of the command.

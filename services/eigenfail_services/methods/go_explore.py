@@ -75,7 +75,7 @@ START = Cell(0, 0)
 
 
 class CellRecord(msgspec.Struct):
-    """What is known of a cell.
+    """The likeliest noise that led to a cell, and the number of visits.
 
     Attributes:
         visits: episodes that came into the cell while they explored, or returned to it.

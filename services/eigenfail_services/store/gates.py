@@ -102,7 +102,7 @@ def _choose_kind(report: GateReport) -> str:
 
 
 def _digest_judged(report: GateReport) -> str:
-    """Return the SHA-256 of what was judged, as a hexadecimal number.
+    """Return the SHA-256 of the judgements in a report, as a hexadecimal number.
 
     The file of the suite and the links depend on where the command was run, and the matched modes
     on other campaigns of the service: the same gate is the same result whatever they are.

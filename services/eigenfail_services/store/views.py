@@ -23,7 +23,7 @@ from eigenfail_services.store.schema import saved_views
 
 
 class ViewStore:
-    """Saved views; each has a name of its own."""
+    """Saved views, no two of them with one name."""
 
     def __init__(self, database: Database) -> None:
         self._database = database
@@ -95,7 +95,7 @@ class ViewStore:
         return self._update(view, _list_values(request, author))
 
     def rename(self, view: int, name: str, author: str) -> SavedView:
-        """Give a view another name, and return it; its list and parameters stay as they are.
+        """Give a view another name, without a change of its list and parameters, and return it.
 
         Raises:
             NotFound: no such view.
