@@ -188,7 +188,7 @@ def show_failures(
 def _read_page(
     store: Store, asked: FailureQuery, after: int | None, *, most_severe_first: bool
 ) -> tuple[Page[EpisodeRow], bool]:
-    """Return a page of failures, and whether it is the first one for lack of the place asked for."""
+    """Return a page of failures, and whether it is the first one for lack of that place."""
 
     def read(place: int | None) -> Page[EpisodeRow]:
         return store.failures.page(
