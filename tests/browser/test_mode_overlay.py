@@ -51,6 +51,18 @@ def test_it_comes_when_it_is_opened_and_shows_the_collisions_of_all(visit, made,
     assert [url for url in asked if url.endswith("/overlay")]
 
 
+def test_the_animation_of_a_mode_plays_on_the_page_of_the_analysis(visit, made):
+    asked = []
+    page = visit(f"/analyses/{made.snapshot}")
+    page.on("request", lambda request: asked.append(request.url))
+    page.get_by_text("Watch all its failures over each other (GIF)").first.click()
+    animation = page.locator("img.animation").first
+    expect(animation).to_be_visible()
+    page.wait_for_function("image => image.naturalWidth > 0", arg=animation.element_handle())
+    # Those of the other modes are made when they are looked at.
+    assert len([url for url in asked if url.endswith("/animation")]) == 1
+
+
 def test_it_is_played_scrubbed_and_obeys_keys(opened):
     _, overlay = opened()
     scrub, readout = overlay.locator("[data-scrub]"), overlay.locator("[data-readout]")
