@@ -106,6 +106,15 @@ class MeanLine(msgspec.Struct, frozen=True, kw_only=True):
     severity: Tile
 
 
+OF_RATES = (
+    "Rates under p(x) with their 95 % intervals; the stronger the colour, the larger the rate."
+)
+OF_SEARCHES = (
+    "Hatched cells are of methods that search: numbers of failures among the episodes that the "
+    "method chose, which say nothing of a rate."
+)
+
+
 class HeatCell(msgspec.Struct, frozen=True):
     """Failures of the members that have one pair of values.
 
@@ -136,6 +145,14 @@ class HeatMap(msgspec.Struct, frozen=True):
     across: str
     columns: tuple[str, ...]
     rows: tuple[tuple[str, tuple[HeatCell, ...]], ...]
+
+    @property
+    def legend(self) -> str:
+        """The sentences on the kinds of cells that the map has."""
+        cells = [cell for _, row in self.rows for cell in row if cell.failures]
+        has_rates = any(cell.level is not None for cell in cells)
+        has_searches = any(cell.level is None for cell in cells)
+        return " ".join([OF_RATES] * has_rates + [OF_SEARCHES] * has_searches)
 
 
 class SuiteView(msgspec.Struct, frozen=True, kw_only=True):
