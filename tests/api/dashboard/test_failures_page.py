@@ -32,7 +32,7 @@ def places(store):
 def test_the_worst_failures_come_first_and_lead_to_their_episodes(http, places, golden):
     text = read(http, "/failures")
     assert list_places(text) == [(campaign, index) for _, campaign, index in places]
-    first = re.search(r'<th scope="row"><a class="word" href="([^"]*)"', text)[1].replace("&amp;", "&")
+    first = unescape(re.search(r'<th scope="row"><a class="word" href="([^"]*)"', text)[1])
     assert http.get(first, headers=HTML).status_code == 200
     golden.check_page("dashboard/failures/all", text)
     copies = read(http, "/copies?path=/failures")
