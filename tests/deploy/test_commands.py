@@ -126,7 +126,7 @@ def test_every_program_takes_its_words(call, monkeypatch):
         ("python", "-m", "eigenfail_workers", "--conect", "tcp://services:8441"),
         ("ray", "start", "--dashboard=false"),
         ("python", "-m", "eigenfail", "db", "upgarde"),
-        ("eigenfail", "gate", "suite.toml", "--uri", "http://controller"),
+        ("eigenfail", "gate", "run", "suite.toml", "--uri", "http://controller"),
         (ON_RAY, "head:6379", "eigenfail_services", "--hup=tcp://0.0.0.0:8441"),
     ],
 )

@@ -46,10 +46,10 @@ def test_its_commands_exist_with_their_options(steps):
     assert len(lines) == 3
     group = typer.main.get_command(main.app)
     for line in lines:
-        _, name, *words = shlex.split(line.replace('"$', '"'))
-        context = group.make_context("eigenfail", [name, *words])
-        command = group.get_command(context, name)
-        given = command.make_context(name, words, parent=context).params
+        _, name, action, *words = shlex.split(line.replace('"$', '"'))
+        context = group.make_context("eigenfail", [name, action, *words])
+        command = group.get_command(context, name).load().get_command(context, action)
+        given = command.make_context(action, words, parent=context).params
         assert given["file"] == Path("examples/regression.toml")
         assert given["planner_version"]
 

@@ -6,7 +6,7 @@ from xml.etree import ElementTree as ET
 
 def test_people_see_what_is_new_and_what_it_means(gate):
     done = gate("worse")
-    assert "The gate of trio @ v2 against v1 is closed:" in done.stdout
+    assert "The gate of trio @ v2 against v1 is closed. Known failures, " in done.stdout
     assert re.search(r"one +medoid 1, 1/\d+ +still failing +eigenfail episode replay", done.stdout)
     assert re.search(r"one +episode \d+ +new +eigenfail episode replay", done.stdout)
     assert "\x1b" not in done.stdout
