@@ -210,7 +210,7 @@ def make_badge(word: str) -> Badge:
 
 def make_suite_address(suite: str) -> str:
     """Return the address of a suite's page."""
-    # A suite may be called as the page beside it is, on which a new one is built.
+    # The page that builds a suite has the address /suites/new: a suite named "new" needs another.
     return f"/suites/{quote(suite, safe='')}{'/' if suite == NEW else ''}"
 
 

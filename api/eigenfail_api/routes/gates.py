@@ -18,7 +18,7 @@ GateId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of the result of 
 
 @router.post("/gates", **document_route(GateSummary, 201, body=GateReport))
 def record_gate(store: Stored, report: Annotated[GateReport, Depends(body_of(GateReport))]) -> Json:
-    """Store the report of a gate, once, and log its verdict; webhooks are told if it is closed."""
+    """Store the report of a gate once; a closed gate also sends messages of webhooks."""
     check_report(report)
     made = store.gates.record(report)
     return Json(made, 201, {"Location": f"{PREFIX}/gates/{made.id}"})

@@ -101,7 +101,7 @@ def delete(
 def read_view(
     client: Client, name: str | None, page: ViewPage, given: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the keyword arguments of a list: those given, and those of a view beside them.
+    """Return the keyword arguments of a list: those of the command line, and others of the view.
 
     Args:
         client: the service.

@@ -396,7 +396,7 @@ def _find_phrases(text: str) -> list[str]:
 
 
 def _tell_apart(number: int, name: str, names: Sequence[str], beginnings: Sequence[str]) -> str:
-    """Return a name that no other mode has: as it is, or with more of its description and a number.
+    """Return a name that no other mode has, if need be with more of its description and a number.
 
     A name that ends with the number of another mode is not kept: that mode may be called so.
     """

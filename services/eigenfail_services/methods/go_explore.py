@@ -123,7 +123,7 @@ class LevelScale:
 
 
 class GoExplore:
-    """Returns to cells by the noise that led there, and goes on with noise of its own.
+    """Returns to cells by the noise that led there, and explores from there with random noise.
 
     A cell is chosen with a probability proportional to 1 / sqrt(visits + 1) (Ecoffet et al. 2021,
     Nature 590, 580, without a policy), and keeps the likeliest noise that led there, as in adaptive

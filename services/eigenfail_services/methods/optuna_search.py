@@ -116,7 +116,7 @@ SCORES: dict[Sampler, Callable[[EpisodeResult], tuple[float, ...]]] = {
 
 
 class OptunaSearch:
-    """Asks a sampler of Optuna for the noise of each episode, and tells it the robustness.
+    """Takes the noise of each episode from a sampler of Optuna, and reports the robustness to it.
 
     All episodes of a round are asked for before the results of the first are told. The sampler is
     made anew for each round, with a seed of its own: what it proposes depends on the episodes so

@@ -175,7 +175,7 @@ def _filter_campaigns(where: FailureFilter) -> list[Expression]:
 
 
 def _select_triaged(where: FailureFilter, order: _Order) -> Select[Any]:
-    """Return the query for failures with rows of triage: these are few beside the episodes."""
+    """Return the query for failures that have triage, which are few among the episodes."""
     query = (
         select(*_COLUMNS)
         .join(triage, (triage.c.parent == _c.campaign) & (triage.c.number == episode_index))

@@ -5,7 +5,7 @@ import { blend, box, camera, drawContact, drawGround, drawScale, drawVehicle, is
 
 // What is farther from the medoid's ego than this does not widen the view.
 const FARTHEST_M = 60;
-// So many failures, each this opaque, still let the road be seen between them.
+// The opacity of a failure is INK ÷ number of failures, between these bounds, so that the road stays visible.
 const INK = 3;
 const FAINTEST = 0.06;
 const STRONGEST = 0.3;
