@@ -74,8 +74,8 @@ class NoiseEnvironment:
     def begin(self) -> Any:
         """Reset the simulation, and return the state."""
         self._recorder = Recorder(self._model)
-        steps = self._simulation.steps
-        self._driver = EpisodeDriver(self._model, self, self._recorder, steps)
+        steps, dt_s = self._simulation.steps, self._simulation.dt_s
+        self._driver = EpisodeDriver(self._model, self, self._recorder, steps, dt_s)
         self._z = (0.0, 0.0)
         self._observation = self._simulation.reset(self._episode)
         self._episode += 1

@@ -9,6 +9,7 @@ from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
 from eigenfail.values import Control, Mission, Observation, Perception
 from eigenfail.values.shapes import Row
 from eigenfail_workers.faults import wrap_errors
+from eigenfail_workers.measures.encounters import make_start_error
 from eigenfail_workers.measures.geometry import find_struck
 from eigenfail_workers.motion import clip_control, find_lane, is_off_road
 from eigenfail_workers.perception import SensorErrors
@@ -84,9 +85,7 @@ class DrivenSimulation:
             )
         truth = self._world.reset(situation)
         if truth.collided:
-            raise InvalidValue(
-                "scenario_parameters", "the ego starts in a collision.", "Start it further away."
-            )
+            raise make_start_error()
         return truth
 
     def step(self, disturbance: Row) -> Observation:

@@ -19,7 +19,7 @@ from types import ModuleType
 PACKAGE = "eigenfail_workers"
 MODULES = (
     *("closed_loop", "episode", "faults", "motion", "perception"),
-    *("measures.conflict", "measures.geometry", "measures.importance", "measures.recorder"),
+    *("measures.encounters", "measures.geometry", "measures.importance", "measures.recorder"),
     "measures.signals",
     *("noise.deviations", "noise.sources"),
     "planners.steering",

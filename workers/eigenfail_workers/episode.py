@@ -31,10 +31,16 @@ class EpisodeDriver:
         noise: source of standardised noise.
         recorder: recorder of the episode.
         steps: horizon of the episode.
+        dt_s: duration of a step.
     """
 
     def __init__(
-        self, model: DisturbanceModel, noise: NoiseSource, recorder: Recorder, steps: int
+        self,
+        model: DisturbanceModel,
+        noise: NoiseSource,
+        recorder: Recorder,
+        steps: int,
+        dt_s: float,
     ) -> None:
         self._model = model
         self._deviations = Deviations(model)
@@ -47,16 +53,20 @@ class EpisodeDriver:
         self._noise = noise
         self._recorder = recorder
         self._steps = steps
+        self._dt_s = dt_s
 
-    def disturb(self, observation: Observation) -> Row | None:
+    def disturb(self, seen: Observation) -> Row | None:
         """Return the disturbance of the next step, of each channel; None if the episode has ended.
 
         Raises:
-            SimulatorError: an observation is not finite, or the episode exceeds its horizon.
+            EpisodeError: an observation is not finite, or contradicts itself; or the episode ends
+                before its horizon without a collision, or exceeds it.
+            InvalidValue: the episode starts in a collision.
         """
         recorder = self._recorder
-        recorder.observe(observation)
+        observation = recorder.observe(seen, self._dt_s)
         if observation.ended:
+            self._check_end(observation)
             return None
         if recorder.steps >= self._steps:
             raise SimulatorError(
@@ -73,6 +83,15 @@ class EpisodeDriver:
         # The simulation was opened with the parameters that the scenario's channels chose.
         return tuple([injected[place] for place in self._perceived])
 
+    def _check_end(self, last: Observation) -> None:
+        """Check that an episode has its steps: what it leaves out would count as safe."""
+        if not last.collided and self._recorder.steps < self._steps:
+            raise SimulatorError(
+                f"The episode ended after {self._recorder.steps} of {self._steps} steps, without a "
+                f"collision.",
+                "Set `ended` at a collision and at the horizon alone.",
+            )
+
 
 def run_episode(
     simulation: Simulation,
@@ -86,7 +105,7 @@ def run_episode(
     Raises:
         EpisodeError: the episode cannot be completed; the recorder holds its steps so far.
     """
-    driver = EpisodeDriver(model, noise, recorder, simulation.steps)
+    driver = EpisodeDriver(model, noise, recorder, simulation.steps, simulation.dt_s)
     disturbance = driver.disturb(simulation.reset(seed))
     while disturbance is not None:
         disturbance = driver.disturb(simulation.step(disturbance))

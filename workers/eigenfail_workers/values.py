@@ -50,9 +50,16 @@ class Encounter(msgspec.Struct, frozen=True, gc=False):
     """The ego and one other vehicle after a step.
 
     Attributes:
-        distance_m: distance of their footprints.
+        distance_m: smallest distance of their footprints since the last step.
         conflict: conflict between them; None if they do not close in on each other.
+        within: conflicts within a long step, before that.
     """
 
     distance_m: float
     conflict: TrafficConflict | None
+    within: tuple[TrafficConflict, ...] = ()
+
+    @property
+    def conflicts(self) -> tuple[TrafficConflict, ...]:
+        """All conflicts since the last step, in their order."""
+        return self.within + (() if self.conflict is None else (self.conflict,))

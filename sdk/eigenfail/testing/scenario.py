@@ -50,7 +50,7 @@ def starts_without_overlap(scenario: Scenario) -> None:
     """The ego touches no vehicle at the start, or when the vehicle first appears."""
     for situation in _situations(scenario):
         for actor in situation.actors:
-            expect(_are_apart(situation.ego, actor), f"At the start the ego overlaps {actor}.")
+            expect(are_apart(situation.ego, actor), f"At the start the ego overlaps {actor}.")
         if isinstance(situation, ReactiveSituation):
             _expect_free_places(situation)
 
@@ -62,7 +62,7 @@ def _expect_free_places(situation: ReactiveSituation) -> None:
         zip(_list_egos(situation), _script(situation), strict=True)
     ):
         for number in there.keys() - before:
-            apart = _are_apart(ego, there[number])
+            apart = are_apart(ego, there[number])
             expect(apart, f"Vehicle {number} overlaps the ego when it appears, at step {step}.")
         before |= there.keys()
 
@@ -160,7 +160,8 @@ def _kept(ego: VehicleState, time_s: float) -> VehicleState:
     return msgspec.structs.replace(ego, x_m=x_m, y_m=y_m)
 
 
-def _are_apart(one: VehicleState, other: VehicleState) -> bool:
+def are_apart(one: VehicleState, other: VehicleState) -> bool:
+    """Return whether two footprints neither touch nor overlap."""
     return _separated(one, other) or _separated(other, one)
 
 

@@ -8,7 +8,7 @@ from eigenfail_services.analysis.footprints import (
     measure_clearances,
     measure_times_to_collision,
 )
-from eigenfail_workers.measures.conflict import find_conflict
+from eigenfail_workers.measures.encounters import find_conflict
 from eigenfail_workers.measures.geometry import separation
 
 SIZES = np.array([[16.0, 2.5], [5.0, 2.0], [4.0, 1.8]], np.float32)

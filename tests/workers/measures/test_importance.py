@@ -51,7 +51,7 @@ def drive(recorder):
     for step, (x_m, applied) in enumerate([(0.0, None), (1.0, 0.0), (2.0, -4.0)]):
         ego = VehicleState(x_m, 0.0, 0.0, 10.0, 5.0, 2.0)
         control = None if applied is None else Control(applied, 0.0)
-        recorder.observe(Observation(step, ego, (car,), control=control, applied=control))
+        recorder.observe(Observation(step, ego, (car,), control=control, applied=control), 0.1)
         if step < 2:
             recorder.add_disturbance((0.0, 0.0), (1.0, 1.0))
 

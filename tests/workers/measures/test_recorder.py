@@ -35,7 +35,7 @@ def seen(step: int, ego_x: float, collided: bool = False) -> Observation:
 def recorded(*observations: Observation) -> Recorder:
     recorder = Recorder()
     for observation in observations:
-        recorder.observe(observation)
+        recorder.observe(observation, DT_S)
         recorder.add_disturbance((0.5, -0.25), (2.0, 0.25))
     return recorder
 
@@ -101,7 +101,7 @@ def test_the_scene_has_one_row_more_than_steps() -> None:
 @pytest.mark.parametrize("nowhere", [nan, inf])
 def test_a_vehicle_that_is_nowhere_is_refused(nowhere: float) -> None:
     with pytest.raises(SimulatorError, match="finite"):
-        Recorder().observe(seen(0, nowhere))
+        Recorder().observe(seen(0, nowhere), DT_S)
 
 
 def course(*ways: tuple[float, float], collided: bool) -> Recorder:
@@ -114,7 +114,9 @@ def course(*ways: tuple[float, float], collided: bool) -> Recorder:
         in_lane = car(4.0 + ahead, 0.0, 0.0)
         entering = car(4.0 + aside, 0.0 if aside < 99.0 else 8.0, 0.0)
         ended = collided and step == len(ways) - 1
-        recorder.observe(Observation(step, car(0.0, 0.0, 10.0), (in_lane, entering), ended, ended))
+        recorder.observe(
+            Observation(step, car(0.0, 0.0, 10.0), (in_lane, entering), ended, ended), DT_S
+        )
     return recorder
 
 
@@ -162,16 +164,16 @@ def test_without_a_collision_the_earliest_violation_of_any_counts() -> None:
 def test_the_first_moment_off_the_road_is_kept() -> None:
     recorder = Recorder()
     for step, off_road in enumerate((False, False, True, False, True)):
-        recorder.observe(msgspec.structs.replace(seen(step, 0.0), off_road=off_road))
+        recorder.observe(msgspec.structs.replace(seen(step, 0.0), off_road=off_road), DT_S)
     assert recorder.measures(DT_S).left_road_s == pytest.approx(0.2)
     assert recorded(seen(0, 0.0)).measures(DT_S).left_road_s is None
 
 
 def test_the_ride_is_measured_with_the_rest() -> None:
     recorder = Recorder()
-    recorder.observe(seen(0, 0.0))
+    recorder.observe(seen(0, 0.0), DT_S)
     for step in (1, 2):
-        recorder.observe(msgspec.structs.replace(seen(step, 0.0), applied=Control(-4.0, 0.1)))
+        recorder.observe(msgspec.structs.replace(seen(step, 0.0), applied=Control(-4.0, 0.1)), DT_S)
     measures = recorder.measures(DT_S)
     assert measures.max_jerk_mps3 == pytest.approx(40.0)
     assert (measures.hard_brakings, measures.clipped_steps) == (1, 2)

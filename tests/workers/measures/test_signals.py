@@ -15,7 +15,7 @@ from eigenfail.values import (
     VehicleState,
 )
 from eigenfail.values.signals import NEVER_S, NOBODY_M, SIGNALS
-from eigenfail_workers.measures.conflict import find_conflict
+from eigenfail_workers.measures.encounters import find_conflict
 from eigenfail_workers.measures.geometry import separation
 from eigenfail_workers.measures.signals import (
     CutIns,

@@ -62,6 +62,13 @@ class DrivesOn(Bent):
         return replace(seen, collided=seen.collided or seen.step == 20)
 
 
+class Denies(Bent):
+    def step(self, disturbance: tuple[float, float]) -> Observation:
+        seen = super().step(disturbance)
+        struck = replace(seen.others[0], x_m=seen.ego.x_m, y_m=seen.ego.y_m)
+        return replace(seen, others=(struck, *seen.others[1:]), collided=False)
+
+
 class Vanishes(Bent):
     def step(self, disturbance: tuple[float, float]) -> Observation:
         seen = super().step(disturbance)
@@ -109,6 +116,7 @@ BREACHES = (
     (simulations.starts_at_step_zero, StartsLate),
     (simulations.counts_steps, Skips),
     (simulations.ends_at_a_collision, DrivesOn),
+    (simulations.ends_at_a_collision, Denies),
     (simulations.shows_finite_numbers, Vanishes),
     (simulations.repeats_itself, Wears),
     (simulations.disturbs_the_nearest, Calms),

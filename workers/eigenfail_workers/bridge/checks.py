@@ -62,6 +62,7 @@ from eigenfail_workers.bridge.messages import (
     StepRequest,
     match_answer,
 )
+from eigenfail_workers.measures.encounters import end_at_contact
 from eigenfail_workers.perception import SensorErrors
 
 HELLO = "says hello"
@@ -173,6 +174,21 @@ def _adapt(check: Callable[..., None]) -> Check:
 
     run.__name__, run.__doc__ = check.__name__, check.__doc__
     return run
+
+
+def reports_each_collision(connection: Connection, start: SlotStart) -> None:
+    """Collisions are reported when footprints meet, within a step too, and only then."""
+    with closing(BridgeSimulation(connection, start)) as simulation:
+        seen = course(simulation)
+        before: Observation | None = None
+        for now in seen:
+            shown = end_at_contact(before, now, simulation.dt_s)
+            said = (
+                f"In step {now.step} the ego touches a vehicle, and no collision is reported. "
+                f"Campaigns end the episode there as a collision."
+            )
+            expect(now.collided or not shown.collided, said)
+            before = now
 
 
 def disturbs_the_nearest(connection: Connection, start: SlotStart) -> None:
@@ -287,6 +303,7 @@ CHECKS: tuple[Check, ...] = (
     _adapt(starts_at_step_zero),
     counts_each_step,
     _adapt(ends_at_a_collision),
+    reports_each_collision,
     _adapt(shows_finite_numbers),
     _adapt(repeats_itself),
     disturbs_the_nearest,

@@ -118,7 +118,7 @@ class BridgeEpisode:
         model = campaign.model
         self._recorder = Recorder(model, task.importance, campaign.judge)
         self._noise = campaign.noise.begin(task, self._steps)
-        self._driver = EpisodeDriver(model, self._noise, self._recorder, self._steps)
+        self._driver = EpisodeDriver(model, self._noise, self._recorder, self._steps, self._dt_s)
         self._reader = ObservationReader(campaign.noise.perceived, self._dt_s)
         self._disturbance: Row = ()
         if campaign.recorded is not None:

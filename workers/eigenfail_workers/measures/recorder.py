@@ -26,11 +26,18 @@ from eigenfail.values.shapes import Row
 from eigenfail.values.signals import (
     DrivenCourse,
 )
-from eigenfail_workers.measures.conflict import find_conflict
+from eigenfail_workers.measures.encounters import (
+    LONGEST_STEP_S,
+    Pair,
+    end_at_contact,
+    find_conflict,
+    find_pass,
+    list_conflicts,
+)
 from eigenfail_workers.measures.geometry import find_struck, separation, velocity
 from eigenfail_workers.measures.importance import Approach, compute_importance
 from eigenfail_workers.measures.signals import SignalRecorder
-from eigenfail_workers.values import Encounter, TrafficConflict
+from eigenfail_workers.values import Encounter, Separation, TrafficConflict
 
 HARD_BRAKING_MPS2: Final = 3.0
 """Braking beyond this is hard: about the 10 ft/s² that ITE's formula for yellow lights takes for a
@@ -153,6 +160,13 @@ def _earliest(steps: Iterable[int | None]) -> int | None:
     return min((step for step in steps if step is not None), default=None)
 
 
+class Apart(NamedTuple):
+    """The ego and another vehicle at one moment, and how far they are apart."""
+
+    pair: Pair
+    between: Separation
+
+
 POSITION_NOISE = DisturbanceModel()
 
 
@@ -185,6 +199,7 @@ class Recorder:
         self._ride = RideMonitor()
         self._left_road_step: int | None = None
         self._last_drac_mps2 = 0.0
+        self._apart: dict[int, Apart] = {}
 
     @property
     def steps(self) -> int:
@@ -201,20 +216,34 @@ class Recorder:
         self._z.append(z)
         self._sigma.append(sigma)
 
-    def observe(self, observation: Observation) -> None:
+    def observe(self, seen: Observation, dt_s: float) -> Observation:
         """Take in the start, or the state after a step.
 
+        Args:
+            seen: what the simulator shows.
+            dt_s: duration of a step.
+
+        Returns:
+            The observation that is recorded: with a collision if footprints met since the last one.
+
         Raises:
-            SimulatorError: a position, heading or speed is not a finite number.
+            InvalidValue: the episode starts in a collision.
+            SimulatorError: a position, heading or speed is not a finite number; or footprints rule
+                out a reported collision.
         """
-        _check(observation)
+        _check(seen)
+        observation = end_at_contact(self._course[-1] if self._course else None, seen, dt_s)
         self._course.append(observation)
         self._ride.observe(observation)
         if observation.off_road and self._left_road_step is None:
             self._left_road_step = observation.step
         self._last_drac_mps2 = 0.0
+        before, self._apart = self._apart, {}
         compared = [
-            self._compare(observation, vehicle) for vehicle in range(len(observation.others))
+            self._compare(
+                observation.step, number, Pair(observation.ego, other), before.get(number), dt_s
+            )
+            for number, other in zip(observation.numbers, observation.others, strict=True)
         ]
         if self._signals is not None:
             self._signals.observe(observation, compared)
@@ -223,16 +252,42 @@ class Recorder:
             acceleration_mps2 = control.acceleration_mps2 if control else 0.0
             approach = Approach(compared, acceleration_mps2)
             self._importances.append(compute_importance(self._importance, approach))
+        return observation
 
-    def _compare(self, observation: Observation, vehicle: int) -> Encounter:
-        ego, other = observation.ego, observation.others[vehicle]
-        between = separation(ego, other)
-        self._robustness_m = min(self._robustness_m, between.distance_m)
-        conflict = find_conflict(ego, other, between)
+    def _compare(
+        self,
+        step: int,
+        number: int,
+        pair: Pair,
+        before: Apart | None,
+        dt_s: float,
+    ) -> Encounter:
+        """Compare the ego with a vehicle after a step, and within it.
+
+        Args:
+            step: number of the step.
+            number: number of the vehicle.
+            pair: the two of them after the step.
+            before: how they were apart before the step; None if the vehicle was not there.
+            dt_s: duration of the step.
+        """
+        between = separation(pair.ego, pair.other)
+        self._apart[number] = Apart(pair, between)
+        distance_m = between.distance_m
+        within: tuple[TrafficConflict, ...] = ()
+        if before is not None:
+            passed = find_pass(before.pair, pair, before.between, between)
+            distance_m = distance_m if passed is None else passed.distance_m
+            if dt_s > LONGEST_STEP_S:
+                within = tuple(list_conflicts(before.pair, pair, dt_s))
+        self._robustness_m = min(self._robustness_m, distance_m)
+        conflict = find_conflict(pair.ego, pair.other, between)
+        for each in within:
+            self._violations.add(step, number, each)
         if conflict is not None:
-            self._violations.add(observation.step, observation.numbers[vehicle], conflict)
+            self._violations.add(step, number, conflict)
             self._last_drac_mps2 = max(self._last_drac_mps2, conflict.drac_mps2)
-        return Encounter(between.distance_m, conflict)
+        return Encounter(distance_m, conflict, within)
 
     def noise(self) -> NoiseTrajectory:
         """Return the disturbances so far."""

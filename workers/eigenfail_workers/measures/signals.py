@@ -134,14 +134,15 @@ class SignalRecorder:
         """
         values, ego = self._values, now.ego
         distances = [each.distance_m for each in encounters]
-        conflicts = [each.conflict for each in encounters if each.conflict is not None]
+        conflicts = [conflict for each in encounters for conflict in each.conflicts]
         gap_m, leader_mps = find_leader(ego, now.others)
         values["distance_m"].append(0.0 if now.collided else min(distances))
         values["ttc_s"].append(min([NEVER_S, *[each.ttc_s for each in conflicts]]))
         ahead = [
-            each.conflict.ttc_s
+            conflict.ttc_s
             for each, other in zip(encounters, now.others, strict=True)
-            if each.conflict is not None and other.x_m > ego.x_m
+            for conflict in each.conflicts
+            if other.x_m > ego.x_m
         ]
         values["ttc_ahead_s"].append(min([NEVER_S, *ahead]))
         values["drac_mps2"].append(max([0.0, *[each.drac_mps2 for each in conflicts]]))

@@ -5,7 +5,7 @@ from typing import Any
 
 from eigenfail.contracts import ReactiveSituation, Situation, TrafficModel
 from eigenfail.values import Control, VehicleState
-from eigenfail_workers.measures.geometry import distance_lower_bound, separation
+from eigenfail_workers.measures.encounters import Moment, find_contact, may_touch, touch
 from eigenfail_workers.values import GroundTruth
 
 Physics = Callable[[VehicleState, Control, float], VehicleState]
@@ -13,7 +13,7 @@ Physics = Callable[[VehicleState, Control, float], VehicleState]
 
 
 class ScriptedWorld:
-    """Vehicles as moving footprints; an overlap at the end of a step is a collision.
+    """Vehicles as moving footprints; an overlap is a collision, within a step and at its end.
 
     Implements `TrafficWorld`.
 
@@ -23,7 +23,7 @@ class ScriptedWorld:
 
     _situation: Any
     _traffic: TrafficModel | None
-    _ego: VehicleState
+    _now: GroundTruth
     _step: int
 
     def __init__(self, drive: Physics) -> None:
@@ -32,20 +32,33 @@ class ScriptedWorld:
     def reset(self, situation: Situation | ReactiveSituation) -> GroundTruth:
         """Place the vehicles of the situation."""
         self._situation = situation
-        self._ego = situation.ego
         self._step = 0
         self._traffic = None
         ids: tuple[int, ...] | None = None
         if isinstance(situation, ReactiveSituation):
             self._traffic = situation.start_traffic()
             ids = tuple(range(1, len(situation.actors) + 1))
-        return _find_truth(situation.ego, situation.actors, ids)
+        self._now = _find_truth(situation.ego, situation.actors, ids)
+        return self._now
 
     def advance(self, control: Control) -> GroundTruth:
-        """Drive the ego, then move the others, then test for collisions."""
-        situation = self._situation
+        """Drive the ego, then move the others, then test for collisions.
+
+        Of a contact within the step, the vehicles are shown where the ego first touches another.
+        """
+        before, dt_s = self._now, self._situation.mission.dt_s
         self._step += 1
-        ego = self._ego = self._drive(self._ego, control, situation.mission.dt_s)
+        self._now = self._move(self._drive(before.ego, control, dt_s))
+        earlier, later = _make_moment(before), _make_moment(self._now)
+        if may_touch(earlier, later):
+            contact = find_contact(earlier, later, dt_s)
+            if contact is not None:
+                self._now = GroundTruth(contact.ego, contact.others, True, self._now.ids)
+        return self._now
+
+    def _move(self, ego: VehicleState) -> GroundTruth:
+        """Return the truth at the end of a step, once the ego has moved."""
+        situation = self._situation
         if self._traffic is not None:
             there = self._traffic.advance(self._step, ego)
             return _find_truth(ego, tuple(there.values()), tuple(there))
@@ -58,8 +71,9 @@ class ScriptedWorld:
 def _find_truth(
     ego: VehicleState, others: tuple[VehicleState, ...], ids: tuple[int, ...] | None = None
 ) -> GroundTruth:
-    return GroundTruth(ego, others, any(_touches(ego, other) for other in others), ids)
+    return GroundTruth(ego, others, any(touch(ego, other) for other in others), ids)
 
 
-def _touches(ego: VehicleState, other: VehicleState) -> bool:
-    return distance_lower_bound(ego, other) <= 0.0 and separation(ego, other).distance_m == 0.0
+def _make_moment(truth: GroundTruth) -> Moment:
+    numbers = range(1, len(truth.others) + 1) if truth.ids is None else truth.ids
+    return Moment(truth.ego, truth.others, numbers)

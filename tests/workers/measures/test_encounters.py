@@ -7,8 +7,18 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import structs
 
+from eigenfail.errors import SimulatorError
 from eigenfail.values import VehicleState
-from eigenfail_workers.measures.conflict import find_conflict, shares_path
+from eigenfail_workers.measures.encounters import (
+    HIDDEN_M,
+    Moment,
+    Pair,
+    find_conflict,
+    find_contact,
+    find_pass,
+    move,
+    shares_path,
+)
 from eigenfail_workers.measures.geometry import separation
 from eigenfail_workers.values import TrafficConflict
 
@@ -172,3 +182,123 @@ def test_nearer_or_faster_is_never_safer(
     assert worse.drac_mps2 >= better.drac_mps2
     # v² / 2g = v / (2 · TTC): at TTC = 1.5 s a third of the closing speed
     assert worse.drac_mps2 == pytest.approx(fast_mps / (2.0 * worse.ttc_s))
+
+
+place = st.floats(-40.0, 40.0)
+size = st.tuples(st.floats(0.5, 18.0), st.floats(0.5, 3.0))
+
+
+@st.composite
+def steps(draw: st.DrawFn) -> tuple[Pair, Pair]:
+    """Two vehicles before and after a step, of any way and a turn of up to 0.3 rad."""
+    pairs = []
+    for _ in range(2):
+        length_m, width_m = draw(size)
+        heading = draw(st.floats(-pi, pi))
+        turn = draw(st.one_of(st.just(0.0), st.floats(-0.3, 0.3)))
+        here, there = (draw(place), draw(place)), (draw(place), draw(place))
+        speeds = draw(st.floats(0.0, 40.0)), draw(st.floats(0.0, 40.0))
+        pairs.append(
+            (
+                VehicleState(here[0], here[1], heading, speeds[0], length_m, width_m),
+                VehicleState(there[0], there[1], heading + turn, speeds[1], length_m, width_m),
+            )
+        )
+    (ego, ego_after), (other, other_after) = pairs
+    return Pair(ego, other), Pair(ego_after, other_after)
+
+
+def passed(before: Pair, after: Pair) -> float:
+    """Smallest distance within a step and at its ends. [m]"""
+    ends = separation(before.ego, before.other), separation(after.ego, after.other)
+    found = find_pass(before, after, ends[0], ends[1])
+    least_m = min(ends[0].distance_m, ends[1].distance_m)
+    return least_m if found is None else found.distance_m
+
+
+def sampled(before: Pair, after: Pair, samples: int = 400) -> float:
+    """The same, from many samples within the step. [m]"""
+    distances = []
+    for k in range(samples + 1):
+        ego = move(before.ego, after.ego, k / samples)
+        distances.append(separation(ego, move(before.other, after.other, k / samples)).distance_m)
+    return min(distances)
+
+
+@settings(deadline=None, derandomize=True, max_examples=300)
+@given(steps())
+def test_pass_is_the_smallest_of_many_samples(step: tuple[Pair, Pair]) -> None:
+    before, after = step
+    found, dense = passed(before, after), sampled(before, after)
+    ends = separation(before.ego, before.other), separation(after.ego, after.other)
+    assert found <= min(ends[0].distance_m, ends[1].distance_m)
+    assert found <= dense + HIDDEN_M + 1e-6
+    # Between two of the 400 samples a corner moves by 0.6 m at most.
+    assert found >= dense - 0.6
+
+
+@settings(deadline=None, derandomize=True, max_examples=100)
+@given(steps())
+def test_pass_is_symmetric(step: tuple[Pair, Pair]) -> None:
+    before, after = step
+    exchanged = passed(Pair(before.other, before.ego), Pair(after.other, after.ego))
+    backwards = passed(after, before)
+    assert exchanged == pytest.approx(passed(before, after), abs=2 * HIDDEN_M)
+    assert backwards == pytest.approx(passed(before, after), abs=2 * HIDDEN_M)
+
+
+def square_pair(ego_x: float, other_x: float, other_y: float) -> Pair:
+    return Pair(square(ego_x, 0.0, 0.0, 20.0), square(other_x, other_y, pi, 20.0))
+
+
+def test_pass_within_a_step_is_worked_out_by_hand() -> None:
+    # 2 m squares, 3 m apart across: 1 m between them when they are side by side
+    before, after = square_pair(0.0, 20.0, 3.0), square_pair(10.0, 2.0, 3.0)
+    apart = separation(before.ego, before.other), separation(after.ego, after.other)
+    found = find_pass(before, after, apart[0], apart[1])
+    assert found is not None
+    assert found.distance_m == pytest.approx(1.0)
+    # They are side by side while their centres are less than 2 m apart along: 18 … 22 of 28 m.
+    assert 18.0 / 28.0 <= found.share <= 22.0 / 28.0
+    assert find_pass(before, before, apart[0], apart[0]) is None
+
+
+def test_contact_within_a_step_is_the_first_one() -> None:
+    near, far = square(12.0, 0.0, 0.0, 0.0), square(18.0, 0.0, 0.0, 0.0)
+    ego, later = square(0.0, 0.0, 0.0, 40.0), square(40.0, 0.0, 0.0, 40.0)
+    before, after = Moment(ego, (far, near), (1, 2)), Moment(later, (far, near), (1, 2))
+    contact = find_contact(before, after, 1.0)
+    assert contact is not None
+    assert contact.ego.x_m == pytest.approx(10.0, abs=1e-6)
+    assert separation(contact.ego, near).distance_m == 0.0
+    # The sample shows the second car that the ego touches, and hides the first one.
+    behind = Moment(square(18.0, 0.0, 0.0, 40.0), (far, near), (1, 2))
+    hidden = find_contact(before, behind, 1.0)
+    assert hidden is not None
+    assert hidden.ego.x_m == pytest.approx(10.0, abs=1e-6)
+    # It shows the first one: that sample is the collision.
+    assert (
+        find_contact(before, Moment(square(11.0, 0.0, 0.0, 40.0), (far, near), (1, 2)), 1.0) is None
+    )
+
+
+def test_heading_that_is_turned_round_turns_no_footprint() -> None:
+    """A tracker's mistake: a long vehicle in the next lane that seems to turn within a step."""
+    truck = VehicleState(0.0, 0.0, 0.0, 10.0, 16.0, 2.5)
+    beside = VehicleState(0.0, 3.5, 0.0, 10.0, 16.0, 2.5)
+    before, after = Pair(truck, beside), Pair(truck, structs.replace(beside, heading_rad=pi))
+    assert passed(before, after) == pytest.approx(1.0)
+    assert move(beside, after.other, 0.75).heading_rad == pytest.approx(pi)
+
+
+def test_jump_across_the_ego_is_refused() -> None:
+    before = Moment(TRUCK, (square(60.0, 0.0, 0.0, 20.0),), (1,))
+    after = Moment(TRUCK, (square(-60.0, 0.0, 0.0, 20.0),), (1,))
+    with pytest.raises(SimulatorError, match="Vehicle 1 jumps across the ego: 120 m"):
+        find_contact(before, after, 0.1)
+
+
+def test_vehicle_without_both_ends_is_not_moved() -> None:
+    before = Moment(TRUCK, (square(60.0, 0.0, 0.0, 20.0),), (1,))
+    after = Moment(TRUCK, (square(-60.0, 0.0, 0.0, 20.0),), (2,))
+    assert find_contact(before, after, 0.1) is None
