@@ -1,5 +1,6 @@
 """Whatever breaks costs one episode, is blamed on the right part, and leaves nothing behind."""
 
+import signal
 from collections.abc import Callable
 from math import nan
 from typing import Any
@@ -44,7 +45,7 @@ def digests(results: list[EpisodeResult]) -> list[str]:
     return [result.digest() for result in results]
 
 
-def raising(error: Exception) -> Callable[[], Any]:
+def raising(error: BaseException) -> Callable[[], Any]:
     def wrong() -> Any:
         raise error
 
@@ -55,9 +56,18 @@ FAULTS = {
     "raises": (raising(ZeroDivisionError("on purpose")), "planner"),
     "is in trouble elsewhere": (raising(ServiceError("no route")), "planner"),
     "gives up": (raising(SolverError("no solution")), "solver"),
+    "exits": (raising(SystemExit(0)), "planner"),
+    "ends its generator": (raising(GeneratorExit()), "planner"),
+    "interrupts": (raising(KeyboardInterrupt()), "planner"),
+    "raises what it likes": (raising(BaseException("own")), "planner"),
     "returns nothing": (lambda: None, "planner"),
     "returns nan": (lambda: Control(nan, 0.0), "planner"),
 }
+
+
+def ignore_ctrl_c(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As in the inner process of a worker."""
+    monkeypatch.setattr(signal, "getsignal", lambda _number: signal.SIG_IGN)
 
 
 @pytest.mark.fault(
@@ -68,9 +78,14 @@ FAULTS = {
 @pytest.mark.parametrize("simulator", SIMULATORS)
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_planners_fault_costs_one_episode(
-    name: str, simulator: str, make_engine: MakeEngine, faulty: Callable[..., type]
+    name: str,
+    simulator: str,
+    make_engine: MakeEngine,
+    faulty: Callable[..., type],
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     wrong, kind = FAULTS[name]
+    ignore_ctrl_c(monkeypatch)
     expected = run(make_engine(simulator=simulator), tasks(5))
     results = run(make_engine(faulty(wrong), simulator=simulator), tasks(5))
     failed = results[1::2]
@@ -154,6 +169,14 @@ class Trouble:
         raise OSError("cannot close either")
 
 
+class Exits(Trouble):
+    def spoil(self, seen: Any) -> Any:
+        raise SystemExit(3)
+
+    def close(self) -> None:
+        raise SystemExit(4)
+
+
 class Endless(Trouble):
     def spoil(self, seen: Any) -> Any:
         return msgspec.structs.replace(seen, ended=False)
@@ -178,6 +201,7 @@ class Deserted(Trouble):
     ("simulator", "told"),
     [
         (Trouble, "ConnectionError: lost"),
+        (Exits, "SystemExit: 3"),
         (Endless, "did not end at its horizon"),
         (Nowhere, "finite"),
         (Deserted, "Look into"),

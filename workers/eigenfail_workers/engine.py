@@ -175,7 +175,11 @@ class Engine:
 
     def _discard(self) -> None:
         """Close the simulation after a fault."""
-        with suppress(Exception):  # a broken simulator may fail again, which adds nothing
+        # A broken simulator may fail again, which adds nothing.
+        with (
+            suppress(EpisodeError, InputError),
+            wrap_errors(SimulatorError, "Closing", "Look into `close`."),
+        ):
             self.close()
 
     def close(self) -> None:

@@ -1,5 +1,6 @@
 """Errors of episodes, and the faults that are recorded for them."""
 
+import signal
 from collections.abc import Sequence
 
 from eigenfail import errors
@@ -11,6 +12,9 @@ INPUT = "input"
 
 class wrap_errors:  # noqa: N801 - it is used like a function, as other context managers are
     """Turn exceptions of the block into errors of a kind, unless they have one already.
+
+    SystemExit and its like are exceptions of a plug-in, too: it may not end this process. Only
+    KeyboardInterrupt stays one, where Ctrl-C can cause it: workers' inner processes ignore that.
 
     A class, as a generator would take longer than a step of physics.
     """
@@ -25,9 +29,16 @@ class wrap_errors:  # noqa: N801 - it is used like a function, as other context 
 
     def __exit__(self, _kind: object, error: BaseException | None, _traceback: object) -> None:
         """Raise an error of the kind from an exception of the block."""
-        if isinstance(error, Exception) and not isinstance(error, EpisodeError | InputError):
+        if error is None or isinstance(error, EpisodeError | InputError):
+            return
+        if not isinstance(error, KeyboardInterrupt) or not can_be_interrupted():
             problem = f"{self._what} raised {describe_error(error)}."
             raise self._kind(problem, self._remedy) from error
+
+
+def can_be_interrupted() -> bool:
+    """Return whether Ctrl-C raises KeyboardInterrupt in this process."""
+    return signal.getsignal(signal.SIGINT) != signal.SIG_IGN
 
 
 def make_fault(error: EpisodeError | InputError) -> EpisodeFault:

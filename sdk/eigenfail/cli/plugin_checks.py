@@ -137,7 +137,7 @@ def _load(group: str, place: str) -> Any:
         return plugins.load_class(place)
     except EigenfailError:
         raise
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         problem = f"'{place}' cannot be loaded: {describe_error(error)}."
         raise InvalidValue("plug-in", problem) from error
     finally:

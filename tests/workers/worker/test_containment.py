@@ -97,9 +97,9 @@ COSTS = {
     "wants too much": ("planner", "MemoryError"),
     "segfaults": ("infrastructure", "killed its process (exit status -11)"),
     "forks and dies": ("infrastructure", "killed its process (exit status 7)"),
-    "interrupts": ("infrastructure", "killed its process (exit status -2)"),
+    "interrupts": ("planner", "raised KeyboardInterrupt"),
     "mumbles": ("infrastructure", "killed its process (exit status -9)"),
-    "leaves": ("infrastructure", "killed its process (exit status 4)"),
+    "leaves": ("planner", "raised SystemExit: 4"),
 }
 
 
@@ -119,8 +119,9 @@ COSTS = {
 @pytest.mark.fault(
     "planner that ends its own process",
     group="plug-ins",
-    outcome="After a segmentation fault, an exit or a raised `KeyboardInterrupt` the episode "
-    "runs three times and is then errored.",
+    outcome="After a segmentation fault or `os._exit` the episode runs three times and is then "
+    "errored, kind `infrastructure`. After `SystemExit`, `KeyboardInterrupt` or another "
+    "exception that is raised, it is errored at once, kind `planner`.",
 )
 @pytest.mark.fault("planner that writes into the pipe of results")
 @pytest.mark.parametrize("way", COSTS)

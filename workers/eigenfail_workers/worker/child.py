@@ -111,7 +111,7 @@ class Child:
             self._engines[message.campaign] = as_lockstep(self._make_engine(message.setup))
         except EigenfailError as error:
             self._refused[message.campaign] = EpisodeFault("input", read_text(error))
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - a plug-in may raise anything
+        except BaseException as error:  # noqa: BLE001 - a plug-in may raise anything; no Ctrl-C here
             problem = f"Making simulator and scenario raised {describe_error(error)}."
             remedy = "Look into what they do when they are made."
             self._refused[message.campaign] = EpisodeFault("simulator", f"{problem} {remedy}")
