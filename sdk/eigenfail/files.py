@@ -27,6 +27,7 @@ OTHERS = 0o007
 MOST_BYTES = 10_000_000
 """Longest text file that is read whole: settings, campaigns, keys."""
 
+LONGEST_LINE = 1_000_000
 MOST_TABLE_BYTES = 2_000_000_000
 MOST_ROWS = 2_000_000
 """Largest table that is read. Its numbers alone take 16 MB a column."""
@@ -239,12 +240,14 @@ class TableColumns(NamedTuple):
         required: columns that it must have.
         optional: columns that it may have.
         like: what such a table is: the remedy of every error.
+        most_rows: most rows that it may have.
     """
 
     text: str
     required: tuple[str, ...]
     optional: tuple[str, ...]
     like: str
+    most_rows: int = MOST_ROWS
 
 
 class DataTable(NamedTuple):
@@ -298,21 +301,19 @@ def read_table(path: Path, columns: TableColumns, field: str = "") -> DataTable:
 
 
 def _read_csv(file: IO[str], columns: TableColumns, field: str) -> DataTable:
-    names: list[str] = []
-    delimiter = ","
-    for line in file:
-        if line.strip():
-            delimiter = _find_delimiter(line, columns)
-            names = next(csv.reader([line], delimiter=delimiter, skipinitialspace=True))
+    header, lines = "", _list_lines(file)
+    for header in lines:
+        if header.strip():
             break
-    before = 1
-    lines = csv.reader(file, delimiter=delimiter, skipinitialspace=True)
+    delimiter = _find_delimiter(header, columns)
+    names = next(csv.reader([header], delimiter=delimiter, skipinitialspace=True), [])
+    table = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
 
     def list_cells(_places: Sequence[int]) -> Cells:
-        for cells in lines:
+        for cells in table:
             if not any(map(str.strip, cells)):
                 continue
-            number = before + lines.line_num
+            number = table.line_num + 1
             if any(map(str.strip, cells[len(names) :])):
                 problem = f"has {len(cells)} cells, and the header {len(names)}."
                 remedy = "Write numbers with a point, and quote texts with a separator in them."
@@ -322,12 +323,19 @@ def _read_csv(file: IO[str], columns: TableColumns, field: str) -> DataTable:
     return _collect(names, list_cells, columns, field)
 
 
+def _list_lines(file: IO[str]) -> Iterator[str]:
+    while line := file.readline(LONGEST_LINE):
+        if len(line) == LONGEST_LINE:
+            raise OSError(errno.EFBIG, f"a line has more than {LONGEST_LINE:,} characters")
+        yield line
+
+
 def _find_delimiter(header: str, columns: TableColumns) -> str:
     """Return what separates the names of a header: what most names that are used result from."""
-    wanted = {columns.text, *columns.required, *columns.optional}
+    wanted = set(map(_simplify_name, (columns.text, *columns.required, *columns.optional)))
 
     def count_known(delimiter: str) -> int:
-        names = next(csv.reader([header], delimiter=delimiter, skipinitialspace=True))
+        names = next(csv.reader([header], delimiter=delimiter, skipinitialspace=True), [])
         return len(wanted & set(map(_simplify_name, names)))
 
     return max(DELIMITERS, key=count_known)
@@ -343,8 +351,8 @@ def _read_parquet(file: BinaryIO, columns: TableColumns, field: str) -> DataTabl
     try:
         table = ParquetFile(file)
         # A file of few bytes may hold any number of equal rows.
-        if table.metadata.num_rows > MOST_ROWS:
-            raise _refuse_length(field)
+        if table.metadata.num_rows > columns.most_rows:
+            raise _refuse_length(field, columns)
         names = table.schema_arrow.names
 
         def list_cells(places: Sequence[int]) -> Cells:
@@ -367,8 +375,8 @@ def _simplify_name(name: str) -> str:
     return name.strip().lower()
 
 
-def _refuse_length(field: str) -> InvalidValue:
-    problem = f"has more than {MOST_ROWS:,} rows, the most that are read."
+def _refuse_length(field: str, columns: TableColumns) -> InvalidValue:
+    problem = f"has more than {columns.most_rows:,} rows, the most that are read."
     return InvalidValue(field, problem, "Take the part of it that you need.")
 
 
@@ -390,8 +398,8 @@ def _collect(
     numbers = {name: array("d") for name in places if name != columns.text}
     rows, text, texts = array("q"), array("q"), dict[str, int]()
     for number, cells in list_cells(list(places.values())):
-        if len(rows) == MOST_ROWS:
-            raise _refuse_length(field)
+        if len(rows) == columns.most_rows:
+            raise _refuse_length(field, columns)
         rows.append(number)
         for name, values in numbers.items():
             place = places[name]
@@ -427,24 +435,32 @@ def _place_columns(names: Sequence[str], columns: TableColumns, field: str) -> d
     """
     simple = list(map(_simplify_name, names))
     required = (*([columns.text] if columns.text else []), *columns.required)
-    if missing := [name for name in required if name not in simple]:
-        found = f"its columns are {', '.join(names)}" if names else "it has none"
-        if names and all(_read_cell(name) is not None for name in names):
-            found = f"its first line has numbers, and not names of columns: {', '.join(names)}"
-        near = suggest_name(missing[0], names).partition("Known:")[0]
-        problem = f"columns {', '.join(missing)} are missing; {found}."
-        raise InvalidValue(field, problem, f"{near}{columns.like}")
     known = (*required, *columns.optional)
-    for name in known:
-        if simple.count(name) > 1:
+    found = {name: _find_places(name, names) for name in known}
+    if missing := [name for name in required if not found[name]]:
+        given = f"its columns are {', '.join(names)}" if names else "it has none"
+        if names and all(_read_cell(name) is not None for name in names):
+            given = f"its first line has numbers, and not names of columns: {', '.join(names)}"
+        near = suggest_name(missing[0], names).partition("Known:")[0] if names else ""
+        problem = f"columns {', '.join(missing)} are missing; {given}."
+        raise InvalidValue(field, problem, f"{near}{columns.like}")
+    for name, places in found.items():
+        if len(places) > 1:
             raise InvalidValue(field, f"has two columns {name}.", "Remove or rename one of them.")
-    absent = [name for name in columns.optional if name not in simple]
+    absent = [name for name in columns.optional if not found[name]]
     for name, given in zip(simple, names, strict=True):
         if name not in known and (close := get_close_matches(name, absent, n=1)):
             problem = f"column {given} is not read, and column {close[0]} is missing."
             remedy = f"Rename it to {close[0]} if it has that unit; otherwise convert or remove it."
             raise InvalidValue(field, problem, remedy)
-    return {name: simple.index(name) for name in known if name in simple}
+    return {name: places[0] for name, places in found.items() if places}
+
+
+def _find_places(name: str, names: Sequence[str]) -> list[int]:
+    """Return where columns of a name are; of one in other letters if there is none in the same."""
+    exact = [place for place, given in enumerate(names) if given.strip() == name]
+    simple = _simplify_name(name)
+    return exact or [place for place, given in enumerate(names) if _simplify_name(given) == simple]
 
 
 def _is_empty(cell: object) -> bool:

@@ -134,6 +134,7 @@ class SensorLog(msgspec.Struct, frozen=True, eq=False):
         error: reported less true value, shape (n, channels); NaN where it was not measured.
         step_s: time between two steps. [s]
         ghosts: measurements without a vehicle.
+        unread: columns of its file that are not used.
     """
 
     channels: tuple[str, ...]
@@ -145,6 +146,7 @@ class SensorLog(msgspec.Struct, frozen=True, eq=False):
     error: Array
     step_s: float
     ghosts: Ghosts
+    unread: tuple[str, ...] = ()
 
     @property
     def is_missed(self) -> Booleans:
@@ -186,13 +188,19 @@ class SensorLog(msgspec.Struct, frozen=True, eq=False):
         return int(begins.sum())
 
 
-def make_log(rows: Sequence[Row], step_s: float, quantities: Sequence[str] = ()) -> SensorLog:
+def make_log(
+    rows: Sequence[Row],
+    step_s: float,
+    quantities: Sequence[str] = (),
+    unread: tuple[str, ...] = (),
+) -> SensorLog:
     """Return the errors of some measurements.
 
     Args:
         rows: measurements in any order.
         step_s: time between two steps. [s]
         quantities: quantities besides the position that the rows have.
+        unread: columns of their file that are not used.
 
     Raises:
         InvalidValue: as `read_log`.
@@ -224,6 +232,7 @@ def make_log(rows: Sequence[Row], step_s: float, quantities: Sequence[str] = ())
         error=np.column_stack([positions[:, SEEN] - true, _find_errors(others, quantities)]),
         step_s=step_s,
         ghosts=_find_ghosts(rows, step_s),
+        unread=unread,
     )
     _refuse_uninformative(log)
     return log
