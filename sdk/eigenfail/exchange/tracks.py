@@ -48,6 +48,9 @@ SHORTEST_PERIOD_S = 0.005
 """Rows of recordings are further apart. [s]"""
 
 FASTEST_MPS = 100.0
+MOST_CUTS = 10
+"""A vehicle with more cuts than this is no vehicle."""
+
 LEAST_JUMP_M = 3.0
 JUMP_MPS2 = 24.0
 """A vehicle jumps where it is farther from its straight course than what this acceleration, about
@@ -178,6 +181,9 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
     path = Path(path)
     if not (isfinite(dt_s) and dt_s > 0.0):
         raise InvalidValue("dt_s", f"{dt_s} is not a positive number of seconds.")
+    if not longest_gap_s > 0.0:
+        problem = f"{longest_gap_s} is not a positive number of seconds."
+        raise InvalidValue("longest_gap_s", problem)
     read = _read_commonroad if path.suffix.lower() == ".xml" else _read_table_of_tracks
     found = read(path)
     for name in without:
@@ -361,6 +367,8 @@ def _cut_tracks(
             left_out[name] = "It is there at a single time, from which no motion follows."
         elif not len(ends):
             parts[name] = track
+        elif len(ends) > MOST_CUTS:
+            left_out[name] = f"It {why}. Its id may be that of several vehicles."
         else:
             bounds = [0, *(ends + 1).tolist(), len(track["time_s"])]
             for number, (first, last) in enumerate(pairwise(bounds), 1):
@@ -558,7 +566,16 @@ def _refuse_other_speeds(name: str, track: Track) -> None:
     """
     if "speed_mps" not in track:
         return
-    _, moved_mps = _find_motion(track)
+    velocity, moved_mps = _find_motion(track)
+    moves = moved_mps >= MOVING_MPS
+    # Without headings, the vehicle points where it goes.
+    direction = np.arctan2(velocity[:, 1], velocity[:, 0])
+    forwards = moves & (np.cos(track.get("heading_rad", direction) - direction) > 0.0)
+    negative = forwards & (track["speed_mps"] < -STANDING_MPS)
+    if negative.sum() > CONTRADICTING_SHARE * moves.sum():
+        at_s = track["time_s"][int(np.argmax(negative))]
+        problem = f"of vehicle '{name}' is negative at {at_s:g} s, and the vehicle moves forwards."
+        raise InvalidValue("speed_mps", problem, "Give the speed along the vehicle's heading.")
     told, moved = float(np.abs(track["speed_mps"]).mean()), float(moved_mps.mean())
     differs = abs(told - moved) > MOST_DIFFERENCE_MPS
     if not differs or moved / MOST_RATIO <= told <= moved * MOST_RATIO:

@@ -40,7 +40,7 @@ CAUSE_ERROR = 1e-4
 """Probability that a check of a cause fails for a channel that the model describes."""
 
 LEAST_CASES = 5
-LEAST_SHARE = 0.002
+LEAST_SHARE = 0.0005
 MOST_EXPECTED = 3.0
 """A cause is named from so many cases and such a share on, if they are so many times what the
 values beside them let expect."""
@@ -52,6 +52,9 @@ FLIP_WIDTH_RAD = 0.4
 LARGE_TURN_RAD = 0.25 * pi
 MOST_LARGE_TURNS = 0.1
 """Share of errors beyond this angle from which headings are no radians, or no headings."""
+
+ROUNDED_SHARE = 0.01
+"""Share of errors of one unit of the last digit from which digits are too few."""
 
 FAR_SPREADS = 10.0
 """Values with errors beyond so many robust standard deviations are looked at for sentinels."""
@@ -254,7 +257,7 @@ def _list_zeros(name: str, error: Array) -> Iterator[ModelCheck]:
     zeros = int(is_zero.sum())
     if _is_conspicuous(zeros, beside, len(error)):
         # Rounded values of small errors have their nearest neighbours often.
-        is_rounded = beside > LEAST_SHARE * len(error)
+        is_rounded = beside > ROUNDED_SHARE * len(error)
         rounded = f"The values are rounded to {unit:.3g}, which hides errors: log more digits."
         copied = (
             "There the true value is the reported one: take the truth from a reference that does "

@@ -31,7 +31,8 @@ COLUMNS = TableColumns(
 POSITIONS = NUMBERS[1:]
 
 MOST_TURNS_RAD = 2.0 * pi + 1e-3
-"""Directions are within a turn. Those of degrees go up to 180 or 360."""
+MOST_DEGREES = 360.5
+"""Directions are within a turn."""
 
 
 def read_log(file: Path, step_s: float) -> SensorLog:
@@ -99,9 +100,12 @@ def _refuse_degrees(table: DataTable, name: str) -> None:
     for column in PAIRS["heading"]:
         for row, value in zip(table.rows, table.numbers.get(column, ()), strict=False):
             if abs(value) > MOST_TURNS_RAD:
+                seems = "The headings seem to be in degrees."
+                if abs(value) > MOST_DEGREES:
+                    seems = "It seems to mean that there is no measurement."
                 raise InvalidValue(
                     f"{name}, row {row}: {column}",
-                    f"{value:g} is beyond a turn, 2π. The headings seem to be in degrees.",
+                    f"{value:g} is beyond a turn, 2π. {seems}",
                     "Give radians, or leave the field empty where there is no measurement.",
                 )
 

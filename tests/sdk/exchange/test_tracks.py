@@ -230,6 +230,13 @@ def test_a_column_that_is_filled_for_some_times_of_a_vehicle_is_refused(tmp_path
         read_tracks(write(tmp_path / "a.csv", [*rows, *other], (*HEADER, "speed_mps")), "1")
 
 
+@pytest.mark.parametrize("gap_s", [0.0, -1.0, float("nan")])
+def test_a_longest_gap_without_a_duration_is_refused(tmp_path, gap_s):
+    with pytest.raises(InvalidValue, match="not a positive number") as refused:
+        read_tracks(write(tmp_path / "a.csv", [*EGO, *OTHER]), "1", longest_gap_s=gap_s)
+    assert refused.value.field == "longest_gap_s"
+
+
 @pytest.mark.parametrize("dt_s", [0.0, -0.1, float("nan"), float("inf")])
 def test_a_step_without_a_duration_is_refused(tmp_path, dt_s):
     with pytest.raises(InvalidValue, match="not a positive number") as refused:
@@ -311,6 +318,20 @@ def test_speeds_that_contradict_the_motion_are_refused(tmp_path, speed, words):
         read_tracks(write(tmp_path / "a.csv", rows, (*HEADER, "speed_mps")), "ego")
 
 
+@pytest.mark.parametrize(("heading", "is_refused"), [(0.0, True), (None, True), (pi, False)])
+def test_a_negative_speed_is_that_of_a_vehicle_that_reverses(tmp_path, heading, is_refused):
+    more = () if heading is None else (heading,)
+    rows = [*drive("ego", more=(20.0, *more)), *drive("lead", 60.0, speed=3.0, more=(-3.0, *more))]
+    rows = [(*row[:5], *((0.0,) if more and row[0] == "ego" else row[5:])) for row in rows]
+    header = (*HEADER, "speed_mps", *(("heading_rad",) if more else ()))
+    path = write(tmp_path / "a.csv", rows, header)
+    if is_refused:
+        with pytest.raises(InvalidValue, match="'lead' is negative at 0 s, and the vehicle moves"):
+            read_tracks(path, "ego")
+    else:
+        assert read_tracks(path, "ego").states[0, 1, 3] == -3.0
+
+
 def test_a_vehicle_ends_at_a_long_gap_and_its_parts_are_named(tmp_path):
     car = [*drive("car", 70.0, 3.5, 18.0, ends=20), *drive("car", 70.0, 3.5, 18.0, 85)]
     path = write(tmp_path / "a.csv", [*drive("ego"), *LEAD, *car])
@@ -335,6 +356,14 @@ def test_an_id_of_two_cars_makes_two_vehicles(tmp_path, pause):
     assert np.nanmin(tracks.states[..., 0]) >= -150.0
     assert np.nanmax(tracks.states[..., 3]) == pytest.approx(25.0)
     assert "'7' " in tracks.notes[0]
+
+
+def test_an_id_of_two_cars_at_once_is_left_out(tmp_path):
+    first, second = drive("7", 90.0), drive("7", -150.0, 3.5)
+    both = [first[n] if n % 2 else second[n] for n in range(101)]
+    tracks = read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *LEAD, *both]), "ego")
+    assert (tracks.ids, list(tracks.left_out)) == (("ego", "lead"), ["7"])
+    assert "may be that of several vehicles" in tracks.left_out["7"]
 
 
 def test_one_wrong_position_does_not_move_a_vehicle(tmp_path):

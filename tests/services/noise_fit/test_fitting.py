@@ -280,6 +280,10 @@ HEAD = "track,time_s,dx_m,dy_m,seen_dx_m,seen_dy_m"
             f"{HEAD},heading_rad,seen_heading_rad\n1,0.0,10,0,10,0,179.2,181\n",
             "row 2: heading_rad: 179.2 is beyond a turn, 2π. The headings seem to be in degrees",
         ),
+        (
+            f"{HEAD},heading_rad,seen_heading_rad\n1,0.0,10,0,10,0,0.1,-999\n",
+            "row 2: seen_heading_rad: -999 is beyond a turn, 2π. It seems to mean that there is no",
+        ),
         (f"{HEAD},speed_mps\n", "column speed_mps is given, and column seen_speed_mps is missing"),
         (
             f"{HEAD},speed_mps,seen_speed_mps\n1,0.0,10,0,,,20,21\n",
