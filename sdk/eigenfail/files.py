@@ -1,14 +1,20 @@
-"""Files that only their owner may read, and TOML files with errors that name the line."""
+"""Files that a user names: read within bounds, and written whole or for their owner alone."""
 
+import csv
+import errno
+import io
 import os
 import stat
 import tomllib
-from collections.abc import Iterable, Iterator
+from array import array
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from difflib import get_close_matches
+from math import isfinite, nan
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, BinaryIO, NamedTuple
 
-from eigenfail.errors import InvalidValue, ServiceError
+from eigenfail.errors import InvalidValue, ServiceError, suggest_name
 
 OWNER_ONLY = 0o600
 
@@ -17,6 +23,16 @@ FOLDER_MODE = 0o700
 
 
 OTHERS = 0o007
+
+MOST_BYTES = 10_000_000
+"""Longest text file that is read whole: settings, campaigns, keys."""
+
+LONGEST_LINE = 1_000_000
+MOST_TABLE_BYTES = 2_000_000_000
+MOST_ROWS = 2_000_000
+"""Largest table that is read. Its numbers alone take 16 MB a column."""
+
+DELIMITERS = (",", ";", "\t", "|", " ")
 
 
 def make_private_folder(folder: Path) -> None:
@@ -117,6 +133,49 @@ def _written(path: Path, field: str) -> Iterator[None]:
         raise InvalidValue(field, problem, "Choose another file, or remove this one.") from error
 
 
+def open_regular(path: Path, most_bytes: int) -> BinaryIO:
+    """Open a regular file to read bytes.
+
+    Devices have no end, and opening a FIFO waits for a writer: neither is opened.
+
+    Args:
+        path: path of the file.
+        most_bytes: largest size that is accepted.
+
+    Raises:
+        OSError: it cannot be opened, is not a regular file, or is larger.
+    """
+    descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    if fault := _find_fault(os.fstat(descriptor), most_bytes):
+        os.close(descriptor)
+        raise fault
+    return os.fdopen(descriptor, "rb")
+
+
+def _find_fault(found: os.stat_result, most_bytes: int) -> OSError | None:
+    if stat.S_ISDIR(found.st_mode):
+        return IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+    if not stat.S_ISREG(found.st_mode):
+        return OSError(errno.EINVAL, "it is a device or a pipe, and not a regular file")
+    if found.st_size > most_bytes:
+        problem = f"it has {found.st_size:,} bytes, and at most {most_bytes:,} are read"
+        return OSError(errno.EFBIG, problem)
+    return None
+
+
+def read_whole(path: Path, most_bytes: int = MOST_BYTES) -> bytes:
+    """Return the bytes of a regular file.
+
+    Raises:
+        OSError: it cannot be read, is not a regular file, or has more bytes.
+    """
+    with open_regular(path, most_bytes) as file:
+        content = file.read(most_bytes + 1)
+    if len(content) > most_bytes:
+        raise OSError(errno.EFBIG, f"it has more than {most_bytes:,} bytes")
+    return content
+
+
 def read_private(path: Path, field: str) -> str:
     """The line in it.
 
@@ -124,9 +183,9 @@ def read_private(path: Path, field: str) -> str:
         InvalidValue: it cannot be read, or every user of the machine can.
     """
     try:
-        with path.open() as file:
+        with open_regular(path, MOST_BYTES) as file:
             mode = stat.S_IMODE(os.fstat(file.fileno()).st_mode)
-            text = file.read().strip()
+            text = file.read(MOST_BYTES).decode().strip()
     except (OSError, UnicodeDecodeError) as error:
         problem = f"'{path}' cannot be read: {getattr(error, 'strerror', 'it is not a text file')}."
         raise InvalidValue(field, problem, "Specify the file that contains the key.") from error
@@ -147,7 +206,7 @@ def read_toml(file: Path, like: str) -> dict[str, Any]:
         InvalidValue: it cannot be read, or is not TOML.
     """
     try:
-        text = file.read_text(encoding="utf-8")
+        text = read_whole(file).decode("utf-8-sig")
     except OSError as error:
         raise InvalidValue(str(file), f"cannot be read: {error.strerror}.", like) from error
     except ValueError as error:
@@ -171,3 +230,256 @@ def parse_toml(text: str, field: str, like: str) -> dict[str, Any]:
     # tomllib gives up on deep nesting and on endless integers in errors of its own.
     except (ValueError, RecursionError) as error:
         raise InvalidValue(field, f"is not TOML: {error}.", like) from error
+
+
+class TableColumns(NamedTuple):
+    """Columns that a table may have. All but the text are numbers.
+
+    Attributes:
+        text: the only column of text, which is required; empty for none.
+        required: columns that it must have.
+        optional: columns that it may have.
+        like: what such a table is: the remedy of every error.
+        most_rows: most rows that it may have.
+    """
+
+    text: str
+    required: tuple[str, ...]
+    optional: tuple[str, ...]
+    like: str
+    most_rows: int = MOST_ROWS
+
+
+class DataTable(NamedTuple):
+    """The columns of a table that are used.
+
+    Attributes:
+        rows: number of each row in its file: of CSV its line, of Parquet from 1. Shape (n,).
+        texts: the different values of the column of text, in the order of their first rows.
+        text: place of each row's value among them, shape (n,).
+        numbers: each column of numbers by name, NaN where a cell is empty, shape (n,).
+        unread: names of the other columns, as the file has them.
+    """
+
+    rows: "array[int]"
+    texts: tuple[str, ...]
+    text: "array[int]"
+    numbers: "Mapping[str, array[float]]"
+    unread: tuple[str, ...]
+
+
+Cells = Iterable[tuple[int, Sequence[object]]]
+"""Rows of a table: the number of each, and its cells."""
+
+
+def read_table(path: Path, columns: TableColumns, field: str = "") -> DataTable:
+    """Return the columns of a table of CSV, or of Parquet if its name ends in `.parquet`.
+
+    Names of columns may be in capitals, and have blanks around them. Cells of CSV may be separated
+    by commas, semicolons, tabs, bars or blanks, whichever the names of its header are separated by.
+
+    Args:
+        path: path of the file.
+        columns: columns that are used.
+        field: what named the file, for errors; empty for its name.
+
+    Raises:
+        InvalidValue: the file cannot be read or is larger than what is read, lacks a column, or
+            has one whose name is nearly that of an optional one, or a cell that is not a number.
+    """
+    field = field or path.name
+    is_parquet = path.suffix.lower() == ".parquet"
+    try:
+        with open_regular(path, MOST_TABLE_BYTES) as file:
+            if is_parquet:
+                return _read_parquet(file, columns, field)
+            text = io.TextIOWrapper(file, encoding="utf-8-sig", newline="")
+            return _read_csv(text, columns, field)
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        why = getattr(error, "strerror", None) or str(error)
+        raise InvalidValue(field, f"cannot be read: {why}.", columns.like) from error
+
+
+def _read_csv(file: IO[str], columns: TableColumns, field: str) -> DataTable:
+    header, lines = "", _list_lines(file)
+    for header in lines:
+        if header.strip():
+            break
+    delimiter = _find_delimiter(header, columns)
+    names = next(csv.reader([header], delimiter=delimiter, skipinitialspace=True), [])
+    table = csv.reader(lines, delimiter=delimiter, skipinitialspace=True)
+
+    def list_cells(_places: Sequence[int]) -> Cells:
+        for cells in table:
+            if not any(map(str.strip, cells)):
+                continue
+            number = table.line_num + 1
+            if any(map(str.strip, cells[len(names) :])):
+                problem = f"has {len(cells)} cells, and the header {len(names)}."
+                remedy = "Write numbers with a point, and quote texts with a separator in them."
+                raise InvalidValue(f"{field}, row {number}", problem, remedy)
+            yield number, cells
+
+    return _collect(names, list_cells, columns, field)
+
+
+def _list_lines(file: IO[str]) -> Iterator[str]:
+    while line := file.readline(LONGEST_LINE):
+        if len(line) == LONGEST_LINE:
+            raise OSError(errno.EFBIG, f"a line has more than {LONGEST_LINE:,} characters")
+        yield line
+
+
+def _find_delimiter(header: str, columns: TableColumns) -> str:
+    """Return what separates the names of a header: what most names that are used result from."""
+    wanted = set(map(_simplify_name, (columns.text, *columns.required, *columns.optional)))
+
+    def count_known(delimiter: str) -> int:
+        names = next(csv.reader([header], delimiter=delimiter, skipinitialspace=True), [])
+        return len(wanted & set(map(_simplify_name, names)))
+
+    return max(DELIMITERS, key=count_known)
+
+
+def _read_parquet(file: BinaryIO, columns: TableColumns, field: str) -> DataTable:
+    try:
+        from pyarrow import ArrowException
+        from pyarrow.parquet import ParquetFile
+    except ModuleNotFoundError as error:
+        remedy = "Install eigenfail[export], or give CSV."
+        raise InvalidValue(field, "Parquet needs pyarrow.", remedy) from error
+    try:
+        table = ParquetFile(file)
+        # A file of few bytes may hold any number of equal rows.
+        if table.metadata.num_rows > columns.most_rows:
+            raise _refuse_length(field, columns)
+        names = table.schema_arrow.names
+
+        def list_cells(places: Sequence[int]) -> Cells:
+            number = 0
+            used = [names[place] for place in places]
+            for batch in table.iter_batches(10_000, columns=used):
+                found: list[list[object]] = [[None] * batch.num_rows for _ in names]
+                for place, name in zip(places, used, strict=True):
+                    found[place] = batch.column(name).to_pylist()
+                for cells in zip(*found, strict=True):
+                    number += 1
+                    yield number, cells
+
+        return _collect(names, list_cells, columns, field)
+    except ArrowException as error:
+        raise InvalidValue(field, f"cannot be read: {error}.", columns.like) from error
+
+
+def _simplify_name(name: str) -> str:
+    return name.strip().lower()
+
+
+def _refuse_length(field: str, columns: TableColumns) -> InvalidValue:
+    problem = f"has more than {columns.most_rows:,} rows, the most that are read."
+    return InvalidValue(field, problem, "Take the part of it that you need.")
+
+
+def _collect(
+    names: Sequence[str],
+    list_cells: Callable[[Sequence[int]], Cells],
+    columns: TableColumns,
+    field: str,
+) -> DataTable:
+    """Return the columns that are used.
+
+    Args:
+        names: names of the columns in the file.
+        list_cells: returns the rows, given the places of the columns that are used.
+        columns: columns that are used.
+        field: what named the file, for errors.
+    """
+    places = _place_columns(names, columns, field)
+    numbers = {name: array("d") for name in places if name != columns.text}
+    rows, text, texts = array("q"), array("q"), dict[str, int]()
+    for number, cells in list_cells(list(places.values())):
+        if len(rows) == columns.most_rows:
+            raise _refuse_length(field, columns)
+        rows.append(number)
+        for name, values in numbers.items():
+            place = places[name]
+            cell = cells[place] if place < len(cells) else None
+            value = _read_cell(cell)
+            if value is None:
+                raise _refuse_cell(f"{field}, row {number}: {name}", str(cell))
+            values.append(value)
+        if columns.text:
+            cell = cells[places[columns.text]] if places[columns.text] < len(cells) else None
+            named = "" if _is_empty(cell) else str(cell).strip()
+            if not named:
+                raise InvalidValue(
+                    f"{field}, row {number}: {columns.text}", "is empty.", "Name the vehicle."
+                )
+            text.append(texts.setdefault(named, len(texts)))
+    used = {names[place] for place in places.values()}
+    return DataTable(
+        rows=rows,
+        texts=tuple(texts),
+        text=text,
+        numbers=numbers,
+        unread=tuple(name for name in names if name not in used and name.strip()),
+    )
+
+
+def _place_columns(names: Sequence[str], columns: TableColumns, field: str) -> dict[str, int]:
+    """Return the place of each column that is used.
+
+    Raises:
+        InvalidValue: a column is missing, is there twice, or has nearly the name of one that is
+            used and not there.
+    """
+    simple = list(map(_simplify_name, names))
+    required = (*([columns.text] if columns.text else []), *columns.required)
+    known = (*required, *columns.optional)
+    found = {name: _find_places(name, names) for name in known}
+    if missing := [name for name in required if not found[name]]:
+        given = f"its columns are {', '.join(names)}" if names else "it has none"
+        if names and all(_read_cell(name) is not None for name in names):
+            given = f"its first line has numbers, and not names of columns: {', '.join(names)}"
+        near = suggest_name(missing[0], names).partition("Known:")[0] if names else ""
+        problem = f"columns {', '.join(missing)} are missing; {given}."
+        raise InvalidValue(field, problem, f"{near}{columns.like}")
+    for name, places in found.items():
+        if len(places) > 1:
+            raise InvalidValue(field, f"has two columns {name}.", "Remove or rename one of them.")
+    absent = [name for name in columns.optional if not found[name]]
+    for name, given in zip(simple, names, strict=True):
+        if name not in known and (close := get_close_matches(name, absent, n=1)):
+            problem = f"column {given} is not read, and column {close[0]} is missing."
+            remedy = f"Rename it to {close[0]} if it has that unit; otherwise convert or remove it."
+            raise InvalidValue(field, problem, remedy)
+    return {name: places[0] for name, places in found.items() if places}
+
+
+def _find_places(name: str, names: Sequence[str]) -> list[int]:
+    """Return where columns of a name are; of one in other letters if there is none in the same."""
+    exact = [place for place, given in enumerate(names) if given.strip() == name]
+    simple = _simplify_name(name)
+    return exact or [place for place, given in enumerate(names) if _simplify_name(given) == simple]
+
+
+def _is_empty(cell: object) -> bool:
+    return cell is None or cell != cell or (isinstance(cell, str) and not cell.strip())  # noqa: PLR0124 - NaN is an empty value of Parquet
+
+
+def _read_cell(cell: object) -> float | None:
+    """Return a finite number, NaN for an empty cell, and None for anything else."""
+    if _is_empty(cell):
+        return nan
+    try:
+        value = float(str(cell))
+    except ValueError:
+        return None
+    return value if isfinite(value) else None
+
+
+def _refuse_cell(place: str, cell: str) -> InvalidValue:
+    remedy = "Correct it, or leave the field empty where there is no measurement."
+    if cell.count(",") == 1 and _read_cell(cell.replace(",", ".")) is not None:
+        remedy = "Write it with a point in the place of the comma."
+    return InvalidValue(place, f"'{cell}' is not a finite number.", remedy)

@@ -4,21 +4,20 @@ A suite's file has a base and either a sweep, a grid or a list of campaigns. Eac
 from the base by values at paths in the specification, and may refer to other members by name.
 """
 
-import csv
 import os
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
 from hashlib import sha256
 from itertools import product
-from math import prod
+from math import isnan, prod
 from pathlib import Path
 from typing import Any, NamedTuple, Self
 
 import msgspec
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.files import read_toml
+from eigenfail.files import TableColumns, read_table, read_toml
 from eigenfail.settings import convert, read_settings
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, DisturbanceModel
 from eigenfail.values.campaign_spec import Name
@@ -511,28 +510,15 @@ def _read_sample(given: Mapping[str, Any], file: Path, field: str) -> dict[str, 
     if not isinstance(column, str) or len(given) > len((SAMPLE, COLUMN)):
         remedy = f'Write it as {{{SAMPLE} = "gaps.csv", {COLUMN} = "gap_m"}}.'
         raise InvalidValue(field, f"the column of '{given[SAMPLE]}' is not named.", remedy)
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as text:
-            rows = csv.DictReader(text)
-            names = rows.fieldnames or ()
-            if column not in names:
-                raise UnknownName(f"{field}.{COLUMN}", column, names)
-            cells = [(rows.line_num, row[column]) for row in rows]
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        problem = f"'{path}' cannot be read: {error}."
-        raise InvalidValue(field, problem, "Name a CSV file with a header.") from None
-    if len(cells) > MOST_SAMPLES:
-        problem = f"'{path}' has {len(cells)} rows, and a sample at most {MOST_SAMPLES}."
-        raise InvalidValue(field, problem, "Take a random part of them.")
-    return {SAMPLE: [_read_number(cell, line, path, field) for line, cell in cells]}
-
-
-def _read_number(cell: str | None, line: int, path: Path, field: str) -> float:
-    try:
-        return float(cell or "")
-    except ValueError:
-        problem = f"'{cell or ''}' in line {line} of '{path}' is not a number."
-        raise InvalidValue(field, problem, "Remove the row, or correct it.") from None
+    like = "Name a CSV file with a header, or take a random part of its rows."
+    place = f"{field}: {given[SAMPLE]}"
+    table = read_table(path, TableColumns("", (column,), (), like, MOST_SAMPLES), place)
+    values = table.numbers[column]
+    for row, value in zip(table.rows, values, strict=True):
+        if isnan(value):
+            remedy = "Remove the row, or correct it."
+            raise InvalidValue(f"{place}, row {row}: {column}", "is empty.", remedy)
+    return {SAMPLE: values.tolist()}
 
 
 def _make_model(table: Any, where: str) -> DisturbanceModel:

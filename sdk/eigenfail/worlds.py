@@ -179,6 +179,10 @@ class CampaignWorld(ABC):
         """Return the names of the simulator's or planner's own signals that it may name."""
         return ()
 
+    def list_left_out(self, _spec: CampaignSpec) -> tuple[str, ...]:
+        """Return what the scenario leaves out of its recording, in sentences."""
+        return ()
+
     def check_offer(  # noqa: B027 - only bridges offer anything
         self, spec: CampaignSpec, offer: bridges.BridgeOffer
     ) -> None:
@@ -290,6 +294,17 @@ class PluginWorld(CampaignWorld):
         """Return the names of the signals that the planner reports."""
         planner = plugins.load(plugins.PLANNERS, spec.planner)
         return tuple(f"{PLANNER}.{name}" for name in read_signal_names(planner))
+
+    def list_left_out(self, spec: CampaignSpec) -> tuple[str, ...]:
+        """Return the vehicles that the scenario leaves out, then what else it does not use.
+
+        Nothing where the scenario is not installed here.
+        """
+        try:
+            scenario: object = self._scenario(spec)
+        except InputError:
+            return ()
+        return (*getattr(scenario, "left_out", ()), *getattr(scenario, "notes", ()))
 
     def variation(self, spec: CampaignSpec) -> Variation:
         """Return the parameters as the scenario's annotations bound them."""

@@ -35,10 +35,10 @@ def test_it_makes_a_simulation_that_keeps_its_own(mine, check):
     check(lambda planner: HighwaySimulator().open(scenario, parameters, planner, POSITION))
 
 
-def test_a_vehicle_that_comes_later_is_left_out(mine):
+def test_a_vehicle_that_comes_later_is_a_part_of_it(mine):
     tracks = mine.MyRecording.tracks
-    assert tracks.ids == ("truck", "lead", "behind", "left")
-    assert tracks.left_out == ("late",)
+    assert tracks.ids == ("truck", "lead", "behind", "left", "late")
+    assert (tracks.left_out, tracks.notes) == ({}, ())
 
 
 def test_a_planner_drives_the_truck_and_leaves_the_recording(mine):

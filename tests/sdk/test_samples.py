@@ -1,11 +1,14 @@
 """Samples that a campaign's file takes from a column of a CSV file."""
 
+import io
+import os
 from pathlib import Path
 
 import pytest
 
+from eigenfail import files
 from eigenfail.cli.specs import read_spec
-from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.errors import InvalidValue
 from eigenfail.suites import Suite
 from eigenfail.values.variation import MOST_SAMPLES
 
@@ -51,15 +54,64 @@ def test_a_suite_reads_it_from_its_own_folder(write, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "rows", "kind", "words"),
     [
-        (GIVEN.replace("gap_m", "gap"), "car,gap_m\n", UnknownName, "Did you mean 'gap_m'"),
+        (GIVEN.replace("gap_m", "gap"), "car,gap_m\n", InvalidValue, "Did you mean 'gap_m'"),
         ('{ empirical = "gaps.csv" }', "gap_m\n1\n", InvalidValue, "column .* is not named"),
         (GIVEN.replace("gaps.csv", "none.csv"), "", InvalidValue, "cannot be read"),
-        (GIVEN, "car,gap_m\na,57.5\nb,wide\n", InvalidValue, "'wide' in line 3 of"),
-        (GIVEN, "car,gap_m\na\n", InvalidValue, "'' in line 2 of"),
-        (GIVEN, "gap_m\n" + "1\n" * (MOST_SAMPLES + 1), InvalidValue, "10001 rows"),
+        (GIVEN, "car,gap_m\na,57.5\nb,wide\n", InvalidValue, "gaps.csv, row 3: gap_m: 'wide'"),
+        (GIVEN, "car,gap_m\na\n", InvalidValue, "gaps.csv, row 2: gap_m: is empty"),
+        (GIVEN, "gap_m\n" + "1\n" * (MOST_SAMPLES + 1), InvalidValue, "more than 10,000 rows"),
     ],
 )
 def test_what_cannot_be_read_is_refused_by_field(write, given, rows, kind, words) -> None:
     with pytest.raises(kind, match=words) as refused:
         read_spec(write(given, rows))
     assert refused.value.field.startswith("campaign.toml: scenario_parameters.distance_m")
+
+
+@pytest.mark.parametrize("name", ["/dev/zero", "/dev/random", "pipe.csv", "folder.csv"])
+def test_a_sample_is_read_from_a_regular_file_alone(write, tmp_path: Path, name) -> None:
+    os.mkfifo(tmp_path / "pipe.csv")
+    (tmp_path / "folder.csv").mkdir()
+    with pytest.raises(InvalidValue, match=r"not a regular file|Is a directory") as refused:
+        read_spec(write(GIVEN.replace("gaps.csv", name)))
+    assert refused.value.field.startswith("campaign.toml: scenario_parameters.distance_m")
+
+
+def test_a_sample_is_not_read_beyond_its_bound(write, tmp_path: Path, monkeypatch) -> None:
+    class Endless(io.BytesIO):
+        """A file that grows while it is read."""
+
+        def read1(self, _size: int = -1) -> bytes:
+            return b"1\n" * 100
+
+        read = read1
+
+    grown = Endless()
+    with monkeypatch.context() as patch:
+        patch.setattr(files, "open_regular", lambda *_: grown)
+        with pytest.raises(InvalidValue, match="more than 10,000 rows"):
+            files.read_table(
+                tmp_path / "a.csv", files.TableColumns("", ("1",), (), "", MOST_SAMPLES)
+            )
+
+
+@pytest.mark.parametrize("name", ["/dev/zero", "pipe.toml"])
+def test_campaigns_are_read_from_regular_files_alone(tmp_path: Path, name) -> None:
+    os.mkfifo(tmp_path / "pipe.toml")
+    with pytest.raises(InvalidValue, match="not a regular file"):
+        read_spec(tmp_path / name)
+
+
+def test_a_long_file_is_no_campaign(tmp_path: Path) -> None:
+    file = tmp_path / "campaign.toml"
+    file.write_bytes(b"#" * (files.MOST_BYTES + 1))
+    with pytest.raises(InvalidValue, match="at most 10,000,000 are read"):
+        read_spec(file)
+
+
+def test_a_table_of_one_endless_line_is_refused(write, tmp_path: Path) -> None:
+    file = write()
+    with (tmp_path / "gaps.csv").open("wb") as sparse:
+        sparse.truncate(1_000_000_000)
+    with pytest.raises(InvalidValue, match="a line has more than 1,000,000 characters"):
+        read_spec(file)

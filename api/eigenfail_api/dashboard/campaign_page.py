@@ -269,6 +269,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
         wishes: what a user may ask of it now: pause, resume, cancel, archive, restore.
         questions: what the page asks before some of them.
         mixed: that services of other versions took it over, in sentences; empty if none did.
+        left_out: what its scenario leaves out of its recording, in sentences.
         conflicts: episodes by class; empty before the first one, and where nothing drives.
         asked: how the form analyses unless its user says otherwise.
         priorities: what its priority may be changed to.
@@ -286,6 +287,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     stranded: tuple[Event, ...]
     narrow: tuple[NarrowCampaign, ...]
     mixed: tuple[str, ...]
+    left_out: tuple[str, ...]
     wishes: tuple[str, ...]
     questions: Mapping[str, str]
     tiles: tuple[tuple[str, Tile], ...]
@@ -322,6 +324,7 @@ def make_campaign_view(found: Findings) -> CampaignView:
         stranded=found.stranded,
         narrow=found.narrow,
         mixed=describe_mixed(campaign),
+        left_out=world_of(campaign.spec.simulator).list_left_out(campaign.spec),
         wishes=list_actions(campaign),
         questions=QUESTIONS,
         tiles=make_tiles(

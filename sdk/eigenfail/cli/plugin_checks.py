@@ -100,6 +100,7 @@ class CheckVerdict(StrEnum):
     BROKEN = "broken"
     SLOW = "slow"
     SKIPPED = "skipped"
+    NOTED = "noted"
 
 
 class CheckResult(msgspec.Struct, frozen=True):
@@ -155,6 +156,18 @@ def run_checks(contract: Contract, place: str, plugin: Any) -> Iterator[CheckRes
             break
     for check in checks:
         yield CheckResult(place, check.name, CheckVerdict.SKIPPED, SKIPPED)
+    for sentence in _list_notes(contract, plugin):
+        yield CheckResult(place, "uses its recording", CheckVerdict.NOTED, sentence)
+
+
+def _list_notes(contract: Contract, plugin: Any) -> list[str]:
+    """What a scenario does not use of its recording, which breaks no contract."""
+    notes: list[str] = []
+    if contract is SCENARIO:
+        # What breaks here has broken a check before.
+        with Complaint():
+            notes += map(str, getattr(contract.subject(plugin), "notes", ()))
+    return notes
 
 
 def _find_complaint(check: PluginCheck) -> str:

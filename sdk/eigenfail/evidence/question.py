@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import msgspec
 
 from eigenfail.errors import InvalidValue
-from eigenfail.files import read_toml
+from eigenfail.files import read_toml, read_whole
 from eigenfail.gate.report import GateReport
 from eigenfail.risk.question import CampaignReference, RiskQuestion, read_risk_file
 from eigenfail.sensor.search import RequirementAnswer
@@ -233,12 +233,9 @@ _FILE_FIELDS = {"risk": "question", "gate": "report", "requirement": "answer"}
 
 def _read_json(path: Path, field: str) -> Any:
     try:
-        with path.open("rb") as file:
-            content = file.read(LARGEST_OUTPUT + 1)
+        content = read_whole(path, LARGEST_OUTPUT)
     except OSError as error:
         raise InvalidValue(field, f"'{path}' cannot be read: {error.strerror}.") from error
-    if len(content) > LARGEST_OUTPUT:
-        raise InvalidValue(field, f"'{path}' is larger than {LARGEST_OUTPUT // 2**20} MiB.")
     try:
         return msgspec.json.decode(content)
     except (msgspec.DecodeError, RecursionError) as error:

@@ -156,7 +156,10 @@ def read_bundle(path: Path) -> StoredBundle:
     except OSError as error:
         problem = f"'{path}' cannot be read: {error.strerror or error}."
         raise InvalidValue("bundle", problem) from error
-    raise InvalidValue("bundle", f"'{path}' does not exist.", "Name a folder or a ZIP archive.")
+    problem = f"'{path}' does not exist."
+    if path.exists():
+        problem = f"'{path}' is a device or a pipe, and not a regular file."
+    raise InvalidValue("bundle", problem, "Name a folder or a ZIP archive.")
 
 
 def _read_folder(folder: Path) -> StoredBundle:

@@ -2,7 +2,7 @@
 
 Once the ego is further than a set distance from its recorded place, the recording says nothing of
 what the others would have done: from then on they follow the vehicle ahead of them, by the
-Intelligent Driver Model, along their recorded paths.
+Intelligent Driver Model, along their recorded paths. Vehicles come and go as in the recording.
 """
 
 from math import cos, hypot, sin, sqrt
@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import InvalidValue, clean_text
 from eigenfail.exchange.tracks import STANDING_MPS, RecordedTracks
 from eigenfail.values import Floats, Mission, VehicleState
 from eigenfail.values.disturbance import Doubles
@@ -46,6 +46,8 @@ class RecordedTrafficParameters(msgspec.Struct, frozen=True, forbid_unknown_fiel
 class RecordedTraffic:
     """Base of a scenario that replays tracks; a subclass sets them, and its road.
 
+    Vehicles that come or go in the recording do so in an episode.
+
     Attributes:
         tracks: the recording; its first vehicle is replaced by the ego.
         lanes: number of lanes, lane 0 with its centre at y = 0, the others to its left.
@@ -59,7 +61,21 @@ class RecordedTraffic:
     lane_width_m: ClassVar[float] = 3.5
     speed_limit_mps: ClassVar[float] = 25.0
 
-    def __call__(self, parameters: RecordedTrafficParameters, seed: int) -> "RecordedSituation":  # noqa: ARG002 - the contract's; nothing in a recording is random
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """What episodes lack of the recording's vehicles, a sentence for each."""
+        return tuple(f"'{name}': {why}" for name, why in self.tracks.left_out.items())
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What else of the recording was not used or was changed, in sentences."""
+        return self.tracks.notes
+
+    def __call__(
+        self,
+        parameters: RecordedTrafficParameters,
+        seed: int,  # noqa: ARG002 - the contract's; nothing in a recording is random
+    ) -> "RecordedSituation | ChangingSituation":
         """Return the situation at the start of the recording.
 
         Raises:
@@ -82,11 +98,13 @@ class RecordedTraffic:
             desired_speed_mps=min(float(course[:, 3].max()), self.speed_limit_mps),
             goal_x_m=float(course[-1, 0]),
         )
-        return RecordedSituation(self.tracks, mission, parameters.reactive_from_m)
+        stays = bool(np.isfinite(self.tracks.states).all())
+        kind = RecordedSituation if stays else ChangingSituation
+        return kind(self.tracks, mission, parameters.reactive_from_m)
 
 
 class RecordedSituation:
-    """The start of a recording, and the vehicles in the course of one episode (`Situation`).
+    """The start of a recording whose vehicles are there all the time (`Situation`).
 
     Vehicles that react depend on the course of the ego, so that a situation serves one episode at a
     time: the first step of its first actor begins another.
@@ -102,9 +120,8 @@ class RecordedSituation:
         self.steps = len(tracks.states) - 1
         self._tracks = tracks
         self._limit_m = reactive_from_m
-        self._paths = [_Path(tracks, number) for number in range(1, len(tracks.ids))]
         self.ego = _make_state(tracks, 0, 0)
-        self.actors = tuple(_make_state(tracks, path.number, 0) for path in self._paths)
+        self.actors = tuple(_make_state(tracks, n, 0) for n in range(1, len(tracks.ids)))
         self._restart()
 
     def move_actor(self, actor: int, step: int, ego: VehicleState) -> VehicleState:
@@ -112,43 +129,130 @@ class RecordedSituation:
         if actor == 0 and step <= 1:
             self._restart()
         while len(self._states) <= step:
-            self._advance(ego)
+            there = self._traffic.advance(len(self._states), ego)
+            self._states.append(tuple(there.values()))
         return self._states[step][actor]
 
     def _restart(self) -> None:
         self._states: list[tuple[VehicleState, ...]] = [self.actors]
-        self._progress: list[tuple[float, float]] | None = None
+        self._traffic = RecordedVehicles(self._tracks, self.mission.dt_s, self._limit_m)
 
-    def _advance(self, ego: VehicleState) -> None:
-        """Move all vehicles by a step; `ego` is where the ego is after it."""
-        step, before = len(self._states), self._states[-1]
-        if self._progress is None:
-            x_m, y_m = self._tracks.states[step, 0, :2]
-            if hypot(ego.x_m - x_m, ego.y_m - y_m) <= self._limit_m:
-                recorded = (_make_state(self._tracks, path.number, step) for path in self._paths)
-                self._states.append(tuple(recorded))
-                return
-            self._progress = [
-                (float(path.way_m[step - 1]), state.speed_mps)
-                for path, state in zip(self._paths, before, strict=True)
-            ]
-        dt_s = self.mission.dt_s
-        moved = []
-        for path, state, (way_m, speed) in zip(self._paths, before, self._progress, strict=True):
-            others = (ego, *(each for each in before if each is not state))
-            if path.is_parked:
-                moved.append((way_m, speed))
-                continue
-            wanted = _find_acceleration(state, others, path.desired_mps)
-            after = max(speed + wanted * dt_s, 0.0)
-            moved.append((way_m + 0.5 * (speed + after) * dt_s, after))
-        self._progress = moved
-        self._states.append(
-            tuple(
-                state if path.is_parked else path.place(*place)
-                for path, state, place in zip(self._paths, before, moved, strict=True)
-            )
+
+class ChangingSituation:
+    """The start of a recording in which vehicles come or go (`ReactiveSituation`).
+
+    Args:
+        tracks: the recording; its first vehicle is the ego.
+        mission: road and task.
+        reactive_from_m: distance of the ego from its recorded place from which others react.
+    """
+
+    def __init__(self, tracks: RecordedTracks, mission: Mission, reactive_from_m: float) -> None:
+        self.mission = mission
+        self.steps = len(tracks.states) - 1
+        self._tracks = tracks
+        self._limit_m = reactive_from_m
+        self.ego = _make_state(tracks, 0, 0)
+        self.actors = tuple(
+            _make_state(tracks, number, 0)
+            for number in range(1, len(tracks.ids))
+            if np.isfinite(tracks.states[0, number, 0])
         )
+        self.challenges = tuple(f"vehicle {clean_text(name)}" for name in tracks.ids[1:])
+
+    def start_traffic(self) -> "RecordedVehicles":
+        """Return the vehicles of a new episode."""
+        return RecordedVehicles(self._tracks, self.mission.dt_s, self._limit_m)
+
+
+class RecordedVehicles:
+    """The vehicles of a recording in the course of one episode (`TrafficModel`).
+
+    Once they react, a vehicle that comes later does so at its recorded times and places, as soon as
+    there is room for it. One that went in the recording goes at the end of its recorded path.
+
+    Args:
+        tracks: the recording; its first vehicle is the ego.
+        dt_s: duration of a step.
+        limit_m: distance of the ego from its recorded place from which others react.
+    """
+
+    def __init__(self, tracks: RecordedTracks, dt_s: float, limit_m: float) -> None:
+        self._tracks = tracks
+        self._dt_s = dt_s
+        self._limit_m = limit_m
+        self._paths = [_Path(tracks, number) for number in range(1, len(tracks.ids))]
+        self._there = self._find_recorded(0)
+        self._progress: dict[int, tuple[float, float]] = {}
+        self._reacts = False
+        self._came = set(self._there)
+
+    def advance(self, step: int, ego: VehicleState) -> dict[int, VehicleState]:
+        """Return the vehicles after a step by number; `ego` is where the ego is after it."""
+        if not self._reacts:
+            recorded = self._find_recorded(step)
+            if self._is_valid(recorded, step, ego):
+                self._there = recorded
+                self._came |= set(recorded)
+                return recorded
+            self._reacts = True
+            for path in self._paths:
+                if path.number in self._there:
+                    way_m = path.find_way(step - 1)
+                    self._progress[path.number] = way_m, self._there[path.number].speed_mps
+        self._there = self._react(step, ego)
+        return self._there
+
+    def _find_recorded(self, step: int) -> dict[int, VehicleState]:
+        return {
+            path.number: _make_state(self._tracks, path.number, step)
+            for path in self._paths
+            if path.is_recorded(step)
+        }
+
+    def _is_valid(self, recorded: dict[int, VehicleState], step: int, ego: VehicleState) -> bool:
+        """Return whether the ego is near its recorded place, and nobody comes where it is."""
+        x_m, y_m = self._tracks.states[step, 0, :2]
+        if not hypot(ego.x_m - x_m, ego.y_m - y_m) <= self._limit_m:
+            return False
+        new = recorded.keys() - self._came
+        return not new or all(_has_room(recorded[number], (ego,), 0.0) for number in new)
+
+    def _react(self, step: int, ego: VehicleState) -> dict[int, VehicleState]:
+        before = self._there
+        there: dict[int, VehicleState] = {}
+        for path in self._paths:
+            if path.number in before:
+                state = self._drive(path, before, ego)
+                if not path.has_ended(self._progress[path.number][0]):
+                    there[path.number] = state
+            elif path.number not in self._came and path.is_recorded(step):
+                state = _make_state(self._tracks, path.number, step)
+                others = (ego, *before.values(), *there.values())
+                if _has_room(state, others, STANDSTILL_GAP_M):
+                    there[path.number] = state
+                    self._progress[path.number] = path.find_way(step), state.speed_mps
+                    self._came.add(path.number)
+        if not there:
+            # An episode always has a vehicle: the last one drives straight on.
+            number = next(iter(before))
+            there[number] = self._paths[number - 1].place(*self._progress[number])
+        return there
+
+    def _drive(
+        self, path: "_Path", before: dict[int, VehicleState], ego: VehicleState
+    ) -> VehicleState:
+        """Move a vehicle by a step."""
+        state = before[path.number]
+        if path.is_parked:
+            return state
+        way_m, speed = self._progress[path.number]
+        others = (ego, *(each for each in before.values() if each is not state))
+        wanted = _find_acceleration(state, others, path.desired_mps)
+        after = max(speed + wanted * self._dt_s, 0.0)
+        place = way_m + 0.5 * (speed + after) * self._dt_s, after
+        self._progress[path.number] = place
+        return path.place(*place)
 
 
 class _Path:
@@ -156,19 +260,34 @@ class _Path:
 
     Attributes:
         number: number of the vehicle in the tracks.
-        way_m: way along the path at each recorded step. [m]
+        way_m: way along the path at each recorded step of the vehicle. [m]
         desired_mps: its largest recorded speed.
         is_parked: whether it stood all the time: it stays where it is.
     """
 
     def __init__(self, tracks: RecordedTracks, number: int) -> None:
         self.number = number
-        self._course: Doubles = tracks.states[:, number]
+        there = np.flatnonzero(np.isfinite(tracks.states[:, number, 0]))
+        self._first, self._last = int(there[0]), int(there[-1])
+        self._goes = self._last < len(tracks.states) - 1
+        self._course: Doubles = tracks.states[self._first : self._last + 1, number]
         self._length_m, self._width_m = map(float, tracks.sizes[number])
         moved = np.diff(self._course[:, :2], axis=0)
         self.way_m = np.concatenate([[0.0], np.cumsum(np.hypot(moved[:, 0], moved[:, 1]))])
         self.desired_mps = float(self._course[:, 3].max())
         self.is_parked = self.desired_mps < STANDING_MPS
+
+    def is_recorded(self, step: int) -> bool:
+        """Return whether the vehicle is there at a step of the recording."""
+        return self._first <= step <= self._last
+
+    def find_way(self, step: int) -> float:
+        """Return the recorded way at a step. [m]"""
+        return float(self.way_m[step - self._first])
+
+    def has_ended(self, way_m: float) -> bool:
+        """Return whether a vehicle that went in the recording is beyond the end of its path."""
+        return self._goes and not self.is_parked and way_m > float(self.way_m[-1])
 
     def place(self, way_m: float, speed_mps: float) -> VehicleState:
         """Return the vehicle at a way along its path, and straight on behind the end of it."""
@@ -184,6 +303,31 @@ class _Path:
             self._length_m,
             self._width_m,
         )
+
+
+def _has_room(vehicle: VehicleState, others: tuple[VehicleState, ...], least_m: float) -> bool:
+    """Return whether a vehicle that comes is apart from all others, and nobody must crash.
+
+    Args:
+        vehicle: the vehicle.
+        others: all others.
+        least_m: least gap along the vehicle.
+    """
+    for other in others:
+        dx, dy = other.x_m - vehicle.x_m, other.y_m - vehicle.y_m
+        c, s = cos(vehicle.heading_rad), sin(vehicle.heading_rad)
+        turn = other.heading_rad - vehicle.heading_rad
+        along, across = abs(cos(turn)), abs(sin(turn))
+        reach_m = 0.5 * (vehicle.length_m + other.length_m * along + other.width_m * across)
+        side_m = 0.5 * (vehicle.width_m + other.length_m * across + other.width_m * along)
+        if abs(c * dx + s * dy) < reach_m + least_m and abs(c * dy - s * dx) < side_m:
+            return False
+        for rear, front in ((vehicle, other), (other, vehicle)) if least_m else ():
+            gap_m, closing_mps = _find_gap(rear, front), rear.speed_mps - front.speed_mps
+            needed_m = max(closing_mps, 0.0) ** 2 / (2.0 * HARDEST_BRAKING_MPS2)
+            if gap_m is not None and gap_m < least_m + needed_m:
+                return False
+    return True
 
 
 def _make_state(tracks: RecordedTracks, number: int, step: int) -> VehicleState:

@@ -1,8 +1,12 @@
-"""Recorded tracks of vehicles from CSV, Parquet and CommonRoad XML, on one time grid."""
+"""Recorded tracks of vehicles from CSV, Parquet and CommonRoad XML, on one time grid.
 
-import csv
-from collections.abc import Iterable, Iterator, Mapping
-from math import cos, isfinite, sin
+Nothing of a file is dropped silently. A vehicle that cannot be used is left out by name, whatever
+else is not read is noted, and columns that contradict each other are refused.
+"""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from itertools import pairwise
+from math import cos, isfinite, pi, sin
 from pathlib import Path
 from typing import Any, NamedTuple
 from xml.etree import ElementTree as ET
@@ -10,8 +14,10 @@ from xml.etree.ElementTree import Element
 
 import msgspec
 import numpy as np
+from numpy.typing import NDArray
 
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.files import TableColumns, open_regular, read_table
 from eigenfail.values.disturbance import Doubles
 from eigenfail.values.showing import Brief
 
@@ -22,14 +28,81 @@ OPTIONAL = ("heading_rad", "speed_mps", "length_m", "width_m")
 USUAL_SIZE_M = {"length_m": 5.0, "width_m": 2.0}
 """Size of a vehicle whose track has none."""
 
+LARGEST_SIZE_M = {"length_m": 100.0, "width_m": 20.0}
+"""Larger vehicles are in another unit. The longest road trains have 54 m."""
+
+FARTHEST_M = 1e8
+"""Coordinates beyond this are no places on Earth: northings reach 10⁷ m. [m]"""
+
+LATEST = 1e19
+"""Times beyond this are none in any unit: there have been 1.8 · 10¹⁸ ns since 1970."""
+
 
 STANDING_MPS = 0.1
 """Below this speed a direction does not follow from two positions. [m/s]"""
 
+LONGEST_GAP_S = 1.0
+"""A vehicle that is lost for longer may have done anything in between. [s]"""
+
+SHORTEST_PERIOD_S = 0.005
+"""Rows of recordings are further apart. [s]"""
+
+FASTEST_MPS = 100.0
+MOST_CUTS = 10
+"""A vehicle with more cuts than this is no vehicle."""
+
+LEAST_JUMP_M = 3.0
+JUMP_MPS2 = 24.0
+"""A vehicle jumps where it is farther from its straight course than what this acceleration, about
+twice that of the hardest braking, and the noise of `LEAST_JUMP_M` explain. [m/s²]"""
+
+MOST_STEPS = 10_000
+"""Longest episode, as of bridges."""
+
+MOST_XML_BYTES = 500_000_000
+
+WINDOW_S = 1.0
+MOVING_MPS = 2.0
+"""Motion is averaged over this time, and compared with headings from this speed on."""
+
+REVERSING_MPS = 5.0
+"""Up to this speed a vehicle may drive backwards. [m/s]"""
+
+MOST_TURN_RAD = 0.5
+CONTRADICTING_SHARE = 0.05
+"""A track contradicts itself where its heading differs by more from the direction of its motion, at
+more than this share of its times."""
+
+MOST_RATIO, MOST_DIFFERENCE_MPS = 1.5, 1.0
+"""The same for its speeds: their mean against that of its motion."""
+
+OTHER_UNITS_OF_TIME = {"milliseconds": 1e3, "microseconds": 1e6, "nanoseconds": 1e9}
+OTHER_UNITS_OF_SPEED = {"km/h": 3.6, "miles per hour": 2.23694, "feet per second": 3.28084}
+OTHER_HEADINGS: Mapping[str, Callable[[Doubles], Doubles]] = {
+    "in degrees": np.radians,
+    "compass directions in degrees": lambda heading: 0.5 * pi - np.radians(heading),
+    "compass directions": lambda heading: 0.5 * pi - heading,
+    "clockwise": lambda heading: -heading,
+    "clockwise, in degrees": lambda heading: -np.radians(heading),
+    "those of the rear, reversed": lambda heading: heading + pi,
+}
+"""What headings may be that contradict the motion."""
+
+MOST_HEADING_RAD = 100.0
+"""No vehicle turns so often; sentinels such as -999 lie beyond it."""
+
+VERSIONS = ("2018b", "2020a")
+"""Versions of CommonRoad that are read."""
+
+MOST_NAMED = 20
+"""Names that an error or a note lists."""
+
 
 REMEDY = f"A track has the columns {', '.join(REQUIRED)}, and perhaps {', '.join(OPTIONAL)}."
+COLUMNS = TableColumns("id", REQUIRED[1:], OPTIONAL, REMEDY)
 
-Row = Mapping[str, Any]
+Track = Mapping[str, Doubles]
+"""Columns of a vehicle in order of time, each of shape (rows,)."""
 
 
 class RoadFrame(msgspec.Struct, frozen=True):
@@ -54,157 +127,661 @@ class RecordedTracks(Brief, msgspec.Struct, frozen=True, eq=False):
 
     Attributes:
         dt_s: time between two steps.
-        ids: the name of each vehicle in the recording; the first is the ego.
-        states: x [m], y [m], heading [rad], speed [m/s], shape (steps + 1, vehicles, 4).
+        ids: the name of each vehicle in the recording; the first is the ego. Those that are there
+            at the start come before the others.
+        states: x [m], y [m], heading [rad], speed [m/s], shape (steps + 1, vehicles, 4); NaN while
+            a vehicle is not there. It comes and goes once at most.
         sizes: length and width [m], shape (vehicles, 2).
-        left_out: names of vehicles that were not there all the time, or could not be read.
+        left_out: vehicles of the recording that no episode has, by name, with the reason.
+        notes: what else of the file was not used or was changed, in sentences.
     """
 
     dt_s: float
     ids: tuple[str, ...]
     states: Doubles
     sizes: Doubles
-    left_out: tuple[str, ...] = ()
+    left_out: Mapping[str, str] = {}
+    notes: tuple[str, ...] = ()
 
 
-def read_tracks(
-    path: Path | str, ego: str, dt_s: float = 0.1, frame: RoadFrame = AS_RECORDED
+def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
+    path: Path | str,
+    ego: str,
+    dt_s: float = 0.1,
+    frame: RoadFrame = AS_RECORDED,
+    *,
+    longest_gap_s: float = LONGEST_GAP_S,
+    without: Iterable[str] = (),
 ) -> RecordedTracks:
-    """Return the vehicles of a file that were there as long as the ego, interpolated to steps.
+    """Return the vehicles of a file during the time of the ego, interpolated to steps.
 
     The file has a row for each vehicle and time: `id`, `time_s`, `x_m` and `y_m` of its centre, and
     if they are known `heading_rad`, `speed_mps`, `length_m` and `width_m`. The road is along x, and
     y is to the left. Headings and speeds that are missing follow from the positions. Of CommonRoad
-    XML (2020a) the dynamic obstacles with a trajectory and a rectangle are read; others with a
-    trajectory are left out.
+    XML (2018b or 2020a) the obstacles with exact states and a rectangle are read; static ones stand
+    all the time.
+
+    A vehicle that is lost for longer than `longest_gap_s` while it moves, or that jumps, ends
+    there: what comes after is another vehicle, named `ID, part 2`.
 
     Args:
         path: CSV; Parquet if its name ends in `.parquet`, CommonRoad if it ends in `.xml`.
         ego: id of the vehicle that a planner is to replace.
         dt_s: time between two steps.
         frame: where the road is in the file, if not along its x axis.
+        longest_gap_s: longest time between two rows of a vehicle that is interpolated.
+        without: ids of vehicles to leave out on purpose.
 
     Raises:
-        InvalidValue: the file cannot be read, lacks a column or a number, or has no such vehicle,
-            or no other one that is there as long.
+        UnknownName: the file has no vehicle of a name in `without`.
+        InvalidValue: the file cannot be read, lacks a column or a number, or contradicts itself; it
+            has no such ego, or none that can be used, or more steps than an episode can have; or
+            there is a time at which no other vehicle is there.
     """
     path = Path(path)
     if not (isfinite(dt_s) and dt_s > 0.0):
         raise InvalidValue("dt_s", f"{dt_s} is not a positive number of seconds.")
-    found, unreadable = _READERS.get(path.suffix.lower(), _read_csv)(path)
-    rows = _group_rows(found)
-    if ego in unreadable:
-        problem = f"'{ego}' has no rectangle at its position, and cannot be replaced."
-        raise InvalidValue("ego", problem)
-    if ego not in rows:
-        known = ", ".join(sorted(rows)[:20])
-        raise InvalidValue("ego", f"'{ego}' is not in {path.name}.", f"It has {known}.")
-    starts_s, ends_s = rows[ego]["time_s"][[0, -1]]
-    # A little is added, since a whole number of steps may come out as slightly less.
-    steps = int((ends_s - starts_s) / dt_s + 1e-6)
-    if steps < 1:
-        problem = f"Vehicle '{ego}' is recorded for {ends_s - starts_s:g} s, less than a step."
-        raise InvalidValue("ego", problem)
-    grid_s = starts_s + dt_s * np.arange(steps + 1)
-    tolerance_s = 1e-6
-    there = [
-        name
-        for name, track in rows.items()
-        if track["time_s"][0] <= grid_s[0] + tolerance_s
-        and track["time_s"][-1] >= grid_s[-1] - tolerance_s
+    if not longest_gap_s > 0.0:
+        problem = f"{longest_gap_s} is not a positive number of seconds."
+        raise InvalidValue("longest_gap_s", problem)
+    read = _read_commonroad if path.suffix.lower() == ".xml" else _read_table_of_tracks
+    found = read(path)
+    for name in without:
+        if name not in found.tracks and name not in found.left_out:
+            raise UnknownName("without", name, (*found.tracks, *found.left_out))
+    wanted = set(without)
+    kept = {name: track for name, track in found.tracks.items() if name not in wanted}
+    left_out = {name: why for name, why in found.left_out.items() if name not in wanted}
+    _refuse_units_of_time(kept, longest_gap_s)
+    parts, cuts = _cut_tracks(kept, longest_gap_s, left_out)
+    notes = [
+        f"'{name}' {why}. Its parts are vehicles of their own: "
+        f"{_list_names(_find_parts(parts, name))}."
+        for name, why in cuts.items()
     ]
-    ids = (ego, *(name for name in there if name != ego))
-    if len(ids) == 1:
-        problem = f"No other vehicle of {path.name} is there as long as '{ego}'."
-        raise InvalidValue("tracks", problem, "Cut the recording to a shorter time.")
+    track = _find_ego(path, ego, parts, cuts, _File(kept, left_out, (*found.notes, *notes)))
+    for name, part in parts.items():
+        notes += _check_headings(name, part)
+        _refuse_other_speeds(name, part)
+    grid_s = _make_grid(ego, track, dt_s)
+    spans = {name: _find_span(part, grid_s) for name, part in parts.items()}
+    never = [name for name, (first, last) in spans.items() if last <= first]
+    if never:
+        notes.append(f"Not there for a step of the time of '{ego}' at least: {_list_names(never)}.")
+    there = sorted(
+        (name for name in parts if name != ego and name not in never),
+        key=lambda name: spans[name][0] > 0,
+    )
+    ids = (ego, *there)
+    states = np.full((len(grid_s), len(ids), 4), np.nan)
+    for number, name in enumerate(ids):
+        first, last = spans[name]
+        states[first : last + 1, number] = _interpolate(parts[name], grid_s[first : last + 1])
+    _refuse_empty_road(path, ego, states, grid_s, [*_explain_left_out(left_out), *notes])
     return RecordedTracks(
         dt_s=dt_s,
         ids=ids,
-        states=_rotate_states(
-            np.stack([_interpolate(rows[name], grid_s) for name in ids], axis=1), frame
-        ),
-        sizes=np.array([_find_size(rows[name]) for name in ids]),
-        left_out=(*(name for name in rows if name not in ids), *unreadable),
+        states=_rotate_states(states, frame),
+        sizes=np.array([_find_size(parts[name]) for name in ids]),
+        left_out=left_out,
+        notes=(*found.notes, *notes),
     )
 
 
 class _File(NamedTuple):
-    """Rows of a file, and names of vehicles that it has in a form that is not read."""
+    """Vehicles of a file.
 
-    rows: list[Row]
-    unreadable: tuple[str, ...] = ()
+    Attributes:
+        tracks: the columns of each vehicle, by name.
+        left_out: vehicles in a form that is not read, with the reason.
+        notes: what else of the file is not read, in sentences.
+    """
 
-
-def _read_csv(path: Path) -> _File:
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            return _File(list(csv.DictReader(file)))
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        problem = f"{path} cannot be read: {getattr(error, 'strerror', None) or error}."
-        raise InvalidValue("tracks", problem, REMEDY) from error
+    tracks: Mapping[str, Track]
+    left_out: Mapping[str, str]
+    notes: tuple[str, ...] = ()
 
 
-def _read_parquet(path: Path) -> _File:
-    from pyarrow import ArrowException
-    from pyarrow.parquet import read_table
+def _list_names(names: Iterable[str]) -> str:
+    listed = list(names)
+    more = f" and {len(listed) - MOST_NAMED} more" if len(listed) > MOST_NAMED else ""
+    return ", ".join(listed[:MOST_NAMED]) + more
 
-    try:
-        return _File(read_table(path).to_pylist())
-    except (OSError, ArrowException) as error:
-        raise InvalidValue("tracks", f"{path} cannot be read: {error}.", REMEDY) from error
+
+def _read_table_of_tracks(path: Path) -> _File:
+    """Return the vehicles of CSV or Parquet."""
+    table = read_table(path, COLUMNS)
+    text, rows = np.array(table.text, np.int64), np.array(table.rows, np.int64)
+    columns = {name: np.array(values) for name, values in table.numbers.items()}
+    for name in COLUMNS.required:
+        if (empty := np.isnan(columns[name])).any():
+            row = rows[int(np.argmax(empty))]
+            raise InvalidValue(f"{path.name}, row {row}: {name}", "is empty.", REMEDY)
+    order = np.lexsort((columns["time_s"], text))
+    bounds = np.searchsorted(text[order], np.arange(len(table.texts) + 1))
+    tracks = {
+        name: _make_track(path, name, columns, order[first:last], rows)
+        for name, (first, last) in zip(table.texts, pairwise(bounds.tolist()), strict=True)
+    }
+    notes = [f"Columns that are not read: {_list_names(table.unread)}."] if table.unread else []
+    return _File(tracks, {}, tuple(notes))
+
+
+def _make_track(
+    path: Path,
+    name: str,
+    columns: Mapping[str, Doubles],
+    order: NDArray[np.int64],
+    rows: NDArray[np.int64],
+) -> Track:
+    """Return the columns of a vehicle, those of OPTIONAL if it has them."""
+    track = {column: values[order] for column, values in columns.items()}
+    for column in OPTIONAL:
+        if column not in track:
+            continue
+        empty = np.isnan(track[column])
+        if empty.all():
+            del track[column]
+        elif empty.any():
+            place = f"{path.name}, row {rows[order[int(np.argmax(empty))]]}: {column}"
+            problem = f"is empty, and other rows of vehicle '{name}' have it."
+            raise InvalidValue(place, problem, "Give it for all times of a vehicle, or for none.")
+    _refuse_impossible(name, track)
+    return track
+
+
+def _refuse_impossible(name: str, track: Track) -> None:
+    """Refuse a vehicle with two rows of one time, and places or sizes that no vehicle has.
+
+    Args:
+        name: name of the vehicle.
+        track: its columns, in order of time.
+
+    Raises:
+        InvalidValue: it has.
+    """
+    if (latest := float(np.abs(track["time_s"]).max())) > LATEST:
+        problem = f"time_s of vehicle '{name}' reaches {latest:g}."
+        raise InvalidValue("tracks", problem, "Give it in seconds.")
+    if (np.diff(track["time_s"]) <= 0.0).any():
+        place = int(np.argmax(np.diff(track["time_s"]) <= 0.0))
+        problem = f"Vehicle '{name}' has two rows of one time, {track['time_s'][place]:g} s."
+        remedy = "Remove one of them, or give each vehicle an id of its own."
+        raise InvalidValue("tracks", problem, remedy)
+    for column in ("x_m", "y_m"):
+        if (far := np.abs(track[column]) > FARTHEST_M).any():
+            value = track[column][int(np.argmax(far))]
+            problem = f"{column} of vehicle '{name}' is {value:g}, which is not a place on Earth."
+            raise InvalidValue("tracks", problem, "Give positions in metres.")
+    for column, largest_m in LARGEST_SIZE_M.items():
+        for value in track.get(column, ()):
+            if not 0.0 < value <= largest_m:
+                problem = (
+                    f"{column} of vehicle '{name}' is {value:g}. It must be above 0 and at most "
+                    f"{largest_m:g} m."
+                )
+                remedy = "Correct it, or remove the column if the size is not known."
+                raise InvalidValue("tracks", problem, remedy)
+
+
+def _refuse_units_of_time(tracks: Mapping[str, Track], longest_gap_s: float) -> None:
+    """Refuse a recording whose rows are mostly further apart than the longest gap.
+
+    Raises:
+        InvalidValue: they are; if they are as in another unit of time, with its name.
+    """
+    apart = [np.diff(track["time_s"]) for track in tracks.values() if not _stands(track)]
+    pooled = np.concatenate([np.zeros(0), *apart])
+    usual_s = float(np.median(pooled)) if len(pooled) else 0.0
+    if usual_s <= longest_gap_s:
+        return
+    units = [
+        name
+        for name, count in OTHER_UNITS_OF_TIME.items()
+        if SHORTEST_PERIOD_S <= usual_s / count <= LONGEST_GAP_S
+    ]
+    problem = f"the rows of a vehicle are {usual_s:g} s apart."
+    remedy = f"Record more often, or set `longest_gap_s` above {usual_s:g}."
+    if units:
+        problem = f"the rows of a vehicle are {usual_s:g} apart, so it seems to be in {units[0]}."
+        remedy = "Give it in seconds."
+    raise InvalidValue("time_s", problem, remedy)
+
+
+def _stands(track: Track) -> bool:
+    return bool(np.ptp(track["x_m"]) == np.ptp(track["y_m"]) == 0.0)
+
+
+def _cut_tracks(
+    tracks: Mapping[str, Track], longest_gap_s: float, left_out: dict[str, str]
+) -> tuple[dict[str, Track], dict[str, str]]:
+    """Return the parts of vehicles between gaps and jumps by name, and the cuts in words.
+
+    Vehicles with a single row are added to those left out.
+    """
+    parts: dict[str, Track] = {}
+    cuts: dict[str, str] = {}
+    for name, track in tracks.items():
+        ends, why = _find_cuts(track, longest_gap_s)
+        if len(track["time_s"]) == 1:
+            left_out[name] = "It is there at a single time, from which no motion follows."
+        elif not len(ends):
+            parts[name] = track
+        elif len(ends) > MOST_CUTS:
+            left_out[name] = f"It {why}. Its id may be that of several vehicles."
+        else:
+            bounds = [0, *(ends + 1).tolist(), len(track["time_s"])]
+            for number, (first, last) in enumerate(pairwise(bounds), 1):
+                if last - first > 1:
+                    part = {column: values[first:last] for column, values in track.items()}
+                    parts[f"{name}, part {number}"] = part
+            cuts[name] = why
+    return parts, cuts
+
+
+def _find_cuts(track: Track, longest_gap_s: float) -> tuple[NDArray[np.int64], str]:
+    """Return the rows after which a vehicle is lost or jumps, and that in words."""
+    time_s = track["time_s"]
+    place = np.stack([track["x_m"], track["y_m"]], axis=1)
+    apart_s, way = np.diff(time_s), np.diff(place, axis=0)
+    way_m = np.hypot(way[:, 0], way[:, 1])
+    moves = way_m > np.maximum(STANDING_MPS * apart_s, STANDING_MPS)
+    is_gap = (apart_s > longest_gap_s + 1e-6) & moves
+    speed = way / apart_s[:, None]
+    allowed_m = LEAST_JUMP_M + 0.5 * JUMP_MPS2 * apart_s**2
+    is_jump = (way_m > FASTEST_MPS * apart_s) & (way_m > LEAST_JUMP_M)
+    if len(way) > 1:
+        # Both neighbours of a step must disagree with it, so that one braking hard is no jump.
+        change = np.hypot(*np.diff(speed, axis=0).T)
+        off_before = np.concatenate([[True], change * apart_s[1:] > allowed_m[1:]])
+        off_after = np.concatenate([change * apart_s[:-1] > allowed_m[:-1], [True]])
+        is_jump |= off_before & off_after
+    is_jump &= ~is_gap
+    ends = np.flatnonzero(is_gap | is_jump)
+    words = [
+        f"{'is lost' if is_gap[end] else 'jumps by ' + format(way_m[end], '.3g') + ' m'} "
+        f"from {time_s[end]:g} s to {time_s[end + 1]:g} s"
+        for end in ends[:MOST_NAMED].tolist()
+    ]
+    more = f", and {len(ends) - MOST_NAMED} times more" if len(ends) > MOST_NAMED else ""
+    return ends, ", ".join(words) + more
+
+
+def _find_ego(
+    path: Path, ego: str, parts: Mapping[str, Track], cuts: Mapping[str, str], found: _File
+) -> Track:
+    """Return the track of the ego.
+
+    Raises:
+        InvalidValue: there is no such vehicle that can be used.
+    """
+    if ego in parts:
+        return parts[ego]
+    if ego in found.left_out:
+        problem = f"'{ego}' cannot be used. {found.left_out[ego]}"
+        raise InvalidValue("ego", problem, "Choose another vehicle.")
+    if ego in cuts:
+        remedy = f"Choose a part of it: {_list_names(_find_parts(parts, ego))}."
+        raise InvalidValue("ego", f"'{ego}' {cuts[ego]}.", remedy)
+    said = " ".join(found.notes)
+    if not parts:
+        reasons = " ".join(_explain_left_out(found.left_out))
+        problem = f"{path.name} has no vehicle that can be used. {reasons} {said}".strip()
+        raise InvalidValue("tracks", problem, REMEDY)
+    known = _list_names(sorted(parts))
+    raise InvalidValue("ego", f"'{ego}' is not in {path.name}.", f"It has {known}. {said}".strip())
+
+
+def _find_parts(parts: Mapping[str, Track], name: str) -> list[str]:
+    return [
+        f"'{part}' ({track['time_s'][0]:g} s to {track['time_s'][-1]:g} s)"
+        for part, track in parts.items()
+        if part.startswith(f"{name}, part ")
+    ]
+
+
+def _explain_left_out(left_out: Mapping[str, str]) -> list[str]:
+    return [f"'{name}' is left out: {why}" for name, why in [*left_out.items()][:MOST_NAMED]]
+
+
+def _make_grid(ego: str, track: Track, dt_s: float) -> Doubles:
+    """Return the times of the steps, from the first time of the ego to its last. [s]
+
+    Raises:
+        InvalidValue: they are less than a step apart, or more steps than an episode can have.
+    """
+    starts_s, ends_s = track["time_s"][[0, -1]].tolist()
+    lasts_s = ends_s - starts_s
+    if not lasts_s / dt_s <= MOST_STEPS + 0.5:
+        problem = (
+            f"Vehicle '{ego}' is recorded for {lasts_s:g} s, which are {lasts_s / dt_s:.4g} steps "
+            f"of {dt_s:g} s. An episode has at most {MOST_STEPS:,}."
+        )
+        remedy = "Cut the recording, or choose a larger dt_s. `time_s` is in seconds."
+        raise InvalidValue("time_s", problem, remedy)
+    # A little is added, since a whole number of steps may come out as slightly less.
+    steps = int(lasts_s / dt_s + 1e-6)
+    if steps < 1:
+        problem = f"Vehicle '{ego}' is recorded for {lasts_s:g} s, less than a step."
+        raise InvalidValue("ego", problem)
+    return np.asarray(starts_s + dt_s * np.arange(steps + 1), np.float64)
+
+
+def _find_span(track: Track, grid_s: Doubles) -> tuple[int, int]:
+    """Return the first and the last step at which a vehicle is there."""
+    tolerance_s = 1e-6
+    first = int(np.searchsorted(grid_s, track["time_s"][0] - tolerance_s))
+    last = int(np.searchsorted(grid_s, track["time_s"][-1] + tolerance_s, "right")) - 1
+    return first, last
+
+
+def _refuse_empty_road(
+    path: Path, ego: str, states: Doubles, grid_s: Doubles, reasons: Iterable[str]
+) -> None:
+    """Refuse a recording in which the ego is alone for a while.
+
+    Raises:
+        InvalidValue: it is.
+    """
+    alone = ~np.isfinite(states[:, 1:, 0]).any(axis=1)
+    if not alone.any():
+        return
+    at_s, said = grid_s[int(np.argmax(alone))], " ".join(reasons)
+    problem = f"No other vehicle of {path.name} is there beside '{ego}' at {at_s:g} s. {said}"
+    raise InvalidValue("tracks", problem.strip(), "Cut the recording to a shorter time.")
+
+
+def _find_motion(track: Track) -> tuple[Doubles, Doubles]:
+    """Return the velocity of a vehicle at each row over `WINDOW_S`, shape (rows, 2), and its size.
+
+    A longer time than that between two rows would be no average: positions jitter.
+    """
+    time_s = track["time_s"]
+    before_s = np.clip(time_s - 0.5 * WINDOW_S, time_s[0], time_s[-1])
+    after_s = np.clip(time_s + 0.5 * WINDOW_S, time_s[0], time_s[-1])
+    velocity = np.stack(
+        [
+            (np.interp(after_s, time_s, track[name]) - np.interp(before_s, time_s, track[name]))
+            / (after_s - before_s)
+            for name in ("x_m", "y_m")
+        ],
+        axis=1,
+    )
+    return velocity, np.hypot(velocity[:, 0], velocity[:, 1])
+
+
+def _check_headings(name: str, track: Track) -> list[str]:
+    """Return a note if few headings of a vehicle contradict its motion.
+
+    Raises:
+        InvalidValue: more do. If they agree as something else, the error names it.
+    """
+    if "heading_rad" not in track:
+        return []
+    velocity, moved_mps = _find_motion(track)
+    moves = moved_mps >= MOVING_MPS
+    direction = np.arctan2(velocity[:, 1], velocity[:, 0])
+
+    def find_turn(heading: Doubles) -> Doubles:
+        return np.abs((heading - direction + pi) % (2.0 * pi) - pi)
+
+    def find_wrong(heading: Doubles) -> NDArray[np.bool_]:
+        turn = find_turn(heading)
+        reverses = (turn > pi - MOST_TURN_RAD) & (moved_mps < REVERSING_MPS)
+        return moves & (turn > MOST_TURN_RAD) & ~reverses
+
+    heading = track["heading_rad"]
+    # Headings may go on growing in turns; what nothing can be held against must be within one.
+    most = MOST_HEADING_RAD if moves.any() else 2.0 * pi + 1e-6
+    is_outside = np.abs(heading) > most
+    wrong = find_wrong(heading) | is_outside
+    if not wrong.any():
+        return []
+    if wrong.sum() <= CONTRADICTING_SHARE * moves.sum() and not is_outside.any():
+        return [f"The heading of '{name}' contradicts its motion at {int(wrong.sum())} times."]
+    row = int(np.argmax(wrong))
+    other = {
+        words: float(find_turn(change(heading))[moves].mean())
+        for words, change in OTHER_HEADINGS.items()
+        if moves.any() and find_wrong(change(heading)).sum() <= CONTRADICTING_SHARE * moves.sum()
+    }
+    seems = f" The headings seem to be {min(other, key=other.__getitem__)}." if other else ""
+    moves_so = f"it moves in the direction {direction[row]:.3g} rad" if moves.any() else "it stands"
+    problem = (
+        f"of vehicle '{name}' is {heading[row]:g} at {track['time_s'][row]:g} s, and "
+        f"{moves_so}.{seems}"
+    )
+    remedy = (
+        "Give radians, anticlockwise from x, of the front of the vehicle. Without the column, "
+        "headings follow from the positions."
+    )
+    raise InvalidValue("heading_rad", problem, remedy)
+
+
+def _refuse_other_speeds(name: str, track: Track) -> None:
+    """Refuse a vehicle whose speeds are not those of its motion.
+
+    Raises:
+        InvalidValue: they are not. If they are as in another unit, the error names it.
+    """
+    if "speed_mps" not in track:
+        return
+    velocity, moved_mps = _find_motion(track)
+    moves = moved_mps >= MOVING_MPS
+    # Without headings, the vehicle points where it goes.
+    direction = np.arctan2(velocity[:, 1], velocity[:, 0])
+    forwards = moves & (np.cos(track.get("heading_rad", direction) - direction) > 0.0)
+    negative = forwards & (track["speed_mps"] < -STANDING_MPS)
+    if negative.sum() > CONTRADICTING_SHARE * moves.sum():
+        at_s = track["time_s"][int(np.argmax(negative))]
+        problem = f"of vehicle '{name}' is negative at {at_s:g} s, and the vehicle moves forwards."
+        raise InvalidValue("speed_mps", problem, "Give the speed along the vehicle's heading.")
+    told, moved = float(np.abs(track["speed_mps"]).mean()), float(moved_mps.mean())
+    differs = abs(told - moved) > MOST_DIFFERENCE_MPS
+    if not differs or moved / MOST_RATIO <= told <= moved * MOST_RATIO:
+        return
+    units = [
+        unit
+        for unit, count in OTHER_UNITS_OF_SPEED.items()
+        if abs(told / count - moved) < 0.1 * moved
+    ]
+    seems = f" The speeds seem to be in {units[0]}." if units else ""
+    problem = (
+        f"of vehicle '{name}' is {told:.3g} on average, and it moves at {moved:.3g} m/s by its "
+        f"positions.{seems}"
+    )
+    remedy = "Give metres, seconds and metres per second, or leave the column out."
+    raise InvalidValue("speed_mps", problem, remedy)
 
 
 def _read_commonroad(path: Path) -> _File:
+    """Return the obstacles of CommonRoad XML that have exact states and a rectangle."""
     try:
-        root = ET.parse(path).getroot()  # noqa: S314 - a file of the user, in a process of the user
-        step_s = float(root.attrib["timeStepSize"])
-        moving = [
-            each for each in root.iter("dynamicObstacle") if each.find("trajectory") is not None
-        ]
-        rows = [
-            row for each in moving if _has_footprint(each) for row in _list_states(each, step_s)
-        ]
-        left_out = tuple(each.attrib["id"] for each in moving if not _has_footprint(each))
-        return _File(rows, left_out)
+        with open_regular(path, MOST_XML_BYTES) as file:
+            root = ET.parse(file).getroot()  # noqa: S314 - a file of the user, in a process of the user
     except OSError as error:
         raise InvalidValue("tracks", f"{path} cannot be read: {error.strerror}.") from error
-    except (ET.ParseError, KeyError, ValueError, AttributeError) as error:
-        problem = f"{path} cannot be read: it is not CommonRoad XML with exact states ({error})."
-        raise InvalidValue(
-            "tracks", problem, "Write it with commonroad-io, version 2020a."
-        ) from error
+    except (ET.ParseError, LookupError, ValueError) as error:
+        problem = f"{path} cannot be read: it is not XML ({error})."
+        raise InvalidValue("tracks", problem, "Write it with commonroad-io.") from error
+    for each in root.iter():
+        each.tag = each.tag.rpartition("}")[2]
+    step_s = _read_head(path, root)
+    obstacles = [each for each in root if each.tag in OBSTACLES]
+    states, left_out = _read_obstacles(path, obstacles, step_s)
+    _stretch_static(obstacles, states, step_s)
+    tracks = {name: _align_states(own) for name, own in states.items()}
+    for name, track in tracks.items():
+        _refuse_impossible(name, track)
+    notes = [*_list_unread(root, obstacles)]
+    for column in ("heading_rad", "speed_mps"):
+        lacking = [
+            name
+            for name, own in states.items()
+            if column not in tracks[name] and any(column in state for state in own)
+        ]
+        if lacking:
+            notes.append(
+                f"{column} of {_list_names(lacking)} follows from positions: some states lack it."
+            )
+    return _File(tracks, left_out, tuple(notes))
 
 
-def _has_footprint(vehicle: Element) -> bool:
-    """Whether a dynamic obstacle is a rectangle with its centre at its position."""
-    shape = vehicle.find("shape/rectangle")
-    return shape is not None and not float(shape.findtext("originXShift", "0"))
+States = dict[str, list[dict[str, float]]]
+"""States of each obstacle, by its name."""
 
 
-def _list_states(vehicle: Element, step_s: float) -> Iterator[Row]:
-    """Yield the states of a dynamic obstacle; raises ValueError where one is not exact."""
-    shape, name = "shape/rectangle", vehicle.attrib["id"]
-    for state in (*vehicle.findall("initialState"), *vehicle.findall("trajectory/state")):
-        yield {
-            "id": name,
-            "time_s": step_s * _read_float(state, "time/exact"),
-            "x_m": _read_float(state, "position/point/x"),
-            "y_m": _read_float(state, "position/point/y"),
-            "heading_rad": _read_float(state, "orientation/exact"),
-            "speed_mps": _read_float(state, "velocity/exact"),
-            "length_m": _read_float(vehicle, f"{shape}/length"),
-            "width_m": _read_float(vehicle, f"{shape}/width"),
-        }
+def _read_obstacles(
+    path: Path, obstacles: Iterable[Element], step_s: float
+) -> tuple[States, dict[str, str]]:
+    """Return the states of the obstacles, and why the others cannot be used."""
+    states: States = {}
+    left_out: dict[str, str] = {}
+    for each in obstacles:
+        name = each.get("id", "")
+        if name in states or name in left_out:
+            problem = f"{path.name} has two obstacles of the id '{name}'."
+            raise InvalidValue("tracks", problem, "Give each an id of its own.")
+        try:
+            states[name] = _list_states(each, step_s)
+        except ValueError as error:
+            left_out[name] = f"{error}."
+    return states, left_out
+
+
+def _stretch_static(obstacles: Iterable[Element], states: States, step_s: float) -> None:
+    """Let static obstacles stand during the whole recording, whatever the time of their state."""
+    times = [state["time_s"] for own in states.values() for state in own]
+    ends = (min(times), max(times)) if len(set(times)) > 1 else (0.0, step_s)
+    for each in obstacles:
+        name = each.get("id", "")
+        if _is_static(each) and name in states:
+            states[name] = [{**states[name][0], "time_s": end_s} for end_s in ends]
+
+
+OBSTACLES = ("dynamicObstacle", "staticObstacle", "obstacle", "phantomObstacle")
+STATE_PARTS = ("position", "orientation", "time", "velocity")
+OBSTACLE_PARTS = ("role", "shape", "initialState", "trajectory")
+DESCRIPTION = ("benchmarkID", "date", "author", "affiliation", "source")
+HEAD = ("timeStepSize", "commonRoadVersion")
+
+
+def _read_head(path: Path, root: Element) -> float:
+    """Return the duration of a step. [s]
+
+    Raises:
+        InvalidValue: it is missing or impossible, or the file is of another kind or version.
+    """
+    remedy = f"Write it with commonroad-io, version {' or '.join(VERSIONS)}."
+    if root.tag != "commonRoad":
+        problem = f"{path} cannot be read: it is not CommonRoad XML, but has <{root.tag}>."
+        raise InvalidValue("tracks", problem, remedy)
+    version = root.get("commonRoadVersion", VERSIONS[-1])
+    if version not in VERSIONS:
+        problem = f"{path} cannot be read: its version of CommonRoad is '{version}'."
+        raise InvalidValue("tracks", problem, remedy)
+    try:
+        step_s = float(root.get("timeStepSize", ""))
+    except ValueError:
+        step_s = 0.0
+    if not 1e-3 <= step_s <= 10.0:
+        problem = (
+            f"{path} cannot be read: timeStepSize is '{root.get('timeStepSize', '')}', and must be "
+            "between 0.001 and 10 s."
+        )
+        raise InvalidValue("tracks", problem, remedy)
+    return step_s
+
+
+def _is_static(obstacle: Element) -> bool:
+    role = (obstacle.findtext("role") or "").strip()
+    return obstacle.tag == "staticObstacle" or role == "static"
+
+
+def _list_unread(root: Element, obstacles: Iterable[Element]) -> Iterator[str]:
+    """Yield what is not read of a CommonRoad file, in sentences."""
+    counts: dict[str, int] = {}
+    for each in root:
+        if each.tag not in OBSTACLES:
+            counts[each.tag] = counts.get(each.tag, 0) + 1
+    for problem in root.findall("planningProblem"):
+        yield (
+            f"planningProblem '{problem.get('id')}' is not read: the ego is one of the obstacles, "
+            "and starts where that was recorded."
+        )
+    counts.pop("planningProblem", None)
+    if counts:
+        listed = ", ".join(f"{tag} ({count})" for tag, count in sorted(counts.items()))
+        yield f"Elements that are not read: {listed}. The road is that of the scenario's class."
+    parts: set[str] = set(root.attrib) - {*DESCRIPTION, *HEAD}
+    for each in obstacles:
+        parts |= {part.tag for part in each} - set(OBSTACLE_PARTS)
+        parts |= set(each.attrib) - {"id"}
+        for state in _find_states(each):
+            parts |= {part.tag for part in state} - set(STATE_PARTS)
+    if parts:
+        yield f"Parts of obstacles that are not read: {', '.join(sorted(parts))}."
+
+
+def _find_states(obstacle: Element) -> list[Element]:
+    return [*obstacle.findall("initialState"), *obstacle.findall("trajectory/state")]
+
+
+def _list_states(obstacle: Element, step_s: float) -> list[dict[str, float]]:
+    """Return the states of an obstacle; of a static one its only state.
+
+    Raises:
+        ValueError: it cannot be used, with the reason.
+    """
+    shape = obstacle.find("shape/rectangle")
+    if shape is None or any(
+        float(text)
+        for path in ("originXShift", "originYShift", "orientation", "center/x", "center/y")
+        if (text := shape.findtext(path))
+    ):
+        raise ValueError("It has no rectangle at its position")
+    size = {"length_m": _read_float(shape, "length"), "width_m": _read_float(shape, "width")}
+    if _is_static(obstacle):
+        (state,) = obstacle.findall("initialState") or [Element("initialState")]
+        time = {"time_s": 0.0, "speed_mps": 0.0}
+        return [{**time, **_read_place(state), **size}]
+    if obstacle.find("trajectory") is None:
+        raise ValueError("It is not static, and has no trajectory")
+    return [
+        {"time_s": step_s * _read_float(state, "time/exact"), **_read_place(state), **size}
+        for state in _find_states(obstacle)
+    ]
+
+
+def _read_place(state: Element) -> dict[str, float]:
+    """Return place, heading and speed of a state; the last two only if it has them."""
+    given = {"heading_rad": "orientation", "speed_mps": "velocity"}
+    return {
+        "x_m": _read_float(state, "position/point/x"),
+        "y_m": _read_float(state, "position/point/y"),
+        **{
+            name: _read_float(state, f"{tag}/exact")
+            for name, tag in given.items()
+            if state.find(tag) is not None
+        },
+    }
+
+
+def _align_states(states: Sequence[dict[str, float]]) -> Track:
+    """Return columns of states in order of time; those that a state lacks are left to positions."""
+    ordered = sorted(states, key=lambda state: state["time_s"])
+    shared = [name for name in ordered[0] if all(name in state for state in ordered)]
+    return {name: np.array([state[name] for state in ordered]) for name in shared}
 
 
 def _read_float(parent: Element, path: str) -> float:
     text = parent.findtext(path)
     if text is None:
-        raise ValueError(f"no {path} in {parent.tag}")
-    return float(text)
-
-
-_READERS = {".parquet": _read_parquet, ".xml": _read_commonroad}
+        raise ValueError(f"It has no {path} in {parent.tag}")
+    value = float(text)
+    if not isfinite(value):
+        raise ValueError(f"Its {path} is {text}")
+    return value
 
 
 def _rotate_states(states: Doubles, frame: RoadFrame) -> Doubles:
@@ -215,41 +792,7 @@ def _rotate_states(states: Doubles, frame: RoadFrame) -> Doubles:
     return np.stack([c * dx + s * dy, c * dy - s * dx, heading, speed], axis=-1)
 
 
-def _group_rows(rows: Iterable[Row]) -> dict[str, dict[str, Doubles]]:
-    """Return the columns of each vehicle, in order of time."""
-    by_vehicle: dict[str, list[Row]] = {}
-    for number, row in enumerate(rows, start=1):
-        missing = [name for name in REQUIRED if row.get(name) in (None, "")]
-        if missing:
-            raise InvalidValue("tracks", f"Row {number} has no {missing[0]}.", REMEDY)
-        by_vehicle.setdefault(str(row["id"]), []).append(row)
-    return {name: _make_columns(name, found) for name, found in by_vehicle.items()}
-
-
-def _make_columns(name: str, rows: list[Row]) -> dict[str, Doubles]:
-    # A column that some rows have is used: where one lacks it, its number is refused.
-    known = [each for each in OPTIONAL if any(row.get(each) not in (None, "") for row in rows)]
-    used = [*REQUIRED[1:], *known]
-    columns = {each: np.array([_read_number(name, each, row) for row in rows]) for each in used}
-    order = np.argsort(columns["time_s"], kind="stable")
-    columns = {each: values[order] for each, values in columns.items()}
-    if (np.diff(columns["time_s"]) <= 0.0).any():
-        raise InvalidValue("tracks", f"Vehicle '{name}' has two rows of one time.", REMEDY)
-    return columns
-
-
-def _read_number(name: str, column: str, row: Row) -> float:
-    try:
-        value = float(row[column])
-    except (KeyError, TypeError, ValueError):
-        value = float("nan")
-    if not isfinite(value):
-        problem = f"{column} of vehicle '{name}' is {row.get(column)!r}, and no finite number."
-        raise InvalidValue("tracks", problem, REMEDY)
-    return value
-
-
-def _interpolate(track: Mapping[str, Doubles], grid_s: Doubles) -> Doubles:
+def _interpolate(track: Track, grid_s: Doubles) -> Doubles:
     """Return x, y, heading and speed at the times of a grid, shape (times, 4)."""
     time_s = track["time_s"]
     x_m, y_m = (np.interp(grid_s, time_s, track[name]) for name in ("x_m", "y_m"))
@@ -277,7 +820,7 @@ def _hold_direction(heading: Doubles, moves: np.ndarray[Any, Any]) -> Doubles:
     return np.asarray(turned[np.where(is_before_nearer, before, after)], np.float64)
 
 
-def _find_size(track: Mapping[str, Doubles]) -> tuple[float, float]:
+def _find_size(track: Track) -> tuple[float, float]:
     length_m, width_m = (
         float(np.median(track[name])) if name in track else usual
         for name, usual in USUAL_SIZE_M.items()

@@ -5,7 +5,7 @@ def test_my_scenario(check):
     check(MyScenario())
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from math import cos, hypot, isfinite, sin
 
@@ -19,6 +19,7 @@ from eigenfail.values import VehicleState
 AnySituation = Situation | ReactiveSituation
 
 SEEDS = (0, 1, 2**62)
+MOST_LISTED = 20
 TOLERANCE_M = 0.05
 """Tolerance of an actor's way in one step against its reported speed × dt."""
 
@@ -110,6 +111,18 @@ def moves_actors_as_they_say(scenario: Scenario) -> None:
                 expect(same, f"{before} changes its size to {after}.")
 
 
+def leaves_no_vehicle_out(scenario: Scenario) -> None:
+    """Vehicles of a recording are missing only if the scenario leaves them out on purpose."""
+    left_out: Sequence[str] = getattr(scenario, "left_out", ())
+    listed = " ".join(left_out[:MOST_LISTED])
+    more = f" {len(left_out) - MOST_LISTED} more." if len(left_out) > MOST_LISTED else ""
+    expect(
+        not left_out,
+        f"Left out of its recording: {len(left_out)} of the vehicles. {listed}{more} If that is "
+        "intended, name them in `without` of `read_tracks`.",
+    )
+
+
 def _situations(scenario: Scenario) -> Iterator[AnySituation]:
     parameters = read_settings(scenario.Parameters, {}, "scenario_parameters")
     for seed in SEEDS:
@@ -192,4 +205,5 @@ SCENARIO_CHECKS: tuple[Callable[[Scenario], None], ...] = (
     repeats_itself,
     has_a_steady_horizon,
     moves_actors_as_they_say,
+    leaves_no_vehicle_out,
 )

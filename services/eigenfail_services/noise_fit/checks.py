@@ -1,13 +1,14 @@
 """Checks whether a log is of the disturbance model that was fitted to it."""
 
+import re
 from collections.abc import Iterator, Sequence
 from itertools import combinations
-from math import nan
+from math import nan, pi
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
-from scipy import special
+from scipy import special, stats
 
 from eigenfail.values import AXES, Interval
 from eigenfail.values.channels import MISSED
@@ -34,6 +35,32 @@ HALF_SIGMA = 0.6745
 
 SOON_STEPS = 5
 """Steps after an event in which the next one may begin the sooner."""
+
+CAUSE_ERROR = 1e-4
+"""Probability that a check of a cause fails for a channel that the model describes."""
+
+LEAST_CASES = 5
+LEAST_SHARE = 0.0005
+MOST_EXPECTED = 3.0
+"""A cause is named from so many cases and such a share on, if they are so many times what the
+values beside them let expect."""
+
+FLIPS = {"180°": pi, "90°": 0.5 * pi}
+FLIP_WIDTH_RAD = 0.4
+"""Headings that the detector turns by these angles have errors so near to them."""
+
+LARGE_TURN_RAD = 0.25 * pi
+MOST_LARGE_TURNS = 0.1
+"""Share of errors beyond this angle from which headings are no radians, or no headings."""
+
+ROUNDED_SHARE = 0.01
+"""Share of errors of one unit of the last digit from which digits are too few."""
+
+FAR_SPREADS = 10.0
+"""Values with errors beyond so many robust standard deviations are looked at for sentinels."""
+
+MAD_SIGMAS = 1.4826
+BINS = 10
 
 PARTS = 3
 """Equal parts of the measurements by distance; the nearest and the farthest are checked."""
@@ -85,9 +112,9 @@ def check_position(log: SensorLog, fit: Fit) -> list[ModelCheck]:
     errors = log.select(*AXES)
     z = fit.find_z(errors)
     between = _list_pairs(log, {"the axes": (errors.row, z[:, 0], z[:, 1])})
-    return _judge(
-        [*_list_error_properties(log.step_s, errors, z), *between, *_list_clocks(log, errors, z)]
-    )
+    properties = _list_error_properties(log.step_s, errors, z)
+    judged = _judge([*properties, *between, *_list_clocks(log, errors, z)])
+    return _add_causes(list(_list_causes(log, errors, z)), judged)
 
 
 def check_channels(
@@ -95,12 +122,14 @@ def check_channels(
 ) -> list[ModelCheck]:
     """Return the checks of fits of single channels, and of events."""
     asked: list[_Property] = []
+    causes: list[ModelCheck] = []
     placed: dict[str, Array] = {}
     for fit in fits:
         errors = log.select(*fit.channels)
         z = fit.find_z(errors)
         asked += _list_error_properties(log.step_s, errors, z)
         asked += _list_central_properties(errors, z)
+        causes += _list_causes(log, errors, z)
         (name,) = fit.channels
         placed[name] = np.full(len(log.track), nan)
         placed[name][errors.row] = z[:, 0]
@@ -113,7 +142,7 @@ def check_channels(
     asked += _list_pairs(log, pairs)
     for chain, steps in chains:
         asked += _list_chain_properties(chain, steps)
-    return _judge(asked)
+    return _add_causes(causes, _judge(asked))
 
 
 def _judge(asked: Sequence[_Property]) -> list[ModelCheck]:
@@ -143,6 +172,166 @@ def _judge(asked: Sequence[_Property]) -> list[ModelCheck]:
         advice = "" if holds else one.remedy
         checks.append(ModelCheck(one.name, value, interval, expected, holds, advice))
     return checks
+
+
+def _add_causes(causes: Sequence[ModelCheck], judged: Sequence[ModelCheck]) -> list[ModelCheck]:
+    """Return checks of causes before the others, whose remedies would guess at other causes."""
+    names = {cause.name.split(":")[0] for cause in causes}
+    return [
+        *causes,
+        *(
+            msgspec.structs.replace(check, remedy=SEE_CAUSE)
+            if check.remedy and names & set(re.findall(r"[a-z]+", check.name))
+            else check
+            for check in judged
+        ),
+    ]
+
+
+SEE_CAUSE = "Mend what the first checks name, then fit again."
+
+
+def _list_causes(log: SensorLog, errors: ErrorSeries, z: Array) -> Iterator[ModelCheck]:
+    """Yield failed checks of what makes errors look heavy-tailed, with the cause."""
+    for column, name in enumerate(errors.channels):
+        own, seen = errors.error[:, column], log.seen[errors.row, log.channels.index(name)]
+        found = [*_list_zeros(name, own), *_list_sentinels(name, seen, own)]
+        if name == "heading":
+            found += _list_turns(own)
+        # The causes above fall on some tracks more often than on others.
+        yield from found or _list_uneven_tracks(name, errors, column, z[:, column])
+
+
+def _make_cause(name: str, cases: int, count: int, expected: float, remedy: str) -> ModelCheck:
+    share = cases / count
+    interval = widen_share(Interval(share, share), cases, count, 1.0 - CAUSE_ERROR)
+    return ModelCheck(name, share, interval, expected, holds=False, remedy=remedy)
+
+
+def _is_conspicuous(cases: int, beside: int, count: int) -> bool:
+    """Return whether cases are more than as many values beside them let expect."""
+    least = max(LEAST_CASES, LEAST_SHARE * count)
+    return cases >= least and cases > MOST_EXPECTED * (beside + 1)
+
+
+def _list_turns(error: Array) -> Iterator[ModelCheck]:
+    """Yield shares of headings that are turned by half a turn or a quarter, or no headings."""
+    size, count = np.abs(error), len(error)
+    is_turned = np.zeros(count, bool)
+    for words, angle in FLIPS.items():
+        apart = np.abs(size - angle)
+        near = apart < FLIP_WIDTH_RAD
+        # As wide a range beside it: around a quarter turn on both sides, otherwise below.
+        beside = (apart >= FLIP_WIDTH_RAD) & (apart < 2.0 * FLIP_WIDTH_RAD)
+        if _is_conspicuous(int(near.sum()), int(beside.sum()), count):
+            is_turned |= near
+            yield _make_cause(
+                f"heading: share of errors near {words}",
+                int(near.sum()),
+                count,
+                0.0,
+                f"The detector turns these headings by {words}. No channel does so: leave their "
+                "rows without a heading, and fit again.",
+            )
+    large = int(((size > LARGE_TURN_RAD) & ~is_turned).sum())
+    if large > MOST_LARGE_TURNS * count:
+        yield _make_cause(
+            "heading: share of other errors beyond 45°",
+            large,
+            count,
+            0.0,
+            "Both columns must be headings in radians, anticlockwise from the road: these seem "
+            "to be in degrees, or unrelated.",
+        )
+
+
+def _list_zeros(name: str, error: Array) -> Iterator[ModelCheck]:
+    """Yield the share of errors that are exactly 0, beyond what rounded values let expect."""
+    size = np.abs(error)
+    is_zero = size < 1e-9
+    if is_zero.all() or not is_zero.any():
+        return
+    # The smallest error of all is a unit of the last digit, if values are rounded.
+    unit = float(size[~is_zero].min())
+    beside = int((np.abs(size - unit) < 0.5 * unit).sum())
+    zeros = int(is_zero.sum())
+    if _is_conspicuous(zeros, beside, len(error)):
+        # Rounded values of small errors have their nearest neighbours often.
+        is_rounded = beside > ROUNDED_SHARE * len(error)
+        rounded = f"The values are rounded to {unit:.3g}, which hides errors: log more digits."
+        copied = (
+            "There the true value is the reported one: take the truth from a reference that does "
+            "not depend on this sensor, or remove these rows."
+        )
+        yield _make_cause(
+            f"{name}: share of errors that are exactly 0",
+            zeros,
+            len(error),
+            beside / 2.0 / len(error),
+            rounded if is_rounded else copied,
+        )
+
+
+def _list_sentinels(name: str, seen: Array, error: Array) -> Iterator[ModelCheck]:
+    """Yield the share of rows with a far value that is repeated exactly."""
+    middle = float(np.median(error))
+    spread = MAD_SIGMAS * float(np.median(np.abs(error - middle)))
+    # With a spread of 0 most errors are the same, which is a cause of its own.
+    far = np.abs(error - middle) > FAR_SPREADS * spread if spread else np.zeros(len(error), bool)
+    if not far.any():
+        return
+    values, counts = np.unique(seen[far], return_counts=True)
+    cases, others = int(counts.max()), int(np.median(counts))
+    if len(values) > 1 and cases <= MOST_EXPECTED * others:
+        return
+    if cases < max(LEAST_CASES, LEAST_SHARE * len(error)):
+        return
+    value = float(values[int(counts.argmax())])
+    yield _make_cause(
+        f"{name}: share of reported values that are {value:g}",
+        cases,
+        len(error),
+        0.0,
+        "This far value is repeated exactly, as one that means 'no measurement'. Leave the "
+        "fields empty there.",
+    )
+
+
+def _list_uneven_tracks(
+    name: str, errors: ErrorSeries, column: int, z: Array
+) -> Iterator[ModelCheck]:
+    """Yield the variance of mean z² between tracks, if it is larger than the model's.
+
+    Of n standard normal values the mean square has the variance 2 / n. The sum over tracks of
+    n (mean − 1)² / 2 is taken as a gamma variable with the mean and variance that it has: each has
+    the mean 1 and the variance 2 + 12 / n.
+    """
+    edges = np.quantile(errors.distance_m[:, column], np.linspace(0.0, 1.0, BINS + 1)[1:-1])
+    part = np.searchsorted(edges, errors.distance_m[:, column])
+    # Single far errors are other checks' matter, and so is a wrong dependence on distance.
+    square = np.minimum(np.square(z), FAR_SIGMA**2)
+    usual = np.bincount(part, square, BINS) / np.maximum(np.bincount(part, minlength=BINS), 1)
+    square /= usual[part]
+    n = np.bincount(errors.track, minlength=errors.tracks).astype(float)
+    means = np.bincount(errors.track, square, errors.tracks) / n
+    tracks = errors.tracks - 1.0
+    total = float((0.5 * n * np.square(means - 1.0)).sum())
+    scale = float((2.0 + 12.0 / n).mean())
+    low, high = (
+        float(stats.gamma.ppf(share, tracks / scale, scale=scale))
+        for share in (0.5 * CAUSE_ERROR, 1.0 - 0.5 * CAUSE_ERROR)
+    )
+    if total <= high:
+        return
+    yield ModelCheck(
+        f"{name}: variance of mean z² between tracks, over the model's",
+        total / tracks,
+        Interval(total / high, total / low),
+        1.0,
+        holds=False,
+        remedy="Sigma differs from vehicle to vehicle, which the model makes heavy tails at single "
+        "steps of. Fit kinds of vehicles or conditions apart.",
+    )
 
 
 def _list_error_properties(step_s: float, errors: ErrorSeries, z: Array) -> Iterator[_Property]:

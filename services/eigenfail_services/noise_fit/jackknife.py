@@ -35,6 +35,9 @@ MOST_SPREADS = 50.0
 """Most widths of its interval, as logarithms, by which a positive parameter may be wrong."""
 
 
+BOUND_TOLERANCE = 1e-3
+"""A parameter so near to a bound, relative to that, would go beyond it."""
+
 LEAST_GAIN = 1e-6
 """Smallest gain in log density that counts: below it, it is the rounding of the optimizer."""
 
@@ -89,6 +92,20 @@ class Parameter(msgspec.Struct, frozen=True):
     name: str
     value: float
     interval: Interval
+
+
+def list_bounded(likelihood: Likelihood, best: Array) -> list[str]:
+    """Return which parameters lie on a bound of what is searched, with that bound.
+
+    A bound of 0 is left out: a model may well have no slope, or no correlation.
+    """
+    bounded = []
+    for free, value in zip(likelihood.parameters, best.tolist(), strict=True):
+        for bound in free.bounds:
+            if bound and abs(value - bound) <= BOUND_TOLERANCE * abs(bound):
+                shown = 1.0 / bound if free.is_inverse else bound
+                bounded.append(f"{free.name} lies on its bound, {shown:.3g}")
+    return bounded
 
 
 def maximize_likelihood(likelihood: Likelihood, held_out: Array | None = None) -> Array:

@@ -18,8 +18,14 @@ from eigenfail_services.noise_fit.events import (
     fit_chains,
     list_bands,
 )
-from eigenfail_services.noise_fit.fitting import Fit, choose_fit, find_parameters, fit_shapes
-from eigenfail_services.noise_fit.jackknife import Parameter, ShapeScore
+from eigenfail_services.noise_fit.fitting import (
+    Fit,
+    choose_fit,
+    find_parameters,
+    fit_shapes,
+    make_likelihood,
+)
+from eigenfail_services.noise_fit.jackknife import Parameter, ShapeScore, list_bounded
 from eigenfail_services.noise_fit.sensor_log import EventSteps, SensorLog
 
 USUAL_STEP_S = 0.1
@@ -69,7 +75,8 @@ class FitReport(msgspec.Struct, frozen=True):
 
     Attributes:
         bands: how often vehicles were missed by distance; absent where none was missed.
-        remarks: what the model leaves out of the log; absent where the model is of a position.
+        remarks: what the model leaves out of the log, and which parameters lie on their bounds;
+            absent where the model is of a position and there is none.
     """
 
     model: DisturbanceModel
@@ -113,6 +120,7 @@ def _fit_position(log: SensorLog) -> tuple[FittedLog, FitReport]:
     errors = log.select(*AXES)
     fits = fit_shapes(errors)
     best = choose_fit(fits)
+    remarks = _list_fit_remarks(log, (best,))
     report = FitReport(
         model=best.model,
         parameters=find_parameters(best, errors),
@@ -123,6 +131,7 @@ def _fit_position(log: SensorLog) -> tuple[FittedLog, FitReport]:
         measurements=len(errors.track),
         distances_m=_find_distances(log),
         step_s=log.step_s,
+        remarks=tuple(remarks) if remarks else msgspec.UNSET,
     )
     return FittedLog(log, (best,), ()), report
 
@@ -164,7 +173,7 @@ def _fit_channels(log: SensorLog) -> tuple[FittedLog, FitReport]:
         distances_m=distances,
         step_s=log.step_s,
         bands=list_bands(events[MISSED]) if MISSED in events else msgspec.UNSET,
-        remarks=tuple(_list_remarks(log, chains)),
+        remarks=(*_list_fit_remarks(log, fits), *_list_remarks(log, chains)),
     )
     return FittedLog(log, fits, chains), report
 
@@ -212,6 +221,20 @@ def _find_distances(log: SensorLog) -> dict[str, tuple[float, float]]:
         axis: (float(values.min()), float(values.max()))
         for axis, values in zip(AXES, log.select(*AXES).distance_m.T, strict=True)
     }
+
+
+def _list_fit_remarks(log: SensorLog, fits: Sequence[Fit]) -> list[str]:
+    """Return which parameters of errors lie on their bounds, and what of the file is not read."""
+    remarks = [
+        f"{said}: the model does not describe the errors, or the log is too short."
+        for fit in fits
+        for said in list_bounded(
+            make_likelihood(fit.candidate, log.select(*fit.channels)), fit.best
+        )
+    ]
+    if log.unread:
+        remarks.append(f"Columns that are not read: {', '.join(log.unread)}.")
+    return remarks
 
 
 def _list_remarks(log: SensorLog, chains: Sequence[tuple[ChainFit, EventSteps]]) -> list[str]:

@@ -132,8 +132,10 @@ class SensorLog(msgspec.Struct, frozen=True, eq=False):
         plane_m: true distance in the plane, shape (n,). [m]
         rate_mps: rate at which dx and dy change, shape (n, 2); NaN at the first of a track. [m/s]
         error: reported less true value, shape (n, channels); NaN where it was not measured.
+        seen: reported value, shape (n, channels); NaN where it was not measured.
         step_s: time between two steps. [s]
         ghosts: measurements without a vehicle.
+        unread: columns of its file that are not used.
     """
 
     channels: tuple[str, ...]
@@ -143,8 +145,10 @@ class SensorLog(msgspec.Struct, frozen=True, eq=False):
     plane_m: Array
     rate_mps: Array
     error: Array
+    seen: Array
     step_s: float
     ghosts: Ghosts
+    unread: tuple[str, ...] = ()
 
     @property
     def is_missed(self) -> Booleans:
@@ -186,13 +190,19 @@ class SensorLog(msgspec.Struct, frozen=True, eq=False):
         return int(begins.sum())
 
 
-def make_log(rows: Sequence[Row], step_s: float, quantities: Sequence[str] = ()) -> SensorLog:
+def make_log(
+    rows: Sequence[Row],
+    step_s: float,
+    quantities: Sequence[str] = (),
+    unread: tuple[str, ...] = (),
+) -> SensorLog:
     """Return the errors of some measurements.
 
     Args:
         rows: measurements in any order.
         step_s: time between two steps. [s]
         quantities: quantities besides the position that the rows have.
+        unread: columns of their file that are not used.
 
     Raises:
         InvalidValue: as `read_log`.
@@ -222,8 +232,10 @@ def make_log(rows: Sequence[Row], step_s: float, quantities: Sequence[str] = ())
         plane_m=plane_m,
         rate_mps=rate,
         error=np.column_stack([positions[:, SEEN] - true, _find_errors(others, quantities)]),
+        seen=np.column_stack([positions[:, SEEN], others[:, 1::2]]),
         step_s=step_s,
         ghosts=_find_ghosts(rows, step_s),
+        unread=unread,
     )
     _refuse_uninformative(log)
     return log

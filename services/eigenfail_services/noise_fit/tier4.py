@@ -6,6 +6,7 @@ ellipse around the ego, errors are autoregressive, and detection is a Markov cha
 """
 
 from collections.abc import Callable, Iterator, Mapping
+from difflib import get_close_matches
 from math import exp
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,6 +16,7 @@ import numpy as np
 from scipy import optimize
 
 from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.files import read_whole
 from eigenfail.settings import convert
 from eigenfail.values import Autoregressive, DisturbanceModel, Markov, White
 from eigenfail.values.channels import EVERY, MISSED, Channel
@@ -35,6 +37,37 @@ LIKE_PARAMETERS = (
 )
 
 Table = Mapping[str, Any]
+
+_CURVE = dict.fromkeys(("ellipse_normalized_x_radius", "values"))
+_CORRELATION = {
+    "autocorrelation_coefficient": dict.fromkeys(("amplitude", "decay", "offset")),
+    "ellipse_y_radii": None,
+}
+_ERROR = {**_CORRELATION, "mean": _CURVE, "standard_deviation": _CURVE}
+_OTHERS = {
+    "ellipse_y_radii": None,
+    "yaw": _ERROR,
+    "yaw_flip": {**_CORRELATION, "rate": None, "speed_threshold": None},
+    "true_positive": {**_CORRELATION, "rate": _CURVE},
+}
+_ELLIPTIC = {**_OTHERS, "distance": _ERROR}
+_LOCAL = {
+    **_OTHERS,
+    "position": {"x": _ERROR, "y": _ERROR},
+    "noise_application_entities": dict.fromkeys(("types", "subtypes", "names")),
+}
+KNOWN: Mapping[int, Table] = {
+    1: {"position": {"standard_deviation": None}, "missing_probability": None},
+    2: _ELLIPTIC,
+    3: _ELLIPTIC,
+    4: _LOCAL,
+}
+"""Keys of the noise of a version, or of a configuration of it, with those of inner tables."""
+
+TOPIC = dict.fromkeys(
+    ("noise", "override_legacy_configuration", "delay", "range", "occlusionless", "version", "seed")
+)
+NOISE = {"model": {"version": None}, **dict.fromkeys(f"v{version}" for version in KNOWN)}
 
 
 class ImportedNoise(NamedTuple):
@@ -160,12 +193,19 @@ def import_noise(file: Path, step_s: float, farthest_m: float, config: str | Non
         )
     where = f"noise.v{version}"
     table = _read_table(noise, f"v{version}", "noise")
+    unused = [
+        f"noise.{name}: is not of version {version}." for name in noise if _is_other(name, version)
+    ]
     if version in NAMED:
         name = _choose_config(table, where, config)
+        unused += [f"{where}.{each}: is another configuration." for each in table if each != name]
         table, where = _read_table(table, name, where), f"{where}.{name}"
+    unused += _list_unknown(topic, TOPIC, "")
+    unused += _list_unknown(noise, NOISE, "noise")
+    unused += _list_unknown(table, KNOWN[version], where)
     collected = _Import(step_s, farthest_m)
     READERS[version](collected, table, where)
-    collected.left_out += _list_other(topic, version)
+    collected.left_out += [*_list_other(topic, version), *unused]
     if not collected.channels:
         raise InvalidValue(
             where,
@@ -180,6 +220,27 @@ def import_noise(file: Path, step_s: float, farthest_m: float, config: str | Non
         for sentences in (collected.mapped, collected.left_out)
     )
     return ImportedNoise(tuple(collected.channels), mapped, left_out)
+
+
+def _is_other(name: object, version: int) -> bool:
+    return name in NOISE and name not in {"model", f"v{version}"}
+
+
+def _list_unknown(table: Table, known: Table, where: str) -> Iterator[str]:
+    """Yield what is not read of a table and its inner tables.
+
+    Raises:
+        UnknownName: a key is nearly that of a parameter that the table does not have.
+    """
+    for name, inner in table.items():
+        place = f"{where}.{name}".strip(".")
+        if name not in known:
+            absent = [each for each in known if each not in table]
+            if get_close_matches(str(name), absent):
+                raise UnknownName(place, str(name), absent)
+            yield f"{place}: is not known, and not read."
+        elif isinstance(known[name], dict) and isinstance(inner, dict):
+            yield from _list_unknown(inner, known[name], place)
 
 
 def _read_v1(collected: _Import, table: Table, where: str) -> None:
@@ -280,6 +341,10 @@ def _list_other(topic: Table, version: int) -> Iterator[str]:
         yield f"delay: {delay:g} s, always the same; the channel 'delay' is drawn."
     if "range" in topic:
         yield f"range: beyond {topic['range']} m vehicles are not detected; here they are."
+    if "seed" in topic:
+        yield "seed: draws follow from the campaign's seed."
+    if "version" in topic:
+        yield f"version: {topic['version']}, of the file, is not read."
     if topic.get("occlusionless") is False:
         yield "occlusionless: is false; set `occlusion = true`, whose sensor is the ego's front."
 
@@ -289,7 +354,7 @@ def _read_yaml(file: Path) -> Any:
     import yaml
 
     try:
-        return yaml.safe_load(file.read_text(encoding="utf-8"))
+        return yaml.safe_load(read_whole(file).decode())
     except OSError as error:
         problem = f"cannot be read: {error.strerror}."
         raise InvalidValue(str(file), problem, LIKE_PARAMETERS) from error

@@ -403,6 +403,9 @@ def restore(address: str, file: Path, *, force: bool = False) -> Backup:
         SchemaMismatch: the backup is of a newer program.
         ServiceError: the database is in use, or cannot be written.
     """
+    if file.exists() and not file.is_file():
+        # The programs that read backups would wait for the end of a pipe or a device.
+        raise _explain_no_backup(file, "it is not a regular file.")
     backend, keeper = find_backend(address), find_program(address)
     revision = keeper.revision(file)
     refuse_newer(revision, str(file))

@@ -8,6 +8,7 @@ from msgspec.structs import replace
 
 from eigenfail.values import CampaignState, Measures, Outcome
 from eigenfail_api.dashboard.rendering import STATIC
+from eigenfail_workers.scenarios.cut_in import CutIn
 
 HTML = {"Accept": "text/html"}
 
@@ -39,6 +40,15 @@ def test_a_campaign_without_failures_has_a_bound_never_a_blank(
     store.campaigns.add_active(campaign, 3000.0)
     # At most 1 − 0.05^(1/10) = 0.2589 failures per episode: at least 1 USD ÷ 2.589.
     assert "≥ 0.386 USD n = 0 in 10 95 % lower bound" in look("/")
+
+
+def test_a_campaign_shows_what_its_scenario_leaves_out(look, campaign, monkeypatch):
+    assert "recording" not in look(f"/campaigns/{campaign}")
+    for name in ("left_out", "notes"):
+        monkeypatch.setattr(CutIn, name, (f"'{name}': It is uncertain.",), raising=False)
+    said = look(f"/campaigns/{campaign}")
+    assert "The scenario does not use all of its recording (2)" in said
+    assert "'left_out': It is uncertain. 'notes': It is uncertain." in said
 
 
 def test_older_campaigns_are_behind_a_link(http, look, fields):

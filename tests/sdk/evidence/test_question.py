@@ -1,5 +1,6 @@
 """The file of claims: what it may hold, and how files of other commands come in."""
 
+import os
 from pathlib import Path
 
 import msgspec
@@ -7,6 +8,7 @@ import pytest
 
 from eigenfail.errors import InvalidValue
 from eigenfail.evidence.question import DEEPEST_CLAIM, RiskSolution, read_evidence_file
+from eigenfail.evidence.storage import read_bundle
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 
@@ -52,6 +54,18 @@ def test_what_is_wrong_is_named(tmp_path, text, field):
     with pytest.raises(InvalidValue) as refused:
         read_evidence_file(file)
     assert field in str(refused.value)
+
+
+@pytest.mark.parametrize("kind", ["gate", "requirement", "risk"])
+def test_outputs_are_read_from_regular_files_alone(tmp_path, kind):
+    os.mkfifo(tmp_path / "pipe")
+    file = tmp_path / "claims.toml"
+    for name in ("pipe", "/dev/zero"):
+        file.write_text(f'[claim]\ntext = "a"\nsolutions = [{{kind = "{kind}", file = "{name}"}}]')
+        with pytest.raises(InvalidValue, match="not a regular file"):
+            read_evidence_file(file)
+        with pytest.raises(InvalidValue, match="not a regular file"):
+            read_bundle(tmp_path / name)
 
 
 @pytest.mark.parametrize("depth", [DEEPEST_CLAIM + 1, 1_000])

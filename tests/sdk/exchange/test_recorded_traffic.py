@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from eigenfail.contracts import ReactiveSituation
 from eigenfail.errors import InvalidValue
 from eigenfail.exchange.recorded_traffic import (
     STANDSTILL_GAP_M,
@@ -16,6 +17,7 @@ from eigenfail.exchange.recorded_traffic import (
     find_log_validity,
 )
 from eigenfail.exchange.tracks import RecordedTracks
+from eigenfail.testing.scenario import SCENARIO_CHECKS
 
 DT_S = 0.1
 
@@ -164,3 +166,79 @@ def test_a_recording_is_not_valid_where_the_ego_has_no_place():
     course = ALONG.states[:, 0].copy()
     course[30:, :2] = np.nan
     assert find_log_validity(ALONG, course, 1.0) == pytest.approx(3.0)
+
+
+def mask(tracks, number, first, last):
+    """The tracks, with a vehicle that is there from one step to another."""
+    steps = np.arange(len(tracks.states))
+    tracks.states[(steps < first) | (steps > last), number] = np.nan
+    return tracks
+
+
+def make_changing():
+    """The ego, a car behind it all the time, one that goes, and one that comes and goes."""
+    tracks = make_tracks((0, 0, 20.0), (-40, 0, 20.0), (10, 3.5, 25.0), (60, 3.5, 18.0))
+    return mask(mask(tracks, 2, 0, 80), 3, 50, 150)
+
+
+def play_traffic(situation, speeds):
+    """The vehicles at each step by number, for an ego at these speeds."""
+    traffic, ego = situation.start_traffic(), situation.ego
+    seen = [dict(enumerate(situation.actors, 1))]
+    for step, speed in enumerate(speeds, start=1):
+        ego = replace(ego, x_m=ego.x_m + speed * DT_S, speed_mps=speed)
+        seen.append(dict(traffic.advance(step, ego)))
+    return seen
+
+
+@pytest.mark.parametrize("check", SCENARIO_CHECKS)
+def test_vehicles_that_come_and_go_fulfil_the_contract(check):
+    class Recording(RecordedTraffic):
+        tracks = make_changing()
+
+    check(Recording())
+
+
+def test_vehicles_come_and_go_as_recorded_while_the_ego_keeps_its_place():
+    tracks = make_changing()
+    situation = stage(tracks)
+    assert isinstance(situation, ReactiveSituation)
+    assert situation.challenges == ("vehicle 1", "vehicle 2", "vehicle 3")
+    assert len(situation.actors) == 2
+    for step, there in enumerate(play_traffic(situation, [20.0] * situation.steps)):
+        recorded = np.flatnonzero(np.isfinite(tracks.states[step, :, 0]))[1:]
+        assert list(there) == recorded.tolist()
+        for number, state in there.items():
+            assert state.x_m == tracks.states[step, number, 0]
+
+
+def test_vehicles_that_react_come_and_go():
+    situation = stage(make_changing())
+    seen = play_traffic(situation, [17.0] * situation.steps)
+    assert next(step for step, there in enumerate(seen) if 3 in there) == 50
+    assert 2 in seen[70]
+    # Each goes once it is beyond the end of its recorded path.
+    assert 2 not in seen[-1]
+    assert 3 not in seen[-1]
+    last = max(step for step, there in enumerate(seen) if 3 in there)
+    assert seen[last][3].x_m == pytest.approx(60.0 + 18.0 * 15.0, abs=3.0)
+
+
+def test_a_vehicle_comes_only_where_there_is_room():
+    tracks = mask(make_tracks((0, 0, 20.0), (-40, 0, 20.0), (-20, 0, 20.0)), 2, 50, 200)
+    situation = stage(tracks)
+    # An ego at 16 m/s is where the second vehicle would come, at x = 80 m after 5 s.
+    seen = play_traffic(situation, [16.0] * situation.steps)
+    assert all(2 not in there for there in seen[:60])
+    for step, there in enumerate(seen):
+        ego = replace(situation.ego, x_m=16.0 * DT_S * step)
+        assert all(abs(each.x_m - ego.x_m) > 5.0 for each in there.values())
+
+
+def test_the_last_vehicle_stays():
+    tracks = make_tracks((0, 0, 20.0), (30, 3.5, 25.0), (-50, 0, 5.0))
+    situation = stage(mask(mask(tracks, 1, 0, 100), 2, 101, 200))
+    # The ego is where the second one would come, and the first one is beyond the end of its path.
+    seen = play_traffic(situation, [0.05] * situation.steps)
+    assert all(seen)
+    assert list(seen[105]) == [1]

@@ -1,6 +1,7 @@
 """Recorded tracks: the same from each format, on one grid; what cannot be used is refused."""
 
 import csv
+import os
 from math import atan2, cos, hypot, pi, sin
 
 import numpy as np
@@ -8,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eigenfail.errors import InvalidValue
-from eigenfail.exchange.tracks import USUAL_SIZE_M, RoadFrame, read_tracks
+from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.exchange import tracks as tracks_module
+from eigenfail.exchange.tracks import COLUMNS, USUAL_SIZE_M, RoadFrame, read_tracks
 
 HEADER = ("id", "time_s", "x_m", "y_m")
 
@@ -29,13 +31,13 @@ def straight(name, times, start=(0.0, 0.0), velocity=(20.0, 1.0)):
 
 TIMES = [0.0, 0.3, 0.5, 1.0]
 EGO = straight("1", TIMES)
-OTHER = straight("2", [-1.0, 0.25, 2.0], (30.0, 3.5), (15.0, 0.0))
+OTHER = straight("2", [-1.0, -0.3, 0.25, 1.1, 2.0], (30.0, 3.5), (15.0, 0.0))
 
 
 def test_tracks_are_interpolated_to_steps(tmp_path):
     tracks = read_tracks(write(tmp_path / "a.csv", [*OTHER, *EGO]), "1")
     time_s = np.arange(11) * 0.1
-    assert (tracks.ids, tracks.dt_s, tracks.left_out) == (("1", "2"), 0.1, ())
+    assert (tracks.ids, tracks.dt_s, tracks.left_out) == (("1", "2"), 0.1, {})
     assert tracks.states.shape == (11, 2, 4)
     assert tracks.states[:, 0, 0] == pytest.approx(20.0 * time_s)
     assert tracks.states[:, 0, 1] == pytest.approx(time_s)
@@ -117,7 +119,8 @@ def test_an_obstacle_of_another_shape_is_left_out_and_named(tmp_path, text, new)
     before, last = path.read_text().split('<dynamicObstacle id="3">')
     path.write_text(before + '<dynamicObstacle id="3">' + last.replace(text, new))
     tracks = read_tracks(path, "1")
-    assert (tracks.ids, tracks.left_out) == (("1", "2"), ("3",))
+    assert (tracks.ids, set(tracks.left_out)) == (("1", "2"), {"3", "9"})
+    assert "no rectangle" in tracks.left_out["3"]
     with pytest.raises(InvalidValue, match="no rectangle") as refused:
         read_tracks(path, "3")
     assert refused.value.field == "ego"
@@ -142,7 +145,7 @@ def test_a_road_anywhere_becomes_one_along_x(tmp_path_factory, x_m, y_m, heading
 
 def test_headings_speeds_and_sizes_are_taken_from_the_file(tmp_path):
     header = (*HEADER, "heading_rad", "speed_mps", "length_m", "width_m")
-    turning = [("1", t, 5.0 * t, 0.0, angle, 5.0, 16.0, 2.5) for t, angle in ((0, 3.1), (1, -3.1))]
+    turning = [("1", t, -5.0 * t, 0.0, angle, 5.0, 16.0, 2.5) for t, angle in ((0, 3.1), (1, -3.1))]
     other = [("2", t, 50.0, 0.0, 0.0, 0.0, 4.0, 1.8) for t in (0, 1)]
     tracks = read_tracks(write(tmp_path / "a.csv", [*turning, *other], header), "1", 0.5)
     # From 3.1 to -3.1 it turns by the short way, through pi.
@@ -172,10 +175,15 @@ def test_a_vehicle_that_stands_has_the_direction_of_the_nearest_motion(tmp_path)
     assert len(np.unique(heading[10:20])) == 2
 
 
-def test_vehicles_that_come_or_go_are_left_out_and_named(tmp_path):
+def test_vehicles_that_come_or_go_are_there_for_their_own_time(tmp_path):
     late, early = straight("late", [0.5, 1.0]), straight("early", [0.0, 0.8])
     tracks = read_tracks(write(tmp_path / "a.csv", [*EGO, *late, *OTHER, *early]), "1")
-    assert (tracks.ids, tracks.left_out) == (("1", "2"), ("late", "early"))
+    # Those that are there at the start come first: their numbers are those of a scenario's actors.
+    assert (tracks.ids, tracks.left_out) == (("1", "2", "early", "late"), {})
+    there = np.isfinite(tracks.states).all(axis=2)
+    assert there[:, 1].all()
+    assert there[:, 2].tolist() == [step <= 8 for step in range(11)]
+    assert there[:, 3].tolist() == [step >= 5 for step in range(11)]
 
 
 @given(
@@ -187,7 +195,7 @@ def test_recorded_positions_are_kept_where_a_step_falls_on_them(
     tmp_path_factory, steps, dt_s, starts_s
 ):
     times = [starts_s + dt_s * step for step in range(steps + 1)]
-    rows = [("1", repr(t), 3.0 * step, step**0.5) for step, t in enumerate(times)]
+    rows = [("1", repr(t), 30.0 * dt_s * step, step**0.5) for step, t in enumerate(times)]
     other = [("2", repr(t), 99.0, 0.0) for t in (times[0], times[-1])]
     path = write(tmp_path_factory.mktemp("tracks") / "a.csv", [*rows, *other])
     tracks = read_tracks(path, "1", dt_s)
@@ -199,14 +207,14 @@ def test_recorded_positions_are_kept_where_a_step_falls_on_them(
 @pytest.mark.parametrize(
     ("rows", "words"),
     [
-        ([*EGO, *OTHER, ("2", 3.0, "", 0.0)], "Row 8 has no x_m"),
-        ([*EGO, *OTHER, ("2", 3.0, "fast", 0.0)], "x_m of vehicle '2' is 'fast'"),
-        ([*EGO, *OTHER, ("2", 3.0, "nan", 0.0)], "no finite number"),
+        ([*EGO, *OTHER, ("2", 3.0, "", 0.0)], "row 11: x_m: is empty"),
+        ([*EGO, *OTHER, ("2", 3.0, "fast", 0.0)], "row 11: x_m: 'fast' is not a finite number"),
+        ([*EGO, *OTHER, ("2", 3.0, "nan", 0.0)], "not a finite number"),
         ([*EGO, *OTHER, ("1", 0.5, 0.0, 0.0)], "two rows of one time"),
         (OTHER, "'1' is not in a.csv"),
-        (EGO, "No other vehicle of a.csv is there as long"),
+        (EGO, "No other vehicle of a.csv is there beside '1' at 0 s"),
         ([*straight("1", [0.0, 0.05]), *OTHER], "less than a step"),
-        ([], "'1' is not in a.csv"),
+        ([], "a.csv has no vehicle that can be used"),
     ],
 )
 def test_tracks_that_cannot_be_used_are_refused(tmp_path, rows, words):
@@ -218,8 +226,15 @@ def test_tracks_that_cannot_be_used_are_refused(tmp_path, rows, words):
 def test_a_column_that_is_filled_for_some_times_of_a_vehicle_is_refused(tmp_path, speeds):
     rows = [("1", t, 5.0 * t, 0.0, speed) for t, speed in zip((0.0, 1.0), speeds, strict=True)]
     other = [("2", t, 50.0, 0.0, "") for t in (0.0, 1.0)]
-    with pytest.raises(InvalidValue, match="speed_mps of vehicle '1'"):
+    with pytest.raises(InvalidValue, match="speed_mps: is empty, and other rows of vehicle '1'"):
         read_tracks(write(tmp_path / "a.csv", [*rows, *other], (*HEADER, "speed_mps")), "1")
+
+
+@pytest.mark.parametrize("gap_s", [0.0, -1.0, float("nan")])
+def test_a_longest_gap_without_a_duration_is_refused(tmp_path, gap_s):
+    with pytest.raises(InvalidValue, match="not a positive number") as refused:
+        read_tracks(write(tmp_path / "a.csv", [*EGO, *OTHER]), "1", longest_gap_s=gap_s)
+    assert refused.value.field == "longest_gap_s"
 
 
 @pytest.mark.parametrize("dt_s", [0.0, -0.1, float("nan"), float("inf")])
@@ -243,3 +258,342 @@ def test_files_that_cannot_be_read_are_refused(tmp_path, name):
         (tmp_path / text).write_text("id,time_s")
     with pytest.raises(InvalidValue, match="cannot be read"):
         read_tracks(tmp_path / name, "1")
+
+
+def drive(name, x_m=0.0, y_m=0.0, speed=20.0, begins=0, ends=100, more=()):  # noqa: PLR0917
+    """Rows of a vehicle at constant speed along x, every 0.1 s, with further cells."""
+    return [
+        (name, round(0.1 * n, 1), x_m + speed * 0.1 * n, y_m, *more)
+        for n in range(begins, ends + 1)
+    ]
+
+
+LEAD = drive("lead", 60.0)
+
+
+@pytest.mark.parametrize(
+    ("speed", "heading", "words"),
+    [
+        (-18.0, 180.0, "headings seem to be in degrees"),
+        (-18.0, 0.0, "seem to be those of the rear"),
+        (20.0, 2.0, "seem to be in degrees"),
+        (20.0, 90.0, "compass directions in degrees"),
+        (20.0, pi / 2, "seem to be compass directions"),
+        (20.0, -999.0, "is -999 at 0 s, and it moves in the direction 0 rad"),
+        (0.0, 90.0, "is 90 at 0 s, and it stands"),
+    ],
+)
+def test_headings_that_contradict_the_motion_are_refused(tmp_path, speed, heading, words):
+    ego = drive("ego", more=(0.0,))
+    car = drive("car", 180.0, 3.5, speed, more=(heading,))
+    path = write(tmp_path / "a.csv", [*ego, *car], (*HEADER, "heading_rad"))
+    with pytest.raises(InvalidValue, match=words) as refused:
+        read_tracks(path, "ego")
+    assert refused.value.field == "heading_rad"
+
+
+@pytest.mark.parametrize(
+    ("speed", "heading"), [(20.0, 4 * pi), (20.0, 0.3), (-18.0, -pi), (-3.0, 0.0), (0.0, 1.5)]
+)
+def test_headings_that_fit_the_motion_are_taken(tmp_path, speed, heading):
+    ego = drive("ego", more=(0.0,))
+    car = drive("car", 180.0, 3.5, speed, more=(heading,))
+    path = write(tmp_path / "a.csv", [*ego, *car], (*HEADER, "heading_rad"))
+    assert read_tracks(path, "ego").states[0, 1, 2] == pytest.approx(heading)
+
+
+def test_few_headings_that_contradict_the_motion_are_noted(tmp_path):
+    car = [(*row, pi if n == 50 else 0.0) for n, row in enumerate(LEAD)]
+    path = write(tmp_path / "a.csv", [*drive("ego", more=(0.0,)), *car], (*HEADER, "heading_rad"))
+    tracks = read_tracks(path, "ego")
+    assert tracks.notes == ("The heading of 'lead' contradicts its motion at 1 times.",)
+
+
+@pytest.mark.parametrize(
+    ("speed", "words"), [(72.0, "in km/h"), (44.7, "miles per hour"), (2.0, "moves at 20 m/s")]
+)
+def test_speeds_that_contradict_the_motion_are_refused(tmp_path, speed, words):
+    rows = [*drive("ego", more=(speed,)), *drive("lead", 60.0, more=(speed,))]
+    with pytest.raises(InvalidValue, match=words):
+        read_tracks(write(tmp_path / "a.csv", rows, (*HEADER, "speed_mps")), "ego")
+
+
+@pytest.mark.parametrize(("heading", "is_refused"), [(0.0, True), (None, True), (pi, False)])
+def test_a_negative_speed_is_that_of_a_vehicle_that_reverses(tmp_path, heading, is_refused):
+    more = () if heading is None else (heading,)
+    rows = [*drive("ego", more=(20.0, *more)), *drive("lead", 60.0, speed=3.0, more=(-3.0, *more))]
+    rows = [(*row[:5], *((0.0,) if more and row[0] == "ego" else row[5:])) for row in rows]
+    header = (*HEADER, "speed_mps", *(("heading_rad",) if more else ()))
+    path = write(tmp_path / "a.csv", rows, header)
+    if is_refused:
+        with pytest.raises(InvalidValue, match="'lead' is negative at 0 s, and the vehicle moves"):
+            read_tracks(path, "ego")
+    else:
+        assert read_tracks(path, "ego").states[0, 1, 3] == -3.0
+
+
+def test_a_vehicle_ends_at_a_long_gap_and_its_parts_are_named(tmp_path):
+    car = [*drive("car", 70.0, 3.5, 18.0, ends=20), *drive("car", 70.0, 3.5, 18.0, 85)]
+    path = write(tmp_path / "a.csv", [*drive("ego"), *LEAD, *car])
+    tracks = read_tracks(path, "ego")
+    assert tracks.ids == ("ego", "lead", "car, part 1", "car, part 2")
+    assert np.isnan(tracks.states[21:, 2]).all()
+    assert np.isnan(tracks.states[:85, 3]).all()
+    assert "'car' is lost from 2 s to 8.5 s" in tracks.notes[0]
+    assert "'car, part 2' (8.5 s to 10 s)" in tracks.notes[0]
+    assert read_tracks(path, "ego", longest_gap_s=7.0).ids == ("ego", "lead", "car")
+    with pytest.raises(InvalidValue, match=r"'car' is lost .* Choose a part of it: 'car, part 1'"):
+        read_tracks(path, "car")
+    assert read_tracks(path, "car, part 2").ids[0] == "car, part 2"
+
+
+@pytest.mark.parametrize("pause", [0, 5, 21])
+def test_an_id_of_two_cars_makes_two_vehicles(tmp_path, pause):
+    first = drive("7", 90.0, 0.0, 25.0, ends=40)
+    second = drive("7", -150.0, 3.5, 25.0, 41 + pause)
+    tracks = read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *LEAD, *first, *second]), "ego")
+    assert tracks.ids == ("ego", "lead", "7, part 1", "7, part 2")
+    assert np.nanmin(tracks.states[..., 0]) >= -150.0
+    assert np.nanmax(tracks.states[..., 3]) == pytest.approx(25.0)
+    assert "'7' " in tracks.notes[0]
+
+
+def test_an_id_of_two_cars_at_once_is_left_out(tmp_path):
+    first, second = drive("7", 90.0), drive("7", -150.0, 3.5)
+    both = [first[n] if n % 2 else second[n] for n in range(101)]
+    tracks = read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *LEAD, *both]), "ego")
+    assert (tracks.ids, list(tracks.left_out)) == (("ego", "lead"), ["7"])
+    assert "may be that of several vehicles" in tracks.left_out["7"]
+
+
+def test_one_wrong_position_does_not_move_a_vehicle(tmp_path):
+    rows = drive("car", 40.0, 3.5)
+    rows[50] = ("car", 5.0, -1000.0, -1000.0)
+    tracks = read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *LEAD, *rows]), "ego")
+    assert tracks.ids == ("ego", "lead", "car, part 1", "car, part 3")
+    assert "jumps by" in tracks.notes[0]
+
+
+def test_a_car_that_brakes_hard_does_not_jump(tmp_path):
+    time_s = 0.5 * np.arange(21)
+    x_m = [60 + 30 * t - 4.5 * t**2 if t < 10 / 3 else 110.0 for t in time_s]
+    rows = [("car", t, x, 0.0) for t, x in zip(time_s, x_m, strict=True)]
+    tracks = read_tracks(write(tmp_path / "a.csv", [*drive("ego", speed=5.0), *rows]), "ego")
+    assert (tracks.ids, tracks.notes) == (("ego", "car"), ())
+
+
+@pytest.mark.parametrize(
+    ("scale", "words"),
+    [(1e3, "milliseconds"), (1e6, "microseconds"), (1e9, "nanoseconds"), (30.0, "3 s apart")],
+)
+def test_times_in_another_unit_are_refused_before_anything_is_allocated(tmp_path, scale, words):
+    rows = [(name, round(scale * t), x, y) for name, t, x, y in [*drive("ego"), *LEAD]]
+    with pytest.raises(InvalidValue, match=words):
+        read_tracks(write(tmp_path / "a.csv", rows), "ego")
+
+
+@pytest.mark.parametrize("ends_s", [2_000.0, 1e12, 1e308])
+def test_a_recording_of_more_steps_than_an_episode_is_refused(tmp_path, ends_s):
+    rows = [("ego", t, 0.02 * t if t < 1e7 else 0.0, 0.0) for t in (0.0, ends_s)]
+    with pytest.raises(InvalidValue, match=r"at most 10,000|reaches"):
+        read_tracks(write(tmp_path / "a.csv", [*rows, *LEAD]), "ego", longest_gap_s=1e309)
+
+
+@pytest.mark.parametrize(
+    "dialect",
+    [
+        lambda text: "\ufeff" + text,
+        lambda text: text.replace(",", ";"),
+        lambda text: text.replace(",", "\t"),
+        lambda text: text.replace(",", ", "),
+        lambda text: text.replace(",", " "),
+        lambda text: text.replace(HEADER[0], "ID").replace("x_m", " X_m ").replace("y_m", "Y_M"),
+        lambda text: text.replace("\n", "\r\n") + "\r\n\r\n",
+    ],
+)
+def test_dialects_of_csv_are_read_alike(tmp_path, dialect):
+    path = write(tmp_path / "a.csv", [*drive("ego"), *LEAD])
+    plain = read_tracks(path, "ego")
+    (tmp_path / "b.csv").write_text(dialect(path.read_text()), encoding="utf-8", newline="")
+    found = read_tracks(tmp_path / "b.csv", "ego")
+    assert np.array_equal(found.states, plain.states)
+    assert found.ids == plain.ids
+
+
+@pytest.mark.parametrize(
+    ("header", "words"),
+    [
+        ("frame,id,x,y,width,height,xVelocity", "its columns are frame, id, x, y, width"),
+        ("id,time,x_m,y_m", "columns time_s are missing.*Did you mean 'time'"),
+        ("0,1,2.5,3", "its first line has numbers"),
+        ("id,time_s,x_m,y_m,heading_deg", "heading_deg is not read, and column heading_rad"),
+        ("id,time_s,x_m,y_m,length", "length is not read, and column length_m"),
+        ("id,time_s,x_m,x_m,y_m", "two columns x_m"),
+    ],
+)
+def test_columns_that_do_not_fit_are_refused_by_name(tmp_path, header, words):
+    path = write(tmp_path / "a.csv", [*drive("ego"), *LEAD], header.split(","))
+    with pytest.raises(InvalidValue, match=words):
+        read_tracks(path, "ego")
+
+
+def test_other_columns_are_noted(tmp_path):
+    rows = [*drive("ego", more=(1, 2)), *drive("lead", 60.0, more=(1, 2))]
+    tracks = read_tracks(write(tmp_path / "a.csv", rows, (*HEADER, "lane", "Frame")), "ego")
+    assert tracks.notes == ("Columns that are not read: lane, Frame.",)
+
+
+@pytest.mark.parametrize(("line", "words"), [("a,1,5,2,3\n", "5 cells"), ("a;1,5;2;3\n", "comma")])
+def test_decimal_commas_are_named(tmp_path, line, words):
+    path = tmp_path / "a.csv"
+    path.write_text("id;time_s;x_m;y_m\n".replace(";", ";" if ";" in line else ",") + line)
+    with pytest.raises(InvalidValue, match=words):
+        read_tracks(path, "a")
+
+
+@pytest.mark.parametrize("size", [(0.0, 2.0), (5.0, -5.0), (450.0, 180.0), (5.0, 25.0)])
+def test_sizes_that_no_vehicle_has_are_refused(tmp_path, size):
+    rows = [*drive("ego", more=size), *drive("lead", 60.0, more=size)]
+    with pytest.raises(InvalidValue, match=r"(length|width)_m of vehicle .* must be above 0"):
+        read_tracks(write(tmp_path / "a.csv", rows, (*HEADER, "length_m", "width_m")), "ego")
+
+
+def test_places_that_are_not_on_earth_are_refused(tmp_path):
+    rows = [("far", 0.0, 1e308, 0.0), ("far", 0.5, -1e308, 0.0)]
+    with pytest.raises(InvalidValue, match=r"x_m of vehicle 'far' is 1e\+308"):
+        read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *LEAD, *rows]), "ego")
+
+
+def test_a_short_parquet_file_of_many_rows_is_refused(tmp_path, monkeypatch):
+    import pyarrow as pa
+    from pyarrow import parquet
+
+    monkeypatch.setattr(tracks_module, "COLUMNS", COLUMNS._replace(most_rows=1_000))
+    cells = {"id": ["a"] * 1_001, **{name: [0.0] * 1_001 for name in HEADER[1:]}}
+    parquet.write_table(pa.table(cells), tmp_path / "a.parquet")
+    with pytest.raises(InvalidValue, match="more than 1,000 rows"):
+        read_tracks(tmp_path / "a.parquet", "a")
+
+
+@pytest.mark.parametrize("name", ["pipe.csv", "pipe.parquet", "pipe.xml"])
+def test_a_pipe_is_refused_at_once(tmp_path, name):
+    os.mkfifo(tmp_path / name)
+    with pytest.raises(InvalidValue, match="not a regular file"):
+        read_tracks(tmp_path / name, "ego")
+
+
+def test_vehicles_are_left_out_on_purpose_by_name(tmp_path):
+    path = write_commonroad(tmp_path / "a.xml", ("1", 0.0, 0.0, 20.0), ("2", 30.0, 3.5, 15.0))
+    tracks = read_tracks(path, "1", without=["9"])
+    assert tracks.left_out == {}
+    with pytest.raises(UnknownName, match="'8'"):
+        read_tracks(path, "1", without=["8"])
+
+
+CARS = ("1", 0.0, 0.0, 20.0), ("2", 30.0, 3.5, 15.0), ("3", 90.0, 0.0, 20.0)
+
+
+def change_commonroad(tmp_path, *changes):
+    """A file of CARS with texts replaced, without the obstacle that has no state."""
+    path = write_commonroad(tmp_path / "a.xml", *CARS)
+    text = path.read_text().replace(
+        '<dynamicObstacle id="9"><type>car</type></dynamicObstacle>', ""
+    )
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text)
+    return path
+
+
+PARKED = f"""<staticObstacle id="7"><type>parkedVehicle</type><shape><rectangle><length>4</length>
+<width>1.8</width></rectangle></shape>{
+    STATE.format(tag="initialState", x=60.0, y=0.0, heading=0.1, step=0, speed=0.0)
+}</staticObstacle></commonRoad>"""
+
+
+def test_a_static_obstacle_stands_all_the_time(tmp_path):
+    tracks = read_tracks(change_commonroad(tmp_path, ("</commonRoad>", PARKED)), "1")
+    assert (tracks.ids, tracks.left_out) == (("1", "2", "3", "7"), {})
+    assert tracks.states[:, 3].tolist() == [[60.0, 0.0, 0.1, 0.0]] * 11
+    assert tracks.sizes[3].tolist() == [4.0, 1.8]
+
+
+def test_commonroad_2018b_is_read_like_2020a(tmp_path):
+    plain = read_tracks(change_commonroad(tmp_path, ("</commonRoad>", PARKED)), "1")
+    static = PARKED.replace('<staticObstacle id="7">', '<obstacle id="7"><role>static</role>')
+    path = change_commonroad(
+        tmp_path,
+        ("<dynamicObstacle id", "<obstacle_id"),
+        ("<type>car</type>", "<role>dynamic</role><type>car</type>"),
+        ("<obstacle_id", "<obstacle id"),
+        ("</dynamicObstacle>", "</obstacle>"),
+        ("</commonRoad>", static.replace("</staticObstacle>", "</obstacle>")),
+        ("<commonRoad ", '<commonRoad xmlns="http://c.org/2018" commonRoadVersion="2018b" '),
+    )
+    old = read_tracks(path, "1")
+    assert (old.ids, old.left_out) == (plain.ids, plain.left_out)
+    assert np.array_equal(old.states, plain.states)
+
+
+INTERVAL = "<velocity><intervalStart>14</intervalStart><intervalEnd>16</intervalEnd></velocity>"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        ("<velocity><exact>15.0</exact></velocity>", INTERVAL, "no velocity/exact"),
+        ("<y>3.5</y>", "", "no position/point/y"),
+        ("<y>3.5</y>", "<y>nan</y>", "is nan"),
+    ],
+)
+def test_an_uncertain_obstacle_is_left_out_alone(tmp_path, old, new, why):
+    tracks = read_tracks(change_commonroad(tmp_path, (old, new)), "1")
+    assert (tracks.ids, list(tracks.left_out)) == (("1", "3"), ["2"])
+    assert why in tracks.left_out["2"]
+
+
+def test_a_missing_velocity_follows_from_positions(tmp_path):
+    path = change_commonroad(tmp_path, ("<velocity><exact>15.0</exact></velocity>", ""))
+    tracks = read_tracks(path, "1")
+    assert tracks.left_out == {}
+    assert tracks.states[:, 1, 3] == pytest.approx(15.0)
+
+
+OTHERS = """<lanelet id="5"/><lanelet id="6"/><planningProblem id="100"/>
+<phantomObstacle id="8"/></commonRoad>"""
+
+
+def test_whatever_else_commonroad_has_is_named(tmp_path):
+    path = change_commonroad(
+        tmp_path,
+        ("</commonRoad>", OTHERS),
+        ("<commonRoad ", '<commonRoad comment="a" '),
+        ("</trajectory>", "</trajectory><signalSeries/>"),
+        ("<orientation>", "<acceleration/><orientation>"),
+    )
+    tracks = read_tracks(path, "1")
+    assert list(tracks.left_out) == ["8"]
+    said = " ".join(tracks.notes)
+    for name in ("'100'", "lanelet (2)", "signalSeries", "acceleration", "comment", "type"):
+        assert name in said
+    with pytest.raises(InvalidValue, match=r"'100' is not in .* planningProblem '100' is not read"):
+        read_tracks(path, "100")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("<commonRoad ", '<?xml version="1.0" encoding="foo"?><commonRoad ', "not XML.*foo"),
+        ("0.1", "1e300", "timeStepSize is '1e300'"),
+        ("<commonRoad ", '<commonRoad commonRoadVersion="2017a" ', "version .* is '2017a'"),
+        ("commonRoad", "OpenSCENARIO", "not CommonRoad XML, but has <OpenSCENARIO>"),
+        ("dynamicObstacle", "dynamicobstacle", "has no vehicle .* dynamicobstacle"),
+        ('<dynamicObstacle id="2">', '<dynamicObstacle id="1">', "two obstacles of the id '1'"),
+    ],
+)
+def test_commonroad_of_another_kind_is_refused_with_the_cause(tmp_path, old, new, words):
+    path = write_commonroad(tmp_path / "a.xml", *CARS)
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(InvalidValue, match=words):
+        read_tracks(path, "1")

@@ -273,7 +273,17 @@ HEAD = "track,time_s,dx_m,dy_m,seen_dx_m,seen_dy_m"
         (f"{HEAD}\n1,0.0,10\n", "row 2: only one of dx_m and dy_m"),
         ("", "are missing; it has none"),
         (f"{HEAD}\n", "log.csv: contains no rows"),
-        (f"{HEAD}\n".replace(",", ";"), "with commas between them"),
+        (f"{HEAD}\n".replace(",", ";"), "log.csv: contains no rows"),
+        (f"{HEAD}\n".replace(",", ":"), "its columns are track:time_s:dx_m"),
+        (f"{HEAD},heading\n", "column heading is not read, and column heading_rad is missing"),
+        (
+            f"{HEAD},heading_rad,seen_heading_rad\n1,0.0,10,0,10,0,179.2,181\n",
+            "row 2: heading_rad: 179.2 is beyond a turn, 2π. The headings seem to be in degrees",
+        ),
+        (
+            f"{HEAD},heading_rad,seen_heading_rad\n1,0.0,10,0,10,0,0.1,-999\n",
+            "row 2: seen_heading_rad: -999 is beyond a turn, 2π. It seems to mean that there is no",
+        ),
         (f"{HEAD},speed_mps\n", "column speed_mps is given, and column seen_speed_mps is missing"),
         (
             f"{HEAD},speed_mps,seen_speed_mps\n1,0.0,10,0,,,20,21\n",
@@ -296,7 +306,7 @@ def test_a_file_that_cannot_be_read_is_refused(tmp_path, name):
         read_log(tmp_path / name, 0.1)
 
 
-def test_csv_and_parquet_hold_the_same(tmp_path):
+def test_csv_and_parquet_and_csv_of_excel_hold_the_same(tmp_path):
     import pandas as pd
 
     table = pd.DataFrame(
@@ -314,7 +324,12 @@ def test_csv_and_parquet_hold_the_same(tmp_path):
     )
     table.to_csv(tmp_path / "log.csv", index=False)
     table.to_parquet(tmp_path / "log.parquet")
-    logs = [read_log(tmp_path / f"log.{kind}", 0.1) for kind in ("csv", "parquet")]
+    text = (tmp_path / "log.csv").read_text()
+    excel = "\ufeff" + text.replace(",", ";").replace("track", "Track ")
+    (tmp_path / "excel.csv").write_text(excel, encoding="utf-8")
+    files = ("log.csv", "log.parquet", "excel.csv")
+    logs = [read_log(tmp_path / file, 0.1) for file in files]
+    assert all(log.unread == ("sensor",) for log in logs)
     assert logs[0].channels == ("longitudinal", "lateral", "speed")
     for one, other in pairwise(logs):
         for field in msgspec.structs.fields(one):

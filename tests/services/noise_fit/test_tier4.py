@@ -1,6 +1,7 @@
 """Parameters of scenario_simulator_v2 become channels, and what has no counterpart is listed."""
 
 import copy
+import os
 
 import numpy as np
 import pytest
@@ -184,3 +185,54 @@ def test_a_file_that_has_no_parameters_is_refused(tmp_path, text, problem):
     file.write_text(text)
     with pytest.raises(InvalidValue, match=problem):
         import_noise(file, 0.1, 100.0, None)
+
+
+def rename(table, path, new):
+    """The table with a key at a path renamed."""
+    changed = copy.deepcopy(table)
+    inner = changed
+    for name in path[:-1]:
+        inner = inner[name]
+    inner[new] = inner.pop(path[-1])
+    return changed
+
+
+@pytest.mark.parametrize(
+    ("version", "table", "path", "new"),
+    [
+        (2, ELLIPTIC, ("distance", "standard_deviation"), "standard_devation"),
+        (2, ELLIPTIC, ("distance", "standard_deviation", "values"), "vaules"),
+        (2, ELLIPTIC, ("true_positive",), "true_positve"),
+        (2, ELLIPTIC, ("ellipse_y_radii",), "ellipse_radii"),
+        (2, ELLIPTIC, ("yaw_flip", "rate"), "rates"),
+        (4, {"all": LOCAL}, ("all", "position"), "positions"),
+        (4, {"all": LOCAL}, ("all", "position", "y", "standard_deviation"), "standard_deviaton"),
+    ],
+)
+def test_a_misspelt_parameter_is_refused_with_the_right_name(tmp_path, version, table, path, new):
+    with pytest.raises(UnknownName, match=f"'{new}'.*Did you mean '{path[-1]}'") as refused:
+        read(tmp_path, version, rename(table, path, new))
+    assert new in refused.value.field
+
+
+def test_a_misspelt_topic_parameter_is_refused(tmp_path):
+    with pytest.raises(UnknownName, match="Did you mean 'override_legacy_configuration'"):
+        read(tmp_path, 2, ELLIPTIC, override_legacy_configurations=True)
+
+
+def test_unknown_and_unused_parameters_are_left_out_by_name(tmp_path):
+    table = rename(LOCAL, ("yaw",), "rotation") | {"colour": 3}
+    imported = read(tmp_path, 4, {"all": table, "none": {}}, config="all", seed=3, vehicles=[1])
+    said = " ".join(imported.left_out)
+    for name in ("all.rotation: is not", "all.colour: is not", "v4.none: is another"):
+        assert f"noise.v4.{name}".replace("v4.v4", "v4") in said
+    assert "seed: " in said
+    assert "vehicles: is not known" in said
+    assert "every.heading" not in list_by_name(imported)
+
+
+@pytest.mark.parametrize("name", ["/dev/zero", "pipe.yaml"])
+def test_parameters_are_read_from_a_regular_file_alone(tmp_path, name):
+    os.mkfifo(tmp_path / "pipe.yaml")
+    with pytest.raises(InvalidValue, match="not a regular file"):
+        import_noise(tmp_path / name, 0.1, 100.0, None)

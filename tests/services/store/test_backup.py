@@ -331,7 +331,8 @@ def test_what_is_no_backup_is_refused(filled, tmp_path, programs) -> None:
     content = (tmp_path / "backup").read_bytes()
     halved.write_bytes(content[: len(content) // 2])
     (tmp_path / "text").write_text("not a database at all, whatever its name says" * 100)
-    for file in (other, halved, tmp_path / "text", tmp_path / "none"):
+    os.mkfifo(tmp_path / "pipe")
+    for file in (other, halved, tmp_path / "text", tmp_path / "none", tmp_path / "pipe"):
         with pytest.raises(InvalidValue, match="is not an eigenfail backup"):
             restore(filled, file, force=True)
     assert completed(filled) == 2

@@ -327,6 +327,15 @@ def test_scenario_suite_with_traffic(
         check(ReactiveBent(change, **changes))
 
 
+def test_scenario_suite_finds_vehicles_that_are_left_out(small_cut_in: Any) -> None:
+    class Partial(type(small_cut_in)):
+        left_out = ("'7': It has no rectangle.",)
+
+    scenarios.leaves_no_vehicle_out(small_cut_in)
+    with pytest.raises(AssertionError, match=r"1 of the vehicles. '7': It has no rectangle"):
+        scenarios.leaves_no_vehicle_out(Partial())
+
+
 @pytest.mark.parametrize(("check", "change"), SCENARIO_BREACHES)
 def test_scenario_suite(
     check: Callable[[Any], None], change: Callable[[Any, int], Any], bend: Any, small_cut_in: Any
