@@ -134,6 +134,9 @@ def confirmed(pool: EpisodePool, _seed: int) -> Iterator[tuple[str, Figure]]:
     yield "cut_in.true_failures.p_fail_at_least", least
 
 
+STORED_COMMAND = "none: measured once outside the project; make claims repeats the stored counts"
+
+
 def plain_monte_carlo(_crew: EpisodePool, _seed: int) -> Iterator[tuple[str, Figure]]:
     """P(failure) of `rulebook` at the defaults of `cut_in`, with its exact 95 % interval."""
     share = binomtest(PLAIN_FAILURES, PLAIN_EPISODES)
@@ -143,7 +146,7 @@ def plain_monte_carlo(_crew: EpisodePool, _seed: int) -> Iterator[tuple[str, Fig
         unit="probability",
         n=PLAIN_EPISODES,
         interval=(float(ends.low), float(ends.high)),
-        command=COMMAND,
+        command=STORED_COMMAND,
         note=f"{PLAIN_FAILURES} failures; {PLAIN}",
     )
     yield "cut_in.rulebook.plain_monte_carlo.p_fail", found

@@ -234,44 +234,46 @@ often, sooner, and in more different ways: searches with less likely failures ar
 likelihood alone. In scenarios densities are of errors in metres, which are within 1 nat a step of
 those of z."""
 
-NOISE_LEVEL = 0.05
-"""Two searches are within noise of each other where the one-sided test of Mann and Whitney (1947)
-over the seeds does not reach this level."""
+LEVEL = 0.05
+"""Level of the one-sided test of Mann and Whitney (1947) over the seeds, at which one search is
+shown to be better than another."""
 
 
 def compare_searches(figures: Mapping[str, Figure]) -> Iterator[tuple[str, Figure]]:
     """Yield the figures that compare the searches of eigenfail with those of other tools."""
     yield from count_points(figures)
-    yield from find_best_share(figures)
+    yield from count_cells(figures)
 
 
-def find_best_share(figures: Mapping[str, Figure]) -> Iterator[tuple[str, Figure]]:
-    """Figure of how often a method of eigenfail is the best search, or within noise of the best.
+def count_cells(figures: Mapping[str, Figure]) -> Iterator[tuple[str, Figure]]:
+    """Figures of where the best search of eigenfail is shown to be better than the best other one.
 
-    Each cell is a place and a measure.
+    Each cell is a place and a measure. The best of each side is that of the best median, of the
+    same seeds as are then tested: with more searches on one side, its best is luckier.
     """
-    won, lost = [], []
+    cells: dict[str, list[str]] = {"better": [], "worse": [], "undecided": []}
     for place, measure in product(COMPARED, MEASURES):
         ours, theirs = (
             list_comparable(figures, place, measure, names) for names in (SEARCHES, OTHERS)
         )
         if ours and theirs:
-            is_best = compare_best(max(ours, key=np.median), max(theirs, key=np.median))
-            (won if is_best else lost).append(f"{place} {measure}")
-    if won or lost:
-        share = len(won) / len(won + lost)
-        note = f"not the best: {', '.join(lost) or 'nowhere'}"
+            outcome = compare_best(max(ours, key=np.median), max(theirs, key=np.median))
+            cells[outcome].append(f"{place} {measure}")
+    n = sum(map(len, cells.values()))
+    for outcome, found in cells.items() if n else ():
+        note = f"of the cells (a place and a measure): {', '.join(found) or 'none'}"
         yield (
-            "search.best_share",
-            Figure(value=share, unit="share", n=len(won + lost), note=note, command=COMMAND),
+            f"search.cells.{outcome}",
+            Figure(value=len(found), unit="cells", n=n, note=note, command=COMMAND),
         )
 
 
-def compare_best(ours: Sequence[float], theirs: Sequence[float]) -> bool:
-    """Return whether our best is as good as the best of others, or within noise of it."""
-    if np.median(ours) >= np.median(theirs):
-        return True
-    return bool(mannwhitneyu(theirs, ours, alternative="greater").pvalue > NOISE_LEVEL)
+def compare_best(ours: Sequence[float], theirs: Sequence[float]) -> str:
+    """Return whether our values are shown to be better or worse than others, or "undecided"."""
+    for outcome, larger, smaller in (("better", ours, theirs), ("worse", theirs, ours)):
+        if mannwhitneyu(larger, smaller, alternative="greater").pvalue <= LEVEL:
+            return outcome
+    return "undecided"
 
 
 def list_comparable(

@@ -45,7 +45,7 @@ from eigenfail.values import (
     Interval,
 )
 from eigenfail_services.statistics.intervals import rate
-from eigenfail_services.statistics.pooled_estimate import explain_missing_runs, pool_simulations
+from eigenfail_services.statistics.pooled_estimate import estimate_ended
 from eigenfail_services.statistics.subset_simulation import SubsetSettings, simulate_subsets
 
 Array = NDArray[np.float64]
@@ -165,11 +165,8 @@ def run_subset(toy: Toy, robustness: Robustness, seed: int) -> Run:
         return values
 
     done = simulate_subsets(count, (toy.steps, 2), toy.episodes, SubsetSettings(), seed)
-    found = [one.result for one in done.runs if one.result is not None]
-    wide = done.wide.estimate if done.wide else None
-    ran = done.trajectories_run
-    told = pool_simulations(found, ran, wide) if found else explain_missing_runs(done)
-    return Counts(toy.episodes, ran, failures), told
+    told = estimate_ended(done)
+    return Counts(toy.episodes, told.episodes, failures), told
 
 
 RUNS: dict[str, Callable[[Toy, Robustness, int], Run]] = {

@@ -189,7 +189,7 @@ TRIALS = (
         )
         for place, (name, peer) in product(PLACES, PEERS.items())
     ),
-    Trial(("intervals.", "mixture_over_subset"), intervals.find_figures),
+    Trial(("intervals.",), intervals.find_figures),
     Trial(
         ("subset_over_openturns",),
         openturns_beside.find_figures,

@@ -69,13 +69,14 @@ def test_searches_that_continue_episodes_run_on_roads_alone():
 def test_causes_and_samplers_of_optuna_are_compared_on_the_drive():
     from figures import Figure
     from learning_figures import of_seeds
-    from peers import find_best_share
+    from peers import count_cells
 
     def make(name, *values) -> dict[str, Figure]:
         return {f"search.highway_drive.{name}.causes": of_seeds(values, "causes", 100)}
 
     ours, theirs = make("go_explore", 2, 2, 2, 2, 2), make("optuna_tpe", 4, 4, 4, 4, 4)
-    ((_, figure),) = find_best_share(ours | theirs)
-    assert (figure.value, figure.note) == (0.0, "not the best: highway_drive causes")
-    ((_, figure),) = find_best_share(ours | theirs | make("cma", 5, 5, 5, 5, 5))
-    assert (figure.value, figure.n) == (1.0, 1)
+    worse = dict(count_cells(ours | theirs))["search.cells.worse"]
+    assert (worse.value, worse.n) == (1, 1)
+    assert worse.note.endswith(": highway_drive causes")
+    better = dict(count_cells(ours | theirs | make("cma", 5, 5, 5, 5, 5)))["search.cells.better"]
+    assert (better.value, better.n) == (1, 1)

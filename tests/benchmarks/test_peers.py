@@ -102,44 +102,53 @@ def make_seeds(place, name, measure, *values):
     return {f"search.{place}.{name}.{measure}": figure}
 
 
-def test_the_best_share_is_over_cells_and_allows_for_noise_between_seeds():
-    from peers import find_best_share
+def count_outcomes(*figures):
+    from peers import count_cells
 
-    def find(*figures):
-        (found,) = find_best_share({name: one for each in figures for name, one in each.items()})
-        return found[1].value, found[1].n, found[1].note
+    found = dict(count_cells({name: one for each in figures for name, one in each.items()}))
+    return {name.rpartition(".")[2]: figure.value for name, figure in found.items()}
 
-    better = make_seeds("walk", "held", "failures", *range(20, 30))
+
+def test_cells_are_better_or_worse_only_where_a_test_shows_it():
+    ours = make_seeds("walk", "held", "failures", *range(20, 30))
     worse = make_seeds("walk", "pycma", "failures", *range(10, 20))
-    assert find(better, worse) == (1.0, 1, "not the best: nowhere")
     better = make_seeds("walk", "pycma", "failures", *range(30, 40))
-    assert find(make_seeds("walk", "held", "failures", *range(20, 30)), better) == (
-        *(0.0, 1),
-        "not the best: walk failures",
-    )
-    alike = make_seeds("walk", "pycma", "failures", *range(21, 31))
-    assert find(make_seeds("walk", "held", "failures", *range(20, 30)), alike)[0] == 1.0
-    assert list(find_best_share(alike)) == [], "nothing of ours was measured"
-    # Earlier is better, and a seed without a failure is the worst.
+    alike = make_seeds("walk", "pycma", "failures", *range(19, 29))
+    assert count_outcomes(ours, worse) == {"better": 1, "worse": 0, "undecided": 0}
+    assert count_outcomes(ours, better) == {"better": 0, "worse": 1, "undecided": 0}
+    assert count_outcomes(ours, alike) == {"better": 0, "worse": 0, "undecided": 1}
+    assert count_outcomes(alike) == {}, "nothing of ours was measured"
+
+
+def test_a_better_median_alone_is_no_success():
+    ours = make_seeds("walk", "held", "failures", 5, 6, 7)
+    theirs = make_seeds("walk", "pycma", "failures", 4, 6, 6)
+    assert count_outcomes(ours, theirs)["undecided"] == 1
+
+
+def test_earlier_is_better_and_a_seed_without_a_failure_is_the_worst():
     early = make_seeds("walk", "held", "first_failure", 3, 4, 5, 6, 7)
     late = make_seeds("walk", "pycma", "first_failure", 1, None, None, None, None)
-    assert find(early, late)[0] == 1.0
+    assert count_outcomes(early, late)["worse"] == 0
+    assert count_outcomes(early, make_seeds("walk", "pycma", "first_failure", *[None] * 5)) == {
+        "better": 1,
+        "worse": 0,
+        "undecided": 0,
+    }
 
 
 @pytest.mark.parametrize("measure", ["failures", "distance", "regions"])
 def test_searches_count_where_their_failures_are_likely_enough(measure):
-    from peers import find_best_share
-
     def make(name, value, log_p):
         return make_seeds("walk", name, measure, *[value] * 5) | make_seeds(
             "walk", name, "log_p_per_step", *[log_p] * 5
         )
 
     ours = make("held", 1.5, -3.0)
-    for log_p, share in ((-17.0, 0.5), (-18.0, 1.0)):
-        ((_, figure),) = find_best_share(ours | make("pycma", 1e6, log_p))
+    for log_p, worse in ((-17.0, 1), (-18.0, 0)):
+        found = count_outcomes(ours, make("pycma", 1e6, log_p))
         # The other cell is that of log p, in which ours is the best.
-        assert (figure.value, figure.n) == (share, 2 if share < 1.0 else 1)
+        assert found == {"better": 1, "worse": worse, "undecided": 0}
 
 
 def test_the_counts_in_the_claims_are_those_of_the_points_in_them():

@@ -16,6 +16,8 @@ from eigenfail_services.statistics.mixture_sampling import (
     MixtureSampling,
     fit_tail,
 )
+from eigenfail_services.statistics.pooled_estimate import estimate_ended, estimate_from_draws
+from eigenfail_services.statistics.subset_simulation import PlainDraws, SubsetSimulation
 
 BY = "mixture sampling"
 
@@ -97,7 +99,7 @@ class MixtureMethod(BatchLearner[MixtureSampling]):
             problem = "Not known before the last draws are completed, on which it rests alone."
             return _refuse(episodes, problem) if episodes else None
         if result is None:
-            return _refuse(episodes, _explain_early_end(simulation, self._context.episodes))
+            return _hand_on(simulation)
         return judge_result(result, episodes, self._context.channels * self._context.horizon)
 
 
@@ -156,19 +158,36 @@ def _describe_errors(result: MixtureResult) -> str:
     return f" {result.errored} of the {result.draws} last draws errored, and count as no failure."
 
 
-def _explain_early_end(simulation: MixtureSampling, budget: int) -> str:
+def _hand_on(simulation: MixtureSampling) -> Estimate:
+    """Return the estimate of the method that had the rest of the budget, with the reason."""
+    refused = _refuse(simulation.episodes_run, _explain_early_end(simulation))
+    successor = simulation.successor
+    if isinstance(successor, PlainDraws) and successor.counts:
+        return estimate_from_draws(refused, successor.counts)
+    if not isinstance(successor, SubsetSimulation):
+        return refused
+    told = estimate_ended(successor)
+    why = f"Mixture sampling gave no number. {refused.problem}"
+    return msgspec.structs.replace(
+        told,
+        episodes=refused.episodes + told.episodes,
+        problem=f"{why} {told.problem}" if told.problem else "",
+        note=f"{told.note} {why}" if told.note else "",
+    )
+
+
+def _explain_early_end(simulation: MixtureSampling) -> str:
     """Return why no mixture was fitted."""
     if not simulation.episodes_run:
         return "Every episode errored: correct what raised."
     if not simulation.are_failures_rare:
         return (
-            f"Failures are not rare: it ended after {simulation.episodes_run} of {budget} "
-            "episodes. Take method monte_carlo."
+            f"Failures are not rare in its first {simulation.episodes_run} episodes: take method "
+            "monte_carlo."
         )
     return (
-        f"Noise of one to four sigma met {simulation.found_failures} failures, and "
-        f"{FEWEST_FAILURES} are needed: it ended after {simulation.episodes_run} of {budget} "
-        f"episodes. {TAKE_SUBSET}, or give it more episodes."
+        f"Noise of one to four sigma met {simulation.found_failures} failures in its first "
+        f"{simulation.episodes_run} episodes, and {FEWEST_FAILURES} are needed."
     )
 
 

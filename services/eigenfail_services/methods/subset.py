@@ -18,8 +18,8 @@ from eigenfail_services.methods.batch_learner import (
 )
 from eigenfail_services.statistics.conditional_sampler import Chains
 from eigenfail_services.statistics.pooled_estimate import (
+    estimate_ended,
     estimate_unfinished,
-    explain_missing_runs,
     pool_simulations,
     refuse_estimate,
 )
@@ -103,11 +103,7 @@ class SubsetMethod(BatchLearner[SubsetSimulation]):
         simulation = self._driver.simulation
         if not self._driver.is_done:
             return estimate_unfinished(simulation, self._is_spent)
-        found = [one.result for one in simulation.runs if one.result is not None]
-        if not found:
-            return explain_missing_runs(simulation)
-        wide = simulation.wide.estimate if simulation.wide else None
-        return pool_simulations(found, simulation.trajectories_run, wide)
+        return estimate_ended(simulation)
 
 
 def start_simulation(context: LearnerContext, settings: SubsetSettings) -> SubsetSimulation:

@@ -31,6 +31,41 @@ def clopper_pearson(k: int, n: int) -> Interval:
     return Interval(low, float(betaincinv(k + 1, n - k, 1.0 - tail)) if k < n else 1.0)
 
 
+def bound_stated_share(k: int, n: int, most: int) -> Interval:
+    """Return an interval of a probability that is stated only because an event was seen.
+
+    Where an event is unlikely in n trials, a share is stated rarely, and then it is too large. So
+    the lower end is exact given at least one event: the p at which P(k or more | 1 or more) is
+    2.5 %. One event alone excludes no p; its lower end is that of `clopper_pearson`, which fails
+    only where fewer than one in forty such trials have an event. The upper end is that of
+    `clopper_pearson`, which holds at least as often given an event.
+
+    Args:
+        k: number of events, at least 1.
+        n: number of trials.
+        most: number of events if each trial without a result was one.
+    """
+    from scipy.special import betainc  # imported late: the API starts sooner without it
+
+    low, high = clopper_pearson(k, n).low, clopper_pearson(most, n).high
+    tail = ERROR / 2.0
+
+    def is_unlikely(p: float) -> bool:
+        return bool(betainc(k, n - k + 1, p) <= tail * betainc(1, n, p))
+
+    return Interval(_find_end(is_unlikely, 0.0, low) if k > 1 else low, high)
+
+
+def bound_unseen(k: int, n: int) -> float:
+    """Return the exact one-sided upper bound of 95 % of a probability after k events in n trials.
+
+    Source: Clopper and Pearson 1934, Biometrika 26, 404–413.
+    """
+    from scipy.special import betaincinv  # imported late: the API starts sooner without it
+
+    return float(betaincinv(k + 1, n - k, 1.0 - ERROR)) if k < n else 1.0
+
+
 PRIOR = 0.5
 """Both parameters of the mixing Beta distribution of `confidence_sequence`: near 0 and 1, where
 failures are rare or the rule, its sets are narrower than those of the uniform distribution."""

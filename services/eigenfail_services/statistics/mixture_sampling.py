@@ -9,6 +9,8 @@ and each keeps its region. A mixture of normals is fitted to their ends, refitte
 weighted failures that were drawn from it, and then stands still: the estimate rests on the last
 draws alone, which are draws of one q. It is unbiased; an episode that errored counts as no failure.
 The draws are stratified by component, and their variance is estimated as that of independent ones.
+Where no mixture is fitted, the rest of the budget goes to another estimator. Its draws are new, so
+that neither its estimate nor its interval depends on why it was called.
 
 Sources: Owen and Zhou 2000, J. Am. Stat. Assoc. 95, 135–143 (mixtures, defensive components);
 Veach and Guibas 1995 (the balance heuristic, for the weights of the refits); Cotter et al. 2013,
@@ -33,6 +35,11 @@ from eigenfail_services.statistics.gaussian_mixture import (
 )
 from eigenfail_services.statistics.subset_estimate import (
     count_effective,
+)
+from eigenfail_services.statistics.subset_simulation import (
+    PlainDraws,
+    SubsetSettings,
+    SubsetSimulation,
 )
 
 Mask = NDArray[np.bool_]
@@ -70,6 +77,9 @@ FIRST_MIXTURE_SHARE = 0.2
 """Share of the first mixture in the later ones, so that no refit loses a region."""
 
 TEMPERING = 0.8
+
+SUCCESSOR = 1
+"""What the seed of the next estimator has besides that of this one."""
 
 
 class ProposalDraws(NamedTuple):
@@ -159,6 +169,8 @@ class MixtureSampling:
         found_failures: failures of the noise at all scales; None before all of it was run.
         are_failures_rare: whether fewer draws of p(z) failed than make a search worthwhile.
         result: what the last draws say; None before the end, and where no mixture was fitted.
+        successor: estimator that has the rest of the budget where no mixture was fitted: subset
+            simulation; plain draws where failures are not rare or the rest is too small for it.
     """
 
     def __init__(
@@ -168,12 +180,14 @@ class MixtureSampling:
         self._size = prod(shape)
         self._budget = budget
         self._components = components
+        self._seed = tuple(seed)
         self._rng = np.random.default_rng([*seed])
         self._requested = 0
         self.episodes_run = 0
         self.found_failures: int | None = None
         self.are_failures_rare = True
         self.result: MixtureResult | None = None
+        self.successor: SubsetSimulation | PlainDraws | None = None
 
     def run(self) -> Requests:
         """Find the regions, fit the mixture, and draw from it. To be called once."""
@@ -181,6 +195,9 @@ class MixtureSampling:
         failures = np.concatenate([draws.z[draws.failed] for draws in wide])
         self.found_failures = len(failures)
         if len(failures) < FEWEST_FAILURES or not self.are_failures_rare:
+            if self.episodes_run:
+                self.successor = self._choose_successor(self._budget - self._requested)
+                yield from self.successor.run()
             return
         ends = yield from self._move_chains(failures)
         prior, scaled = make_prior_proposal(self._size), make_scaled_proposal(self._size, scale)
@@ -197,6 +214,12 @@ class MixtureSampling:
         count = self._budget - self._requested
         last = yield from self._draw(mixture, count)
         self.result = make_result(last, count, ends[held_out])
+
+    def _choose_successor(self, left: int) -> SubsetSimulation | PlainDraws:
+        settings, seed = SubsetSettings(), (*self._seed, SUCCESSOR)
+        if self.are_failures_rare and left >= settings.count_fewest_trajectories():
+            return SubsetSimulation(self._shape, left, settings, seed)
+        return PlainDraws(left, self._shape, seed)
 
     def _draw(
         self, proposal: MixtureProposal, count: int

@@ -11,12 +11,17 @@ Source: Cérou and Guyader 2007, Stochastic Analysis and Applications 25 (2), 41
 Bréhier, Gazeau, Goudenège, Lelièvre and Rousset 2016, Annals of Applied Probability 26 (6),
 3559–3601 (theorem 4.1).
 
-The error that a single run states is too small wherever the importance function is imperfect: its
-episodes descend from few. The differences between several independent runs show the error.
+The failures at the end descend from few of the first episodes. Those that descend from one first
+episode are a family. Families are nearly independent, so that their effective number E, over all
+runs, gives an error of sqrt(1 / E) (Lee and Whiteley 2018, Biometrika 105, 609–625). The
+differences between the runs give an error too. Either is too small where the importance function is
+imperfect: where all of a few skewed runs missed what is rare, estimate and errors are too small
+together. So both are added up, which makes the interval too wide, by a factor of up to sqrt(2) on
+the scale of logarithms, where the importance is good.
 """
 
 from collections.abc import Sequence
-from math import ceil, exp, inf, log1p, sqrt
+from math import ceil, exp, hypot, inf, log1p, sqrt
 from statistics import fmean, stdev
 from typing import NamedTuple
 
@@ -24,6 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.values import Floats
+from eigenfail_services.statistics.batches import Array
+from eigenfail_services.statistics.subset_estimate import count_effective
 
 
 class SplittingCounts(NamedTuple):
@@ -50,12 +57,14 @@ class SplittingWave(NamedTuple):
         z: noise of those that replace them, shape (m, steps, channels).
         courses: courses of the episodes that they continue, up to the step at which these exceeded
             the level, and constant from there on; shape (m, steps).
+        families: families of the episodes that they continue, shape (m,).
     """
 
     level: float
     rows: NDArray[np.intp]
     z: Floats
     courses: Floats
+    families: NDArray[np.int64]
 
 
 class SplittingRun:
@@ -68,6 +77,7 @@ class SplittingRun:
         z: noise of the present episodes, shape (n, steps, channels), float32.
         courses: largest importance so far after each step, shape (n, steps), float32; infinite from
             the collision on.
+        families: number of the first episode from which each one descends, shape (n,).
         counts: other numbers of the state.
         wave: episodes to be run next; None after the end.
         probability: estimate of P(failure); None before the end.
@@ -86,13 +96,20 @@ class SplittingRun:
         self.counts = SplittingCounts()
         self.probability: float | None = None
         rows = np.arange(shape[0])
+        self.families: NDArray[np.int64] = rows.astype(np.int64)
         self.wave: SplittingWave | None = SplittingWave(
-            -inf, rows, self._draw_noise(len(rows)), self.courses.copy()
+            -inf, rows, self._draw_noise(len(rows)), self.courses.copy(), self.families.copy()
         )
 
-    def restore(self, z: Floats, courses: Floats, counts: SplittingCounts) -> None:
+    def restore(
+        self,
+        z: Floats,
+        courses: Floats,
+        families: NDArray[np.int64],
+        counts: SplittingCounts,
+    ) -> None:
         """Go on from a state."""
-        self.z, self.courses, self.counts = z, courses, counts
+        self.z, self.courses, self.families, self.counts = z, courses, families, counts
         if counts.waves:
             self.wave = self._choose_wave()
 
@@ -108,6 +125,7 @@ class SplittingRun:
         if wave is None:
             raise ValueError("the run has ended")
         self.z[wave.rows], self.courses[wave.rows] = wave.z, wave.courses
+        self.families[wave.rows] = wave.families
         for row, importance, collided in zip(wave.rows, importances, failed, strict=True):
             if importance is not None:
                 self.courses[row] = make_course(importance, collided, self.courses.shape[1])
@@ -142,7 +160,19 @@ class SplittingRun:
         is_common = np.arange(courses.shape[1]) <= crossing[:, None]
         reached = courses[np.arange(len(rows)), crossing]
         z = np.where(is_common[:, :, None], self.z[parents], self._draw_noise(len(rows)))
-        return SplittingWave(level, rows, z, np.where(is_common, courses, reached[:, None]))
+        courses = np.where(is_common, courses, reached[:, None])
+        return SplittingWave(level, rows, z, courses, self.families[parents])
+
+    def divide_by_families(self) -> Array | None:
+        """Return the part of `probability` that descends from each first episode, shape (n,).
+
+        None before the end.
+        """
+        if self.probability is None:
+            return None
+        failures = self.families[self.courses[:, -1] == inf]
+        counts = np.bincount(failures, minlength=len(self.z))
+        return self.probability * counts / max(len(failures), 1)
 
     def _draw_noise(self, n: int) -> Floats:
         random = np.random.default_rng([*self._seed, self.counts.waves, NOISE])
@@ -174,19 +204,29 @@ class PooledRuns(NamedTuple):
 
     Attributes:
         probability: mean of their estimates, those of runs that died out among them, which are 0.
-        cv: coefficient of variation of that mean, from the differences between the runs; infinite
-            without a failure.
+        cv: coefficient of variation of that mean, with the variance that the families state and
+            that which the differences between the runs state; infinite without a failure.
+        families: effective number of the families of the failures, over all runs.
         reached: number of runs that reached failures.
     """
 
     probability: float
     cv: float
+    families: float
     reached: int
 
 
-def pool_runs(probabilities: Sequence[float]) -> PooledRuns:
-    """Return the mean of the estimates of at least two independent runs, with its variation."""
-    mean = fmean(probabilities)
-    deviation = stdev(probabilities) / sqrt(len(probabilities))
-    reached = sum(one > 0.0 for one in probabilities)
-    return PooledRuns(mean, deviation / mean if mean else inf, reached)
+def pool_runs(parts: Sequence[Array]) -> PooledRuns:
+    """Return the mean of the estimates of at least two independent runs, with its variation.
+
+    Args:
+        parts: part of each run's estimate that descends from each of its first episodes.
+    """
+    found = [float(one.sum()) for one in parts]
+    mean = fmean(found)
+    if not mean:
+        return PooledRuns(0.0, inf, 0.0, 0)
+    apart = stdev(found) / sqrt(len(found)) / mean
+    families = count_effective(np.concatenate(parts))
+    reached = sum(one > 0.0 for one in found)
+    return PooledRuns(mean, hypot(apart, sqrt(1.0 / families)), families, reached)

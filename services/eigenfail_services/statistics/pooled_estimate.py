@@ -11,7 +11,12 @@ from math import fsum, hypot, inf, log, log1p, prod, sqrt
 from statistics import stdev
 
 from eigenfail.values import Estimate, Interval
-from eigenfail_services.statistics.intervals import find_quantile, log_normal
+from eigenfail_services.statistics.intervals import (
+    bound_stated_share,
+    bound_unseen,
+    find_quantile,
+    log_normal,
+)
 from eigenfail_services.statistics.subset_estimate import (
     SubsetEnd,
     SubsetEstimate,
@@ -19,6 +24,7 @@ from eigenfail_services.statistics.subset_estimate import (
 )
 from eigenfail_services.statistics.subset_simulation import (
     FEWEST_SAMPLES,
+    PlainCounts,
     SubsetSimulation,
     WideEstimate,
 )
@@ -44,7 +50,11 @@ def pool_estimates(estimates: Sequence[Estimate]) -> Estimate:
         if one.probability is None:
             problem = f"Member {number}: {one.problem}"
             return Estimate(by=one.by, episodes=episodes, problem=problem)
-    known = [(e.probability, e.cv, inf) for e in estimates if e.probability and e.cv is not None]
+    known = [
+        (one.probability, one.cv, one.effective or inf)
+        for one in estimates
+        if one.probability and one.cv is not None
+    ]
     if disagree(known):
         probabilities = ", ".join(f"{one.probability:.1e}" for one in estimates)
         problem = (
@@ -56,13 +66,14 @@ def pool_estimates(estimates: Sequence[Estimate]) -> Estimate:
     probability = sum(p * weight for p, weight in zip(found, weights, strict=True))
     cv = combine_cvs(found, weights, [one.cv for one in estimates])
     bounded = any(one.bound for one in estimates)
+    effective = _sum_known([one.effective for one in estimates])
     return Estimate(
         by=estimates[0].by,
         episodes=episodes,
         probability=probability,
         cv=cv,
-        interval=None if cv is None or bounded else log_normal(probability, cv),
-        effective=_sum_known([one.effective for one in estimates]),
+        interval=None if cv is None or bounded else log_normal(probability, cv, effective or inf),
+        effective=effective,
         note=" ".join(dict.fromkeys(one.note for one in estimates if one.note)),
         bound="lower" if bounded else None,
     )
@@ -104,6 +115,8 @@ def _sum_known(sizes: Sequence[float | None]) -> float | None:
 
 
 SUBSET_SIMULATION = "subset simulation"
+
+MONTE_CARLO = "Monte Carlo"
 
 FEW_SAMPLES = 2000
 """On each level; with no more, on a world with rare lineages, the truth was missed 300-fold."""
@@ -261,12 +274,57 @@ def estimate_unfinished(simulation: SubsetSimulation, spent: bool) -> Estimate |
     return None
 
 
-def explain_missing_runs(simulation: SubsetSimulation) -> Estimate:
-    """Return the estimate of a simulation that ended with its first run, with the reason."""
+def estimate_ended(simulation: SubsetSimulation) -> Estimate:
+    """Return the estimate of a simulation that has ended."""
+    found = [one.result for one in simulation.runs if one.result is not None]
+    if not found:
+        return _explain_missing_runs(simulation)
+    wide = simulation.wide.estimate if simulation.wide else None
+    return pool_simulations(found, simulation.trajectories_run, wide)
+
+
+def _explain_missing_runs(simulation: SubsetSimulation) -> Estimate:
+    """Return the estimate of a simulation that ended with its first run, with the reason.
+
+    It is that of the plain draws that followed, if there were any.
+    """
     first, end = simulation.first, simulation.end
     fewer = f" Set samples to {max(first.draws // 2, FEWEST_SAMPLES)}." * (end is SubsetEnd.CUT)
     problem = f"{_describe_miss(end, first.levels)}{fewer}"
-    return refuse_estimate(simulation.trajectories_run, problem)
+    refused = refuse_estimate(simulation.trajectories_run, problem)
+    counts = simulation.plain.counts if simulation.plain else None
+    return estimate_from_draws(refused, counts) if counts else refused
+
+
+def estimate_from_draws(refused: Estimate, counts: PlainCounts) -> Estimate:
+    """Return the estimate of plain draws that followed a refusal, with its reason.
+
+    Errored draws count as no failure in the estimate, and as failures in the upper end.
+
+    Args:
+        refused: the estimate that has no number.
+        counts: draws of p(z) whose number was fixed before the first of them.
+    """
+    draws, failures, errored = counts
+    episodes = refused.episodes + draws - errored
+    what = f"{draws} episodes that were left, drawn from the disturbance model"
+    lost = f" {errored} of these errored, and count as failures in the bound." if errored else ""
+    if not failures:
+        problem = (
+            f"{refused.problem} None of the {what}, failed: P is at most "
+            f"{bound_unseen(errored, draws):.1e} with 95 % confidence.{lost}"
+        )
+        return Estimate(by=refused.by, episodes=episodes, problem=problem)
+    share = failures / draws
+    return Estimate(
+        by=MONTE_CARLO,
+        episodes=episodes,
+        probability=share,
+        cv=sqrt((1.0 - share) / failures),
+        interval=bound_stated_share(failures, draws, failures + errored),
+        note=f"The share of failures among the {what}.{lost} {refused.by.capitalize()} gave no "
+        f"number. {refused.problem}",
+    )
 
 
 def _describe_miss(end: SubsetEnd | None, levels: Sequence[SubsetLevel]) -> str:

@@ -299,6 +299,53 @@ class WideNoise:
         self.estimate = WideEstimate(float(shares.sum()), float(rest))
 
 
+class PlainDraws:
+    """Draws of p(z) with what is left of a budget, after an estimator that gave no number.
+
+    They are new, and their number was fixed before the first of them: their share of failures is
+    unbiased, whatever the estimator found.
+
+    Attributes:
+        counts: what became of them; None before the end.
+
+    Args:
+        draws: number of draws.
+        shape: steps and channels of the noise.
+        seed: seed of every draw.
+    """
+
+    def __init__(self, draws: int, shape: NoiseShape, seed: Sequence[int]) -> None:
+        self._draws = draws
+        self._shape = shape
+        self._rng = np.random.default_rng([*seed])
+        self.counts: PlainCounts | None = None
+
+    def run(self) -> Requests:
+        """Draw all trajectories, a part at a time. To be called once."""
+        counts = PlainCounts()
+        while left := self._draws - counts.draws:
+            z = self._rng.standard_normal((min(left, PLAIN_PART), *self._shape))
+            robustness = yield (z,)
+            counts = PlainCounts(
+                counts.draws + len(z),
+                counts.failures + int(np.count_nonzero(robustness <= 0.0)),
+                counts.errored + int(np.count_nonzero(np.isnan(robustness))),
+            )
+        self.counts = counts
+
+
+class PlainCounts(NamedTuple):
+    """Draws of p(z): how many, how many of them failed, and how many errored."""
+
+    draws: int = 0
+    failures: int = 0
+    errored: int = 0
+
+
+PLAIN_PART = 1_000
+"""Plain draws whose noise is in memory at a time."""
+
+
 class SubsetSimulation:
     """P(robustness <= 0) for noise z, (steps, channels), of independent standard normal values.
 
@@ -320,6 +367,7 @@ class SubsetSimulation:
         end: end of the first run; None before.
         runs: all runs, the first run before the others, once that has reached failures; else empty.
         wide: run of wide noise; None before the end of the first run, and where none is drawn.
+        plain: draws of p(z) with what the first run has left, where it reached no failure.
     """
 
     def __init__(
@@ -340,11 +388,15 @@ class SubsetSimulation:
         self.first = FirstRun(shape, budget, settings, self._make_sampler())
         self.runs: list[FirstRun | LevelRun] = []
         self.wide: WideNoise | None = None
+        self.plain: PlainDraws | None = None
         self.end: SubsetEnd | None = None
 
     @property
     def trajectories_run(self) -> int:
-        """Number of trajectories whose robustness is known so far, of all runs."""
+        """Number of trajectories whose robustness is known so far, of all runs.
+
+        Plain draws are not among them.
+        """
         wide = self.wide.trajectories_run if self.wide else 0
         return wide + sum(each.trajectories_run for each in self._samplers)
 
@@ -352,14 +404,17 @@ class SubsetSimulation:
         """Request the trajectories of all runs.
 
         To be called once; `runs` then have the results. There are none where the first run reached
-        no failure.
+        no failure: what is left of the budget is then drawn from p(z).
         """
         self.end = yield from self.first.run()
-        if self.end is not SubsetEnd.REACHED:
-            return
         settings, thresholds = self._settings, [level.threshold for level in self.first.levels]
         spent = self._samplers[0].trajectories_requested
         left = self._budget - spent
+        if self.end is not SubsetEnd.REACHED:
+            if left > 0 and self._samplers[0].trajectories_run:
+                self.plain = PlainDraws(left, self._shape, (*self._seed, settings.runs + 1))
+                yield from self.plain.run()
+            return
         most_wide = 0
         if prod(self._shape) <= MOST_WIDE_VALUES:
             free = max(left - settings.count_reserved(len(thresholds)), 0)

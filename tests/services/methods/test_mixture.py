@@ -1,11 +1,13 @@
 """The method `mixture`: what it prints, and what it refuses to print."""
 
+import msgspec
 import numpy as np
 import pytest
 
 from eigenfail.errors import InvalidValue, ProtocolError
 from eigenfail.values import (
     EpisodeResult,
+    Estimate,
     LearnerContext,
     Measures,
     NoiseTrajectory,
@@ -18,7 +20,10 @@ from eigenfail_services.methods.mixture import (
     MixtureSettings,
     judge_result,
 )
+from eigenfail_services.statistics.intervals import bound_unseen, clopper_pearson
 from eigenfail_services.statistics.mixture_sampling import MixtureResult
+from eigenfail_services.statistics.pooled_estimate import estimate_from_draws
+from eigenfail_services.statistics.subset_simulation import PlainCounts
 
 NOTHING = np.zeros((0, 2, 2), np.float32)
 EVEN = np.full(300, 0.01)
@@ -76,19 +81,74 @@ def test_last_draws_that_errored_are_named():
     assert nothing.problem == "All of the last draws errored: correct what raised."
 
 
-@pytest.mark.parametrize(
-    ("outcome", "problem"),
-    [
-        (Outcome.SAFE, "Noise of one to four sigma met 0 failures, and 9 are needed: it ended"),
-        (Outcome.COLLISION, "Failures are not rare: it ended after"),
-        (Outcome.ERRORED, "Every episode errored"),
-    ],
-)
-def test_a_search_that_ends_early_says_why(outcome, problem):
+def observe_all(learner, outcome_of, budget=600):
+    """Run a learner to its end; return the number of episodes."""
+    first = 0
+    while sources := learner.propose(budget - first).sources:
+        pairs = [(first + i, source) for i, source in enumerate(sources)]
+        learner.observe([make_result(i, one, outcome_of(i, one.z)) for i, one in pairs])
+        first += len(sources)
+    return first
+
+
+def test_a_search_without_failures_hands_its_budget_on_and_says_so():
     learner = make_learner()
-    while sources := learner.propose(600).sources:
-        learner.observe([make_result(i, source, outcome) for i, source in enumerate(sources)])
-    assert problem in learner.estimate().problem
+    assert observe_all(learner, lambda *_: Outcome.SAFE) == 600
+    found = learner.estimate()
+    assert (found.probability, found.interval, found.episodes) == (None, None, 600)
+    assert found.problem.startswith("Mixture sampling gave no number. Noise of one to four sigma")
+    assert "met 0 failures in its first 160 episodes, and 9 are needed" in found.problem
+    assert "None of the" in found.problem
+    assert "P is at most" in found.problem
+
+
+def test_failures_that_are_not_rare_are_counted_in_the_rest_of_the_budget():
+    learner = make_learner()
+    assert observe_all(learner, lambda _, z: get_outcome(z[0, 0] > 0.5)) == 600
+    found = learner.estimate()
+    assert (found.by, found.episodes) == ("Monte Carlo", 600)
+    assert found.interval.low < 0.3085 < found.interval.high
+    assert "Mixture sampling gave no number. Failures are not rare" in found.note
+
+
+def test_a_rare_failure_that_the_search_misses_is_left_to_subset_simulation():
+    """All four values of noise exceed 1.5: P = Q(1.5)⁴; of noise of four sigma 1.6 % fail."""
+    learner, first = make_learner(1500), 0
+    while sources := learner.propose(1500 - first).sources:
+        results = []
+        for i, source in enumerate(sources):
+            gap = max(1.5 - float(source.z.min()), 0.0)
+            one = make_result(first + i, source, get_outcome(gap == 0.0))
+            results.append(msgspec.structs.replace(one, measures=Measures(gap)))
+        learner.observe(results)
+        first += len(sources)
+    found = learner.estimate()
+    assert found.by == "subset simulation"
+    assert found.interval.low < 1.992e-5 < found.interval.high
+    assert "Mixture sampling gave no number. Noise of one to four sigma" in found.note
+    assert found.episodes == first
+
+
+def test_errors_alone_end_the_search():
+    learner = make_learner()
+    assert observe_all(learner, lambda *_: Outcome.ERRORED) < 600
+    assert learner.estimate().problem == "Every episode errored: correct what raised."
+
+
+def test_errored_plain_draws_count_as_failures_in_the_bound():
+    refused = Estimate(by="mixture sampling", episodes=100, problem="Nothing.")
+    found = estimate_from_draws(refused, PlainCounts(draws=200, failures=0, errored=50))
+    assert found.episodes == 250
+    assert f"P is at most {bound_unseen(50, 200):.1e} with 95 % confidence" in found.problem
+    assert "50 of these errored" in found.problem
+    stated = estimate_from_draws(refused, PlainCounts(draws=200, failures=4, errored=50))
+    assert stated.probability == 0.02
+    assert stated.interval.high == clopper_pearson(54, 200).high
+    assert stated.note.endswith("Mixture sampling gave no number. Nothing.")
+
+
+def get_outcome(has_failed):
+    return Outcome.COLLISION if has_failed else Outcome.SAFE
 
 
 def make_result(index, source, outcome):

@@ -1,5 +1,6 @@
 """The method `splitting`: what it prints, and what it refuses to print."""
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -9,6 +10,7 @@ from eigenfail.values import EpisodeTask, Importance, LearnerContext
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.splitting import MultilevelSplitting, SplittingSettings
+from eigenfail_services.statistics.multilevel_splitting import pool_runs
 
 CORRIDOR = Corridor(steps=30, gain=0.1, wall=0.9)
 NOTHING = np.zeros((0, CORRIDOR.steps, 2), np.float32)
@@ -63,6 +65,7 @@ def test_it_stops_where_all_runs_have_reached_failures():
     assert estimate.bound is None
     assert count == estimate.episodes < 3200
     assert "Mean of 10 independent runs" in estimate.note
+    assert f"worth {estimate.effective:.1f} independent ones" in estimate.note
 
 
 def test_before_the_end_it_says_what_is_missing():
@@ -77,20 +80,105 @@ def test_a_budget_that_ends_before_the_runs_gives_no_number():
     assert "give more episodes" in estimate.problem
 
 
-def test_runs_that_died_out_count_as_0_and_are_told():
+def test_runs_that_died_out_count_as_0_and_are_named():
     rare = ToyEngine(Corridor(steps=30, gain=0.1, wall=1.1))
     found = [run(seed, particles=20, engine=rare)[0] for seed in range(12)]
-    told = [one for one in found if one.probability is not None and "died out" in one.note]
-    refused = [one for one in found if one.probability is None]
-    assert told or refused
-    assert all("died out" in one.problem for one in refused)
+    by_splitting = [one for one in found if one.by == "multilevel splitting"]
+    assert any("died out" in one.note or "died out" in one.problem for one in by_splitting)
 
 
-def test_a_simulation_that_does_not_repeat_itself_is_refused():
-    estimate, _ = run(3, engine=ForgetfulEngine(CORRIDOR))
-    assert estimate.probability is None
-    assert "did not repeat the course" in estimate.problem
-    assert "subset" in estimate.problem
+class MisledEngine(ToyEngine):
+    """Returns an importance that only falls: no continuation comes higher than its parent."""
+
+    def run(self, tasks):
+        for result in super().run(tasks):
+            falling = -np.arange(result.steps, dtype=np.float32)
+            told = None if result.importance is None else falling
+            yield msgspec.structs.replace(result, importance=told)
+
+
+def test_where_all_runs_died_out_more_episodes_are_no_advice_and_the_rest_is_drawn_plainly():
+    estimate, count = run(3, engine=MisledEngine(CORRIDOR))
+    assert count == estimate.episodes == 3200
+    words = estimate.problem or estimate.note
+    assert "All 10 runs died out, each with 20 episodes" in words
+    assert "take another `importance`, or method subset or monte_carlo" in words
+    assert "Give it more episodes" not in words
+    assert "3000 episodes that were left" in words
+
+
+def test_plain_draws_after_a_refusal_are_an_estimate_with_an_exact_interval():
+    often = Corridor(steps=30, gain=0.1, wall=0.75)
+    estimate, _ = run(3, engine=MisledEngine(often))
+    assert (estimate.by, estimate.problem, estimate.bound) == ("Monte Carlo", "", None)
+    rng = np.random.default_rng(4)
+    z = rng.standard_normal((50_000, often.steps, 2))
+    truth = float((often.course(z).max(axis=1) >= often.wall).mean())
+    assert estimate.interval.low <= truth <= estimate.interval.high
+    left = int(estimate.note.split(" among the ")[1].split()[0])
+    failures = estimate.probability * left
+    assert failures == pytest.approx(round(failures))
+    assert estimate.cv == pytest.approx(np.sqrt((1.0 - estimate.probability) / failures))
+    assert "Multilevel splitting gave no number. " in estimate.note
+
+
+def test_plain_draws_without_a_failure_bound_the_probability_in_words():
+    never = ToyEngine(Corridor(steps=30, gain=0.1, wall=9.0))
+    misled = MisledEngine(Corridor(steps=30, gain=0.1, wall=9.0))
+    for engine in (never, misled):
+        estimate, _ = run(3, engine=engine, particles=20)
+        assert (estimate.probability, estimate.interval) == (None, None)
+    bound = 1.0 - 0.05 ** (1.0 / 3000)
+    assert f"failed: P is at most {bound:.1e} with 95 % confidence" in estimate.problem
+
+
+def test_a_simulation_that_does_not_repeat_itself_is_left_for_plain_draws():
+    estimate, count = run(3, engine=ForgetfulEngine(CORRIDOR))
+    words = estimate.problem + estimate.note
+    assert "did not repeat the course" in words
+    assert "subset" in words
+    assert estimate.by == "Monte Carlo" or estimate.probability is None
+    assert count == 3200
+
+
+def test_plain_draws_go_on_from_a_state():
+    engine = MisledEngine(CORRIDOR, faulty=(600, 2000))
+    one, first = make_learner(5, round_size=70), 0
+
+    def advance(learner, at):
+        sources = learner.propose(3200).sources
+        tasks = [EpisodeTask(at + i, at + i, source) for i, source in enumerate(sources)]
+        learner.observe(list(engine.run(tasks)))
+        return at + len(tasks)
+
+    while first < 1500:
+        first = advance(one, first)
+    other = make_learner(5, round_size=70)
+    other.restore(one.state())
+    assert other.state() == one.state()
+    left = first
+    while (now := advance(one, first)) > first:
+        assert advance(other, left) == now
+        first = left = now
+    assert first == 3200
+    assert other.estimate() == one.estimate()
+
+
+def test_few_families_are_refused_with_their_number():
+    learner = make_learner()
+    large_and_small = [np.array([1.0, 0.0]), *[np.array([0.0, 0.1])] * 5, *[np.zeros(2)] * 4]
+    problem = learner._explain_doubt(pool_runs(large_and_small))
+    assert problem.startswith("The failures descend from few of the first episodes: they are worth")
+    assert "worth 2.1 independent ones, and 2.5 are needed" in problem
+    assert learner._explain_doubt(pool_runs([np.array([1.0])] * 10)) == ""
+
+
+def test_a_state_with_families_that_do_not_exist_is_refused():
+    learner = make_learner()
+    facts, arrays = archive.read("splitting", learner.state(), MultilevelSplitting._Facts)
+    arrays["families"][0, 0] = 999
+    with pytest.raises(ProtocolError, match="descends from none of the first ones"):
+        make_learner().restore(archive.write("splitting", facts, arrays))
 
 
 def test_errored_episodes_are_told():

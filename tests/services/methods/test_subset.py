@@ -174,13 +174,31 @@ def test_a_budget_that_ends_too_soon_is_spent_and_gives_no_number(searched):
 def test_failures_beyond_too_many_levels_are_refused_with_what_helps(searched):
     learner, results = searched(half_space(1e-12), 2_000)
     found = learner.estimate()
-    assert len(results) < 2_000
+    assert len(results) == found.episodes == 2_000
     assert found.probability is None
     assert found.problem.startswith("No failure was reached: the other runs need the episodes")
-    fewer = int(found.problem.removesuffix(".").rpartition(" ")[2])
-    assert found.problem.endswith(f"came near. Set samples to {fewer}.")
+    before, drawn = found.problem.split(" None of the ")
+    fewer = int(before.removesuffix(".").rpartition(" ")[2])
+    assert before.endswith(f"came near. Set samples to {fewer}.")
+    left = int(drawn.split()[0])
+    bound = 1.0 - 0.05 ** (1.0 / left)
+    assert drawn.endswith(f"failed: P is at most {bound:.1e} with 95 % confidence.")
     told = searched(half_space(1e-12), 2_000, samples=fewer)[0].estimate()
     assert not told.problem.startswith("No failure was reached")
+
+
+def test_where_robustness_falls_no_further_the_rest_is_drawn_plainly(searched):
+    """A plateau shows no way to the failures, P = Q(3.7), of which the first draws hold none."""
+    learner, _ = searched(lambda z: np.where(z[:, 0, 0] > 3.7, 0.0, 1.0), 20_000)
+    found = learner.estimate()
+    assert (found.by, found.episodes) == ("Monte Carlo", 20_000)
+    assert found.interval.low < 1.078e-4 < found.interval.high
+    assert "Subset simulation gave no number. No failure was reached" in found.note
+    learner, results = searched(lambda z: np.ones(len(z)), 2_000)
+    found = learner.estimate()
+    assert len(results) == 2_000
+    assert "robustness falls no further" in found.problem
+    assert "None of the" in found.problem
 
 
 def test_on_the_way_it_says_that_it_is_not_known_yet(noise_engine):

@@ -120,9 +120,11 @@ def test_a_run_goes_on_bit_for_bit_from_its_state():
         courses, failed = walk(half.wave.z)
         half.add(courses, failed.tolist())
     other = SplittingRun((3,), (30, STEPS, 2), 0.1)
-    other.restore(half.z.copy(), half.courses.copy(), half.counts)
+    other.restore(half.z.copy(), half.courses.copy(), half.families.copy(), half.counts)
     assert finish(other).probability == finish(whole).probability
     assert np.array_equal(other.z, whole.z)
+    assert np.array_equal(other.families, whole.families)
+    assert len(set(whole.families.tolist())) < 30
 
 
 def test_seeds_differ():
@@ -187,9 +189,45 @@ def test_what_is_no_number_is_no_importance():
     assert course[2] > 1e30
 
 
-def test_the_error_of_a_mean_is_that_between_the_runs():
-    pooled = pool_runs([1.0, 2.0, 3.0, 0.0])
+def test_families_are_the_first_episodes_whose_first_noise_an_episode_still_has():
+    run = SplittingRun((8,), (30, STEPS, 2), 0.1)
+    first = run.wave.z.copy()
+    finish(run)
+    for row, family in enumerate(run.families.tolist()):
+        assert np.array_equal(run.z[row, 0], first[family, 0])
+
+
+def test_parts_of_the_families_sum_up_to_the_estimate():
+    run = SplittingRun((8,), (30, STEPS, 2), 0.1)
+    assert run.divide_by_families() is None
+    parts = finish(run).divide_by_families()
+    failed = np.isinf(run.courses[:, -1])
+    assert parts.sum() == pytest.approx(run.probability)
+    assert set(np.flatnonzero(parts).tolist()) == set(run.families[failed].tolist())
+
+
+def test_a_run_that_died_out_has_no_families():
+    run = SplittingRun((3,), (30, STEPS, 2), 0.1)
+    run.add([np.zeros(STEPS, np.float32)] * 30, [False] * 30)
+    assert run.divide_by_families().tolist() == [0.0] * 30
+
+
+def test_the_error_of_a_mean_has_the_families_and_the_differences_of_the_runs():
+    """Parts 0.5 and 0.5, 2, 3, and none: (6)² ÷ (0.25 + 0.25 + 4 + 9) families."""
+    parts = [np.array(one) for one in ([0.5, 0.5], [2.0, 0.0], [0.0, 3.0], [0.0, 0.0])]
+    pooled = pool_runs(parts)
+    apart = np.std([1.0, 2.0, 3.0, 0.0], ddof=1) / 2.0 / 1.5
     assert pooled.probability == 1.5
-    assert pooled.cv == pytest.approx(np.std([1.0, 2.0, 3.0, 0.0], ddof=1) / 2.0 / 1.5)
+    assert pooled.families == pytest.approx(36.0 / 13.5)
+    assert pooled.cv == pytest.approx(sqrt(apart**2 + 13.5 / 36.0))
     assert pooled.reached == 3
-    assert pool_runs([0.0, 0.0]) == (0.0, inf, 0)
+
+
+def test_equal_runs_of_one_family_each_are_not_sure():
+    """The runs agree, but each has a single family: the error is that of as many draws."""
+    pooled = pool_runs([np.array([1.0, 0.0])] * 4)
+    assert (pooled.families, pooled.cv) == (4.0, 0.5)
+
+
+def test_runs_without_failures_have_no_error():
+    assert pool_runs([np.zeros(3), np.zeros(3)]) == (0.0, inf, 0.0, 0)

@@ -27,7 +27,7 @@ def test_many_that_are_alike_are_as_good_as_the_square_root_of_their_number():
     assert found.probability == pytest.approx(1e-4)
     assert found.cv == pytest.approx(0.1)
     assert found.effective == 320.0
-    assert found.interval == log_normal(found.probability, found.cv)
+    assert found.interval == log_normal(found.probability, found.cv, 320.0)
 
 
 def test_the_mean_of_lower_bounds_is_a_lower_bound_however_well_they_agree():
