@@ -11,13 +11,14 @@ from fastapi.responses import JSONResponse
 from fastapi.routing import APIRoute
 
 from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.settings import LARGEST_INTEGER
 from eigenfail.wire import http
 from eigenfail.wire.http import IDEMPOTENCY_KEY
 from eigenfail_api.access.authentication import get_caller_key, get_caller_name
 from eigenfail_api.access.change_details import record_body
 from eigenfail_services.store import Store
 
-LARGEST = 2**63 - 1
+LARGEST = LARGEST_INTEGER
 IDS = r"^[1-9]\d{0,18}(,[1-9]\d{0,18}){0,99}$"
 MANY_IDS = r"^[1-9]\d{0,18}(,[1-9]\d{0,18})*$"
 LONGEST_IDS = 20_000

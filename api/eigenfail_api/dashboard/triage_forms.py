@@ -15,6 +15,7 @@ from markupsafe import Markup
 
 from eigenfail.errors import InvalidValue
 from eigenfail.filters import parse_filter
+from eigenfail.settings import refuse_hidden
 from eigenfail.values.triage import (
     LONGEST_LABEL,
     LONGEST_NOTE,
@@ -149,6 +150,7 @@ async def read_form(request: Request) -> dict[str, str]:
 
     Raises:
         HTTPException: 400, the body is no form.
+        InvalidValue: a text has an invisible character.
     """
     body = await read_within(request)
     try:
@@ -156,6 +158,7 @@ async def read_form(request: Request) -> dict[str, str]:
     except ValueError as error:
         raise HTTPException(400, f"The form is invalid: {error}.") from None
     form = dict(pairs)
+    refuse_hidden(form)
     record_form(request.scope, form)
     return form
 
