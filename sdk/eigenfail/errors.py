@@ -11,6 +11,7 @@ EigenfailError
 ├── Conflict                 the thing exists, but its state forbids the request
 │   ├── IllegalTransition    a campaign cannot go from its state to the one asked for
 │   ├── IdempotencyMismatch  one Idempotency-Key, two different requests
+│   ├── PreconditionFailed   it is not what `If-Match` names any more
 │   └── NoisePruned          an episode whose noise was taken away to make room
 ├── EpisodeError             one episode cannot be completed; its campaign goes on
 │   ├── SimulatorError
@@ -219,6 +220,12 @@ class IllegalTransition(Conflict):
 
 class IdempotencyMismatch(Conflict):
     """One Idempotency-Key was used for two different requests."""
+
+
+class PreconditionFailed(Conflict):
+    """The thing is not, or no longer, the one that the request's `If-Match` names."""
+
+    http_status = 412
 
 
 class NoisePruned(Conflict):

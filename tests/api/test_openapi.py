@@ -127,7 +127,7 @@ def test_every_refusal_names_the_types_of_its_problems(document):
     for status, response in document["components"]["responses"].items():
         assert "application/problem+json" in response["content"]
         assert ("urn:eigenfail:" in response["description"]) is (
-            status in {"400", "401", "403", "404", "409", "410", "422", "503"}
+            status in {"400", "401", "403", "404", "409", "410", "412", "422", "503"}
         )
     told = " ".join(each["description"] for each in document["components"]["responses"].values())
     for kind in list_error_types(EigenfailError):

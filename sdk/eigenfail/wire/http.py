@@ -20,6 +20,7 @@ from eigenfail.errors import (
     InvalidValue,
     NoisePruned,
     NotFound,
+    PreconditionFailed,
     ProtocolError,
     ServiceError,
     Unauthorized,
@@ -110,6 +111,7 @@ def _get_type_for_status(status: int) -> type[EigenfailError]:
         404: NotFound,
         409: Conflict,
         410: NoisePruned,
+        412: PreconditionFailed,
     }
     return exact.get(status, ServiceError if status >= SERVER_SIDE else InputError)
 
