@@ -10,7 +10,7 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 from eigenfail import __version__
 from eigenfail_api import openapi
 from eigenfail_api.access.authentication import Authenticator, Clock
-from eigenfail_api.access.middleware import AuthMiddleware, OriginGuard, redact_logs
+from eigenfail_api.access.middleware import AuthMiddleware, OriginGuard, Preconditions, redact_logs
 from eigenfail_api.access.proxy import PeerRecorder
 from eigenfail_api.dashboard import (
     analysis_page,
@@ -185,6 +185,7 @@ def create_app(store: Store, settings: ApiSettings, clock: Clock = now_ms) -> Fa
     app.add_middleware(Disconnects)
     app.add_middleware(EntityTags)
     app.add_middleware(HeadRequests)
+    app.add_middleware(Preconditions)
     app.add_middleware(AuthMiddleware, authenticator=app.state.authenticator, store=store)
     app.add_middleware(OriginGuard, hosts=settings.names)
     app.add_middleware(operations.RequestCounter, registry=app.state.registry)

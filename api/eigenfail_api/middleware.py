@@ -1,10 +1,14 @@
 """Middleware for responses: security headers, HEAD, entity tags, clients that disconnect."""
 
 import hashlib
+from collections.abc import Iterable
+from itertools import takewhile
+from pathlib import PurePosixPath
 
 from anyio import BrokenResourceError, CancelScope
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.requests import ClientDisconnect
+from starlette.routing import Match
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 SECURITY_HEADERS = {
@@ -100,14 +104,83 @@ def _begins_json(message: Message) -> bool:
 
 def _add_tag(head: Message, body: Message, known: str) -> Message:
     """Add the tag to a head, which becomes a 304 if the tag is known; return the body to send."""
-    tag = f'"{hashlib.sha256(body.get("body", b"")).hexdigest()[:32]}"'
+    tag = make_tag(body.get("body", b""))
     headers = MutableHeaders(raw=head["headers"])
     headers.update({"ETag": tag, "Cache-Control": "no-cache"})
-    if known != "*" and tag not in {one.strip().removeprefix("W/") for one in known.split(",")}:
+    if not is_named([known.replace("W/", "")], tag):  # the comparison of caches is the weak one
         return body
     head["status"] = 304
     del headers["content-length"], headers["content-type"]
     return {**body, "body": b""}
+
+
+def make_tag(body: bytes) -> str:
+    """Return the entity tag of a JSON answer."""
+    return f'"{hashlib.sha256(body).hexdigest()[:32]}"'
+
+
+def is_named(values: Iterable[str], tag: str) -> bool:
+    """Return whether values of `If-Match` or `If-None-Match` name a tag; `*` names every one."""
+    names = {name.strip() for value in values for name in value.split(",")}
+    return not names.isdisjoint({"*", tag})
+
+
+NO_MODE = 422
+"""Status of a GET of …/modes/triage, which takes changes alone: `triage` is no number of a mode."""
+
+
+async def holds(app: ASGIApp, scope: Scope, root: str) -> bool:
+    """Return whether the `If-Match` of a change names what its address holds now.
+
+    As in RFC 9110, 13.1.1. An address without a GET changes a part of what is above it:
+    `/campaigns/1/pause` changes the campaign. A change of what does not exist is let through, and
+    refused where it is made.
+
+    Args:
+        app: what answers HEAD with the entity tags of GET.
+        scope: the request.
+        root: path of the API, above which nothing is looked for.
+    """
+    wanted = Headers(scope=scope).getlist("if-match")
+    path = PurePosixPath(scope["path"])
+    above = (str(each) for each in (path, *path.parents))
+    for place in takewhile(lambda each: each.startswith(f"{root}/"), above):
+        asked = _ask_head(scope, place)
+        if not any(each.matches(asked)[0] is Match.FULL for each in scope["app"].routes):
+            continue
+        status, tag = await _read_head(app, asked)
+        if status != NO_MODE:
+            return status == 404 or (status == 200 and bool(tag) and is_named(wanted, tag))
+    return False
+
+
+def _ask_head(scope: Scope, path: str) -> Scope:
+    """Return the request for the entity tag of an address, of the user of another request."""
+    left_out = {b"if-match", b"content-length", b"content-type", b"transfer-encoding", b"accept"}
+    headers = [(name, value) for name, value in scope["headers"] if name not in left_out]
+    return {
+        **scope,
+        "method": "GET",
+        "path": path,
+        "raw_path": path.encode(),
+        "query_string": b"",
+        "headers": headers,
+    }
+
+
+async def _read_head(app: ASGIApp, asked: Scope) -> tuple[int, str]:
+    """Return the status and the entity tag of the answer to a request."""
+    head: list[Message] = []
+
+    async def receive() -> Message:
+        return {"type": "http.request", "body": b"", "more_body": False}
+
+    async def keep(message: Message) -> None:
+        head.append(message)
+
+    # As HEAD, a stream of events ends with its head.
+    await app({**asked, "method": "HEAD"}, receive, keep)
+    return head[0]["status"], Headers(raw=head[0]["headers"]).get("etag", "")
 
 
 class Disconnects:

@@ -265,7 +265,8 @@ LOCATION = {
     "schema": {"type": "string", "format": "uri-reference"},
 }
 ETAG = {
-    "description": "Send as `If-None-Match`: an unchanged answer is 304, without a body.",
+    "description": "Send as `If-None-Match`: an unchanged answer is 304, without a body. Send as "
+    "`If-Match` with a change: it is refused (412) if the answer would be another one.",
     "schema": {"type": "string"},
 }
 KEY = {
@@ -309,6 +310,7 @@ EXAMPLES: dict[str, Node] = {
 EVERYWHERE = (400, 401, 403, 406, 422, 500, 503)
 WITH_ID = (404, 409, 410)
 WITH_BODY = (409, 410, 413, 415)
+OUTDATED = 412
 MADE = ("201", "202")
 
 ATTRIBUTE = re.compile(r"(?P<name>\w+): (?P<words>.+)")
@@ -341,7 +343,7 @@ def _complete(document: Node) -> None:
         {"name": tag, "description": words} for tag, words in TAGS.items() if tag in used
     ]
     document["components"]["securitySchemes"] = {"key": KEY}
-    refused = sorted({*EVERYWHERE, *WITH_ID, *WITH_BODY})
+    refused = sorted({*EVERYWHERE, *WITH_ID, *WITH_BODY, OUTDATED})
     document["components"]["responses"] = {
         str(status): _describe_refusal(status) for status in refused
     }
@@ -365,7 +367,7 @@ def _complete_operation(path: str, verb: str, operation: Node) -> None:
     responses = operation["responses"]
     for status, response in responses.items():
         _describe_answer(verb, status, response)
-    for status in _list_refusals(path, operation):
+    for status in _list_refusals(path, verb, operation):
         responses.setdefault(str(status), {"$ref": f"#/components/responses/{status}"})
     operation["responses"] = dict(sorted(responses.items()))
 
@@ -387,9 +389,11 @@ def _is_list(response: Node) -> bool:
     return str(schema.get("$ref", "")).rpartition("/")[2].startswith("Page_")
 
 
-def _list_refusals(path: str, operation: Node) -> Iterator[int]:
+def _list_refusals(path: str, verb: str, operation: Node) -> Iterator[int]:
     """Yield the statuses with which a route may refuse."""
     yield from EVERYWHERE
+    if verb != "get":
+        yield OUTDATED
     if "{" in path:
         yield from WITH_ID
     if "requestBody" in operation:

@@ -10,14 +10,16 @@ from fastapi.dependencies.models import Dependant
 from fastapi.responses import JSONResponse
 from fastapi.routing import APIRoute
 
-from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.errors import InvalidValue, PreconditionFailed, UnknownName
+from eigenfail.settings import LARGEST_INTEGER
 from eigenfail.wire import http
 from eigenfail.wire.http import IDEMPOTENCY_KEY
 from eigenfail_api.access.authentication import get_caller_key, get_caller_name
 from eigenfail_api.access.change_details import record_body
+from eigenfail_api.middleware import is_named, make_tag
 from eigenfail_services.store import Store
 
-LARGEST = 2**63 - 1
+LARGEST = LARGEST_INTEGER
 IDS = r"^[1-9]\d{0,18}(,[1-9]\d{0,18}){0,99}$"
 MANY_IDS = r"^[1-9]\d{0,18}(,[1-9]\d{0,18})*$"
 LONGEST_IDS = 20_000
@@ -154,6 +156,38 @@ IdempotencyKey = Annotated[
         description="Requests with the same key are executed once and get the same response.",
     ),
 ]
+
+
+def make_outdated_error() -> PreconditionFailed:
+    """Return the error of a change whose `If-Match` does not name what is there."""
+    return PreconditionFailed(
+        "What is there is not what `If-Match` names: it was changed meanwhile, or has no ETag.",
+        "Get it again, and send the ETag of that answer.",
+    )
+
+
+def read_precondition(
+    values: Annotated[
+        str | None,
+        Header(
+            alias="If-Match",
+            description="ETag of the answer that the change is made for; 412 if it is outdated.",
+        ),
+    ] = None,
+) -> Callable[[object], None]:
+    """Return a check of what is about to be changed, within the transaction that changes it.
+
+    It raises PreconditionFailed if `If-Match` does not name that value.
+    """
+
+    def check(value: object) -> None:
+        if values is not None and not is_named([values], make_tag(http.encode(value))):
+            raise make_outdated_error()
+
+    return check
+
+
+Precondition = Annotated[Callable[[object], None], Depends(read_precondition)]
 
 
 Body = TypeVar("Body", bound=msgspec.Struct)

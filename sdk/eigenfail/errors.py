@@ -11,6 +11,7 @@ EigenfailError
 ├── Conflict                 the thing exists, but its state forbids the request
 │   ├── IllegalTransition    a campaign cannot go from its state to the one asked for
 │   ├── IdempotencyMismatch  one Idempotency-Key, two different requests
+│   ├── PreconditionFailed   it is not what `If-Match` names any more
 │   └── NoisePruned          an episode whose noise was taken away to make room
 ├── EpisodeError             one episode cannot be completed; its campaign goes on
 │   ├── SimulatorError
@@ -50,8 +51,29 @@ LONGEST_NAME = 200
 KEPT = frozenset("\n\t")
 
 
-UNSAFE = frozenset({"Cc", "Cs"})
-"""Unicode categories: control characters and surrogates."""
+UNSAFE = frozenset({"Cc", "Cf", "Cs"})
+"""Unicode categories: control characters, invisible format characters, and surrogates."""
+
+
+JOINERS = frozenset("\u200c\u200d")
+"""Format characters that Persian, Indian scripts and emoji need; they reorder and hide nothing."""
+
+
+def is_unsafe(letter: str) -> bool:
+    """Return whether a character could change how the text around it is read or printed.
+
+    Of these are control characters and lone surrogates, and the invisible format characters: those
+    that reverse the direction of text (U+202E lets `gnp.exe` read `exe.png`) and those of no width.
+    """
+    return category(letter) in UNSAFE and letter not in JOINERS
+
+
+def find_hidden(text: str) -> str:
+    """Return the first invisible format character of a text, as U+202E; empty if it has none."""
+    if text.isascii():
+        return ""
+    found = (letter for letter in text if category(letter) == "Cf" and letter not in JOINERS)
+    return next((f"U+{ord(letter):04X}" for letter in found), "")
 
 
 CUT = " … (cut off)"
@@ -60,7 +82,8 @@ CUT = " … (cut off)"
 def clean_text(text: str, longest: int = LONGEST_TEXT) -> str:
     """Return the text without characters that a message, a log or a database refuses.
 
-    Control characters other than newline and tab, and lone surrogates, become their Python escapes.
+    Control characters other than newline and tab, invisible format characters and lone surrogates
+    become their Python escapes.
 
     Args:
         text: any text.
@@ -73,7 +96,7 @@ def clean_text(text: str, longest: int = LONGEST_TEXT) -> str:
 
 
 def _escape(letter: str) -> str:
-    if letter in KEPT or category(letter) not in UNSAFE:
+    if letter in KEPT or not is_unsafe(letter):
         return letter
     return letter.encode("unicode_escape").decode("ascii")
 
@@ -197,6 +220,12 @@ class IllegalTransition(Conflict):
 
 class IdempotencyMismatch(Conflict):
     """One Idempotency-Key was used for two different requests."""
+
+
+class PreconditionFailed(Conflict):
+    """The thing is not, or no longer, the one that the request's `If-Match` names."""
+
+    http_status = 412
 
 
 class NoisePruned(Conflict):

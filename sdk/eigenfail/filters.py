@@ -18,6 +18,7 @@ from typing import Any
 import msgspec
 
 from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.settings import LARGEST_INTEGER
 from eigenfail.values.campaign_spec import CampaignSpec
 from eigenfail.values.episode import Outcome
 from eigenfail.values.measures import MEASURES, Measure
@@ -222,9 +223,6 @@ def write_failure_filter(spec: CampaignSpec) -> str:
     return "violated >= 1" if spec.named_requirements else "outcome = collision"
 
 
-LARGEST = 2**63 - 1
-"""Largest whole number of an episode: seeds have 63 bits."""
-
 FLAGS = {"true": True, "false": False}
 WITHOUT_ORDER = (Operator.EQUAL, Operator.UNEQUAL)
 
@@ -276,7 +274,7 @@ def _read_whole_number(column: Column, word: str, place: _Place) -> Value:
         raise InvalidValue(place.field, problem, "Omit the fraction.")
     # A float would not hold every digit of a seed.
     exact = int(word) if word.lstrip("+-").isdecimal() else int(value)
-    if abs(exact) > LARGEST:
+    if abs(exact) > LARGEST_INTEGER:
         raise InvalidValue(place.field, f"{word} is too large for {column.name}.")
     return exact
 

@@ -1,17 +1,31 @@
 """Settings of plug-ins: typed, bounded, and refused by name where they are wrong."""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import isfinite
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import msgspec
 import msgspec.inspect
 
-from eigenfail.errors import EigenfailError, InvalidValue, UnknownName, describe_error, suggest_name
+from eigenfail.errors import (
+    EigenfailError,
+    InvalidValue,
+    UnknownName,
+    describe_error,
+    find_hidden,
+    suggest_name,
+)
 
 Kind = TypeVar("Kind", bound=msgspec.Struct)
 Converted = TypeVar("Converted")
+
+LARGEST_INTEGER = 2**63 - 1
+"""Largest integer that the columns of databases hold."""
+
+Ordinal = Annotated[int, msgspec.Meta(ge=1, le=LARGEST_INTEGER)]
+Count = Annotated[int, msgspec.Meta(ge=0, le=LARGEST_INTEGER)]
+"""Integers of requests: every one has bounds, so that none is too large for its column."""
 
 
 def read_settings(kind: type[Kind], given: Mapping[str, Any], field: str) -> Kind:
@@ -49,6 +63,50 @@ def defaults_of(kind: type[msgspec.Struct]) -> dict[str, Any]:
         elif field.default_factory is not msgspec.NODEFAULT:
             found[field.encode_name] = msgspec.to_builtins(field.default_factory())
     return found
+
+
+MAX_DEPTH = 20
+"""Levels of lists and mappings within a value of a user."""
+
+
+def list_values(value: Any) -> Iterator[tuple[str, Any]]:
+    """Return every plain value inside a value, with its path.
+
+    Raises:
+        InvalidValue: it goes deeper than encoders follow.
+    """
+    # Without recursion: what a user sends may be nested more deeply than Python's stack is.
+    waiting: list[tuple[tuple[str, ...], Any]] = [((), value)]
+    while waiting:
+        path, value = waiting.pop()
+        if len(path) > MAX_DEPTH:
+            raise InvalidValue(path[0], f"is nested more than {MAX_DEPTH} levels deep.")
+        parts = list(_list_children(value))
+        waiting.extend(((*path, name), part) for name, part in parts)
+        if not parts:
+            yield ".".join(path), value
+
+
+def _list_children(value: Any) -> Iterator[tuple[str, Any]]:
+    # The names in a mapping come from users, too, and are looked at like values.
+    if isinstance(value, msgspec.Struct):
+        yield from msgspec.structs.asdict(value).items()
+    if isinstance(value, dict):
+        yield from ((str(name), part) for name, part in value.items())
+        yield from (("(name)", str(name)) for name in value)
+    if isinstance(value, (list, tuple)):
+        yield from ((str(place), part) for place, part in enumerate(value))
+
+
+def refuse_hidden(value: Any) -> None:
+    """Refuse invisible format characters in the texts and names of plain data.
+
+    Raises:
+        InvalidValue: a text has one; it could change how the text is read, and not be seen.
+    """
+    for path, part in list_values(value):
+        if isinstance(part, str) and (found := find_hidden(part)):
+            raise InvalidValue(path, f"contains the invisible character {found}.", "Take it out.")
 
 
 def convert(value: Any, kind: type[Converted], field: str = "") -> Converted:

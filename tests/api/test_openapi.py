@@ -1,11 +1,14 @@
 """The OpenAPI document: complete, sound, and true."""
 
 import json
+import re
 from pathlib import Path
+from typing import Annotated
 
 import jsonschema
 import msgspec
 import pytest
+from pydantic import TypeAdapter
 from referencing import Registry, Resource
 from referencing.jsonschema import DRAFT202012
 from store_checks.gates import make_report
@@ -15,7 +18,7 @@ from eigenfail.errors import EigenfailError
 from eigenfail.gate.verdicts import GateVerdict
 from eigenfail.values import Outcome
 from eigenfail.wire.http import list_error_types, slugify
-from eigenfail_api.app import ROUTERS
+from eigenfail_api.app import FORMS, ROUTERS
 from eigenfail_api.openapi import parse_attributes
 
 ROOT = Path(__file__).parents[2]
@@ -124,7 +127,7 @@ def test_every_refusal_names_the_types_of_its_problems(document):
     for status, response in document["components"]["responses"].items():
         assert "application/problem+json" in response["content"]
         assert ("urn:eigenfail:" in response["description"]) is (
-            status in {"400", "401", "403", "404", "409", "410", "422", "503"}
+            status in {"400", "401", "403", "404", "409", "410", "412", "422", "503"}
         )
     told = " ".join(each["description"] for each in document["components"]["responses"].values())
     for kind in list_error_types(EigenfailError):
@@ -256,3 +259,110 @@ def test_answers_about_gates_are_what_it_says(http, conforms):
     conforms(made, "/api/v1/gates", "post")
     conforms(http.get("/api/v1/gates"), "/api/v1/gates")
     conforms(http.get(made.headers["Location"]), "/api/v1/gates/{gate}")
+
+
+LARGEST = 2**63 - 1
+BEYOND = 2**63
+
+
+def integers(document, node, place=()):
+    """Yield places, and schemas, of the integers that a schema lets a client send."""
+    if "$ref" in node:
+        name = node["$ref"].rpartition("/")[2]
+        if name in place:  # a schema within itself
+            return
+        node, place = document["components"]["schemas"][name], (*place, name)
+    if node.get("type") == "integer":
+        yield place, node
+    below = [*node.get("anyOf", []), *node.get("allOf", []), *node.get("prefixItems", [])]
+    below += [
+        node[key] for key in ("items", "additionalProperties") if isinstance(node.get(key), dict)
+    ]
+    for each in below:
+        yield from integers(document, each, place)
+    for name, each in node.get("properties", {}).items():
+        yield from integers(document, each, (*place, name))
+
+
+def sent(document):
+    """Yield path, method, parameter and schema of everything that a client sends."""
+    for path, method, operation in operations(document):
+        for parameter in operation.get("parameters", []):
+            yield path, method, parameter["name"], parameter["schema"]
+        for media in operation.get("requestBody", {}).get("content", {}).values():
+            yield path, method, "", media["schema"]
+
+
+def test_every_integer_that_a_client_sends_has_a_maximum(document):
+    found = [
+        (path, method, name, place, schema)
+        for path, method, name, given in sent(document)
+        for place, schema in integers(document, given)
+    ]
+    assert len(found) > 100
+    unbounded = [each[:-1] for each in found if not each[-1].get("maximum", BEYOND) <= LARGEST]
+    assert unbounded == []
+
+
+def test_every_integer_parameter_of_every_page_has_a_maximum():
+    def parameters(dependant):
+        yield from (*dependant.path_params, *dependant.query_params, *dependant.header_params)
+        for below in dependant.dependencies:
+            yield from parameters(below)
+
+    found = 0
+    for router in (*ROUTERS, *FORMS):
+        for route in router.routes:
+            for each in parameters(route.dependant):
+                schema = TypeAdapter(
+                    Annotated[each.field_info.annotation, each.field_info]
+                ).json_schema()
+                for _, number in integers(
+                    {"components": {"schemas": schema.get("$defs", {})}}, schema
+                ):
+                    found += 1
+                    assert number.get("maximum", BEYOND) <= LARGEST, (route.path, each.alias)
+    assert found > 100
+
+
+def place_beyond(document, node, seen=()):
+    """Yield bodies of which one integer is too large; what else they need is left out."""
+    if "$ref" in node:
+        name = node["$ref"].rpartition("/")[2]
+        if name in seen:
+            return
+        node, seen = document["components"]["schemas"][name], (*seen, name)
+    if node.get("type") == "integer":
+        yield BEYOND
+        yield -BEYOND - 1
+    for each in (*node.get("anyOf", []), *node.get("allOf", [])):
+        yield from place_beyond(document, each, seen)
+    if isinstance(node.get("items"), dict):
+        yield from ([each] for each in place_beyond(document, node["items"], seen))
+    for name, each in node.get("properties", {}).items():
+        yield from ({name: value} for value in place_beyond(document, each, seen))
+
+
+def test_no_integer_of_a_request_is_an_error_of_the_service(http, document):
+    requests = 0
+    for path, method, name, schema in sent(document):
+        ids = dict.fromkeys(("campaign", "analysis", "mode", "key", "view", "webhook", "gate"), 1)
+        ids |= dict.fromkeys(("index", "delivery", "cluster", "version"), 0)
+        for given in place_beyond(document, schema):
+            if name:
+                number = given[0] if isinstance(given, list) else given
+                asked = {"params": {name: number}}
+                ids = {**ids, name: number}
+            else:
+                asked = {"json": given}
+            fields = {part: ids.get(part, 1) for part in re.findall(r"{(\w+)}", path)}
+            response = http.request(method, path.format(**fields), **asked)
+            requests += 1
+            assert 400 <= response.status_code < 500, (method, path, name, given, response.text)
+    assert requests > 200
+
+
+def test_a_mode_beyond_64_bits_is_refused_by_name(http, problem):
+    address = "/api/v1/analyses/1/modes/triage"
+    told = problem(http.post(address, json={"modes": [BEYOND], "change": {}}), 422)
+    assert told["field"].startswith("modes")

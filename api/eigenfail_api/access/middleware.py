@@ -21,7 +21,7 @@ from starlette.types import Scope as Asked
 
 from eigenfail.errors import EigenfailError, Forbidden, InvalidValue, Unauthorized
 from eigenfail.values.access import SECRET, Change, redact
-from eigenfail.wire.http import Problem, make_problem, make_untyped_problem
+from eigenfail.wire.http import PREFIX, Problem, make_problem, make_untyped_problem
 from eigenfail_api.access.authentication import (
     Authenticator,
     Caller,
@@ -32,12 +32,17 @@ from eigenfail_api.access.authentication import (
 )
 from eigenfail_api.access.change_details import read_details
 from eigenfail_api.dashboard.rendering import as_page, wants_page
+from eigenfail_api.middleware import holds
+from eigenfail_api.parameters import make_outdated_error
 from eigenfail_api.problems import answer, retry_headers
 from eigenfail_services.store import Store
 
 LOGGERS = ("uvicorn.error", "eigenfail.access", "asyncio")
 LONGEST = 200
 """Most characters of a text in the audit log."""
+
+SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
+"""Methods that change nothing."""
 
 CHALLENGE = {"WWW-Authenticate": 'Bearer realm="eigenfail"'}
 HOST = re.compile(r"(?P<name>\[[0-9a-f:.]+\]|[^\[\]:]+)(:\d+)?")
@@ -235,6 +240,28 @@ def append_change(store: Store, change: Change) -> None:
 
 def _redact(text: str) -> str:
     return redact(text)[:LONGEST]
+
+
+class Preconditions:
+    """Middleware: refuse changes of what is no longer what the request's `If-Match` names."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self._app = app
+
+    async def __call__(self, scope: Asked, receive: Receive, send: Send) -> None:
+        """Pass a request on, or answer 412."""
+        if _is_conditional(scope) and not await holds(self._app, scope, PREFIX):
+            problem = make_problem(make_outdated_error(), scope["path"])
+            await answer(problem)(scope, receive, send)
+        else:
+            await self._app(scope, receive, send)
+
+
+def _is_conditional(scope: Asked) -> bool:
+    """Return whether a request is a change with `If-Match`."""
+    if scope["type"] != "http" or scope["method"] in SAFE or not scope["path"].startswith(PREFIX):
+        return False
+    return "if-match" in Headers(scope=scope)
 
 
 class RedactingFilter(logging.Filter):

@@ -13,8 +13,9 @@ from fastapi import APIRouter, Depends, HTTPException, Request
 from fastapi.responses import RedirectResponse
 from markupsafe import Markup
 
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.filters import parse_filter
+from eigenfail.settings import refuse_hidden
 from eigenfail.values.triage import (
     LONGEST_LABEL,
     LONGEST_NOTE,
@@ -149,6 +150,7 @@ async def read_form(request: Request) -> dict[str, str]:
 
     Raises:
         HTTPException: 400, the body is no form.
+        InvalidValue: a text has an invisible character.
     """
     body = await read_within(request)
     try:
@@ -156,6 +158,7 @@ async def read_form(request: Request) -> dict[str, str]:
     except ValueError as error:
         raise HTTPException(400, f"The form is invalid: {error}.") from None
     form = dict(pairs)
+    refuse_hidden(form)
     record_form(request.scope, form)
     return form
 
@@ -218,7 +221,17 @@ def _add_note(store: Store, subject: TriageSubject, text: str, who: str) -> Redi
 def _change_triage(
     store: Store, subject: TriageSubject, form: Mapping[str, str], who: str
 ) -> RedirectResponse:
-    store.triage.change_seen(subject, read_change(form), who, read_version(form))
+    shown_ms = read_version(form)
+
+    def refuse_newer(found: Triage) -> None:
+        if found.changed_ms != shown_ms:
+            by = f", by {found.changed_by}" if found.changed_by else ""
+            raise Conflict(
+                f"The triage of this {subject.kind.value} was changed meanwhile{by}.",
+                "Open the page again, and change what it shows now.",
+            )
+
+    store.triage.change(subject, read_change(form), who, refuse_newer)
     return return_to(find_address(subject))
 
 

@@ -28,10 +28,11 @@ from eigenfail_api.parameters import (
     Json,
     Limit,
     ModeNumber,
+    Precondition,
     Stored,
     body_of,
 )
-from eigenfail_services.store.triage import episode_subject, mode_subject
+from eigenfail_services.store.triage import TriageSubject, episode_subject, mode_subject
 
 router = APIRouter(prefix=PREFIX, tags=["triage"])
 
@@ -42,6 +43,16 @@ EPISODE = f"{EPISODES}/{{index}}"
 
 Change = Annotated[TriageChange, Depends(body_of(TriageChange))]
 Text = Annotated[NoteText, Depends(body_of(NoteText))]
+
+
+def mode_subject_of(analysis: AnalysisId, mode: ModeNumber) -> TriageSubject:
+    """Return the failure mode of a request."""
+    return mode_subject(analysis, mode)
+
+
+def episode_subject_of(campaign: CampaignId, index: EpisodeIndex) -> TriageSubject:
+    """Return the episode of a request."""
+    return episode_subject(campaign, index)
 
 
 @router.post(f"{MODES}/triage", **document_route(TriageCount, body=ModesTriage))
@@ -64,10 +75,14 @@ def get_mode_triage(store: Stored, analysis: AnalysisId, mode: ModeNumber) -> Js
 
 @router.post(f"{MODE}/triage", **document_route(Triage, body=TriageChange))
 def triage_mode(
-    store: Stored, analysis: AnalysisId, mode: ModeNumber, change: Change, who: CallerName
+    store: Stored,
+    subject: Annotated[TriageSubject, Depends(mode_subject_of)],
+    change: Change,
+    who: CallerName,
+    precondition: Precondition,
 ) -> Json:
     """Change the triage of a failure mode; fields that are left out do not change."""
-    return Json(store.triage.change(mode_subject(analysis, mode), check_change(change), who))
+    return Json(store.triage.change(subject, check_change(change), who, precondition))
 
 
 @router.get(f"{MODE}/notes", **document_route(Page[TriageNote]))
@@ -110,10 +125,14 @@ def get_episode_triage(store: Stored, campaign: CampaignId, index: EpisodeIndex)
 
 @router.post(f"{EPISODE}/triage", **document_route(Triage, body=TriageChange))
 def triage_episode(
-    store: Stored, campaign: CampaignId, index: EpisodeIndex, change: Change, who: CallerName
+    store: Stored,
+    subject: Annotated[TriageSubject, Depends(episode_subject_of)],
+    change: Change,
+    who: CallerName,
+    precondition: Precondition,
 ) -> Json:
     """Change the triage of an episode; fields that are left out do not change."""
-    return Json(store.triage.change(episode_subject(campaign, index), check_change(change), who))
+    return Json(store.triage.change(subject, check_change(change), who, precondition))
 
 
 @router.get(f"{EPISODE}/notes", **document_route(Page[TriageNote]))

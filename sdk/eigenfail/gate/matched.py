@@ -5,8 +5,9 @@ from collections.abc import Iterator, Sequence
 
 import msgspec
 
-from eigenfail.gate.reruns import Count, Ordinal, ReportName, ReportSentence
+from eigenfail.gate.reruns import ReportName, ReportSentence
 from eigenfail.presentation.releases import CHANGES, NOT_COMPARED
+from eigenfail.settings import Count, Ordinal
 from eigenfail.values.release import ModeSighting, ModeStatus, ReleaseTable
 
 

@@ -20,7 +20,6 @@ import msgspec
 from eigenfail.gate.known import NEW_MODE
 from eigenfail.gate.matched import MatchedModes, describe_match, describe_matched
 from eigenfail.gate.reruns import (
-    Count,
     GateFinding,
     JudgedBy,
     ReportName,
@@ -29,6 +28,7 @@ from eigenfail.gate.reruns import (
     RerunFigures,
 )
 from eigenfail.gate.verdicts import CLOSING, INFRASTRUCTURE, STRICTLY_CLOSING, GateVerdict
+from eigenfail.settings import Count
 
 
 class MemberReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -17,6 +17,7 @@ from eigenfail.gate.verdicts import (
     judge_rate_by_chance,
 )
 from eigenfail.methods import traits_of
+from eigenfail.settings import Count, Ordinal
 from eigenfail.values import Campaign, Comparison, Difference
 from eigenfail.values.records import EpisodeRow
 
@@ -25,8 +26,6 @@ LONGEST_NAME, LONGEST_SENTENCE = 200, 10_000
 
 ReportName = Annotated[str, msgspec.Meta(max_length=LONGEST_NAME)]
 ReportSentence = Annotated[str, msgspec.Meta(max_length=LONGEST_SENTENCE)]
-Ordinal = Annotated[int, msgspec.Meta(ge=1, le=2**63 - 1)]
-Count = Annotated[int, msgspec.Meta(ge=0, le=2**63 - 1)]
 Seconds = Annotated[float, msgspec.Meta(ge=0.0)]
 
 

@@ -8,7 +8,7 @@ import msgspec
 
 from eigenfail.errors import InvalidValue
 from eigenfail.files import read_toml
-from eigenfail.settings import convert
+from eigenfail.settings import Ordinal, convert
 
 MOST_SCENARIOS = 100
 MOST_CLASSES = 10
@@ -24,7 +24,7 @@ Positive = Annotated[float, msgspec.Meta(ge=1e-12, le=1e12)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e12)]
 Count = Annotated[int, msgspec.Meta(ge=0, le=10**12)]
 RiskName = Annotated[str, msgspec.Meta(min_length=1, max_length=200)]
-CampaignReference = Annotated[int, msgspec.Meta(ge=1, le=2**63 - 1)] | RiskName
+CampaignReference = Ordinal | RiskName
 """Id of a campaign, or its name, which stands for the newest campaign of that name."""
 
 

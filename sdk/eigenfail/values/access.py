@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import msgspec
 
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import InvalidValue, is_unsafe
 
 MOST = 10**15
 
@@ -154,11 +154,15 @@ RESERVED_NAMES = frozenset({"loopback", "network", "database"})
 
 
 def check_key_name(name: str) -> None:
-    """Refuse a key's name that is reserved for callers without a key, in any spelling.
+    """Refuse a key's name that is reserved for callers without a key, or not read as written.
 
     Raises:
-        InvalidValue: the name is reserved.
+        InvalidValue: the name is reserved in any spelling, or has a control or invisible character.
     """
+    if any(map(is_unsafe, name)):
+        raise InvalidValue(
+            "name", "contains a control character or an invisible one.", "Take it out."
+        )
     letters = unicodedata.normalize("NFKC", name)
     plain = "".join(each for each in letters if each.isprintable()).casefold().strip()
     if plain in RESERVED_NAMES or plain.startswith(PROXY_PREFIX):

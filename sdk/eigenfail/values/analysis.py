@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
+from eigenfail.settings import Ordinal
 from eigenfail.values.arrays import Floats
 from eigenfail.values.disturbance import AXES
 from eigenfail.values.estimates import Estimate, Interval
@@ -197,9 +198,6 @@ MAX_CAMPAIGNS = 50
 MAX_RESAMPLES = 1000
 
 
-CampaignNumber = Annotated[int, msgspec.Meta(ge=1)]
-
-
 Centre = Literal["median", "mean"]
 
 
@@ -243,7 +241,7 @@ class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     clusters: Annotated[int, msgspec.Meta(ge=1, le=MAX_CLUSTERS)] | None = None
     axes: Annotated[str, msgspec.Meta(min_length=1, max_length=LONGEST_CHANNEL)] = JOINT
     clusterer: Literal["kmeans", "hdbscan", "gaussian_mixture"] = "kmeans"
-    campaigns: Annotated[tuple[CampaignNumber, ...], msgspec.Meta(max_length=MAX_CAMPAIGNS)] = ()
+    campaigns: Annotated[tuple[Ordinal, ...], msgspec.Meta(max_length=MAX_CAMPAIGNS)] = ()
     bootstrap: Annotated[int, msgspec.Meta(ge=0, le=MAX_RESAMPLES)] = 20
     failures: Literal["latest", "all"] = "latest"
     centre: Centre = "median"

@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenfail.settings import Count
 from eigenfail.values.campaign_spec import Settings
 from eigenfail.values.disturbance import DisturbanceModel
 from eigenfail.values.estimates import Cost, Interval, Rate
@@ -66,8 +67,8 @@ class Difference(msgspec.Struct, frozen=True):
 
     value: float
     interval: Interval
-    n_a: int
-    n_b: int
+    n_a: Count
+    n_b: Count
     is_paired: bool = False
 
 

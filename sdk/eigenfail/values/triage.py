@@ -11,6 +11,7 @@ from urllib.parse import urlsplit
 import msgspec
 
 from eigenfail.errors import InvalidValue
+from eigenfail.settings import Ordinal
 from eigenfail.values.showing import Tabular
 
 LONGEST_OWNER = 80
@@ -112,9 +113,7 @@ class ModesTriage(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         change: what changes.
     """
 
-    modes: Annotated[
-        tuple[Annotated[int, msgspec.Meta(ge=1)], ...], msgspec.Meta(min_length=1, max_length=1_000)
-    ]
+    modes: Annotated[tuple[Ordinal, ...], msgspec.Meta(min_length=1, max_length=1_000)]
     change: TriageChange
 
 

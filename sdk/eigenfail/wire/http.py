@@ -20,12 +20,13 @@ from eigenfail.errors import (
     InvalidValue,
     NoisePruned,
     NotFound,
+    PreconditionFailed,
     ProtocolError,
     ServiceError,
     Unauthorized,
     UnknownName,
 )
-from eigenfail.settings import convert, invalid_value
+from eigenfail.settings import Ordinal, convert, invalid_value, refuse_hidden
 from eigenfail.values.analysis import LONGEST_MODE_NAME
 from eigenfail.values.arrays import decode_array, encode_array_as_lists
 from eigenfail.values.campaign_spec import CampaignSpec, Settings
@@ -110,6 +111,7 @@ def _get_type_for_status(status: int) -> type[EigenfailError]:
         404: NotFound,
         409: Conflict,
         410: NoisePruned,
+        412: PreconditionFailed,
     }
     return exact.get(status, ServiceError if status >= SERVER_SIDE else InputError)
 
@@ -133,6 +135,9 @@ MAX_VARIATIONS = 100
 
 NOT_JSON = (msgspec.DecodeError, UnicodeDecodeError, RecursionError)
 """Errors of bytes that are no JSON, no text, or nested too deeply."""
+
+ESCAPE = b"\\u"
+"""What JSON of plain ASCII needs to write any other character."""
 
 Body = TypeVar("Body", bound=msgspec.Struct)
 StructType = type[msgspec.Struct]
@@ -178,7 +183,7 @@ class ShrinkRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         episodes: budget of replays.
     """
 
-    episodes: Annotated[int, msgspec.Meta(ge=1)] = SHRINK_WITHIN
+    episodes: Ordinal = SHRINK_WITHIN
 
 
 class Digest(msgspec.Struct, frozen=True):
@@ -245,10 +250,11 @@ def read_body(data: bytes, kind: type[Body]) -> Body:
     Raises:
         ProtocolError: the body is not JSON.
         UnknownName: it has an unknown field.
-        InvalidValue: a value has the wrong type, is out of bounds, or is missing.
+        InvalidValue: a value has the wrong type, is out of bounds, is missing, or has a text with
+            an invisible character.
     """
     try:
-        return msgspec.json.decode(data or b"{}", type=kind)
+        body = msgspec.json.decode(data or b"{}", type=kind)
     except msgspec.ValidationError as error:
         given = msgspec.UNSET
         with suppress(*NOT_JSON):
@@ -257,6 +263,9 @@ def read_body(data: bytes, kind: type[Body]) -> Body:
         raise invalid_value(error, kind, given) from None
     except NOT_JSON as error:
         raise ProtocolError(f"The body is not JSON: {error}.", "Send a JSON object.") from None
+    if not data.isascii() or ESCAPE in data:
+        refuse_hidden(msgspec.json.decode(data))
+    return body
 
 
 def read_plain(data: bytes, kind: type[Plain]) -> Plain:
@@ -264,12 +273,14 @@ def read_plain(data: bytes, kind: type[Plain]) -> Plain:
 
     Raises:
         ProtocolError: the body is not JSON.
-        InvalidValue: it is JSON of another kind.
+        InvalidValue: it is JSON of another kind, or has a text with an invisible character.
     """
     try:
         given = msgspec.json.decode(data) if data else kind()
     except NOT_JSON as error:
         raise ProtocolError(f"The body is not JSON: {error}.", "Send JSON.") from None
+    if not data.isascii() or ESCAPE in data:
+        refuse_hidden(given)
     return convert(given, kind)
 
 

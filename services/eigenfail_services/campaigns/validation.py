@@ -3,15 +3,14 @@
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from math import ceil, isfinite
 from typing import TYPE_CHECKING, Any
-from unicodedata import category
 
 import msgspec
 from msgspec.structs import replace
 
 from eigenfail.bridges import BridgeOffer
 from eigenfail.contracts import Injection, Reference
-from eigenfail.errors import InvalidValue, NotFound, UnknownName
-from eigenfail.settings import convert
+from eigenfail.errors import InvalidValue, NotFound, UnknownName, is_unsafe
+from eigenfail.settings import LARGEST_INTEGER, convert, list_values
 from eigenfail.values import CampaignSpec
 from eigenfail.values.campaign_spec import RESULT_RULES
 from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS
@@ -35,9 +34,6 @@ from eigenfail_services.methods import check_budget
 
 if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load
     from eigenfail_services.store import Store
-
-MAX_DEPTH = 20
-LARGEST = 2**63 - 1
 
 FAILURE_SETTINGS = ("campaign", "episode", "analysis", "mode")
 """Settings that name one failure: the first two together, or the last two."""
@@ -180,39 +176,11 @@ def _refuse_unstorable(spec: CampaignSpec) -> None:
     for path, value in list_values(spec):
         if isinstance(value, float) and not isfinite(value):
             raise InvalidValue(path, f"{value} is not a finite number.")
-        if isinstance(value, int) and abs(value) > LARGEST:
+        if isinstance(value, int) and abs(value) > LARGEST_INTEGER:
             raise InvalidValue(path, f"{value} is larger than 64 bits hold.")
-        if isinstance(value, str) and any(category(letter) in {"Cc", "Cs"} for letter in value):
-            raise InvalidValue(path, "contains a control character.", "Take it out.")
-
-
-def list_values(value: Any) -> Iterator[tuple[str, Any]]:
-    """Return every plain value inside a value, with its path.
-
-    Raises:
-        InvalidValue: it goes deeper than encoders follow.
-    """
-    # Without recursion: what a user sends may be nested more deeply than Python's stack is.
-    waiting: list[tuple[tuple[str, ...], Any]] = [((), value)]
-    while waiting:
-        path, value = waiting.pop()
-        if len(path) > MAX_DEPTH:
-            raise InvalidValue(path[0], f"is nested more than {MAX_DEPTH} levels deep.")
-        parts = list(_list_children(value))
-        waiting.extend(((*path, name), part) for name, part in parts)
-        if not parts:
-            yield ".".join(path), value
-
-
-def _list_children(value: Any) -> Iterator[tuple[str, Any]]:
-    # The names in a mapping come from users, too, and are looked at like values.
-    if isinstance(value, msgspec.Struct):
-        yield from msgspec.structs.asdict(value).items()
-    if isinstance(value, dict):
-        yield from ((str(name), part) for name, part in value.items())
-        yield from (("(name)", str(name)) for name in value)
-    if isinstance(value, (list, tuple)):
-        yield from ((str(place), part) for place, part in enumerate(value))
+        if isinstance(value, str) and any(map(is_unsafe, value)):
+            problem = "contains a control character or an invisible one."
+            raise InvalidValue(path, problem, "Take it out.")
 
 
 def check_references(campaign: ResolvedCampaign, store: "Store") -> ResolvedCampaign:

@@ -1,11 +1,11 @@
 """Triage of failure modes and episodes: the current one of each, and notes that only grow."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 from sqlalchemy import Connection, bindparam, insert, select, update
 
-from eigenfail.errors import Conflict, InvalidValue
+from eigenfail.errors import InvalidValue
 from eigenfail.filters import BY_INDEX, Conditions
 from eigenfail.values import Page
 from eigenfail.values.triage import (
@@ -65,6 +65,10 @@ class _Order(NamedTuple):
     who: str
 
 
+def accept(_triage: Triage) -> None:
+    """Let any triage be changed."""
+
+
 class TriageStore:
     """Triage and notes of failure modes and episodes, each with the name of its author."""
 
@@ -81,45 +85,30 @@ class TriageStore:
             _require(connection, subject)
             return _read(connection, subject)
 
-    def change(self, subject: TriageSubject, change: TriageChange, who: str) -> Triage:
-        """Change the triage of a mode or an episode, and return it.
-
-        Raises:
-            NotFound: no such mode or episode.
-            InvalidValue: it would have too many labels.
-        """
-        with self._database.writing() as connection:
-            _lock(connection, subject.kind, subject.parent)
-            _require(connection, subject)
-            _change(connection, subject.kind, subject.parent, [subject.number], _Order(change, who))
-            return _read(connection, subject)
-
-    def change_seen(
-        self, subject: TriageSubject, change: TriageChange, who: str, changed_ms: int | None
+    def change(
+        self,
+        subject: TriageSubject,
+        change: TriageChange,
+        who: str,
+        check: Callable[[Triage], None] = accept,
     ) -> Triage:
-        """Change the triage of a mode or an episode, unless it was changed in the meantime.
+        """Change the triage of a mode or an episode, and return it.
 
         Args:
             subject: the mode or the episode.
             change: what changes.
             who: name of who makes the change.
-            changed_ms: `changed_ms` of the triage that the change was made for.
+            check: raises an error if the current triage is not the one to be changed; no other
+                change comes between.
 
         Raises:
             NotFound: no such mode or episode.
             InvalidValue: it would have too many labels.
-            Conflict: it was changed meanwhile.
         """
         with self._database.writing() as connection:
             _lock(connection, subject.kind, subject.parent)
             _require(connection, subject)
-            found = _read(connection, subject)
-            if found.changed_ms != changed_ms:
-                by = f", by {found.changed_by}" if found.changed_by else ""
-                raise Conflict(
-                    f"The triage of this {subject.kind.value} was changed meanwhile{by}.",
-                    "Open the page again, and change what it shows now.",
-                )
+            check(_read(connection, subject))
             _change(connection, subject.kind, subject.parent, [subject.number], _Order(change, who))
             return _read(connection, subject)
 

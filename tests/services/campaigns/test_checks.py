@@ -7,10 +7,11 @@ import msgspec
 import pytest
 
 from eigenfail.errors import InputError, InvalidValue, UnknownName
+from eigenfail.settings import MAX_DEPTH
 from eigenfail.values import CampaignSpec, DisturbanceModel, StopRules
 from eigenfail_services.campaigns.drafts import fill_defaults
 from eigenfail_services.campaigns.resolution import resolve_campaign
-from eigenfail_services.campaigns.validation import MAX_DEPTH, check_spec
+from eigenfail_services.campaigns.validation import check_spec
 
 GOOD = CampaignSpec(
     name="first", method="monte_carlo", episodes=10, planner="idm", simulator="point_mass"

@@ -11,6 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from threading import Event, Thread
+from time import monotonic, sleep
 
 import anyio
 import deadlines
@@ -278,6 +279,60 @@ def test_one_that_answers_slowly_holds_up_no_other(store, monkeypatch):
         WebhookDispatcher(store, LOOPBACK).turn()
     states = [store.webhooks.deliveries(each.id, 1).items[0].state for each in made]
     assert states == ["delivered", "delivered"]
+
+
+HANGING = 49
+"""As many as there may be beside a good one."""
+
+SOON_S = dispatcher.ATTEMPT_S / 2
+"""Before the first of the others is given up; on an idle machine it takes half a second."""
+
+
+def send_beside_hanging(store, hanging, good):
+    """Return how long the good one's event took, beside events for hanging ones [s]."""
+    hooks = [*hanging, good]
+    secret = make_secret()
+    made = [store.webhooks.create(WebhookRequest(url), secret) for url in hooks]
+    for webhook in made:
+        store.webhooks.test(webhook.id)
+    sending = WebhookDispatcher(store, LOOPBACK)
+    began_s = monotonic()
+    sending.start()
+    try:
+        while store.webhooks.deliveries(made[-1].id, 1).items[0].state == "pending":
+            assert monotonic() - began_s < deadlines.PROCESS_S
+            sleep(0.02)
+        return monotonic() - began_s
+    finally:
+        sending.stop()
+
+
+def test_receivers_that_hang_do_not_delay_a_good_one(store):
+    with (
+        socket.create_server(("127.0.0.1", 0), backlog=128) as silent,
+        receiving(answering(204)) as good,
+    ):
+        hanging = [f"http://127.0.0.1:{silent.getsockname()[1]}/{n}" for n in range(HANGING)]
+        took_s = send_beside_hanging(store, hanging, f"http://127.0.0.1:{good.server_port}/")
+    assert took_s < SOON_S
+
+
+def test_names_that_no_server_resolves_do_not_delay_a_good_one(store, monkeypatch):
+    over, resolve = Event(), socket.getaddrinfo
+
+    def hang(host, *rest, **named):
+        if str(host).endswith(".example"):
+            over.wait(deadlines.PROCESS_S)
+        return resolve(host, *rest, **named)
+
+    monkeypatch.setattr(socket, "getaddrinfo", hang)
+    with receiving(answering(204)) as good:
+        hanging = [f"http://host{n}.example/" for n in range(HANGING)]
+        try:
+            took_s = send_beside_hanging(store, hanging, f"http://127.0.0.1:{good.server_port}/")
+        finally:
+            over.set()
+    assert took_s < SOON_S
 
 
 def take_turns(store) -> None:
