@@ -37,6 +37,7 @@ from eigenfail.presentation.episodes import (
 )
 from eigenfail.presentation.tables import FactTable
 from eigenfail.presentation.terminal import render
+from eigenfail.progress import announce
 from eigenfail.replays import explain_episode, redraw_episode, replay_episode
 from eigenfail.values import CampaignSpec, Outcome, Replayed
 from eigenfail.values.records import EpisodeDetail
@@ -287,7 +288,7 @@ def export(
     A campaign is written as CSV, NDJSON or Parquet; an episode as OpenSCENARIO, MCAP or GIF.
     """
     wanted = ExportRequest(conditions, sort, parse_fields(fields), noise)
-    with interruptible(), connect_to(context, url) as client:
+    with interruptible(), connect_to(context, url) as client, announce(f"Writing {output}"):
         if "/" in exported:
             _refuse_options(wanted)
             episode = parse_episode_id(exported)
