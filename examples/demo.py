@@ -12,7 +12,7 @@ from eigenfail.cli.render import follow, make_console
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail.client import Client
 from eigenfail.errors import EigenfailError
-from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL
+from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.processes import interruptible
 from eigenfail.hosting.service import Plan, local_service
 from eigenfail.presentation.analyses import count_reproductions, describe_modes
@@ -23,10 +23,8 @@ from eigenfail.values import AnalysisSettings, AnalysisState, CampaignSpec, Summ
 HERE = Path(__file__).parent
 EPISODES = {"monte_carlo": 400, "ast": 400, "difs": 400}
 ANALYSED = "ast"
-# Picked among about twenty settings tried on failures of an earlier world. Few components explain
-# little of what tells failures apart, twenty nearly all: only then does an eigenfailure stay close
-# to the failures that it stands for.
-ANALYSIS = AnalysisSettings(components=20, clusters=4, features="noise")
+# The defaults, which `eigenfail analyze 2 --prove`, the dashboard and the client have, too.
+ANALYSIS = AnalysisSettings()
 
 
 def read_specs() -> dict[str, CampaignSpec]:
@@ -56,7 +54,8 @@ def explain(client: Client, campaign: int) -> None:
         return
     screen.print(f"\nFailure modes of campaign {campaign}; disturbances in sigma:")
     screen.print(render(*describe_modes(campaign, analysis.result), *analysis.result.notes))
-    screen.print(render(*count_reproductions(prove_analysis(client, analysis.id, ()))))
+    proof = prove_analysis(client, analysis.id, ())
+    screen.print(render(*count_reproductions(proof, analysis.result.cluster_noun)))
 
 
 def demo(client: Client) -> None:
@@ -78,7 +77,7 @@ def main() -> int:
         print(f"eigenfail: {error}", file=sys.stderr)
         return error.exit_code
     print(f"\nDone in {time.monotonic() - began:.0f} s; nothing was left running.")
-    print(f"To look at these results: .venv/bin/eigenfail up, then open {DEFAULT_URL}")
+    print("To look at these results: .venv/bin/eigenfail up prints the address to open.")
     return 0
 
 

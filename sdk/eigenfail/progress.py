@@ -1,6 +1,7 @@
 """Progress of campaigns: a bar in terminals and notebooks, plain lines elsewhere."""
 
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -14,6 +15,9 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
 from eigenfail.values import Campaign
 
 LINE_EVERY_S = 5.0
+FIRST_LINE_S = 5.0
+"""A step that is over by then is not worth a line."""
+WAITING_LINE_EVERY_S = 10.0
 
 Report = Callable[[Campaign], None]
 
@@ -122,6 +126,52 @@ class PlainLines:
             return
         self.headline, self.last_s = seen.headline, now_s
         self.write(f"{seen.headline}: {seen.done}/{seen.total} episodes, {words}")
+
+
+class WaitingLines:
+    """Lines that say what a command waits for, and for how long already.
+
+    Args:
+        step: what it does, as in "Analysing the failures of campaign 2".
+    """
+
+    def __init__(self, step: str) -> None:
+        self._step = step
+        self._began_s = time.monotonic()
+        self._is_over = threading.Event()
+
+    def begin(self, step: str) -> None:
+        """Name the next step, from which time counts again."""
+        self._step, self._began_s = step, time.monotonic()
+
+    def end(self) -> None:
+        """Write no further line."""
+        self._is_over.set()
+
+    def write(self) -> None:
+        """Write a line after some seconds, and then again and again, until the end."""
+        due_s = FIRST_LINE_S
+        while not self._is_over.wait(due_s):
+            elapsed_s = time.monotonic() - self._began_s
+            on_standard_error(f"{self._step}: {elapsed_s:.0f} s so far.")
+            due_s = WAITING_LINE_EVERY_S
+
+
+@contextmanager
+def announce(step: str) -> Iterator[Callable[[str], None]]:
+    """Say on standard error what a command waits for, if the block takes more than a moment.
+
+    Yields:
+        A function that names the next step of the block.
+    """
+    lines = WaitingLines(step)
+    writer = threading.Thread(target=lines.write, name="waiting lines", daemon=True)
+    writer.start()
+    try:
+        yield lines.begin
+    finally:
+        lines.end()
+        writer.join()
 
 
 def on_standard_error(line: str) -> None:

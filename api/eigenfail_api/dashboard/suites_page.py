@@ -21,6 +21,7 @@ from eigenfail.presentation.seeds import label_spread, list_spread, tabulate_spr
 from eigenfail.presentation.tables import Table, format_cell
 from eigenfail.suites import format_value
 from eigenfail.values import FINAL_STATES, CampaignState, Page, Rate, RateDesign
+from eigenfail.values.campaign import describe_early_end
 from eigenfail.values.episode import ERRORED
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteRow, SuiteStanding, SuiteTable
@@ -334,7 +335,7 @@ def make_member_line(table: SuiteTable, row: SuiteRow) -> MemberLine:
         name=row.member,
         campaign=row.campaign,
         badge=make_campaign_badge(row.state, summary.counts),
-        because=row.stopped_because,
+        because=describe_early_end(row.stopped_because, counts.planned),
         ended=counts.completed + counts.errored,
         planned=counts.planned,
         wanted=counts.planned - counts.cancelled,

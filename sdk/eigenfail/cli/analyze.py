@@ -2,7 +2,6 @@
 
 import tomllib
 from collections.abc import Sequence
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -23,44 +22,19 @@ from eigenfail.presentation.analyses import (
 )
 from eigenfail.presentation.tables import Block
 from eigenfail.presentation.terminal import render
+from eigenfail.progress import announce
 from eigenfail.settings import convert
 from eigenfail.values import Analysis, AnalysisSettings, AnalysisState, Proof
-from eigenfail.values.analysis import JOINT, Centre
+from eigenfail.values.analysis import Alignment, Centre, Clusterer, FailureChoice, Features
 from eigenfail.worlds import find_robustness_unit
 
 app = typer.Typer(add_completion=False)
 
-
-class Align(StrEnum):
-    """Where trajectories are put side by side."""
-
-    START = "start"
-    COLLISION = "collision"
+USUAL = AnalysisSettings()
+"""What every option is unless it is given, as in the API, the client and the dashboard's form."""
 
 
-class ClustererName(StrEnum):
-    """What finds the modes."""
-
-    KMEANS = "kmeans"
-    HDBSCAN = "hdbscan"
-    GAUSSIAN_MIXTURE = "gaussian_mixture"
-
-
-class FeatureChoice(StrEnum):
-    """What failures are grouped by."""
-
-    BEHAVIOUR = "behaviour"
-    NOISE = "noise"
-
-
-class FailureChoice(StrEnum):
-    """The failures of a method that learns which are analysed."""
-
-    LATEST = "latest"
-    ALL = "all"
-
-
-AlignAt = Annotated[Align, typer.Option(help="Moment at which trajectories are aligned.")]
+AlignAt = Annotated[Alignment, typer.Option(help="Moment at which trajectories are aligned.")]
 Components = Annotated[int, typer.Option(help="Number of principal components.")]
 Clusters = Annotated[
     int | None, typer.Option(help="Number of failure modes (default: by silhouette).")
@@ -73,7 +47,7 @@ AxesChoice = Annotated[
     ),
 ]
 ClustererChoice = Annotated[
-    ClustererName, typer.Option(help="Clustering algorithm that finds the modes.")
+    Clusterer, typer.Option(help="Clustering algorithm that finds the modes.")
 ]
 Also = Annotated[
     list[int] | None,
@@ -100,7 +74,7 @@ FailuresChoice = Annotated[
 ]
 
 FeaturesChoice = Annotated[
-    FeatureChoice,
+    Features,
     typer.Option(
         help="What failures are grouped by: the behaviour of the ego before the collision, or "
         "the noise, as in the paper."
@@ -135,16 +109,16 @@ def analyze(
     context: typer.Context,
     campaign: CampaignId,
     url: Url = DEFAULT_URL,
-    align: AlignAt = Align.START,
-    components: Components = 3,
-    clusters: Clusters = None,
-    axes: AxesChoice = JOINT,
-    clusterer: ClustererChoice = ClustererName.KMEANS,
+    align: AlignAt = USUAL.align,
+    components: Components = USUAL.components,
+    clusters: Clusters = USUAL.clusters,
+    axes: AxesChoice = USUAL.axes,
+    clusterer: ClustererChoice = USUAL.clusterer,
     also: Also = None,
-    bootstrap: Bootstrap = 20,
-    failures: FailuresChoice = FailureChoice.LATEST,
-    centre: ModeCentre = "median",
-    features: FeaturesChoice = FeatureChoice.BEHAVIOUR,
+    bootstrap: Bootstrap = USUAL.bootstrap,
+    failures: FailuresChoice = USUAL.failures,
+    centre: ModeCentre = USUAL.centre,
+    features: FeaturesChoice = USUAL.features,
     prove: Prove = False,
     variation: Variations = None,
     animations: Animations = None,
@@ -157,16 +131,16 @@ def analyze(
     fail, the nearest noise that does is searched on the way to its medoid.
     """
     given = {
-        "align": align.value,
+        "align": align,
         "components": components,
         "clusters": clusters,
         "axes": axes,
-        "clusterer": clusterer.value,
+        "clusterer": clusterer,
         "campaigns": also or [],
         "bootstrap": bootstrap,
-        "failures": failures.value,
+        "failures": failures,
         "centre": centre,
-        "features": features.value,
+        "features": features,
     }
     settings = convert(given, AnalysisSettings)
     if animations is not None:
@@ -223,7 +197,8 @@ def write_animations(client: Client, analysis: Analysis, folder: Path) -> None:
         InvalidValue: the service cannot write the format.
     """
     for number in range(1, len(analysis.result.modes if analysis.result else ()) + 1):
-        path = client.analyses.animate(analysis.id, number, folder / f"mode-{number}.gif")
+        with announce(f"Drawing the failures of mode {number}"):
+            path = client.analyses.animate(analysis.id, number, folder / f"mode-{number}.gif")
         typer.echo(f"Wrote {path}.", err=True)
 
 
@@ -233,7 +208,8 @@ def find_or_run_analysis(client: Client, campaign: int, settings: AnalysisSettin
     Raises:
         Conflict: there is nothing to analyse.
     """
-    analysis = client.analyses.wait(client.analyses.create(campaign, settings).id)
+    with announce(f"Analysing the failures of campaign {campaign}"):
+        analysis = client.analyses.wait(client.analyses.create(campaign, settings).id)
     if analysis.state is AnalysisState.FAILED:
         raise Conflict(f"Campaign {campaign} cannot be analysed: {analysis.problem}")
     return analysis
@@ -246,13 +222,15 @@ def prove_analysis(client: Client, analysis: int, given: Sequence[str]) -> Proof
         InvalidValue: a variation that cannot be read, or outside the scenario's bounds.
     """
     variations = [read_variation(text) for text in given]
-    launched = client.analyses.prove(analysis, variations or None)
+    with announce(f"Preparing the replays of analysis {analysis}"):
+        launched = client.analyses.prove(analysis, variations or None)
     for scenario in launched.scenarios:
         follow(client, scenario.campaign)
     if client.analyses.proof(analysis).unplaced:
         for search in client.analyses.prove(analysis, variations or None).searches:
             follow(client, search)
-    return client.analyses.proof(analysis)
+    with announce(f"Counting the replays of analysis {analysis}"):
+        return client.analyses.proof(analysis)
 
 
 def read_variation(text: str) -> dict[str, Any]:

@@ -47,6 +47,7 @@ from eigenfail.presentation.campaigns import (
     tabulate_workers,
 )
 from eigenfail.presentation.terminal import render
+from eigenfail.progress import announce
 from eigenfail.values import Campaign, CampaignState, Priority
 from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.views import ViewPage
@@ -303,7 +304,7 @@ def course(
     as_json: AsJson = False,
 ) -> None:
     """Show how failure rate, likelihood and robustness moved: the learning curve."""
-    with connect_to(context, url) as client:
+    with connect_to(context, url) as client, announce("Reading the episodes"):
         found = client.campaigns.course(campaign, per)
         unit = find_robustness_unit(client.campaigns.get(campaign).spec)
     show(found, as_json, lambda: render(*tabulate_course(found, unit)))
@@ -323,7 +324,7 @@ def digest(
 
     The same campaign has the same digest with the same release and kind of processor.
     """
-    with connect_to(context, url) as client:
+    with connect_to(context, url) as client, announce("Reading the results"):
         found = client.campaigns.digest(campaign)
     show({"campaign": campaign, "digest": found}, as_json, lambda: found)
 
@@ -354,7 +355,7 @@ def safety(
     as_json: AsJson = False,
 ) -> None:
     """Show collisions, near misses, MinTTC, DRAC and severity of a campaign's episodes."""
-    with connect_to(context, url) as client:
+    with connect_to(context, url) as client, announce("Reading the measures"):
         found = client.campaigns.safety(campaign, level)
     show(found, as_json, lambda: render(*describe_safety(found)))
 
@@ -364,7 +365,7 @@ def region(
     context: typer.Context, campaigns: VariedIds, url: Url = DEFAULT_URL, as_json: AsJson = False
 ) -> None:
     """Show where among the scenario's parameters the episodes of campaigns fail."""
-    with connect_to(context, url) as client:
+    with connect_to(context, url) as client, announce("Searching for the failing region"):
         found = client.campaigns.region(campaigns)
     show(found, as_json, lambda: render(*describe_region(found)))
 
@@ -377,7 +378,7 @@ def cost(
 
     A Monte Carlo campaign without a failure shows a lower bound of the cost per failure (95 %).
     """
-    with connect_to(context, url) as client:
+    with connect_to(context, url) as client, announce("Reading the costs"):
         found = [client.campaigns.cost(campaign) for campaign in campaigns]
     show(found, as_json, lambda: render(*describe_costs(found)))
 

@@ -12,6 +12,7 @@ from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.presentation.campaigns import describe_comparison
 from eigenfail.presentation.terminal import render
+from eigenfail.progress import announce
 
 app = typer.Typer(add_completion=False)
 
@@ -38,7 +39,7 @@ def compare(
     them, the Vargha-Delaney effect size of the failure rates.
     """
     sides = _parse_campaign_ids("A", a), _parse_campaign_ids("B", b)
-    with connect_to(context, url) as client:
+    with connect_to(context, url) as client, announce("Comparing the campaigns"):
         found = client.campaigns.compare(*sides)
     show(found, as_json, lambda: render(*describe_comparison(found)))
 

@@ -31,6 +31,7 @@ from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL, DataFolder
 from eigenfail.hosting.service import load_database_tool
 from eigenfail.methods import find_narrow_campaigns
 from eigenfail.presentation.terminal import start_grid
+from eigenfail.progress import announce
 from eigenfail.values import CampaignState
 from eigenfail.values.operations import Presence, Verification
 
@@ -104,13 +105,13 @@ def check_data_folder(data: Path) -> Finding:
 
 def check_service(context: typer.Context, url: str) -> Iterator[Finding]:
     """Whether a service answers, and is well, and who works for it; none has to."""
-    what = f"service {url}"
     try:
         connection = connect_to(context, url)
     except ServiceUnreachable as error:
         yield Finding("service", error.problem, remedy=error.remedy)
         return
     with connection as client:
+        what = f"service {client.url}"
         trouble = client.trouble()
         if trouble is None:
             yield Finding(what, "answers")
@@ -174,7 +175,8 @@ def check_database(database: str | None, replay: int, repair: bool) -> Iterator[
             raise InvalidValue("database", "No database is specified.", "Give --database, too.")
         return
     try:
-        found: Verification = load_database_tool("verify")(database, replay, repair=repair)
+        with announce("Verifying the database"):
+            found: Verification = load_database_tool("verify")(database, replay, repair=repair)
     except EigenfailError as error:
         yield Finding("database", error.problem, wrong=True, remedy=error.remedy)
         return
@@ -316,7 +318,8 @@ def _refuse_besides(alone: str, others: Mapping[str, object]) -> None:
 
 def _check_plugins(planner: str | None, scenario: str | None, as_json: bool) -> None:
     """Hold plug-ins against their contracts."""
-    checks = check_plugins(planner, scenario)
+    with announce(f"Checking {' and '.join(filter(None, (planner, scenario)))}"):
+        checks = check_plugins(planner, scenario)
     show(checks, as_json, lambda: draw_checks(checks))
     if any(check.verdict is CheckVerdict.BROKEN for check in checks):
         raise typer.Exit(BROKEN)
@@ -328,7 +331,8 @@ def _check_bridge(address: str, campaign: Path | None, as_json: bool) -> None:
     if spec is not None and spec.simulator != SIMULATOR:
         problem = f"the campaign runs on '{spec.simulator}', and on no bridge."
         raise InvalidValue("simulator", problem, f'Write simulator = "{SIMULATOR}".')
-    answer = ask_about_bridges(BridgeCheck(check_address(address), spec))
+    with announce(f"Checking the bridge at {address}"):
+        answer = ask_about_bridges(BridgeCheck(check_address(address), spec))
     checks = msgspec.json.decode(answer, type=list[CheckResult])
     show(checks, as_json, lambda: draw_checks(checks))
     if any(check.verdict is CheckVerdict.BROKEN for check in checks):

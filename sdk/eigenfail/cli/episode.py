@@ -1,5 +1,6 @@
 """`eigenfail episode`: list, show, export, replay, explain and shrink episodes."""
 
+from functools import partial
 from math import inf
 from pathlib import Path
 from typing import Annotated
@@ -37,6 +38,7 @@ from eigenfail.presentation.episodes import (
 )
 from eigenfail.presentation.tables import FactTable
 from eigenfail.presentation.terminal import render
+from eigenfail.progress import announce
 from eigenfail.replays import explain_episode, redraw_episode, replay_episode
 from eigenfail.values import CampaignSpec, Outcome, Replayed
 from eigenfail.values.records import EpisodeDetail
@@ -48,6 +50,10 @@ from eigenfail.worlds import drawn_for, placed_for
 
 DIFFERENT = 1
 
+ALL_STEPS = StepWindow(0.0, inf, 1)
+WithSteps = Annotated[
+    bool, typer.Option("--steps", help="Also show each step, as --every, --from and --to do.")
+]
 Every = Annotated[int, typer.Option(min=1, help="Show only every N-th step.")]
 From = Annotated[float, typer.Option("--from", help="Show steps from this time on. [s]")]
 To = Annotated[
@@ -92,20 +98,25 @@ def explain(
     context: typer.Context,
     episode: EpisodeId,
     url: Url = DEFAULT_URL,
-    every: Every = 1,
-    since_s: From = 0.0,
-    until_s: To = inf,
+    steps: WithSteps = False,
+    every: Every = ALL_STEPS.every,
+    since_s: From = ALL_STEPS.since_s,
+    until_s: To = ALL_STEPS.until_s,
     as_json: AsJson = False,
 ) -> None:
-    """Replay a stored episode, and print the planner's own account of each step.
+    """Replay a stored episode, and print what happened, from the planner's own account.
 
-    Exits with 1 if the run differs from the stored one.
+    With --steps, --every, --from or --to, what the planner believed and decided in these steps
+    follows. Exits with 1 if the run differs from the stored one.
     """
-    stored, spec = find_stored_episode(context, url, episode)
-    replayed, explained = explain_episode(spec, stored)
     window = StepWindow(since_s, until_s, every)
+    with_steps = steps or window != ALL_STEPS
+    stored, spec = find_stored_episode(context, url, episode)
+    with announce(f"Running episode {episode} again"):
+        replayed, explained = explain_episode(spec, stored)
     explanation = build_explanation(episode, spec.planner, replayed, explained, window)
-    show(explanation, as_json, lambda: render(*describe_explanation(explanation)))
+    drawn = partial(describe_explanation, explanation, with_steps=with_steps)
+    show(explanation, as_json, lambda: render(*drawn()))
     if not replayed.same:
         raise typer.Exit(DIFFERENT)
 
@@ -287,7 +298,7 @@ def export(
     A campaign is written as CSV, NDJSON or Parquet; an episode as OpenSCENARIO, MCAP or GIF.
     """
     wanted = ExportRequest(conditions, sort, parse_fields(fields), noise)
-    with interruptible(), connect_to(context, url) as client:
+    with interruptible(), connect_to(context, url) as client, announce(f"Writing {output}"):
         if "/" in exported:
             _refuse_options(wanted)
             episode = parse_episode_id(exported)

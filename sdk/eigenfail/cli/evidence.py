@@ -26,6 +26,7 @@ from eigenfail.evidence.storage import check_output, write_bundle
 from eigenfail.evidence.verification import EvidenceCheck, verify_bundle
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.presentation.figures import count_noun
+from eigenfail.progress import announce
 
 COLLECT = "collect"
 
@@ -118,9 +119,9 @@ def collect(
     """
     question = read_evidence_file(file)
     check_output(output, force=force)
-    with connect_to(context, url) as client:
+    with connect_to(context, url) as client, announce("Collecting the evidence"):
         bundle = collect_bundle(client, question)
-    write_bundle(bundle.files, output)
+        write_bundle(bundle.files, output)
     said = CollectedEvidence(
         output=str(output), root_hash=bundle.manifest.sha256, argument=bundle.graph
     )
@@ -144,7 +145,8 @@ def verify(
     if root_hash and not ROOT_HASH.fullmatch(root_hash):
         problem = f"'{root_hash}' is no SHA-256 of 64 hexadecimal digits."
         raise InvalidValue("--root-hash", problem, "Copy the line that was printed.")
-    checked = verify_bundle(bundle, root_hash, replay, seed)
+    with announce(f"Verifying {bundle}"):
+        checked = verify_bundle(bundle, root_hash, replay, seed)
     show(checked, as_json, lambda: Group(*map(Text, _list_findings(checked))))
     raise typer.Exit(0 if checked.is_verified else TAMPERED)
 

@@ -38,6 +38,7 @@ from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunSide, judge
 from eigenfail.gate.verdicts import RunOutcomes
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.methods import traits_of
+from eigenfail.progress import announce
 from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values import (
     Analysis,
@@ -99,7 +100,8 @@ def _wait_for_analysis(
         place.check()
         return client.analyses.get(analysis.id)
 
-    return wait_until(look, lambda each: each.state in OVER, POLL_S, None)
+    with announce(f"Analysing the failures of campaign {campaign}"):
+        return wait_until(look, lambda each: each.state in OVER, POLL_S, None)
 
 
 IDS = re.compile(r"[1-9]\d*(,[1-9]\d*)*")

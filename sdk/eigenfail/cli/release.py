@@ -10,6 +10,7 @@ from eigenfail.cli.render import show
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.presentation.releases import tabulate_questions, tabulate_releases
 from eigenfail.presentation.terminal import render
+from eigenfail.progress import announce
 
 app = typer.Typer(add_completion=False, no_args_is_help=True)
 
@@ -32,7 +33,7 @@ def list_releases(
 
     Only campaigns that name the version of their planner count.
     """
-    with connect_to(context, url) as client:
+    with connect_to(context, url) as client, announce("Reading the versions"):
         found = client.releases.list(project)
     show(found, as_json, lambda: render(tabulate_questions(found)))
 
@@ -45,6 +46,6 @@ def show_release(
 
     The campaigns must be analysed (`eigenfail analyze`).
     """
-    with connect_to(context, url) as client:
+    with connect_to(context, url) as client, announce("Comparing the versions"):
         found = client.releases.get(campaign)
     show(found, as_json, lambda: render(*tabulate_releases(found)))

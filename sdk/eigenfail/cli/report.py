@@ -9,6 +9,7 @@ from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, Url
 from eigenfail.cli.render import show
 from eigenfail.hosting.folder import DEFAULT_URL
+from eigenfail.progress import announce
 
 app = typer.Typer(add_completion=False)
 
@@ -39,6 +40,6 @@ def report(
 
     The folder holds report.html, report.json, tables/*.csv and pictures/*.svg.
     """
-    with connect_to(context, url) as client:
+    with connect_to(context, url) as client, announce("Writing the report"):
         made = client.report(campaigns, output, force)
     show(made, as_json, lambda: f"The report is in {output / 'report.html'}.")

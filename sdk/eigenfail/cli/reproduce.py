@@ -20,6 +20,7 @@ from eigenfail.client.analyses import check_folder
 from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
 from eigenfail.presentation.terminal import start_grid
+from eigenfail.progress import announce
 from eigenfail.reproduction.page import (
     format_heading,
     format_our_number,
@@ -126,9 +127,12 @@ def reproduce(
         check_folder(output, force)
     with connect_for_suite(context, suite, url, Plan(data, 0, workers)) as (client, place):
         run_suite(client, suite, place.check, this_command())
-        found = build_reproduction(client, suite, scale, scenario)
-        if output is not None:
-            client.report(_list_reported_campaigns(client, suite), output, force, list_files(found))
+        with announce("Reading the results of the campaigns") as begin:
+            found = build_reproduction(client, suite, scale, scenario, begin)
+            if output is not None:
+                begin("Writing the report")
+                reported = _list_reported_campaigns(client, suite)
+                client.report(reported, output, force, list_files(found))
     show(found, as_json, lambda: draw_reproduction(found))
 
 

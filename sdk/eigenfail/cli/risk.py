@@ -11,11 +11,13 @@ from typer.core import TyperGroup
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, Url
 from eigenfail.cli.render import show
+from eigenfail.client import Client
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.presentation.tables import Block
 from eigenfail.presentation.terminal import render
+from eigenfail.progress import announce
 from eigenfail.risk.assessment import RiskAssessment, RiskVerdict
-from eigenfail.risk.question import EPISODES, read_risk_file
+from eigenfail.risk.question import EPISODES, RiskQuestion, read_risk_file
 from eigenfail.risk.sentences import describe_allocation, describe_assessment, list_limits
 
 ASSESS = "assess"
@@ -66,7 +68,7 @@ def assess(
     message on standard error and no answer on standard output.
     """
     with connect_to(context, url) as client:
-        found = client.assess_risk(read_risk_file(file))
+        found = _assess(client, read_risk_file(file))
     show(found, as_json, lambda: render(*_list_blocks(found)))
     raise typer.Exit(EXIT_CODES[found.verdict])
 
@@ -85,12 +87,17 @@ def allocate(
     """
     question = replace(read_risk_file(file), episodes=episodes)
     with connect_to(context, url) as client:
-        found = client.assess_risk(question)
+        found = _assess(client, question)
     show(
         found.next,
         as_json,
         lambda: render(*describe_allocation(found.next), *list_limits(found)),
     )
+
+
+def _assess(client: Client, question: RiskQuestion) -> RiskAssessment:
+    with announce("Assessing the risk"):
+        return client.assess_risk(question)
 
 
 def _list_blocks(found: RiskAssessment) -> Iterator[Block]:

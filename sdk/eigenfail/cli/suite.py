@@ -22,6 +22,7 @@ from eigenfail.presentation.suites import (
     tabulate_suites,
 )
 from eigenfail.presentation.terminal import render
+from eigenfail.progress import announce
 from eigenfail.suites import Suite
 from eigenfail.values import Campaign, CampaignState
 
@@ -118,7 +119,8 @@ def show_suite(
             result = summarize_suite(client, Suite.read(suite))
             show(result, as_json, lambda: render(*describe_suite_result(result)))
         else:
-            found = client.suites.table(suite)
+            with announce(f"Reading the results of {suite}"):
+                found = client.suites.table(suite)
             show(found, as_json, lambda: render(*describe_suite(found)))
 
 
@@ -129,14 +131,16 @@ def _is_file(suite: str) -> bool:
 
 def summarize_suite(client: Client, suite: Suite) -> SuiteResult:
     """Return the results of the members of a suite so far, in order."""
-    campaigns, summaries = client.suites.find(suite), client.suites.summaries(suite)
+    with announce(f"Reading the results of {suite.name}"):
+        campaigns, summaries = client.suites.find(suite), client.suites.summaries(suite)
+        over_seeds = client.suites.over_seeds(suite)
     members = tuple(
         MemberResult(member.name, campaign.state, campaign.stopped_because, summary)
         if campaign
         else MemberResult(member.name)
         for member, campaign, summary in zip(suite.members, campaigns, summaries, strict=True)
     )
-    return SuiteResult(suite.name, suite.episodes, members, client.suites.over_seeds(suite))
+    return SuiteResult(suite.name, suite.episodes, members, over_seeds)
 
 
 def judge_all(campaigns: tuple[Campaign, ...], gate: bool, result: SuiteResult) -> None:

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import mkdtemp
 from types import MappingProxyType
-from typing import Any, Unpack
+from typing import Any, Unpack, overload
 from zipfile import BadZipFile, ZipFile, is_zipfile
 
 import httpx2
@@ -25,6 +25,7 @@ from eigenfail.client.references import (
     locate_analysis,
     locate_campaign,
     locate_mode,
+    split_text,
 )
 from eigenfail.errors import InvalidValue, ProtocolError, ServiceError
 from eigenfail.files import write_whole
@@ -141,27 +142,59 @@ class Analyses:
         asked = {"state": state, "owner": owner, "label": label}
         return self._link.get(f"{locate_analysis(analysis)}/modes", Page[Mode], asked).items
 
-    def rename_mode(self, analysis: AnalysisLike, mode: ModeLike, name: str) -> Mode:
+    @overload
+    def rename_mode(self, analysis: Mode, mode: str, name: None = None) -> Mode: ...
+
+    @overload
+    def rename_mode(
+        self, analysis: AnalysisLike, mode: ModeLike | None = None, *, name: str
+    ) -> Mode: ...
+
+    @overload
+    def rename_mode(self, analysis: AnalysisLike, mode: ModeLike, name: str) -> Mode: ...
+
+    def rename_mode(
+        self, analysis: AnalysisLike, mode: ModeLike | str | None = None, name: str | None = None
+    ) -> Mode:
         """Give a failure mode a name.
 
         Args:
-            analysis: the analysis, or its id.
-            mode: the mode, or its number, from 1.
+            analysis: the analysis, or its id; or the mode, as lists have it.
+            mode: the mode, or its number, from 1; left out where `analysis` is the mode:
+                `rename_mode(mode, "late braking")`.
             name: at most 80 characters.
 
         Raises:
             NotFound: no such analysis or mode.
-            InvalidValue: the name is empty, too long, or cannot be printed.
+            InvalidValue: the name is missing, empty, too long, or cannot be printed.
         """
-        place = f"{locate_mode(analysis, mode)}/name"
-        return self._link.put(place, Mode, read_fields({"name": name}, ModeName))
+        number, given = split_text("name", mode, name)
+        place = f"{locate_mode(analysis, number)}/name"
+        return self._link.put(place, Mode, read_fields({"name": given}, ModeName))
 
-    def animate(self, analysis: AnalysisLike, mode: ModeLike, path: Path | str) -> Path:
+    @overload
+    def animate(self, analysis: Mode, mode: Path | str, path: None = None) -> Path: ...
+
+    @overload
+    def animate(
+        self, analysis: AnalysisLike, mode: ModeLike | None = None, *, path: Path | str
+    ) -> Path: ...
+
+    @overload
+    def animate(self, analysis: AnalysisLike, mode: ModeLike, path: Path | str) -> Path: ...
+
+    def animate(
+        self,
+        analysis: AnalysisLike,
+        mode: ModeLike | Path | str | None = None,
+        path: Path | str | None = None,
+    ) -> Path:
         """Write the failures of a mode, drawn over each other, as an animated GIF.
 
         Args:
-            analysis: the analysis, or its id.
-            mode: the mode, or its number, from 1.
+            analysis: the analysis, or its id; or the mode, as lists have it.
+            mode: the mode, or its number, from 1; left out where `analysis` is the mode:
+                `animate(mode, "mode.gif")`.
             path: path of the file; one that is there is replaced.
 
         Returns:
@@ -170,13 +203,14 @@ class Analyses:
         Raises:
             NotFound: no such analysis or mode.
             Conflict: it is not done, or none of the failures has a scene.
-            InvalidValue: the service cannot write the format.
+            InvalidValue: the path is missing, or the service cannot write the format.
             ServiceError: the file cannot be written.
         """
-        path = Path(path)
-        place = f"{locate_mode(analysis, mode)}/animation"
-        write_whole(path, self._link.chunks(place, {}))
-        return path
+        number, named = split_text("path", mode, path)
+        file = Path(named)
+        place = f"{locate_mode(analysis, number)}/animation"
+        write_whole(file, self._link.chunks(place, {}))
+        return file
 
     def prove(
         self, analysis: AnalysisLike, variations: Sequence[Mapping[str, Any]] | None = None

@@ -14,6 +14,7 @@ from eigenfail.client.references import (
     find_campaign_id,
     locate_campaign,
     locate_episode,
+    split_text,
 )
 from eigenfail.errors import InvalidValue, ServiceError, UnknownName
 from eigenfail.exchange.recording import EgoControl, RecordingFormat
@@ -194,11 +195,41 @@ class Episodes:
         request = read_fields(wanted, ExportRequest)
         return self._exports.save(find_campaign_id(campaign), request, Path(path), format)
 
+    @overload
+    def export_recording(
+        self,
+        campaign: EpisodeRow | EpisodeDetail,
+        index: Path | str,
+        *,
+        format: RecordingFormat | str | None = None,
+        ego: EgoControl | str = EgoControl.RECORDED,
+    ) -> Path: ...
+
+    @overload
+    def export_recording(
+        self,
+        campaign: EpisodeRow | EpisodeDetail,
+        *,
+        path: Path | str,
+        format: RecordingFormat | str | None = None,
+        ego: EgoControl | str = EgoControl.RECORDED,
+    ) -> Path: ...
+
+    @overload
     def export_recording(
         self,
         campaign: CampaignLike,
         index: EpisodeLike,
         path: Path | str,
+        format: RecordingFormat | str | None = None,
+        ego: EgoControl | str = EgoControl.RECORDED,
+    ) -> Path: ...
+
+    def export_recording(
+        self,
+        campaign: CampaignLike,
+        index: EpisodeLike | Path | str | None = None,
+        path: Path | str | None = None,
         format: RecordingFormat | str | None = None,  # noqa: A002 - as for files elsewhere
         ego: EgoControl | str = EgoControl.RECORDED,
     ) -> Path:
@@ -207,8 +238,9 @@ class Episodes:
         An episode whose scene was not kept is run again by the service.
 
         Args:
-            campaign: the campaign, or its id.
-            index: the episode, or its index.
+            campaign: the campaign, or its id; or the episode, as lists have it.
+            index: the episode, or its index; left out where `campaign` is the episode:
+                `export_recording(row, "failure.gif")`.
             path: path of the file; one that is there is replaced.
             format: openscenario (a ZIP archive), mcap or gif; by the file's name if it is not
                 given.
@@ -221,15 +253,17 @@ class Episodes:
         Raises:
             NotFound: no such campaign, or the episode has no result yet.
             UnknownName: a format or a kind of ego that there is not.
-            InvalidValue: the episode has no vehicles, or the service cannot write the format.
+            InvalidValue: the path is missing, the episode has no vehicles, or the service cannot
+                write the format.
             Conflict: its scene was not kept, and a replay of it differs.
             ServiceError: the file cannot be written, or the episode cannot be run again.
         """
-        path = Path(path)
-        asked = {"format": choose_recording_format(path, format), "ego": _choose_ego(ego)}
-        place = f"{locate_episode(campaign, index)}/recording"
-        write_whole(path, self._link.chunks(place, asked))
-        return path
+        episode, named = split_text("path", index, path)
+        file = Path(named)
+        asked = {"format": choose_recording_format(file, format), "ego": _choose_ego(ego)}
+        place = f"{locate_episode(campaign, episode)}/recording"
+        write_whole(file, self._link.chunks(place, asked))
+        return file
 
     def get(self, campaign: CampaignLike, index: EpisodeLike | None = None) -> EpisodeDetail:
         """One result with its class, its noise and, where it was kept, its scene.

@@ -2,8 +2,9 @@
 
 from collections.abc import Iterable, Mapping
 from operator import index as convert_index
+from pathlib import Path
 from types import MappingProxyType
-from typing import SupportsIndex
+from typing import Any, SupportsIndex
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Analysis, Campaign, EpisodeResult, Event, FailureMode, Mode, Summary
@@ -105,6 +106,30 @@ def locate_campaign(campaign: CampaignLike) -> str:
     return f"/campaigns/{find_campaign_id(campaign)}"
 
 
+def split_text(
+    parameter: str, item: EpisodeLike | ModeLike | str | Path | None, text: object
+) -> tuple[Any, str | Path]:
+    """Return the second thing that a call names, and the text behind it.
+
+    An episode or mode that says to whom it belongs may stand alone: `(row, "failure.gif")` is
+    `(campaign, index, "failure.gif")`. The second thing is then None.
+
+    Args:
+        parameter: name of the text.
+        item: the second argument; the text, if the first argument stands alone.
+        text: the third argument; None if the second one is the text.
+
+    Raises:
+        InvalidValue: there is no text.
+    """
+    if text is None and isinstance(item, str | Path):
+        return None, item
+    if not isinstance(text, str | Path):
+        given = "is missing" if text is None else f"is an object of type {type(text).__name__}"
+        raise InvalidValue(parameter, f"{given}.", "Give it as text behind what it belongs to.")
+    return item, text
+
+
 def locate_episode(campaign: CampaignLike, index: EpisodeLike | None) -> str:
     """Return the path of an episode in the API; raises as `find_episode_id` does."""
     number, of_episode = find_episode_id(campaign, index)
@@ -121,13 +146,21 @@ def locate_analysis(analysis: AnalysisLike) -> str:
     return f"/analyses/{number}"
 
 
-def locate_mode(analysis: AnalysisLike, mode: ModeLike) -> str:
+def locate_mode(analysis: AnalysisLike, mode: ModeLike | None = None) -> str:
     """Return the path of a failure mode in the API.
 
+    Args:
+        analysis: its analysis; or the mode itself, as lists have it.
+        mode: the mode; None where `analysis` is the mode.
+
     Raises:
-        InvalidValue: a value is neither an id nor such an object, or the mode belongs to another
-            analysis.
+        InvalidValue: a value is neither an id nor such an object, the mode is missing, or it
+            belongs to another analysis.
     """
+    if mode is None:
+        if not isinstance(analysis, Mode):
+            raise InvalidValue("mode", "is missing.", "Name the number of the mode, from 1.")
+        mode = analysis
     return f"{locate_analysis(analysis)}/modes/{_find_mode_number(analysis, mode)}"
 
 

@@ -1,7 +1,7 @@
 """Triage, as a client sees it: state, owner, labels, ticket and notes of modes and episodes."""
 
 from collections.abc import Sequence
-from typing import TypedDict, Unpack
+from typing import TypedDict, Unpack, overload
 
 from eigenfail.client.link import Link
 from eigenfail.client.references import (
@@ -15,9 +15,11 @@ from eigenfail.client.references import (
     locate_campaign,
     locate_episode,
     locate_mode,
+    split_text,
 )
 from eigenfail.frames import Rows
-from eigenfail.values import Page
+from eigenfail.values import Mode, Page
+from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.triage import (
     EpisodesTriage,
     ModesTriage,
@@ -61,12 +63,12 @@ class TriageRecords:
     def __init__(self, link: Link) -> None:
         self._link = link
 
-    def get_mode(self, analysis: AnalysisLike, mode: ModeLike) -> Triage:
+    def get_mode(self, analysis: AnalysisLike, mode: ModeLike | None = None) -> Triage:
         """Return the triage of a failure mode.
 
         Args:
-            analysis: the analysis, or its id.
-            mode: the mode, or its number, from 1.
+            analysis: the analysis, or its id; or the mode, as lists have it.
+            mode: the mode, or its number, from 1; left out where `analysis` is the mode.
 
         Raises:
             NotFound: no such analysis or mode.
@@ -82,7 +84,7 @@ class TriageRecords:
         return self._link.get(f"{locate_episode(campaign, index)}/triage", Triage)
 
     def change_mode(
-        self, analysis: AnalysisLike, mode: ModeLike, **fields: Unpack[TriageFields]
+        self, analysis: AnalysisLike, mode: ModeLike | None = None, **fields: Unpack[TriageFields]
     ) -> Triage:
         """Change the triage of a failure mode, and return it.
 
@@ -148,7 +150,9 @@ class TriageRecords:
         asked = read_fields({"filter": filter, "change": fields}, EpisodesTriage)
         return self._link.post(f"{locate_campaign(campaign)}/episodes/triage", TriageCount, asked)
 
-    def list_mode_notes(self, analysis: AnalysisLike, mode: ModeLike) -> Rows[TriageNote]:
+    def list_mode_notes(
+        self, analysis: AnalysisLike, mode: ModeLike | None = None
+    ) -> Rows[TriageNote]:
         """Return the notes on a failure mode, newest first.
 
         Raises:
@@ -168,22 +172,69 @@ class TriageRecords:
         path = f"{locate_episode(campaign, index)}/notes"
         return self._link.pages(path, Page[TriageNote], "before")
 
-    def add_mode_note(self, analysis: AnalysisLike, mode: ModeLike, text: str) -> TriageNote:
+    @overload
+    def add_mode_note(self, analysis: Mode, mode: str, text: None = None) -> TriageNote: ...
+
+    @overload
+    def add_mode_note(
+        self, analysis: AnalysisLike, mode: ModeLike | None = None, *, text: str
+    ) -> TriageNote: ...
+
+    @overload
+    def add_mode_note(self, analysis: AnalysisLike, mode: ModeLike, text: str) -> TriageNote: ...
+
+    def add_mode_note(
+        self, analysis: AnalysisLike, mode: ModeLike | str | None = None, text: str | None = None
+    ) -> TriageNote:
         """Add a note to a failure mode, and return it.
+
+        Args:
+            analysis: the analysis, or its id; or the mode, as lists have it.
+            mode: the mode, or its number, from 1; left out where `analysis` is the mode:
+                `add_mode_note(mode, "late")`.
+            text: the note.
 
         Raises:
             NotFound: no such analysis or mode.
-            InvalidValue: the text is empty, too long, or cannot be printed.
+            InvalidValue: the text is missing, empty, too long, or cannot be printed.
         """
-        note = read_fields({"text": text}, NoteText)
-        return self._link.post(f"{locate_mode(analysis, mode)}/notes", TriageNote, note)
+        number, words = split_text("text", mode, text)
+        note = read_fields({"text": words}, NoteText)
+        return self._link.post(f"{locate_mode(analysis, number)}/notes", TriageNote, note)
 
-    def add_episode_note(self, campaign: CampaignLike, index: EpisodeLike, text: str) -> TriageNote:
+    @overload
+    def add_episode_note(
+        self, campaign: EpisodeRow | EpisodeDetail, index: str, text: None = None
+    ) -> TriageNote: ...
+
+    @overload
+    def add_episode_note(
+        self, campaign: CampaignLike, index: EpisodeLike | None = None, *, text: str
+    ) -> TriageNote: ...
+
+    @overload
+    def add_episode_note(
+        self, campaign: CampaignLike, index: EpisodeLike, text: str
+    ) -> TriageNote: ...
+
+    def add_episode_note(
+        self,
+        campaign: CampaignLike,
+        index: EpisodeLike | str | None = None,
+        text: str | None = None,
+    ) -> TriageNote:
         """Add a note to an episode, and return it.
+
+        Args:
+            campaign: the campaign, or its id; or the episode, as lists have it.
+            index: the episode, or its index; left out where `campaign` is the episode:
+                `add_episode_note(row, "late")`.
+            text: the note.
 
         Raises:
             NotFound: no such campaign, or the episode has no result yet.
-            InvalidValue: the text is empty, too long, or cannot be printed.
+            InvalidValue: the text is missing, empty, too long, or cannot be printed.
         """
-        note = read_fields({"text": text}, NoteText)
-        return self._link.post(f"{locate_episode(campaign, index)}/notes", TriageNote, note)
+        episode, words = split_text("text", index, text)
+        note = read_fields({"text": words}, NoteText)
+        return self._link.post(f"{locate_episode(campaign, episode)}/notes", TriageNote, note)

@@ -31,6 +31,7 @@ from eigenfail.hosting.processes import (
     rotate_regularly,
     stop_parts,
 )
+from eigenfail.progress import announce
 
 IDLE_S = 60.0
 
@@ -293,7 +294,7 @@ def wait_until_ready(parts: Sequence[ServicePart], port: int) -> Address:
     controller, services = parts
     url = f"http://{HOST}:{port}"
     deadline = time.monotonic() + READY_WITHIN_S
-    with Client(url) as client:
+    with Client(url) as client, announce("Starting the service"):
         while time.monotonic() < deadline:
             for part in parts:
                 part.check()

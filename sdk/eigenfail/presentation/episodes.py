@@ -309,10 +309,14 @@ SHOWN_ABOVE = frozenset(
 )
 
 
-def describe_explanation(explanation: Explanation) -> tuple[Block, ...]:
-    """Return an explained episode: remarks on the replay, its steps, and the story."""
-    before = [line for line in (explanation.verdict, explanation.note) if line]
-    return (*before, "", tabulate_steps(explanation.steps), "", *explanation.story)
+SHOW_STEPS = "Show what the planner believed and decided in each step with --steps."
+
+
+def describe_explanation(explanation: Explanation, *, with_steps: bool) -> tuple[Block, ...]:
+    """Return an explained episode: remarks on the replay, the story, and its steps if wanted."""
+    remarks = [line for line in (explanation.verdict, explanation.note) if line]
+    steps = (tabulate_steps(explanation.steps),) if with_steps else (SHOW_STEPS,)
+    return (*remarks, "", *explanation.story, "", *steps)
 
 
 def tabulate_steps(steps: Sequence[ExplainedStep]) -> Table:

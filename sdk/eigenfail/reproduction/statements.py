@@ -361,8 +361,20 @@ class Evidence(msgspec.Struct, frozen=True):
     causes: Causes
 
 
+Begin = Callable[[str], None]
+"""Called with what comes next, in words."""
+
+
+def begin_silently(step: str) -> None:
+    """Say nothing of a step."""
+
+
 def build_reproduction(
-    client: Client, suite: Suite, scale: str, scenario: str = "cut_in"
+    client: Client,
+    suite: Suite,
+    scale: str,
+    scenario: str = "cut_in",
+    begin: Begin = begin_silently,
 ) -> PaperReproduction:
     """Build the paper's tables and statements from campaigns that are done.
 
@@ -373,6 +385,7 @@ def build_reproduction(
         suite: the programme's campaigns.
         scale: name of their scale.
         scenario: name of their scenario.
+        begin: called with each step that takes long, such as an analysis.
 
     Raises:
         Conflict: a campaign is not done, or its failures cannot be analysed.
@@ -380,7 +393,8 @@ def build_reproduction(
     """
     _require_done(suite, client.suites.find(suite))
     programme = find_programme(scenario)
-    evidence = _gather_evidence(client, suite, programme)
+    evidence = _gather_evidence(client, suite, programme, begin)
+    begin("Comparing campaigns")
     return PaperReproduction(
         scale=scale,
         seed=suite.members[0].spec.seed,
@@ -405,31 +419,34 @@ def _require_done(suite: Suite, campaigns: Sequence[Campaign | None]) -> None:
             )
 
 
-def _gather_evidence(client: Client, suite: Suite, programme: ScenarioProgramme) -> Evidence:
+def _gather_evidence(
+    client: Client, suite: Suite, programme: ScenarioProgramme, begin: Begin
+) -> Evidence:
     found = zip(suite.members, client.suites.summaries(suite), strict=True)
     summaries = {member.name: summary for member, summary in found if summary is not None}
     ids = {name: one.campaign for name, one in summaries.items() if one.counts.failures}
     diagnosed = {name: ids[name] for name in ANALYSED if name in ids}
     readings = list_readings(programme)
-    causes = {name: _list_causes(client, campaign) for name, campaign in diagnosed.items()}
-    return Evidence(
-        summaries,
-        {
-            name: client.campaigns.safety(summaries[name].campaign)
-            for name in NEEDED
-            if name in summaries
-        },
-        {
-            (name, *reading): _analyze(client, campaign, settings)[1]
-            for name, campaign in diagnosed.items()
-            for reading, settings in readings.items()
-        },
-        {
-            name: _prove(client, campaign, readings["joint", "start"])
-            for name, campaign in diagnosed.items()
-        },
-        {name: found for name, found in causes.items() if found},
-    )
+    causes: dict[str, Mapping[int, str]] = {}
+    analyses: dict[tuple[str, str, str], AnalysisResult] = {}
+    proofs: dict[str, Proof] = {}
+    for name, campaign in diagnosed.items():
+        who = f"of campaign {campaign} ({name})"
+        begin(f"Reading the failures {who}")
+        causes[name] = _list_causes(client, campaign)
+        for number, (reading, settings) in enumerate(readings.items(), start=1):
+            begin(f"Analysis {number} of {len(readings)} of the failures {who}")
+            analyses[name, *reading] = _analyze(client, campaign, settings)[1]
+        begin(f"Replaying the failure modes {who}")
+        proofs[name] = _prove(client, campaign, readings["joint", "start"])
+    begin("Measuring how close episodes came to a collision")
+    safeties = {
+        name: client.campaigns.safety(summaries[name].campaign)
+        for name in NEEDED
+        if name in summaries
+    }
+    known = {name: each for name, each in causes.items() if each}
+    return Evidence(summaries, safeties, analyses, proofs, known)
 
 
 def _list_causes(client: Client, campaign: int) -> Mapping[int, str]:

@@ -201,6 +201,15 @@ MAX_RESAMPLES = 1000
 Centre = Literal["median", "mean"]
 
 
+Alignment = Literal["start", "collision"]
+
+
+Clusterer = Literal["kmeans", "hdbscan", "gaussian_mixture"]
+
+
+FailureChoice = Literal["latest", "all"]
+
+
 Features = Literal["behaviour", "noise"]
 
 
@@ -236,14 +245,14 @@ class AnalysisSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             of the noise, as in the paper.
     """
 
-    align: Literal["start", "collision"] = "start"
+    align: Alignment = "start"
     components: Annotated[int, msgspec.Meta(ge=1, le=MAX_CLUSTERS)] = 3
     clusters: Annotated[int, msgspec.Meta(ge=1, le=MAX_CLUSTERS)] | None = None
     axes: Annotated[str, msgspec.Meta(min_length=1, max_length=LONGEST_CHANNEL)] = JOINT
-    clusterer: Literal["kmeans", "hdbscan", "gaussian_mixture"] = "kmeans"
+    clusterer: Clusterer = "kmeans"
     campaigns: Annotated[tuple[Ordinal, ...], msgspec.Meta(max_length=MAX_CAMPAIGNS)] = ()
     bootstrap: Annotated[int, msgspec.Meta(ge=0, le=MAX_RESAMPLES)] = 20
-    failures: Literal["latest", "all"] = "latest"
+    failures: FailureChoice = "latest"
     centre: Centre = "median"
     features: Features = "behaviour"
 

@@ -78,6 +78,15 @@ class Overhead(msgspec.Struct, frozen=True):
     discarded_s: float = 0.0
 
 
+BUDGET_SPENT = "The budget of {} episodes was spent."
+"""Why a campaign ended as planned, with its budget."""
+
+
+def describe_early_end(because: str, planned: int) -> str:
+    """Return why a campaign ended; empty if it ended as planned, with its budget spent."""
+    return "" if because == BUDGET_SPENT.format(planned) else because
+
+
 class RunPart(msgspec.Struct, frozen=True, kw_only=True):
     """A part of a campaign that services with the same versions ran.
 

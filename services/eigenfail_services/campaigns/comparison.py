@@ -40,6 +40,7 @@ from eigenfail_services.analysis.campaign_figures import (
 )
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.pairing import (
+    NOTHING,
     PairedEpisodes,
     find_differing_fields,
     find_distinctions,
@@ -366,8 +367,6 @@ def _explain_no_effect(a: Side, b: Side) -> Iterator[str]:
 
 FEWEST, MOST = 2, 12
 
-ABSENT = "–"
-
 
 class SettingValues(msgspec.Struct, frozen=True):
     """The values of one setting in several campaigns, as text.
@@ -417,7 +416,7 @@ def compare_settings(campaigns: Sequence[Campaign]) -> tuple[SettingValues, ...]
     flat = [flatten_spec(each.spec) for each in campaigns]
     paths = sorted(dict.fromkeys(path for each in flat for path in each), key=_rank_path)
     return tuple(
-        SettingValues(path, tuple(each.get(path, ABSENT) for each in flat)) for path in paths
+        SettingValues(path, tuple(each.get(path, NOTHING) for each in flat)) for path in paths
     )
 
 

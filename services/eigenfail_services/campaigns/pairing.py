@@ -156,6 +156,19 @@ DEFAULT = "default"
 NO_VERSION = "not given"
 """The value of `planner_version` in a spec without one: there is no default version."""
 
+NOTHING = "–"
+"""The value of a setting that a plug-in does not have, or that is None."""
+
+OWNERS = {
+    "settings": "method",
+    "planner_settings": "planner",
+    "scenario_parameters": "scenario",
+}
+"""The field of a spec that names the plug-in to which the settings of another field belong."""
+
+FlatSpec = Mapping[str, str]
+"""The values of a spec as text, by dotted path."""
+
 
 def find_distinctions(
     a: Sequence[CampaignSpec], b: Sequence[CampaignSpec]
@@ -166,10 +179,14 @@ def find_distinctions(
     only one side's plug-ins have is listed if a campaign gives it another value than the default.
     The version of the planner is one of them: a campaign without one differs from one with it.
     """
-    left, right = _group_values(a), _group_values(b)
-    of_one_side = (left.keys() ^ right.keys()) & _find_chosen_paths([*a, *b])
-    paths = sorted(left.keys() & right.keys() | of_one_side, key=_rank_path)
-    compared = ((path, _find_values(left, path), _find_values(right, path)) for path in paths)
+    left, right = _flatten_all(a), _flatten_all(b)
+    shared = _list_paths(left) & _list_paths(right)
+    of_one_side = (_list_paths(left) ^ _list_paths(right)) & _find_chosen_paths([*a, *b])
+    all_specs = [*left, *right]
+    compared = (
+        (path, _find_values(left, path, all_specs), _find_values(right, path, all_specs))
+        for path in sorted(shared | of_one_side, key=_rank_path)
+    )
     return tuple(
         Distinction(path, ", ".join(one), ", ".join(other))
         for path, one, other in compared
@@ -177,12 +194,33 @@ def find_distinctions(
     )
 
 
-def _find_values(side: Mapping[str, tuple[str, ...]], path: str) -> tuple[str, ...]:
-    return side.get(path, (_name_absent(path),))
+def _flatten_all(specs: Sequence[CampaignSpec]) -> list[FlatSpec]:
+    return [flatten_spec(spec) for spec in specs]
 
 
-def _name_absent(path: str) -> str:
-    return NO_VERSION if path == "planner_version" else DEFAULT
+def _list_paths(side: Iterable[FlatSpec]) -> set[str]:
+    """Return the paths of the settings on which results depend."""
+    return {path for spec in side for path in spec if path.partition(".")[0] in THINGS}
+
+
+def _find_values(
+    side: Iterable[FlatSpec], path: str, all_specs: Iterable[FlatSpec]
+) -> tuple[str, ...]:
+    """Return the different values of a setting over the campaigns of a side."""
+    found = {spec.get(path) or _name_absent(path, spec, all_specs) for spec in side}
+    return tuple(sorted(found))
+
+
+def _name_absent(path: str, spec: FlatSpec, all_specs: Iterable[FlatSpec]) -> str:
+    """Return the value of a setting that a spec does not have.
+
+    It is the default only if the plug-in has such a setting, as another campaign of it shows.
+    """
+    if path == "planner_version":
+        return NO_VERSION
+    owner = OWNERS.get(path.partition(".")[0])
+    alike = (other for other in all_specs if owner is None or other[owner] == spec[owner])
+    return DEFAULT if any(path in other for other in alike) else NOTHING
 
 
 def find_differing_fields(found: Iterable[Distinction]) -> tuple[str, ...]:
@@ -192,21 +230,12 @@ def find_differing_fields(found: Iterable[Distinction]) -> tuple[str, ...]:
 
 def find_mixed_fields(specs: Sequence[CampaignSpec]) -> tuple[str, ...]:
     """Return the fields in which the campaigns of one side differ among themselves."""
-    paths = _group_values(specs)
+    side = _flatten_all(specs)
     return find_differing_fields(
-        Distinction(path, "", "") for path in sorted(paths, key=_rank_path) if len(paths[path]) > 1
+        Distinction(path, "", "")
+        for path in sorted(_list_paths(side), key=_rank_path)
+        if len(_find_values(side, path, side)) > 1
     )
-
-
-def _group_values(specs: Sequence[CampaignSpec]) -> dict[str, tuple[str, ...]]:
-    """Return the different values of each setting over campaigns, as text, by dotted path."""
-    plain = [flatten_spec(spec) for spec in specs]
-    paths = dict.fromkeys(path for each in plain for path in each)
-    return {
-        path: tuple(sorted({each.get(path, _name_absent(path)) for each in plain}))
-        for path in paths
-        if path.partition(".")[0] in THINGS
-    }
 
 
 def _find_chosen_paths(specs: Sequence[CampaignSpec]) -> set[str]:
@@ -232,7 +261,11 @@ def flatten_spec(spec: CampaignSpec) -> dict[str, str]:
     plain = msgspec.to_builtins(fill_defaults(spec))
     named = [f"{each.in_words()} (scale {each.scale:g})" for each in spec.all_requirements]
     values = list_leaves(plain | {"requirements": "; ".join(named)})
-    return {".".join(path): str(value) for path, value in values if value != {}}
+    return {
+        ".".join(path): NOTHING if value is None else str(value)
+        for path, value in values
+        if value != {}
+    }
 
 
 def _rank_path(path: str) -> tuple[int, str]:

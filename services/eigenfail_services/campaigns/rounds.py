@@ -23,6 +23,7 @@ from eigenfail.values import (
     episode_seed,
 )
 from eigenfail.values.arrays import decode_array, encode_array
+from eigenfail.values.campaign import BUDGET_SPENT
 from eigenfail_services.analysis.sampling_design import MOST_AHEAD, OPEN_WAS_FINISHED
 from eigenfail_services.statistics.intervals import confidence_sequence
 
@@ -197,7 +198,7 @@ class Rounds:
         if self._rule_held:
             return self._rule_held
         if self._episodes >= self._budget:
-            return f"The budget of {self._budget} episodes was spent."
+            return BUDGET_SPENT.format(self._budget)
         return "The method had no more to propose." if self._ended else ""
 
     def estimate(self) -> Estimate | None:

@@ -24,6 +24,7 @@ from eigenfail.presentation.figures import (
 )
 from eigenfail.presentation.tables import Block, FactTable, Table, TableColumn
 from eigenfail.presentation.terminal import render
+from eigenfail.progress import announce
 from eigenfail.suites import LIKE_MODEL, read_disturbance
 from eigenfail.values import AXES, DisturbanceModel, White
 from eigenfail.values.channels import EGO, GHOST, Channel, split_name
@@ -127,7 +128,8 @@ def fit(
     """Fit a disturbance model to a sensor's log, with intervals and checks."""
     _refuse_existing("--output", output)
     _refuse_existing("--pictures", pictures)
-    fitted, report = fit_log(read_log(log, step))
+    with announce(f"Fitting a model to {log}"):
+        fitted, report = fit_log(read_log(log, step))
     if output is not None:
         write_new(output, format_model(report, log.name), "--output")
     blocks = [*_list_blocks(report, output)]

@@ -18,6 +18,7 @@ from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import DEFAULT_DATA, DataFolder
 from eigenfail.hosting.service import require_installed
 from eigenfail.presentation.terminal import start_grid
+from eigenfail.progress import announce
 from eigenfail.values.operations import (
     DRAWN_AGAIN,
     KEEP_EVERY,
@@ -79,7 +80,8 @@ def upgrade(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJso
     from eigenfail_services.store import migrate
 
     url = database or DataFolder(data).database
-    migrate.upgrade(url)
+    with announce("Upgrading the schema"):
+        migrate.upgrade(url)
     words = "The database's schema is at revision {}, which is this program's."
     _show_revision("upgrade", _find_revision(url), words, as_json)
 
@@ -116,7 +118,8 @@ def verify(
     """
     from eigenfail_services.upkeep import verify as verification
 
-    found = verification.verify(database or DataFolder(data).database, replay, repair=repair)
+    with announce("Verifying the database"):
+        found = verification.verify(database or DataFolder(data).database, replay, repair=repair)
     show(found, as_json, lambda: _draw_verification(found))
     if found.defects:
         raise typer.Exit(DEFECTS_FOUND)
@@ -137,7 +140,8 @@ def backup(
     """
     from eigenfail_services.upkeep import backup as backups
 
-    made = backups.backup(database or DataFolder(data).database, file, force=force)
+    with announce(f"Writing {file}"):
+        made = backups.backup(database or DataFolder(data).database, file, force=force)
     words = f"{made.file} holds all of {made.database} ({made.bytes} bytes)."
     typer.echo(to_json(made) if as_json else words)
 
@@ -156,7 +160,7 @@ def restore(
     """
     from eigenfail_services.upkeep import backup as backups
 
-    with _claim(database, data):
+    with _claim(database, data), announce(f"Restoring {file}"):
         restored = backups.restore(database or DataFolder(data).database, file, force=force)
     words = f"{restored.database} holds what {restored.file} held (schema {restored.revision})."
     typer.echo(to_json(restored) if as_json else words)
@@ -183,7 +187,9 @@ def prune(
 
     act = maintenance.rehearse if dry_run else maintenance.prune
     which = maintenance.PruneSelection(tuple(campaigns), older_than)
-    found = act(database or DataFolder(data).database, _retention(keep_every, source), which)
+    kept = _retention(keep_every, source)
+    with announce("Counting what would be removed" if dry_run else "Removing noise and scenes"):
+        found = act(database or DataFolder(data).database, kept, which)
     show(found, as_json, lambda: _draw_pruning(found))
 
 
@@ -196,7 +202,7 @@ def vacuum(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJson
     """
     from eigenfail_services.upkeep import maintenance as vacuuming
 
-    with _claim(database, data):
+    with _claim(database, data), announce("Returning free space to the disk"):
         done = vacuuming.vacuum(database or DataFolder(data).database)
     freed = max(0, done.bytes_before - done.bytes_after)
     words = f"{done.database} takes {done.bytes_after:,} bytes; {freed:,} were given back."

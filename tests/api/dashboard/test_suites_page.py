@@ -5,6 +5,7 @@ import re
 import pytest
 
 from eigenfail.values import Outcome
+from eigenfail.values.campaign import BUDGET_SPENT
 
 
 @pytest.fixture
@@ -53,6 +54,15 @@ def test_a_member_draws_its_parameters_in_words(check_page, make):
         make(name)
     make("s: b", scenario_parameters={"distance_m": {"uniform": [55.0, 60.0]}})
     check_page("dashboard/suite/drawn_parameters", "/suites/s")
+
+
+def test_a_member_says_why_it_ended_only_if_it_ended_early(store, http, make):
+    for name, because in (("s: a", BUDGET_SPENT.format(2)), ("s: b", "The method had no more.")):
+        campaign = make(name, episodes=2)
+        store.campaigns.move(campaign, "done", because)
+    page = http.get("/suites/s").text
+    assert "budget of" not in page
+    assert page.count("The method had no more.") == 1
 
 
 def test_names_are_quoted_and_escaped(http, make):

@@ -164,7 +164,8 @@ def eigenfail(service):
 
 UNDER_WAY = re.compile(
     r"^campaign \d+ \(\w+\) (?:queued|running): .*\n"
-    r"|^.*: (?!(\d+) of \1 )\d+ of \d+ campaigns? over.*\n",
+    r"|^.*: (?!(\d+) of \1 )\d+ of \d+ campaigns? over.*\n"
+    r"|^.*: \d+ s so far\.\n",
     re.MULTILINE,
 )
 SPEED = re.compile(r", [\d.,]+ episodes/s(?:, \d+:\d\d:\d\d to go)?")

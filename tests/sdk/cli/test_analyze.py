@@ -1,11 +1,17 @@
 """`eigenfail analyze`: its options, and what it says besides the modes."""
 
 import json
+import re
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
 
+import httpx2
+import msgspec
 import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from eigenfail.client import Client
 from eigenfail.presentation.analyses import (
     describe_findings,
     describe_influence,
@@ -17,7 +23,9 @@ from eigenfail.presentation.analyses import (
 )
 from eigenfail.values import (
     AXES,
+    Analysis,
     AnalysisResult,
+    AnalysisSettings,
     FailureMode,
     InfluenceShare,
     Interval,
@@ -25,6 +33,10 @@ from eigenfail.values import (
     Stability,
 )
 
+README = Path(__file__).parents[3] / "README.md"
+EPISODE = re.compile(r"(?<=episode )\d+/\d+")
+"""Replays of two analyses are in two campaigns."""
+URL = "http://127.0.0.1:8440"
 NOTHING = np.zeros((0, 2), np.float32)
 BARE = AnalysisResult(
     episodes=(),
@@ -64,6 +76,56 @@ def test_wrong_options_are_refused_in_words(check_session, done):
         ("--axes", "latral"),
     )
     check_session("cli/errors/analyze", *(("analyze", done, *options) for options in wrong))
+
+
+def test_a_command_without_options_has_the_defaults_of_all_other_faces(eigenfail, done, service):
+    asked = eigenfail("analyze", done, "--json")
+    assert asked.exit_code == 0, asked.output
+    by_command = msgspec.convert(json.loads(asked.stdout)["analysis"]["settings"], AnalysisSettings)
+    with Client(URL, service) as client:
+        by_client = client.analyses.create(done).settings
+    by_rest = service.api.handle_request(
+        httpx2.Request("POST", f"{URL}/api/v1/campaigns/{done}/analyses", json={})
+    )
+    assert by_rest.status_code == 201
+    by_rest = msgspec.json.decode(by_rest.read(), type=Analysis).settings
+    form = service.api.handle_request(httpx2.Request("GET", f"{URL}/campaigns/{done}")).read()
+    assert {by_command, by_client, by_rest, read_form(form.decode()), load_demo().ANALYSIS} == {
+        AnalysisSettings()
+    }
+
+
+def read_form(page):
+    """The settings that the form of a page has before anybody changes them."""
+    (form,) = re.findall(r"<form[^>]*/analyses\">.*?</form>", page, re.DOTALL)
+    chosen = dict(re.findall(r'<select name="(\w+)">.*?value="(\w*)" selected', form, re.DOTALL))
+    typed = dict(re.findall(r'<input name="(\w+)" [^>]*value="(\w*)"', form))
+    typed.pop("campaigns")
+    numbers = {name: int(value) for name, value in typed.items() if value}
+    return msgspec.convert(chosen | numbers, AnalysisSettings)
+
+
+def test_demo_prints_the_modes_that_the_command_of_the_readme_prints(
+    eigenfail, spec_file, service, capsys
+):
+    spec_file.write_text(spec_file.read_text().replace("24", "60"))
+    for _ in range(2):
+        assert eigenfail("run", spec_file).exit_code == 0
+    (command,) = re.findall(r"^eigenfail (analyze 2.*?) *#", README.read_text(), re.MULTILINE)
+    by_command = EPISODE.sub("", eigenfail(*command.split()).stdout).splitlines()
+    with Client(URL, service) as client:
+        load_demo().explain(client, 2)
+    _, heading, *printed = EPISODE.sub("", capsys.readouterr().out).splitlines()
+    assert heading.startswith("Failure modes of campaign 2")
+    assert len(printed) > 8
+    assert [line for line in printed if line not in by_command] == []
+
+
+def load_demo():
+    found = spec_from_file_location("demo", README.parent / "examples" / "demo.py")
+    module = module_from_spec(found)
+    found.loader.exec_module(module)
+    return module
 
 
 BY_NOISE = "Failures are grouped by the principal components of their noise."

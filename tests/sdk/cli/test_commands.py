@@ -16,7 +16,7 @@ from eigenfail.cli import connection as places_module
 from eigenfail.cli.doctor import check_workers, list_narrow_campaigns
 from eigenfail.cli.render import INTERRUPTED
 from eigenfail.errors import InvalidValue
-from eigenfail.hosting.folder import DEFAULT_URL
+from eigenfail.hosting.folder import DEFAULT_URL, Address, DataFolder
 from eigenfail.hosting.service import Plan
 from eigenfail.values import CampaignSpec, CampaignState
 from eigenfail.values.operations import Arrival, Presence, Retention, Staffing
@@ -374,6 +374,18 @@ def test_the_doctor_finds_what_is_there(eigenfail, tmp_path):
     assert found["service http://127.0.0.1:8440"] == "answers"
     assert str(tmp_path) in found["data folder"]
     assert "eigenfail.planners" in eigenfail("doctor", "--data", tmp_path).stdout
+
+
+def test_the_doctor_names_the_address_that_it_asked(eigenfail, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    folder = DataFolder(tmp_path / "eigenfail-data")
+    with folder.claimed():
+        folder.publish(Address("http://127.0.0.1:8512", "tcp://127.0.0.1:8513"))
+        told = eigenfail("doctor", "--json")
+    assert told.exit_code == 0, told.output
+    found = {finding["what"]: finding["found"] for finding in json.loads(told.stdout)}
+    assert found["service http://127.0.0.1:8512"] == "answers"
+    assert "service http://127.0.0.1:8440" not in found
 
 
 def there(version):

@@ -51,8 +51,24 @@ def ending(crashed):
     return f"After {0.1 * crashed.steps:.1f} s collision: severity {severity:.1f} m²/s²."
 
 
-def test_it_begins_with_the_verdict_and_ends_with_the_story(check_session, crash):
+def test_the_story_stands_before_the_steps(check_session, crash):
     check_session("cli/explain/collision", ("episode", "explain", crash, *LATER))
+
+
+def test_steps_are_shown_only_where_they_are_asked_for(eigenfail, crash, store):
+    def explain(*options):
+        return eigenfail("episode", "explain", crash, *options).stdout
+
+    story, steps = explain(), store.episodes.get(1, 3).steps
+    assert ending(store.episodes.get(1, 3)) in story
+    assert "candidate" not in story
+    assert "--steps" in story
+    assert len(story.splitlines()) < 20
+    whole = explain("--steps")
+    assert whole.startswith(story.rpartition("\n\n")[0])
+    assert len(whole.splitlines()) > steps
+    for option in (("--every", 5), ("--from", 1), ("--to", 5)):
+        assert "candidate" in explain(*option)
 
 
 def test_as_json_it_has_every_step(eigenfail, crash, store):

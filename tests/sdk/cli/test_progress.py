@@ -1,6 +1,8 @@
 """Progress: a bar for people, a few plain lines for logs, and results on a stream of their own."""
 
+import time
 from io import StringIO
+from pathlib import Path
 
 import pytest
 from msgspec.structs import replace
@@ -12,6 +14,9 @@ from eigenfail.cli.render import follow
 from eigenfail.client import Client
 from eigenfail.progress import make_standing
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
+from eigenfail_services.store import migrate
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
 class Clock:
@@ -106,3 +111,82 @@ def test_a_check_that_raises_ends_the_following(eigenfail, done, service):
 
     with Client("http://127.0.0.1:8440", service) as client, pytest.raises(RuntimeError):
         follow(client, done, check)
+
+
+def test_a_long_step_says_what_it_is_and_for_how_long(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "FIRST_LINE_S", 0.0)
+    monkeypatch.setattr(progress, "WAITING_LINE_EVERY_S", 0.01)
+    with progress.announce("Reading") as begin:
+        assert_written(capsys, "Reading: 0 s so far.")
+        begin("Writing")
+        assert_written(capsys, "Writing: 0 s so far.")
+    capsys.readouterr()
+    time.sleep(0.05)
+    assert capsys.readouterr().err == ""
+
+
+def assert_written(capsys, line):
+    """Wait until a line is on standard error."""
+    until_s = time.monotonic() + 20.0
+    while line not in capsys.readouterr().err:
+        assert time.monotonic() < until_s
+        time.sleep(0.01)
+
+
+def test_a_short_step_says_nothing(capsys):
+    with progress.announce("Reading"):
+        pass
+    assert capsys.readouterr().err == ""
+
+
+@pytest.fixture
+def steps(monkeypatch):
+    """The steps of commands that are announced if they last."""
+    begun = []
+
+    class Recorded(progress.WaitingLines):
+        def __init__(self, step):
+            super().__init__(step)
+            begun.append(step)
+
+    monkeypatch.setattr(progress, "WaitingLines", Recorded)
+    return begun
+
+
+SUITE = 'name = "Two"\n[base]\nmethod = "monte_carlo"\nepisodes = 2\n[grid]\nseed = [1, 2]\n'
+WAITING_COMMANDS = {
+    "analyze 1": "Analysing the failures of campaign 1",
+    "analyze 1 --prove": "Preparing the replays of analysis 1",
+    "report 1 -o {tmp}/report": "Writing the report",
+    "evidence {examples}/evidence.toml -o {tmp}/evidence": "Collecting the evidence",
+    "evidence verify {tmp}": "Verifying {tmp}",
+    "risk {examples}/risk.toml": "Assessing the risk",
+    "risk next {examples}/risk.toml": "Assessing the risk",
+    "suite show {tmp}/suite.toml": "Reading the results of Two",
+    "compare 1 1": "Comparing the campaigns",
+    "campaign safety 1": "Reading the measures",
+    "campaign region 1": "Searching for the failing region",
+    "campaign cost 1": "Reading the costs",
+    "campaign course 1": "Reading the episodes",
+    "campaign digest 1": "Reading the results",
+    "release list": "Reading the versions",
+    "release show 1": "Comparing the versions",
+    "episode export 1 -o {tmp}/episodes.csv": "Writing {tmp}/episodes.csv",
+    "doctor --planner idm": "Checking idm",
+    "doctor --database sqlite:///{tmp}/one.db": "Verifying the database",
+    "db verify --database sqlite:///{tmp}/one.db": "Verifying the database",
+    "db upgrade --database sqlite:///{tmp}/one.db": "Upgrading the schema",
+    "db backup {tmp}/copy.db --database sqlite:///{tmp}/one.db": "Writing {tmp}/copy.db",
+    "db prune --database sqlite:///{tmp}/one.db": "Removing noise and scenes",
+    "db vacuum --database sqlite:///{tmp}/one.db": "Returning free space to the disk",
+}
+
+
+@pytest.mark.parametrize("command", WAITING_COMMANDS)
+def test_a_command_that_may_take_long_announces_its_step(command, eigenfail, done, steps, tmp_path):
+    (tmp_path / "suite.toml").write_text(SUITE)
+    migrate.upgrade(f"sqlite:///{tmp_path}/one.db")
+    places = {"tmp": tmp_path, "examples": EXAMPLES}
+    steps.clear()
+    eigenfail(*command.format(**places).split())
+    assert WAITING_COMMANDS[command].format(**places) in steps

@@ -1,14 +1,17 @@
 """Campaigns, episodes, analyses, modes, keys and suites, named by ids or by the objects."""
 
 import inspect
+from contextlib import suppress
+from pathlib import Path
 from typing import get_type_hints
 
+import httpx2
 import msgspec
 import numpy as np
 import pytest
 from store_checks.examples import deliver, result, running
 
-from eigenfail.client import references
+from eigenfail.client import Client, references
 from eigenfail.client.references import (
     find_campaign_id,
     find_campaign_ids,
@@ -20,10 +23,10 @@ from eigenfail.client.references import (
     locate_key,
     locate_mode,
 )
-from eigenfail.errors import InvalidValue
-from eigenfail.values import Event, Mode
+from eigenfail.errors import EigenfailError, InvalidValue
+from eigenfail.values import Event, Mode, Outcome
 from eigenfail.values.access import UNLIMITED, ApiKey, NewKey, Scope
-from eigenfail.values.records import EpisodeDetail
+from eigenfail.values.records import EpisodeDetail, EpisodeRow
 
 MODE = Mode(5, 2, 30, "hard braking")
 KEY = ApiKey(id=4, name="ci", scope=Scope.VIEWER, created_ms=0, quotas=UNLIMITED)
@@ -127,6 +130,111 @@ def test_an_episode_is_never_looked_up_in_another_campaign(client, campaign):
         locate_mode(6, MODE)
 
 
+class Listener(httpx2.BaseTransport):
+    """Notes what is asked, and has nothing."""
+
+    def __init__(self):
+        self.heard = []
+
+    def handle_request(self, request):
+        self.heard.append((request.method, request.url.raw_path, request.read()))
+        return httpx2.Response(404)
+
+
+def list_methods(*parameters):
+    """The methods of all parts of a client that have one of the parameters."""
+    found = Client("http://127.0.0.1:1", Listener())
+    return [
+        (resource, name)
+        for resource, part in vars(found).items()
+        if not resource.startswith("_")
+        for name, method in inspect.getmembers(part, inspect.ismethod)
+        if not name.startswith("_") and {*parameters} & {*inspect.signature(method).parameters}
+    ]
+
+
+BEHIND = {"path": "x.gif", "text": "late", "name": "late"}
+"""What methods take behind the thing that they name."""
+
+
+def ask(resource, name, *things, by_name=False):
+    """What a method asks of the service for these things, and what it needs behind them."""
+    listener = Listener()
+    method = getattr(getattr(Client("http://127.0.0.1:1", listener), resource), name)
+    wanted = [each for each in inspect.signature(method).parameters if each in BEHIND]
+    named = {each: BEHIND[each] for each in wanted} if by_name else {}
+    rest = [] if by_name else [BEHIND[each] for each in wanted]
+    with suppress(EigenfailError):
+        found = method(*things, *rest, **named)
+        list(found)  # rows are asked for once they are read
+    return listener.heard
+
+
+def make_row():
+    return EpisodeRow(
+        campaign=7,
+        index=3,
+        seed=5,
+        outcome=Outcome.COLLISION,
+        steps=4,
+        source="prior",
+        worker="w",
+        robustness_m=0.0,
+        log_probability=-8.0,
+        severity=9.0,
+        min_ttc_s=None,
+        max_drac_mps2=None,
+        wall_s=0.1,
+        finished_ms=7,
+        digest="d",
+        has_scene=True,
+    )
+
+
+@pytest.mark.parametrize("method", list_methods("index", "episode"))
+@pytest.mark.parametrize("by_name", [False, True])
+def test_an_episode_stands_for_campaign_and_index_in_every_method(method, by_name):
+    row = make_row()
+    asked = ask(*method, 7, 3)
+    assert len(asked) == 1
+    assert b"/campaigns/7/episodes/3" in asked[0][1]
+    assert ask(*method, row, by_name=by_name) == ask(*method, 7, row) == asked
+
+
+@pytest.mark.parametrize("method", list_methods("mode"))
+@pytest.mark.parametrize("by_name", [False, True])
+def test_a_mode_stands_for_analysis_and_number_in_every_method(method, by_name):
+    asked = ask(*method, 5, 2)
+    assert len(asked) == 1
+    assert b"/analyses/5/modes/2" in asked[0][1]
+    assert ask(*method, MODE, by_name=by_name) == ask(*method, 5, MODE) == asked
+
+
+def test_every_method_on_one_thing_is_among_those_tried():
+    episodes = {name for _, name in list_methods("index", "episode")}
+    assert {"export_recording", "get", "replay", "shrink", "add_episode_note"} <= episodes
+    assert {"animate", "rename_mode", "change_mode"} <= {name for _, name in list_methods("mode")}
+
+
+@pytest.mark.parametrize(
+    ("call", "field"),
+    [
+        (lambda client: client.episodes.export_recording(make_row()), "path"),
+        (lambda client: client.episodes.export_recording(7, 3), "path"),
+        (lambda client: client.episodes.export_recording(7, "x.gif"), "index"),
+        (lambda client: client.episodes.export_recording(7, 3, 5), "path"),
+        (lambda client: client.analyses.rename_mode(5, "late"), "mode"),
+        (lambda client: client.analyses.animate(MODE), "path"),
+        (lambda client: client.triage.get_mode(5), "mode"),
+        (lambda client: client.triage.add_episode_note(make_row()), "text"),
+    ],
+)
+def test_what_a_call_lacks_is_named(call, field):
+    with pytest.raises(InvalidValue) as error:
+        call(Client("http://127.0.0.1:1", Listener()))
+    assert error.value.field == field
+
+
 def test_no_method_takes_ids_alone(client):
     taken = {name: kind for name, kind in vars(references).items() if name.endswith("Like")}
     seen = set()
@@ -137,6 +245,9 @@ def test_no_method_takes_ids_alone(client):
             for parameter, kind in get_type_hints(method).items():
                 if parameter in NAMED and kind != str | None:  # an idempotency key
                     allowed = [taken[each] for each in NAMED[parameter]]
-                    assert kind in (*allowed, *(each | None for each in allowed)), (name, parameter)
+                    # The text behind it, where an object before it stands for both.
+                    shifted = (None, str | None, Path | str | None)
+                    kinds = [*allowed, *(each | text for each in allowed for text in shifted)]
+                    assert kind in kinds, (name, parameter)
                     seen.add(parameter)
     assert seen == {*NAMED}

@@ -318,7 +318,7 @@ def test_a_default_that_is_written_out_is_no_difference(store: Store) -> None:
     listed = {each.thing: (each.a, each.b) for each in found.distinctions}
     assert listed == {
         "planner": ("rulebook", "idm"),
-        "planner_settings.time_headway_s": ("default", "1.0"),
+        "planner_settings.time_headway_s": ("–", "1.0"),
     }
     assert found.warnings == ()
     c = campaign(store, range(6), settings={"round_size": 100}, seed=1)
@@ -332,6 +332,19 @@ def test_settings_of_plug_ins_that_are_not_installed_are_compared_as_they_are_gi
     )
     (found,) = find_distinctions([given], [spec(planner="gone")])
     assert (found.thing, found.a, found.b) == ("planner_settings.x", "1", "default")
+
+
+def test_a_setting_that_one_side_lacks_has_no_value_there() -> None:
+    def differ(**other: Any) -> dict[str, tuple[str, str]]:
+        found = find_distinctions([spec()], [spec(**other)])
+        return {each.thing: (each.a, each.b) for each in found}
+
+    assert differ(method="difs")["settings.round_size"] == ("100", "–")
+    learning = differ(method="ast", settings={"round_size": 20, "gamma": 0.9})
+    assert learning["settings.round_size"] == ("100", "20")
+    assert learning["settings.gamma"] == ("–", "0.9")
+    following = differ(planner="idm", planner_settings={"time_headway_s": 1.0})
+    assert following["planner_settings.time_headway_s"] == ("–", "1.0")
 
 
 def test_errored_episodes_are_told_beside_the_rates(store: Store) -> None:
