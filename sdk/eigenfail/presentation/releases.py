@@ -79,15 +79,18 @@ class NewestComparison(NamedTuple):
 def compare_newest(table: ReleaseTable) -> NewestComparison:
     """Return what became of failure modes in the newest version.
 
-    A mode that neither of the two versions has is left out.
+    A mode that neither of the two versions has is left out. Versions between the two that cannot be
+    compared are named: they may have failures, which would change what "against" means.
     """
     *earlier, newest = table.releases
     compared = [place for place, each in enumerate(earlier) if not each.problem]
     version = newest.version
     if newest.problem:
         return NewestComparison(version, "", {}, f"{version} is not compared. {newest.problem}")
+    skipped = tuple(earlier[compared[-1] + 1 :] if compared else earlier)
+    passed_over = "".join(f" {_describe_skipped(each)}" for each in skipped)
     if not compared:
-        words = f"{version} is not compared: no version before it can be."
+        words = f"{version} is not compared: no version before it can be.{passed_over}"
         return NewestComparison(version, "", {}, words)
     before = earlier[compared[-1]].version
     found: dict[ModeStatus, list[ReleaseMode]] = {each: [] for each in CHANGES}
@@ -98,7 +101,14 @@ def compare_newest(table: ReleaseTable) -> NewestComparison:
     modes = {status: tuple(each) for status, each in found.items() if each}
     counts = ", ".join(f"{len(each)} {CHANGES[status]}" for status, each in modes.items())
     words = f"{version} against {before}: {counts or 'no failure mode in either version'}."
-    return NewestComparison(version, before, modes, words)
+    return NewestComparison(version, before, modes, words + passed_over)
+
+
+def _describe_skipped(release: Release) -> str:
+    """Return a version that is not compared with its failures, and why, in sentences."""
+    failures = f"{release.failures:,} failure{'s' * (release.failures != 1)}"
+    counts = f"{failures} in {release.episodes:,} episodes"
+    return f"Version {release.version} is skipped ({counts}). {release.problem}"
 
 
 def _tabulate_versions(releases: Iterable[Release]) -> Table:

@@ -209,6 +209,9 @@ def _read_modes(store: Store, campaign: Campaign) -> _CampaignModes | str | None
 def _find_obstacle(campaign: Campaign) -> str:
     if campaign.state not in FINAL_STATES:
         return f"Campaign {campaign.id} is {campaign.state}."
+    if not campaign.counts.completed:
+        # Without this, "no failure" of no episode would read as a version without failures.
+        return f"Campaign {campaign.id} completed no episode."
     if campaign.counts.failures and not world_of(campaign.spec.simulator).has_road:
         return "Failures of functions have no behaviour by which modes could be compared."
     return ""

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache, partial
 from itertools import islice
+from typing import NamedTuple
 
 import msgspec
 from msgspec.structs import replace
@@ -51,7 +52,7 @@ def list_questions(store: Store, project: str | None = None) -> tuple[ReleaseQue
         store: where campaigns are.
         project: project that the campaigns belong to; None: any.
     """
-    return tuple(map(_make_question, _group_campaigns(store, project)))
+    return tuple(map(_make_question, _group_campaigns(_list_campaigns(store).items, project)))
 
 
 def list_release_tables(store: Store, project: str | None, limit: int) -> tuple[ReleaseTable, ...]:
@@ -62,18 +63,19 @@ def list_release_tables(store: Store, project: str | None, limit: int) -> tuple[
         project: project that the campaigns belong to; None: any.
         limit: maximum number of scenarios.
     """
+    read = _list_campaigns(store)
     found = (
         each
-        for each in _group_campaigns(store, project)
+        for each in _group_campaigns(read.items, project)
         if any(one.spec.version != each[0].spec.version for one in each)
     )
-    return tuple(_make_table(store, each) for each in islice(found, limit))
+    return tuple(_make_table(store, each, read.notes) for each in islice(found, limit))
 
 
-def _group_campaigns(store: Store, project: str | None) -> list[list[Campaign]]:
+def _group_campaigns(campaigns: Sequence[Campaign], project: str | None) -> list[list[Campaign]]:
     """Return campaigns by what they ask, the newest first."""
     found: dict[str, list[Campaign]] = {}
-    for campaign in _list_campaigns(store):
+    for campaign in campaigns:
         if project is None or campaign.spec.project == project:
             found.setdefault(_find_key(campaign.spec), []).append(campaign)
     return [*found.values()]
@@ -86,18 +88,27 @@ def make_release_table(store: Store, campaign: int) -> ReleaseTable:
         NotFound: there is no such campaign, or it does not name the version of its planner.
     """
     key = _find_key(store.campaigns.get(campaign).spec)
-    alike = [each for each in _list_campaigns(store) if _find_key(each.spec) == key]
+    read = _list_campaigns(store)
+    alike = [each for each in read.items if _find_key(each.spec) == key]
     if campaign not in {each.id for each in alike}:
         raise NotFound(
             f"Campaign {campaign} is part of no release.",
             "Name the version of its planner (`planner_version`), and use a method that finds "
             "failures of its own.",
         )
-    return _make_table(store, alike)
+    return _make_table(store, alike, read.notes)
 
 
-def _make_table(store: Store, alike: Sequence[Campaign]) -> ReleaseTable:
-    """Return the versions of campaigns that ask the same, the newest campaign first."""
+def _make_table(
+    store: Store, alike: Sequence[Campaign], read_notes: tuple[str, ...]
+) -> ReleaseTable:
+    """Return the versions of campaigns that ask the same question.
+
+    Args:
+        store: where analyses and episodes are.
+        alike: the campaigns, newest first.
+        read_notes: sentences on campaigns that were not read.
+    """
     versions: dict[str, list[Campaign]] = {}
     for each in reversed(alike):
         versions.setdefault(each.spec.version, []).append(each)
@@ -108,7 +119,7 @@ def _make_table(store: Store, alike: Sequence[Campaign]) -> ReleaseTable:
         question=_make_question(alike),
         releases=tuple(each.release for each in read),
         modes=modes,
-        notes=(*list_notes(read), *_list_fixed(modes, known)),
+        notes=(*list_notes(read), *_list_fixed(modes, known), *read_notes),
     )
 
 
@@ -130,10 +141,24 @@ def find_history(store: Store, analysis: int, mode: int) -> tuple[int, ReleaseMo
     return None
 
 
-def _list_campaigns(store: Store) -> list[Campaign]:
-    """Return the campaigns that find failures of a version, newest first."""
-    found = store.campaigns.list_versioned(MOST_CAMPAIGNS)
-    return [each for each in found if traits_of(each.spec.method).finds_new]
+class _VersionedCampaigns(NamedTuple):
+    """Campaigns that find failures of a version, newest first, and a note if some are missing."""
+
+    items: tuple[Campaign, ...]
+    notes: tuple[str, ...]
+
+
+def _list_campaigns(store: Store) -> _VersionedCampaigns:
+    """Return the newest campaigns that find failures of a version."""
+    found = store.campaigns.list_versioned(MOST_CAMPAIGNS + 1)
+    cut = (
+        f"Only the newest {MOST_CAMPAIGNS:,} campaigns with a version are read: older versions "
+        "may be missing."
+    )
+    return _VersionedCampaigns(
+        tuple(each for each in found[:MOST_CAMPAIGNS] if traits_of(each.spec.method).finds_new),
+        (cut,) if len(found) > MOST_CAMPAIGNS else (),
+    )
 
 
 def _find_key(spec: CampaignSpec) -> str:

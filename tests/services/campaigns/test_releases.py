@@ -6,9 +6,11 @@ from store_checks.releases import release
 from eigenfail.errors import NotFound
 from eigenfail.intervals import bound_rate_without_events, wilson
 from eigenfail.presentation.figures import format_percent_interval
+from eigenfail.presentation.releases import compare_newest
 from eigenfail.values import AnalysedCampaign, AnalysisSettings, StopRules
 from eigenfail.values.release import ModeStatus
 from eigenfail.values.triage import TriageChange, TriageState
+from eigenfail_services.campaigns import releases
 from eigenfail_services.campaigns.releases import (
     find_history,
     list_questions,
@@ -109,9 +111,39 @@ def test_what_is_not_analysed_or_not_done_is_not_compared(store):
     assert statuses(table) == {"late": [FIRST, None]}
     assert f"`eigenfail analyze {waiting.id}`" in table.releases[1].problem
     assert any("v2 are not compared" in note for note in table.notes)
-    without = release(store, "v3", {}, seed=2)
-    store.campaigns.get(without.id)
+    without = release(store, "v3", {}, passes=20, seed=2)
     assert make_release_table(store, without.id).releases[2].problem == ""
+
+
+def test_version_without_completed_episode_is_not_compared(store):
+    release(store, "v1", {"late": 20})
+    empty = release(store, "v2", {}, seed=1)
+    table = make_release_table(store, empty.id)
+    assert statuses(table) == {"late": [FIRST, None]}
+    assert table.releases[1].problem == f"Campaign {empty.id} completed no episode."
+    assert compare_newest(table).words == f"v2 is not compared. {table.releases[1].problem}"
+
+
+def test_version_that_is_not_analysed_is_named_beside_its_successor(store):
+    release(store, "1.4.2", {}, passes=40)
+    middle = release(store, "1.5.0", {"late": 20}, analyse=False, passes=20, seed=1)
+    newest = release(store, "1.5.1", {}, passes=40, seed=2)
+    assert compare_newest(make_release_table(store, newest.id)).words == (
+        "1.5.1 against 1.4.2: no failure mode in either version. "
+        "Version 1.5.0 is skipped (20 failures in 40 episodes). "
+        f"Campaign {middle.id} is not analysed: run `eigenfail analyze {middle.id}`."
+    )
+
+
+def test_table_notes_campaigns_beyond_the_newest_that_are_read(store, monkeypatch):
+    for place in range(3):
+        newest = release(store, f"v{place}", {"late": 6}, seed=place)
+    monkeypatch.setattr(releases, "MOST_CAMPAIGNS", 2)
+    table = make_release_table(store, newest.id)
+    assert [each.version for each in table.releases] == ["v1", "v2"]
+    assert table.notes[-1] == (
+        "Only the newest 2 campaigns with a version are read: older versions may be missing."
+    )
 
 
 def test_a_search_says_that_it_proves_nothing(store):
