@@ -344,9 +344,23 @@ def describe_replay(replayed: Replayed) -> str:
         )
     again = f"{replayed.outcome.word}, digest {replayed.digest}"
     stored = f"{replayed.stored_outcome.word}, digest {replayed.stored_digest}"
+    if replayed.unsteady is not None:
+        why = describe_unsteadiness(replayed.unsteady)
+        return (
+            f"NOT DETERMINISTIC: the replay ({again}) does not equal the stored episode "
+            f"({stored}). {why} What follows describes the replay."
+        )
     return (
         f"DIFFERENT: the replay ({again}) does not equal the stored episode ({stored}); what "
         "follows describes the replay. Use the versions and the type of machine of the campaign."
+    )
+
+
+def describe_unsteadiness(how: str) -> str:
+    """State in sentences that a stack does not repeat itself, and by how much."""
+    return (
+        f"The stack does not repeat itself: two replays of the same noise with the same code "
+        f"differ ({how}). Fix its random seeds, and keep time and threads out of its decisions."
     )
 
 

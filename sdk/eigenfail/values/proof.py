@@ -226,6 +226,8 @@ class Replayed(msgspec.Struct, frozen=True):
     Attributes:
         differing: the versions under which it was run that are not those of now, where it is not
             the same; null if they are not known.
+        unsteady: how a second replay differs from the first one, where the stack does not repeat
+            itself; null where they are the same, or there was no second one.
     """
 
     index: int
@@ -235,6 +237,7 @@ class Replayed(msgspec.Struct, frozen=True):
     digest: str
     same: bool
     differing: tuple[str, ...] | None = None
+    unsteady: str | None = None
 
 
 class Explanation(Brief, msgspec.Struct, frozen=True, eq=False):
