@@ -3,10 +3,10 @@
 The names looked for in a planner's account of a step are those of `ExplainingPlanner`.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import partial
 from itertools import groupby, pairwise
-from math import inf, isfinite
+from math import cos, inf, isfinite, isnan
 from statistics import fmean
 from typing import NamedTuple
 
@@ -23,6 +23,7 @@ from eigenfail.values import (
     Explanation,
     Outcome,
     Replayed,
+    Scene,
 )
 from eigenfail.values.arrays import decode_array, encode_array
 
@@ -45,6 +46,42 @@ class _Event(NamedTuple):
     text: str
 
 
+def measure_gap(
+    scene: Scene | None, step: int, vehicle: int | None
+) -> tuple[float | None, float | None]:
+    """Return the true gap to a vehicle along the road [m], and its closing speed [m/s].
+
+    Args:
+        scene: course of the episode; None if there is none.
+        step: number of steps so far.
+        vehicle: number of the vehicle, from 1.
+
+    Returns:
+        None for both if the vehicle is not known, or is not there.
+    """
+    if scene is None or vehicle is None or not 0 < vehicle < len(scene.sizes):
+        return None, None
+    ego, other = scene.vehicles[step][[0, vehicle]].tolist()
+    if isnan(other[0]):
+        return None, None
+    half_lengths_m = float(scene.sizes[[0, vehicle], 0].sum()) / 2.0
+    closing_mps = ego[3] * cos(ego[2]) - other[3] * cos(other[2])
+    return other[0] - ego[0] - half_lengths_m, closing_mps
+
+
+def find_only_vehicle(scene: Scene | None) -> int | None:
+    """Return the number of the vehicle beside the ego, if there is only one in the episode."""
+    return 1 if scene is not None and len(scene.sizes) == 2 else None
+
+
+def _name_vehicle(episode: ExplainedEpisode, vehicle: int | None, otherwise: str) -> str:
+    """Return a vehicle by its number, unless there is only one."""
+    scene = episode.result.scene
+    if vehicle is None or scene is None or len(scene.sizes) == 2:
+        return otherwise
+    return f"vehicle {vehicle}"
+
+
 def tell_story(episode: ExplainedEpisode) -> list[str]:
     """Describe an episode in sentences, in order of time."""
     happened = [found for teller in _EVENT_FINDERS for found in teller(episode)]
@@ -52,41 +89,65 @@ def tell_story(episode: ExplainedEpisode) -> list[str]:
 
 
 def _find_lost_tracks(episode: ExplainedEpisode) -> Iterator[_Event]:
-
-    for before, now in pairwise(episode.steps):
-        lost = _read_figure(now, "lost_tracks"), _read_figure(before, "lost_tracks")
-        if lost[0] > lost[1]:
-            gap_m, closing_mps = _format_number(now.gap_m, 0), _format_number(now.closing_mps, 1)
-            truth = f"{gap_m} m, closing at {closing_mps} m/s"
-            yield _Event(
-                now.time_s, f"At {_format_time(now)} a track was lost; the true gap: {truth}"
+    scene = episode.result.scene
+    for place, (before, now) in enumerate(pairwise(episode.steps), 1):
+        if _read_figure(now, "lost_tracks") <= _read_figure(before, "lost_tracks"):
+            continue
+        numbers: list[int | None]
+        numbers = [int(each) for each in _read_word(now, "lost_vehicles").split() if each.isdigit()]
+        only = find_only_vehicle(scene)
+        for vehicle in numbers or (only,):
+            lost = _name_vehicle(episode, vehicle, "")
+            text = (
+                f"At {_format_time(now)} {f'the track of {lost}' if lost else 'a track'} was lost"
             )
+            gap_m, closing_mps = measure_gap(scene, place, vehicle)
+            if gap_m is not None and closing_mps is not None:
+                text += f"; the true gap: {gap_m:.0f} m, closing at {closing_mps:.1f} m/s"
+            yield _Event(now.time_s, text)
 
 
 def _find_blindness(episode: ExplainedEpisode) -> Iterator[_Event]:
 
-    spans = _find_spans(
-        episode.steps, lambda step: _has_word("heeds", "nobody", step) and _is_vehicle_ahead(step)
-    )
-    yield from _describe_spans(spans, "it ignored the vehicle ahead")
+    def is_blind(vehicle: int, step: ExplainedStep) -> bool:
+        return _has_word("heeds", "nobody", step) and step.ahead == vehicle
+
+    for vehicle in _list_numbers(step.ahead for step in episode.steps):
+        name = _name_vehicle(episode, vehicle, "")
+        what = f"{name}, the next one ahead" if name else "the vehicle ahead"
+        spans = _find_spans(episode.steps, partial(is_blind, vehicle))
+        yield from _describe_spans(spans, f"it ignored {what}")
 
 
 def _find_misjudged_speeds(episode: ExplainedEpisode) -> Iterator[_Event]:
-    # The estimate of a new track starts wrong: steps before the first good estimate do not count.
-    judged = [step for step in episode.steps if _find_speed_error(step) is not None]
-    settled_s = next((step.time_s for step in judged if not _is_misjudged(step)), 0.0)
-    later = [step for step in episode.steps if step.time_s >= settled_s]
-    for span in _find_spans(later, _is_misjudged):
-        believed = fmean(_read_figure(step, "closing_mps") for step in span)
-        true = fmean(step.closing_mps or 0.0 for step in span)
-        text = f"it believed to close in at {believed:.1f} m/s on average; in truth {true:.1f} m/s"
-        yield _Event(span[0].time_s, f"{_format_span(span)} {text}")
+    # The estimate of a new track starts wrong: steps before the first good estimate of a vehicle do
+    # not count.
+    for vehicle in dict.fromkeys(step.vehicle for step in episode.steps):
+        judged = [
+            step
+            for step in episode.steps
+            if step.vehicle == vehicle and _find_speed_error(step) is not None
+        ]
+        settled_s = next((step.time_s for step in judged if not _is_misjudged(step)), 0.0)
+        wrong = {step.time_s for step in judged if step.time_s >= settled_s and _is_misjudged(step)}
+        name = _name_vehicle(episode, vehicle, "")
+        whom = f" on {name}" if name else ""
+        for span in _find_spans(episode.steps, partial(_is_one_of, wrong)):
+            believed = fmean(_read_figure(step, "closing_mps") for step in span)
+            true = fmean(step.closing_mps or 0.0 for step in span)
+            text = f"it believed to close in{whom} at {believed:.1f} m/s on average; in truth"
+            yield _Event(span[0].time_s, f"{_format_span(span)} {text} {true:.1f} m/s")
 
 
 def _find_leads(episode: ExplainedEpisode) -> Iterator[_Event]:
 
-    spans = _find_spans(episode.steps, partial(_has_word, "heeds", "lead"))
-    yield from _describe_spans(spans, "it took the vehicle ahead for its lead")
+    def is_lead(vehicle: int | None, step: ExplainedStep) -> bool:
+        return _has_word("heeds", "lead", step) and step.vehicle == vehicle
+
+    for vehicle in dict.fromkeys(step.vehicle for step in episode.steps):
+        name = _name_vehicle(episode, vehicle, "the vehicle ahead")
+        spans = _find_spans(episode.steps, partial(is_lead, vehicle))
+        yield from _describe_spans(spans, f"it took {name} for its lead")
 
 
 def _find_overrides(episode: ExplainedEpisode) -> Iterator[_Event]:
@@ -109,44 +170,47 @@ def _find_hardest_braking(episode: ExplainedEpisode) -> Iterator[_Event]:
 
     hardest = min(episode.steps, key=lambda step: step.acceleration_mps2, default=None)
     if hardest is not None and hardest.acceleration_mps2 < -BRAKED_MPS2:
-        braked = f"it braked hardest: {-hardest.acceleration_mps2:.2f} m/s²"
+        braked = f"it asked for its hardest braking: {-hardest.acceleration_mps2:.2f} m/s²"
         yield _Event(hardest.time_s, f"At {_format_time(hardest)} {braked}")
 
 
 def _describe_end(episode: ExplainedEpisode) -> Iterator[_Event]:
 
-    yield _Event(float("inf"), _END_DESCRIPTIONS[episode.result.outcome](episode.result))
+    yield _Event(float("inf"), _END_DESCRIPTIONS[episode.result.outcome](episode))
 
 
-def _describe_collision(result: EpisodeResult) -> str:
+def _describe_collision(episode: ExplainedEpisode) -> str:
     # A collision is detected at the end of the last step.
+    result, struck = episode.result, _name_vehicle(episode, episode.struck, "")
     severity = result.measures.severity if result.measures else None
     after_s = result.scene.dt_s * result.steps if result.scene else None
-    end = f"After {_format_number(after_s, 1)} s collision"
+    end = f"After {_format_number(after_s, 1)} s collision{f' with {struck}' if struck else ''}"
     return f"{end}: severity {_format_number(severity, 1)} m²/s²"
 
 
-def _describe_violation(result: EpisodeResult) -> str:
-    number = result.measures.violated if result.measures else None
-    return f"{_describe_safe_end(result)}, and requirement {number} is violated"
+def _describe_violation(episode: ExplainedEpisode) -> str:
+    measures = episode.result.measures
+    number = measures.violated if measures else None
+    return f"{_describe_safe_end(episode)}, and requirement {number} is violated"
 
 
-def _describe_safe_end(result: EpisodeResult) -> str:
+def _describe_safe_end(episode: ExplainedEpisode) -> str:
 
-    measures = result.measures
+    measures = episode.result.measures
     if measures is not None and measures.collided_s is not None:
-        return f"{_describe_collision(result)}, which no requirement forbids"
+        return f"{_describe_collision(episode)}, which no requirement forbids"
     nearest_m = measures.distance_m if measures else None
     return f"No collision: smallest distance {_format_number(nearest_m, 1)} m"
 
 
-def _describe_error(result: EpisodeResult) -> str:
+def _describe_error(episode: ExplainedEpisode) -> str:
 
+    result = episode.result
     why = result.fault.message.rstrip(".") if result.fault else "no reason was stored"
     return f"After {result.steps} steps the episode was aborted: {why}"
 
 
-_END_DESCRIPTIONS: dict[Outcome, Callable[[EpisodeResult], str]] = {
+_END_DESCRIPTIONS: dict[Outcome, Callable[[ExplainedEpisode], str]] = {
     Outcome.COLLISION: _describe_collision,
     Outcome.VIOLATION: _describe_violation,
     Outcome.SAFE: _describe_safe_end,
@@ -214,9 +278,14 @@ def _read_figure(step: ExplainedStep, name: str) -> float:
     return value if isinstance(value, float) else 0.0
 
 
-def _is_vehicle_ahead(step: ExplainedStep) -> bool:
+def _is_one_of(times_s: set[float], step: ExplainedStep) -> bool:
 
-    return step.gap_m is not None and step.gap_m > 0.0
+    return step.time_s in times_s
+
+
+def _list_numbers(numbers: Iterable[int | None]) -> list[int]:
+    """Return the numbers that occur, in their order."""
+    return [number for number in dict.fromkeys(numbers) if number is not None]
 
 
 def _find_speed_error(step: ExplainedStep) -> float | None:
@@ -275,9 +344,23 @@ def describe_replay(replayed: Replayed) -> str:
         )
     again = f"{replayed.outcome.word}, digest {replayed.digest}"
     stored = f"{replayed.stored_outcome.word}, digest {replayed.stored_digest}"
+    if replayed.unsteady is not None:
+        why = describe_unsteadiness(replayed.unsteady)
+        return (
+            f"NOT DETERMINISTIC: the replay ({again}) does not equal the stored episode "
+            f"({stored}). {why} What follows describes the replay."
+        )
     return (
         f"DIFFERENT: the replay ({again}) does not equal the stored episode ({stored}); what "
         "follows describes the replay. Use the versions and the type of machine of the campaign."
+    )
+
+
+def describe_unsteadiness(how: str) -> str:
+    """State in sentences that a stack does not repeat itself, and by how much."""
+    return (
+        f"The stack does not repeat itself: two replays of the same noise with the same code "
+        f"differ ({how}). Fix its random seeds, and keep time and threads out of its decisions."
     )
 
 

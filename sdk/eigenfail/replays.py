@@ -1,13 +1,15 @@
 """Replays of stored episodes, with the planner's own account of each step."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import Any
 
 import msgspec
+import numpy as np
 
 from eigenfail import functions, plugins, processes
-from eigenfail.errors import InvalidValue, ServiceError
+from eigenfail.errors import EigenfailError, InvalidValue, ServiceError
 from eigenfail.process_state import ProcessState
 from eigenfail.values import (
     CampaignSpec,
@@ -126,7 +128,9 @@ def replay_episode(spec: CampaignSpec, stored: EpisodeResult) -> Replayed:
         ServiceError: the world is not installed here.
         UnknownName: a plug-in of the campaign is not installed here.
     """
-    return compare_results(stored, run_once(spec, make_replay_task(stored)))
+    run = partial(run_once, spec, make_replay_task(stored))
+    again = run()
+    return _find_unsteadiness(run, again, compare_results(stored, again))
 
 
 def redraw_episode(spec: CampaignSpec, row: EpisodeRow) -> Replayed:
@@ -140,8 +144,9 @@ def redraw_episode(spec: CampaignSpec, row: EpisodeRow) -> Replayed:
     if row.source != DRAWN_AGAIN:
         problem = f"Its noise by {row.source} is gone, and does not follow from its seed."
         raise InvalidValue("episode", problem, "Restore a backup from before the pruning.")
-    again = run_once(spec, make_redraw_task(row.index, row.seed))
-    return _compare(row.index, (row.outcome, row.digest), again)
+    run = partial(run_once, spec, make_redraw_task(row.index, row.seed))
+    again = run()
+    return _find_unsteadiness(run, again, _compare(row.index, (row.outcome, row.digest), again))
 
 
 def run_once(spec: CampaignSpec, task: EpisodeTask) -> EpisodeResult:
@@ -154,7 +159,7 @@ def run_once(spec: CampaignSpec, task: EpisodeTask) -> EpisodeResult:
     remedy = f"It is run in your own process: `{again} episode replay CAMPAIGN/INDEX`."
     world_of(spec.simulator).refuse_unlisted(spec.planner, remedy)
     plugins.keep_import_effects()
-    engine = load_engine()(spec.setup())
+    engine = load_engine()(msgspec.structs.replace(spec.setup(), scene_every=1))
     try:
         result: EpisodeResult = next(iter(engine.run([task])))
     finally:
@@ -173,8 +178,56 @@ def explain_episode(spec: CampaignSpec, stored: EpisodeResult) -> tuple[Replayed
     if stored.fault is not None and stored.fault.kind == INFRASTRUCTURE:
         raise InvalidValue("episode", f"It has no course to explain: {stored.fault.message}")
     plugins.keep_import_effects()
-    explained = load_here(plugins.EXPLAINERS)(spec.setup(), make_replay_task(stored))
-    return compare_results(stored, explained.result), explained
+    run = partial(load_here(plugins.EXPLAINERS), spec.setup(), make_replay_task(stored))
+    explained: ExplainedEpisode = run()
+    replayed = compare_results(stored, explained.result)
+    return _find_unsteadiness(lambda: run().result, explained.result, replayed), explained
+
+
+def _find_unsteadiness(
+    run: Callable[[], EpisodeResult], again: EpisodeResult, replayed: Replayed
+) -> Replayed:
+    """Return a replay that differs with how a second one differs from it, if it does.
+
+    The same noise and the same code must give the same episode: a stack that does not repeat itself
+    is told apart from one that was changed since.
+    """
+    if replayed.same:
+        return replayed
+    with suppress(EigenfailError):  # a stack that cannot run once more says nothing of chance
+        once_more = run()
+        if once_more.digest() != again.digest():
+            return msgspec.structs.replace(replayed, unsteady=describe_change(again, once_more))
+    return replayed
+
+
+def describe_change(one: EpisodeResult, other: EpisodeResult) -> str:
+    """Return how two episodes of the same noise differ."""
+    phrases = []
+    if one.outcome is not other.outcome:
+        phrases.append(f"outcome {one.outcome.word} and {other.outcome.word}")
+    distances_m = [each.measures.robustness_m for each in (one, other) if each.measures]
+    if len(distances_m) == 2 and distances_m[0] != distances_m[1]:
+        phrases.append(f"robustness {distances_m[0]:.6g} m and {distances_m[1]:.6g} m")
+    if one.steps != other.steps:
+        phrases.append(f"{one.steps} and {other.steps} steps")
+    first = _find_first_difference(one, other)
+    if first is not None:
+        phrases.append(f"the vehicles are elsewhere from step {first} on")
+    return ", ".join(phrases) or "the same course, and other measures"
+
+
+def _find_first_difference(one: EpisodeResult, other: EpisodeResult) -> int | None:
+    """Return the first step that two courses show differently; None if they show none."""
+    if one.scene is None or other.scene is None:
+        return None
+    courses = one.scene.vehicles, other.scene.vehicles
+    if courses[0].shape[1:] != courses[1].shape[1:]:
+        return None
+    for step, (here, there) in enumerate(zip(*courses, strict=False)):
+        if not np.array_equal(here, there, equal_nan=True):
+            return step
+    return None
 
 
 def make_replay_task(stored: EpisodeResult) -> EpisodeTask:

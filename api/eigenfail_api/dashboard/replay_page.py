@@ -9,6 +9,7 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import NoisePruned, NotFound
 from eigenfail.presentation.figures import count_noun
+from eigenfail.replays import describe_change
 from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, EpisodeResult
 from eigenfail.versions import differences
 from eigenfail.worlds import drawn_for, placed_for
@@ -27,6 +28,10 @@ REPEATABLE = (
 NOT_REPEATABLE = (
     "Nothing was changed, so the result should be the same: planner, simulator or machine is not "
     "deterministic, or their versions differ. Use those that the campaign ran on."
+)
+UNSTEADY = (
+    "Noise, versions and code are the same, so the stack is not deterministic. Fix its random "
+    "seeds, and keep time and threads out of its decisions."
 )
 WORLD = ("planner", "planner_settings", "scenario", "simulator", "disturbance", "requirements")
 
@@ -60,16 +65,29 @@ def find_source(spec: CampaignSpec, index: int) -> tuple[int, int] | None:
     return campaign, episodes[index % len(episodes)]
 
 
-def make_replay_verdict(stored: Run, again: Run, differing: Sequence[str] = ()) -> ReplayVerdict:
-    """Compare two results by their digests; `differing` lists the versions that differ."""
+def make_replay_verdict(
+    stored: Run, again: Run, differing: Sequence[str] | None = None
+) -> ReplayVerdict:
+    """Compare two results by their digests.
+
+    Args:
+        stored: the stored episode.
+        again: its replay.
+        differing: the versions that differ; None if they are not known.
+    """
     if stored.result.digest() == again.result.digest():
         return ReplayVerdict(words=SAME, meaning=REPEATABLE, tone="is-distinct", sign="✓")
     courses = (
         f"Stored: {describe_course(stored.result)}; replayed: {describe_course(again.result)}."
     )
-    changes = [*list_changes(stored, again), *(f"other versions ({each})" for each in differing)]
+    changes = [
+        *list_changes(stored, again),
+        *(f"other versions ({each})" for each in differing or ()),
+    ]
     if not changes:
-        meaning = f"{courses} {NOT_REPEATABLE}"
+        apart = f"They differ: {describe_change(stored.result, again.result)}."
+        why = NOT_REPEATABLE if differing is None else UNSTEADY
+        meaning = f"{courses} {apart} {why}"
         return ReplayVerdict(words=OTHER, meaning=meaning, tone="is-doubtful", sign="!")
     why = f"The result may differ, with {' and '.join(changes)}."
     return ReplayVerdict(words=OTHER, meaning=f"{courses} {why}", tone="", sign="≠")
@@ -171,10 +189,10 @@ def judge_replay(store: Store, again: Run) -> ReplayVerdict | None:
 
 def list_differing_versions(
     store: Store, first: tuple[int, int], second: tuple[int, int]
-) -> tuple[str, ...]:
-    """Return the versions that differ between two episodes, where both are known."""
+) -> tuple[str, ...] | None:
+    """Return the versions that differ between two episodes; None if they are not known."""
     try:
         then, now = (find_worker(store, *each).versions for each in (first, second))
     except NotFound:
-        return ()
+        return None
     return differences(then, now)

@@ -326,6 +326,10 @@ def make_missing_account_view(
 def make_player_columns(steps: Sequence[ExplainedStep]) -> dict[str, object]:
     """Return columns with a value for each step: texts, figures, the path as x, y, x, y …"""
     words = {name: [str(step.account.get(name, "")) for step in steps] for name in WORDS}
+    words["heeds"] = [
+        f"{word}, vehicle {step.vehicle}" if step.vehicle and word not in ("", "nobody") else word
+        for word, step in zip(words["heeds"], steps, strict=True)
+    ]
     figures = {name: round_values(read_figure(step, name) for step in steps) for name in FIGURES}
     truth = {
         "true_gap_m": round_values(step.gap_m for step in steps),

@@ -25,8 +25,9 @@ from eigenfail.cli.triage import add_episode_note, show_episode_triage, triage_e
 from eigenfail.cli.view import read_view
 from eigenfail.errors import InvalidValue, NoisePruned, NotFound
 from eigenfail.exchange.recording import EgoControl, RecordingFormat
-from eigenfail.explanations import StepWindow, build_explanation
+from eigenfail.explanations import StepWindow, build_explanation, describe_unsteadiness
 from eigenfail.filters import parse_fields
+from eigenfail.fingerprints import CODE, fingerprint_plugins, select_code
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.processes import interruptible
 from eigenfail.presentation.episodes import (
@@ -41,6 +42,7 @@ from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
 from eigenfail.replays import explain_episode, redraw_episode, replay_episode
 from eigenfail.values import CampaignSpec, Outcome, Replayed
+from eigenfail.values.operations import Versions
 from eigenfail.values.records import EpisodeDetail
 from eigenfail.values.report import ExportFormat, ExportRequest
 from eigenfail.versions import differences, versions
@@ -151,9 +153,23 @@ def _list_differences(context: typer.Context, url: str, episode: str) -> tuple[s
     campaign, index = parse_episode_id(episode)
     with connect_to(context, url) as client:
         try:
-            return differences(client.episodes.worker(campaign, index).versions, versions())
+            then = client.episodes.worker(campaign, index).versions
+            spec = client.campaigns.get(campaign).spec
         except NotFound:
             return None
+    # Code counts where the campaign needs it and the worker has recorded it.
+    code = {f"{CODE}{package}" for package in select_code(then, spec)}
+    now = versions() | fingerprint_plugins()
+    return differences(_drop_other_code(then, code), _drop_other_code(now, code))
+
+
+def _drop_other_code(found: Versions, code: set[str]) -> Versions:
+    """Return versions without the fingerprints of code that are not named."""
+    return {
+        name: version
+        for name, version in found.items()
+        if not name.startswith(CODE) or name in code
+    }
 
 
 def _list_replay_facts(episode: str, replayed: Replayed) -> FactTable:
@@ -172,6 +188,8 @@ def _list_replay_facts(episode: str, replayed: Replayed) -> FactTable:
 
 def _explain_difference(replayed: Replayed) -> str:
     """What may be the cause of a difference."""
+    if replayed.unsteady is not None:
+        return describe_unsteadiness(replayed.unsteady)
     if replayed.differing is None:
         return "the versions of the original run are not known"
     return "; ".join(replayed.differing) or "the versions are the same, something is left to chance"

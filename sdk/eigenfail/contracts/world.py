@@ -41,7 +41,10 @@ class ExplainingPlanner(Planner, Protocol):
         `mode`, `candidate`, `rule`, `override` ("none" if there was none) and `qp_status` ("solved"
         if there was nothing wrong) in words; `heeds`, the role of the vehicle that it
         takes into account ("nobody" without one), with `gap_m` and `closing_mps` as it estimates
-        them; `tracks`, the states of all tracks; `lost_tracks`, their losses since the reset.
+        them, and `vehicle`, the number of that vehicle in `Perception.ids`; `tracks`, the states of
+        all tracks; `lost_tracks`, their losses since the reset, and `lost_vehicles`, a text with
+        the numbers of those that were lost in this step. Without numbers, estimates stand beside
+        the truth only if there is one other vehicle.
         """
 
 

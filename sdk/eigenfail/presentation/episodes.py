@@ -287,6 +287,7 @@ WORDS: dict[str, ReadStep] = {
     "Heeds": _read_account("heeds"),
 }
 READINGS: dict[str, ReadStep] = {
+    "Vehicle": lambda step: step.vehicle,
     "Gap": _read_account("gap_m"),
     "True gap": lambda step: step.gap_m,
     "Closing": _read_account("closing_mps"),
@@ -299,12 +300,13 @@ READINGS: dict[str, ReadStep] = {
 }
 UNITS = (
     "Times in s, gaps in m, closing speeds in m/s, noise of each channel in sigma,"
-    " acceleration in m/s², steering in rad; gap and closing are what the planner believes."
+    " acceleration in m/s², steering in rad; gap and closing are what the planner believes of that"
+    " vehicle. True figures are of the same one."
 )
 SHOWN_ABOVE = frozenset(
     (
         *("mode", "candidate", "rule", "override", "qp_status"),
-        *("heeds", "gap_m", "closing_mps", "tracks", "lost_tracks"),
+        *("heeds", "vehicle", "gap_m", "closing_mps", "tracks", "lost_tracks", "lost_vehicles"),
     )
 )
 

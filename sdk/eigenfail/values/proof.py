@@ -185,11 +185,13 @@ class ExplainedStep(msgspec.Struct, frozen=True):
         acceleration_mps2: what the planner asked for; steering_rad likewise.
         account: what it says; empty for a planner that explains nothing.
         disturbance: a_t / sigma_t of this step, of each channel [sigma].
-        gap_m: gap from the truck's front to the nearest vehicle's rear bumper along the road, in
-            truth.
+        gap_m: gap from the truck's front to the rear bumper of `vehicle` along the road, in truth;
+            None where nobody can say which vehicle the account is about, or it is not there.
         closing_mps: speed at which this gap closes, in truth.
         path: where the planner means to drive from here, the present position first; empty for a
             planner that reports none.
+        vehicle: number of the vehicle that the account is about; None where that is not known.
+        ahead: number of the next vehicle ahead in the truck's path, or entering it, in truth.
     """
 
     time_s: float
@@ -200,6 +202,8 @@ class ExplainedStep(msgspec.Struct, frozen=True):
     gap_m: float | None = None
     closing_mps: float | None = None
     path: Path = ()
+    vehicle: int | None = None
+    ahead: int | None = None
 
 
 class ExplainedEpisode(msgspec.Struct, frozen=True, eq=False):
@@ -208,10 +212,12 @@ class ExplainedEpisode(msgspec.Struct, frozen=True, eq=False):
     Attributes:
         result: what came of it, as of any episode.
         steps: steps in which the planner decided; without the true state if the episode errored.
+        struck: number of the vehicle that the ego struck; None without a collision.
     """
 
     result: EpisodeResult
     steps: tuple[ExplainedStep, ...]
+    struck: int | None = None
 
 
 class Replayed(msgspec.Struct, frozen=True):
@@ -220,6 +226,8 @@ class Replayed(msgspec.Struct, frozen=True):
     Attributes:
         differing: the versions under which it was run that are not those of now, where it is not
             the same; null if they are not known.
+        unsteady: how a second replay differs from the first one, where the stack does not repeat
+            itself; null where they are the same, or there was no second one.
     """
 
     index: int
@@ -229,6 +237,7 @@ class Replayed(msgspec.Struct, frozen=True):
     digest: str
     same: bool
     differing: tuple[str, ...] | None = None
+    unsteady: str | None = None
 
 
 class Explanation(Brief, msgspec.Struct, frozen=True, eq=False):

@@ -140,8 +140,8 @@ def test_a_plain_drive_is_told_in_one_sentence():
 def test_a_loss_is_told_once():
     lost = [{"lost_tracks": float(n)} for n in (0, 0, 1, 1, 2)]
     assert [line[:26] for line in tell(lost)[:-1]] == [
-        "At 2.0 s a track was lost;",
-        "At 4.0 s a track was lost;",
+        "At 2.0 s a track was lost.",
+        "At 4.0 s a track was lost.",
     ]
 
 
@@ -182,6 +182,6 @@ def test_the_hardest_braking_and_a_broken_end_are_told():
     fault = EpisodeFault("planner", "The planner raised KeyError.")
     broken = result(Outcome.ERRORED, fault=fault)
     assert tell([{}] * 3, broken, [-1.0, -4.5, -2.0]) == [
-        "At 1.0 s it braked hardest: 4.50 m/s².",
+        "At 1.0 s it asked for its hardest braking: 4.50 m/s².",
         "After 10 steps the episode was aborted: The planner raised KeyError.",
     ]

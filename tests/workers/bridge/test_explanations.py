@@ -3,7 +3,15 @@
 import pytest
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import DisturbanceModel, EpisodeSetup, EpisodeTask, PriorSource, episode_seed
+from eigenfail.values import (
+    DisturbanceModel,
+    EpisodeSetup,
+    EpisodeTask,
+    Observation,
+    PriorSource,
+    VehicleState,
+    episode_seed,
+)
 from eigenfail_workers.explain import explain
 
 BUILT_IN = EpisodeSetup("highway", "cut_in", {}, "rulebook", {}, DisturbanceModel(scale=2.0))
@@ -75,3 +83,49 @@ def test_an_episode_that_nobody_wants_explained_carries_no_account(
     with serving() as address:
         (result,) = on_bridge(address).run([TASK])
     assert result.fault is None
+
+
+class Two:
+    """An ego at 20 m/s behind a car, and another car that falls back behind it."""
+
+    class planner:  # noqa: N801 - an attribute of the simulation
+        """Explains itself."""
+
+        @staticmethod
+        def explain() -> dict[str, object]:
+            return {"heeds": "lead", "vehicle": "lead", "gap_m": 1.0, "closing_mps": 2.0}
+
+    def __init__(self, _asked: dict[str, object]) -> None:
+        self._step = 0
+
+    def reset(self, _seed: int) -> Observation:
+        self._step = 0
+        return self._show()
+
+    def step(self, _disturbances: tuple[float, ...]) -> Observation:
+        self._step += 1
+        return self._show()
+
+    def _show(self) -> Observation:
+        at_s = 0.1 * self._step
+        ego = VehicleState(20.0 * at_s, 0.0, 0.0, 20.0, 5.0, 2.0)
+        behind = VehicleState(-20.0 + 15.0 * at_s, 3.5, 0.0, 15.0, 5.0, 2.0)
+        lead = VehicleState(60.0 + 19.0 * at_s, 0.0, 0.0, 19.0, 5.0, 2.0)
+        return Observation(
+            self._step, ego, (behind, lead), False, self._step == 9, ids=("behind", "lead")
+        )
+
+
+@pytest.mark.parametrize(("named", "vehicle"), [("lead", 2), ("behind", 1), ("unknown", None)])
+def test_id_in_an_account_names_the_vehicle_of_the_truth(
+    serving, monkeypatch, named, vehicle
+) -> None:
+    account = {**Two.planner.explain(), "vehicle": named}
+    monkeypatch.setattr(Two.planner, "explain", staticmethod(lambda: account))
+    with serving(Two) as address:
+        monkeypatch.setenv("EIGENFAIL_BRIDGE", address)
+        setup = EpisodeSetup("bridge", "cut_in", {"steps": 9}, "idm", {}, DisturbanceModel())
+        found = explain(setup, TASK)
+    gaps_m = {2: 55.0, 1: -25.0, None: None}
+    assert found.steps[0].vehicle == vehicle
+    assert found.steps[0].gap_m == gaps_m[vehicle]

@@ -184,7 +184,9 @@ class BridgeEpisode:
         wall_s = self._measure_wall_s(beside)
         now = self._reader.read(seen, self._disturbance)
         if self._campaign.recorded is not None and now.step:
-            self._campaign.recorded.append(record_step(seen, now, self._dt_s))
+            step = record_step(seen, now, self._dt_s)
+            account = self._reader.number_vehicles(step.account)
+            self._campaign.recorded.append(step._replace(account=account))
         disturbance = self._driver.disturb(now)
         if disturbance is None:
             done = make_result(
@@ -268,6 +270,25 @@ class ObservationReader:
         self._note_kinds(seen, now)
         self._last = now
         return now
+
+    def number_vehicles(self, account: Account) -> Account:
+        """Return an account in which vehicles have the numbers of the scene in place of their ids.
+
+        Without `ids`, or for an id that was never shown, a vehicle is left as it is named.
+        """
+        if not self._vehicles:
+            return account
+        numbers = {str(name): number for name, (number, _) in self._vehicles.items()}
+        numbered = dict(account)
+        named = account.get("vehicle")
+        if named is not None:
+            number = numbers.get(_write_id(named))
+            numbered["vehicle"] = _write_id(named) if number is None else float(number)
+        lost = account.get("lost_vehicles")
+        if isinstance(lost, str | float):
+            each = [str(numbers[one]) for one in _write_id(lost).split() if one in numbers]
+            numbered["lost_vehicles"] = " ".join(each)
+        return numbered
 
     def complete_scene(self, scene: Scene) -> Scene:
         """Return the scene of the episode with the road and the kinds that the bridge reported."""
@@ -361,6 +382,11 @@ class ObservationReader:
 
 def _read_signals(seen: SlotObservation) -> dict[str, float] | None:
     return seen.signals if isinstance(seen, DetailedObservation) else None
+
+
+def _write_id(named: str | float) -> str:
+    """Return the id of a vehicle in an account as text; accounts hold integers as floats."""
+    return named if isinstance(named, str) else f"{named:.0f}"
 
 
 def record_step(seen: SlotObservation, now: Observation, dt_s: float) -> RecordedStep:

@@ -106,6 +106,7 @@ class Rulebook:
             traffic=traffic,
             tracks=tuple([track.state for track in tracks]),
             lost_tracks=self._tracker.lost,
+            lost_vehicles=tuple(self._tracker.lost_now),
         )
         return Control(self._acceleration_mps2, self._lane.steer(ego))
 

@@ -89,11 +89,26 @@ class Track:
         seen: the last perceived vehicle, for its size.
         evidence: evidence that it comes into the truck's lane; see `update_intent`.
         leads: whether it is considered the truck's lead.
+        number: number of the vehicle, as the sensor has it.
     """
 
-    __slots__ = ("across", "age", "along", "evidence", "hits", "leads", "misses", "seen", "state")
+    __slots__ = (
+        "across",
+        "age",
+        "along",
+        "evidence",
+        "hits",
+        "leads",
+        "misses",
+        "number",
+        "seen",
+        "state",
+    )
 
-    def __init__(self, along: AxisFilter, across: AxisFilter, seen: VehicleState) -> None:
+    def __init__(
+        self, along: AxisFilter, across: AxisFilter, seen: VehicleState, number: int = 0
+    ) -> None:
+        self.number = number
         self.along = along
         self.across = across
         self.seen = seen
@@ -116,6 +131,7 @@ class Tracker:
     Attributes:
         lost: number of trusted tracks that were deleted since the start of the episode.
         losses: the same of each vehicle, by its number, where there were any.
+        lost_now: numbers of the vehicles whose trusted tracks the last update deleted.
     """
 
     def __init__(self, settings: TrackerSettings, dt_s: float) -> None:
@@ -125,10 +141,12 @@ class Tracker:
         self._known: set[int] = set()
         self.lost = 0
         self.losses: dict[int, int] = {}
+        self.lost_now: list[int] = []
 
     def update(self, perception: Perception) -> list[Track]:
         """Update the tracks by one perception, and return them, tentative ones included."""
         ego = perception.ego
+        self.lost_now = []
         for slot in [slot for slot in self._tracks if slot not in perception.ids]:
             unseen = self._tracks[slot]
             self._predict(unseen)
@@ -140,16 +158,16 @@ class Tracker:
                 self._follow(track, seen, ego)
                 self._update_state(slot, track)
             elif isfinite(seen.x_m) and isfinite(seen.y_m):
-                self._tracks[slot] = self._start_track(seen, ego, slot in self._known)
+                self._tracks[slot] = self._start_track(slot, seen, ego)
         return list(self._tracks.values())
 
-    def _start_track(self, seen: VehicleState, ego: VehicleState, again: bool) -> Track:
-        settings = self._settings
+    def _start_track(self, slot: int, seen: VehicleState, ego: VehicleState) -> Track:
+        settings, again = self._settings, slot in self._known
         sd_mps = settings.again_speed_sd_mps if again else settings.first_speed_sd_mps
         along_sd, across_sd = self._sensor_deviations(seen.x_m - ego.x_m, seen.y_m - ego.y_m)
         along = AxisFilter(seen.x_m, ego.speed_mps, along_sd, sd_mps)
         across = AxisFilter(seen.y_m, 0.0, across_sd, settings.lateral_speed_sd_mps)
-        return Track(along, across, seen)
+        return Track(along, across, seen, slot)
 
     def _sensor_deviations(self, dx_m: float, dy_m: float) -> tuple[float, float]:
         """Specified standard deviations of the sensor at a distance. [m]"""
@@ -195,6 +213,7 @@ class Tracker:
             del self._tracks[slot]
             if track.hits >= self._settings.hits_to_confirm:
                 self.lost += 1
+                self.lost_now.append(slot)
                 self.losses[slot] = self.losses.get(slot, 0) + 1
 
 

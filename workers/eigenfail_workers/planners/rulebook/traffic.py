@@ -49,6 +49,7 @@ def make_neighbour_ahead(track: Track, ego: VehicleState, is_braking: bool = Fal
         aside_m=abs(track.across.position_m - ego.y_m),
         speed_mps=track.along.velocity_mps,
         is_braking=is_braking,
+        number=track.number,
     )
 
 

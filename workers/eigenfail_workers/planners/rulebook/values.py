@@ -21,12 +21,14 @@ class Neighbour(msgspec.Struct, frozen=True, gc=False):
         aside_m: distance between the two centre lines.
         speed_mps: along the road.
         is_braking: whether its brake lights are on.
+        number: number of the vehicle, as the sensor has it; 0 for what is no vehicle.
     """
 
     gap_m: float
     aside_m: float
     speed_mps: float
     is_braking: bool = False
+    number: int = 0
 
 
 class Gap(msgspec.Struct, frozen=True, gc=False):
@@ -207,6 +209,7 @@ class Decision(msgspec.Struct, frozen=True):
         phase: phase of the lateral task from now on.
         tracks: state of every track.
         lost_tracks: number of trusted tracks deleted since the start of the episode.
+        lost_vehicles: numbers of the vehicles whose trusted tracks were deleted in this step.
     """
 
     time_s: float
@@ -222,6 +225,7 @@ class Decision(msgspec.Struct, frozen=True):
     traffic: Traffic
     tracks: tuple[str, ...]
     lost_tracks: int
+    lost_vehicles: tuple[int, ...] = ()
 
     def account(self) -> Account:
         """Return the decision as plain names and values; see `ExplainingPlanner`."""
@@ -236,6 +240,7 @@ class Decision(msgspec.Struct, frozen=True):
             **self._describe_lane_end(),
             "tracks": " ".join(self.tracks),
             "lost_tracks": self.lost_tracks,
+            "lost_vehicles": " ".join(map(str, self.lost_vehicles)),
         }
 
     def _describe_lead(self) -> Account:
@@ -243,7 +248,12 @@ class Decision(msgspec.Struct, frozen=True):
         for name, other in (("lead", self.traffic.lead), ("neighbour", self.traffic.neighbour)):
             if other is not None:
                 closing_mps = self.speed_mps - other.speed_mps
-                return {"heeds": name, "gap_m": other.gap_m, "closing_mps": closing_mps}
+                return {
+                    "heeds": name,
+                    "vehicle": other.number,
+                    "gap_m": other.gap_m,
+                    "closing_mps": closing_mps,
+                }
         return {"heeds": "nobody"}
 
     def _describe_lane_end(self) -> Account:
