@@ -60,6 +60,9 @@ twice that of the hardest braking, and its usual noise times `NOISE_FACTOR` expl
 MOST_STEPS = 10_000
 """Longest episode, as of bridges."""
 
+MOST_VEHICLES = 999
+"""Channels name vehicles up to this number."""
+
 MOST_XML_BYTES = 500_000_000
 
 WINDOW_S = 1.0
@@ -192,12 +195,12 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
         raise InvalidValue("longest_gap_s", problem)
     read = _read_commonroad if path.suffix.lower() == ".xml" else _read_table_of_tracks
     found = read(path)
-    for name in without:
+    unwanted = set(without)
+    for name in unwanted:
         if name not in found.tracks and name not in found.left_out:
             raise UnknownName("without", name, (*found.tracks, *found.left_out))
-    wanted = set(without)
-    kept = {name: track for name, track in found.tracks.items() if name not in wanted}
-    left_out = {name: why for name, why in found.left_out.items() if name not in wanted}
+    kept = {name: track for name, track in found.tracks.items() if name not in unwanted}
+    left_out = {name: why for name, why in found.left_out.items() if name not in unwanted}
     _refuse_units_of_time(kept, longest_gap_s)
     parts, cuts = _cut_tracks(kept, longest_gap_s, left_out)
     notes = [
@@ -211,14 +214,9 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
         _refuse_other_speeds(name, part)
     grid_s = _make_grid(ego, track, dt_s)
     spans = {name: _find_span(part, grid_s) for name, part in parts.items()}
-    never = [name for name, (first, last) in spans.items() if last <= first]
+    ids, never = _choose_vehicles(path, ego, spans)
     if never:
         notes.append(f"Not there for a step of the time of '{ego}' at least: {_list_names(never)}.")
-    there = sorted(
-        (name for name in parts if name != ego and name not in never),
-        key=lambda name: spans[name][0] > 0,
-    )
-    ids = (ego, *there)
     states = np.full((len(grid_s), len(ids), 4), np.nan)
     for number, name in enumerate(ids):
         first, last = spans[name]
@@ -232,6 +230,27 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
         left_out=left_out,
         notes=(*found.notes, *notes),
     )
+
+
+def _choose_vehicles(
+    path: Path, ego: str, spans: Mapping[str, tuple[int, int]]
+) -> tuple[tuple[str, ...], list[str]]:
+    """Return the names of the ego and the others in the order of their numbers, and of the rest.
+
+    Raises:
+        InvalidValue: there are more than have numbers.
+    """
+    never = [name for name, (first, last) in spans.items() if last <= first]
+    others = [name for name in spans if name != ego and name not in set(never)]
+    if len(others) > MOST_VEHICLES:
+        problem = (
+            f"{path.name} has {len(others):,} vehicles beside '{ego}', and an episode at most "
+            f"{MOST_VEHICLES}."
+        )
+        raise InvalidValue("tracks", problem, "Cut the recording to a shorter time.")
+    # Those that are there at the start are the actors of a scenario, with the first numbers.
+    others.sort(key=lambda name: spans[name][0] > 0)
+    return (ego, *others), never
 
 
 class _File(NamedTuple):

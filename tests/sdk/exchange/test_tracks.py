@@ -417,6 +417,12 @@ def test_a_recording_of_more_steps_than_an_episode_is_refused(tmp_path, ends_s):
         read_tracks(write(tmp_path / "a.csv", [*rows, *LEAD]), "ego", longest_gap_s=1e309)
 
 
+def test_more_vehicles_than_have_numbers_are_refused(tmp_path):
+    many = [row for n in range(1_000) for row in drive(str(n), 30.0 * n, 3.5, ends=1)]
+    with pytest.raises(InvalidValue, match="has 1,000 vehicles beside 'ego'"):
+        read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *many]), "ego")
+
+
 @pytest.mark.parametrize(
     "dialect",
     [
