@@ -821,7 +821,7 @@ def _align_states(states: Sequence[dict[str, float]]) -> Track:
 def _read_float(parent: Element, path: str) -> float:
     text = parent.findtext(path)
     if text is None:
-        raise ValueError(f"It has no {path} in {parent.tag}")
+        raise ValueError(f"It has no {path} in {parent.tag}, and only exact values are read")
     value = float(text)
     if not isfinite(value):
         raise ValueError(f"Its {path} is {text}")
