@@ -467,15 +467,15 @@ def _is_empty(cell: object) -> bool:
     return cell is None or cell != cell or (isinstance(cell, str) and not cell.strip())  # noqa: PLR0124 - NaN is an empty value of Parquet
 
 
-def _read_cell(cell: object) -> float | None:
+def _read_cell(cell: Any) -> float | None:
     """Return a finite number, NaN for an empty cell, and None for anything else."""
-    if _is_empty(cell):
-        return nan
     try:
-        value = float(str(cell))
-    except ValueError:
-        return None
-    return value if isfinite(value) else None
+        value = float(cell)
+    except (TypeError, ValueError):
+        return nan if _is_empty(cell) else None
+    if isfinite(value):
+        return value
+    return nan if _is_empty(cell) else None
 
 
 def _refuse_cell(place: str, cell: str) -> InvalidValue:

@@ -51,19 +51,28 @@ FASTEST_MPS = 100.0
 MOST_CUTS = 10
 """A vehicle with more cuts than this is no vehicle."""
 
-LEAST_JUMP_M = 3.0
+NOISE_FACTOR = 6.0
+LEAST_JUMP_M, LARGEST_NOISE_M = 3.0, 8.0
 JUMP_MPS2 = 24.0
 """A vehicle jumps where it is farther from its straight course than what this acceleration, about
-twice that of the hardest braking, and the noise of `LEAST_JUMP_M` explain. [m/s²]"""
+twice that of the hardest braking, and its usual noise times `NOISE_FACTOR` explain. [m/s²]"""
 
 MOST_STEPS = 10_000
 """Longest episode, as of bridges."""
+
+MOST_VEHICLES = 999
+"""Channels name vehicles up to this number."""
 
 MOST_XML_BYTES = 500_000_000
 
 WINDOW_S = 1.0
 MOVING_MPS = 2.0
 """Motion is averaged over this time, and compared with headings from this speed on."""
+
+NOISES_OF_WAY = 12.0
+"""A way of so many standard deviations of the positions has a direction within 0.5 rad."""
+
+MOST_NOISES = 3.0
 
 REVERSING_MPS = 5.0
 """Up to this speed a vehicle may drive backwards. [m/s]"""
@@ -186,12 +195,12 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
         raise InvalidValue("longest_gap_s", problem)
     read = _read_commonroad if path.suffix.lower() == ".xml" else _read_table_of_tracks
     found = read(path)
-    for name in without:
+    unwanted = set(without)
+    for name in unwanted:
         if name not in found.tracks and name not in found.left_out:
             raise UnknownName("without", name, (*found.tracks, *found.left_out))
-    wanted = set(without)
-    kept = {name: track for name, track in found.tracks.items() if name not in wanted}
-    left_out = {name: why for name, why in found.left_out.items() if name not in wanted}
+    kept = {name: track for name, track in found.tracks.items() if name not in unwanted}
+    left_out = {name: why for name, why in found.left_out.items() if name not in unwanted}
     _refuse_units_of_time(kept, longest_gap_s)
     parts, cuts = _cut_tracks(kept, longest_gap_s, left_out)
     notes = [
@@ -205,14 +214,9 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
         _refuse_other_speeds(name, part)
     grid_s = _make_grid(ego, track, dt_s)
     spans = {name: _find_span(part, grid_s) for name, part in parts.items()}
-    never = [name for name, (first, last) in spans.items() if last <= first]
+    ids, never = _choose_vehicles(path, ego, spans)
     if never:
         notes.append(f"Not there for a step of the time of '{ego}' at least: {_list_names(never)}.")
-    there = sorted(
-        (name for name in parts if name != ego and name not in never),
-        key=lambda name: spans[name][0] > 0,
-    )
-    ids = (ego, *there)
     states = np.full((len(grid_s), len(ids), 4), np.nan)
     for number, name in enumerate(ids):
         first, last = spans[name]
@@ -226,6 +230,27 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
         left_out=left_out,
         notes=(*found.notes, *notes),
     )
+
+
+def _choose_vehicles(
+    path: Path, ego: str, spans: Mapping[str, tuple[int, int]]
+) -> tuple[tuple[str, ...], list[str]]:
+    """Return the names of the ego and the others in the order of their numbers, and of the rest.
+
+    Raises:
+        InvalidValue: there are more than have numbers.
+    """
+    never = [name for name, (first, last) in spans.items() if last <= first]
+    others = [name for name in spans if name != ego and name not in set(never)]
+    if len(others) > MOST_VEHICLES:
+        problem = (
+            f"{path.name} has {len(others):,} vehicles beside '{ego}', and an episode at most "
+            f"{MOST_VEHICLES}."
+        )
+        raise InvalidValue("tracks", problem, "Cut the recording to a shorter time.")
+    # Those that are there at the start are the actors of a scenario, with the first numbers.
+    others.sort(key=lambda name: spans[name][0] > 0)
+    return (ego, *others), never
 
 
 class _File(NamedTuple):
@@ -388,13 +413,16 @@ def _find_cuts(track: Track, longest_gap_s: float) -> tuple[NDArray[np.int64], s
     moves = way_m > np.maximum(STANDING_MPS * apart_s, STANDING_MPS)
     is_gap = (apart_s > longest_gap_s + 1e-6) & moves
     speed = way / apart_s[:, None]
-    allowed_m = LEAST_JUMP_M + 0.5 * JUMP_MPS2 * apart_s**2
     is_jump = (way_m > FASTEST_MPS * apart_s) & (way_m > LEAST_JUMP_M)
     if len(way) > 1:
         # Both neighbours of a step must disagree with it, so that one braking hard is no jump.
         change = np.hypot(*np.diff(speed, axis=0).T)
-        off_before = np.concatenate([[True], change * apart_s[1:] > allowed_m[1:]])
-        off_after = np.concatenate([change * apart_s[:-1] > allowed_m[:-1], [True]])
+        off_before_m, off_after_m = change * apart_s[1:], change * apart_s[:-1]
+        usual_m = NOISE_FACTOR * float(np.median(off_before_m))
+        least_m = min(max(LEAST_JUMP_M, usual_m), LARGEST_NOISE_M)
+        allowed_m = least_m + 0.5 * JUMP_MPS2 * apart_s**2
+        off_before = np.concatenate([[True], off_before_m > allowed_m[1:]])
+        off_after = np.concatenate([off_after_m > allowed_m[:-1], [True]])
         is_jump |= off_before & off_after
     is_jump &= ~is_gap
     ends = np.flatnonzero(is_gap | is_jump)
@@ -491,23 +519,43 @@ def _refuse_empty_road(
     raise InvalidValue("tracks", problem.strip(), "Cut the recording to a shorter time.")
 
 
-def _find_motion(track: Track) -> tuple[Doubles, Doubles]:
-    """Return the velocity of a vehicle at each row over `WINDOW_S`, shape (rows, 2), and its size.
+class _Motion(NamedTuple):
+    """Motion of a vehicle at each row, over `WINDOW_S`.
 
-    A longer time than that between two rows would be no average: positions jitter.
+    Attributes:
+        direction: direction of its motion, shape (rows,). [rad]
+        speed: its size, shape (rows,). [m/s]
+        moves: whether it is fast enough to have a direction, shape (rows,).
+        noise_m: standard deviation of its positions, by their second differences. [m]
     """
+
+    direction: Doubles
+    speed: Doubles
+    moves: NDArray[np.bool_]
+    noise_m: float
+
+
+def _find_motion(track: Track) -> _Motion:
     time_s = track["time_s"]
+    place = np.stack([track["x_m"], track["y_m"]], axis=1)
+    # Of noise of a standard deviation s in both directions, half of the second differences are
+    # larger than 2.88 s.
+    bends = np.hypot(*np.diff(place, 2, axis=0).T)
+    noise_m = float(np.median(bends)) / 2.88 if len(bends) else 0.0
     before_s = np.clip(time_s - 0.5 * WINDOW_S, time_s[0], time_s[-1])
     after_s = np.clip(time_s + 0.5 * WINDOW_S, time_s[0], time_s[-1])
-    velocity = np.stack(
-        [
-            (np.interp(after_s, time_s, track[name]) - np.interp(before_s, time_s, track[name]))
-            / (after_s - before_s)
-            for name in ("x_m", "y_m")
-        ],
-        axis=1,
+    along_m, across_m = (
+        np.interp(after_s, time_s, track[name]) - np.interp(before_s, time_s, track[name])
+        for name in ("x_m", "y_m")
     )
-    return velocity, np.hypot(velocity[:, 0], velocity[:, 1])
+    way_m = np.hypot(along_m, across_m)
+    speed = way_m / (after_s - before_s)
+    return _Motion(
+        direction=np.arctan2(across_m, along_m),
+        speed=speed,
+        moves=(speed >= MOVING_MPS) & (way_m >= NOISES_OF_WAY * noise_m),
+        noise_m=noise_m,
+    )
 
 
 def _check_headings(name: str, track: Track) -> list[str]:
@@ -518,9 +566,7 @@ def _check_headings(name: str, track: Track) -> list[str]:
     """
     if "heading_rad" not in track:
         return []
-    velocity, moved_mps = _find_motion(track)
-    moves = moved_mps >= MOVING_MPS
-    direction = np.arctan2(velocity[:, 1], velocity[:, 0])
+    direction, moved_mps, moves, _ = _find_motion(track)
 
     def find_turn(heading: Doubles) -> Doubles:
         return np.abs((heading - direction + pi) % (2.0 * pi) - pi)
@@ -566,10 +612,8 @@ def _refuse_other_speeds(name: str, track: Track) -> None:
     """
     if "speed_mps" not in track:
         return
-    velocity, moved_mps = _find_motion(track)
-    moves = moved_mps >= MOVING_MPS
     # Without headings, the vehicle points where it goes.
-    direction = np.arctan2(velocity[:, 1], velocity[:, 0])
+    direction, moved_mps, moves, noise_m = _find_motion(track)
     forwards = moves & (np.cos(track.get("heading_rad", direction) - direction) > 0.0)
     negative = forwards & (track["speed_mps"] < -STANDING_MPS)
     if negative.sum() > CONTRADICTING_SHARE * moves.sum():
@@ -577,7 +621,7 @@ def _refuse_other_speeds(name: str, track: Track) -> None:
         problem = f"of vehicle '{name}' is negative at {at_s:g} s, and the vehicle moves forwards."
         raise InvalidValue("speed_mps", problem, "Give the speed along the vehicle's heading.")
     told, moved = float(np.abs(track["speed_mps"]).mean()), float(moved_mps.mean())
-    differs = abs(told - moved) > MOST_DIFFERENCE_MPS
+    differs = abs(told - moved) > MOST_DIFFERENCE_MPS + MOST_NOISES * noise_m / WINDOW_S
     if not differs or moved / MOST_RATIO <= told <= moved * MOST_RATIO:
         return
     units = [
@@ -777,7 +821,7 @@ def _align_states(states: Sequence[dict[str, float]]) -> Track:
 def _read_float(parent: Element, path: str) -> float:
     text = parent.findtext(path)
     if text is None:
-        raise ValueError(f"It has no {path} in {parent.tag}")
+        raise ValueError(f"It has no {path} in {parent.tag}, and only exact values are read")
     value = float(text)
     if not isfinite(value):
         raise ValueError(f"Its {path} is {text}")

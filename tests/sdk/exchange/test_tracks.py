@@ -358,6 +358,24 @@ def test_an_id_of_two_cars_makes_two_vehicles(tmp_path, pause):
     assert "'7' " in tracks.notes[0]
 
 
+@pytest.mark.parametrize(("noise_m", "dt_s"), [(0.1, 0.04), (0.5, 0.1), (1.0, 0.5)])
+def test_noisy_positions_are_no_jumps_and_contradict_nothing(tmp_path, noise_m, dt_s):
+    random = np.random.default_rng(1)
+    rows = []
+    for number in range(30):
+        lasts = np.arange(0.0, 20.0 + dt_s, dt_s)
+        noise = noise_m * random.standard_normal((len(lasts), 2))
+        speed = random.uniform(0.0, 35.0)
+        for t, (dx, dy) in zip(lasts, noise, strict=True):
+            heading = 0.05 * random.standard_normal()
+            told = max(speed + 0.3 * random.standard_normal(), 0.0)
+            rows.append((number, t, 40 * number + speed * t + dx, dy, heading, told))
+    path = write(tmp_path / "a.csv", rows, (*HEADER, "heading_rad", "speed_mps"))
+    tracks = read_tracks(path, "0")
+    assert (len(tracks.ids), tracks.left_out) == (30, {})
+    assert not any("jumps" in note or "lost" in note for note in tracks.notes)
+
+
 def test_an_id_of_two_cars_at_once_is_left_out(tmp_path):
     first, second = drive("7", 90.0), drive("7", -150.0, 3.5)
     both = [first[n] if n % 2 else second[n] for n in range(101)]
@@ -397,6 +415,12 @@ def test_a_recording_of_more_steps_than_an_episode_is_refused(tmp_path, ends_s):
     rows = [("ego", t, 0.02 * t if t < 1e7 else 0.0, 0.0) for t in (0.0, ends_s)]
     with pytest.raises(InvalidValue, match=r"at most 10,000|reaches"):
         read_tracks(write(tmp_path / "a.csv", [*rows, *LEAD]), "ego", longest_gap_s=1e309)
+
+
+def test_more_vehicles_than_have_numbers_are_refused(tmp_path):
+    many = [row for n in range(1_000) for row in drive(str(n), 30.0 * n, 3.5, ends=1)]
+    with pytest.raises(InvalidValue, match="has 1,000 vehicles beside 'ego'"):
+        read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *many]), "ego")
 
 
 @pytest.mark.parametrize(
