@@ -241,6 +241,19 @@ def find_figures(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     yield from summarize(dict(judge_all(chosen, pool, seed)))
 
 
+def find_splitting_figures(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
+    """Figures of `splitting` on each problem, at its smallest budget."""
+    chosen = [at for at, plan in enumerate(PLANS) if plan.method is MultilevelSplitting]
+    for place, one in judge_all(chosen[:1], pool, seed):
+        problem = PLANS[place.plan].problems[place.problem]
+        name = f"intervals.splitting.{problem.name.replace(',', '').replace(' ', '_')}"
+        told = round(one.told * SEEDS)
+        note = f"campaigns of {PLANS[place.plan].episodes} episodes; P = {problem.probability:.3g}"
+        make = partial(Figure, unit="share", command=COMMAND, note=note)
+        yield f"{name}.told", make(value=one.told, n=SEEDS)
+        yield f"{name}.held", make(value=one.held if told else None, n=told)
+
+
 def judge_all(
     plans: Iterable[int], pool: EpisodePool, seed: int
 ) -> Iterator[tuple[Place, Verdict]]:

@@ -189,7 +189,14 @@ TRIALS = (
         )
         for place, (name, peer) in product(PLACES, PEERS.items())
     ),
-    Trial(("intervals.",), intervals.find_figures),
+    Trial(("intervals.splitting.",), intervals.find_splitting_figures),
+    Trial(
+        (
+            *("intervals.covered_min", "intervals.low_bias_worst"),
+            *("intervals.told_share", "intervals.mixture_over_subset"),
+        ),
+        intervals.find_figures,
+    ),
     Trial(
         ("subset_over_openturns",),
         openturns_beside.find_figures,
