@@ -19,6 +19,7 @@ from eigenfail.processes import end_now
 from eigenfail.values.access import redact
 from eigenfail_api.app import create_app
 from eigenfail_api.connections import make_protocol
+from eigenfail_api.problems import describe_error
 from eigenfail_api.settings import ApiSettings, refuse_open_door
 from eigenfail_services import observability
 from eigenfail_services.store import open_store
@@ -57,7 +58,9 @@ def read_settings(arguments: Sequence[str] | None) -> ApiSettings:
         return ApiSettings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:
         first = error.errors()[0]
-        raise InvalidValue(str(first["loc"][-1]), f"{first['msg']}.") from None
+        name = str(first["loc"][0])
+        remedy = f"Correct EIGENFAIL_{name.upper()}, or the argument of that name."
+        raise InvalidValue(name, describe_error(first), remedy) from None
     except SettingsError as error:
         remedy = "Give lists as JSON, numbers as digits."
         raise InvalidValue("environment", f"{error}.", remedy) from None
