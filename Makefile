@@ -6,7 +6,8 @@ TORCH_INDEX ?= https://download.pytorch.org/whl/cpu
 INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --require-hashes
 # Processes that tests start by the hundred would otherwise compile every module anew.
 unexport PYTHONDONTWRITEBYTECODE
-apt = { apt-get update -qq && apt-get install -y -qq $(1); } >/dev/null 2>&1
+# Runlevel 1 keeps packages from starting services, such as nginx at port 80.
+apt = { apt-get update -qq && RUNLEVEL=1 apt-get install -y -qq $(1); } >/dev/null 2>&1
 SOURCES := sdk api services workers migrations deploy tests examples benchmarks
 MINUTES ?= 5
 SECONDS ?= 600
@@ -53,10 +54,10 @@ javascript: ## the npm packages of the JavaScript bridge, for its tests
 	@{ command -v npm >/dev/null && npm ci --prefix examples/bridge/javascript --ignore-scripts --silent; } \
 		|| echo "No npm: the tests of the JavaScript bridge are skipped, and told at the end."
 
-tools: ## Debian's strace, iproute2 and curl, for the tests of faults and of texts to copy
-	@{ command -v strace && command -v ip && command -v curl; } >/dev/null \
-		|| $(call apt,strace iproute2 curl) \
-		|| echo "No strace, ip or curl: the tests that need them are skipped, and told at the end."
+tools: ## Debian's strace, iproute2, curl and nginx, for the tests of faults and of texts to copy
+	@{ command -v strace && command -v ip && command -v curl && test -x /usr/sbin/nginx; } >/dev/null \
+		|| $(call apt,strace iproute2 curl nginx-light) \
+		|| echo "No strace, ip, curl or nginx: the tests that need them are skipped, and told at the end."
 
 demo: setup compiled ## a short campaign of each method, analysed, replayed, priced
 	$(BIN)/python examples/demo.py

@@ -1,7 +1,8 @@
 """Whether a container does its work: `python health.py [ROLE]`; 0 if so, 1 if not.
 
 Without an argument the role is EIGENFAIL_ROLE, and where that is not set nothing is asked. The
-ports are those of EIGENFAIL_PORT, EIGENFAIL_HUB_PORT and EIGENFAIL_RAY_PORT.
+ports are those of EIGENFAIL_HEALTH_PORT (or EIGENFAIL_PORT), EIGENFAIL_HUB_PORT and
+EIGENFAIL_RAY_PORT.
 """
 
 import os
@@ -21,7 +22,7 @@ def port(name: str, otherwise: int) -> int:
 
 def controller_answers() -> bool:
     """Whether the controller answers and reaches its database."""
-    address = f"http://127.0.0.1:{port('PORT', 8440)}/readyz"
+    address = f"http://127.0.0.1:{port('HEALTH_PORT', port('PORT', 8440))}/readyz"
     with urlopen(address, timeout=WITHIN_S) as answer:
         return bool(answer.status == 200)
 

@@ -1,10 +1,12 @@
 """`python -m eigenfail_api`: serve the API until a signal stops it."""
 
+import asyncio
 import errno
 import signal
 import socket
 import sys
 from collections.abc import Sequence
+from contextlib import ExitStack
 from types import FrameType
 
 import uvicorn
@@ -19,6 +21,8 @@ from eigenfail.processes import end_now
 from eigenfail.values.access import redact
 from eigenfail_api.app import create_app
 from eigenfail_api.connections import make_protocol
+from eigenfail_api.problems import describe_error
+from eigenfail_api.routes.operations import HealthServer
 from eigenfail_api.settings import ApiSettings, refuse_open_door
 from eigenfail_services import observability
 from eigenfail_services.store import open_store
@@ -57,7 +61,9 @@ def read_settings(arguments: Sequence[str] | None) -> ApiSettings:
         return ApiSettings(**{name: value for name, value in given.items() if value is not None})
     except ValidationError as error:
         first = error.errors()[0]
-        raise InvalidValue(str(first["loc"][-1]), f"{first['msg']}.") from None
+        name = str(first["loc"][0])
+        remedy = f"Correct EIGENFAIL_{name.upper()}, or the argument of that name."
+        raise InvalidValue(name, describe_error(first), remedy) from None
     except SettingsError as error:
         remedy = "Give lists as JSON, numbers as digits."
         raise InvalidValue("environment", f"{error}.", remedy) from None
@@ -72,27 +78,32 @@ def serve(settings: ApiSettings) -> None:
         ServiceError: the store cannot be opened.
     """
     refuse_open_door(settings)
-    with listen(settings.host, settings.port) as listener:
+    with listen(settings.host, settings.port) as listener, ExitStack() as others:
+        health = None
+        if settings.health_port is not None:
+            health = others.enter_context(listen(settings.health_host, settings.health_port))
         end_traces = observability.configure("controller")
         store = open_store(settings.database, wait_s=WAIT_S)
         try:
-            server = Server(create_app(store, settings))
+            server = Server(create_app(store, settings), health)
             # uvicorn handles signals from its start on. A handler until then must not raise: where
             # the signal arrives during a callback of the garbage collector, Python prints the
             # exception and ignores it, and the server would go on.
             for stop in (signal.SIGINT, signal.SIGTERM):
                 signal.signal(stop, server.handle_exit)
-            announce(listener)
+            announce("eigenfail API", listener)
+            if health is not None:
+                announce("health checks", health)
             server.run(sockets=[listener])
         finally:
             store.close()
             end_traces()
 
 
-def announce(listener: socket.socket) -> None:
-    """Say where we are: the port may have been chosen just now."""
+def announce(what: str, listener: socket.socket) -> None:
+    """Print where something listens: the port may have been chosen just now."""
     host, port = listener.getsockname()[:2]
-    sys.stdout.write(f"eigenfail API on http://{f'[{host}]' if ':' in host else host}:{port}\n")
+    sys.stdout.write(f"{what} on http://{f'[{host}]' if ':' in host else host}:{port}\n")
     sys.stdout.flush()
 
 
@@ -124,9 +135,10 @@ class Server(uvicorn.Server):
     Args:
         app: what it serves. Its settings say how many connections may be open. The application
             reads the headers of proxies itself: uvicorn would believe any local program.
+        health: socket for health checks, if there is one.
     """
 
-    def __init__(self, app: FastAPI) -> None:
+    def __init__(self, app: FastAPI, health: socket.socket | None = None) -> None:
         settings: ApiSettings = app.state.settings
         config = uvicorn.Config(
             app,
@@ -141,6 +153,13 @@ class Server(uvicorn.Server):
         )
         super().__init__(config)
         self._feed = app.state.feed
+        self._health = None if health is None else HealthServer(health, app.state.readiness)
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to serve; health checks are answered from then on."""
+        await super().startup(sockets)
+        if self._health is not None:
+            self._health.start(asyncio.get_running_loop())
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
         """A signal to stop."""

@@ -28,6 +28,11 @@ PARAMETER_WORDS = {
     "string_too_short": "is empty.",
     "string_too_long": "is longer than {max_length} characters.",
     "string_pattern_mismatch": "{input!r} is not {form}.",
+    "string_type": "{input!r} is not text.",
+    "tuple_type": "{input!r} is not a list.",
+    "dict_type": "{input!r} is not an object of names and values.",
+    "ip_v4_network": "{input!r} is not a network such as 10.0.0.5/32.",
+    "ip_v6_network": "{input!r} is not a network such as 10.0.0.5/32.",
 }
 """Sentences by the framework's name of an error, with places for the value and its bound."""
 
@@ -35,8 +40,8 @@ MOST_SHOWN = 60
 """Most characters of a wrong value that a sentence quotes."""
 
 
-def _describe_error(error: Mapping[str, Any]) -> str:
-    """Return a sentence on a wrong parameter; the framework's own where the table has none."""
+def describe_error(error: Mapping[str, Any]) -> str:
+    """Return a sentence on a wrong value; the framework's own where the table has none."""
     words = PARAMETER_WORDS.get(error["type"], "{msg}.")
     given = error["input"]
     shown = given if not isinstance(given, str) else given[:MOST_SHOWN]
@@ -79,9 +84,7 @@ def retry_headers(error: EigenfailError) -> dict[str, str]:
 async def on_bad_parameter(request: Request, error: RequestValidationError) -> Response:
     """Answer a path, query or header parameter of the wrong type or outside its bounds."""
     first = error.errors()[0]
-    return await on_known_error(
-        request, InvalidValue(str(first["loc"][-1]), _describe_error(first))
-    )
+    return await on_known_error(request, InvalidValue(str(first["loc"][-1]), describe_error(first)))
 
 
 async def on_http_error(request: Request, error: HTTPException) -> Response:

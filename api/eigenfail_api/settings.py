@@ -30,6 +30,9 @@ class ApiSettings(BaseSettings):
         database: URL of the store.
         host: address to listen on.
         port: port to listen on; 0 takes a free one.
+        health_host: address of the port for health checks alone.
+        health_port: port at which /healthz and /readyz are answered, whatever the other one is busy
+            with; 0 takes a free one, None has none.
         require_keys: ask for a key even before there is one; then, and with the key of an
             administrator, other machines may reach the address.
         trust_network: listen for other machines although no key is required. For containers
@@ -55,6 +58,8 @@ class ApiSettings(BaseSettings):
     database: str = "sqlite:///eigenfail-data/eigenfail.db"
     host: str = "127.0.0.1"
     port: Annotated[int, Field(ge=0, le=65535)] = 8440
+    health_host: str = "127.0.0.1"
+    health_port: Annotated[int, Field(ge=0, le=65535)] | None = None
     require_keys: bool = False
     trust_network: bool = False
     hosts: tuple[str, ...] | None = None

@@ -24,6 +24,7 @@ def free_port():
 @pytest.fixture
 def health(free_port, monkeypatch):
     """`main` of the script, looking at a port of this test."""
+    monkeypatch.delenv("EIGENFAIL_HEALTH_PORT", raising=False)
     for name in ("EIGENFAIL_PORT", "EIGENFAIL_HUB_PORT", "EIGENFAIL_RAY_PORT"):
         monkeypatch.setenv(name, str(free_port))
     return runpy.run_path(str(HEALTH))["main"]
@@ -53,6 +54,14 @@ def test_a_controller_is_well_when_it_is_ready(health, controller):
     assert health("controller") == 0
     controller.status = 503
     assert health("controller") == 1
+
+
+def test_controller_is_asked_at_its_port_for_health_checks(
+    health, controller, free_port, monkeypatch
+):
+    monkeypatch.setenv("EIGENFAIL_PORT", "9")
+    monkeypatch.setenv("EIGENFAIL_HEALTH_PORT", str(free_port))
+    assert health("controller") == 0
 
 
 @pytest.mark.parametrize("role", ["controller", "services", "worker", "ray-head", "ray-node"])

@@ -1,12 +1,21 @@
 """Routes for operators: liveness, readiness, and metrics for Prometheus."""
 
+import socket
 import time
-from asyncio import shield, wait_for, wrap_future
+from asyncio import (
+    AbstractEventLoop,
+    run_coroutine_threadsafe,
+    shield,
+    wait_for,
+    wrap_future,
+)
 from collections import Counter as Tally
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Future
-from threading import Thread
+from contextlib import suppress
+from http import HTTPStatus
+from threading import BoundedSemaphore, Thread
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query, Request
@@ -19,15 +28,17 @@ from prometheus_client import (
 )
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
+from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from eigenfail.errors import StoreUnavailable
+from eigenfail.errors import EigenfailError, StoreUnavailable
 from eigenfail.values import Campaign, CampaignState, Page
 from eigenfail.values.operations import DAY_S, Presence, Staffing, WorkerShare
-from eigenfail.wire.http import PREFIX, Health
+from eigenfail.wire.http import PREFIX, Health, make_problem, make_untyped_problem
 from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.openapi import document_route
 from eigenfail_api.parameters import CampaignId, Json, Stored
+from eigenfail_api.problems import answer
 from eigenfail_services.campaigns.summary import (
     LATELY_S,
     count_present,
@@ -44,6 +55,16 @@ MAX_AGE_S = 1.0
 
 PROBE_LIMIT_S = 3.0
 """Within the five seconds that containers and Kubernetes wait for an answer."""
+
+
+LOOP_LIMIT_S = 1.0
+"""Beside a probe, for the event loop to begin and end it. [s]"""
+
+
+MOST_PROBES = 64
+HEAD_S = 3.0
+HEAD_BYTES = 8 * 1024
+"""At the port for health checks: requests at a time, and time and length of the head of each."""
 
 
 router = APIRouter(tags=["operations"])
@@ -91,6 +112,88 @@ class Readiness:
             probe.set_exception(error)
         else:
             probe.set_result(None)
+
+
+class HealthServer:
+    """Answers /healthz and /readyz at a socket of its own, in threads of its own.
+
+    A client that takes all connections of the API takes none here. The API's event loop is asked
+    each time: a process whose loop hangs is not healthy.
+
+    Args:
+        listener: the socket, which listens.
+        readiness: checks the store.
+    """
+
+    def __init__(self, listener: socket.socket, readiness: Readiness) -> None:
+        self._listener = listener
+        self._checks = {"/healthz": _beat, "/readyz": readiness.check}
+        self._places = BoundedSemaphore(MOST_PROBES)
+
+    def start(self, loop: AbstractEventLoop) -> None:
+        """Begin to answer, until the socket is closed; `loop` is the event loop of the API."""
+        Thread(target=self._accept, args=(loop,), name="health", daemon=True).start()
+
+    def _accept(self, loop: AbstractEventLoop) -> None:
+        while True:
+            try:
+                connection, _ = self._listener.accept()
+            except OSError:
+                return
+            self._places.acquire()
+            Thread(target=self._serve, args=(connection, loop), daemon=True).start()
+
+    def _serve(self, connection: socket.socket, loop: AbstractEventLoop) -> None:
+        """Answer one request; one that does not arrive in time gets no answer."""
+        try:
+            with connection, suppress(OSError):
+                connection.sendall(format_answer(self._check(read_target(connection), loop)))
+        finally:
+            self._places.release()
+
+    def _check(self, path: str, loop: AbstractEventLoop) -> Response:
+        if path not in self._checks:
+            known = f"This port has {' and '.join(self._checks)} alone."
+            return answer(make_untyped_problem(404, known, path))
+        asked = run_coroutine_threadsafe(self._checks[path](), loop)
+        try:
+            asked.result(PROBE_LIMIT_S + LOOP_LIMIT_S)
+        except EigenfailError as error:
+            return answer(make_problem(error, path))
+        except TimeoutError:
+            asked.cancel()
+            problem = f"The event loop did not answer within {PROBE_LIMIT_S + LOOP_LIMIT_S:g} s."
+            return answer(make_untyped_problem(503, problem, path, "Start the process again."))
+        return Json(Health())
+
+
+async def _beat() -> None:
+    """Do nothing, in the event loop."""
+
+
+def read_target(connection: socket.socket) -> str:
+    """Return the path of a request, without its query; empty if it is not a request.
+
+    Raises:
+        OSError: it did not arrive in time.
+    """
+    head, until_s = b"", time.monotonic() + HEAD_S
+    while b"\r\n\r\n" not in head and len(head) < HEAD_BYTES:
+        connection.settimeout(max(0.001, until_s - time.monotonic()))
+        if not (part := connection.recv(HEAD_BYTES)):
+            break
+        head += part
+    words = head.partition(b"\r\n")[0].split(b" ")
+    is_read = len(words) == 3 and words[0] in {b"GET", b"HEAD"}
+    return words[1].partition(b"?")[0].decode("latin-1") if is_read else ""
+
+
+def format_answer(response: Response) -> bytes:
+    """Return an answer as HTTP/1.1, after which the connection is closed."""
+    phrase = HTTPStatus(response.status_code).phrase.encode()
+    lines = [b"HTTP/1.1 %d %s" % (response.status_code, phrase)]
+    lines += [b"%s: %s" % header for header in response.raw_headers]
+    return b"\r\n".join((*lines, b"connection: close", b"", bytes(response.body)))
 
 
 @router.get("/healthz", **document_route(Health))

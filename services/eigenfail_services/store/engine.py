@@ -1,6 +1,7 @@
 """Transactions on a database of any kind; its errors become `StoreUnavailable`."""
 
 import sqlite3
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
@@ -55,6 +56,9 @@ class Backend(Protocol):
     def remedy_of(self, error: object) -> str:
         """Return what a user can do about a driver's error."""
 
+    def is_full(self, error: object) -> bool:
+        """Return whether a driver's error says that there are too many connections."""
+
     def is_damage(self, error: object) -> bool:
         """Return whether a driver's error says that stored data were truncated or overwritten."""
 
@@ -87,6 +91,10 @@ WAIT_S = 10.0
 
 INTERVAL_S = 0.005
 """Time between two calls of what runs while a transaction is committed."""
+
+CROWDED_WAIT_S = 5.0
+CROWDED_RETRY_S = 0.05
+"""How long, and how often, a connection is asked for that the server refuses as one too many."""
 
 CHUNK = 500
 """Numbers that one statement names, and rows that are fetched at a time, at most."""
@@ -135,7 +143,11 @@ class Database:
     @contextmanager
     def reading(self) -> Iterator[Connection]:
         """Begin a transaction that changes nothing."""
-        with translate_errors(self._backend), self._reader.begin() as connection:
+        with (
+            translate_errors(self._backend),
+            self._connect(self._reader) as connection,
+            connection.begin(),
+        ):
             self._backend.check(connection)
             yield connection
 
@@ -150,7 +162,7 @@ class Database:
             StoreUnavailable: nothing was written, or what was written may be lost.
         """
         try:
-            with translate_errors(self._backend), self._writer.connect() as connection:
+            with translate_errors(self._backend), self._connect(self._writer) as connection:
                 with connection.begin() as transaction:
                     self._backend.check(connection)
                     yield connection
@@ -161,6 +173,20 @@ class Database:
         except StoreUnwritable:
             self._alarm.begin()
             raise
+
+    def _connect(self, engine: Engine) -> Connection:
+        """Return a connection of the pool; wait for one if the server grants no further one.
+
+        Others come free in milliseconds, of this process and of others that share the server.
+        """
+        until_s = time.monotonic() + CROWDED_WAIT_S
+        while True:
+            try:
+                return engine.connect()
+            except exc.OperationalError as error:
+                if not self._backend.is_full(error.orig) or time.monotonic() > until_s:
+                    raise
+                time.sleep(CROWDED_RETRY_S)
 
     def commit_beside(self, meanwhile: Callable[[], None]) -> Commit:
         """Return a commit in another thread, while `meanwhile` runs in the one that waits for it.

@@ -18,7 +18,7 @@ from sqlalchemy import (
 
 from eigenfail.errors import InvalidValue, StoreUnavailable, StoreUnwritable
 from eigenfail_services.store.alarms import AdvisoryLock
-from eigenfail_services.store.schema import event_counter
+from eigenfail_services.store.schema import event_counter, metadata
 
 # libpq's own names. A server that has gone silent is given up after about ten seconds.
 QUERY = {
@@ -57,6 +57,12 @@ LOCKED = (
 )
 # data_corrupted, index_corrupted
 DAMAGES = frozenset({"XX001", "XX002"})
+# libpq gives no code for a connection that is refused, and the words alone tell these.
+FULL = ("too many clients", "too many connections", "remaining connection slots are reserved")
+CROWDED = (
+    "Raise max_connections of the server, or stop other programs that use it: a process of "
+    "eigenfail opens up to 30 connections."
+)
 DAMAGED = (
     "Stop the service; the server's log names the damage. Put a backup in the database's place: "
     "`eigenfail db restore BACKUP --force`."
@@ -64,6 +70,13 @@ DAMAGED = (
 UNREACHABLE = "Check that the server runs, and the address, user and password."
 
 PROBE_LIMIT = "SET LOCAL statement_timeout = '2s'"
+# Shorter than the second after which the server looks for deadlocks: a probe that holds some tables
+# and waits for another never ends the migration that waits for it.
+PROBE_LOCK_LIMIT = "SET LOCAL lock_timeout = '500ms'"
+TABLES = ", ".join(f'"{table}"' for table in metadata.tables)
+TAKE_LOCKS = f"LOCK TABLE {TABLES} IN ROW EXCLUSIVE MODE"
+"""What every writer takes; a session that keeps out readers or writers keeps out this one, too."""
+
 TAKES_WRITES = "SHOW transaction_read_only"
 
 SCHEMA_LOCK = text("SELECT pg_advisory_xact_lock(hashtext('eigenfail_schema'))")
@@ -140,7 +153,13 @@ class Postgres:
         """Return what a user can do about a lock, damaged data or a server that is out of reach."""
         if self.is_damage(error):
             return DAMAGED
+        if self.is_full(error):
+            return CROWDED
         return LOCKED if getattr(error, "sqlstate", None) in TOOK_TOO_LONG else UNREACHABLE
+
+    def is_full(self, error: object) -> bool:
+        """Return whether the server, the database or the user has all connections it may have."""
+        return any(words in str(error) for words in FULL)
 
     def is_damage(self, error: object) -> bool:
         """Return whether a page of a table or of an index is damaged."""
@@ -150,14 +169,16 @@ class Postgres:
         """Do nothing: a connection to the server is one to the database."""
 
     def probe(self, connection: Connection) -> None:
-        """Read a row, and check that the server takes writes, for two seconds at most."""
+        """Check that the server takes writes and locks no table, for two seconds at most."""
         connection.exec_driver_sql(PROBE_LIMIT)
+        connection.exec_driver_sql(PROBE_LOCK_LIMIT)
         connection.execute(select(event_counter.c.last)).scalar_one()
         if connection.exec_driver_sql(TAKES_WRITES).scalar_one() != "off":
             raise StoreUnwritable(
                 f"The server of {self.label} takes no writes: it is a standby or read-only.",
                 "Name the primary server, or let it take writes.",
             )
+        connection.exec_driver_sql(TAKE_LOCKS)
 
     def signal(self) -> AdvisoryLock:
         """Return an advisory lock at the server."""

@@ -64,6 +64,12 @@ PRIMARY = 0xFF
 UNWRITABLE = frozenset({sqlite3.SQLITE_FULL, sqlite3.SQLITE_READONLY, sqlite3.SQLITE_IOERR})
 UNREADABLE = frozenset({sqlite3.SQLITE_IOERR_READ, sqlite3.SQLITE_IOERR_SHORT_READ})
 
+IMMUTABLE = "ro&immutable=1"
+"""Mode of a file that no program changes while it is open; its write-ahead log is left out."""
+
+LONGEST_PATH = 504
+"""SQLite's own limit of 512, without the ending of a log beside the file. [bytes]"""
+
 SMALLEST_PAGE = 512
 """What SQLite writes at a time, at least. [bytes]"""
 
@@ -74,6 +80,10 @@ OPENED = "files"
 UNREACHABLE = (
     "Check that its folder exists, can be written and has room, and that the user of the service "
     "may read and write the file."
+)
+TOO_LONG = (
+    "SQLite opens no file whose path has more than {longest} bytes; this one has {length}. "
+    "Choose a folder with a shorter path."
 )
 LOCKED = (
     "Another program holds its lock: wait for it, or end it (`fuser -v FILE` names it); then the "
@@ -116,6 +126,10 @@ class _SqliteErrors:
             return DAMAGED
         return LOCKED if getattr(error, "sqlite_errorcode", 0) & PRIMARY in BUSY else UNREACHABLE
 
+    def is_full(self, _error: object) -> bool:
+        """Return False: a file has as many connections as are opened."""
+        return False
+
     def is_damage(self, error: object) -> bool:
         """Return whether the file is no database, or a page of it is missing or damaged."""
         code: int = getattr(error, "sqlite_errorcode", 0)
@@ -154,6 +168,14 @@ class Sqlite(_SqliteErrors):
         """Return the engine for migrations, which replace tables that others refer to."""
         return self._tuned(self._engine(SCHEMA_WAIT_S, poolclass=NullPool), SCHEMA_WAIT_S)
 
+    def remedy_of(self, error: object) -> str:
+        """Return what a user can do, also about a path that is too long for SQLite."""
+        length = len(os.fsencode(self._path.resolve()))
+        is_closed = getattr(error, "sqlite_errorcode", 0) & PRIMARY == sqlite3.SQLITE_CANTOPEN
+        if is_closed and length > LONGEST_PATH:
+            return TOO_LONG.format(longest=LONGEST_PATH, length=length)
+        return super().remedy_of(error)
+
     def prepare(self) -> None:
         """Make the folder and an empty database, for their owner alone, unless it exists.
 
@@ -161,6 +183,8 @@ class Sqlite(_SqliteErrors):
             StoreUnavailable: the database is missing, but its write-ahead log is there.
         """
         if self._path.exists():
+            if find_mode(self._path) != "rw":
+                raise PermissionError(EACCES, f"{self._path.parent} may not be written")
             return
         make_private_folder(self._path.parent)
         wal = _beside(self._path, WAL_ENDING)
@@ -251,7 +275,7 @@ class Sqlite(_SqliteErrors):
             )
         if self._open_connections and self._last_opened:
             self._compare_log(before, self._last_opened)
-        uri = sqlite_uri(self._path, "rw")
+        uri = sqlite_uri(self._path, find_mode(self._path))
         connection = sqlite3.connect(uri, uri=True, timeout=wait_s, check_same_thread=False)
         try:
             self._recognize(before.database)
@@ -276,7 +300,7 @@ class Sqlite(_SqliteErrors):
         locks on the file would be gone. `immutable` leaves out the write-ahead log, which may
         hold pages that the file has not got yet.
         """
-        uri = f"{sqlite_uri(self._path, 'ro')}&immutable=1"
+        uri = sqlite_uri(self._path, IMMUTABLE)
         try:
             with closing(sqlite3.connect(uri, uri=True)) as connection:
                 connection.execute("PRAGMA page_count").fetchone()
@@ -431,6 +455,17 @@ def _memory_dialect() -> Dialect:
 
 def _beside(path: Path, ending: str) -> Path:
     return path.with_name(path.name + ending)
+
+
+def find_mode(path: Path) -> str:
+    """Return with which mode, in SQLite's URIs, to open a database.
+
+    Beside a database in WAL mode, SQLite makes a log and an index even to read it. In a folder
+    that cannot be written, such as that of a backup on a read-only share, a database without a log
+    is read as the file that it is.
+    """
+    is_writable = os.access(path.parent, os.W_OK, effective_ids=True)
+    return "rw" if is_writable or _beside(path, WAL_ENDING).exists() else IMMUTABLE
 
 
 def _size(path: Path) -> int:

@@ -33,6 +33,7 @@ from eigenfail.values.operations import Backup
 from eigenfail_services.store.engine import Database, find_backend, read_kind
 from eigenfail_services.store.migrate import find_version, refuse_newer
 from eigenfail_services.store.schema import VERSION_TABLE, event_counter, metadata
+from eigenfail_services.store.sqlite import find_mode
 
 HAS_ROWS: Mapping[str, str] = {
     table.name: str(select(exists(select(literal_column("1")).select_from(table))))
@@ -220,7 +221,7 @@ class SqliteBackups:
         """Copy all pages as of one moment; meanwhile others write to the write-ahead log."""
         with (
             translate_sqlite_errors(f"The backup of {self._path} failed"),
-            closing(open_sqlite(self._path, "rw")) as source,
+            closing(open_sqlite(self._path, find_mode(self._path))) as source,
             closing(open_sqlite(draft, "rw")) as target,
         ):
             source.backup(target)
@@ -230,7 +231,7 @@ class SqliteBackups:
     def revision(self, file: Path) -> str:
         """Return the schema's revision in an undamaged file."""
         try:
-            with closing(open_sqlite(file, "ro")) as source:
+            with closing(open_backup(file)) as source:
                 _refuse_damage(source)
                 (found,) = source.execute(SELECT_REVISION).fetchone()
                 return str(found)
@@ -241,7 +242,7 @@ class SqliteBackups:
         """Write all pages in one transaction."""
         with (
             translate_sqlite_errors(f"{self._path} was not changed"),
-            closing(open_sqlite(file, "ro")) as source,
+            closing(open_backup(file)) as source,
             closing(open_sqlite(self._path, "rw", LOCK_TIMEOUT_S)) as target,
         ):
             # SQLite refuses to change the mode of a database that another program has open.
@@ -265,10 +266,16 @@ def open_sqlite(path: Path, mode: str, wait_s: float = 5.0) -> sqlite3.Connectio
 
     Args:
         path: path of the file.
-        mode: as in SQLite's URIs: `ro` or `rw`.
+        mode: as in SQLite's URIs: `ro`, `rw`, or what `find_mode` returns.
         wait_s: how long it waits for the locks of others. [s]
     """
     return sqlite3.connect(sqlite_uri(path, mode), uri=True, timeout=wait_s)
+
+
+def open_backup(file: Path) -> sqlite3.Connection:
+    """Return a connection that only reads a file, which may be on a read-only medium."""
+    mode = find_mode(file)
+    return open_sqlite(file, "ro" if mode == "rw" else mode)
 
 
 def _refuse_damage(connection: sqlite3.Connection) -> None:

@@ -21,6 +21,7 @@ from ipaddress import (
 )
 from urllib.parse import urlsplit
 
+from anyio import CapacityLimiter
 from anyio.to_thread import run_sync
 
 from eigenfail.errors import InvalidValue
@@ -142,8 +143,9 @@ async def resolve_host(host: str, port: int, allowed: Sequence[IpNetwork]) -> st
     """
     resolve = partial(socket.getaddrinfo, host, port, type=socket.SOCK_STREAM)
     try:
-        # A resolver that does not answer is left to itself when the attempt is over.
-        found = await run_sync(resolve, abandon_on_cancel=True)
+        # A resolver that does not answer is left to itself when the attempt is over. It has a limit
+        # of its own: all of the others would wait for names of which one hangs.
+        found = await run_sync(resolve, abandon_on_cancel=True, limiter=CapacityLimiter(1))
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not a valid name"
         raise AddressRefused(f"The host name cannot be resolved: {reason}.") from None

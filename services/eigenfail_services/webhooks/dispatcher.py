@@ -13,7 +13,7 @@ from threading import Event, Thread
 
 import anyio
 import structlog
-from anyio.to_thread import current_default_thread_limiter, run_sync
+from anyio.to_thread import run_sync
 
 from eigenfail import __version__
 from eigenfail.errors import EigenfailError
@@ -29,9 +29,6 @@ PAUSE_S = 0.1
 RETRY_S = 2.0
 SLOTS = MAX_WEBHOOKS
 """Attempts at a time; a webhook has one at most, so that none waits for another one's."""
-
-OWN_THREADS = 4
-"""Threads for the database, beside one for each name that is resolved."""
 
 ATTEMPT_S = 15.0
 """For an attempt from the resolution of the name to the status of the answer."""
@@ -186,8 +183,6 @@ class WebhookDispatcher:
                 self._stopping.wait(RETRY_S)
 
     async def _send_due(self) -> None:
-        # Names that a server does not resolve must not keep the database's threads from it.
-        current_default_thread_limiter().total_tokens = SLOTS + OWN_THREADS
         # The context reads the certificates of the machine, which takes tens of milliseconds.
         tls = await run_sync(ssl.create_default_context)
         async with anyio.create_task_group() as group:

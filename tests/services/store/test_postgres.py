@@ -7,20 +7,21 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
+from contextlib import ExitStack, closing
+from uuid import uuid4
 
 import deadlines
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from sqlalchemy import URL
+from sqlalchemy import URL, make_url
 from store_checks.examples import deliver, running
 from store_checks.webhooks import LONG_S, add
 
 from eigenfail.errors import InvalidValue, StoreUnavailable
 from eigenfail.testing.examples import result, spec
 from eigenfail.values import AnalysisSettings, CampaignState
-from eigenfail_services.store import events, open_store
+from eigenfail_services.store import engine, events, open_store
 from eigenfail_services.store.campaign_rows import lock_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database, find_backend
@@ -224,17 +225,68 @@ def test_a_reader_of_another_programs_options_keeps_ours(prepared_postgres_url) 
 
 
 @pytest.mark.fault("database lock held by another program")
-def test_a_probe_behind_a_held_lock_is_bounded(postgres, prepared_postgres_url, store) -> None:
+@pytest.mark.parametrize("mode", ["ACCESS EXCLUSIVE", "EXCLUSIVE", "SHARE"])
+@pytest.mark.parametrize("table", ["event_counter", "episodes", "campaigns", "keys"])
+def test_a_probe_behind_a_held_lock_is_bounded(prepared_postgres_url, store, table, mode) -> None:
     import psycopg
 
     with psycopg.connect(prepared_postgres_url) as other:
-        other.execute("LOCK TABLE event_counter IN ACCESS EXCLUSIVE MODE")
+        other.execute(f"LOCK TABLE {table} IN {mode} MODE")
         began_s = time.monotonic()
         with pytest.raises(StoreUnavailable, match="pg_stat_activity"):
             store.ping()
         assert time.monotonic() - began_s < 5.0
         other.rollback()
     store.ping()
+
+
+def test_probe_waits_for_no_other_user_of_the_tables(prepared_postgres_url, store) -> None:
+    import psycopg
+
+    with psycopg.connect(prepared_postgres_url) as other:
+        other.execute("LOCK TABLE campaigns, episodes IN ROW EXCLUSIVE MODE")
+        store.ping()
+
+
+@pytest.fixture
+def crowded_url(postgres, prepared_postgres_url):
+    """The address of a database at which one user may have three connections."""
+    import psycopg
+
+    user = f"crowded_{uuid4().hex[:8]}"
+    with psycopg.connect(prepared_postgres_url, autocommit=True) as owner:
+        owner.execute(f"CREATE ROLE {user} LOGIN CONNECTION LIMIT 3 PASSWORD 'x'")
+        owner.execute(f"GRANT ALL ON ALL TABLES IN SCHEMA public TO {user}")
+        owner.execute(f"GRANT ALL ON ALL SEQUENCES IN SCHEMA public TO {user}")
+    url = make_url(prepared_postgres_url).set(username=user, password="x")
+    yield url.render_as_string(hide_password=False)
+    with psycopg.connect(prepared_postgres_url, autocommit=True) as owner:
+        owner.execute(f"DROP OWNED BY {user}")
+        owner.execute(f"DROP ROLE {user}")
+
+
+def test_reads_wait_for_a_connection_that_the_server_does_not_grant(crowded_url) -> None:
+    with closing(open_store(crowded_url, migrate=False)) as store:
+
+        def read(_number):
+            return len(store.campaigns.page(10).items)
+
+        with ThreadPoolExecutor(20) as pool:
+            assert list(pool.map(read, range(200))) == [0] * 200
+
+
+def test_crowded_server_is_an_error_with_its_remedy_after_a_while(crowded_url, monkeypatch) -> None:
+    import psycopg
+
+    monkeypatch.setattr(engine, "CROWDED_WAIT_S", 0.2)
+    with closing(open_store(crowded_url, migrate=False)) as store:
+        with ExitStack() as others:
+            store._database._reader.dispose()
+            for _ in range(3):
+                others.enter_context(psycopg.connect(crowded_url))
+            with pytest.raises(StoreUnavailable, match="max_connections"):
+                store.campaigns.page(10)
+        assert store.campaigns.page(10).items == ()
 
 
 def test_a_writer_behind_a_held_lock_waits_as_long_as_it_was_told(prepared_postgres_url) -> None:
