@@ -200,6 +200,58 @@ def test_every_channel_of_a_function_has_its_line(visit, store, channels):
     )
 
 
+LOOKS = """element => {
+  const names = {};
+  for (const {name, type, lineStyle} of echarts.getInstanceByDom(element).getOption().series) {
+    if (type === 'line' && lineStyle.type) names[name] = `${lineStyle.color} ${lineStyle.type}`;
+  }
+  return names;
+}"""
+BOXES = """element => {
+  const chart = echarts.getInstanceByDom(element);
+  const boxOf = (one) => one.group.getBoundingRect();
+  const legend = chart._componentsViews.find(({type}) => type === 'legend.plain');
+  const {y, height} = legend.group.getBoundingRect();
+  const {y: top} = chart.getModel().getComponent('grid').coordinateSystem.getRect();
+  return [legend.group.y + y + height, top];
+}"""
+
+
+@pytest.mark.parametrize("width", [1440, 375])
+def test_of_many_channels_three_are_drawn_and_all_on_demand(visit, store, width):
+    channels = tuple(f"channel_{letter}_longitudinal" for letter in "abcdefghijkl")
+    campaign, analysis = analyse_function(store, channels)
+    page = visit(f"/analyses/{analysis}")
+    page.set_viewport_size({"width": width, "height": 900})
+    for chart in ("eigenfailure", "influence"):
+        check_channels(page, chart, channels)
+    check_channels(visit(f"/campaigns/{campaign}/episodes/3"), "noise", channels)
+
+
+def check_channels(page, chart, channels):
+    """Check that the most influential channel is first, and that no line is drawn as another."""
+    plot = draw(page, chart)
+    first = plot.evaluate(LOOKS)
+    assert len(first) == len({*first.values()}) == 3
+    assert next(iter(first)) == channels[-1]  # half of the failures have a push in it
+    assert_legend_above(plot)
+    button = page.locator(f"#{chart}-chart-channels")
+    button.click()
+    every = draw(page, chart).evaluate(LOOKS)
+    assert {*every} == {*channels}
+    assert len({*every.values()}) == len(channels)
+    assert_legend_above(plot)
+    expect(button).to_have_text("Show 3 channels")
+    button.click()
+    assert draw(page, chart).evaluate(LOOKS) == first
+    expect(button).to_have_text(f"Show all {len(channels)} channels")
+
+
+def assert_legend_above(plot):
+    bottom, top = plot.evaluate(BOXES)
+    assert bottom <= top
+
+
 def draw(page, chart):
     """The chart, scrolled to and drawn."""
     plot = page.locator(f"#{chart}-chart .plot")

@@ -150,6 +150,24 @@ def test_one_cursor_for_all_strips_which_set_the_time(crash):
     assert moved == pytest.approx(box["x"] + 62 + 0.25 * (box["width"] - 80), abs=6.0)
 
 
+GRID = """plot => {
+  const chart = echarts.getInstanceByDom(plot);
+  const {x, width} = chart.getModel().getComponent('grid').coordinateSystem.getRect();
+  return [x, chart.getWidth() - x - width];
+}"""
+
+
+@pytest.mark.parametrize("width", [1440, 375])
+def test_all_strips_have_the_margins_that_the_cursor_has(crash, width):
+    page = crash("?t=4.4")
+    page.set_viewport_size({"width": width, "height": 900})
+    for name in ("noise", "clearance", "ttc", "speed", "acceleration"):
+        plot = page.locator(f"#{name}-chart .plot")
+        plot.scroll_into_view_if_needed()
+        expect(plot.locator("canvas").first).to_be_visible()
+        assert plot.evaluate(GRID) == pytest.approx([62.0, 18.0], abs=1.0), name
+
+
 def test_the_planner_accounts_for_the_moment(crash):
     page = crash("?t=4.2")
     field = page.locator("[data-field]")
@@ -168,9 +186,10 @@ def test_the_planner_accounts_for_the_moment(crash):
 TIME_AXIS = """async end => {
   const strips = await import('/static/js/charts_noise.js');
   const channels = {longitudinal: [], lateral: []};
-  const values = {axis: 'Time [s]', end, time: [], values: [], unit: '', channels};
+  const ticks = [0, 3, 1];
+  const values = {axis: 'Time [s]', end, time: [], values: [], unit: '', ticks, channels};
   return ['noise', 'course'].map(name => {
-    const {xAxis} = strips[name](values);
+    const {xAxis} = strips[name](values, 600);
     return [xAxis.max, xAxis.axisLabel.formatter(end)];
   });
 }"""

@@ -1,9 +1,11 @@
 """The charts of an analysis: its modes, its components, its influence, and its training."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import partial
 
 import numpy as np
 
+from eigenfail.presentation.analyses import pick_channels, rank_channels
 from eigenfail.presentation.figures import UNKNOWN, format_count, format_number, format_share
 from eigenfail.values import (
     AnalysisResult,
@@ -11,9 +13,19 @@ from eigenfail.values import (
     Moment,
     TrainingInterval,
 )
-from eigenfail_api.dashboard.charts import MOST_ROWS, Chart, round_rows, round_values
+from eigenfail_api.dashboard.charts import (
+    MOST_ROWS,
+    ChannelTable,
+    Chart,
+    describe_shown,
+    round_rows,
+    round_values,
+)
 
 MOST_POINTS = 5_000
+
+TableParts = tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]
+"""Columns and rows of a table."""
 
 
 def make_behaviour_charts(result: AnalysisResult) -> tuple[Chart, ...]:
@@ -51,36 +63,70 @@ def make_behaviour_charts(result: AnalysisResult) -> tuple[Chart, ...]:
     return (chart,)
 
 
+GREATEST = "the greatest influence"
+
+
+def rank_shown(result: AnalysisResult) -> tuple[list[int], list[int]]:
+    """Return the columns of the channels that are shown at first, and of all in that order."""
+    shown = pick_channels(result.influence)
+    if len(shown) == len(result.channels):
+        return shown, shown
+    return shown, rank_channels(result.influence)
+
+
+def make_channel_table(
+    result: AnalysisResult, make: Callable[[list[int]], TableParts]
+) -> ChannelTable | None:
+    """Return the table of all channels; None if all are in the table that is shown at first.
+
+    Args:
+        result: result of the analysis.
+        make: makes columns and rows of the channels in these columns of the noise.
+    """
+    shown, ranked = rank_shown(result)
+    return ChannelTable(len(ranked), *make(ranked)) if len(shown) < len(ranked) else None
+
+
 def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
     """Return the chart of each mode's eigenfailure with its band."""
     modes = [mode.eigenfailure for mode in result.modes]
     bands = [mode.band for mode in result.modes if mode.band is not None]
     channels, noun = result.channels, result.cluster_noun
-    names = [f"{noun.capitalize()} {number}" for number in range(1, len(modes) + 1)]
+    shown, ranked = rank_shown(result)
+    make = partial(make_eigenfailure_table, result)
+    columns, rows = make(shown)
     return Chart(
         id="eigenfailure-chart",
         kind="eigenfailures",
         title="Eigenfailures",
         caption=f"Centre of the noise of each {noun} over time [sigma], by channel."
-        + (" Bands: from 10 to 90 % of the noise of its failures at each step." if bands else ""),
+        + (" Bands: from 10 to 90 % of the noise of its failures at each step." if bands else "")
+        + describe_shown(shown, channels, GREATEST),
         data={
             "noun": noun,
-            "channels": {
-                channel: [list_floats(z[:, way]) for z in modes]
-                for way, channel in enumerate(channels)
-            },
-            "bands": {
-                channel: list_band_limits(bands, way) for way, channel in enumerate(channels)
-            },
+            "channels": {channels[way]: [list_floats(z[:, way]) for z in modes] for way in ranked},
+            "bands": {channels[way]: list_band_limits(bands, way) for way in ranked},
         },
-        columns=(
-            "Step",
-            *(f"{name} {channel}" for name in names for channel in channels),
-            *name_band_columns(names[: len(bands)], channels),
-        ),
-        rows=make_step_table(
-            np.concatenate([*modes, *(side for band in bands for side in band)], axis=1)
-        ),
+        columns=columns,
+        rows=rows,
+        every=make_channel_table(result, make),
+    )
+
+
+def make_eigenfailure_table(result: AnalysisResult, ways: list[int]) -> TableParts:
+    """Return columns and rows of the eigenfailures and bands of all modes in these channels."""
+    modes = [mode.eigenfailure for mode in result.modes]
+    bands = [mode.band for mode in result.modes if mode.band is not None]
+    channels = [result.channels[way] for way in ways]
+    names = [f"{result.cluster_noun.capitalize()} {place + 1}" for place in range(len(modes))]
+    columns = (
+        "Step",
+        *(f"{name} {channel}" for name in names for channel in channels),
+        *name_band_columns(names[: len(bands)], channels),
+    )
+    sides = [side for band in bands for side in band]
+    return columns, make_step_table(
+        np.concatenate([each[:, ways] for each in (*modes, *sides)], axis=1)
     )
 
 
@@ -152,22 +198,32 @@ def make_explained_chart(result: AnalysisResult) -> Chart:
 
 def make_influence_chart(result: AnalysisResult) -> Chart:
     """Return the chart of the influence of noise over time."""
+    shown, ranked = rank_shown(result)
+    make = partial(make_influence_table, result)
+    columns, rows = make(shown)
     return Chart(
         id="influence-chart",
         kind="influence",
         title="Influence over time",
         caption="Where the noise of the failures differs, which is no cause: components weighted "
-        "by explained variance. Marks: the moments of greatest influence.",
+        "by explained variance. Marks: the moments of greatest influence."
+        + describe_shown(shown, result.channels, GREATEST),
         data={
             "channels": {
-                channel: list_floats(result.influence[:, way])
-                for way, channel in enumerate(result.channels)
+                result.channels[way]: list_floats(result.influence[:, way]) for way in ranked
             },
             "moments": [draw_moment(each) for each in result.moments],
         },
-        columns=("Step", *map(str.capitalize, result.channels)),
-        rows=make_step_table(result.influence),
+        columns=columns,
+        rows=rows,
+        every=make_channel_table(result, make),
     )
+
+
+def make_influence_table(result: AnalysisResult, ways: list[int]) -> TableParts:
+    """Return columns and rows of the influence of these channels."""
+    columns = ("Step", *(result.channels[way].capitalize() for way in ways))
+    return columns, make_step_table(result.influence[:, ways])
 
 
 def draw_moment(found: Moment) -> dict[str, object]:
@@ -214,48 +270,51 @@ def make_training_charts(result: AnalysisResult) -> tuple[Chart, ...]:
     """Return the charts over the training; none for results of older releases."""
     if not result.training:
         return ()
-    return (
-        make_mean_chart(result.training, result.channels),
-        make_component_chart(result.training, result.channels),
-    )
+    return (make_mean_chart(result), make_component_chart(result))
 
 
-def make_mean_chart(intervals: Sequence[TrainingInterval], channels: Sequence[str]) -> Chart:
+def make_mean_chart(result: AnalysisResult) -> Chart:
     """Return the chart of the mean disturbance of the failures."""
+    shown, ranked = rank_shown(result)
+    make = partial(make_mean_table, result)
+    columns, rows = make(shown)
     return Chart(
         id="training-mean-chart",
         kind="training",
         title="Mean disturbance during the search",
         caption="Mean noise of the failures of each tenth of the episodes, over their steps "
-        "[sigma]: the first tenth on top.",
-        data=make_ridges(
-            intervals, channels, ("mean",), lambda interval: [interval.mean], unit="sigma"
-        ),
-        columns=(
-            "Step",
-            *(f"{channel} {format_span(each)}" for channel in channels for each in intervals),
-        ),
-        rows=make_step_table(
-            np.concatenate(
-                [each.mean[:, [way]] for way in range(len(channels)) for each in intervals], axis=1
-            )
-        ),
+        "[sigma]: the first tenth on top." + describe_shown(shown, result.channels, GREATEST),
+        data=make_ridges(result, ranked, ("mean",), lambda interval: [interval.mean], unit="sigma"),
+        columns=columns,
+        rows=rows,
+        every=make_channel_table(result, make),
     )
 
 
-def make_component_chart(intervals: Sequence[TrainingInterval], channels: Sequence[str]) -> Chart:
+def make_mean_table(result: AnalysisResult, ways: list[int]) -> TableParts:
+    """Return columns and rows of the mean noise of each interval in these channels."""
+    intervals = result.training
+    spans = [format_span(each) for each in intervals]
+    columns = ("Step", *(f"{result.channels[way]} {span}" for way in ways for span in spans))
+    means = [each.mean[:, [way]] for way in ways for each in intervals]
+    return columns, make_step_table(np.concatenate(means, axis=1))
+
+
+def make_component_chart(result: AnalysisResult) -> Chart:
     """Return the chart of the components of each interval."""
+    intervals = result.training
     count = max(len(each.components) for each in intervals)
+    shown, ranked = rank_shown(result)
     return Chart(
         id="training-components-chart",
         kind="training",
         title="Components during the search",
         caption="The first components of the failures of each tenth alone, turned towards those "
         "of all; the legend shows the others. Likeness is |cosine| with the component of all "
-        "failures: 1 is the same.",
+        "failures: 1 is the same." + describe_shown(shown, result.channels, GREATEST),
         data=make_ridges(
-            intervals,
-            channels,
+            result,
+            ranked,
             tuple(f"component {place + 1}" for place in range(count)),
             lambda interval: interval.components,
             unit="",
@@ -279,14 +338,15 @@ def list_component_rows(interval: TrainingInterval) -> list[tuple[str, ...]]:
 
 
 def make_ridges(
-    intervals: Sequence[TrainingInterval],
-    channels: Sequence[str],
+    result: AnalysisResult,
+    ways: Sequence[int],
     names: tuple[str, ...],
     lines: Lines,
     *,
     unit: str,
 ) -> dict[str, object]:
     """Return the lines [unit] by channel, interval and name; an interval may have no failures."""
+    intervals = result.training
     steps = pick_evenly(len(intervals[0].mean), MOST_STEPS)
     return {
         "names": names,
@@ -294,13 +354,13 @@ def make_ridges(
         "spans": [format_span(each) for each in intervals],
         "steps": steps,
         "channels": {
-            channel: [
+            result.channels[way]: [
                 [round_ridge_values(line[steps, way]) for line in lines(each)]
                 if each.failures
                 else []
                 for each in intervals
             ]
-            for way, channel in enumerate(channels)
+            for way in ways
         },
     }
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from eigenfail.errors import NoisePruned
 from eigenfail.filters import Condition, Conditions, Operator, read_value
+from eigenfail.presentation.analyses import MOST_CHANNELS
 from eigenfail.presentation.figures import (
     UNKNOWN,
     count_noun,
@@ -30,6 +31,14 @@ DIGITS = 5
 MOST_ROWS = 200
 
 
+class ChannelTable(msgspec.Struct, frozen=True):
+    """A table with columns for every channel of the noise."""
+
+    channels: int
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
 class Chart(msgspec.Struct, frozen=True):
     """A chart for the browser, and the text that stands for it where scripts are off.
 
@@ -42,6 +51,8 @@ class Chart(msgspec.Struct, frozen=True):
         columns: columns of the table.
         rows: rows of the table, as text.
         note: what the table leaves out.
+        every: the table of all channels, where there are so many that the table and the chart show
+            the most influential ones at first.
     """
 
     id: str
@@ -52,6 +63,25 @@ class Chart(msgspec.Struct, frozen=True):
     columns: tuple[str, ...]
     rows: tuple[tuple[str, ...], ...]
     note: str = ""
+    every: ChannelTable | None = None
+
+    @property
+    def channels(self) -> int:
+        """Number of the channels that the browser can draw, the most influential ones first."""
+        channels = self.data.get("channels")
+        return len(channels) if isinstance(channels, dict) else 0
+
+    @property
+    def channels_at_first(self) -> int:
+        """Number of the channels that are drawn until a user wants all of them."""
+        return min(self.channels, MOST_CHANNELS)
+
+
+def describe_shown(shown: Sequence[int], channels: Sequence[str], why: str) -> str:
+    """Return a sentence on the channels that are shown at first; empty if all of them are."""
+    if len(shown) == len(channels):
+        return ""
+    return f" The {len(shown)} of {len(channels)} channels with {why} are shown first."
 
 
 def round_values(values: Iterable[float | None]) -> list[float | None]:

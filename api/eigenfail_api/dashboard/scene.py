@@ -1,13 +1,15 @@
 """The scene of an episode over time, a clip of it, and the planner's account."""
 
 from collections.abc import Iterator, Sequence
-from math import nan
+from math import ceil, floor, log10, nan
+from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
 from eigenfail.errors import EigenfailError
 from eigenfail.explanations import NotableMoment, find_moments
+from eigenfail.presentation.analyses import pick_channels, rank_channels
 from eigenfail.presentation.figures import (
     format_number,
     put_minus_signs,
@@ -28,7 +30,13 @@ from eigenfail.values import (
     assess,
 )
 from eigenfail.values.scene import UNKNOWN_KIND
-from eigenfail_api.dashboard.charts import Chart, round_rows, round_values
+from eigenfail_api.dashboard.charts import (
+    ChannelTable,
+    Chart,
+    describe_shown,
+    round_rows,
+    round_values,
+)
 from eigenfail_api.dashboard.rendering import Badge, make_outcome_badge
 from eigenfail_services.analysis.footprints import measure_clearances, measure_times_to_collision
 
@@ -69,11 +77,15 @@ def make_noise_chart(
     noise: NoiseTrajectory, dt_s: float | None, channels: Sequence[str] = AXES
 ) -> Chart:
     """Return the chart of the noise of these channels, step by step."""
-    injected, standardised = noise.injected, noise.standardised
+    standardised = noise.standardised
     times = [step * (dt_s or 1.0) for step in range(len(noise.z))]
     axis = "Time [s]" if dt_s else "Step"
     is_position = tuple(channels) == AXES
-    unit = "[m]" if is_position else "injected"
+    weights = np.square(standardised)
+    shown = pick_channels(weights)
+    ranked = shown if len(shown) == len(channels) else rank_channels(weights)
+    columns, rows = _make_noise_table(noise, times, axis, channels, shown)
+    every = ChannelTable(len(channels), *_make_noise_table(noise, times, axis, channels, ranked))
     return Chart(
         id="noise-chart",
         kind="noise",
@@ -81,33 +93,74 @@ def make_noise_chart(
         caption=(
             "In standard deviations of the disturbance model "
             f"({noise.shape.in_words()}); the band is ±2 sigma."
+            + describe_shown(shown, channels, "the strongest noise")
         ),
         data={
             "axis": axis,
             "end": len(times) * (dt_s or 1.0),
             "time": round_values(times),
             "channels": {
-                channel: round_values(map(float, standardised[:, way]))
-                for way, channel in enumerate(channels)
+                channels[way]: round_values(map(float, standardised[:, way])) for way in ranked
             },
         },
-        columns=(
-            axis,
-            *(f"{channel.capitalize()} [sigma]" for channel in channels),
-            *(f"{channel.capitalize()} {unit}" for channel in channels),
-            "log p",
-        ),
-        rows=tuple(
-            tuple(map(format_number, map(float, (at, *u, *a, log_p))))
-            for at, u, a, log_p in zip(
-                times, standardised, injected, noise.log_probability_per_step, strict=True
-            )
-        ),
+        columns=columns,
+        rows=rows,
+        every=every if len(shown) < len(channels) else None,
     )
+
+
+def _make_noise_table(
+    noise: NoiseTrajectory,
+    times: Sequence[float],
+    axis: str,
+    channels: Sequence[str],
+    ways: Sequence[int],
+) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
+    """Return columns and rows of the noise of these channels, standardised and injected."""
+    unit = "[m]" if tuple(channels) == AXES else "injected"
+    names = [channels[way].capitalize() for way in ways]
+    columns = (
+        axis,
+        *(f"{name} [sigma]" for name in names),
+        *(f"{name} {unit}" for name in names),
+        "log p",
+    )
+    standardised, injected = noise.standardised[:, ways], noise.injected[:, ways]
+    steps = zip(times, standardised, injected, noise.log_probability_per_step, strict=True)
+    rows = tuple(
+        tuple(map(format_number, map(float, (at, *u, *a, log_p)))) for at, u, a, log_p in steps
+    )
+    return columns, rows
 
 
 LONGEST_TTC_S = 10.0
 """Times to collision beyond it are not drawn: nothing is near. [s]"""
+
+
+class StripScale(NamedTuple):
+    """The values that the axis of a strip covers at least, in the unit of the strip.
+
+    Without it, a truck that does nothing would seem to brake: its noise of rounding would fill the
+    strip.
+    """
+
+    low: float
+    high: float
+
+
+TICKS = 3
+"""Steps of the axis of a strip, about."""
+ROUND_STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+
+
+def make_ticks(values: Floats, least: StripScale) -> tuple[float, float, float]:
+    """Return low end, high end and step of the axis of a strip, in round numbers."""
+    finite = values[np.isfinite(values)]
+    low = float(min(least.low, *finite)) if len(finite) else least.low
+    high = float(max(least.high, *finite)) if len(finite) else least.high
+    power = 10.0 ** floor(log10((high - low) / TICKS))
+    step = next(each * power for each in ROUND_STEPS if each * power * TICKS >= high - low)
+    return (round(floor(low / step) * step, 6), round(ceil(high / step) * step, 6), step)
 
 
 COURSE_CAPTIONS = {
@@ -127,11 +180,14 @@ def make_course_charts(scene: Scene) -> tuple[Chart, ...]:
     """
     dt_s, ttc_s = scene.dt_s, measure_times_to_collision(scene)
     end_s = dt_s * (len(scene.vehicles) - 1)
+    near_s = np.where(ttc_s <= LONGEST_TTC_S, ttc_s, nan)
+    accelerations = scene.controls.reshape(-1, 2)[:, 0]
+    apart = measure_clearances(scene).min(axis=1)
     courses = (
-        ("Distance to the nearest vehicle", "m", measure_clearances(scene).min(axis=1)),
-        ("Time to collision", "s", np.where(ttc_s <= LONGEST_TTC_S, ttc_s, nan)),
-        ("Speed of the ego", "m/s", scene.vehicles[:, 0, 3]),
-        ("Acceleration of the ego", "m/s²", scene.controls.reshape(-1, 2)[:, 0]),
+        ("Distance to the nearest vehicle", "m", apart, StripScale(0.0, 5.0)),
+        ("Time to collision", "s", near_s, StripScale(0.0, 3.0)),
+        ("Speed of the ego", "m/s", scene.vehicles[:, 0, 3], StripScale(0.0, 5.0)),
+        ("Acceleration of the ego", "m/s²", accelerations, StripScale(-1.0, 1.0)),
     )
     return tuple(
         Chart(
@@ -144,6 +200,7 @@ def make_course_charts(scene: Scene) -> tuple[Chart, ...]:
                 "end": end_s,
                 "time": round_values(dt_s * step for step in range(len(values))),
                 "unit": unit,
+                "ticks": make_ticks(values, scale),
                 "values": round_values(
                     float(value) if np.isfinite(value) else None for value in values
                 ),
@@ -154,7 +211,7 @@ def make_course_charts(scene: Scene) -> tuple[Chart, ...]:
                 for step, value in enumerate(values)
             ),
         )
-        for (name, caption), (title, unit, values) in zip(
+        for (name, caption), (title, unit, values, scale) in zip(
             COURSE_CAPTIONS.items(), courses, strict=True
         )
     )

@@ -62,7 +62,30 @@ class ChannelWords(NamedTuple):
 
 
 MOST_CHANNELS = 3
-"""Most channels with columns of their own in the table of modes."""
+"""Most channels with columns of their own in the table of modes, or with lines in a chart."""
+
+
+def pick_channels(weights: Floats) -> list[int]:
+    """Return the columns of the channels that are shown: those of the greatest weight in all.
+
+    Args:
+        weights: what counts for each channel, not negative, shape (steps, channels): the influence,
+            or the square of its noise.
+
+    Returns:
+        All columns in their order, if there are at most `MOST_CHANNELS`; else the first so many
+        by weight.
+    """
+    count = weights.shape[1]
+    if count <= MOST_CHANNELS:
+        return list(range(count))
+    return rank_channels(weights)[:MOST_CHANNELS]
+
+
+def rank_channels(weights: Floats) -> list[int]:
+    """Return the columns of channels, those with the greatest sum of their weights first."""
+    sums = np.asarray(weights, np.float64).sum(axis=0)
+    return [int(way) for way in np.argsort(-sums, kind="stable")]
 
 
 def choose_channel_words(channels: Sequence[str]) -> ChannelWords:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eigenfail.errors import InvalidValue, ServiceError
+from eigenfail.presentation.analyses import pick_channels
 from eigenfail.presentation.figures import count_noun
 from eigenfail.tabulation import result_of
 from eigenfail.values import (
@@ -193,8 +194,10 @@ def _count_steps(mode: FailureMode) -> int:
 def _draw_noise(
     axes: "Axes", z: Floats, channels: Sequence[str], band: Floats | None = None
 ) -> None:
-    """Draw the noise of each channel by step, with its band where there is one."""
-    for place, name in enumerate(channels):
+    """Draw the noise by step, of the channels with the strongest noise, with its band if any."""
+    drawn = pick_channels(np.square(z))
+    for place in drawn:
+        name = channels[place]
         (line,) = axes.plot(np.arange(len(z)), z[:, place], label=name, drawstyle="steps-mid")
         if band is not None:
             low, high = band[:, :, place]
@@ -202,7 +205,8 @@ def _draw_noise(
             axes.fill_between(steps, low, high, color=colour, alpha=0.2, linewidth=0)
     axes.axhline(0.0, color=OPEN, linewidth=0.8, zorder=0)
     axes.set(xlabel="step", ylabel="z [sigma]")
-    axes.legend()
+    left_out = f"{len(drawn)} of {len(channels)} channels" if len(drawn) < len(channels) else None
+    axes.legend(title=left_out)
 
 
 def _draw_rates(axes: "Axes", places: Sequence[float], rates: Sequence[Rate]) -> None:

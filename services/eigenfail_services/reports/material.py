@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.errors import InputError, InvalidValue
+from eigenfail.presentation.analyses import MOST_CHANNELS, pick_channels
 from eigenfail.values import (
     FINAL_STATES,
     Analysis,
@@ -162,9 +163,6 @@ MOST_MEMBERS = 300
 MOST_MODES = 4
 """How many modes of a campaign are drawn; the tables have all."""
 
-MOST_CHANNELS = 6
-"""How many channels of the noise are drawn; the tables have all."""
-
 
 class Analysed(NamedTuple):
     """A campaign with what PCA and clustering found in its failures.
@@ -199,9 +197,8 @@ class Analysed(NamedTuple):
     @property
     def drawn_channels(self) -> list[tuple[int, str]]:
         """Column and name of the channels that are drawn: those of greatest influence, in order."""
-        sums = self.result.influence.sum(axis=0)
-        largest = np.argsort(-sums, kind="stable")[:MOST_CHANNELS]
-        return [(way, self.result.channels[way]) for way in sorted(largest.tolist())]
+        largest = pick_channels(self.result.influence)
+        return [(way, self.result.channels[way]) for way in sorted(largest)]
 
     @property
     def channels_note(self) -> str:

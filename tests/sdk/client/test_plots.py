@@ -171,6 +171,19 @@ def test_an_eigenfailure_ends_with_the_last_of_its_failures():
     assert short.get_title() == "Eigenfailure of 2 failures, medoid episode 7"
 
 
+def test_of_many_channels_those_with_the_strongest_noise_are_drawn():
+    z = np.zeros((5, 6), np.float32)
+    z[:, [4, 1, 3]] = [3.0, -2.0, 1.0]
+    axes = NoiseTrajectory(z, np.ones_like(z)).plot()
+    legend = axes.get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "channel_5",
+        "channel_2",
+        "channel_4",
+    ]
+    assert legend.get_title().get_text() == "3 of 6 channels"
+
+
 def test_an_episode_is_drawn_with_its_own_channels(client, campaign):
     episode = client.episodes.get(campaign, 4)
     axes = episode.plot()

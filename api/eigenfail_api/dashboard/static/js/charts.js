@@ -76,12 +76,33 @@ function drawOne(figure, { width, height: before }, fontFamily) {
   const plot = plotOf(figure);
   if (drawn.get(plot) === figure.dataset.values) return;
   drawn.set(plot, figure.dataset.values);
-  const { height = before, ...option } = kinds[figure.dataset.chart](JSON.parse(figure.dataset.values), width);
+  const { height = before, ...option } = kinds[figure.dataset.chart](valuesOf(figure), width);
   if (height !== before) plot.style.height = `${height}px`;
   const chart = window.echarts.getInstanceByDom(plot) ?? create(plot, figure, { width, height });
   fit(chart, { width, height });
   chart.setOption({ animation: false, textStyle: { fontFamily }, ...option }, { notMerge: true });
 }
+
+const whole = new WeakSet();
+
+// Of many channels the most influential ones are drawn, which come first, until somebody wants all.
+function valuesOf(figure) {
+  const values = JSON.parse(figure.dataset.values);
+  const button = figure.querySelector("[data-channels]");
+  if (!button || whole.has(button)) return values;
+  const first = Object.entries(values.channels).slice(0, Number(button.dataset.channels));
+  return { ...values, channels: Object.fromEntries(first) };
+}
+
+document.addEventListener("click", ({ target }) => {
+  const button = target.closest?.("[data-channels]");
+  if (!button) return;
+  if (!whole.delete(button)) whole.add(button);
+  [button.textContent, button.dataset.fewer] = [button.dataset.fewer, button.textContent];
+  const figure = button.closest("figure");
+  drawn.delete(plotOf(figure));
+  draw([figure]);
+});
 
 // The observer's first word is of the size that the chart was drawn at. On paper the style sheet fits it.
 function fit(chart, { width, height }) {

@@ -1,10 +1,11 @@
 // What PCA and K-means found.
 import { columnsOf, heightOf, placeOf, rangeOf } from "./panels.js";
-import { axis, capitalized, compact, grid, legend, legendExcess, tip, tooltip, yAxis } from "./parts.js";
+import { axis, capitalized, channelLegend, compact, grid, legend, legendExcess, tip, tooltip, yAxis } from "./parts.js";
 import { colour, dash, mark, symbol } from "./theme.js";
 
 const LEGEND_PX = 30;
 const SCORES_PX = 380;
+const INFLUENCE_PX = 272;
 
 // Bands of more channels would hide each other.
 const MOST_BANDS = 2;
@@ -16,10 +17,12 @@ export function eigenfailures({ noun, channels, bands: limits }, width) {
   const drawn = names.length > MOST_BANDS ? {} : limits;
   const shown = Object.values(drawn).flat(3).concat(Object.values(channels).flat(2));
   const [min, max] = rangeOf(shown.filter((value) => value !== null));
+  const { legend: above, excess } = channelLegend(names, width);
+  const head = LEGEND_PX + excess;
   return {
-    height: heightOf(modes.length, columns, LEGEND_PX),
-    legend: legend({ data: names, itemWidth: 30 }),
-    grid: modes.map((mode) => placeOf(mode, columns, LEGEND_PX)),
+    height: heightOf(modes.length, columns, head),
+    legend: above,
+    grid: modes.map((mode) => placeOf(mode, columns, head)),
     xAxis: modes.map((mode) => axis("Step", { gridIndex: mode })),
     yAxis: modes.map((mode) => yAxis(`${capitalized(noun)} ${mode + 1} [sigma]`, { gridIndex: mode, min, max })),
     tooltip: tooltip(({ seriesName, data }) => tip(seriesName, [`step ${data[0]}: ${compact(data[1])} sigma`])),
@@ -111,11 +114,13 @@ export function explained({ share, cumulated }) {
   };
 }
 
-export function influence({ channels, moments: marked }) {
+export function influence({ channels, moments: marked }, width) {
   const lines = Object.entries(channels);
+  const { legend: above, excess } = channelLegend(Object.keys(channels), width);
   return {
-    grid: grid(),
-    legend: legend({ itemWidth: 30 }),
+    height: INFLUENCE_PX + excess,
+    grid: grid({ top: grid().top + excess }),
+    legend: above,
     xAxis: axis("Step"),
     yAxis: yAxis("Influence", { min: 0 }),
     tooltip: tooltip(({ seriesName, data }) => tip(seriesName, [`step ${data[0]}: ${compact(data[1])}`, data[2] ?? ""])),

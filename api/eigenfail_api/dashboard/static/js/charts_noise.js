@@ -1,5 +1,5 @@
 // Strips of one episode: its noise, and quantities of its course such as distance and speed.
-import { axis, compact, grid, legend, tip, tooltip, yAxis } from "./parts.js";
+import { axis, channelLegend, compact, grid, tip, tooltip, yAxis } from "./parts.js";
 import { colour, dash, mark } from "./theme.js";
 
 const BAND_SIGMA = 2;
@@ -7,11 +7,15 @@ const BAND_SIGMA = 2;
 // Multiples of a step of time carry errors of rounding, which a tick would tell.
 const DIGITS = 6;
 
-export function noise({ axis: name, end, time, channels }) {
+// All strips have the same margins, whatever the labels of their axes: one cursor crosses them.
+const strip = (more = {}) => grid({ outerBoundsMode: "none", ...more });
+
+export function noise({ axis: name, end, time, channels }, width) {
+  const { legend: above, excess } = channelLegend(Object.keys(channels), width);
   return {
-    height: 220,
-    grid: grid(),
-    legend: legend({ itemWidth: 30 }),
+    height: 220 + excess,
+    grid: strip({ top: grid().top + excess }),
+    legend: above,
     xAxis: axis(name, { min: 0, max: Number(end.toPrecision(DIGITS)) }),
     yAxis: yAxis("Noise [sigma]"),
     tooltip: tooltip(({ seriesName, data }) => tip(seriesName, [`${compact(data[0])}: ${compact(data[1])} sigma`])),
@@ -41,12 +45,12 @@ function band() {
   };
 }
 
-export function course({ axis: name, end, time, unit, values }) {
+export function course({ axis: name, end, time, unit, ticks: [min, max, interval], values }) {
   return {
     height: 132,
-    grid: grid({ top: 12 }),
+    grid: strip({ top: 12 }),
     xAxis: axis(name, { min: 0, max: Number(end.toPrecision(DIGITS)) }),
-    yAxis: yAxis(`[${unit}]`, { splitNumber: 3 }),
+    yAxis: yAxis(`[${unit}]`, { min, max, interval }),
     tooltip: tooltip(({ data }) => tip(`${compact(data[0])} s`, [`${compact(data[1])} ${unit}`])),
     series: [{
       type: "line",

@@ -69,12 +69,17 @@ export function legend(more = {}) {
   };
 }
 
-// The legend wraps: about seven pixels a letter, and the sign before it.
-const LEGEND_ROW_PX = 22;
+// The names of channels, with the room that their rows take beyond the first one.
+export function channelLegend(names, width) {
+  return { legend: legend({ data: names, itemWidth: 30 }), excess: legendExcess(names, width, 70) };
+}
 
-export function legendExcess(names, width) {
+// The legend wraps: about seven pixels a letter, and the sign before it.
+const LEGEND_ROW_PX = 25;
+
+export function legendExcess(names, width, sign = 50) {
   const [rows] = names.reduce(([row, used], name) => {
-    const wide = 50 + 7 * name.length;
+    const wide = sign + 7 * name.length;
     return used + wide > width ? [row + 1, wide] : [row, used + wide];
   }, [0, 0]);
   return LEGEND_ROW_PX * rows;

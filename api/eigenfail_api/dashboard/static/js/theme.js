@@ -21,8 +21,9 @@ export function symbol(position) {
   return SYMBOLS[position % SYMBOLS.length];
 }
 
+// Where colours begin anew, another dash goes with each of them.
 export function dash(position) {
-  return DASHES[position % DASHES.length];
+  return DASHES[(position + Math.floor(position / MARKS)) % DASHES.length];
 }
 
 // Paper has the light theme. Its style sheet says so too late for what is drawn on a canvas: that
