@@ -156,11 +156,13 @@ def to_campaign(found: RowMapping) -> Campaign:
         tags=msgspec.UNSET if tags is None else _tags.decode(tags),
     )
     spent = [values.pop(name) for name in OVERHEAD]
+    counts = Counts(**{name: values.pop(column) for column, name in COUNTS.items()})
+    found_estimate = None if estimate is None else _estimates.decode(estimate)
     return Campaign(
         spec=spec,
         state=CampaignState(values.pop("state")),
-        counts=Counts(**{name: values.pop(column) for column, name in COUNTS.items()}),
-        estimate=None if estimate is None else _estimates.decode(estimate),
+        counts=counts,
+        estimate=found_estimate and found_estimate.bound_below(counts.errored),
         parts=() if parts is None else _parts.decode(parts),
         code=() if code is None else _codes.decode(code),
         overhead=None if None in spent else Overhead(*spent),
