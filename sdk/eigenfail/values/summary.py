@@ -23,6 +23,7 @@ class Conflicts(msgspec.Struct, frozen=True):
         planner_failures: collisions that braking could have avoided.
         unclassified: collisions of which too little was measured to class them.
         near_misses: MinTTC < 1.5 s without a collision.
+        allowed: collisions that no requirement forbids; they are no failures, and in no class.
         ttc_lead: time from the first violation of MinTTC to the collision.
         drac_lead: time from the first violation of DRAC to the collision.
     """
@@ -33,10 +34,11 @@ class Conflicts(msgspec.Struct, frozen=True):
     near_misses: int = 0
     ttc_lead: MeanTime = MeanTime()
     drac_lead: MeanTime = MeanTime()
+    allowed: int = 0
 
     @property
     def collisions(self) -> int:
-        """Collisions of any class; other failures are violations without one."""
+        """Failures by collision, of any class; other failures are violations without one."""
         return self.unavoidable + self.planner_failures + self.unclassified
 
 

@@ -317,7 +317,7 @@ def make_safety(
         failures=_make_share(by_failures, totals.failures, totals.completed, *doubtful),
         collisions=_make_share(
             by_failures if campaign.spec.fails_by_collision_alone else design,
-            conflicts.collisions,
+            conflicts.collisions + conflicts.allowed,
             totals.completed,
             *doubtful,
         ),
@@ -329,7 +329,7 @@ def make_safety(
         scatter=Scatter(totals.points, len(totals.severities), correlation),
         unresolved=unresolved,
         requirements=tuple(_list_requirements(campaign, totals)),
-        notes=tuple(_list_notes(campaign, totals, unresolved)),
+        notes=tuple(_list_notes(campaign, totals, unresolved, conflicts)),
     )
 
 
@@ -338,15 +338,13 @@ def _list_requirements(campaign: Campaign, totals: SafetyTotals) -> Iterator[Req
     design, errored = SamplingDesign.of([campaign.spec]), campaign.counts.errored
     named = campaign.spec.named_requirements
     for place, each in enumerate(named):
-        found = totals.requirements[place] if totals.requirements else None
+        found = totals.requirements[place] if place < len(totals.requirements) else None
         yield RequirementFigures(
             number=place + 1,
             name=each.label,
             words=each.in_words(),
             unit=each.unit,
-            violations=_make_share(design, found.violations, totals.completed, errored)
-            if found
-            else None,
+            violations=_make_share(design, found.violations, found.n, errored) if found else None,
             worst=found.worst if found else None,
         )
 
@@ -396,10 +394,17 @@ def _correlate(points: Sequence[FailurePoint]) -> Figure | None:
     )
 
 
-def _list_notes(campaign: Campaign, totals: SafetyTotals, unresolved: Unresolved) -> Iterator[str]:
+def _list_notes(
+    campaign: Campaign, totals: SafetyTotals, unresolved: Unresolved, conflicts: Conflicts
+) -> Iterator[str]:
     """What the numbers cannot know."""
     if words := unresolved.words(totals.completed):
         yield words
+    if conflicts.allowed:
+        yield (
+            f"{conflicts.allowed:,} of the collisions are no failures, as no requirement forbids "
+            "them. Classes, lead times and severities leave them out."
+        )
     has_road = world_of(campaign.spec.simulator).has_road
     if totals.failures and not traits_of(campaign.spec.method).draws_from_prior:
         figures = "shares, medians and severities are" if has_road else "the share of failures is"

@@ -98,6 +98,7 @@ def summarise_conflicts(totals: ConflictTotals) -> Conflicts:
         planner_failures=totals.planner_failures,
         unclassified=totals.unclassified,
         near_misses=totals.near_misses,
+        allowed=totals.allowed,
         ttc_lead=MeanTime(divide(totals.ttc_lead_s, totals.ttc_leads), totals.ttc_leads),
         drac_lead=MeanTime(divide(totals.drac_lead_s, totals.drac_leads), totals.drac_leads),
     )

@@ -171,7 +171,7 @@ def to_campaign(found: RowMapping) -> Campaign:
 
 
 def to_row(
-    found: RowMapping, requirements: tuple[float, ...] = (), triage: Triage = UNTOUCHED
+    found: RowMapping, requirements: tuple[float | None, ...] = (), triage: Triage = UNTOUCHED
 ) -> EpisodeRow:
     """Return a line of a list of episodes from its row, its requirements and its triage."""
     values: dict[str, Any] = dict(found)
@@ -218,9 +218,9 @@ def to_noise_form(spec: str) -> NoiseForm:
     return find_noise_form(_specs.decode(spec))
 
 
-def names_requirements(spec: str | None) -> bool:
-    """Return whether a campaign names requirements; one that does not exist names none."""
-    return spec is not None and bool(_specs.decode(spec).named_requirements)
+def count_requirements(spec: str | None) -> int:
+    """Return how many requirements a campaign names; one that does not exist names none."""
+    return 0 if spec is None else len(_specs.decode(spec).named_requirements)
 
 
 def _state_width(found: RowMapping, channels: int) -> int:

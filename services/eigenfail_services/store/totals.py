@@ -200,14 +200,18 @@ def sample_severities(connection: Connection, campaign: int, first: int) -> Seve
 
 def _count_violations(connection: Connection, campaign: int) -> tuple[RequirementTotals, ...]:
     """Count violations of each requirement that the campaign names; none where it names none."""
-    value = requirement_values.c.robustness
+    value, number = requirement_values.c.robustness, requirement_values.c.requirement
     query = (
-        select(func.count(), func.count().filter(value <= 0.0), func.min(value))
+        select(number, func.count(), func.count().filter(value <= 0.0), func.min(value))
         .where(requirement_values.c.campaign == campaign)
-        .group_by(requirement_values.c.requirement)
-        .order_by(requirement_values.c.requirement)
+        .group_by(number)
     )
-    return tuple(RequirementTotals(*found) for found in connection.execute(query))
+    found = {row[0]: RequirementTotals(*row[1:]) for row in connection.execute(query)}
+    # One that no episode was judged by has no row.
+    return tuple(found.get(each, NOT_JUDGED) for each in range(1, max(found, default=0) + 1))
+
+
+NOT_JUDGED = RequirementTotals(0, 0, None)
 
 
 def _is_completed(campaign: int) -> tuple[ColumnElement[bool], ...]:
@@ -408,11 +412,15 @@ def sum_campaigns(connection: Connection, chosen: Sequence[int]) -> dict[int, To
     ).group_by(failures.campaign)
     failed = {found.campaign: found for found in connection.execute(query)}
     near, ended = count_near_misses(connection, chosen), count_unresolved(connection, chosen)
+    allowed = _count_allowed(connection, chosen)
     faults = _find_frequent_faults(connection, chosen)
     return {
         campaign: replace(
             _to_totals(
-                failed.get(campaign), near.get(campaign, 0), ended.get(campaign, _NONE_ENDED)
+                failed.get(campaign),
+                near.get(campaign, 0),
+                ended.get(campaign, _NONE_ENDED),
+                allowed.get(campaign, 0),
             ),
             fault=faults.get(campaign),
         )
@@ -420,9 +428,14 @@ def sum_campaigns(connection: Connection, chosen: Sequence[int]) -> dict[int, To
     }
 
 
-def _to_totals(found: Row[*tuple[object, ...]] | None, near: int, ended: _Ended) -> Totals:
+def _to_totals(
+    found: Row[*tuple[object, ...]] | None, near: int, ended: _Ended, allowed: int
+) -> Totals:
     safe = ConflictTotals(
-        near_misses=near, unresolved=ended.unresolved, perhaps_unresolved=ended.perhaps
+        near_misses=near,
+        unresolved=ended.unresolved,
+        perhaps_unresolved=ended.perhaps,
+        allowed=allowed,
     )
     if found is None:
         return Totals(0, 0.0, 0, None, safe)
@@ -445,6 +458,27 @@ def _to_totals(found: Row[*tuple[object, ...]] | None, near: int, ended: _Ended)
     )
 
 
+def _count_allowed(connection: Connection, chosen: Sequence[int]) -> dict[int, int]:
+    """Count the collisions that no requirement forbids, by campaign that names requirements."""
+    query = (
+        select(episodes.c.campaign, func.count())
+        .where(
+            episodes.c.campaign.in_(_select_naming(chosen)),
+            episodes.c.outcome == Outcome.SAFE,
+            episodes.c.collided_s.is_not(None),
+        )
+        .group_by(episodes.c.campaign)
+    )
+    return {row[0]: row[1] for row in connection.execute(query)}
+
+
+def _select_naming(chosen: Sequence[int]) -> Select[tuple[int]]:
+    """Select those of some campaigns that name requirements."""
+    return select(campaigns.c.id).where(
+        campaigns.c.id.in_(chosen), spec_field("requirements").is_not(None)
+    )
+
+
 def count_near_misses(connection: Connection, chosen: Sequence[int]) -> dict[int, int]:
     """Count near misses by campaign; an index holds just these.
 
@@ -460,9 +494,7 @@ def count_near_misses(connection: Connection, chosen: Sequence[int]) -> dict[int
     found = {row[0]: row[1] for row in connection.execute(of_chosen)}
     if not found:
         return {}
-    naming = select(campaigns.c.id).where(
-        campaigns.c.id.in_(list(found)), spec_field("requirements").is_not(None)
-    )
+    naming = _select_naming(list(found))
     collided = near.where(episodes.c.campaign.in_(naming), episodes.c.collided_s.is_not(None))
     allowed = {row[0]: row[1] for row in connection.execute(collided)}
     return {campaign: count - allowed.get(campaign, 0) for campaign, count in found.items()}
