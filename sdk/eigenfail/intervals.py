@@ -1,7 +1,7 @@
 """95 % intervals of a probability from k events in n trials, and of the difference of two."""
 
 from collections.abc import Callable
-from math import exp, inf, log, sqrt
+from math import exp, inf, lgamma, log, log1p, sqrt
 from statistics import NormalDist
 
 from eigenfail.errors import InvalidValue
@@ -19,21 +19,42 @@ NEARLY_NORMAL = 1e-6
 MOST_FREEDOM = 1e9
 
 
-def find_interval(k: int, n: int) -> Interval:
+def find_interval(k: int, n: int, doubtful: int = 0) -> Interval:
     """The 95 % interval of a probability after k events in n trials.
 
-    Wilson's score interval in between; where all trials ended alike only one side is open, and all
-    5 % are spent on that side.
+    The upper end counts doubtful trials as events, the lower end as none: nothing is assumed of
+    how they would have ended. Wilson's score interval in between; where only one side is open, all
+    5 % are spent on that side, and its end is exact.
+
+    Args:
+        k: number of trials that are known to be events.
+        n: number of all trials.
+        doubtful: number of the other trials that may be events: they errored, or were cut short.
 
     Raises:
         InvalidValue: no trial, or not 0 <= k <= n.
     """
     refuse_no_share(k, n)
+    most = min(k + doubtful, n)
     if k == 0:
-        return Interval(0.0, bound_rate_without_events(n))
-    if k == n:
-        return Interval(1.0 - bound_rate_without_events(n), 1.0)
-    return wilson(k, n)
+        return Interval(0.0, find_upper_bound(most, n, ERROR))
+    if most == n:
+        return Interval(find_lower_bound(k, n, ERROR), 1.0)
+    return Interval(wilson(k, n).low, wilson(most, n).high)
+
+
+def bound_rate(rate: Rate) -> Interval:
+    """Return the interval of a rate as if its episodes were a random sample of a fixed number."""
+    return find_interval(rate.k, rate.trials, rate.errored + rate.unresolved)
+
+
+def bound_both_sides(rate: Rate) -> Interval:
+    """Return Wilson's interval of a rate, also where all episodes ended alike.
+
+    As in `find_interval`, the upper end counts errored and unresolved episodes as events.
+    """
+    most = min(rate.k + rate.errored + rate.unresolved, rate.trials)
+    return Interval(wilson(rate.k, rate.trials).low, wilson(most, rate.trials).high)
 
 
 def refuse_no_share(k: int, n: int) -> None:
@@ -64,6 +85,41 @@ def bound_rate_without_events(n: int) -> float:
     Exact: the p at which (1 − p)^n = 0.05 (Clopper and Pearson 1934, Biometrika 26, 404–413).
     """
     return float(1.0 - ERROR ** (1.0 / n))
+
+
+def find_lower_bound(k: int, n: int, error: float) -> float:
+    """Return the p at which k or more events in n trials have the probability `error`."""
+    if k == n:
+        return float(error ** (1.0 / n))
+    return (
+        find_crossing(0.0, 1.0, lambda p: 1.0 - sum_lower_tail(k - 1, n, p) < error) if k else 0.0
+    )
+
+
+def find_upper_bound(k: int, n: int, error: float) -> float:
+    """Return the p at which k or fewer events in n trials have the probability `error`."""
+    if k == 0:
+        return float(1.0 - error ** (1.0 / n))
+    return find_crossing(0.0, 1.0, lambda p: sum_lower_tail(k, n, p) > error) if k < n else 1.0
+
+
+REACH = 20.0
+"""Standard deviations from the mean beyond which a binomial distribution has no weight."""
+
+
+def sum_lower_tail(k: int, n: int, p: float) -> float:
+    """Return the probability of k or fewer events in n trials, for 0 < p < 1."""
+    mean = n * p
+    reach = REACH * sqrt(mean * (1.0 - p)) + 2.0 * REACH
+    if k > mean + reach:
+        return 1.0
+    ways = lgamma(n + 1.0) - lgamma(k + 1.0) - lgamma(n - k + 1.0)
+    term = exp(ways + k * log(p) + (n - k) * log1p(-p)) if k >= 0 else 0.0
+    total = 0.0
+    for events in range(k, max(int(mean - reach), 0) - 1, -1):
+        total += term
+        term *= events / (n - events + 1.0) * (1.0 - p) / p
+    return min(total, 1.0)
 
 
 def find_t_freedom(quantile: float) -> float:

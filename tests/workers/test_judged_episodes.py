@@ -128,3 +128,20 @@ def test_a_signal_of_a_channel_is_its_error(make_engine) -> None:
     for found in run(make_engine(requirements=(formula,)), TASKS[:4]):
         largest = abs(found.noise.injected[:, 0]).max()
         assert found.requirements[0] == pytest.approx(2.5 - largest)
+
+
+def test_promise_for_after_the_end_of_an_episode_is_not_judged() -> None:
+    """A collision ends the episode before the window of the promise: nothing was broken."""
+    promise = Formula(formula="eventually[9.5:10] (speed_mps < 100)")
+    found = drive("cut_in", TASKS, requirements=(promise,))
+    ends_s = [each.measures.collided_s for each in found]
+    cut = [
+        each for each, end_s in zip(found, ends_s, strict=True) if end_s is not None and end_s < 9.45
+    ]
+    assert cut
+    for each in cut:
+        assert each.outcome is Outcome.SAFE
+        assert each.requirements == (None,)
+        assert each.measures.violated is None
+        assert each.measures.robustness_m == 1.0
+    assert all(each.requirements[0] > 0.0 for each in found if each not in cut)

@@ -1,12 +1,12 @@
 """A world and a planner, closed into a simulation: perceive, disturb, plan, step."""
 
 from collections.abc import Callable
-from math import isfinite
 from typing import Any, Protocol
 
 from eigenfail.contracts import Planner, ReactiveSituation, Scenario, Situation
 from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
 from eigenfail.values import Control, Mission, Observation, Perception
+from eigenfail.values.arrays import RANGE, fits_float32
 from eigenfail.values.shapes import Row
 from eigenfail_workers.faults import wrap_errors
 from eigenfail_workers.measures.encounters import make_start_error
@@ -141,9 +141,9 @@ def validate_control(answer: object) -> Control:
     Raises:
         PlannerError: the answer is not a control, or holds NaN or infinity.
     """
-    remedy = "`act` must return a Control of two finite numbers."
+    remedy = f"`act` must return a Control of two finite numbers {RANGE}."
     if not isinstance(answer, Control):
         raise PlannerError(f"The planner returned {type(answer).__name__}.", remedy)
-    if not (isfinite(answer.acceleration_mps2) and isfinite(answer.steering_rad)):
+    if not (fits_float32(answer.acceleration_mps2) and fits_float32(answer.steering_rad)):
         raise PlannerError(f"The planner returned {answer}.", remedy)
     return Control(float(answer.acceleration_mps2), float(answer.steering_rad))

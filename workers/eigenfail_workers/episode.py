@@ -122,7 +122,7 @@ def make_result(
     measures = recorder.measures(dt_s)
     judged = recorder.judge(measures, dt_s)
     failed = recorder.collided
-    values: tuple[float, ...] = ()
+    values: tuple[float | None, ...] = ()
     if judged is not None:
         failed, values = judged.violated is not None, judged.values
         measures = replace(

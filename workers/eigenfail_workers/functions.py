@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from importlib import import_module, invalidate_caches
 from importlib.util import find_spec
-from math import isfinite
 from pathlib import Path
 from time import perf_counter
 from traceback import extract_tb, format_exception_only
@@ -42,6 +41,7 @@ from eigenfail.values import (
     VehicleState,
     unrunnable,
 )
+from eigenfail.values.arrays import RANGE, fits_float32
 from eigenfail_workers.faults import make_fault, make_state_change_error, wrap_errors
 from eigenfail_workers.noise import sources
 from eigenfail_workers.noise.deviations import to_float32
@@ -183,9 +183,9 @@ def _compute_robustness(function: FunctionUnderTest, noise: Noise, limit_s: floa
             f"It must return real numbers of shape {function.leading}.",
         )
     robustness = float(answer.item())
-    if not isfinite(robustness):
+    if not fits_float32(robustness):
         problem = f"The function returned {robustness}."
-        raise SimulatorError(problem, "Robustness must be a finite number.")
+        raise SimulatorError(problem, f"Robustness must be a number {RANGE}. Scale it.")
     return robustness
 
 

@@ -7,8 +7,9 @@ from urllib.parse import quote
 import msgspec
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
+from msgspec.structs import replace
 
-from eigenfail.intervals import find_interval
+from eigenfail.intervals import bound_rate
 from eigenfail.presentation.figures import (
     UNKNOWN,
     count_noun,
@@ -286,11 +287,14 @@ def pool_failures(members: Sequence[SuiteRow]) -> Rate | None:
     known = [rate for rate in rates if rate is not None]
     if len(known) < 2:
         return known[0] if known else None
-    k, n = sum(each.k for each in known), sum(each.n for each in known)
+    k, n, errored, unresolved = (
+        sum(getattr(each, name) for each in known) for name in ("k", "n", "errored", "unresolved")
+    )
     is_sample = all(each.sampled for each in known)
     is_fixed = all(each.design is RateDesign.FIXED for each in known)
-    interval = find_interval(k, n) if is_sample and is_fixed else None
-    return Rate(value=k / n, k=k, n=n, interval=interval, sampled=is_sample)
+    counts = (k, n, None, is_sample)
+    pooled = Rate(k / n, *counts, errored=errored, unresolved=unresolved)
+    return replace(pooled, interval=bound_rate(pooled)) if is_sample and is_fixed else pooled
 
 
 def make_heat_cell(members: Sequence[SuiteRow], rate: Rate | None, largest: float) -> HeatCell:

@@ -19,6 +19,7 @@ from eigenfail.client.link import wait_until
 from eigenfail.errors import Conflict, EigenfailError, IllegalTransition, ServiceError
 from eigenfail.presentation.analyses import describe_chain_mixing
 from eigenfail.presentation.episodes import describe_minimal_failure
+from eigenfail.presentation.figures import count_noun
 from eigenfail.presentation.tables import Block
 from eigenfail.progress import (
     PlainLines,
@@ -403,11 +404,34 @@ def judge(campaign: Campaign, gate: bool, summary: Summary | None = None) -> Non
             if campaign.state in FINAL_STATES
             else f"Resume it: eigenfail campaign resume {campaign.id}",
         )
+    _refuse_doubt(campaign, gate, summary)
     if gate and not counts.completed:
         raise ServiceError(
             f"Campaign {campaign.id} completed no episode, so its gate is inconclusive.",
             f"See why: eigenfail episode list {campaign.id} --outcome errored",
         )
+
+
+def _refuse_doubt(campaign: Campaign, gate: bool, summary: Summary | None) -> None:
+    """Refuse to pass a gate while an episode may hide a failure.
+
+    Raises:
+        ServiceError: a gate was requested, and an episode errored, or is or may be unresolved.
+    """
+    errored = campaign.counts.errored
+    unresolved = summary.unresolved.doubtful if summary else 0
+    if not gate or not errored + unresolved:
+        return
+    counts = {"errored": errored, "ended unresolved, or may have,": unresolved}
+    doubtful = [
+        f"{count_noun(count, 'episode')} {words}" for words, count in counts.items() if count
+    ]
+    see = f"eigenfail episode list {campaign.id} --outcome errored"
+    raise ServiceError(
+        f"Campaign {campaign.id} found no failure, but {' and '.join(doubtful)} and may hide one, "
+        "so its gate is inconclusive.",
+        f"See why: {see}" if errored else "Give the scenario a longer horizon.",
+    )
 
 
 def make_errored_error(campaign: Campaign, summary: Summary | None) -> ServiceError:

@@ -12,14 +12,10 @@ from functools import cached_property
 from msgspec.structs import replace
 
 from eigenfail.evidence.records import CampaignRecord, RecordedEpisode, read_episodes
+from eigenfail.intervals import find_lower_bound, find_upper_bound
 from eigenfail.presentation.figures import count_noun
 from eigenfail.risk.confidence import RunEstimate
-from eigenfail.sensor.anchors import (
-    bound_estimate,
-    bound_sampled,
-    find_lower_bound,
-    find_upper_bound,
-)
+from eigenfail.sensor.anchors import bound_estimate, bound_sampled
 from eigenfail.values import Campaign, CampaignState, Interval, Outcome
 
 MONTE_CARLO = "monte_carlo"

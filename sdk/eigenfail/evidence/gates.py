@@ -7,6 +7,8 @@ unless its episode is in the bundle, and whether a failure mode is new.
 from collections import Counter
 from collections.abc import Iterator
 
+from msgspec.structs import replace
+
 from eigenfail.evidence.counting import MONTE_CARLO, Counted, CountedCampaign, explain_gaps
 from eigenfail.evidence.records import RecordedEpisode, place_episode
 from eigenfail.gate.report import GateReport, GateRun
@@ -20,8 +22,7 @@ from eigenfail.gate.verdicts import (
     judge_rate,
     judge_rate_by_chance,
 )
-from eigenfail.intervals import difference, wilson
-from eigenfail.sensor.anchors import sum_lower_tail
+from eigenfail.intervals import bound_both_sides, difference, sum_lower_tail
 from eigenfail.values import CampaignState, Difference, McNemar, Outcome, Rate
 
 
@@ -213,6 +214,8 @@ def _subtract_rates(before: CountedCampaign, now: CountedCampaign) -> Difference
         return None
     rates = []
     for each in sides:
-        k, n = each.failures, each.completed
-        rates.append(Rate(k / n, k, n, wilson(k, n)))
+        share = each.failures / each.completed
+        counts = (each.failures, each.completed)
+        rate = Rate(share, *counts, None, errored=each.errored, unresolved=each.unresolved)
+        rates.append(replace(rate, interval=bound_both_sides(rate)))
     return difference(*rates)

@@ -184,7 +184,7 @@ def _format_value(measure: Measure, value: Any) -> str:
     return format_count(value) if measure.is_count else format_number(value, measure.digits)
 
 
-def list_judged(spec: CampaignSpec, values: Sequence[float]) -> Iterator[tuple[str, str]]:
+def list_judged(spec: CampaignSpec, values: Sequence[float | None]) -> Iterator[tuple[str, str]]:
     """Yield each requirement that is named, with the robustness of an episode.
 
     Args:
@@ -192,6 +192,9 @@ def list_judged(spec: CampaignSpec, values: Sequence[float]) -> Iterator[tuple[s
         values: robustness of each requirement; none of an episode that errored.
     """
     for each, value in zip(spec.named_requirements, values, strict=False):
+        if value is None:
+            yield each.label, f"not judged: the episode ended before. Demands: {each.in_words()}"
+            continue
         state = "violated" if value <= 0.0 else "satisfied"
         robustness = format_quantity(value, each.unit)
         yield each.label, f"{state} with robustness {robustness}. Demands: {each.in_words()}"

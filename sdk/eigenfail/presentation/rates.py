@@ -2,7 +2,12 @@
 
 from collections.abc import Iterable, Mapping
 
-from eigenfail.presentation.figures import format_interval, format_percent_interval, format_share
+from eigenfail.presentation.figures import (
+    format_interval,
+    format_percent_interval,
+    format_share,
+    format_upper_bound,
+)
 from eigenfail.values import Rate, RateDesign
 
 NO_ESTIMATE = (
@@ -54,13 +59,32 @@ def name_rates(rates: Iterable[Rate | None]) -> str:
 def format_rate(rate: Rate) -> str:
     """Return the estimate of a rate with its interval in percent, or the one of both that is known.
 
-    The upper bound of no event is `format_no_event`.
+    With the numbers of episodes see `format_counted_rate`.
     """
     if rate.interval is None:
         return format_share(rate.value)
     if rate.value is None:
         return format_percent_interval(rate.interval)
     return f"{format_share(rate.value)} {format_interval(rate.interval, 100.0)}"
+
+
+def format_counted_rate(rate: Rate) -> str:
+    """Return a rate of a random sample with the episodes that it rests on."""
+    if not rate.k and rate.interval is not None:
+        return f"{count_trials(rate)}: {format_upper_bound(rate.interval.high)}"
+    return f"{format_rate(rate)} of {count_completed(rate)}"
+
+
+def count_trials(rate: Rate) -> str:
+    """Return the events and the episodes of a rate, with those that may hide an event."""
+    return f"{rate.k:,} of {count_completed(rate)}"
+
+
+def count_completed(rate: Rate) -> str:
+    """Return the completed episodes of a rate, with the number of those that may hide an event."""
+    counts = {"errored": rate.errored, "unresolved": rate.unresolved}
+    doubtful = [f"{count:,} {word}" for word, count in counts.items() if count]
+    return ", ".join([f"{rate.n:,}", *doubtful])
 
 
 def explain_design(rate: Rate) -> str:

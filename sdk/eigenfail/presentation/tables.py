@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from eigenfail.presentation import figures
 from eigenfail.presentation.figures import UNKNOWN
-from eigenfail.presentation.rates import BASES
+from eigenfail.presentation.rates import BASES, count_trials
 from eigenfail.values import Cost, Estimate, Figure, MeanTime, Rate
 
 NO_EPISODE = "no episode completed"
@@ -202,7 +202,7 @@ def _(value: Rate) -> FormattedCell:
     if not value.k:
         bound = figures.format_upper_bound(value.interval.high)
         basis = ("95 % upper bound", *BASES[value.design])
-        return FormattedCell(bound, sample=f"0 of {value.n:,}", basis=basis)
+        return FormattedCell(bound, sample=count_trials(value), basis=basis)
     interval = figures.format_interval(value.interval, 100.0)
     return FormattedCell(figures.format_share(value.value), interval, basis=BASES[value.design])
 

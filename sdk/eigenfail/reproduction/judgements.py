@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from math import hypot
 from statistics import fmean, stdev
 
-from eigenfail.intervals import Z, find_interval
+from eigenfail.intervals import Z, bound_rate
 from eigenfail.values import Comparison, Rate, Safety
 
 Judgement = bool | None
@@ -49,7 +49,7 @@ def is_rarer(a: Rate | None, b: Rate | None) -> Judgement:
     """Whether A's rate is the lower one; None where the intervals overlap."""
     if a is None or b is None:
         return None
-    one, other = (find_interval(rate.k, rate.n) for rate in (a, b))
+    one, other = (bound_rate(rate) for rate in (a, b))
     below, above = one.high < other.low, one.low > other.high
     return below if below or above else None
 
@@ -58,7 +58,7 @@ def is_above_half(rate: Rate | None) -> Judgement:
     """Whether more than half of the draws fail; None where the interval includes one half."""
     if rate is None:
         return None
-    interval = find_interval(rate.k, rate.n)
+    interval = bound_rate(rate)
     return None if interval.low <= 0.5 <= interval.high else rate.share > 0.5
 
 

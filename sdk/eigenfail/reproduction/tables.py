@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from eigenfail.intervals import find_interval
+from eigenfail.intervals import bound_rate
 from eigenfail.reproduction.captions import (
     CAPTIONS,
     MEANS,
@@ -69,7 +69,7 @@ def _read_draws(of: Summary) -> PaperNumber:
 def _count_draws(rate: Rate | None, paper: float | None = None) -> PaperNumber:
     if rate is None:
         return PaperNumber(None, 0, paper=paper)
-    return PaperNumber(rate.value, rate.n, find_interval(rate.k, rate.n), paper)
+    return PaperNumber(rate.value, rate.n, bound_rate(rate), paper)
 
 
 def _read_mean(value: Callable[[Summary], float | None]) -> Read:

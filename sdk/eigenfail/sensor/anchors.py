@@ -8,14 +8,20 @@ confidence of the search.
 
 from bisect import bisect_left
 from collections.abc import Callable
-from math import ceil, exp, inf, lgamma, log, log1p, sqrt
+from math import ceil, exp, inf, log, log1p, sqrt
 from statistics import NormalDist
 
 from msgspec.structs import replace
 
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, ServiceError
-from eigenfail.intervals import find_crossing, find_t_freedom
+from eigenfail.intervals import (
+    find_crossing,
+    find_lower_bound,
+    find_t_freedom,
+    find_upper_bound,
+    sum_lower_tail,
+)
 from eigenfail.methods import describe_method
 from eigenfail.sensor.scaling import Multiples, check_channels, scale_model
 from eigenfail.sensor.search import (
@@ -209,18 +215,6 @@ def bound_sampled(campaign: Campaign, error: float, unresolved: int = 0) -> Inte
     )
 
 
-def find_lower_bound(k: int, n: int, error: float) -> float:
-    """Return the p at which k or more events in n trials have the probability `error`."""
-    return (
-        find_crossing(0.0, 1.0, lambda p: 1.0 - sum_lower_tail(k - 1, n, p) < error) if k else 0.0
-    )
-
-
-def find_upper_bound(k: int, n: int, error: float) -> float:
-    """Return the p at which k or fewer events in n trials have the probability `error`."""
-    return find_crossing(0.0, 1.0, lambda p: sum_lower_tail(k, n, p) > error) if k < n else 1.0
-
-
 def find_fewest_failures(target: float, episodes: int, error: float) -> int | None:
     """Return the smallest k with P(k or more of n episodes fail) < `error` at the target.
 
@@ -231,25 +225,6 @@ def find_fewest_failures(target: float, episodes: int, error: float) -> int | No
         ways, True, key=lambda k: 1.0 - sum_lower_tail(k - 1, episodes, target) < error
     )
     return ways[place] if place < episodes else None
-
-
-REACH = 20.0
-"""Standard deviations from the mean beyond which a binomial distribution has no weight."""
-
-
-def sum_lower_tail(k: int, n: int, p: float) -> float:
-    """Return the probability of k or fewer events in n trials, for 0 < p < 1."""
-    mean = n * p
-    reach = REACH * sqrt(mean * (1.0 - p)) + 2.0 * REACH
-    if k > mean + reach:
-        return 1.0
-    ways = lgamma(n + 1.0) - lgamma(k + 1.0) - lgamma(n - k + 1.0)
-    term = exp(ways + k * log(p) + (n - k) * log1p(-p)) if k >= 0 else 0.0
-    total = 0.0
-    for events in range(k, max(int(mean - reach), 0) - 1, -1):
-        total += term
-        term *= events / (n - events + 1.0) * (1.0 - p) / p
-    return min(total, 1.0)
 
 
 def bound_estimate(estimate: Estimate, error: float) -> Interval:

@@ -1,5 +1,6 @@
 """numpy arrays inside frozen values: one dtype in memory, on the wire and on disk."""
 
+from numbers import Real
 from typing import Any
 
 import msgspec
@@ -9,6 +10,17 @@ from numpy.typing import NDArray
 from eigenfail.errors import ProtocolError
 
 Floats = NDArray[np.float32]
+
+LARGEST_FLOAT32 = float(np.finfo(np.float32).max)
+"""What is beyond would be infinite where it is stored and sent."""
+
+RANGE = f"from {-LARGEST_FLOAT32:.3g} to {LARGEST_FLOAT32:.3g}"
+
+
+def fits_float32(value: float | Real) -> bool:
+    """Return whether a number stays finite as float32; false of NaN too."""
+    return bool(abs(value) <= LARGEST_FLOAT32)
+
 
 MAX_ELEMENTS = 50_000_000
 MAX_DIMENSIONS = 4

@@ -175,6 +175,8 @@ class Pool(msgspec.Struct, frozen=True, kw_only=True):
         newest: the id of the newest one.
         completed: episodes.
         failures: failures among them.
+        errored: number of episodes that errored.
+        unresolved: number of episodes that are unresolved, or may be.
         judges_failures: whether a stop rule of one of the campaigns judges failures.
         instance_hours: instance-hours of all campaigns. [h]
         total_usd: total cost of all campaigns. [USD]
@@ -198,6 +200,8 @@ class Pool(msgspec.Struct, frozen=True, kw_only=True):
     usd_squares: float = 0.0
     failure_squares: float = 0.0
     usd_failures: float = 0.0
+    errored: int = 0
+    unresolved: int = 0
 
 
 class MethodCost(msgspec.Struct, frozen=True, kw_only=True):

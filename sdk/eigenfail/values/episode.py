@@ -197,7 +197,7 @@ class EpisodeResult(Brief, msgspec.Struct, frozen=True, eq=False, gc=False):
     scene: Scene | None = None
     fault: EpisodeFault | None = None
     wall_s: float = 0.0
-    requirements: tuple[float, ...] = ()
+    requirements: tuple[float | None, ...] = ()
 
     @property
     def is_failure(self) -> bool:

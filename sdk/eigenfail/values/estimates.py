@@ -61,6 +61,21 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
             structs.force_setattr(self, "interval", None)
             structs.force_setattr(self, "note", f"{ONE_REGION} {self.note}".strip())
 
+    def bound_below(self, errored: int) -> "Estimate":
+        """Return the estimate of a campaign of which some episodes errored: a lower bound.
+
+        Methods count an errored episode as no failure, although it may hide one.
+
+        Args:
+            errored: number of errored episodes of the campaign.
+        """
+        if not errored or self.probability is None:
+            return self
+        episodes = "1 episode" if errored == 1 else f"{errored:,} episodes"
+        note = f"{episodes} errored and may hide failures, so that the probability may be larger."
+        note = f"{note} {self.note}".rstrip()
+        return structs.replace(self, bound="lower", interval=None, note=note)
+
 
 class RateDesign(StrEnum):
     """How the number of trials behind a rate came about, which decides its estimate and interval.
@@ -79,7 +94,12 @@ class RateDesign(StrEnum):
 class Rate(msgspec.Struct, frozen=True):
     """k of n, with its estimate and interval.
 
+    An errored episode and an unresolved one may hide an event. Both count as events in the upper
+    end of the interval, and as none in the lower end. The estimate leaves errored episodes out.
+
     Attributes:
+        k: number of events among the completed episodes.
+        n: number of completed episodes.
         value: the estimate; None where there is none without bias, as with the stop rule
             `failures = 1`.
         interval: 95 % interval, as the design says; one-sided for 0 and for n of n. None where the
@@ -87,6 +107,8 @@ class Rate(msgspec.Struct, frozen=True):
         sampled: whether the n were drawn from p(x). The episodes of a search were not: it chose
             them, so that their share estimates no probability, and has no interval.
         design: how the number of trials came about.
+        errored: number of episodes that errored, besides the n.
+        unresolved: number of episodes among the n that ended before what may have become an event.
     """
 
     value: float | None
@@ -95,6 +117,13 @@ class Rate(msgspec.Struct, frozen=True):
     interval: Interval | None
     sampled: bool = True
     design: RateDesign = RateDesign.FIXED
+    errored: int = 0
+    unresolved: int = 0
+
+    @property
+    def trials(self) -> int:
+        """Number of episodes that ended, errored ones included: what the interval rests on."""
+        return self.n + self.errored
 
     @property
     def share(self) -> float:

@@ -208,7 +208,7 @@ class EpisodeRow(_EpisodeIdentity, frozen=True, kw_only=True):
     assessed: Assessment = Assessment()
     problem: str = ""
     noise_pruned_ms: int | None = None
-    requirements: tuple[float, ...] = ()
+    requirements: tuple[float | None, ...] = ()
     mode: int | None = None
     state: TriageState = TriageState.NEW
     owner: str = ""
@@ -256,6 +256,7 @@ class ConflictTotals(msgspec.Struct, frozen=True):
 
     Attributes:
         unclassified: collisions of which too little was measured to class them.
+        allowed: collisions that no requirement forbids; they are no failures, and in no class.
         ttc_lead_s: sum of the lead times of MinTTC, of which there are `ttc_leads`.
         drac_lead_s: sum of the lead times of DRAC, of which there are `drac_leads`.
         unresolved: episodes that ended while braking could not avoid a collision any more.
@@ -272,10 +273,11 @@ class ConflictTotals(msgspec.Struct, frozen=True):
     drac_leads: int = 0
     unresolved: int = 0
     perhaps_unresolved: int = 0
+    allowed: int = 0
 
     @property
     def collisions(self) -> int:
-        """Collisions of any class; other failures are violations without one."""
+        """Failures by collision, of any class; other failures are violations without one."""
         return self.unavoidable + self.planner_failures + self.unclassified
 
 

@@ -84,8 +84,10 @@ class Requirement(
             raise InvalidValue(field, problem, f"It tells {', '.join(sorted(expected.signals))}.")
 
     @abstractmethod
-    def find_robustness(self, course: DrivenCourse) -> float:
+    def find_robustness(self, course: DrivenCourse) -> float | None:
         """Return the robustness of a course, in the unit of the requirement.
+
+        None if the course ended before what is required could be judged.
 
         Raises:
             SimulatorError: the simulator does not report what it is judged from.
@@ -375,8 +377,12 @@ class Formula(Requirement, frozen=True, tag="formula"):
         """Have the formula read."""
         check_formula(self.formula, *expected, f"{field}.formula")
 
-    def find_robustness(self, course: DrivenCourse) -> float:
-        """Return the robustness of the formula at the start."""
+    def find_robustness(self, course: DrivenCourse) -> float | None:
+        """Return the robustness of the formula at the start; None if it is not judged."""
+        for name in sorted(self.signals):
+            if not np.isfinite(course.signals[name]).all():
+                problem = f"signal {name} is not finite, so that {self.label} cannot be judged."
+                raise SimulatorError(problem, "Report a number at each step.")
         return evaluate_formula(self.formula, course.dt_s, course.signals)
 
     def in_words(self) -> str:
@@ -423,13 +429,14 @@ class RequirementVerdict(NamedTuple):
     """What the requirements of a campaign say of an episode.
 
     Attributes:
-        values: robustness of each requirement, in its unit.
+        values: robustness of each requirement, in its unit; None of one that is not judged.
         smallest: smallest of robustness ÷ scale, or what the importance makes of a safe episode; 0
-            where a requirement is violated.
+            where a requirement is violated; where nothing is judged, 1 m more than the smallest
+            distance to another vehicle, which is no statement on a requirement.
         violated: place of the first requirement that is violated, from 0; None if none is.
     """
 
-    values: tuple[float, ...]
+    values: tuple[float | None, ...]
     smallest: float
     violated: int | None
 
@@ -458,19 +465,26 @@ class EpisodeJudge(NamedTuple):
             SimulatorError: one of the requirements cannot be judged.
         """
         values = tuple(_find_robustness(each, course) for each in self.requirements)
-        violated = [place for place, value in enumerate(values) if value <= 0.0]
+        violated = [
+            place for place, value in enumerate(values) if value is not None and value <= 0.0
+        ]
         if violated:
             return RequirementVerdict(values, 0.0, violated[0])
         if self.importance is not None:
-            followed = _find_robustness(self.importance, course) / self.importance.scale
-            return RequirementVerdict(values, _make_positive(min(followed, LARGEST)), None)
-        scales = [each.scale for each in self.requirements]
-        smallest = min(value / scale for value, scale in zip(values, scales, strict=True))
+            followed = _find_robustness(self.importance, course)
+            if followed is not None:
+                followed = min(followed / self.importance.scale, LARGEST)
+                return RequirementVerdict(values, _make_positive(followed), None)
+        judged = zip(values, self.requirements, strict=True)
+        scaled = [value / each.scale for value, each in judged if value is not None]
+        smallest = min(scaled) if scaled else _make_positive(course.measures.robustness_m)
         return RequirementVerdict(values, min(smallest, LARGEST), None)
 
 
-def _find_robustness(requirement: AnyRequirement, course: DrivenCourse) -> float:
+def _find_robustness(requirement: AnyRequirement, course: DrivenCourse) -> float | None:
     value = requirement.find_robustness(course)
+    if value is None:
+        return None
     if isnan(value):
         raise SimulatorError(f"{requirement.label} has no robustness.", "Look at its signals.")
     return min(max(value, -LARGEST), LARGEST)

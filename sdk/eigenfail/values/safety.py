@@ -54,12 +54,12 @@ class RequirementTotals(msgspec.Struct, frozen=True):
     Attributes:
         n: how many were judged by it.
         violations: how many of them violate it.
-        worst: smallest robustness, in the unit of the requirement.
+        worst: smallest robustness, in the unit of the requirement; None if none was judged.
     """
 
     n: int
     violations: int
-    worst: float
+    worst: float | None
 
 
 class SafetyTotals(msgspec.Struct, frozen=True, eq=False):
@@ -123,9 +123,9 @@ class RequirementFigures(msgspec.Struct, frozen=True, kw_only=True):
         name: its name.
         words: what it requires.
         unit: unit of its robustness; empty for none.
-        violations: episodes that violate it ÷ completed episodes; None before the first one. An
-            episode may violate several.
-        worst: smallest robustness; None before the first episode.
+        violations: episodes that violate it ÷ episodes that were judged by it; None before the
+            first one. An episode may violate several.
+        worst: smallest robustness; None before the first of these episodes.
     """
 
     number: int
@@ -186,8 +186,8 @@ class Safety(Brief, Shown, Tabular, Plottable, msgspec.Struct, frozen=True, kw_o
 
     Attributes:
         failures: failures ÷ completed episodes; None before the first one, as the other shares.
-        collisions: collisions that violate a requirement ÷ completed episodes: the same, unless
-            requirements are named.
+        collisions: collisions ÷ completed episodes, also those that no requirement forbids: the
+            same, unless requirements are named.
         near_misses: MinTTC < 1.5 s without a collision ÷ completed episodes; None too where the
             system under test is a function, as the shares of `ttc` and `drac`.
         conflicts: unavoidable versus planner failures, and the mean lead times.

@@ -6,7 +6,6 @@ vehicles that do not close in, the signal has the value of its `absent`.
 """
 
 from collections.abc import Mapping, Sequence
-from math import isfinite
 from numbers import Real
 from types import MappingProxyType
 from typing import Final, NamedTuple, TypeGuard
@@ -16,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue, read_text
+from eigenfail.values.arrays import fits_float32
 from eigenfail.values.measures import Measures
 
 Samples = NDArray[np.float64]
@@ -136,8 +136,11 @@ def read_signal_names(planner: object) -> tuple[str, ...]:
 
 
 def is_signal_value(value: object) -> TypeGuard[float]:
-    """Return whether a planner may report the value: a finite number, also of numpy; no boolean."""
-    return not isinstance(value, bool) and isinstance(value, Real) and isfinite(value)
+    """Return whether a planner may report the value: a finite number, also of numpy; no boolean.
+
+    A number beyond the range of float32 would not stay finite where it is stored.
+    """
+    return not isinstance(value, bool) and isinstance(value, Real) and fits_float32(value)
 
 
 class ExpectedCourse(NamedTuple):

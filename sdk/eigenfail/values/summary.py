@@ -23,6 +23,7 @@ class Conflicts(msgspec.Struct, frozen=True):
         planner_failures: collisions that braking could have avoided.
         unclassified: collisions of which too little was measured to class them.
         near_misses: MinTTC < 1.5 s without a collision.
+        allowed: collisions that no requirement forbids; they are no failures, and in no class.
         ttc_lead: time from the first violation of MinTTC to the collision.
         drac_lead: time from the first violation of DRAC to the collision.
     """
@@ -33,11 +34,15 @@ class Conflicts(msgspec.Struct, frozen=True):
     near_misses: int = 0
     ttc_lead: MeanTime = MeanTime()
     drac_lead: MeanTime = MeanTime()
+    allowed: int = 0
 
     @property
     def collisions(self) -> int:
-        """Collisions of any class; other failures are violations without one."""
+        """Failures by collision, of any class; other failures are violations without one."""
         return self.unavoidable + self.planner_failures + self.unclassified
+
+
+UPPER_BOUNDS = "Upper bounds count such episodes as failures."
 
 
 class Unresolved(msgspec.Struct, frozen=True):
@@ -55,6 +60,11 @@ class Unresolved(msgspec.Struct, frozen=True):
     not_known: int = 0
     horizon_s: float | None = None
 
+    @property
+    def doubtful(self) -> int:
+        """Number of episodes that are unresolved, or may be: upper bounds count them."""
+        return self.count + self.not_known
+
     def words(self, completed: int) -> str:
         """Return sentences on episodes that ended before a sure collision; empty if none did."""
         within = "" if self.horizon_s is None else f" within {self.horizon_s:g} s"
@@ -64,14 +74,16 @@ class Unresolved(msgspec.Struct, frozen=True):
             f"{sure} could not avoid one any more.": self.count,
             f"{perhaps} like that: their older release did not record it.": self.not_known,
         }
-        return " ".join(words for words, count in counts.items() if count)
+        found = [words for words, count in counts.items() if count]
+        return " ".join([*found, UPPER_BOUNDS] if found else [])
 
 
 class Errored(msgspec.Struct, frozen=True):
     """Episodes of a campaign that could not be completed, and their most frequent reason.
 
     Attributes:
-        count: number of errored episodes; no rate counts them.
+        count: number of errored episodes; a rate leaves them out, and its upper bound counts them
+            as failures.
         kind: kind of the most frequent reason: infrastructure, simulator, planner, solver or input.
         reason: the most frequent reason, in words; of equally frequent ones the earliest.
         times: number of episodes with that reason.
@@ -94,7 +106,10 @@ class Errored(msgspec.Struct, frozen=True):
             return ""
         if counts.completed:
             total = self.count + counts.completed
-            text = f"{self.count:,} of {total:,} episodes errored and are not counted in the rate"
+            text = (
+                f"{self.count:,} of {total:,} episodes errored: the rate leaves them out, and an "
+                "upper bound counts them as failures"
+            )
         else:
             every = "The only episode" if self.count == 1 else f"All {self.count:,} episodes"
             so_far = " so far" if counts.open else ""
@@ -176,6 +191,8 @@ class BlockTotals(msgspec.Struct, frozen=True):
         first: a multiple of the block's length.
         completed: at least one.
         failures: failures among them.
+        errored: number of episodes that errored.
+        unresolved: number of safe ones that are unresolved, or may be.
         log_probability: sum of log p over all steps of the failures.
         steps: steps of the failures.
         smallest_robustness_m: None if nothing was measured.
@@ -189,6 +206,8 @@ class BlockTotals(msgspec.Struct, frozen=True):
     steps: int
     smallest_robustness_m: float | None
     median_robustness_m: float | None
+    errored: int = 0
+    unresolved: int = 0
 
 
 class CourseBlock(msgspec.Struct, frozen=True, kw_only=True):

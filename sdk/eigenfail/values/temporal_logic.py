@@ -4,8 +4,13 @@ Robustness is that of Donzé and Maler (Robust Satisfaction of Temporal Logic ov
 Signals, 2010, definition 3), at the steps of a course: a comparison has the difference of its
 sides, `not` its negative, `and` and `always` the smallest value, `or` and `eventually` the largest.
 The first part of `until` need not hold at the step at which the second does, as in linear temporal
-logic over steps. Bounds are in seconds. Steps before the start and behind the end of a course do
-not count.
+logic over steps. Bounds are in seconds.
+
+Steps before the start and behind the end of a course do not count. An operator on time whose
+window holds no step is not judged there: its robustness is NaN. What is not judged carries on as in
+Kleene's logic: `and` is violated if a part is violated, `or` is satisfied if a part is satisfied,
+and otherwise neither is judged; `not` of it is not judged. An operator on time leaves out the steps
+at which its part is not judged, and is not judged where none is left.
 
     formula      = disjunction [ "implies" formula ]
     disjunction  = conjunction { "or" conjunction }
@@ -22,10 +27,10 @@ not count.
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from functools import lru_cache, reduce
-from math import inf, isclose
+from math import inf, isclose, isnan
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -118,7 +123,7 @@ class SignalName(Node):
 class Combination(Node):
     """Parts that are combined step by step."""
 
-    def __init__(self, combine: np.ufunc, *parts: Node) -> None:
+    def __init__(self, combine: Callable[..., Samples], *parts: Node) -> None:
         self._combine = combine
         self.parts = parts
 
@@ -128,6 +133,18 @@ class Combination(Node):
         if len(values) == 1:
             return np.asarray(self._combine(values[0]))
         return np.asarray(reduce(self._combine, values))
+
+
+def find_smaller(one: Samples, other: Samples) -> Samples:
+    """Return the robustness of `and`: NaN where a part is not judged and none is violated."""
+    judged = np.fmin(one, other)
+    return np.where((np.isnan(one) | np.isnan(other)) & ~(judged <= 0.0), np.nan, judged)
+
+
+def find_larger(one: Samples, other: Samples) -> Samples:
+    """Return the robustness of `or`: NaN where a part is not judged and none is satisfied."""
+    judged = np.fmax(one, other)
+    return np.where((np.isnan(one) | np.isnan(other)) & ~(judged > 0.0), np.nan, judged)
 
 
 class Window(Node):
@@ -147,11 +164,12 @@ class Window(Node):
         return found if self.looks_ahead else found[::-1]
 
     def _look_ahead(self, values: Samples, dt_s: float) -> Samples:
-        extreme, empty = (np.minimum, inf) if self._smallest else (np.maximum, -inf)
+        # Both leave out what is not judged.
+        extreme = np.fmin if self._smallest else np.fmax
         if self.bounds == UNBOUNDED:
             return np.asarray(extreme.accumulate(values[::-1])[::-1])
         first, last = (min(each, len(values)) for each in self.bounds.count_steps(dt_s))
-        padded = np.concatenate([values, np.full(last, empty)])[first:]
+        padded = np.concatenate([values, np.full(last, np.nan)])[first:]
         windows = sliding_window_view(padded, last - first + 1)
         return np.asarray(extreme.reduce(windows, axis=1)[: len(values)])
 
@@ -176,13 +194,13 @@ class Until(Node):
         first, last = 0, steps
         if self.bounds != UNBOUNDED:
             first, last = self.bounds.count_steps(dt_s)
-        found, held = np.full(steps, -inf), np.full(steps, inf)
+        found, held = np.full(steps, np.nan), np.full(steps, inf)
         for ahead in range(min(last, steps - 1) + 1):
             reached = steps - ahead
             if ahead >= first:
-                there = np.minimum(right[ahead:], held[:reached])
-                found[:reached] = np.maximum(found[:reached], there)
-            held[:reached] = np.minimum(held[:reached], left[ahead:])
+                there = find_smaller(right[ahead:], held[:reached])
+                found[:reached] = np.fmax(found[:reached], there)
+            held[:reached] = np.fmin(held[:reached], left[ahead:])
         return found
 
 
@@ -266,7 +284,7 @@ class FormulaParser:
         left = self._read_chain("or")
         if not self._take("implies"):
             return left
-        return Combination(np.maximum, Combination(np.negative, left), self._read_formula())
+        return Combination(find_larger, Combination(np.negative, left), self._read_formula())
 
     def _read_chain(self, word: str) -> Node:
         """Return operands with `or` between them, or with `and`, which binds closer."""
@@ -277,7 +295,7 @@ class FormulaParser:
         parts = [read()]
         while self._take(word):
             parts.append(read())
-        combine = np.maximum if word == "or" else np.minimum
+        combine = find_larger if word == "or" else find_smaller
         return Combination(combine, *parts) if len(parts) > 1 else parts[0]
 
     def _read_operand(self) -> Node:
@@ -438,12 +456,14 @@ def check_formula(
         )
 
 
-def evaluate_formula(formula: str, dt_s: float, signals: Signals) -> float:
-    """Return the robustness of a formula at the start of a course.
+def evaluate_formula(formula: str, dt_s: float, signals: Signals) -> float | None:
+    """Return the robustness of a formula at the start of a course; None if it is not judged.
 
     Args:
         formula: as `check_formula` lets it pass.
         dt_s: time between two values.
-        signals: values by name, all of the same length, of those in the formula at least.
+        signals: values by name, all finite and of the same length, of those in the formula at
+            least.
     """
-    return float(parse_formula(formula).evaluate(signals, dt_s)[0])
+    found = float(parse_formula(formula).evaluate(signals, dt_s)[0])
+    return None if isnan(found) else found

@@ -70,7 +70,7 @@ def _make_block(totals: BlockTotals, per: int, campaign: Campaign) -> CourseBloc
         first=totals.first,
         last=min(totals.first + per, campaign.counts.planned) - 1,
         failure_rate=SamplingDesign.of([campaign.spec]).make_rate(
-            totals.failures, totals.completed
+            totals.failures, totals.completed, totals.errored, totals.unresolved
         ),
         log_probability_per_step=totals.log_probability / steps if steps else None,
         smallest_robustness_m=totals.smallest_robustness_m,
@@ -109,7 +109,7 @@ def price_failures(total_usd: float, instance_hours: float, failures: Rate | Non
     """Return what failures cost: the total ÷ their number, with the rate's interval.
 
     The quotient is without bias where a number of failures ended the campaign, as the mean number
-    of episodes up to the k-th failure is k ÷ p. The bounds are total ÷ (completed × bound of the
+    of episodes up to the k-th failure is k ÷ p. The bounds are total ÷ (ended × bound of the
     rate), so that a campaign without a failure has a lower bound instead of an infinite cost. A
     rate without an interval leads to none here.
 
@@ -123,10 +123,10 @@ def price_failures(total_usd: float, instance_hours: float, failures: Rate | Non
     per_failure_usd = total_usd / failures.k if failures.k else None
     if failures.interval is None:
         return Cost(total_usd, instance_hours, per_failure_usd, None, None)
-    at_least_usd = total_usd / (failures.n * failures.interval.high)
+    at_least_usd = total_usd / (failures.trials * failures.interval.high)
     if per_failure_usd is None:
         return Cost(total_usd, instance_hours, None, None, at_least_usd)
-    interval_usd = Interval(at_least_usd, total_usd / (failures.n * failures.interval.low))
+    interval_usd = Interval(at_least_usd, total_usd / (failures.trials * failures.interval.low))
     return Cost(total_usd, instance_hours, per_failure_usd, interval_usd, at_least_usd)
 
 
@@ -296,8 +296,12 @@ def make_safety(
     Raises:
         InvalidValue: the level is not between 0 and 1.
     """
-    method, design = campaign.spec.method, SamplingDesign.of([campaign.spec])
-    by_failures = SamplingDesign.of_failures([campaign])
+    method, errored = campaign.spec.method, campaign.counts.errored
+    design, by_failures = (
+        SamplingDesign.of([campaign.spec]),
+        SamplingDesign.of_failures([campaign]),
+    )
+    doubtful = errored, unresolved.doubtful
     severity, correlation = tail_risk(totals.severities, level), _correlate(totals.points)
     if not traits_of(method).independent:
         severity, correlation = _drop_intervals(severity), _drop_interval(correlation)
@@ -310,36 +314,37 @@ def make_safety(
         name=campaign.spec.name,
         method=method,
         completed=totals.completed,
-        failures=_make_share(by_failures, totals.failures, totals.completed),
+        failures=_make_share(by_failures, totals.failures, totals.completed, *doubtful),
         collisions=_make_share(
             by_failures if campaign.spec.fails_by_collision_alone else design,
-            conflicts.collisions,
+            conflicts.collisions + conflicts.allowed,
             totals.completed,
+            *doubtful,
         ),
-        near_misses=_make_share(design, conflicts.near_misses, measured),
+        near_misses=_make_share(design, conflicts.near_misses, measured, errored),
         conflicts=conflicts,
-        ttc=_count_violations(design, totals.ttc, NEAR_MISS_TTC_S, measured),
-        drac=_count_violations(design, totals.drac, PEAK_BRAKING_MPS2, measured),
+        ttc=_count_violations(design, totals.ttc, NEAR_MISS_TTC_S, measured, errored),
+        drac=_count_violations(design, totals.drac, PEAK_BRAKING_MPS2, measured, errored),
         severity=severity,
         scatter=Scatter(totals.points, len(totals.severities), correlation),
         unresolved=unresolved,
         requirements=tuple(_list_requirements(campaign, totals)),
-        notes=tuple(_list_notes(campaign, totals, unresolved)),
+        notes=tuple(_list_notes(campaign, totals, unresolved, conflicts)),
     )
 
 
 def _list_requirements(campaign: Campaign, totals: SafetyTotals) -> Iterator[RequirementFigures]:
     """Yield the figures of each requirement that the campaign names."""
-    design = SamplingDesign.of([campaign.spec])
+    design, errored = SamplingDesign.of([campaign.spec]), campaign.counts.errored
     named = campaign.spec.named_requirements
     for place, each in enumerate(named):
-        found = totals.requirements[place] if totals.requirements else None
+        found = totals.requirements[place] if place < len(totals.requirements) else None
         yield RequirementFigures(
             number=place + 1,
             name=each.label,
             words=each.in_words(),
             unit=each.unit,
-            violations=_make_share(design, found.violations, totals.completed) if found else None,
+            violations=_make_share(design, found.violations, found.n, errored) if found else None,
             worst=found.worst if found else None,
         )
 
@@ -358,18 +363,23 @@ def _drop_interval(figure: Figure | None) -> Figure | None:
     return Figure(figure.value) if figure else None
 
 
-def _make_share(design: SamplingDesign, k: int, n: int) -> Rate | None:
+def _make_share(
+    design: SamplingDesign, k: int, n: int, errored: int, unresolved: int = 0
+) -> Rate | None:
+    if not n:
+        return None
     # Totals and counts may have been read a few results apart.
-    return design.make_rate(min(k, n), n) if n else None
+    k = min(k, n)
+    return design.make_rate(k, n, errored, min(unresolved, n - k))
 
 
 def _count_violations(
-    design: SamplingDesign, totals: MeasureTotals, threshold: float, completed: int
+    design: SamplingDesign, totals: MeasureTotals, threshold: float, completed: int, errored: int
 ) -> Violations:
     """A row of the table."""
     return Violations(
         threshold=threshold,
-        beyond=_make_share(design, totals.violations, completed),
+        beyond=_make_share(design, totals.violations, completed, errored),
         n=totals.n,
         median=totals.median,
         worst=totals.worst,
@@ -384,10 +394,17 @@ def _correlate(points: Sequence[FailurePoint]) -> Figure | None:
     )
 
 
-def _list_notes(campaign: Campaign, totals: SafetyTotals, unresolved: Unresolved) -> Iterator[str]:
+def _list_notes(
+    campaign: Campaign, totals: SafetyTotals, unresolved: Unresolved, conflicts: Conflicts
+) -> Iterator[str]:
     """What the numbers cannot know."""
     if words := unresolved.words(totals.completed):
         yield words
+    if conflicts.allowed:
+        yield (
+            f"{conflicts.allowed:,} of the collisions are no failures, as no requirement forbids "
+            "them. Classes, lead times and severities leave them out."
+        )
     has_road = world_of(campaign.spec.simulator).has_road
     if totals.failures and not traits_of(campaign.spec.method).draws_from_prior:
         figures = "shares, medians and severities are" if has_road else "the share of failures is"

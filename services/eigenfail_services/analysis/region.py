@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.values import Box, Region
+from eigenfail.values import Box, Rate, Region
 from eigenfail.values.comparison import Bound
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 
@@ -152,6 +152,8 @@ class RegionQuestion(NamedTuple):
         failed: shape (episodes,).
         warnings: known reasons to doubt the answer.
         design: how the episodes came about.
+        errored: number of episodes that errored: they are in no row, and may hide failures in any
+            part.
     """
 
     campaigns: tuple[int, ...]
@@ -161,6 +163,7 @@ class RegionQuestion(NamedTuple):
     failed: Flags
     warnings: tuple[str, ...] = ()
     design: SamplingDesign = SamplingDesign(())
+    errored: int = 0
 
 
 def find_failing_region(asked: RegionQuestion) -> Region:
@@ -203,12 +206,17 @@ def _make_empty_region(asked: RegionQuestion, problem: str) -> Region:
         parameters=asked.names,
         episodes=len(asked.failed),
         failures=int(asked.failed.sum()),
-        failure_rate=asked.design.make_rate(int(asked.failed.sum()), len(asked.failed))
+        failure_rate=_make_rate(asked, int(asked.failed.sum()), len(asked.failed))
         if len(asked.failed)
         else None,
         problem=problem,
         warnings=asked.warnings,
     )
+
+
+def _make_rate(asked: RegionQuestion, k: int, n: int) -> Rate:
+    """Return k of n rows; an errored episode may belong to any part, with or without a failure."""
+    return asked.design.make_rate(k, n, asked.errored)
 
 
 def split_in_halves(failed: Flags) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
@@ -256,10 +264,10 @@ def _make_region(
         parameters=asked.names,
         episodes=len(failed),
         failures=int(failed.sum()),
-        failure_rate=asked.design.make_rate(all_failures, len(held)),
+        failure_rate=_make_rate(asked, all_failures, len(held)),
         boxes=tuple(sorted(boxes, key=lambda one: (-one.coverage.k, one.words))),
-        coverage=asked.design.make_rate(k, all_failures),
-        precision=asked.design.make_rate(k, n),
+        coverage=_make_rate(asked, k, all_failures),
+        precision=_make_rate(asked, k, n),
         p_value=p_value,
         warnings=asked.warnings,
     )
@@ -272,6 +280,6 @@ def _make_box(asked: RegionQuestion, leaf: _Leaf, rows: NDArray[np.intp], all_fa
     return Box(
         bounds=bounds,
         words=", ".join(each.words for each in bounds),
-        coverage=asked.design.make_rate(k, all_failures),
-        precision=asked.design.make_rate(k, len(rows)) if len(rows) else None,
+        coverage=_make_rate(asked, k, all_failures),
+        precision=_make_rate(asked, k, len(rows)) if len(rows) else None,
     )

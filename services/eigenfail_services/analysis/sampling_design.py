@@ -6,10 +6,10 @@ from typing import NamedTuple
 from msgspec.structs import replace
 
 from eigenfail.errors import EigenfailError
-from eigenfail.intervals import wilson
+from eigenfail.intervals import bound_both_sides
 from eigenfail.methods import describe_method, traits_of
 from eigenfail.values import Campaign, CampaignSpec, Interval, Rate, RateDesign
-from eigenfail_services.statistics.intervals import confidence_sequence, rate
+from eigenfail_services.statistics.intervals import bound_sequence, clopper_pearson, rate
 from eigenfail_services.statistics.stopped_trials import StoppedTrials
 
 MOST_AHEAD = 1
@@ -56,32 +56,39 @@ class SamplingDesign(NamedTuple):
             return design._replace(ends=find_end(campaigns[0]))
         return design
 
-    def make_rate(self, k: int, n: int) -> Rate:
+    def make_rate(self, k: int, n: int, errored: int = 0, unresolved: int = 0) -> Rate:
         """Return k of n episodes, with estimate and interval that hold; without for a search.
+
+        Args:
+            k: number of events.
+            n: number of completed episodes.
+            errored: number of episodes besides the n that errored, and may hide an event.
+            unresolved: number of the n that ended before what may have become an event.
 
         Raises:
             InvalidValue: no episode, or not 0 <= k <= n.
         """
-        fixed = rate(k, n)
+        fixed = rate(k, n, errored, unresolved)
         if not self.is_sampled:
             return replace(fixed, interval=None, sampled=False)
         if not self.judges_failures:
             return fixed
-        if self.ends and self.ends.trials == n:
+        if self.ends and self.ends.trials == n and self.ends.allows_doubt(fixed):
             return _make_stopped_rate(self.ends, fixed)
-        return replace(fixed, interval=confidence_sequence(k, n), design=RateDesign.SEQUENCE)
+        interval = bound_sequence(k, fixed.trials, errored + unresolved)
+        return replace(fixed, interval=interval, design=RateDesign.SEQUENCE)
 
-    def find_bounds(self, k: int, n: int) -> Interval:
-        """Return the two-sided interval of k of n episodes, also where all ended alike.
+    def find_bounds(self, found: Rate) -> Interval:
+        """Return the two-sided interval of a rate, also where all episodes ended alike.
 
-        Raises:
-            InvalidValue: no episode, or not 0 <= k <= n.
+        The upper end counts errored and unresolved episodes as events, as in `make_rate`.
         """
+        doubtful = found.errored + found.unresolved
         if not self.judges_failures:
-            return wilson(k, n)
-        if self.ends and self.ends.trials == n:
-            return self.ends.find_bounds(k)
-        return confidence_sequence(k, n)
+            return bound_both_sides(found)
+        if self.ends and self.ends.trials == found.n and self.ends.allows_doubt(found):
+            return _bound_stopped(self.ends, found)
+        return bound_sequence(found.k, found.trials, doubtful)
 
     @property
     def is_sampled(self) -> bool:
@@ -91,13 +98,25 @@ class SamplingDesign(NamedTuple):
 
 def _make_stopped_rate(ends: StoppedTrials, fixed: Rate) -> Rate:
     # Where all episodes ended alike, all 5 % are spent on the one side that is open, as elsewhere.
-    one_sided = fixed.k in (0, fixed.n)
+    doubtful = fixed.errored + fixed.unresolved
+    one_sided = fixed.k == 0 or fixed.k + doubtful >= fixed.trials
     return replace(
         fixed,
         value=ends.estimate(fixed.k),
-        interval=fixed.interval if one_sided else ends.find_bounds(fixed.k),
+        interval=fixed.interval if one_sided else _bound_stopped(ends, fixed),
         design=RateDesign.FAILURES,
     )
+
+
+def _bound_stopped(ends: StoppedTrials, found: Rate) -> Interval:
+    """Return the exact bounds of a rate under the rule `failures`; see `allows_doubt`."""
+    doubtful = found.errored + found.unresolved
+    if not doubtful:
+        return ends.find_bounds(found.k)
+    # The rule did not hold, so that the number of trials is a fixed one.
+    most = min(found.k + doubtful, found.trials)
+    low = clopper_pearson(found.k, found.trials).low
+    return Interval(low, clopper_pearson(most, found.trials).high)
 
 
 def find_end(campaign: Campaign) -> StoppedTrials | None:

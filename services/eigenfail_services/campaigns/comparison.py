@@ -11,14 +11,13 @@ from eigenfail.intervals import difference, paired_difference
 from eigenfail.presentation.figures import (
     format_amount,
     format_interval,
-    format_no_event,
     format_number,
     format_signed,
     format_signed_interval,
     format_usd_interval,
     round_down,
 )
-from eigenfail.presentation.rates import explain_design, format_rate
+from eigenfail.presentation.rates import explain_design, format_counted_rate, format_rate
 from eigenfail.values import (
     FINAL_STATES,
     Campaign,
@@ -50,7 +49,7 @@ from eigenfail_services.campaigns.pairing import (
     pair_episodes,
 )
 from eigenfail_services.campaigns.seeds import Group, group_alike
-from eigenfail_services.campaigns.summary import divide, find_failure_rate
+from eigenfail_services.campaigns.summary import count_doubtful, divide, find_failure_rate
 from eigenfail_services.statistics.comparison import (
     SIGNIFICANCE,
     can_distinguish,
@@ -85,7 +84,7 @@ def _describe_failures(side: Side) -> str:
     if rate.interval is None:
         return f"fails in {rate.k} of the {rate.n} episodes that it chose"
     if not rate.k:
-        return f"fails in {format_no_event(rate.n, rate.interval.high)}"
+        return f"fails in {format_counted_rate(rate)}"
     return f"fails in {format_rate(rate)} of {rate.n} episodes"
 
 
@@ -191,7 +190,10 @@ def _warn_of_errors(side: str, campaigns: Sequence[Campaign]) -> Iterator[str]:
         yield f"Every episode of {side} errored ({count:,}): there is nothing to compare."
     elif count:
         total = count + completed
-        yield f"{count:,} of {total:,} episodes of {side} errored and are not counted in its rate."
+        yield (
+            f"{count:,} of {total:,} episodes of {side} errored: its rate leaves them out, and an "
+            "upper bound counts them as failures."
+        )
 
 
 def warn_of_unfinished(campaigns: Sequence[Campaign]) -> Iterator[str]:
@@ -292,9 +294,12 @@ def _summarise_side(store: Store, campaigns: Sequence[Campaign]) -> Side:
     totals = [store.episodes.totals(campaign.id) for campaign in campaigns]
     completed = sum(campaign.counts.completed for campaign in campaigns)
     failures = sum(campaign.counts.failures for campaign in campaigns)
-    rates = [find_failure_rate(campaign) for campaign in campaigns]
+    errored = sum(campaign.counts.errored for campaign in campaigns)
+    counted = [(campaign, count_doubtful(store, campaign)) for campaign in campaigns]
+    rates = [find_failure_rate(*each) for each in counted]
+    unresolved = min(sum(doubtful for _, doubtful in counted), completed - failures)
     design = SamplingDesign.of_failures(campaigns)
-    pooled = design.make_rate(failures, completed) if completed else None
+    pooled = design.make_rate(failures, completed, errored, unresolved) if completed else None
     severities = [each.severity for each in totals if each.severity is not None]
     collisions = sum(each.conflicts.collisions for each in totals)
     return Side(
@@ -322,9 +327,12 @@ def _find_paired_difference(
 ) -> Difference | None:
     """Return the difference over the pairs; None without pairs.
 
-    None too where a stop rule judged failures: the number of pairs is then no fixed one.
+    None too where a stop rule judged failures: the number of pairs is then no fixed one; and where
+    episodes errored: a pair without one of its episodes would be left out, whatever it hides.
     """
     if pairing.totals is None or SamplingDesign.of_failures(campaigns).judges_failures:
+        return None
+    if any(campaign.counts.errored for campaign in campaigns):
         return None
     return paired_difference(pairing.totals)
 
@@ -341,7 +349,7 @@ def _find_difference(
 
 def _bound_both_sides(rate: Rate, campaigns: Sequence[Campaign]) -> Rate:
     """Return a rate with a two-sided interval, of a search as if its episodes were a sample."""
-    bounds = SamplingDesign.of_failures(campaigns).find_bounds(rate.k, rate.n)
+    bounds = SamplingDesign.of_failures(campaigns).find_bounds(rate)
     return replace(rate, interval=bounds, sampled=True)
 
 

@@ -18,6 +18,7 @@ from eigenfail.values import (
     AnalysisState,
     Campaign,
     CampaignCost,
+    Rate,
     Safety,
     SpendingTotals,
 )
@@ -37,7 +38,14 @@ from eigenfail_services.analysis.campaign_figures import (
 )
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.seeds import price_over_seeds
-from eigenfail_services.campaigns.summary import divide, find_cost, find_safety, find_worker_shares
+from eigenfail_services.campaigns.summary import (
+    count_doubtful,
+    divide,
+    find_cost,
+    find_failure_rate,
+    find_safety,
+    find_worker_shares,
+)
 from eigenfail_services.statistics.seed_spread import PairSums
 from eigenfail_services.store import Store
 
@@ -50,7 +58,8 @@ MAX_ANALYSES_SEARCHED = 100
 def find_spending(store: Store, campaign: Campaign) -> CampaignCost:
     """Return the cost of a campaign, of its failures and modes, and the use of its time, so far."""
     spec, totals = campaign.spec, store.episodes.spending(campaign.id)
-    modes, cost = _find_known_modes(store, campaign), find_cost(campaign)
+    rate = find_failure_rate(campaign, count_doubtful(store, campaign))
+    modes, cost = _find_known_modes(store, campaign), find_cost(campaign, rate)
     count = None if modes.found_ms is None else len(modes.found_ms)
     return CampaignCost(
         campaign=campaign.id,
@@ -209,6 +218,8 @@ def _merge_pools(pools: Sequence[Pool]) -> Pool:
         campaigns=sum(pool.campaigns for pool in pools),
         completed=sum(pool.completed for pool in pools),
         failures=sum(pool.failures for pool in pools),
+        errored=sum(pool.errored for pool in pools),
+        unresolved=sum(pool.unresolved for pool in pools),
         judges_failures=any(pool.judges_failures for pool in pools),
         instance_hours=sum(pool.instance_hours for pool in pools),
         total_usd=sum(pool.total_usd for pool in pools),
@@ -229,7 +240,7 @@ def _make_method_cost(pool: Pool, read: ReadCampaign | None) -> MethodCost:
     if pool.judges_failures and pool.campaigns == 1 and read is not None:
         # The same figures as on the page of that campaign.
         design = SamplingDesign.of_failures([read(pool.newest)])
-    found = design.make_rate(pool.failures, pool.completed) if pool.completed else None
+    found = _make_pooled_rate(pool, design)
     seeds = pool.seeds if pool.seeds > 1 and not design.is_sampled else 0
     return MethodCost(
         method=pool.method,
@@ -238,11 +249,18 @@ def _make_method_cost(pool: Pool, read: ReadCampaign | None) -> MethodCost:
         completed=pool.completed,
         failures=pool.failures,
         failure_rate=found,
-        cost=price_over_seeds(_sum_pairs(pool), pool.instance_hours, pool.completed, design)
-        if seeds
+        cost=price_over_seeds(_sum_pairs(pool), pool.instance_hours, found)
+        if seeds and found
         else price_failures(pool.total_usd, pool.instance_hours, found),
         seeds=seeds,
     )
+
+
+def _make_pooled_rate(pool: Pool, design: SamplingDesign) -> Rate | None:
+    if not pool.completed:
+        return None
+    doubtful = min(pool.unresolved, pool.completed - pool.failures)
+    return design.make_rate(pool.failures, pool.completed, pool.errored, doubtful)
 
 
 def _sum_pairs(pool: Pool) -> PairSums:

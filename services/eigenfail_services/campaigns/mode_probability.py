@@ -25,6 +25,7 @@ from eigenfail.values import (
 from eigenfail.values.records import EpisodeRow
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.learner_context import learner_context
+from eigenfail_services.campaigns.summary import count_doubtful
 from eigenfail_services.methods.subset import (
     SubsetMethodSettings,
     estimate_modes,
@@ -79,8 +80,10 @@ def _estimate_modes(
     if campaign.state not in FINAL_STATES:
         return [Estimate(by=teller.by, episodes=0, problem=UNDERWAY)] * modes
     mode_of = dict(zip(result.episodes, result.labels, strict=True))
+    errored = 0 if teller.by == COUNTING else campaign.counts.errored
     try:
-        return teller.estimate(store, campaign, mode_of, modes)
+        found = teller.estimate(store, campaign, mode_of, modes)
+        return [each and each.bound_below(errored) for each in found]
     except NoisePruned as error:
         return [Estimate(by=teller.by, episodes=0, problem=str(error))] * modes
 
@@ -175,11 +178,17 @@ def estimate_by_known_proposal(
 
 
 def _estimate_by_counts(
-    _store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
+    store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
 ) -> ModeEstimates:
-    counted, completed = Counter(mode_of.values()), campaign.counts.completed
+    counted, counts = Counter(mode_of.values()), campaign.counts
     design = SamplingDesign.of([campaign.spec])
-    return [estimate_share(design.make_rate(counted[mode], completed)) for mode in range(modes)]
+    # An errored or unresolved episode may hide a failure of any mode.
+    unresolved = min(count_doubtful(store, campaign), counts.completed - counts.failures)
+    found = (counted[mode] for mode in range(modes))
+    return [
+        estimate_share(design.make_rate(k, counts.completed, counts.errored, unresolved))
+        for k in found
+    ]
 
 
 def estimate_share(found: Rate) -> Estimate:

@@ -58,6 +58,7 @@ class RegionQuery(msgspec.Struct, frozen=True):
     scenario: str
     tried: tuple[ExaminedEpisodes, ...]
     warnings: tuple[str, ...]
+    errored: int
 
 
 def find_region(store: Store, ids: Sequence[int], most: int = MOST_TRIALS) -> Region:
@@ -96,7 +97,8 @@ def _read_query(store: Store, ids: Sequence[int], most: int) -> RegionQuery:
     scenario = _find_scenario(campaigns)
     tried = [_read_examined(store, one, max(1, most // len(ids))) for one in campaigns]
     warnings = _list_caveats(campaigns, sum(len(each.failed) for each in tried))
-    return RegionQuery(tuple(ids), scenario, tuple(tried), tuple(warnings))
+    errored = sum(campaign.counts.errored for campaign in campaigns)
+    return RegionQuery(tuple(ids), scenario, tuple(tried), tuple(warnings), errored)
 
 
 def _read_examined(store: Store, campaign: Campaign, most: int) -> ExaminedEpisodes:
@@ -125,6 +127,7 @@ def compute_region(asked: RegionQuery) -> Region:
             failed=failed,
             warnings=warnings,
             design=SamplingDesign.of([one.spec for one in asked.tried]),
+            errored=asked.errored,
         )
     )
 

@@ -11,7 +11,7 @@ import numpy as np
 from eigenfail.errors import EigenfailError, InputError
 from eigenfail.methods import traits_of
 from eigenfail.suites import list_leaves
-from eigenfail.values import FINAL_STATES, AnalysisResult, Campaign, CampaignSpec
+from eigenfail.values import FINAL_STATES, AnalysisResult, Campaign, CampaignSpec, Rate
 from eigenfail.values.operations import Versions
 from eigenfail.values.records import FailureCourse
 from eigenfail.values.release import Release
@@ -20,6 +20,7 @@ from eigenfail_services.analysis.behaviour import Origin, read_motion
 from eigenfail_services.analysis.mode_regions import ModeBehaviours
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.cache import StoreCache
+from eigenfail_services.campaigns.summary import count_doubtful
 from eigenfail_services.store import Store
 from eigenfail_services.store.analyses import UNFINISHED
 
@@ -73,6 +74,8 @@ class ReadRelease(NamedTuple):
         design: how its episodes came about, which decides what numbers of failures may state.
         groups: analyses whose modes are not distinct.
         noise: seeds and settings of its campaigns as text: the same ones give the same noise.
+        errored: number of its episodes that errored.
+        unresolved: number of its episodes that are unresolved, or may be.
     """
 
     release: Release
@@ -83,6 +86,14 @@ class ReadRelease(NamedTuple):
     design: SamplingDesign
     groups: tuple[int, ...]
     noise: str
+    errored: int
+    unresolved: int
+
+    def make_rate(self, failures: int) -> Rate:
+        """Return the rate of some of its failures; an episode in doubt may be one of these."""
+        episodes = self.release.episodes
+        doubtful = min(self.unresolved, episodes - failures)
+        return self.design.make_rate(failures, episodes, self.errored, doubtful)
 
     @property
     def identity(self) -> tuple[Hashable, ...]:
@@ -142,6 +153,8 @@ def read_release(store: Store, version: str, campaigns: Sequence[Campaign]) -> R
         design=SamplingDesign.of([each.spec for each in used]),
         groups=tuple(dict.fromkeys(each.analysis for each in found if not each.is_distinct)),
         noise=_write_noise(used),
+        errored=sum(each.counts.errored for each in used),
+        unresolved=sum(count_doubtful(store, each) for each in used),
     )
 
 

@@ -55,7 +55,7 @@ def _count(read: ReadRelease, failures: int) -> str:
         return f"{failures:,} of the {release.failures:,} failures"
     if not failures:
         return f"0 of {release.episodes:,} episodes{_bound_rate(read)}"
-    rate = read.design.make_rate(failures, release.episodes)
+    rate = read.make_rate(failures)
     return f"{failures:,} of {release.episodes:,} episodes: {format_rate(rate)}"
 
 
@@ -63,7 +63,7 @@ def _bound_rate(read: ReadRelease) -> str:
     """Return the upper bound of a rate of which no event is known."""
     if not read.release.episodes:
         return ""
-    interval = read.design.make_rate(0, read.release.episodes).interval
+    interval = read.make_rate(0).interval
     return f": {format_upper_bound(interval.high)}" if interval else ""
 
 

@@ -17,7 +17,7 @@ from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.analysis_jobs import find_first_samples
 from eigenfail_services.campaigns.chain_mixing import METHOD as CHAINS
 from eigenfail_services.campaigns.chain_mixing import find_chain_mixing
-from eigenfail_services.campaigns.summary import find_failure_rate
+from eigenfail_services.campaigns.summary import count_doubtful, find_failure_rate
 from eigenfail_services.store import Store
 
 PAGE = 100
@@ -171,9 +171,9 @@ def find_probability(campaigns: Sequence[Campaign], unresolved: int = 0) -> _Pro
             return _Probability(None, f"{came}, with {completed:,} completed episodes.")
     if len(campaigns) > 1:
         return _count_together(campaigns, unresolved)
-    rate = find_failure_rate(campaigns[0])
+    rate = find_failure_rate(campaigns[0], unresolved)
     if rate is not None and rate.sampled:
-        return _read_rate(campaigns[0], rate, unresolved)
+        return _read_rate(campaigns[0], rate)
     return _read_estimate(campaigns[0])
 
 
@@ -188,20 +188,17 @@ def _count_together(campaigns: Sequence[Campaign], unresolved: int) -> _Probabil
     return _Probability(FailureShare(failures, errored, completed + errored, share, unresolved))
 
 
-def _read_rate(campaign: Campaign, rate: Rate, unresolved: int) -> _Probability:
-    counts, limit = campaign.counts, campaign.spec.stop.failures
+def _read_rate(campaign: Campaign, rate: Rate) -> _Probability:
+    limit = campaign.spec.stop.failures
     # A rule that ended nothing leaves every count below its limit as likely as without it.
     is_unmet = rate.design is RateDesign.FAILURES and limit is not None and rate.k < limit
     if rate.design is RateDesign.FIXED or is_unmet:
-        trials = counts.completed + counts.errored
-        share = FailureShare(rate.k, counts.errored, trials, rate.value, unresolved)
+        share = FailureShare(rate.k, rate.errored, rate.trials, rate.value, rate.unresolved)
         return _Probability(share)
     # Both bounds are two-sided, also where all episodes failed, and an errored or unresolved
     # episode may have ended either way.
-    design, trials = SamplingDesign.of_failures([campaign]), counts.completed + counts.errored
-    low = design.find_bounds(rate.k, trials).low
-    high = design.find_bounds(rate.k + counts.errored + unresolved, trials).high
-    return _Probability(Stated(rate.value, low, high))
+    bounds = SamplingDesign.of_failures([campaign]).find_bounds(rate)
+    return _Probability(Stated(rate.value, bounds.low, bounds.high))
 
 
 def _read_estimate(campaign: Campaign) -> _Probability:
@@ -260,25 +257,15 @@ def _list_notes(
 
 def _count_errored(campaigns: Sequence[Campaign]) -> Iterator[str]:
     """Yield how errored episodes of campaigns that state a probability are counted."""
-    drawn, other = 0, 0
-    for each in campaigns:
-        if traits_of(each.spec.method).draws_from_prior:
-            drawn += each.counts.errored
-        else:
-            other += each.counts.errored
-    if drawn:
-        verb = "counts as a failure" if drawn == 1 else "count as failures"
-        yield f"{count_noun(drawn, 'errored episode')} {verb} in the upper bounds."
-    if other:
-        verb = "counts" if other == 1 else "count"
-        errored = count_noun(other, "errored episode")
-        yield f"{errored} of other methods than Monte Carlo {verb} as safe."
+    errored = sum(each.counts.errored for each in campaigns)
+    if errored:
+        verb = "counts as a failure" if errored == 1 else "count as failures"
+        yield f"{count_noun(errored, 'errored episode')} {verb} in the upper bounds."
 
 
 def _sum_unresolved(store: Store, campaigns: Sequence[Campaign]) -> int:
     """Return the number of episodes that ended unresolved, or of which that is not known."""
-    conflicts = [store.episodes.totals(each.id).conflicts for each in campaigns]
-    return sum(each.unresolved + each.perhaps_unresolved for each in conflicts)
+    return sum(count_doubtful(store, each) for each in campaigns)
 
 
 def _count_unresolved(store: Store, campaigns: Sequence[Campaign]) -> Iterator[str]:

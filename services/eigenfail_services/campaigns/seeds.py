@@ -7,11 +7,10 @@ from typing import Any, NamedTuple
 import msgspec
 from msgspec.structs import replace
 
-from eigenfail.intervals import bound_rate_without_events
-from eigenfail.presentation.figures import format_no_event
-from eigenfail.presentation.rates import explain_design, format_rate
+from eigenfail.intervals import ERROR, find_upper_bound
+from eigenfail.presentation.rates import explain_design, format_counted_rate
 from eigenfail.suites import KeyPath, format_value, list_leaves, shorten_paths
-from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, Cost, Priority, Summary
+from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, Cost, Priority, Rate, Summary
 from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread, SeedValue
 from eigenfail.values.variation import in_words
 from eigenfail_services.analysis.campaign_figures import price_failures
@@ -208,14 +207,22 @@ def _price_failures(members: Sequence[_Member]) -> Cost:
     return price_over_seeds(
         PairSums.of([bill.total_usd for bill in bills], failures),
         sum(bill.instance_hours for bill in bills),
-        sum(member.summary.counts.completed for member in members),
-        SamplingDesign.of([member.campaign.spec for member in members]),
+        _pool_rates(members),
     )
 
 
-def price_over_seeds(
-    sums: PairSums, instance_hours: float, completed: int, design: SamplingDesign
-) -> Cost:
+def _pool_rates(members: Sequence[_Member]) -> Rate:
+    """Return the failure rate of all episodes of the members together."""
+    rates = [rate for member in members if (rate := member.summary.failure_rate)]
+    return SamplingDesign.of([member.campaign.spec for member in members]).make_rate(
+        sum(rate.k for rate in rates),
+        sum(rate.n for rate in rates),
+        sum(rate.errored for rate in rates),
+        sum(rate.unresolved for rate in rates),
+    )
+
+
+def price_over_seeds(sums: PairSums, instance_hours: float, failures: Rate) -> Cost:
     """Return total price ÷ all failures with its interval across seeds, or a lower bound.
 
     Where no seed has a failure, episodes that were drawn from p(x) bound the cost as those of one
@@ -225,23 +232,23 @@ def price_over_seeds(
     Args:
         sums: over the seeds, of price [USD] and failures.
         instance_hours: of all seeds. [h]
-        completed: episodes of all seeds.
-        design: how the episodes came about.
+        failures: failure rate over the episodes of all seeds.
     """
     if sums.failures:
         return Cost(sums.price, instance_hours, *find_ratio(sums))
-    pooled = price_failures(sums.price, instance_hours, design.make_rate(0, completed))
+    pooled = price_failures(sums.price, instance_hours, failures)
     if pooled.at_least_usd is not None:
         return pooled
     return replace(
-        pooled, at_least_usd=sums.price / (completed * bound_rate_without_events(sums.n)) or None
+        pooled,
+        at_least_usd=sums.price / (failures.trials * find_upper_bound(0, sums.n, ERROR)) or None,
     )
 
 
 def _list_notes(group: Group, members: Sequence[_Member]) -> Iterator[str]:
     specs = [campaign.spec for campaign in group]
     design = SamplingDesign.of(specs)
-    yield _describe_pooled_rate(design, members) if design.is_sampled else OF_THE_SEARCH
+    yield _describe_pooled_rate(members) if design.is_sampled else OF_THE_SEARCH
     counted = {member.seed for member in members}
     if missing := sorted({spec.seed for spec in specs} - counted):
         yield (
@@ -260,16 +267,12 @@ def _list_notes(group: Group, members: Sequence[_Member]) -> Iterator[str]:
         )
 
 
-def _describe_pooled_rate(design: SamplingDesign, members: Sequence[_Member]) -> str:
+def _describe_pooled_rate(members: Sequence[_Member]) -> str:
     """Return the failure rate of all episodes together, which were all drawn from p(x)."""
-    failures = sum(member.summary.counts.failures for member in members)
-    rate = design.make_rate(failures, sum(member.summary.counts.completed for member in members))
-    if not rate.k:
-        found = format_no_event(rate.n, rate.interval.high if rate.interval else 1.0)
-    else:
-        found = f"{format_rate(rate)} of {rate.n:,}"
+    rate = _pool_rates(members)
     quoted = (
-        f"All episodes were drawn from p(x): together their failure rate is {found}. Quote this "
+        f"All episodes were drawn from p(x): together their failure rate is "
+        f"{format_counted_rate(rate)}. Quote this "
         "interval rather than that of the mean over seeds."
     )
     return f"{quoted} {explain_design(rate)}".rstrip()

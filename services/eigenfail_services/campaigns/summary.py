@@ -62,7 +62,8 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
     Rate and cost rest on the campaign's counts, means on the totals: while a campaign runs the two
     may have been read a few results apart.
     """
-    completed, rate = campaign.counts.completed, find_failure_rate(campaign)
+    unresolved = summarise_unresolved(campaign, totals.conflicts)
+    completed, rate = campaign.counts.completed, find_failure_rate(campaign, unresolved.doubtful)
     return Summary(
         campaign=campaign.id,
         name=campaign.spec.name,
@@ -73,10 +74,10 @@ def summarise(campaign: Campaign, totals: Totals) -> Summary:
         log_probability_per_step=divide(totals.log_probability, totals.steps),
         mean_severity=divide(totals.severity, totals.conflicts.collisions),
         episodes_per_s=divide(completed, campaign.active_s),
-        cost=find_cost(campaign),
+        cost=find_cost(campaign, rate),
         conflicts=summarise_conflicts(totals.conflicts),
         estimate=campaign.estimate,
-        unresolved=summarise_unresolved(campaign, totals.conflicts),
+        unresolved=unresolved,
         errored=_describe_errored(campaign, totals.fault),
         reach=_find_reach(campaign),
         rate_note=explain_design(rate) if rate else "",
@@ -97,6 +98,7 @@ def summarise_conflicts(totals: ConflictTotals) -> Conflicts:
         planner_failures=totals.planner_failures,
         unclassified=totals.unclassified,
         near_misses=totals.near_misses,
+        allowed=totals.allowed,
         ttc_lead=MeanTime(divide(totals.ttc_lead_s, totals.ttc_leads), totals.ttc_leads),
         drac_lead=MeanTime(divide(totals.drac_lead_s, totals.drac_leads), totals.drac_leads),
     )
@@ -105,6 +107,11 @@ def summarise_conflicts(totals: ConflictTotals) -> Conflicts:
 def summarise_unresolved(campaign: Campaign, totals: ConflictTotals) -> Unresolved:
     """Return the episodes that are no failures only because they ended, and their horizon."""
     return Unresolved(totals.unresolved, totals.perhaps_unresolved, find_horizon_s(campaign.spec))
+
+
+def count_doubtful(store: Store, campaign: Campaign) -> int:
+    """Return the number of a campaign's episodes that are unresolved, or may be."""
+    return summarise_unresolved(campaign, store.episodes.totals(campaign.id).conflicts).doubtful
 
 
 def _describe_errored(campaign: Campaign, fault: FrequentFault | None) -> Errored:
@@ -156,19 +163,32 @@ def _find_horizon_s(text: bytes) -> float | None:
         return None
 
 
-def find_failure_rate(campaign: Campaign) -> Rate | None:
-    """Return the failure rate of the completed episodes; None before the first one."""
+def find_failure_rate(campaign: Campaign, unresolved: int) -> Rate | None:
+    """Return the failure rate of the completed episodes; None before the first one.
+
+    Args:
+        campaign: as it stands.
+        unresolved: number of its episodes that are, or may be, unresolved.
+    """
     counts = campaign.counts
     if not counts.completed:
         return None
-    return SamplingDesign.of_failures([campaign]).make_rate(counts.failures, counts.completed)
+    design = SamplingDesign.of_failures([campaign])
+    # Totals and counts may have been read a few results apart.
+    doubtful = min(unresolved, counts.completed - counts.failures)
+    return design.make_rate(counts.failures, counts.completed, counts.errored, doubtful)
 
 
-def find_cost(campaign: Campaign) -> Cost:
-    """Return the cost of a campaign's instances while it was running."""
+def find_cost(campaign: Campaign, failures: Rate | None = None) -> Cost:
+    """Return the cost of a campaign's instances while it was running.
+
+    Args:
+        campaign: as it stands.
+        failures: its failure rate; None where only the bill is needed.
+    """
     active_s = campaign.active_s
     hours = sum_instance_hours(campaign, active_s)
-    return price_failures(bill_usd(campaign, active_s), hours, find_failure_rate(campaign))
+    return price_failures(bill_usd(campaign, active_s), hours, failures)
 
 
 def divide(amount: float | None, per: float) -> float | None:

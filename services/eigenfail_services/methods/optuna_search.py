@@ -95,7 +95,9 @@ def score_single(result: EpisodeResult) -> tuple[float, ...]:
 def score_several(result: EpisodeResult) -> tuple[float, ...]:
     """Return the robustness of each requirement, in its unit, and the mean of z²."""
     found = result.requirements or (robustness_m(result),)
-    return (*(max(each, 0.0) for each in found), find_mean_square(result))
+    whole = robustness_m(result)
+    judged = (max(whole if each is None else each, 0.0) for each in found)
+    return (*judged, find_mean_square(result))
 
 
 def find_mean_square(result: EpisodeResult) -> float:

@@ -39,12 +39,14 @@ class Chains(NamedTuple):
         first_draw_of_chain: index of the independent first draw from which each chain descends,
             shape (chains,).
         acceptance: share of the moves that were accepted; 1 where none was made.
+        ran: share of the draws of p(z) that did not error; 1 of samples that were moved.
     """
 
     z: Array
     values: Array
     first_draw_of_chain: NDArray[np.intp]
     acceptance: float = 1.0
+    ran: float = 1.0
 
 
 Sampling = Generator[Batches, Array, Chains]
@@ -119,14 +121,15 @@ class ConditionalSampler:
 
     def draw_independent(self, samples: int, shape: NoiseShape) -> Sampling:
         """Draw samples of p(z), spread evenly: chains of length 1."""
-        z, values = np.empty((0, *shape)), np.empty(0)
+        z, values, requested = np.empty((0, *shape)), np.empty(0), 0
         while missing := samples - len(z):
             drawn = draw_sobol_normal(self._rng, missing, prod(shape)).reshape(missing, *shape)
             robustness = yield (drawn,)
             self._record(robustness)
+            requested += missing
             ran = ~np.isnan(robustness)
             z, values = np.concatenate([z, drawn[ran]]), np.concatenate([values, robustness[ran]])
-        return Chains(z[None], values[None], np.arange(samples))
+        return Chains(z[None], values[None], np.arange(samples), ran=samples / requested)
 
     def move_chains(
         self, above: Chains, threshold: float, starts: NDArray[np.intp], moves: int

@@ -8,14 +8,21 @@ from eigenfail.intervals import ERROR, find_interval, refuse_no_share
 from eigenfail.values import Interval, Rate
 
 
-def rate(k: int, n: int) -> Rate:
+def rate(k: int, n: int, errored: int = 0, unresolved: int = 0) -> Rate:
     """Return k of n, with the interval of a number of trials that was fixed beforehand.
+
+    Args:
+        k: number of events.
+        n: number of completed trials.
+        errored: number of trials besides the n that did not come to their end.
+        unresolved: number of trials among the n that ended before what may have become an event.
 
     Raises:
         InvalidValue: no trial, or not 0 <= k <= n.
     """
-    bounds = find_interval(k, n)
-    return Rate(k / n, k, n, bounds)
+    refuse_no_share(k, n)
+    bounds = find_interval(k, n + errored, errored + unresolved)
+    return Rate(k / n, k, n, bounds, errored=errored, unresolved=unresolved)
 
 
 def clopper_pearson(k: int, n: int) -> Interval:
@@ -97,6 +104,20 @@ def confidence_sequence(k: int, n: int) -> Interval:
         return _log_power(p, k) + _log_power(1.0 - p, n - k) > least
 
     return Interval(_find_end(is_inside, k / n, 0.0), _find_end(is_inside, k / n, 1.0))
+
+
+def bound_sequence(k: int, n: int, doubtful: int = 0) -> Interval:
+    """Return the confidence sequence of n trials, of which some may be events besides the k.
+
+    As in `find_interval`, the upper end counts the doubtful ones as events.
+
+    Raises:
+        InvalidValue: no trial, or not 0 <= k <= n.
+    """
+    found = confidence_sequence(k, n)
+    if not doubtful:
+        return found
+    return Interval(found.low, confidence_sequence(min(k + doubtful, n), n).high)
 
 
 def _find_end(is_inside: Callable[[float], bool], inside: float, outside: float) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.intervals import ERROR
-from eigenfail.values import Interval
+from eigenfail.values import Interval, Rate
 from eigenfail_services.statistics.intervals import clopper_pearson
 
 Array = NDArray[np.float64]
@@ -44,6 +44,14 @@ class StoppedTrials(NamedTuple):
     def trials(self) -> int:
         """Number of all trials."""
         return self.early + self.deciding + self.late
+
+    def allows_doubt(self, found: Rate) -> bool:
+        """Return whether the bounds hold although some trials may be events besides the known ones.
+
+        They do as long as the rule did not hold: the number of trials is then that of the budget.
+        Doubtful trials would have ended others before, so that no exact bounds are known of these.
+        """
+        return found.k < self.limit or not found.errored + found.unresolved
 
     def estimate(self, events: int) -> float | None:
         """Return the unbiased estimate of the probability of an event.

@@ -64,8 +64,13 @@ class SubsetEstimate(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def make_level(chains: Chains, threshold: float) -> SubsetLevel:
-    """Return the level at a threshold, and the share of the samples before that reaches it."""
-    return SubsetLevel(threshold, float((chains.values <= threshold).mean()), chains.acceptance)
+    """Return the level at a threshold, and the share of the samples before that reaches it.
+
+    Draws that errored count in the share of the first level, as none that reaches it: the product
+    of the shares is then the probability of a failure of noise that can be run.
+    """
+    share = float((chains.values <= threshold).mean()) * chains.ran
+    return SubsetLevel(threshold, share, chains.acceptance)
 
 
 def count_effective(weights: NDArray[np.number]) -> float:

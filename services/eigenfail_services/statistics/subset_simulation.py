@@ -294,7 +294,7 @@ class WideNoise:
         failures = z[robustness <= 0.0].reshape(-1, size)
         wide, prior = make_scaled_proposal(size, scale), make_prior_proposal(size)
         log_weights = prior.log_density(failures) - wide.log_density(failures)
-        shares = np.exp(log_weights) / max(self.trajectories_run, 1)
+        shares = np.exp(log_weights) / max(len(z), 1)
         rest = shares.sum() - shares.max(initial=0.0)
         self.estimate = WideEstimate(float(shares.sum()), float(rest))
 

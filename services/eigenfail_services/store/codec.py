@@ -156,11 +156,13 @@ def to_campaign(found: RowMapping) -> Campaign:
         tags=msgspec.UNSET if tags is None else _tags.decode(tags),
     )
     spent = [values.pop(name) for name in OVERHEAD]
+    counts = Counts(**{name: values.pop(column) for column, name in COUNTS.items()})
+    found_estimate = None if estimate is None else _estimates.decode(estimate)
     return Campaign(
         spec=spec,
         state=CampaignState(values.pop("state")),
-        counts=Counts(**{name: values.pop(column) for column, name in COUNTS.items()}),
-        estimate=None if estimate is None else _estimates.decode(estimate),
+        counts=counts,
+        estimate=found_estimate and found_estimate.bound_below(counts.errored),
         parts=() if parts is None else _parts.decode(parts),
         code=() if code is None else _codes.decode(code),
         overhead=None if None in spent else Overhead(*spent),
@@ -169,7 +171,7 @@ def to_campaign(found: RowMapping) -> Campaign:
 
 
 def to_row(
-    found: RowMapping, requirements: tuple[float, ...] = (), triage: Triage = UNTOUCHED
+    found: RowMapping, requirements: tuple[float | None, ...] = (), triage: Triage = UNTOUCHED
 ) -> EpisodeRow:
     """Return a line of a list of episodes from its row, its requirements and its triage."""
     values: dict[str, Any] = dict(found)
@@ -216,9 +218,9 @@ def to_noise_form(spec: str) -> NoiseForm:
     return find_noise_form(_specs.decode(spec))
 
 
-def names_requirements(spec: str | None) -> bool:
-    """Return whether a campaign names requirements; one that does not exist names none."""
-    return spec is not None and bool(_specs.decode(spec).named_requirements)
+def count_requirements(spec: str | None) -> int:
+    """Return how many requirements a campaign names; one that does not exist names none."""
+    return 0 if spec is None else len(_specs.decode(spec).named_requirements)
 
 
 def _state_width(found: RowMapping, channels: int) -> int:

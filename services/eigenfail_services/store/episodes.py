@@ -58,7 +58,7 @@ from eigenfail_services.store.campaign_rows import (
 )
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import (
-    names_requirements,
+    count_requirements,
     pack,
     to_blob,
     to_counted_z,
@@ -165,6 +165,7 @@ def _insert_results(connection: Connection, campaign: int, kept: Sequence[Kept])
         (campaign, one.result.index, number, value)
         for one in kept
         for number, value in enumerate(one.result.requirements, start=1)
+        if value is not None
     ]
     if judged:
         _insert_rows(connection, requirement_values, judged)
@@ -399,7 +400,7 @@ class EpisodeStore:
                 select(episode_index, trajectories.c.z)
                 .join(trajectories, _SAME_TRAJECTORY)
                 .where(episodes.c.campaign == campaign)
-                .where(is_failure if names_requirements(spec) else collided)
+                .where(is_failure if count_requirements(spec) else collided)
                 .order_by(episode_index)
                 .execution_options(yield_per=PORTION)
             )
@@ -532,17 +533,23 @@ def _rows(connection: Connection, campaign: int, indices: Sequence[int]) -> list
 
 def _read_requirements(
     connection: Connection, campaign: int, indices: Sequence[int]
-) -> defaultdict[int, list[float]]:
-    """Return the robustness of the requirements by the index of the episode, in their order."""
+) -> defaultdict[int, list[float | None]]:
+    """Return the robustness of the requirements by the index of the episode, in their order.
+
+    None of a requirement that was not judged. An episode without any has an empty list.
+    """
     value = requirement_values.c
     query = (
-        select(value["index"], value.robustness)
+        select(value["index"], value.requirement, value.robustness)
         .where(value.campaign == campaign, value["index"].in_(indices))
         .order_by(value["index"], value.requirement)
     )
-    judged: defaultdict[int, list[float]] = defaultdict(list)
-    for index, robustness in connection.execute(query):
-        judged[index].append(robustness)
+    chosen = select(campaigns.c.spec).where(campaigns.c.id == campaign)
+    named = count_requirements(connection.execute(chosen).scalar_one_or_none())
+    judged: defaultdict[int, list[float | None]] = defaultdict(list)
+    for index, requirement, robustness in connection.execute(query):
+        judged[index] = judged[index] or [None] * named
+        judged[index][requirement - 1] = robustness
     return judged
 
 

@@ -119,7 +119,9 @@ def _is_judged(result: EpisodeResult, campaign: Campaign) -> bool:
     if result.outcome is Outcome.ERRORED:
         return not result.requirements
     named = len(campaign.spec.named_requirements)
-    return len(result.requirements) == named and all(map(isfinite, result.requirements))
+    return len(result.requirements) == named and all(
+        value is None or isfinite(value) for value in result.requirements
+    )
 
 
 def _has_no_step(noise: NoiseTrajectory) -> bool:

@@ -17,6 +17,7 @@ from sqlalchemy import (
     ColumnElement,
     Connection,
     Double,
+    Integer,
     Select,
     String,
     and_,
@@ -42,7 +43,7 @@ from eigenfail_services.store.schema import (
     spec_field,
     spent_usd,
 )
-from eigenfail_services.store.totals import count_results, sum_campaigns
+from eigenfail_services.store.totals import count_doubtful, count_results, sum_campaigns
 
 Answer = TypeVar("Answer")
 
@@ -214,17 +215,20 @@ _STRUCTURED = ("planner_settings", "scenario_parameters", "disturbance", "requir
 
 
 def _select_pools() -> Select[*tuple[Any, ...]]:
+    ended = count_doubtful()
     rules = (spec_field("stop.failures"), spec_field("stop.half_width"))
     judges_failures = case((and_(*(rule.is_(None) for rule in rules)), 0), else_=1)
     facts = (
         select(
             *(spec_field(name).label(name) for name in (*_PEERS, "method")),
-            *(campaigns.c.id, campaigns.c.completed, campaigns.c.failures),
+            *(campaigns.c.id, campaigns.c.completed, campaigns.c.failures, campaigns.c.failed),
+            ended.c.doubtful,
             *(instance_hours.label("hours"), spent_usd.label("usd")),
             judges_failures.label("judges_failures"),
             spec_field("seed").label("seed"),
             _join_fields(_BESIDES).label("besides"),
         )
+        .outerjoin(ended, ended.c.campaign == campaigns.c.id)
         .order_by(campaigns.c.id)
         .subquery()
         .c
@@ -239,6 +243,8 @@ def _select_pools() -> Select[*tuple[Any, ...]]:
             func.count().label("campaigns"),
             func.sum(facts.completed).label("completed"),
             func.sum(facts.failures).label("failures"),
+            func.sum(facts.failed).label("errored"),
+            func.coalesce(func.sum(cast(facts.doubtful, Integer)), 0).label("unresolved"),
             func.max(facts.judges_failures).label("judges_failures"),
             func.sum(facts.hours).label("instance_hours"),
             func.sum(facts.usd).label("total_usd"),

@@ -3,6 +3,7 @@
 Sums of floats depend on their order, and reports must not: values are added in index order.
 """
 
+from collections import Counter
 from collections.abc import Sequence
 from contextlib import closing
 from math import ceil, fsum
@@ -18,6 +19,7 @@ from sqlalchemy import (
     Integer,
     Row,
     Select,
+    Subquery,
     and_,
     cast,
     func,
@@ -66,6 +68,20 @@ _Column = NDArray[np.float64]
 _FAILED = cast(is_failure, Integer)
 
 
+_MAY_COLLIDE = (
+    episodes.c.max_drac_mps2 > PEAK_BRAKING_MPS2,
+    # Without statistics SQLite would take the index of outcomes, and read every safe row.
+    func.coalesce(episodes.c.outcome, null()) == Outcome.SAFE,
+    episodes.c.collided_s.is_(None),
+)
+"""What holds of the episodes among which the unresolved ones are."""
+
+_IS_DOUBTFUL = or_(
+    episodes.c.final_drac_mps2 > PEAK_BRAKING_MPS2, episodes.c.final_drac_mps2.is_(None)
+)
+"""What holds, besides, of those that are unresolved or may be."""
+
+
 def _read_columns(connection: Connection, query: Select[*tuple[Any, ...]]) -> tuple[_Column, ...]:
     """Return the columns of a query's answer as arrays; NaN stands for a missing value."""
     parts = [np.empty((0, len(query.selected_columns)))]
@@ -80,7 +96,7 @@ def sum_blocks(connection: Connection, campaign: int, per: int) -> list[BlockTot
     """Return sums over blocks of `per` indices that have a completed episode, in index order."""
     query = (
         select(episode_index, _FAILED, episodes.c.robustness_m, episodes.c.log_probability)
-        .add_columns(episodes.c.steps)
+        .add_columns(episodes.c.steps, cast(and_(*_MAY_COLLIDE, _IS_DOUBTFUL), Integer))
         .where(episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED)
         .order_by(episodes.c.finished_ms, episode_index)
     )
@@ -91,10 +107,20 @@ def sum_blocks(connection: Connection, campaign: int, per: int) -> list[BlockTot
     if not len(blocks):
         return []
     parts = zip(*(np.split(column, begins[1:]) for column in measured), strict=True)
-    return [
-        _sum_block(int(place) * per, *part)
-        for place, part in zip(blocks.tolist(), parts, strict=True)
-    ]
+    errored = _count_errored(connection, campaign, per)
+    found = []
+    for place, (*summed, doubtful) in zip(blocks.astype(int).tolist(), parts, strict=True):
+        totals = _sum_block(place * per, *summed)
+        unresolved = int((doubtful == 1.0).sum())
+        found.append(replace(totals, errored=errored[place], unresolved=unresolved))
+    return found
+
+
+def _count_errored(connection: Connection, campaign: int, per: int) -> Counter[int]:
+    """Return the number of errored episodes of each block that has one."""
+    inside = (episodes.c.campaign == campaign, episodes.c.outcome == Outcome.ERRORED)
+    found = connection.execute(select(episode_index).where(*inside))
+    return Counter(row[0] // per for row in found)
 
 
 def _sum_block(
@@ -174,14 +200,18 @@ def sample_severities(connection: Connection, campaign: int, first: int) -> Seve
 
 def _count_violations(connection: Connection, campaign: int) -> tuple[RequirementTotals, ...]:
     """Count violations of each requirement that the campaign names; none where it names none."""
-    value = requirement_values.c.robustness
+    value, number = requirement_values.c.robustness, requirement_values.c.requirement
     query = (
-        select(func.count(), func.count().filter(value <= 0.0), func.min(value))
+        select(number, func.count(), func.count().filter(value <= 0.0), func.min(value))
         .where(requirement_values.c.campaign == campaign)
-        .group_by(requirement_values.c.requirement)
-        .order_by(requirement_values.c.requirement)
+        .group_by(number)
     )
-    return tuple(RequirementTotals(*found) for found in connection.execute(query))
+    found = {row[0]: RequirementTotals(*row[1:]) for row in connection.execute(query)}
+    # One that no episode was judged by has no row.
+    return tuple(found.get(each, NOT_JUDGED) for each in range(1, max(found, default=0) + 1))
+
+
+NOT_JUDGED = RequirementTotals(0, 0, None)
 
 
 def _is_completed(campaign: int) -> tuple[ColumnElement[bool], ...]:
@@ -382,11 +412,15 @@ def sum_campaigns(connection: Connection, chosen: Sequence[int]) -> dict[int, To
     ).group_by(failures.campaign)
     failed = {found.campaign: found for found in connection.execute(query)}
     near, ended = count_near_misses(connection, chosen), count_unresolved(connection, chosen)
+    allowed = _count_allowed(connection, chosen)
     faults = _find_frequent_faults(connection, chosen)
     return {
         campaign: replace(
             _to_totals(
-                failed.get(campaign), near.get(campaign, 0), ended.get(campaign, _NONE_ENDED)
+                failed.get(campaign),
+                near.get(campaign, 0),
+                ended.get(campaign, _NONE_ENDED),
+                allowed.get(campaign, 0),
             ),
             fault=faults.get(campaign),
         )
@@ -394,9 +428,14 @@ def sum_campaigns(connection: Connection, chosen: Sequence[int]) -> dict[int, To
     }
 
 
-def _to_totals(found: Row[*tuple[object, ...]] | None, near: int, ended: _Ended) -> Totals:
+def _to_totals(
+    found: Row[*tuple[object, ...]] | None, near: int, ended: _Ended, allowed: int
+) -> Totals:
     safe = ConflictTotals(
-        near_misses=near, unresolved=ended.unresolved, perhaps_unresolved=ended.perhaps
+        near_misses=near,
+        unresolved=ended.unresolved,
+        perhaps_unresolved=ended.perhaps,
+        allowed=allowed,
     )
     if found is None:
         return Totals(0, 0.0, 0, None, safe)
@@ -419,6 +458,27 @@ def _to_totals(found: Row[*tuple[object, ...]] | None, near: int, ended: _Ended)
     )
 
 
+def _count_allowed(connection: Connection, chosen: Sequence[int]) -> dict[int, int]:
+    """Count the collisions that no requirement forbids, by campaign that names requirements."""
+    query = (
+        select(episodes.c.campaign, func.count())
+        .where(
+            episodes.c.campaign.in_(_select_naming(chosen)),
+            episodes.c.outcome == Outcome.SAFE,
+            episodes.c.collided_s.is_not(None),
+        )
+        .group_by(episodes.c.campaign)
+    )
+    return {row[0]: row[1] for row in connection.execute(query)}
+
+
+def _select_naming(chosen: Sequence[int]) -> Select[tuple[int]]:
+    """Select those of some campaigns that name requirements."""
+    return select(campaigns.c.id).where(
+        campaigns.c.id.in_(chosen), spec_field("requirements").is_not(None)
+    )
+
+
 def count_near_misses(connection: Connection, chosen: Sequence[int]) -> dict[int, int]:
     """Count near misses by campaign; an index holds just these.
 
@@ -434,9 +494,7 @@ def count_near_misses(connection: Connection, chosen: Sequence[int]) -> dict[int
     found = {row[0]: row[1] for row in connection.execute(of_chosen)}
     if not found:
         return {}
-    naming = select(campaigns.c.id).where(
-        campaigns.c.id.in_(list(found)), spec_field("requirements").is_not(None)
-    )
+    naming = _select_naming(list(found))
     collided = near.where(episodes.c.campaign.in_(naming), episodes.c.collided_s.is_not(None))
     allowed = {row[0]: row[1] for row in connection.execute(collided)}
     return {campaign: count - allowed.get(campaign, 0) for campaign, count in found.items()}
@@ -454,16 +512,20 @@ def count_unresolved(connection: Connection, chosen: Sequence[int]) -> dict[int,
             func.count().filter(last > PEAK_BRAKING_MPS2),
             func.count().filter(last.is_(None)),
         )
-        .where(
-            episodes.c.campaign.in_(chosen),
-            episodes.c.max_drac_mps2 > PEAK_BRAKING_MPS2,
-            # Without statistics SQLite would take the index of outcomes, and read every safe row.
-            func.coalesce(episodes.c.outcome, null()) == Outcome.SAFE,
-            episodes.c.collided_s.is_(None),
-        )
+        .where(episodes.c.campaign.in_(chosen), *_MAY_COLLIDE)
         .group_by(episodes.c.campaign)
     )
     return {row[0]: _Ended(row[1], row[2]) for row in connection.execute(query)}
+
+
+def count_doubtful() -> Subquery:
+    """Return the query that counts the episodes that are unresolved, or may be, by campaign."""
+    return (
+        select(episodes.c.campaign, func.count().label("doubtful"))
+        .where(*_MAY_COLLIDE, _IS_DOUBTFUL)
+        .group_by(episodes.c.campaign)
+        .subquery()
+    )
 
 
 def _find_frequent_faults(

@@ -399,8 +399,8 @@ def test_moments_of_an_episode_are_the_beginnings_of_what_went_wrong():
 def test_errored_episodes_are_told_with_their_most_frequent_reason():
     some = Errored(count=3, kind="planner", reason="It divided by zero.", times=2, first=7)
     assert some.words(Counts(planned=10, completed=7, errored=3)) == (
-        "3 of 10 episodes errored and are not counted in the rate. Most frequent reason (planner, "
-        "2 times): It divided by zero."
+        "3 of 10 episodes errored: the rate leaves them out, and an upper bound counts them as "
+        "failures. Most frequent reason (planner, 2 times): It divided by zero."
     )
     only = Errored(count=1, kind="", reason="", times=0)
     assert only.words(Counts(planned=1, errored=1)) == (

@@ -15,8 +15,8 @@ from eigenfail.values.temporal_logic import (
     parse_formula,
 )
 
-Values = list[float]
-Trace = dict[str, Values]
+Values = list[float | None]
+Trace = dict[str, list[float]]
 Formula = tuple[str, Callable[[Trace], Values]]
 """A text, and its robustness at each step by the definition."""
 
@@ -25,9 +25,31 @@ FORMULAS = 10_000
 KNOWN = ("a", "b", "error.c")
 
 
-def window(first: int, last: int, values: Sequence[float], empty: float) -> list[float]:
-    """Return the values at some steps that there are, or `empty` where there are none."""
-    return [values[k] for k in range(max(first, 0), min(last, len(values) - 1) + 1)] or [empty]
+def window(first: int, last: int, values: Sequence[float | None]) -> list[float]:
+    """Return the judged values at some steps that there are."""
+    steps = range(max(first, 0), min(last, len(values) - 1) + 1)
+    return [value for k in steps if (value := values[k]) is not None]
+
+
+def join(one: float | None, other: float | None) -> float | None:
+    """Return `and` of Kleene's logic: not judged, unless a part decides."""
+    known = [each for each in (one, other) if each is not None]
+    if len(known) == 2 or (known and known[0] <= 0.0):
+        return min(known)
+    return None
+
+
+def choose(one: float | None, other: float | None) -> float | None:
+    """Return `or` of Kleene's logic."""
+    known = [each for each in (one, other) if each is not None]
+    if len(known) == 2 or (known and known[0] > 0.0):
+        return max(known)
+    return None
+
+
+def negate(one: float | None) -> float | None:
+    """Return `not`."""
+    return None if one is None else -one
 
 
 def compare(generator: random.Random) -> Formula:
@@ -59,7 +81,7 @@ def nest(generator: random.Random, depth: int) -> Formula:
     kind = generator.choice(("not", "and", "or", "implies", "ahead", "back", "until", "since"))
     text, values = nest(generator, depth - 1)
     if kind == "not":
-        return f"not({text})", lambda trace: [-value for value in values(trace)]
+        return f"not({text})", lambda trace: [negate(value) for value in values(trace)]
     first = generator.randrange(3)
     last = first + generator.randrange(3)
     bounded = generator.random() < 0.7
@@ -68,45 +90,76 @@ def nest(generator: random.Random, depth: int) -> Formula:
     if kind in ("ahead", "back"):
         sign = 1 if kind == "ahead" else -1
         words = (("always", "eventually"), ("historically", "once"))[kind == "back"]
-        word, pick, empty = generator.choice(((words[0], min, inf), (words[1], max, -inf)))
+        word, pick = generator.choice(((words[0], min), (words[1], max)))
         return f"{word}{bounds}({text})", lambda trace: [
-            pick(window(*sorted((k + sign * low, k + sign * high)), values(trace), empty))
+            pick(window(*sorted((k + sign * low, k + sign * high)), values(trace)), default=None)
             for k in range(len(trace["a"]))
         ]
     other_text, other = nest(generator, depth - 1)
     if kind in ("and", "or", "implies"):
         return f"({text} {kind} {other_text})", lambda trace: [
-            {"and": min(one, two), "or": max(one, two), "implies": max(-one, two)}[kind]
+            {"and": join(one, two), "or": choose(one, two), "implies": choose(negate(one), two)}[
+                kind
+            ]
             for one, two in zip(values(trace), other(trace), strict=True)
         ]
     step = 1 if kind == "until" else -1
 
     def hold(trace: Trace) -> Values:
         left, right, steps = values(trace), other(trace), len(trace["a"])
-        return [
-            max(
-                [
-                    min([right[k + step * ahead], *[left[k + step * n] for n in range(ahead)]])
-                    for ahead in range(low, min(high, steps) + 1)
-                    if 0 <= k + step * ahead < steps
-                ],
-                default=-inf,
-            )
-            for k in range(steps)
-        ]
+        found: Values = []
+        for k in range(steps):
+            reached = []
+            for ahead in range(low, min(high, steps) + 1):
+                if not 0 <= k + step * ahead < steps:
+                    continue
+                before = [left[k + step * n] for n in range(ahead)]
+                held = min([each for each in before if each is not None], default=inf)
+                reached.append(join(right[k + step * ahead], held))
+            found.append(max([each for each in reached if each is not None], default=None))
+        return found
 
     return f"(({text}) {kind}{bounds} ({other_text}))", hold
 
 
 def test_it_is_the_robustness_of_the_definition() -> None:
-    generator = random.Random(11)
+    generator, unjudged = random.Random(11), 0
     for _ in range(FORMULAS):
         text, values = nest(generator, generator.randrange(4))
         steps = generator.randrange(1, 12)
         trace = {name: [generator.uniform(-3, 3) for _ in range(steps)] for name in KNOWN}
         signals = {name: np.array(each) for name, each in trace.items()}
         found = evaluate_formula(text, DT_S, signals)
-        assert found == pytest.approx(values(trace)[0], abs=1e-9), (text, trace)
+        expected = values(trace)[0]
+        unjudged += expected is None
+        if expected is None:
+            assert found is None, (text, trace)
+        else:
+            assert found == pytest.approx(expected, abs=1e-9), (text, trace)
+    assert unjudged > FORMULAS // 50
+
+
+@pytest.mark.parametrize(
+    ("formula", "a", "expected"),
+    [
+        ("eventually[9.5:10](a < 100)", [1.0, 2.0], None),
+        ("always[9.5:10](a < 100)", [1.0, 2.0], None),
+        ("not eventually[9.5:10](a < 100)", [1.0, 2.0], None),
+        ("always[0.5:1](a < 100)", [1.0, 2.0], 98.0),
+        # Only the promises whose time has come are judged.
+        ("always(a < 3 implies eventually[0.5:1](a > 3))", [9.0, 9.0, 2.0], 6.0),
+        ("always(a < 3 implies eventually[0.5:1](a > 3))", [2.0, 2.5, 1.0], -0.5),
+        ("a > 0 and eventually[9:10](a > 0)", [-1.0], -1.0),
+        ("a > 0 and eventually[9:10](a > 0)", [1.0], None),
+        ("a > 0 or eventually[9:10](a > 0)", [1.0], 1.0),
+        ("a > 0 or eventually[9:10](a > 0)", [-1.0], None),
+        ("once[1:2](a > 0)", [1.0, 2.0], None),
+        ("(a > 0) until[5:6] (a > 1)", [1.0, 2.0], None),
+        ("(a > 0) since[1:2] (a > 1)", [1.0, 2.0], None),
+    ],
+)
+def test_window_without_steps_is_not_judged(formula, a, expected) -> None:
+    assert evaluate_formula(formula, DT_S, {"a": np.array(a)}) == expected
 
 
 def test_a_formula_is_evaluated_anew_for_each_course() -> None:

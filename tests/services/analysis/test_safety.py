@@ -171,3 +171,10 @@ def test_a_terminal_shows_nothing_of_a_function_that_was_not_measured() -> None:
     assert heading == "Safety measures of campaign 7, f (monte_carlo): 300 episodes"
     assert [row[0] for row in table.rows] == ["Failure"]
     assert notes == [found.severity.problem, *found.notes]
+
+
+def test_row_of_collisions_counts_those_that_no_requirement_forbids() -> None:
+    allowing = replace(PAPER, unavoidable=0, planner_failures=0, unclassified=0, allowed=10)
+    found = make_safety(campaign("monte_carlo"), totals([], failures=0), allowing, Unresolved())
+    assert found.collisions == rate(10, 300)
+    assert any(note.startswith("10 of the collisions are no failures") for note in found.notes)

@@ -129,7 +129,7 @@ def test_campaigns_together_and_other_events_have_a_confidence_sequence() -> Non
     other = make_campaign(Counts(65, completed=65, failures=2), StopRules())
     for design in (SamplingDesign.of_failures([one, other]), SamplingDesign.of([one.spec])):
         assert design.make_rate(4, 130).design is RateDesign.SEQUENCE
-        assert design.find_bounds(4, 130) == confidence_sequence(4, 130)
+        assert design.find_bounds(design.make_rate(4, 130)) == confidence_sequence(4, 130)
     assert SamplingDesign.of([other.spec]).make_rate(4, 130) == rate(4, 130)
 
 

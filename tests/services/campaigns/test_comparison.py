@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from store_checks.examples import deliver, name_channels
 
 from eigenfail.errors import InvalidValue, NotFound
-from eigenfail.intervals import difference, paired_difference
+from eigenfail.intervals import difference, find_interval, paired_difference
 from eigenfail.testing.examples import make_errored_result, result
 from eigenfail.values import (
     CampaignSpec,
@@ -358,7 +358,16 @@ def test_errored_episodes_are_told_beside_the_rates(store: Store) -> None:
     )
     store.campaigns.move(made.id, CampaignState.DONE)
     (warned,) = compare(store, [campaign(store, range(5))], [made.id]).warnings
-    assert warned == "10 of 12 episodes of B errored and are not counted in its rate."
+    assert warned == (
+        "10 of 12 episodes of B errored: its rate leaves them out, and an upper bound counts them "
+        "as failures."
+    )
+    found = compare(store, [campaign(store, range(5))], [made.id])
+    assert found.b.failure_rate is not None
+    assert found.b.failure_rate.interval == find_interval(0, 12, 10)
+    assert found.difference is not None
+    assert not found.difference.is_paired
+    assert found.difference.interval.high > 0.0
 
 
 def test_a_side_whose_every_episode_errored_has_nothing_to_compare(store: Store) -> None:

@@ -88,9 +88,9 @@ def test_bounds_are_two_sided_where_a_rule_ended_it_with_failures_alone():
     counts = Counts(planned=1_000, completed=100, failures=100)
     stopped = replace(campaign, counts=counts, stopped_because="Stopped (rule: failures = 4).")
     (known, _) = find_probability([stopped])
-    one_sided = find_failure_rate(stopped)
+    one_sided = find_failure_rate(stopped, 0)
     assert one_sided.design is RateDesign.FAILURES
-    assert known.low == SamplingDesign.of_failures([stopped]).find_bounds(100, 100).low
+    assert known.low == SamplingDesign.of_failures([stopped]).find_bounds(one_sided).low
     assert known.low < one_sided.interval.low
     assert known.high == 1.0
 

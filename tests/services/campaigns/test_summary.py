@@ -4,6 +4,7 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
+from eigenfail.presentation.tables import format_cell
 from eigenfail.values import (
     Campaign,
     CampaignSpec,
@@ -11,6 +12,7 @@ from eigenfail.values import (
     Conflicts,
     Counts,
     Estimate,
+    Interval,
     MeanTime,
     Rate,
     RateDesign,
@@ -50,12 +52,12 @@ def test_a_campaign_with_failures() -> None:
     counts = Counts(planned=100, completed=80, failures=4, errored=2)
     row = summarise(campaign(counts, active_s=40.0), Totals(4, -600.0, 240, 500.0, COLLIDED))
     assert (row.campaign, row.name, row.method, row.counts) == (7, "truck", "monte_carlo", counts)
-    assert row.failure_rate == rate(4, 80)
+    assert row.failure_rate == rate(4, 80, errored=2)
     assert row.mean_log_probability == -150.0
     assert row.log_probability_per_step == -2.5
     assert row.mean_severity == 125.0
     assert row.episodes_per_s == 2.0
-    assert row.cost == price_failures(1.8 * HOURS, HOURS, rate(4, 80))
+    assert row.cost == price_failures(1.8 * HOURS, HOURS, rate(4, 80, errored=2))
     assert row.cost.total_usd == pytest.approx(0.04)
 
 
@@ -152,14 +154,36 @@ def test_lead_times_of_nothing_are_unknown() -> None:
 def test_what_ended_too_early_to_tell_stands_beside_the_rate() -> None:
     found = ConflictTotals(unresolved=5, perhaps_unresolved=2)
     row = summarise(campaign(Counts(300, completed=300)), Totals(0, 0.0, 0, None, found))
-    assert row.failure_rate == rate(0, 300)
+    assert row.failure_rate == rate(0, 300, unresolved=7)
     assert row.unresolved == Unresolved(5, 2, 10.0)
     assert row.remark == (
         "5 of 300 had no collision within 10 s, but ended while braking could not avoid one any "
         "more. 2 of 300 without a collision within 10 s may have ended like that: their "
-        "older release did not record it."
+        "older release did not record it. Upper bounds count such episodes as failures."
     )
     assert summarise(campaign(Counts(300, completed=300)), NOTHING).remark == ""
+
+
+def test_errored_episodes_count_as_failures_in_the_upper_bound() -> None:
+    """54 of 200 episodes errored: were they failures, P might be 32.6 %, not 2 %."""
+    row = summarise(campaign(Counts(200, completed=146, errored=54), active_s=40.0), NOTHING)
+    found = row.failure_rate
+    assert found is not None
+    assert (found.k, found.n, found.trials) == (0, 146, 200)
+    assert found.interval.high == pytest.approx(0.3265, abs=1e-4)
+    assert format_cell(found).value == "≤ 32.7 %"
+    assert format_cell(found).sample == "0 of 146, 54 errored"
+    assert row.cost.at_least_usd == pytest.approx(0.04 / (200 * found.interval.high))
+
+
+def test_an_estimate_with_errored_episodes_is_a_lower_bound() -> None:
+    stated = Estimate(
+        by="splitting", episodes=90, probability=1e-3, cv=0.2, interval=Interval(5e-4, 2e-3)
+    )
+    found = stated.bound_below(3)
+    assert (found.bound, found.interval, found.probability) == ("lower", None, 1e-3)
+    assert found.note.startswith("3 episodes errored and may hide failures")
+    assert stated.bound_below(0) == stated
 
 
 def ended(counts: Counts, **spec: object) -> Campaign:

@@ -226,6 +226,8 @@ WRONG = {
     "leaves": (of_trajectory(leaves), "raised SystemExit: 3"),
     "is not a number": (of_trajectory(lambda _: float("nan")), "returned nan"),
     "is infinite": (of_trajectory(lambda _: float("inf")), "returned inf"),
+    "is beyond float32": (of_trajectory(lambda _: 1e300), r"returned 1e\+300"),
+    "is beyond float32 below": (of_trajectory(lambda _: -4e38), r"returned -4e\+38"),
     "is nothing": (of_trajectory(lambda _: None), r"shape \(\) and type object"),
     "is a truth value": (of_trajectory(lambda _: True), "type bool"),
     "is complex": (of_trajectory(lambda _: 1j), "type complex128"),

@@ -1,7 +1,7 @@
 """The record of one episode: disturbances, observations and measures."""
 
 from collections.abc import Iterable, Sequence
-from math import inf, isfinite, nan
+from math import inf, nan
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from eigenfail.values import (
     Scene,
     VehicleState,
 )
+from eigenfail.values.arrays import LARGEST_FLOAT32, RANGE, fits_float32
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
 from eigenfail.values.requirements import (
     EpisodeJudge,
@@ -334,9 +335,19 @@ class Recorder:
         return self._judge.judge(DrivenCourse(dt_s, signals, measures))
 
     def importance(self) -> Floats | None:
-        """Return the importance after each step, shape (steps,); None where it is not recorded."""
-        recorded = np.array(self._importances, np.float32)
-        return None if self._importance is None else recorded
+        """Return the importance after each step, shape (steps,); None where it is not recorded.
+
+        Raises:
+            SimulatorError: a value is beyond what is stored.
+        """
+        if self._importance is None:
+            return None
+        recorded = np.array(self._importances, np.float64)
+        beyond = np.flatnonzero(~(np.abs(recorded) <= LARGEST_FLOAT32))
+        if len(beyond):
+            problem = f"The importance after step {beyond[0]} is {recorded[beyond[0]]}."
+            raise SimulatorError(problem, f"It must be a number {RANGE}: look at the scene.")
+        return recorded.astype(np.float32)
 
     def scene(self, dt_s: float) -> Scene:
         """Return the course of the episode."""
@@ -355,12 +366,15 @@ class Recorder:
 def _check(observation: Observation) -> None:
     for vehicle in (observation.ego, *observation.others):
         numbers: Any = vehicle  # of whatever type they are
-        total = numbers.x_m + numbers.y_m + numbers.heading_rad + numbers.speed_mps
+        total = (
+            abs(numbers.x_m) + abs(numbers.y_m) + abs(numbers.heading_rad) + abs(numbers.speed_mps)
+        )
+        largest = max(total, abs(numbers.length_m), abs(numbers.width_m))
         # numpy's float32 would be summed in single precision by the interpreter alone.
-        if not (isinstance(total, (float, int)) and isfinite(total)):
+        if not (isinstance(total, (float, int)) and fits_float32(largest)):
             raise SimulatorError(
                 f"After step {observation.step} the simulator shows {vehicle}.",
-                "Every position, heading and speed must be a finite float.",
+                f"Every position, heading, speed and size must be a finite float {RANGE}.",
             )
 
 
