@@ -19,7 +19,8 @@ RANGE = f"from {-LARGEST_FLOAT32:.3g} to {LARGEST_FLOAT32:.3g}"
 
 def fits_float32(value: float | Real) -> bool:
     """Return whether a number stays finite as float32; false of NaN too."""
-    return bool(abs(value) <= LARGEST_FLOAT32)
+    size: Any = abs(value)  # `Real` has no comparison with float among its types
+    return bool(size <= LARGEST_FLOAT32)
 
 
 MAX_ELEMENTS = 50_000_000
