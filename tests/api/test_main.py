@@ -131,8 +131,8 @@ from eigenfail_api import __main__ as program
 
 say = program.announce
 
-def announce(listener):
-    say(listener)
+def announce(*where):
+    say(*where)
     thing = lambda: None
     reference = weakref.ref(thing, lambda _: (os.kill(os.getpid(), signal.SIGTERM), time.sleep(0)))
     del thing
