@@ -134,10 +134,11 @@ def test_promise_for_after_the_end_of_an_episode_is_not_judged() -> None:
     """A collision ends the episode before the window of the promise: nothing was broken."""
     promise = Formula(formula="eventually[9.5:10] (speed_mps < 100)")
     found = drive("cut_in", TASKS, requirements=(promise,))
-    ends_s = [each.measures.collided_s for each in found]
-    cut = [
-        each for each, end_s in zip(found, ends_s, strict=True) if end_s is not None and end_s < 9.45
-    ]
+    cut = []
+    for each in found:
+        end_s = each.measures.collided_s
+        if end_s is not None and end_s < 9.45:
+            cut.append(each)
     assert cut
     for each in cut:
         assert each.outcome is Outcome.SAFE

@@ -102,6 +102,7 @@ def describe_coverage(scatter: Scatter) -> str:
 
 PARTS = {
     "Simulation": ("simulation_s", "simulating on a worker"),
+    "Start-up": ("startup_s", "learner starting or proposing, no episode on a worker"),
     "Learning": ("learning_s", "learner busy, no episode on a worker"),
     "Waiting": ("waiting_s", "for workers or for the database"),
     "Lost": ("lost_s", "discarded results"),

@@ -35,6 +35,7 @@ from eigenfail.evidence.records import (
     list_campaigns,
     read_episodes,
 )
+from eigenfail.risk.pooling import pick_named
 from eigenfail.risk.question import (
     CampaignReference,
     Driving,
@@ -142,18 +143,16 @@ _COLLECTORS: Mapping[type, Callable[..., SolutionInput]] = {
 
 
 def find_campaign(client: Client, reference: CampaignReference) -> Campaign:
-    """Return the campaign of an id, or the newest one of a name.
+    """Return the campaign of an id, or the only one of a name.
 
     Raises:
         NotFound: there is none.
+        InvalidValue: several have the name.
     """
     if isinstance(reference, int):
         return client.campaigns.get(reference)
-    for campaign in client.campaigns.list(search=reference):
-        if campaign.spec.name == reference:
-            return campaign
-    problem = f"There is no campaign '{reference}'."
-    raise NotFound(problem, "List campaigns with `eigenfail campaign list`.")
+    found = client.campaigns.list(search=reference)
+    return pick_named(reference, [each for each in found if each.spec.name == reference])
 
 
 def _collect_campaign(client: Client, campaign: int) -> CampaignRecord:

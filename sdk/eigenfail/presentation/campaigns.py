@@ -63,7 +63,7 @@ RESULTS = (
     *count_columns("Episodes", "Failures"),
     *(RATE, LIKELIHOOD, SEVERITY, TableColumn("Episodes/s"), COST),
 )
-PARTS_OF_TIME = ("simulation_s", "learning_s", "waiting_s", "lost_s")
+PARTS_OF_TIME = ("simulation_s", "startup_s", "learning_s", "waiting_s", "lost_s")
 SEARCHES = (
     '"Of its search" is a share of the episodes that the method chose, no failure rate under p(x); '
     "the cost per failure rests on the same episodes."

@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
-from eigenfail.presentation.figures import UNKNOWN
+from eigenfail.presentation.figures import UNKNOWN, count_noun
 from eigenfail.presentation.tables import Block, Cell, Table, count_columns, name_columns
 from eigenfail.values.release import (
     ModeSighting,
@@ -67,7 +67,8 @@ class NewestComparison(NamedTuple):
         version: the newest version.
         before: newest version before it whose failure modes are compared; empty without one.
         modes: failure modes of either version, by what became of them in the newest one.
-        words: how many there are of each, or why nothing is compared, in a sentence.
+        words: earlier versions that are left out, with the reason, and how many modes there are of
+            each status, or why nothing is compared, in sentences.
     """
 
     version: str
@@ -79,19 +80,17 @@ class NewestComparison(NamedTuple):
 def compare_newest(table: ReleaseTable) -> NewestComparison:
     """Return what became of failure modes in the newest version.
 
-    A mode that neither of the two versions has is left out. Versions between the two that cannot be
-    compared are named: they may have failures, which would change what "against" means.
+    A mode that neither of the two versions has is left out.
     """
     *earlier, newest = table.releases
     compared = [place for place, each in enumerate(earlier) if not each.problem]
     version = newest.version
     if newest.problem:
         return NewestComparison(version, "", {}, f"{version} is not compared. {newest.problem}")
-    skipped = tuple(earlier[compared[-1] + 1 :] if compared else earlier)
-    passed_over = "".join(f" {_describe_skipped(each)}" for each in skipped)
     if not compared:
-        words = f"{version} is not compared: no version before it can be.{passed_over}"
-        return NewestComparison(version, "", {}, words)
+        words = f"{version} is not compared: no version before it can be."
+        reasons = [_describe_left_out(each) for each in earlier]
+        return NewestComparison(version, "", {}, " ".join([*reasons, words]))
     before = earlier[compared[-1]].version
     found: dict[ModeStatus, list[ReleaseMode]] = {each: [] for each in CHANGES}
     for mode in table.modes:
@@ -101,14 +100,15 @@ def compare_newest(table: ReleaseTable) -> NewestComparison:
     modes = {status: tuple(each) for status, each in found.items() if each}
     counts = ", ".join(f"{len(each)} {CHANGES[status]}" for status, each in modes.items())
     words = f"{version} against {before}: {counts or 'no failure mode in either version'}."
-    return NewestComparison(version, before, modes, words + passed_over)
+    left_out = [_describe_left_out(each) for each in earlier if each.problem]
+    return NewestComparison(version, before, modes, " ".join([*left_out, words]))
 
 
-def _describe_skipped(release: Release) -> str:
-    """Return a version that is not compared with its failures, and why, in sentences."""
-    failures = f"{release.failures:,} failure{'s' * (release.failures != 1)}"
-    counts = f"{failures} in {release.episodes:,} episodes"
-    return f"Version {release.version} is skipped ({counts}). {release.problem}"
+def _describe_left_out(release: Release) -> str:
+    """Return what is known of a version that is not compared, and why, in sentences."""
+    failures = count_noun(release.failures, "failure")
+    episodes = count_noun(release.episodes, "episode")
+    return f"{release.version}, with {failures} in {episodes}, is not compared. {release.problem}"
 
 
 def _tabulate_versions(releases: Iterable[Release]) -> Table:

@@ -41,7 +41,8 @@ def label_spread(spread: SeedSpread, is_only: bool) -> str:
         spread: the campaigns.
         is_only: whether there is no other group, from which its settings would distinguish it.
     """
-    words = f"mean over {count_noun(len(spread.seeds), 'seed')}"
+    kind = "mean over" if spread.pooled is None else "rate of all episodes, means over"
+    words = f"{kind} {count_noun(len(spread.seeds), 'seed')}"
     return words if is_only else f"{spread.name}: {words}"
 
 
@@ -49,7 +50,8 @@ def list_spread(spread: SeedSpread) -> tuple[Cell, ...]:
     """Return the cells of means over seeds in the columns of a campaign's results."""
     return (
         *(spread.completed, spread.failures),
-        _format_mean(spread.share, format_share, _format_share_interval),
+        # The mean over seeds of a random sample has a wider interval, or none where all are equal.
+        spread.pooled or _format_mean(spread.share, format_share, _format_share_interval),
         _format_mean(spread.log_probability_per_step, format_number, format_interval),
         _format_mean(spread.mean_severity, format_number, format_interval),
         *(None, spread.cost),
@@ -78,8 +80,16 @@ def tabulate_spreads(spreads: Sequence[SeedSpread]) -> Table:
         for spread in spreads
         for sentence in list_remarks(spread)
     )
-    shared = list_notes(spread.notes for spread in spreads)
+    shared = list_notes(
+        spread.notes if is_only or spread.pooled is None else _name_group(spread)
+        for spread in spreads
+    )
     return Table(OVER_SEEDS, columns, rows, (*remarks, *shared))
+
+
+def _name_group(spread: SeedSpread) -> tuple[str, ...]:
+    """Return the notes of a group with its name: they hold its pooled rate."""
+    return tuple(f"{spread.name}: {note}" for note in spread.notes)
 
 
 def _list_rows(spread: SeedSpread) -> Iterator[tuple[Cell, ...]]:

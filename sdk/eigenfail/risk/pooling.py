@@ -5,7 +5,7 @@ from itertools import pairwise
 
 from msgspec.structs import replace
 
-from eigenfail.errors import InvalidValue
+from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.values import Campaign, CampaignSpec
 
 _OF_NO_EPISODE = (
@@ -57,6 +57,32 @@ def _list_differences(one: CampaignSpec, other: CampaignSpec) -> list[str]:
     """Return the names of the fields in which two campaigns differ."""
     fields = CampaignSpec.__struct_fields__
     return [name for name in fields if getattr(one, name) != getattr(other, name)]
+
+
+NAMED_IDS = 20
+"""Ids of campaigns that an error lists at most."""
+
+
+def pick_named(name: str, campaigns: Sequence[Campaign]) -> Campaign:
+    """Return the only campaign of a name: a later one must not take its place unseen.
+
+    Args:
+        name: the name.
+        campaigns: all campaigns of that name, newest first.
+
+    Raises:
+        NotFound: there is none.
+        InvalidValue: there are several.
+    """
+    if not campaigns:
+        problem = f"There is no campaign '{name}'."
+        raise NotFound(problem, "List campaigns with `eigenfail campaign list`.")
+    if len(campaigns) == 1:
+        return campaigns[0]
+    ids = ", ".join(f"{each.id} ({each.state_word})" for each in campaigns[:NAMED_IDS])
+    more = f" and {len(campaigns) - NAMED_IDS} older ones" if len(campaigns) > NAMED_IDS else ""
+    problem = f"'{name}' is the name of campaigns {ids}{more}."
+    raise InvalidValue("campaigns", problem, "Name the campaign by its id.")
 
 
 def find_planner(groups: Sequence[Sequence[Campaign]], prefix: str = "") -> str:

@@ -25,7 +25,7 @@ NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e12)]
 Count = Annotated[int, msgspec.Meta(ge=0, le=10**12)]
 RiskName = Annotated[str, msgspec.Meta(min_length=1, max_length=200)]
 CampaignReference = Ordinal | RiskName
-"""Id of a campaign, or its name, which stands for the newest campaign of that name."""
+"""Id of a campaign, or its name if no other campaign has it."""
 
 
 class RiskTarget(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):

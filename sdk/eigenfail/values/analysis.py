@@ -570,11 +570,18 @@ class AnalysisResult(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq=
         if not self.above_noise:
             return f"No distinct modes: clusters cannot be distinguished from noise ({against})."
         if self.stability is None:
-            return f"{len(self.modes)} distinct modes ({against})."
+            return f"{self._count_distinct()} ({against})."
         again = f"under the bootstrap the adjusted Rand index is {self.stability.median:.2f}"
         if not self.stable:
             return f"No distinct modes: {again}, below {STABLE} ({against})."
-        return f"{len(self.modes)} distinct modes ({against}; {again})."
+        return f"{self._count_distinct()} ({against}; {again})."
+
+    def _count_distinct(self) -> str:
+        """Return the number of distinct modes, and of those with too few failures to show one."""
+        few = sum(mode.failures < FEWEST_OF_MODE for mode in self.modes)
+        shown = len(self.modes) - few
+        words = "1 distinct mode" if shown == 1 else f"{shown} distinct modes"
+        return f"{words}, {few} more with too few failures" if few else words
 
 
 class Analysis(Brief, Shown, Tabular, Plottable, msgspec.Struct, frozen=True, eq=False):

@@ -2,7 +2,7 @@
 
 import msgspec
 
-from eigenfail.values.estimates import Cost, Interval
+from eigenfail.values.estimates import Cost, Interval, Rate
 from eigenfail.values.showing import Brief, Shown, Tabular
 
 
@@ -79,6 +79,8 @@ class SeedSpread(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=Tru
         cost: total price ÷ all failures, with its interval across seeds. Where that is open above,
             there is only the lower bound; likewise where no seed has a failure.
         notes: limitations of these figures, as sentences.
+        pooled: failure rate of all episodes together, if all of them were drawn from p(x): their
+            mean over seeds has a wider interval, or none; None of a search.
     """
 
     name: str
@@ -94,3 +96,4 @@ class SeedSpread(Brief, Shown, Tabular, msgspec.Struct, frozen=True, kw_only=Tru
     first: FirstFailures
     cost: Cost
     notes: tuple[str, ...] = ()
+    pooled: Rate | None = None

@@ -313,14 +313,17 @@ class CostPoint(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class TimeSplit(msgspec.Struct, frozen=True, kw_only=True):
-    """Breakdown of the time for which a campaign was billed; the four parts sum to `active_s`.
+    """Breakdown of the time for which a campaign was billed; the five parts sum to `active_s`.
 
     The parts are None where the hub did not measure: in campaigns of older releases.
 
     Attributes:
         active_s: time during which the campaign was running.
         simulation_s: time in which at least one episode was with a worker, less `lost_s`.
-        learning_s: no episode was with a worker, and the learner worked; its start included.
+        startup_s: no episode was with a worker, and a learner worked whose method does not learn:
+            it started, or proposed noise; 0 of a method that learns.
+        learning_s: no episode was with a worker, and the learner of a method that learns worked;
+            its start included.
         waiting_s: neither: for workers, or for the database.
         lost_s: part of the time in which episodes were with workers: the share whose results were
             thrown away: `lost_worker_s` ÷ (`worker_s` + `lost_worker_s`).
@@ -333,6 +336,7 @@ class TimeSplit(msgspec.Struct, frozen=True, kw_only=True):
     active_s: float
     worker_s: float
     simulation_s: float | None = None
+    startup_s: float | None = None
     learning_s: float | None = None
     waiting_s: float | None = None
     lost_s: float | None = None

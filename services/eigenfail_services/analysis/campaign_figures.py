@@ -176,6 +176,7 @@ def split_time(campaign: Campaign, totals: SpendingTotals) -> TimeSplit:
     if overhead is None:
         return TimeSplit(active_s=campaign.active_s, worker_s=worker_s, problem=NOT_MEASURED)
     lost_worker_s = totals.errored_worker_s + overhead.discarded_s
+    learns = traits_of(campaign.spec.method).learns
     busy_s = max(campaign.active_s - overhead.learning_s - overhead.waiting_s, 0.0)
     lost_s = busy_s * _measure_discarded(worker_s, lost_worker_s)
     learning_s, waiting_s = _split_idle(campaign.active_s - busy_s, overhead)
@@ -183,7 +184,8 @@ def split_time(campaign: Campaign, totals: SpendingTotals) -> TimeSplit:
         active_s=campaign.active_s,
         worker_s=worker_s,
         simulation_s=busy_s - lost_s,
-        learning_s=learning_s,
+        startup_s=0.0 if learns else learning_s,
+        learning_s=learning_s if learns else 0.0,
         waiting_s=waiting_s,
         lost_s=lost_s,
         lost_worker_s=lost_worker_s,

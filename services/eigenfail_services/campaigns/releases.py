@@ -227,11 +227,18 @@ def _list_sightings(
 ) -> Iterator[ModeSighting]:
     """Yield what became of a mode in each release, also in those that are not compared."""
     left = iter(found)
+    skipped: list[str] = []
     for each in read:
         if each.release.problem:
+            skipped.append(each.release.version)
             yield ModeSighting(version=each.release.version, words=each.release.problem)
-        else:
-            yield _make_sighting(each, next(left), compared)
+            continue
+        sighting = _make_sighting(each, next(left), compared)
+        if skipped and sighting.status is not None:
+            # What became of the mode there is not known: the status passes over it.
+            words = f"{sighting.words} Not compared: {', '.join(skipped)}.".lstrip()
+            sighting = replace(sighting, words=words)
+        yield sighting
 
 
 def _make_sighting(

@@ -4,12 +4,12 @@ from collections.abc import Iterator, Sequence
 from itertools import chain
 from typing import NamedTuple
 
-from eigenfail.errors import Conflict, InvalidValue, NotFound, ProtocolError
+from eigenfail.errors import Conflict, InvalidValue, ProtocolError
 from eigenfail.methods import traits_of
 from eigenfail.presentation.figures import count_noun
 from eigenfail.risk.assessment import RiskAssessment, ScenarioEvidence, assess
 from eigenfail.risk.confidence import Confidence, FailureShare, RunEstimate, Stated
-from eigenfail.risk.pooling import find_planner, refuse_unlike
+from eigenfail.risk.pooling import find_planner, pick_named, refuse_unlike
 from eigenfail.risk.question import CampaignReference, RiskQuestion, RiskScenario
 from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Rate, RateDesign
 from eigenfail.values.campaign import CampaignFilter
@@ -75,23 +75,21 @@ def assess_risk(store: Store, question: RiskQuestion) -> RiskAssessment:
 
 
 def find_campaign(store: Store, reference: CampaignReference) -> Campaign:
-    """Return the campaign of an id, or the newest one of a name.
+    """Return the campaign of an id, or the only one of a name.
 
     Raises:
         NotFound: there is none.
+        InvalidValue: several have the name.
     """
     if isinstance(reference, int):
         return store.campaigns.get(reference)
+    named: list[Campaign] = []
     before: int | None = None
     while True:
-        where = CampaignFilter(search=reference)
-        page = store.campaigns.page(PAGE, before, where=where)
-        for campaign in page.items:
-            if campaign.spec.name == reference:
-                return campaign
+        page = store.campaigns.page(PAGE, before, where=CampaignFilter(search=reference))
+        named += [each for each in page.items if each.spec.name == reference]
         if page.next is None:
-            problem = f"There is no campaign '{reference}'."
-            raise NotFound(problem, "List campaigns with `eigenfail campaign list`.")
+            return pick_named(reference, named)
         before = page.next
 
 

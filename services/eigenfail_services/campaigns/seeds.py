@@ -140,6 +140,7 @@ def _make_spread(
     if not members:
         return None
     summaries = [member.summary for member in members]
+    pooled = _pool_rates(members)
     worst = min(members, key=lambda member: (member.share, -member.first, member.seed))
     return SeedSpread(
         name=_name_group(group[0].spec, names),
@@ -157,6 +158,7 @@ def _make_spread(
         first=_find_first_failures(members),
         cost=_price_failures(members),
         notes=tuple(_list_notes(group, members)),
+        pooled=pooled if pooled.sampled else None,
     )
 
 

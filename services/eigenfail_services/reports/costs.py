@@ -49,6 +49,7 @@ COST_COLUMNS = (
     ("cost_per_mode", "Cost per distinct mode", "USD"),
     ("active_s", "Time running", "s"),
     ("simulation_s", "Simulation", "s"),
+    ("startup_s", "Start-up", "s"),
     ("learning_s", "Learning", "s"),
     ("waiting_s", "Waiting", "s"),
     ("lost_s", "Lost", "s"),
@@ -122,7 +123,7 @@ def list_cost(spent: Spent) -> tuple[Cell, ...]:
     return (
         *(found.campaign, found.price_usd_per_hour, found.instances, found.cost.total_usd),
         *(found.failures, found.modes, found.per_mode_usd, time.active_s),
-        *(time.simulation_s, time.learning_s, time.waiting_s, time.lost_s),
+        *(time.simulation_s, time.startup_s, time.learning_s, time.waiting_s, time.lost_s),
     )
 
 
@@ -142,6 +143,7 @@ def list_figures(found: CampaignCost) -> Iterator[tuple[str, tuple[str, ...]]]:
     yield "Cost per distinct mode", (format_amount(found.per_mode_usd), describe_modes(found))
     yield "Time running", (format_seconds(time.active_s),)
     yield "Simulation", format_cost_share(time.simulation_s, time.active_s)
+    yield "Start-up", format_cost_share(time.startup_s, time.active_s)
     yield "Learning", format_cost_share(time.learning_s, time.active_s)
     yield "Waiting", format_cost_share(time.waiting_s, time.active_s)
     yield "Lost", format_cost_share(time.lost_s, time.active_s)

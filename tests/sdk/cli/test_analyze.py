@@ -206,6 +206,9 @@ def test_modes_of_few_failures_and_a_low_interval_are_told_with_the_verdict():
         stability = None if low is None else Stability(20, 15, 1.0, Interval(low, 1.0))
         return replace(modes, modes=made, stability=stability)
 
+    assert of(14, 5, 2, 2).verdict.startswith(
+        "2 distinct modes, 2 more with too few failures (silhouette 0.50"
+    )
     assert of(3, 12, low=0.8).caution == of(3, 12).caution == ""
     assert of(14, 1).caution == "Mode 2 has a single failure: fewer than 3 do not show a mode."
     assert of(2, 14, 1).caution.startswith("Mode 1 has 2 failures, mode 3 has a single failure: ")

@@ -122,10 +122,14 @@ def test_campaigns_of_one_scenario_are_counted_together(eigenfail, write, two, s
     assert scenario["failures"] == sum(each.failures for each in counts)
 
 
-def test_a_name_is_the_newest_campaign_of_that_name(eigenfail, write, two, store):
+def test_name_of_several_campaigns_is_refused_with_their_ids(eigenfail, write, two, store):
+    """A later campaign of a name must not take the place of an earlier one unseen."""
     name = store.campaigns.get(two[0]).spec.name
-    found = ask(eigenfail, write(1.0, cut_in=[name]), 0)
-    assert found["scenarios"][0]["campaigns"] == [two[1]]
+    refused = eigenfail("risk", write(1.0, cut_in=[name]))
+    assert refused.exit_code == 2
+    assert f"'{name}' is the name of campaigns {two[1]} (done), {two[0]} (done)." in " ".join(
+        refused.stderr.split()
+    )
 
 
 def test_equal_seeds_are_told(eigenfail, write, spec_file, two):

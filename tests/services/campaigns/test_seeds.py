@@ -8,11 +8,14 @@ import pytest
 from store_checks.examples import deliver, running
 
 from eigenfail.errors import NotFound
+from eigenfail.presentation.seeds import list_spread
+from eigenfail.presentation.tables import format_cell
 from eigenfail.testing.examples import collision, make_errored_result, result
 from eigenfail.values import Campaign, CampaignState, Priority
 from eigenfail_services.campaigns.comparison import group_by_seed
 from eigenfail_services.campaigns.seeds import OF_THE_SEARCH, find_spreads, group_alike
 from eigenfail_services.campaigns.suites import make_suite_table
+from eigenfail_services.statistics.intervals import rate
 from eigenfail_services.statistics.seed_spread import PairSums, find_ratio, measure_spread
 from eigenfail_services.store import Store, open_store
 
@@ -135,6 +138,8 @@ def test_without_any_failure_random_episodes_bound_the_cost_by_their_number(stor
     # 1 − 0.05^(1/30)
     (note,) = found.notes
     assert "together their failure rate is 0 of 30: ≤ 9.51 %. Quote this interval" in note
+    assert found.pooled == rate(0, 30)
+    assert format_cell(list_spread(found)[2]).value == "≤ 9.51 %"
 
 
 def test_what_is_open_missing_or_unequal_is_said(store: Store) -> None:

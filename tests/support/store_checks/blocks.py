@@ -29,7 +29,7 @@ def sums_blocks(store: Store) -> None:
     blocks = store.episodes.course(campaign.id, 4)
     crashes = [given[4], given[5]]
     log_p = fsum(crash.noise.log_probability for crash in crashes)
-    equal(without_sums(blocks[0]), BlockTotals(0, 3, 0, 0.0, 0, 1.5, 2.0), "Block 0")
+    equal(without_sums(blocks[0]), BlockTotals(0, 3, 0, 0.0, 0, 1.5, 2.0, errored=1), "Block 0")
     equal(without_sums(blocks[1]), BlockTotals(8, 4, 2, 0.0, 17, 0.0, 1.5), "Block 8")
     equal(without_sums(blocks[2]), BlockTotals(16, 1, 1, 0.0, 2, None, None), "Block 16")
     equal(len(blocks), 3, "Blocks with a completed episode")
