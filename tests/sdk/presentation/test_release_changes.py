@@ -66,6 +66,9 @@ def test_modes_stand_by_what_became_of_them_and_old_ones_are_left_out():
     }
 
 
+LEFT_OUT = "{}, with 1 failure in 9 episodes, is not compared."
+
+
 def test_version_that_is_not_compared_is_named_with_its_failures():
     courses = {"fixed": ((9, S.FIRST_SEEN), (0, None), (0, S.NOT_FOUND_AGAIN))}
     found = compare_newest(make_table(courses, {"v2": "Not analysed."}))
@@ -81,8 +84,10 @@ def test_version_that_is_not_compared_is_named_with_its_failures():
         ({"v3": "Not analysed."}, "v3 is not compared. Not analysed."),
         (
             {"v1": "X.", "v2": "Y."},
-            "v1, with 1 failure in 9 episodes, is not compared. X. v2, with 1 failure in 9 "
-            "episodes, is not compared. Y. v3 is not compared: no version before it can be.",
+            (
+                f"{LEFT_OUT.format('v1')} X. {LEFT_OUT.format('v2')} Y. "
+                "v3 is not compared: no version before it can be."
+            ),
         ),
         ({}, "v3 against v2: no failure mode in either version."),
     ],

@@ -74,6 +74,48 @@ def compare(generator: random.Random) -> Formula:
     ]
 
 
+def connect(
+    kind: str, values: Callable[[Trace], Values], other: Callable[[Trace], Values]
+) -> Callable[[Trace], Values]:
+    """Return the values of two formulas that "and", "or" or "implies" connects."""
+    operators = {
+        "and": join,
+        "or": choose,
+        "implies": lambda one, two: choose(negate(one), two),
+    }
+    return lambda trace: [
+        operators[kind](one, two) for one, two in zip(values(trace), other(trace), strict=True)
+    ]
+
+
+def reach(
+    offsets: range, values: Callable[[Trace], Values], other: Callable[[Trace], Values]
+) -> Callable[[Trace], Values]:
+    """Return the values of "until" or "since": `other` holds at an offset, `values` before it.
+
+    Args:
+        offsets: steps at which `other` may hold, from the present one; negative in the past.
+        values: values of what must hold at each step before.
+        other: values of what must hold in the end.
+    """
+
+    def hold(trace: Trace) -> Values:
+        left, right, steps = values(trace), other(trace), len(trace["a"])
+        found: Values = []
+        for k in range(steps):
+            reached = []
+            for offset in offsets[:steps]:
+                if not 0 <= k + offset < steps:
+                    continue
+                before = left[k : k + offset] if offset > 0 else left[k + offset + 1 : k + 1]
+                held = min([each for each in before if each is not None], default=inf)
+                reached.append(join(right[k + offset], held))
+            found.append(max([each for each in reached if each is not None], default=None))
+        return found
+
+    return hold
+
+
 def nest(generator: random.Random, depth: int) -> Formula:
     """Return a random formula with operators inside each other."""
     if depth == 0:
@@ -97,29 +139,9 @@ def nest(generator: random.Random, depth: int) -> Formula:
         ]
     other_text, other = nest(generator, depth - 1)
     if kind in ("and", "or", "implies"):
-        return f"({text} {kind} {other_text})", lambda trace: [
-            {"and": join(one, two), "or": choose(one, two), "implies": choose(negate(one), two)}[
-                kind
-            ]
-            for one, two in zip(values(trace), other(trace), strict=True)
-        ]
-    step = 1 if kind == "until" else -1
-
-    def hold(trace: Trace) -> Values:
-        left, right, steps = values(trace), other(trace), len(trace["a"])
-        found: Values = []
-        for k in range(steps):
-            reached = []
-            for ahead in range(low, min(high, steps) + 1):
-                if not 0 <= k + step * ahead < steps:
-                    continue
-                before = [left[k + step * n] for n in range(ahead)]
-                held = min([each for each in before if each is not None], default=inf)
-                reached.append(join(right[k + step * ahead], held))
-            found.append(max([each for each in reached if each is not None], default=None))
-        return found
-
-    return f"(({text}) {kind}{bounds} ({other_text}))", hold
+        return f"({text} {kind} {other_text})", connect(kind, values, other)
+    steps = range(low, high + 1) if kind == "until" else range(-low, -high - 1, -1)
+    return f"(({text}) {kind}{bounds} ({other_text}))", reach(steps, values, other)
 
 
 def test_it_is_the_robustness_of_the_definition() -> None:
