@@ -11,8 +11,8 @@ from eigenfail.errors import SimulatorError
 from eigenfail.values import VehicleState
 from eigenfail_workers.measures.encounters import (
     HIDDEN_M,
-    Moment,
     Pair,
+    TrafficSample,
     find_conflict,
     find_contact,
     find_pass,
@@ -266,19 +266,23 @@ def test_pass_within_a_step_is_worked_out_by_hand() -> None:
 def test_contact_within_a_step_is_the_first_one() -> None:
     near, far = square(12.0, 0.0, 0.0, 0.0), square(18.0, 0.0, 0.0, 0.0)
     ego, later = square(0.0, 0.0, 0.0, 40.0), square(40.0, 0.0, 0.0, 40.0)
-    before, after = Moment(ego, (far, near), (1, 2)), Moment(later, (far, near), (1, 2))
+    before, after = (
+        TrafficSample(ego, (far, near), (1, 2)),
+        TrafficSample(later, (far, near), (1, 2)),
+    )
     contact = find_contact(before, after, 1.0)
     assert contact is not None
     assert contact.ego.x_m == pytest.approx(10.0, abs=1e-6)
     assert separation(contact.ego, near).distance_m == 0.0
     # The sample shows the second car that the ego touches, and hides the first one.
-    behind = Moment(square(18.0, 0.0, 0.0, 40.0), (far, near), (1, 2))
+    behind = TrafficSample(square(18.0, 0.0, 0.0, 40.0), (far, near), (1, 2))
     hidden = find_contact(before, behind, 1.0)
     assert hidden is not None
     assert hidden.ego.x_m == pytest.approx(10.0, abs=1e-6)
     # It shows the first one: that sample is the collision.
     assert (
-        find_contact(before, Moment(square(11.0, 0.0, 0.0, 40.0), (far, near), (1, 2)), 1.0) is None
+        find_contact(before, TrafficSample(square(11.0, 0.0, 0.0, 40.0), (far, near), (1, 2)), 1.0)
+        is None
     )
 
 
@@ -292,13 +296,13 @@ def test_heading_that_is_turned_round_turns_no_footprint() -> None:
 
 
 def test_jump_across_the_ego_is_refused() -> None:
-    before = Moment(TRUCK, (square(60.0, 0.0, 0.0, 20.0),), (1,))
-    after = Moment(TRUCK, (square(-60.0, 0.0, 0.0, 20.0),), (1,))
+    before = TrafficSample(TRUCK, (square(60.0, 0.0, 0.0, 20.0),), (1,))
+    after = TrafficSample(TRUCK, (square(-60.0, 0.0, 0.0, 20.0),), (1,))
     with pytest.raises(SimulatorError, match="Vehicle 1 jumps across the ego: 120 m"):
         find_contact(before, after, 0.1)
 
 
 def test_vehicle_without_both_ends_is_not_moved() -> None:
-    before = Moment(TRUCK, (square(60.0, 0.0, 0.0, 20.0),), (1,))
-    after = Moment(TRUCK, (square(-60.0, 0.0, 0.0, 20.0),), (2,))
+    before = TrafficSample(TRUCK, (square(60.0, 0.0, 0.0, 20.0),), (1,))
+    after = TrafficSample(TRUCK, (square(-60.0, 0.0, 0.0, 20.0),), (2,))
     assert find_contact(before, after, 0.1) is None

@@ -241,7 +241,7 @@ def _find_touch(before: Pair, after: Pair, contact: float) -> float:
     return touching
 
 
-class Moment(NamedTuple):
+class TrafficSample(NamedTuple):
     """All vehicles at one moment.
 
     Attributes:
@@ -259,7 +259,7 @@ class Moment(NamedTuple):
         return dict(zip(self.numbers, self.others, strict=True))
 
 
-def may_touch(before: Moment, after: Moment) -> bool:
+def may_touch(before: TrafficSample, after: TrafficSample) -> bool:
     """Whether the ego may touch a vehicle within a step, or at its end.
 
     It rules most steps out, with a few sums for each vehicle.
@@ -277,7 +277,7 @@ def may_touch(before: Moment, after: Moment) -> bool:
     return False
 
 
-def find_contact(before: Moment, after: Moment, dt_s: float) -> Moment | None:
+def find_contact(before: TrafficSample, after: TrafficSample, dt_s: float) -> TrafficSample | None:
     """Return the moment within a step at which the ego first touches a vehicle.
 
     Args:
@@ -318,7 +318,7 @@ def find_contact(before: Moment, after: Moment, dt_s: float) -> Moment | None:
         move(known[number], other, first) if number in known else other
         for number, other in after.by_number().items()
     ]
-    return Moment(move(before.ego, after.ego, first), tuple(others), after.numbers)
+    return TrafficSample(move(before.ego, after.ego, first), tuple(others), after.numbers)
 
 
 def _bound_way(before: Pair, after: Pair) -> float:
@@ -383,7 +383,7 @@ def end_at_contact(before: Observation | None, now: Observation, dt_s: float) ->
         SimulatorError: a collision is reported that the footprints rule out; or they cannot tell.
     """
     if before is not None:
-        earlier, later = make_moment(before), make_moment(now)
+        earlier, later = make_sample(before), make_sample(now)
         if not (now.collided or may_touch(earlier, later)):
             return now
         contact = find_contact(earlier, later, dt_s)
@@ -406,9 +406,9 @@ def make_start_error() -> InvalidValue:
     )
 
 
-def make_moment(seen: Observation) -> Moment:
+def make_sample(seen: Observation) -> TrafficSample:
     """Return the vehicles of an observation."""
-    return Moment(seen.ego, seen.others, seen.numbers)
+    return TrafficSample(seen.ego, seen.others, seen.numbers)
 
 
 def touch(ego: VehicleState, other: VehicleState) -> bool:
@@ -418,14 +418,14 @@ def touch(ego: VehicleState, other: VehicleState) -> bool:
 
 def _check_reported(before: Observation, now: Observation, dt_s: float) -> None:
     """Check that a vehicle is near enough for a reported collision without an overlap."""
-    known = make_moment(before).by_number()
+    known = make_sample(before).by_number()
     nearest_m, nearest = min(
         [
             (separation(now.ego, other).distance_m, number)
             for number, other in zip(now.numbers, now.others, strict=True)
         ]
     )
-    other = make_moment(now).by_number()[nearest]
+    other = make_sample(now).by_number()[nearest]
     was = known.get(nearest, other)
     closing_mps = max(_measure_speed(before.ego, was), _measure_speed(now.ego, other))
     if nearest_m > REACH_M + closing_mps * dt_s:

@@ -5,7 +5,7 @@ from typing import Any
 
 from eigenfail.contracts import ReactiveSituation, Situation, TrafficModel
 from eigenfail.values import Control, VehicleState
-from eigenfail_workers.measures.encounters import Moment, find_contact, may_touch, touch
+from eigenfail_workers.measures.encounters import TrafficSample, find_contact, may_touch, touch
 from eigenfail_workers.values import GroundTruth
 
 Physics = Callable[[VehicleState, Control, float], VehicleState]
@@ -49,7 +49,7 @@ class ScriptedWorld:
         before, dt_s = self._now, self._situation.mission.dt_s
         self._step += 1
         self._now = self._move(self._drive(before.ego, control, dt_s))
-        earlier, later = _make_moment(before), _make_moment(self._now)
+        earlier, later = _make_sample(before), _make_sample(self._now)
         if may_touch(earlier, later):
             contact = find_contact(earlier, later, dt_s)
             if contact is not None:
@@ -74,6 +74,6 @@ def _find_truth(
     return GroundTruth(ego, others, any(touch(ego, other) for other in others), ids)
 
 
-def _make_moment(truth: GroundTruth) -> Moment:
+def _make_sample(truth: GroundTruth) -> TrafficSample:
     numbers = range(1, len(truth.others) + 1) if truth.ids is None else truth.ids
-    return Moment(truth.ego, truth.others, numbers)
+    return TrafficSample(truth.ego, truth.others, numbers)
