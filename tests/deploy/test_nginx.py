@@ -108,7 +108,9 @@ def proxy(ports, tmp_path):
 
 def ask(port, path="/api/v1/campaigns", source=FRIEND):
     """Return status and body of a request from an address of this machine."""
-    with closing(HTTPConnection(FRIEND, port, timeout=10.0, source_address=(source, 0))) as link:
+    with closing(
+        HTTPConnection(FRIEND, port, timeout=deadlines.PROCESS_S, source_address=(source, 0))
+    ) as link:
         link.request("GET", path, headers={"Host": "localhost"})
         response = link.getresponse()
         return response.status, response.read()
@@ -118,7 +120,7 @@ def crowd(stack, port, said):
     """Open connections of the stranger, each of which sends the same."""
     found = []
     for _ in range(CROWD):
-        peer = socket.create_connection((FRIEND, port), 10.0, source_address=(STRANGER, 0))
+        peer = socket.create_connection((FRIEND, port), source_address=(STRANGER, 0))
         found.append(stack.enter_context(peer))
         peer.sendall(said)
     return found
