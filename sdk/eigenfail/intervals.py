@@ -79,16 +79,11 @@ def wilson(k: int, n: int) -> Interval:
     return Interval(max(0.0, centre - half_width), min(1.0, centre + half_width))
 
 
-def bound_rate_without_events(n: int) -> float:
-    """The one-sided 95 % upper bound after no event in n trials, near 3 / n.
-
-    Exact: the p at which (1 − p)^n = 0.05 (Clopper and Pearson 1934, Biometrika 26, 404–413).
-    """
-    return float(1.0 - ERROR ** (1.0 / n))
-
-
 def find_lower_bound(k: int, n: int, error: float) -> float:
-    """Return the p at which k or more events in n trials have the probability `error`."""
+    """Return the p at which k or more events in n trials have the probability `error`.
+
+    Exact (Clopper and Pearson 1934, Biometrika 26, 404–413); 0 without an event.
+    """
     if k == n:
         return float(error ** (1.0 / n))
     return (
@@ -97,7 +92,10 @@ def find_lower_bound(k: int, n: int, error: float) -> float:
 
 
 def find_upper_bound(k: int, n: int, error: float) -> float:
-    """Return the p at which k or fewer events in n trials have the probability `error`."""
+    """Return the p at which k or fewer events in n trials have the probability `error`.
+
+    Exact (Clopper and Pearson 1934); near 3 / n without an event and with an error of 5 %.
+    """
     if k == 0:
         return float(1.0 - error ** (1.0 / n))
     return find_crossing(0.0, 1.0, lambda p: sum_lower_tail(k, n, p) > error) if k < n else 1.0

@@ -4,7 +4,7 @@ import pytest
 from store_checks.releases import release
 
 from eigenfail.errors import NotFound
-from eigenfail.intervals import bound_rate_without_events, wilson
+from eigenfail.intervals import ERROR, find_upper_bound, wilson
 from eigenfail.presentation.figures import format_percent_interval
 from eigenfail.presentation.releases import compare_newest
 from eigenfail.values import AnalysedCampaign, AnalysisSettings, StopRules
@@ -226,7 +226,7 @@ def test_a_random_sample_has_rates_with_their_bounds(store):
     assert 55.8 < 100 * bounds.high < 55.9
     assert first == "26 of 60 episodes: 43.3 % [31.5, 55.9]."
     # 1 - 0.05^(1/60) is 4.8702 %.
-    assert bound_rate_without_events(60) == pytest.approx(0.048702, abs=1e-6)
+    assert find_upper_bound(0, 60, ERROR) == pytest.approx(0.048702, abs=1e-6)
     chance = "a count this uneven would have a probability of at most 1.5×10⁻⁸."
     assert last == f"No failure in 60 episodes: ≤ 4.88 %; if its rate were unchanged, {chance}"
     assert mode.newest.chance == pytest.approx(0.5**26)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.special import betaln, xlog1py, xlogy
 
 from eigenfail.errors import InvalidValue
-from eigenfail.intervals import Z, bound_rate_without_events, find_interval, wilson
+from eigenfail.intervals import ERROR, Z, find_interval, find_upper_bound, wilson
 from eigenfail.values import Interval
 from eigenfail_services.statistics.intervals import clopper_pearson, confidence_sequence, rate
 
@@ -83,13 +83,13 @@ def test_no_event_in_2000_is_the_paper_s_bound_of_0_15_percent() -> None:
 
 @given(st.integers(1, 10_000_000))
 def test_the_bound_leaves_no_event_a_chance_of_5_percent(n: int) -> None:
-    bound = bound_rate_without_events(n)
+    bound = find_upper_bound(0, n, ERROR)
     assert (1.0 - bound) ** n == pytest.approx(0.05, rel=1e-6)
     assert bound < 3.0 / n
 
 
 def test_the_bound_of_one_trial() -> None:
-    assert bound_rate_without_events(1) == pytest.approx(0.95)
+    assert find_upper_bound(0, 1, ERROR) == pytest.approx(0.95)
 
 
 @pytest.mark.parametrize("n", [30, 300, 2000])
