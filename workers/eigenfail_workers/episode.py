@@ -11,11 +11,13 @@ from eigenfail.values import (
     EpisodeResult,
     EpisodeSetup,
     EpisodeTask,
+    Measures,
     Observation,
     Outcome,
     unrunnable,
 )
 from eigenfail.values.channels import PARAMETER
+from eigenfail.values.measures import MAX_MAGNITUDE, MEASURES
 from eigenfail.values.shapes import Row
 from eigenfail_workers.measures.geometry import find_nearest
 from eigenfail_workers.measures.recorder import Recorder
@@ -120,6 +122,7 @@ def make_result(
         EpisodeError: a requirement cannot be judged.
     """
     measures = recorder.measures(dt_s)
+    _refuse_lost_measures(measures)
     judged = recorder.judge(measures, dt_s)
     failed = recorder.collided
     values: tuple[float | None, ...] = ()
@@ -146,6 +149,16 @@ def make_result(
         importance=recorder.importance(),
         scene=recorder.scene(dt_s) if keep_scene else None,
     )
+
+
+def _refuse_lost_measures(measures: Measures) -> None:
+    """Refuse distances and severities that would not be stored; other measures may then lack."""
+    for name in ("robustness_m", "severity"):
+        value = getattr(measures, name)
+        if value is not None and not abs(value) <= MAX_MAGNITUDE:
+            problem = f"The episode has {MEASURES[name].label} {value:g}."
+            remedy = f"Measures are kept up to {MAX_MAGNITUDE:g}: look at positions and speeds."
+            raise SimulatorError(problem, remedy)
 
 
 def make_errored_result(task: EpisodeTask, recorder: Recorder, why: EpisodeFault) -> EpisodeResult:

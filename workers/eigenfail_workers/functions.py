@@ -41,7 +41,7 @@ from eigenfail.values import (
     VehicleState,
     unrunnable,
 )
-from eigenfail.values.arrays import RANGE, fits_float32
+from eigenfail.values.measures import MAX_MAGNITUDE
 from eigenfail_workers.faults import make_fault, make_state_change_error, wrap_errors
 from eigenfail_workers.noise import sources
 from eigenfail_workers.noise.deviations import to_float32
@@ -183,9 +183,10 @@ def _compute_robustness(function: FunctionUnderTest, noise: Noise, limit_s: floa
             f"It must return real numbers of shape {function.leading}.",
         )
     robustness = float(answer.item())
-    if not fits_float32(robustness):
-        problem = f"The function returned {robustness}."
-        raise SimulatorError(problem, f"Robustness must be a number {RANGE}. Scale it.")
+    if not abs(robustness) <= MAX_MAGNITUDE:
+        problem = f"The function returned {robustness:g}."
+        remedy = f"Robustness must be a finite number from -{MAX_MAGNITUDE:g} to {MAX_MAGNITUDE:g}."
+        raise SimulatorError(problem, remedy)
     return robustness
 
 

@@ -62,6 +62,12 @@ def unpack(packed: PackedArray) -> Floats:
     return np.ndarray(shape, LITTLE_ENDIAN_FLOAT, data)
 
 
+def find_lost(values: NDArray[np.float64]) -> float | None:
+    """Return the first finite number that float32 cannot hold; None without one."""
+    lost = values[np.isfinite(values) & (np.abs(values) > LARGEST_FLOAT32)]
+    return float(lost[0]) if lost.size else None
+
+
 def encode_array(value: Any) -> PackedArray:
     """The hook that teaches msgspec's MessagePack encoder about arrays."""
     if isinstance(value, np.ndarray):
@@ -72,7 +78,10 @@ def encode_array(value: Any) -> PackedArray:
 def decode_array(_kind: Any, value: Any) -> Floats:
     """The hook that teaches msgspec's decoders about arrays: packed, or JSON's nested lists."""
     if isinstance(value, list):
-        return np.asarray(value, np.float32)
+        wide = np.asarray(value, np.float64)
+        if (lost := find_lost(wide)) is not None:
+            raise ProtocolError(f"An array holds {lost:g}. Its numbers must be {RANGE}.")
+        return wide.astype(np.float32)
     return unpack(msgspec.convert(value, PackedArray))
 
 

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from numpy.typing import NDArray
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.values.arrays import Floats
+from eigenfail.values.arrays import LARGEST_FLOAT32, Floats, find_lost
 from eigenfail.values.channels import (
     MOST_CHANNELS,
     SCENARIO,
@@ -303,8 +303,15 @@ class NoiseTrajectory(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq
     def from_injected(
         cls, injected: Doubles, sigma: Floats, shape: NoiseShape
     ) -> "NoiseTrajectory":
-        """The noise that injects these, shape (steps, channels), to the precision of float32."""
+        """The noise that injects these, shape (steps, channels), to the precision of float32.
+
+        Raises:
+            InvalidValue: noise would be beyond the range of float32.
+        """
         z = _convert(Conversion(shape).to_z, injected, sigma)
+        if (lost := find_lost(z)) is not None:
+            problem = f"noise of {lost:g} sigma is beyond ±{LARGEST_FLOAT32:g}."
+            raise InvalidValue("injected", problem, "Look at the recorded disturbances and sigma.")
         return cls(z.astype(np.float32), sigma, shape)
 
     @cached_property

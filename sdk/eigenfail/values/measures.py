@@ -26,6 +26,10 @@ losses of tracks (`TrackingPlanner`).
 """
 
 
+MAX_MAGNITUDE = 1e15
+"""Of a measure or a log-probability: sums and squares over ten million episodes stay finite."""
+
+
 class Measure(msgspec.Struct, frozen=True, kw_only=True):
     """Description of a measure of an episode.
 

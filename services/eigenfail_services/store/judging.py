@@ -19,14 +19,12 @@ from eigenfail.values import (
 from eigenfail.values.disturbance import sum_log_densities
 from eigenfail.values.episode import MAX_SEED
 from eigenfail.values.learning import count_state
+from eigenfail.values.measures import MAX_MAGNITUDE
 from eigenfail.values.records import Delivery, Verdict
 from eigenfail_services.store.codec import NoiseForm, find_noise_form
 from eigenfail_services.store.schema import clean_prose
 
 MAX_STEPS = 2**31 - 1
-MAX_MAGNITUDE = 1e15
-"""Of a measure or a log-probability: sums and squares over ten million episodes stay finite."""
-
 _LARGEST = {
     name: MAX_STEPS if measure.is_count else MAX_MAGNITUDE
     for name, measure in MEASURES.items()

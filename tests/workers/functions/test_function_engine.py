@@ -225,6 +225,8 @@ WRONG = {
     ),
     "leaves": (of_trajectory(leaves), "raised SystemExit: 3"),
     "is not a number": (of_trajectory(lambda _: float("nan")), "returned nan"),
+    "is beyond what is kept": (of_trajectory(lambda _: 1e300), r"returned 1e\+300.*-1e\+15 to"),
+    "is a failure beyond it": (of_trajectory(lambda _: -1e16), r"returned -1e\+16"),
     "is infinite": (of_trajectory(lambda _: float("inf")), "returned inf"),
     "is beyond float32": (of_trajectory(lambda _: 1e300), r"returned 1e\+300"),
     "is beyond float32 below": (of_trajectory(lambda _: -4e38), r"returned -4e\+38"),

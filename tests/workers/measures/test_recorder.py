@@ -98,7 +98,7 @@ def test_the_scene_has_one_row_more_than_steps() -> None:
     assert scene.controls == pytest.approx(np.array([[-1.0, 0.1]] * 2), rel=1e-6)
 
 
-@pytest.mark.parametrize("nowhere", [nan, inf])
+@pytest.mark.parametrize("nowhere", [nan, inf, 1e39])
 def test_a_vehicle_that_is_nowhere_is_refused(nowhere: float) -> None:
     with pytest.raises(SimulatorError, match="finite"):
         Recorder().observe(seen(0, nowhere), DT_S)
@@ -198,3 +198,21 @@ def test_a_conflict_that_was_over_at_the_last_step_is_resolved() -> None:
 def test_after_a_collision_there_is_no_drac_left() -> None:
     measures = course((2.0, 99.0), (0.0, 99.0), collided=True).measures(DT_S)
     assert measures.final_drac_mps2 is None
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"perceived": (1e300, 0.0)}, r"step 1 `perceived` holds 1e\+300.*from -3.4"),
+        ({"control": Control(0.0, -1e39)}, r"`control` holds -1e\+39"),
+        ({"applied": Control(1e39, 0.0)}, r"`applied` holds 1e\+39"),
+    ],
+)
+def test_numbers_that_would_become_infinite_are_refused(changes, words: str) -> None:
+    with pytest.raises(SimulatorError, match=words):
+        recorded(seen(0, 0.0), msgspec.structs.replace(seen(1, 1.0), **changes))
+
+
+def test_what_was_not_perceived_is_kept() -> None:
+    missed = msgspec.structs.replace(seen(1, 1.0), perceived=(nan, nan))
+    assert np.isnan(recorded(seen(0, 0.0), missed).scene(0.1).perceived).all()

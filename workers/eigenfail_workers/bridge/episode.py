@@ -1,5 +1,6 @@
 """One episode of a campaign in a slot of a bridge: its requests, observations and result."""
 
+from collections.abc import Sequence
 from time import perf_counter
 from typing import NamedTuple
 
@@ -31,6 +32,7 @@ from eigenfail.values import (
     Scene,
     VehicleState,
 )
+from eigenfail.values.arrays import LARGEST_FLOAT32, find_lost
 from eigenfail.values.channels import CHANNELS_FIELD, Channel, split_name
 from eigenfail.values.requirements import EpisodeJudge
 from eigenfail.values.scene import UNKNOWN_KIND, VEHICLE_KINDS
@@ -318,7 +320,7 @@ class ObservationReader:
                 problem = f"'{channel.name}' is of vehicle {vehicle}, and there are {len(others)}."
                 raise InvalidValue(CHANNELS_FIELD, problem, "Vehicles are numbered from 1.")
         if isinstance(seen, DetailedObservation) and seen.road:
-            self._road = tuple([np.array(border, np.float32) for border in seen.road])
+            self._road = tuple([_read_border(border) for border in seen.road])
         return Observation(
             0,
             ego,
@@ -416,3 +418,16 @@ def _read_ego(seen: SlotObservation, step: int) -> VehicleState:
 
 def _read_others(seen: SlotObservation) -> tuple[VehicleState, ...]:
     return tuple([VehicleState(*vehicle) for vehicle in seen.others])
+
+
+def _read_border(border: Sequence[Sequence[float]]) -> Floats:
+    """Return the points of a border of the road, shape (points, 2).
+
+    Raises:
+        SimulatorError: a number is beyond what is kept.
+    """
+    points = np.array(border, np.float64)
+    if (lost := find_lost(points)) is not None:
+        problem = f"A border of the road holds {lost:g}."
+        raise SimulatorError(problem, f"Numbers of a scene are kept up to ±{LARGEST_FLOAT32:g}.")
+    return points.astype(np.float32)

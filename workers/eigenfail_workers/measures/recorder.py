@@ -8,6 +8,7 @@ import numpy as np
 
 from eigenfail.errors import SimulatorError
 from eigenfail.values import (
+    Control,
     DisturbanceModel,
     Floats,
     Importance,
@@ -376,6 +377,23 @@ def _check(observation: Observation) -> None:
                 f"After step {observation.step} the simulator shows {vehicle}.",
                 f"Every position, heading, speed and size must be a finite float {RANGE}.",
             )
+    _check_control(observation.control, "`control`", observation.step)
+    _check_control(observation.applied, "`applied`", observation.step)
+    if observation.perceived is not None:
+        _refuse_lost(observation.perceived, "`perceived`", observation.step)
+
+
+def _check_control(control: Control | None, name: str, step: int) -> None:
+    if control is not None:
+        _refuse_lost((control.acceleration_mps2, control.steering_rad), name, step)
+
+
+def _refuse_lost(numbers: Sequence[float], name: str, step: int) -> None:
+    """Refuse finite numbers that would become infinite where they are kept, as float32."""
+    for number in numbers:
+        if LARGEST_FLOAT32 < abs(number) < inf:
+            problem = f"After step {step} {name} holds {number:g}."
+            raise SimulatorError(problem, f"Numbers of an episode must be {RANGE}.")
 
 
 def _place_vehicles(course: Sequence[Observation]) -> tuple[Floats, Floats]:

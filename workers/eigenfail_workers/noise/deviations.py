@@ -3,7 +3,9 @@
 from math import hypot, inf
 from struct import Struct
 
+from eigenfail.errors import SimulatorError
 from eigenfail.values import DisturbanceModel, Observation
+from eigenfail.values.arrays import LARGEST_FLOAT32
 from eigenfail.values.channels import Channel, split_name
 from eigenfail.values.shapes import MOST_LIKELY, Markov, Row
 from eigenfail_workers.perception import EGO, find_target
@@ -18,9 +20,13 @@ def to_float32(value: float) -> float:
     """Return the float32 nearest to a value, as a Python float.
 
     Raises:
-        OverflowError: the value is beyond the range of float32.
+        SimulatorError: the value is beyond the range of float32.
     """
-    (rounded,) = _SINGLE.unpack(_SINGLE.pack(value))
+    try:
+        (rounded,) = _SINGLE.unpack(_SINGLE.pack(value))
+    except OverflowError as error:
+        remedy = f"Deviations are kept up to {LARGEST_FLOAT32:g}: look at distances and the model."
+        raise SimulatorError(f"A standard deviation would be {value:g}.", remedy) from error
     return float(rounded)
 
 
