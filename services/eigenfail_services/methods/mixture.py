@@ -16,7 +16,11 @@ from eigenfail_services.statistics.mixture_sampling import (
     MixtureSampling,
     fit_tail,
 )
-from eigenfail_services.statistics.pooled_estimate import estimate_ended, estimate_from_draws
+from eigenfail_services.statistics.pooled_estimate import (
+    ALL_ERRORED,
+    estimate_ended,
+    estimate_from_draws,
+)
 from eigenfail_services.statistics.subset_simulation import PlainDraws, SubsetSimulation
 
 BY = "mixture sampling"
@@ -173,7 +177,7 @@ def _hand_on(simulation: MixtureSampling) -> Estimate:
 def _explain_early_end(simulation: MixtureSampling) -> str:
     """Return why no mixture was fitted."""
     if not simulation.episodes_run:
-        return "Every episode errored: correct what raised."
+        return ALL_ERRORED
     if not simulation.are_failures_rare:
         return (
             f"Failures are not rare in its first {simulation.episodes_run} episodes: take method "

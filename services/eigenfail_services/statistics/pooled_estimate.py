@@ -256,6 +256,10 @@ def _list_doubts(runs: int, samples: int) -> str:
     return BLIND + few * (samples <= FEW_SAMPLES) + lonely * (runs == 1)
 
 
+ALL_ERRORED = "Every episode errored: correct what raised."
+"""More episodes would error as well."""
+
+
 def estimate_unfinished(simulation: SubsetSimulation, spent: bool) -> Estimate | None:
     """Return the estimate of a simulation that has not ended; None before it has a level.
 
@@ -264,6 +268,8 @@ def estimate_unfinished(simulation: SubsetSimulation, spent: bool) -> Estimate |
         spent: whether there will be no more episodes.
     """
     episodes, levels = simulation.trajectories_run, simulation.first.levels
+    if spent and not episodes:
+        return refuse_estimate(episodes, ALL_ERRORED)
     if spent:
         ended = "the second run" if simulation.runs else "the first level"
         return refuse_estimate(episodes, f"The budget ended before {ended} did. {MORE}")

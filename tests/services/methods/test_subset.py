@@ -238,6 +238,7 @@ def test_nothing_that_can_be_run_spends_the_budget_without_a_number(searched):
     learner, results = searched(half_space(0.5), 500, broken=lambda z: z[:, 0, 0] < 9.0, samples=50)
     assert len(results) == 500
     assert learner.estimate().probability is None
+    assert learner.estimate().problem == "Every episode errored: correct what raised."
 
 
 @pytest.mark.parametrize("cut", [0, 3, 200, 315, 400, 700])
