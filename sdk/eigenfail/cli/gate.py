@@ -20,7 +20,13 @@ from eigenfail.client import Client
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceError
 from eigenfail.fingerprints import LENGTH, list_packages, read_package_files
 from eigenfail.gate.baselines import name_run
-from eigenfail.gate.report import GateReport, GateRun, to_junit
+from eigenfail.gate.report import (
+    INCONCLUSIVE,
+    GateReport,
+    GateRun,
+    describe_conclusion,
+    to_junit,
+)
 from eigenfail.gate.reruns import JudgedBy
 from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL
 from eigenfail.hosting.service import Plan
@@ -246,8 +252,15 @@ def _exit_by_verdict(report: GateReport) -> None:
     """Exit with 1 if the gate is closed.
 
     Raises:
-        ServiceError: only because episodes were lost, which says nothing of the planner.
+        ServiceError: only because episodes were lost or may hide a failure, which says nothing of
+            the planner.
     """
+    if report.state == INCONCLUSIVE:
+        raise ServiceError(
+            describe_conclusion(report),
+            "Correct what the episodes raised, or give unresolved ones a longer horizon; then use "
+            "a different --planner-version.",
+        )
     if report.in_trouble:
         raise ServiceError(
             f"The gate of {report.gate.run} is inconclusive: {next(report.problems(), '')}",

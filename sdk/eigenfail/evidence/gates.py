@@ -103,8 +103,8 @@ def _check_rerun(rerun: Rerun, gate: GateRun, campaigns: Counted) -> Iterator[st
 
 
 def _compare_counts(figures: RerunFigures, counted: CountedCampaign) -> Iterator[str]:
-    said = (figures.completed, figures.failures, figures.errored)
-    if said != (counted.completed, counted.failures, counted.errored):
+    said = (figures.completed, figures.failures, figures.errored, figures.unresolved)
+    if said != (counted.completed, counted.failures, counted.errored, counted.unresolved):
         yield f"its counts of campaign {figures.campaign} are not those of the episodes."
 
 

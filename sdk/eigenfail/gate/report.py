@@ -16,6 +16,7 @@ from typing import NamedTuple
 from xml.etree import ElementTree as ET
 
 import msgspec
+from msgspec.structs import replace
 
 from eigenfail.gate.known import NEW_MODE
 from eigenfail.gate.matched import MatchedModes, describe_match, describe_matched
@@ -29,6 +30,8 @@ from eigenfail.gate.reruns import (
 )
 from eigenfail.gate.verdicts import CLOSING, INFRASTRUCTURE, STRICTLY_CLOSING, GateVerdict
 from eigenfail.settings import Count
+
+INCONCLUSIVE = "inconclusive"
 
 
 class MemberReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -92,7 +95,7 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     Attributes:
         counts: how many known failures, episodes and campaigns there are of each verdict.
-        open: whether nothing closes the gate.
+        open: whether nothing closes the gate, and no episode may hide what would.
         matched: the failure modes of both versions, matched over releases; they judge nothing.
     """
 
@@ -108,10 +111,29 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
             findings = (*member.known, *(member.rerun.findings if member.rerun else ()))
             yield from (each.problem for each in findings if each.verdict is GateVerdict.CANNOT_RUN)
 
+    def list_doubts(self) -> Iterator[str]:
+        """Yield the episodes of each member that may hide a failure that closes the gate."""
+        for member in self.members:
+            if member.rerun and (doubt := member.rerun.describe_doubt(self.gate.strict)):
+                yield doubt
+
+    @property
+    def state(self) -> str:
+        """`open`, `closed`, or `inconclusive` where only episodes in doubt keep it closed."""
+        if self.open:
+            return "open"
+        is_closed = self.gate.closing & self.counts.keys()
+        return "closed" if is_closed else INCONCLUSIVE
+
     @property
     def in_trouble(self) -> bool:
-        """Whether nothing but the machinery keeps it closed, so that it says nothing."""
+        """Whether it says nothing.
+
+        Nothing but the machinery keeps it closed, or episodes that may hide a failure.
+        """
         closing = self.gate.closing & self.counts.keys()
+        if not closing:
+            return not self.open
         problems = tuple(self.problems())
         return (
             closing == {GateVerdict.CANNOT_RUN}
@@ -128,10 +150,14 @@ def build_report(
     for member in members:
         seen.update(member.count_verdicts())
     counts = {verdict: seen[verdict] for verdict in GateVerdict if seen[verdict]}
-    is_open = gate.closing.isdisjoint(counts)
-    return GateReport(
-        gate=gate, open=is_open, counts=counts, members=tuple(members), matched=tuple(matched)
+    report = GateReport(
+        gate=gate,
+        open=gate.closing.isdisjoint(counts),
+        counts=counts,
+        members=tuple(members),
+        matched=tuple(matched),
     )
+    return replace(report, open=False) if any(report.list_doubts()) else report
 
 
 ILLEGAL = re.compile("[^\t\n\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -169,7 +195,9 @@ def _build_suite(member: MemberReport, gate: GateRun) -> ET.Element:
     properties = ET.SubElement(suite, "properties")
     for name, value in _list_properties(member, gate):
         ET.SubElement(properties, "property", name=name, value=_remove_illegal(value))
-    found = [_build_case(case, suite.get("name", ""), gate) for case in _list_cases(member)]
+    found = [
+        _build_case(case, suite.get("name", ""), gate) for case in _list_cases(member, gate.strict)
+    ]
     suite.extend(found)
     _write_totals(suite, found)
     return suite
@@ -209,7 +237,7 @@ def _list_properties(member: MemberReport, gate: GateRun) -> Iterator[tuple[str,
         yield from ((str(each), str(count)) for each, count in rerun.counts.items())
 
 
-def _list_cases(member: MemberReport) -> Iterator[_TestCase]:
+def _list_cases(member: MemberReport, strict: bool) -> Iterator[_TestCase]:
     """The test cases of a member."""
     for note in member.notes:
         yield _TestCase("baseline", note, None, note)
@@ -225,6 +253,9 @@ def _list_cases(member: MemberReport) -> Iterator[_TestCase]:
             _name_whole(rerun),
             rerun.wall_s,
         )
+        if doubt := rerun.describe_doubt(strict):
+            text = f"{doubt} may hide a new failure."
+            yield _TestCase("rerun", "hidden failures", GateVerdict.CANNOT_RUN, text)
         yield from map(partial(_make_mode_case, rerun), rerun.new_modes)
         for each in rerun.findings:
             if rerun.by is JudgedBy.EPISODE and each.verdict in CLOSING:
@@ -327,8 +358,10 @@ def describe_conclusion(report: GateReport) -> str:
     if not gate.baseline:
         found = _describe_findings(report)
         return f"{gate.run} can be a baseline (--baseline {gate.version}): {found}."
-    state = "open" if report.open else "closed"
-    judged = f"The gate of {gate.run} against {gate.baseline} is {state}"
+    judged = f"The gate of {gate.run} against {gate.baseline} is {report.state}"
+    if report.state == INCONCLUSIVE:
+        doubts = ", ".join(report.list_doubts())
+        return f"{judged}: {doubts} may hide a new failure."
     if not counts:
         return f"{judged}: no failure on either side."
     return f"{judged}. Known failures, episodes and campaigns together: {counts}."

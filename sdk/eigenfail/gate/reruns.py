@@ -17,8 +17,9 @@ from eigenfail.gate.verdicts import (
     judge_rate_by_chance,
 )
 from eigenfail.methods import traits_of
+from eigenfail.presentation.rates import list_doubtful
 from eigenfail.settings import Count, Ordinal
-from eigenfail.values import Campaign, Comparison, Difference
+from eigenfail.values import Campaign, Comparison, Difference, Rate
 from eigenfail.values.records import EpisodeRow
 
 LONGEST_NAME, LONGEST_SENTENCE = 200, 10_000
@@ -67,12 +68,17 @@ class JudgedBy(StrEnum):
 
 
 class RerunFigures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a campaign found, in numbers."""
+    """What a campaign found, in numbers.
+
+    Attributes:
+        unresolved: safe episodes that are unresolved, or may be, as far as that was counted.
+    """
 
     campaign: Ordinal
     completed: Count
     failures: Count
     errored: Count = msgspec.field(name="failed")
+    unresolved: Count = 0
 
 
 class Rerun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -116,6 +122,18 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     def summary(self) -> str:
         """Return the counts of a verdict, and the findings on modes."""
         return f"{self.words} {self.modes}".rstrip()
+
+    def describe_doubt(self, strict: bool) -> str:
+        """Return which episodes may hide a failure that closes the gate; empty if none does.
+
+        Args:
+            strict: whether failures of the baseline close the gate, too; without it as many
+                unresolved episodes as the baseline has are taken for the same ones.
+        """
+        known = 0 if strict else self.before.unresolved
+        doubtful = list_doubtful(self.now.errored, max(self.now.unresolved - known, 0))
+        beside = f" beside the {known:,} of the baseline" if known else ""
+        return f"{doubtful}{beside} of campaign {self.now.campaign}" if doubtful else ""
 
     @property
     def judges_modes(self) -> bool:
@@ -207,8 +225,8 @@ def _judge_by_pairs(
     counts = Counter(verdicts.values())
     worst = find_worst(counts)
     return Rerun(
-        before=read_figures(before.campaign),
-        now=read_figures(now.campaign),
+        before=read_figures(before.campaign, comparison.a.failure_rate),
+        now=read_figures(now.campaign, comparison.b.failure_rate),
         method=now.campaign.spec.method,
         verdict=worst if by is JudgedBy.EPISODE else judge_rate_by_chance(comparison.pairs, counts),
         by=by,
@@ -242,8 +260,8 @@ def _judge_as_whole(before: RerunSide, now: RerunSide, comparison: Comparison, p
     """Give one verdict for all episodes, with the likeliest failures, which may be new or known."""
     became = judge_rate(before.campaign, now.campaign, comparison.difference)
     return Rerun(
-        before=read_figures(before.campaign),
-        now=read_figures(now.campaign),
+        before=read_figures(before.campaign, comparison.a.failure_rate),
+        now=read_figures(now.campaign, comparison.b.failure_rate),
         method=now.campaign.spec.method,
         verdict=became,
         by=JudgedBy.RATE,
@@ -274,12 +292,18 @@ def _list_warnings(comparison: Comparison) -> tuple[str, ...]:
     return tuple(each.replace("A and B", "Baseline and rerun") for each in left)
 
 
-def read_figures(campaign: Campaign) -> RerunFigures:
-    """What a campaign found."""
+def read_figures(campaign: Campaign, rate: Rate | None = None) -> RerunFigures:
+    """What a campaign found.
+
+    Args:
+        campaign: as it stands.
+        rate: its failure rate, with the number of unresolved episodes.
+    """
     counts = campaign.counts
     return RerunFigures(
         campaign=campaign.id,
         completed=counts.completed,
         failures=counts.failures,
         errored=counts.errored,
+        unresolved=rate.unresolved if rate else 0,
     )

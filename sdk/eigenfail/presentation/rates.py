@@ -80,11 +80,22 @@ def count_trials(rate: Rate) -> str:
     return f"{rate.k:,} of {count_completed(rate)}"
 
 
+def list_doubtful(errored: int, unresolved: int) -> str:
+    """Return the episodes that may hide a failure, in words; empty if there is none."""
+    doubtful = _count_doubtful(errored, unresolved)
+    if not doubtful:
+        return ""
+    return f"{' and '.join(doubtful)} {'episode' if errored + unresolved == 1 else 'episodes'}"
+
+
 def count_completed(rate: Rate) -> str:
     """Return the completed episodes of a rate, with the number of those that may hide an event."""
-    counts = {"errored": rate.errored, "unresolved": rate.unresolved}
-    doubtful = [f"{count:,} {word}" for word, count in counts.items() if count]
-    return ", ".join([f"{rate.n:,}", *doubtful])
+    return ", ".join([f"{rate.n:,}", *_count_doubtful(rate.errored, rate.unresolved)])
+
+
+def _count_doubtful(errored: int, unresolved: int) -> list[str]:
+    counts = {"errored": errored, "unresolved": unresolved}
+    return [f"{count:,} {word}" for word, count in counts.items() if count]
 
 
 def explain_design(rate: Rate) -> str:

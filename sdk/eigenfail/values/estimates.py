@@ -17,6 +17,10 @@ class Interval(msgspec.Struct, frozen=True):
 IMPORTANCE_SAMPLING = "importance sampling"
 
 
+MONTE_CARLO = "Monte Carlo"
+"""How an estimate was found that is a share of draws from p(x)."""
+
+
 ONE_REGION = (
     "Importance sampling from one Gaussian sees one failure region; others are missed, so the true "
     "probability may be larger. Its own random error is not taken off."
@@ -31,7 +35,8 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     agreement of several such estimates shows the share of the regions that were missed.
 
     Attributes:
-        by: how it was found: "subset simulation", "mixture sampling" or "importance sampling".
+        by: how it was found: "subset simulation", "mixture sampling", "importance sampling" or
+            "Monte Carlo".
         episodes: how many it rests on.
         probability: None where no honest estimate exists; `problem` then says why.
         bound: "lower" where `probability` is only a lower bound, which `note` explains; None
@@ -64,12 +69,13 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     def bound_below(self, errored: int) -> "Estimate":
         """Return the estimate of a campaign of which some episodes errored: a lower bound.
 
-        Methods count an errored episode as no failure, although it may hide one.
+        Methods count an errored episode as no failure, although it may hide one. A share of draws
+        from p(x) stays as it is: its interval counts them as failures.
 
         Args:
             errored: number of errored episodes of the campaign.
         """
-        if not errored or self.probability is None:
+        if not errored or self.probability is None or self.by == MONTE_CARLO:
             return self
         episodes = "1 episode" if errored == 1 else f"{errored:,} episodes"
         note = f"{episodes} errored and may hide failures, so that the probability may be larger."

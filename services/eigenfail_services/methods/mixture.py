@@ -14,6 +14,7 @@ from eigenfail_services.statistics.mixture_sampling import (
     FEWEST_FAILURES,
     MixtureResult,
     MixtureSampling,
+    count_needed,
     fit_tail,
 )
 from eigenfail_services.statistics.pooled_estimate import (
@@ -27,11 +28,6 @@ BY = "mixture sampling"
 
 FEWEST_EPISODES = 500
 """Below this the chains are too few and too short for any of the known problems."""
-
-FEWEST_EFFECTIVE = 25
-"""Effective failures below which nothing is printed. With fewer than there are values of noise
-nothing is printed either: of 100 campaigns on a half space in 40 dimensions 14 of the 16 intervals
-that were printed without this rule held the probability."""
 
 LARGEST_TAIL_INDEX = 0.7
 """Of the weights of many draws (Vehtari et al. 2024, JMLR 25 (72)): beyond it their mean converges
@@ -120,7 +116,7 @@ def judge_result(result: MixtureResult, episodes: int, values: int) -> Estimate:
     if not len(result.weights):
         return _refuse(episodes, f"None of the last draws failed. {TAKE_SUBSET}.")
     effective = result.effective
-    needed = max(FEWEST_EFFECTIVE, values)
+    needed = count_needed(values)
     if effective < needed:
         return _refuse(
             episodes,
@@ -182,6 +178,12 @@ def _explain_early_end(simulation: MixtureSampling) -> str:
         return (
             f"Failures are not rare in its first {simulation.episodes_run} episodes: take method "
             "monte_carlo."
+        )
+    if simulation.promised is not None:
+        needed = count_needed(simulation.size)
+        return (
+            f"Its trials promise the information of {simulation.promised:.1f} independent "
+            f"failures, and {needed} are needed: the fitted normals do not match the failures well."
         )
     return (
         f"Noise of one to four sigma met {simulation.found_failures} failures in its first "

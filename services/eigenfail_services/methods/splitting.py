@@ -301,14 +301,12 @@ class MultilevelSplitting:
     def _describe(self, pooled: PooledRuns) -> str:
         """Return what a reader must know besides the number."""
         died = len(self._runs) - pooled.reached
-        errors = f"{self._errored} episodes errored and count as no failures. "
         return (
             f"Mean of {len(self._runs)} independent runs. "
             f"{f'{died} of them died out and count as 0. ' if died else ''}"
             f"The failures descend from first episodes that are worth {pooled.families:.1f} "
             "independent ones: from these and from the differences between the runs follows the "
             "interval. "
-            f"{errors if self._errored else ''}"
             "The estimate is more often too low than too high. "
             "Kinds of failure that few episodes come near may be missing in all of the runs."
         )

@@ -11,6 +11,7 @@ from math import fsum, hypot, inf, log, log1p, prod, sqrt
 from statistics import stdev
 
 from eigenfail.values import Estimate, Interval
+from eigenfail.values.estimates import MONTE_CARLO
 from eigenfail_services.statistics.intervals import (
     bound_stated_share,
     bound_unseen,
@@ -115,8 +116,6 @@ def _sum_known(sizes: Sequence[float | None]) -> float | None:
 
 
 SUBSET_SIMULATION = "subset simulation"
-
-MONTE_CARLO = "Monte Carlo"
 
 FEW_SAMPLES = 2000
 """On each level; with no more, on a world with rare lineages, the truth was missed 300-fold."""

@@ -103,13 +103,17 @@ def compared(campaign, row):
 
 def side(failures, completed, is_sampled):
     """A side of a comparison, whose episodes are a random sample or those of a search."""
-    rate = Rate(failures / completed, failures, completed, None, sampled=is_sampled)
+    rate = (
+        Rate(failures / completed, failures, completed, None, sampled=is_sampled)
+        if completed
+        else None
+    )
     return Side(
         campaigns=(1,),
         completed=completed,
         failures=failures,
         failure_rate=rate,
-        rates=(rate.value,),
+        rates=(rate.value if rate else None,),
         log_probability_per_step=None,
         mean_severity=None,
         cost=Cost(0.0, 0.0, None, None, None),
@@ -124,7 +128,7 @@ def comparison(before, now, is_paired):
     ran = [len(found) - found.count(FAILED) for found in (before, now)]
     counted = [*zip((before.count(HIT), now.count(HIT)), ran, strict=True)]
     rates = [Rate(k / n, k, n, wilson(k, n)) for k, n in counted if n]
-    sides = [side(*each, is_paired) for each in counted] if all(ran) else [None, None]
+    sides = [side(*each, is_paired) for each in counted]
     return Found(
         a=sides[0],
         b=sides[1],

@@ -181,10 +181,12 @@ def test_a_state_with_families_that_do_not_exist_is_refused():
         make_learner().restore(archive.write("splitting", facts, arrays))
 
 
-def test_errored_episodes_are_told():
+def test_errored_episodes_make_the_estimate_a_lower_bound():
     estimate, count = run(3, engine=ToyEngine(CORRIDOR, faulty=range(0, 400, 50)))
     assert estimate.episodes == count - 8
-    assert "8 episodes errored and count as no failures" in estimate.note
+    bounded = estimate.bound_below(8)
+    assert bounded.note.startswith("8 episodes errored and may hide failures")
+    assert (bounded.bound, bounded.interval) == ("lower", None)
 
 
 def test_workers_without_importance_are_refused():
