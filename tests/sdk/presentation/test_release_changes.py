@@ -81,8 +81,10 @@ def test_version_that_is_not_compared_is_named_with_its_failures():
         ({"v3": "Not analysed."}, "v3 is not compared. Not analysed."),
         (
             {"v1": "X.", "v2": "Y."},
-            "v1, with 1 failure in 9 episodes, is not compared. X. v2, with 1 failure in 9 "
-            "episodes, is not compared. Y. v3 is not compared: no version before it can be.",
+            (
+                "v1, with 1 failure in 9 episodes, is not compared. X. v2, with 1 failure in 9 "
+                "episodes, is not compared. Y. v3 is not compared: no version before it can be."
+            ),
         ),
         ({}, "v3 against v2: no failure mode in either version."),
     ],

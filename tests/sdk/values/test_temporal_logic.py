@@ -103,23 +103,26 @@ def nest(generator: random.Random, depth: int) -> Formula:
             ]
             for one, two in zip(values(trace), other(trace), strict=True)
         ]
-    step = 1 if kind == "until" else -1
+    step, reach = (1 if kind == "until" else -1), (low, high)
+    return f"(({text}) {kind}{bounds} ({other_text}))", lambda trace: hold(
+        values(trace), other(trace), step, reach
+    )
 
-    def hold(trace: Trace) -> Values:
-        left, right, steps = values(trace), other(trace), len(trace["a"])
-        found: Values = []
-        for k in range(steps):
-            reached = []
-            for ahead in range(low, min(high, steps) + 1):
-                if not 0 <= k + step * ahead < steps:
-                    continue
-                before = [left[k + step * n] for n in range(ahead)]
-                held = min([each for each in before if each is not None], default=inf)
-                reached.append(join(right[k + step * ahead], held))
-            found.append(max([each for each in reached if each is not None], default=None))
-        return found
 
-    return f"(({text}) {kind}{bounds} ({other_text}))", hold
+def hold(left: Values, right: Values, step: int, reach: tuple[int, int]) -> Values:
+    """Return `until`, or with a step of -1 `since`, by its definition."""
+    found: Values = []
+    steps = len(left)
+    for k in range(steps):
+        reached = []
+        for ahead in range(reach[0], min(reach[1], steps) + 1):
+            if not 0 <= k + step * ahead < steps:
+                continue
+            before = [left[k + step * n] for n in range(ahead)]
+            held = min([each for each in before if each is not None], default=inf)
+            reached.append(join(right[k + step * ahead], held))
+        found.append(max([each for each in reached if each is not None], default=None))
+    return found
 
 
 def test_it_is_the_robustness_of_the_definition() -> None:
