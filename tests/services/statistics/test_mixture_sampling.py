@@ -16,13 +16,16 @@ from eigenfail_services.statistics.gaussian_mixture import (
     make_scaled_proposal,
 )
 from eigenfail_services.statistics.mixture_sampling import (
+    LEAST_PROMISE,
     MixtureResult,
     MixtureSampling,
     ProposalDraws,
+    count_needed,
     fit_tail,
     make_result,
     weigh_by_balance,
 )
+from eigenfail_services.statistics.subset_simulation import PlainDraws, SubsetSimulation
 
 SHAPE = 3, 2
 REACH = 3.7
@@ -99,7 +102,8 @@ def test_where_failures_are_not_rare_nothing_is_fitted():
     simulation, z = sample(lambda z: project(z) - 1.0, 1, budget=600)
     assert not simulation.are_failures_rare
     assert simulation.result is None
-    assert len(z) < 300
+    assert isinstance(simulation.successor, PlainDraws)
+    assert len(z) == 600
 
 
 def test_the_signs_of_the_axes_do_not_change_the_draws():
@@ -115,7 +119,17 @@ def test_failures_that_no_wide_noise_meets_leave_no_result():
     simulation, z = sample(lambda z: np.ones(len(z)), 1, budget=600)
     assert simulation.result is None
     assert simulation.found_failures == 0
-    assert len(z) < 600
+    assert isinstance(simulation.successor, SubsetSimulation)
+    assert len(z) == 600
+
+
+def test_mixture_whose_trial_promises_too_little_leaves_its_last_draws_to_another():
+    # A few hundred draws cannot fit normals to failures in 80 dimensions.
+    simulation, z = sample(one_side, 5, budget=1000, shape=(40, 2))
+    assert 900 < len(z) <= 1000
+    assert simulation.result is None
+    assert simulation.promised < LEAST_PROMISE * count_needed(80)
+    assert isinstance(simulation.successor, SubsetSimulation)
 
 
 def test_the_coefficient_of_variation_is_that_of_the_bootstrap():
