@@ -2,7 +2,8 @@
 
     python benchmarks/screenshots.py --url http://127.0.0.1:8440
 
-They show the campaign with the most failures, beside the first one of another method.
+They show the campaign with the most failures, beside the first one of another method. Each file has
+the words of its page in a text chunk, so that a test can compare its figures with a document's.
 """
 
 import argparse
@@ -13,6 +14,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 from playwright.sync_api import Page, ViewportSize, expect, sync_playwright
 
 from eigenfail.client import Client
@@ -24,6 +26,10 @@ FOLDER = Path(__file__).parents[1] / "docs" / "pictures" / "screens"
 WIDTH, HEIGHT, TALLEST = 1280, 800, 1600
 COLOURS = 64
 PATIENCE_MS = 20_000
+WORDS = "words"
+"""Name of the text chunk."""
+MOST_WORDS = 4_000
+"""Characters of it: what is in the picture, which ends at TALLEST."""
 
 
 class Subject(NamedTuple):
@@ -94,7 +100,12 @@ def picture(page: Page, url: str, file: Path) -> Path:
     page.evaluate("window.scrollTo(0, 0)")
     whole = Image.open(io.BytesIO(page.screenshot(full_page=True)))
     shot = whole.crop((0, 0, WIDTH, min(whole.height, TALLEST)))
-    shot.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE).save(file, optimize=True)
+    words = PngInfo()
+    words.add_itxt(
+        WORDS, " ".join(page.locator("main").inner_text().split())[:MOST_WORDS], zip=True
+    )
+    few = shot.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)
+    few.save(file, optimize=True, pnginfo=words)
     return file
 
 

@@ -1,8 +1,10 @@
-"""The pictures in docs/pictures show the scenarios as they are now."""
+"""The pictures in docs/pictures show scenarios and campaigns as they are now."""
 
+import re
 from xml.etree import ElementTree as ET
 
 import pytest
+from PIL import Image
 
 from eigenfail import plugins
 
@@ -48,3 +50,28 @@ def test_pictures_bring_their_own_ground_for_light_and_dark_pages(root):
         svg = path.read_text()
         assert drawn(svg, "rect", "page"), path.name
         assert "@media (prefers-color-scheme: dark)" in drawn(svg, "style")[0].text, path.name
+
+
+def read_words(file):
+    """Return the words of the page that `make screens` took a picture of."""
+    with Image.open(file) as picture:
+        return picture.info["words"]
+
+
+def test_pictures_of_the_readme_show_the_figures_of_its_text(root):
+    readme = (root / "README.md").read_text("utf-8")
+    names = re.findall(r"docs/pictures/screens/(\w+)\.png", readme)
+    assert names == ["campaign", "analysis"]
+    campaign, analysis = (
+        read_words(root / "docs" / "pictures" / "screens" / f"{name}.png") for name in names
+    )
+    of_ast = r"^ 2 ast +(\d+) +(\d+) (\S+ %) of its search +(\S+) +(\S+)"
+    (row,) = re.findall(of_ast, readme, re.MULTILINE)
+    episodes, failures, share, log_p, severity = row
+    assert f"Failures {failures} of {episodes} {share} of its search" in campaign
+    assert f"log p per step [nats] {log_p} of {failures} failures" in campaign
+    assert f"Mean severity [m²/s²] {severity}" in campaign
+    (verdict,) = re.findall(r"^.* distinct mode.*\.$", readme, re.MULTILINE)
+    assert verdict.split(" The largest")[0] in analysis
+    (analysed,) = re.findall(r"^(\d+) failures; \d+ components explain", readme, re.MULTILINE)
+    assert f"Failures analysed {analysed} of {episodes}" in analysis.replace(" ?", "")
