@@ -133,19 +133,27 @@ def _written(path: Path, field: str) -> Iterator[None]:
         raise InvalidValue(field, problem, "Choose another file, or remove this one.") from error
 
 
-def open_regular(path: Path, most_bytes: int) -> BinaryIO:
-    """Open a regular file to read bytes.
+OPEN_FILES = ("/dev/stdin", "/dev/fd/", "/proc/self/fd/")
+"""Begin of the paths of files that this process has open."""
 
-    Devices have no end, and opening a FIFO waits for a writer: neither is opened.
+
+def open_regular(path: Path, most_bytes: int) -> BinaryIO:
+    """Open a regular file to read bytes, or a pipe that this process was started with.
+
+    Devices have no end, and opening a named pipe waits for a writer: neither is opened. The shell
+    has opened the pipes of `<(…)` and of standard input.
 
     Args:
         path: path of the file.
         most_bytes: largest size that is accepted.
 
     Raises:
-        OSError: it cannot be opened, is not a regular file, or is larger.
+        OSError: it cannot be opened, is another kind of file, or is larger.
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    if stat.S_ISFIFO(os.fstat(descriptor).st_mode) and str(path).startswith(OPEN_FILES):
+        os.set_blocking(descriptor, True)
+        return os.fdopen(descriptor, "rb")
     if fault := _find_fault(os.fstat(descriptor), most_bytes):
         os.close(descriptor)
         raise fault
