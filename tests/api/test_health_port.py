@@ -1,6 +1,7 @@
 """Health checks at a port of their own: answered whatever the other port is busy with."""
 
 import asyncio
+import errno
 import json
 import socket
 import threading
@@ -73,6 +74,50 @@ def test_readiness_names_the_problem_and_liveness_does_not_depend_on_it(ports, s
     assert (status, told["type"]) == (503, "urn:eigenfail:store-unavailable")
     assert told["remedy"] == "Bring it back."
     assert ask(ports[1], "/healthz")[0] == 200
+
+
+def test_check_that_raises_anything_has_an_answer(ports, store, monkeypatch):
+    def fail():
+        raise RuntimeError("nobody expected this")
+
+    monkeypatch.setattr(store, "ping", fail)
+    status, told = ask(ports[1], "/readyz")
+    assert status == 503
+    assert told["detail"] == "The check raised RuntimeError: nobody expected this"
+
+
+def test_head_has_no_body(ports):
+    with ExitStack() as stack:
+        peer = connect(stack, ports[1], b"HEAD /healthz HTTP/1.1\r\n\r\n")
+        head, _, body = b"".join(iter(lambda: peer.recv(4_096), b"")).partition(b"\r\n\r\n")
+    assert head.startswith(b"HTTP/1.1 200")
+    assert body == b""
+
+
+class Crowded(socket.socket):
+    """A socket whose first connection finds no descriptor left."""
+
+    refusals = 1
+
+    def accept(self):
+        if self.refusals:
+            self.refusals -= 1
+            raise OSError(errno.EMFILE, "Too many open files")
+        return super().accept()
+
+
+def test_health_port_outlives_a_connection_that_cannot_be_accepted(app):
+    loop = asyncio.new_event_loop()
+    thread = Thread(target=loop.run_forever)
+    thread.start()
+    with Crowded() as listener:
+        listener.bind(("127.0.0.1", 0))
+        listener.listen()
+        operations.HealthServer(listener, app.state.readiness).start(loop)
+        assert ask(listener.getsockname()[1], "/healthz")[0] == 200
+    loop.call_soon_threadsafe(loop.stop)
+    thread.join()
+    loop.close()
 
 
 def test_process_whose_event_loop_hangs_is_not_healthy(app, monkeypatch):

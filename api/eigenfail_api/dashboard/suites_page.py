@@ -281,15 +281,17 @@ def make_heat_map(table: SuiteTable) -> HeatMap | None:
 def pool_failures(members: Sequence[SuiteRow]) -> Rate | None:
     """Return failures ÷ completed episodes of members of several seeds; None before the first one.
 
-    Only samples whose number of episodes was fixed have an interval together.
+    Only samples whose number of episodes was fixed have an interval together. Episodes of a member
+    that completed none are errored ones of all members.
     """
-    rates = [row.summary.failure_rate for row in members]
-    known = [rate for rate in rates if rate is not None]
-    if len(known) < 2:
+    known = [rate for row in members if (rate := row.summary.failure_rate) is not None]
+    lost = sum(row.summary.counts.errored for row in members if row.summary.failure_rate is None)
+    if len(known) < 2 and not (known and lost):
         return known[0] if known else None
     k, n, errored, unresolved = (
         sum(getattr(each, name) for each in known) for name in ("k", "n", "errored", "unresolved")
     )
+    errored += lost
     is_sample = all(each.sampled for each in known)
     is_fixed = all(each.design is RateDesign.FIXED for each in known)
     counts = (k, n, None, is_sample)

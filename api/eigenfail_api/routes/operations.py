@@ -16,7 +16,7 @@ from concurrent.futures import Future
 from contextlib import suppress
 from http import HTTPStatus
 from threading import BoundedSemaphore, Thread
-from typing import Annotated
+from typing import Annotated, NamedTuple
 
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import PlainTextResponse
@@ -65,6 +65,9 @@ MOST_PROBES = 64
 HEAD_S = 3.0
 HEAD_BYTES = 8 * 1024
 """At the port for health checks: requests at a time, and time and length of the head of each."""
+
+RETRY_S = 0.1
+"""After a connection that the system could not accept."""
 
 
 router = APIRouter(tags=["operations"])
@@ -139,15 +142,24 @@ class HealthServer:
             try:
                 connection, _ = self._listener.accept()
             except OSError:
-                return
+                if self._listener.fileno() < 0:
+                    return
+                # A flood may leave no descriptor for a moment: probes are most wanted then.
+                time.sleep(RETRY_S)
+                continue
             self._places.acquire()
-            Thread(target=self._serve, args=(connection, loop), daemon=True).start()
+            try:
+                Thread(target=self._serve, args=(connection, loop), daemon=True).start()
+            except RuntimeError:  # no thread can be started at present
+                connection.close()
+                self._places.release()
 
     def _serve(self, connection: socket.socket, loop: AbstractEventLoop) -> None:
         """Answer one request; one that does not arrive in time gets no answer."""
         try:
             with connection, suppress(OSError):
-                connection.sendall(format_answer(self._check(read_target(connection), loop)))
+                asked = read_probe(connection)
+                connection.sendall(format_answer(self._check(asked.path, loop), asked.has_body))
         finally:
             self._places.release()
 
@@ -164,6 +176,9 @@ class HealthServer:
             asked.cancel()
             problem = f"The event loop did not answer within {PROBE_LIMIT_S + LOOP_LIMIT_S:g} s."
             return answer(make_untyped_problem(503, problem, path, "Start the process again."))
+        except Exception as error:  # noqa: BLE001 - whatever a check raises, the probe has an answer
+            problem = f"The check raised {type(error).__name__}: {error}"
+            return answer(make_untyped_problem(503, problem, path, "Look into the log."))
         return Json(Health())
 
 
@@ -171,8 +186,20 @@ async def _beat() -> None:
     """Do nothing, in the event loop."""
 
 
-def read_target(connection: socket.socket) -> str:
-    """Return the path of a request, without its query; empty if it is not a request.
+class Probe(NamedTuple):
+    """A request at the health port.
+
+    Attributes:
+        path: without its query; empty if it is not a request.
+        has_body: whether its answer has a body, which that of HEAD has not.
+    """
+
+    path: str
+    has_body: bool
+
+
+def read_probe(connection: socket.socket) -> Probe:
+    """Return a request.
 
     Raises:
         OSError: it did not arrive in time.
@@ -185,15 +212,17 @@ def read_target(connection: socket.socket) -> str:
         head += part
     words = head.partition(b"\r\n")[0].split(b" ")
     is_read = len(words) == 3 and words[0] in {b"GET", b"HEAD"}
-    return words[1].partition(b"?")[0].decode("latin-1") if is_read else ""
+    path = words[1].partition(b"?")[0].decode("latin-1") if is_read else ""
+    return Probe(path, words[0] != b"HEAD")
 
 
-def format_answer(response: Response) -> bytes:
+def format_answer(response: Response, has_body: bool) -> bytes:
     """Return an answer as HTTP/1.1, after which the connection is closed."""
+    body = bytes(response.body) if has_body else b""
     phrase = HTTPStatus(response.status_code).phrase.encode()
     lines = [b"HTTP/1.1 %d %s" % (response.status_code, phrase)]
     lines += [b"%s: %s" % header for header in response.raw_headers]
-    return b"\r\n".join((*lines, b"connection: close", b"", bytes(response.body)))
+    return b"\r\n".join((*lines, b"connection: close", b"", body))
 
 
 @router.get("/healthz", **document_route(Health))

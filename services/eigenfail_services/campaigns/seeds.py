@@ -140,7 +140,8 @@ def _make_spread(
     if not members:
         return None
     summaries = [member.summary for member in members]
-    pooled = _pool_rates(members)
+    lost = _count_lost(group, members)
+    pooled = _pool_rates(members, lost)
     worst = min(members, key=lambda member: (member.share, -member.first, member.seed))
     return SeedSpread(
         name=_name_group(group[0].spec, names),
@@ -156,8 +157,8 @@ def _make_spread(
         ),
         mean_severity=_measure_known([summary.mean_severity for summary in summaries], 0.0),
         first=_find_first_failures(members),
-        cost=_price_failures(members),
-        notes=tuple(_list_notes(group, members)),
+        cost=_price_failures(members, pooled),
+        notes=tuple(_list_notes(group, members, pooled)),
         pooled=pooled if pooled.sampled else None,
     )
 
@@ -203,23 +204,34 @@ def _find_first_failures(members: Sequence[_Member]) -> FirstFailures:
     )
 
 
-def _price_failures(members: Sequence[_Member]) -> Cost:
+def _price_failures(members: Sequence[_Member], pooled: Rate) -> Cost:
     bills = [member.summary.cost for member in members]
     failures = [member.summary.counts.failures for member in members]
     return price_over_seeds(
         PairSums.of([bill.total_usd for bill in bills], failures),
         sum(bill.instance_hours for bill in bills),
-        _pool_rates(members),
+        pooled,
     )
 
 
-def _pool_rates(members: Sequence[_Member]) -> Rate:
-    """Return the failure rate of all episodes of the members together."""
+def _count_lost(group: Group, members: Sequence[_Member]) -> int:
+    """Return the errored episodes of the seeds of which no episode was completed."""
+    known = {member.seed for member in members}
+    return sum(each.counts.errored for each in group if each.spec.seed not in known)
+
+
+def _pool_rates(members: Sequence[_Member], lost: int) -> Rate:
+    """Return the failure rate of all episodes of the members together.
+
+    Args:
+        members: campaigns with a completed episode.
+        lost: errored episodes of the others; each may hide a failure.
+    """
     rates = [rate for member in members if (rate := member.summary.failure_rate)]
     return SamplingDesign.of([member.campaign.spec for member in members]).make_rate(
         sum(rate.k for rate in rates),
         sum(rate.n for rate in rates),
-        sum(rate.errored for rate in rates),
+        sum(rate.errored for rate in rates) + lost,
         sum(rate.unresolved for rate in rates),
     )
 
@@ -247,10 +259,10 @@ def price_over_seeds(sums: PairSums, instance_hours: float, failures: Rate) -> C
     )
 
 
-def _list_notes(group: Group, members: Sequence[_Member]) -> Iterator[str]:
+def _list_notes(group: Group, members: Sequence[_Member], pooled: Rate) -> Iterator[str]:
     specs = [campaign.spec for campaign in group]
     design = SamplingDesign.of(specs)
-    yield _describe_pooled_rate(members) if design.is_sampled else OF_THE_SEARCH
+    yield _describe_pooled_rate(pooled) if design.is_sampled else OF_THE_SEARCH
     counted = {member.seed for member in members}
     if missing := sorted({spec.seed for spec in specs} - counted):
         yield (
@@ -269,9 +281,8 @@ def _list_notes(group: Group, members: Sequence[_Member]) -> Iterator[str]:
         )
 
 
-def _describe_pooled_rate(members: Sequence[_Member]) -> str:
+def _describe_pooled_rate(rate: Rate) -> str:
     """Return the failure rate of all episodes together, which were all drawn from p(x)."""
-    rate = _pool_rates(members)
     quoted = (
         f"All episodes were drawn from p(x): together their failure rate is "
         f"{format_counted_rate(rate)}. Quote this "

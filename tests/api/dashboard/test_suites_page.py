@@ -1,11 +1,14 @@
 """Suites as pages: a list, and one table of what differs."""
 
 import re
+from types import SimpleNamespace
 
 import pytest
 
 from eigenfail.values import Outcome
 from eigenfail.values.campaign import BUDGET_SPENT
+from eigenfail_api.dashboard.suites_page import pool_failures
+from eigenfail_services.statistics.intervals import rate
 
 
 @pytest.fixture
@@ -81,7 +84,8 @@ def test_seeds_of_one_campaign_have_a_row_of_means(http, look, make, deliver, re
         make(f"s: seed={seed}", seed=seed)
     deliver(3, result(2, Outcome.COLLISION))
     text = look("/suites/s")
-    assert "mean over 3 seeds 55.6 % 95 %: [31.6, 79.5]" in text
+    # 4 of 7 episodes; the mean of the three shares is in the table below
+    assert "rate of all episodes, means over 3 seeds 57.1 % 95 %: [25.0, 84.2]" in text
     assert (
         "Share of episodes that failed, mean over 3 seeds [95 % interval of the mean]: 55.6 % "
         "[31.6, 79.5]; median 50.0 %, fewest 50.0 %, with seed 1."
@@ -96,7 +100,8 @@ def test_each_group_of_seeds_has_its_row(look, make):
             make(name, seed=seed, scenario_parameters={"distance_m": distance_m})
     text = look("/suites/s")
     for distance_m in (53, 60):
-        assert f"distance_m={distance_m}: mean over 2 seeds 50.0 % the same for 2 seeds" in text
+        pooled = "rate of all episodes, means over 2 seeds 50.0 % 95 %: [15.0, 85.0]"
+        assert f"distance_m={distance_m}: {pooled}" in text
 
 
 def test_without_several_seeds_there_is_no_mean(look, make):
@@ -147,3 +152,12 @@ def test_a_single_setting_makes_no_map(look, make):
     make("s: a", planner="idm")
     make("s: b", planner="rulebook")
     assert "Failures by" not in look("/suites/s")
+
+
+def test_member_that_completed_nothing_counts_in_the_pooled_upper_bound():
+    fine = SimpleNamespace(failure_rate=rate(0, 100), counts=SimpleNamespace(errored=0))
+    lost = SimpleNamespace(failure_rate=None, counts=SimpleNamespace(errored=100))
+    rows = [SimpleNamespace(summary=each) for each in (fine, fine, lost)]
+    assert pool_failures(rows) == rate(0, 200, 100)
+    assert pool_failures([rows[0], rows[2]]) == rate(0, 100, 100)
+    assert pool_failures([rows[2]]) is None

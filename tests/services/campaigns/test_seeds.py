@@ -65,6 +65,17 @@ def test_figures_over_seeds_are_those_of_the_statistics(store: Store) -> None:
     assert found.notes == (OF_THE_SEARCH,)
 
 
+def test_seed_whose_episodes_all_errored_counts_in_the_pooled_upper_bound(store: Store) -> None:
+    made = [search(store, seed, "." * LENGTH, method="monte_carlo") for seed in range(2)]
+    fields = {"method": "monte_carlo", "episodes": LENGTH, "price_usd_per_hour": 1.5}
+    lost = running(store, name="lost", seed=2, **fields)
+    deliver(store, lost, *map(make_errored_result, range(LENGTH)))
+    made.append(store.campaigns.move(lost.id, CampaignState.DONE))
+    (found,) = find_spreads(store, ids(made))
+    assert found.pooled == rate(0, 20, LENGTH)
+    assert any("0 of 20, 10 errored" in note for note in found.notes)
+
+
 def test_groups_are_those_of_a_comparison(store: Store) -> None:
     made = [
         search(store, seed, "x", episodes=1, scenario_parameters={"distance_m": distance_m})

@@ -117,6 +117,15 @@ def test_contradiction_fails_the_episode(serving, on_bridge, changes, said) -> N
         assert said in result.fault.message
 
 
+def test_struck_vehicle_that_is_taken_away_is_put_back_for_its_collision(
+    serving, on_bridge
+) -> None:
+    way = type("TakesAway", (Through,), {"gone_from": 28, "report_at": 28})
+    for result in run(serving, on_bridge, way):
+        assert result.outcome is Outcome.COLLISION
+        assert result.measures.severity == pytest.approx(400.0)
+
+
 def check(serving, way: type[Through]) -> dict[str, tuple[CheckVerdict, str]]:
     scenarios = [{"name": "cut_in", "dt_s": way.dt_s, "steps": STEPS, "parameters": {}}]
     with serving(way, scenarios=scenarios) as address:

@@ -277,48 +277,76 @@ def may_touch(before: TrafficSample, after: TrafficSample) -> bool:
     return False
 
 
-def find_contact(before: TrafficSample, after: TrafficSample, dt_s: float) -> TrafficSample | None:
+def find_contact(
+    before: TrafficSample, after: TrafficSample, dt_s: float, is_reported: bool = False
+) -> TrafficSample | None:
     """Return the moment within a step at which the ego first touches a vehicle.
 
     Args:
         before: the vehicles at the sample before.
         after: the vehicles at the next sample.
         dt_s: duration of the step.
+        is_reported: whether the simulator reports a collision. Some take the struck vehicle away
+            at once: it is then put where it would have been touched.
 
     Returns:
         None if it touches none, or if the sample shows the first one that it touches.
 
     Raises:
-        SimulatorError: a vehicle jumps across the ego, or vanishes in front of it, so that nobody
-            can say whether they collided.
+        SimulatorError: a vehicle jumps across the ego, or vanishes in front of it without a
+            collision, so that nobody can say whether they collided.
     """
-    known = before.by_number()
+    known, shown_after = before.by_number(), after.by_number()
+    vanished = _find_vanished(before, after, dt_s)
+    if vanished and not is_reported:
+        raise SimulatorError(
+            f"Vehicle {min(vanished)} vanishes where the ego would have touched it.",
+            "Show a vehicle until the ego cannot touch it, and report collisions.",
+        )
     hidden: list[float] = []
     shown: list[float] = []
-    for number, other in after.by_number().items():
-        was = known.pop(number, None)
+    there = {**shown_after, **vanished}
+    for number, other in there.items():
+        was = known.get(number)
         if was is None:
             continue
         start, end = Pair(before.ego, was), Pair(after.ego, other)
         share = _find_contact_share(start, end)
         if share is None:
             continue
-        if share == 1.0:
+        if share == 1.0 and number in shown_after:
             shown.append(_find_touch(start, end, share))
         else:
             _check_way(number, was, other, dt_s)
             _check_way(0, before.ego, after.ego, dt_s)
             hidden.append(_find_touch(start, end, share))
-    for number, gone in known.items():
-        _check_vanished(number, Pair(before.ego, gone), after.ego, dt_s)
-    if not hidden or min(hidden) >= min(shown, default=1.0):
+    if not hidden or (shown and min(hidden) >= min(shown)):
         return None
-    first, known = min(hidden), before.by_number()
+    first = min(hidden)
     others = [
         move(known[number], other, first) if number in known else other
-        for number, other in after.by_number().items()
+        for number, other in there.items()
     ]
-    return TrafficSample(move(before.ego, after.ego, first), tuple(others), after.numbers)
+    return TrafficSample(move(before.ego, after.ego, first), tuple(others), tuple(there))
+
+
+def _find_vanished(
+    before: TrafficSample, after: TrafficSample, dt_s: float
+) -> dict[int, VehicleState]:
+    """Return the vehicles that are gone and that the ego would have touched, by number.
+
+    They are where they would be at the next sample if they went on as they did.
+    """
+    found = {}
+    shown = after.by_number()
+    for number, gone in before.by_number().items():
+        if number in shown:
+            continue
+        vx, vy = velocity(gone)
+        later = replace(gone, x_m=gone.x_m + vx * dt_s, y_m=gone.y_m + vy * dt_s)
+        if _find_contact_share(Pair(before.ego, gone), Pair(after.ego, later)) is not None:
+            found[number] = later
+    return found
 
 
 def _bound_way(before: Pair, after: Pair) -> float:
@@ -354,18 +382,6 @@ def _check_way(number: int, before: VehicleState, after: VehicleState, dt_s: flo
         )
 
 
-def _check_vanished(number: int, before: Pair, ego: VehicleState, dt_s: float) -> None:
-    gone = before.other
-    vx, vy = velocity(gone)
-    later = replace(gone, x_m=gone.x_m + vx * dt_s, y_m=gone.y_m + vy * dt_s)
-    after = Pair(ego, later)
-    if _find_contact_share(before, after) is not None:
-        raise SimulatorError(
-            f"Vehicle {number} vanishes where the ego would have touched it.",
-            "Show a vehicle until the ego cannot touch it, and report collisions.",
-        )
-
-
 def end_at_contact(before: Observation | None, now: Observation, dt_s: float) -> Observation:
     """Return an observation with the collision that its footprints show.
 
@@ -386,9 +402,16 @@ def end_at_contact(before: Observation | None, now: Observation, dt_s: float) ->
         earlier, later = make_sample(before), make_sample(now)
         if not (now.collided or may_touch(earlier, later)):
             return now
-        contact = find_contact(earlier, later, dt_s)
+        contact = find_contact(earlier, later, dt_s, now.collided)
         if contact is not None:
-            return replace(now, ego=contact.ego, others=contact.others, collided=True, ended=True)
+            return replace(
+                now,
+                ego=contact.ego,
+                others=contact.others,
+                collided=True,
+                ended=True,
+                ids=None if now.ids is None else tuple(contact.numbers),
+            )
     touches = any(touch(now.ego, other) for other in now.others)
     if before is None and (touches or now.collided):
         raise make_start_error()
@@ -418,6 +441,9 @@ def touch(ego: VehicleState, other: VehicleState) -> bool:
 
 def _check_reported(before: Observation, now: Observation, dt_s: float) -> None:
     """Check that a vehicle is near enough for a reported collision without an overlap."""
+    if not now.others:
+        problem = f"After step {now.step} a collision is reported, and there is no other vehicle."
+        raise SimulatorError(problem, f"{CLAIM} Show what was hit, or report it as a signal.")
     known = make_sample(before).by_number()
     nearest_m, nearest = min(
         [
