@@ -224,7 +224,7 @@ def test_a_mode_leads_to_its_medoid(visit, made):
 def test_what_the_time_went_into_is_read_without_colour(visit, made):
     page = visit(f"/campaigns/{made.ast}")
     bars = page.locator(".split progress")
-    expect(bars).to_have_count(4)
+    expect(bars).to_have_count(5)
     shares = [float(bar.get_attribute("value")) for bar in bars.all()]
     assert sum(shares) == pytest.approx(100.0, abs=0.1)
     simulation = page.get_by_role("progressbar", name="Simulation, share of the time")
