@@ -74,6 +74,25 @@ NOISES_OF_WAY = 12.0
 
 MOST_NOISES = 3.0
 
+LEAST_NOISE_M = 0.004
+"""Less noise than this, such as positions rounded to 1 cm, does not turn a vehicle that stands."""
+
+ROWS_OF_NOISE = 8
+"""Fewer rows say nothing of noise."""
+
+USUAL_JERK_MPS3 = 5.0
+"""Differences of positions that this explains are motion, and no noise. [m/s³]"""
+
+NOISES_OF_STANDING = 10.0
+"""A vehicle that stands stays within so many standard deviations of its positions."""
+
+COARSEST_STEP_M = 0.1
+NOISES_OF_STEP = 0.3
+"""Positions that are rounded to a step have noise of this share of it, as even errors have."""
+
+CREEPING_MPS = 0.5
+"""From this speed on noisy positions have a direction, if their way has. [m/s]"""
+
 REVERSING_MPS = 5.0
 """Up to this speed a vehicle may drive backwards. [m/s]"""
 
@@ -536,26 +555,78 @@ class _Motion(NamedTuple):
 
 
 def _find_motion(track: Track) -> _Motion:
-    time_s = track["time_s"]
     place = np.stack([track["x_m"], track["y_m"]], axis=1)
     # Of noise of a standard deviation s in both directions, half of the second differences are
     # larger than 2.88 s.
     bends = np.hypot(*np.diff(place, 2, axis=0).T)
     noise_m = float(np.median(bends)) / 2.88 if len(bends) else 0.0
-    before_s = np.clip(time_s - 0.5 * WINDOW_S, time_s[0], time_s[-1])
-    after_s = np.clip(time_s + 0.5 * WINDOW_S, time_s[0], time_s[-1])
-    along_m, across_m = (
-        np.interp(after_s, time_s, track[name]) - np.interp(before_s, time_s, track[name])
-        for name in ("x_m", "y_m")
-    )
+    along_m, across_m, lasts_s = _find_way(track, track["time_s"])
     way_m = np.hypot(along_m, across_m)
-    speed = way_m / (after_s - before_s)
+    speed = way_m / lasts_s
     return _Motion(
         direction=np.arctan2(across_m, along_m),
         speed=speed,
         moves=(speed >= MOVING_MPS) & (way_m >= NOISES_OF_WAY * noise_m),
         noise_m=noise_m,
     )
+
+
+def _find_way(track: Track, at_s: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+    """Return the ways along x and y within `WINDOW_S` around some times, and how long they took."""
+    time_s = track["time_s"]
+    before_s = np.clip(at_s - 0.5 * WINDOW_S, time_s[0], time_s[-1])
+    after_s = np.clip(at_s + 0.5 * WINDOW_S, time_s[0], time_s[-1])
+    along_m, across_m = (
+        np.interp(after_s, time_s, track[name]) - np.interp(before_s, time_s, track[name])
+        for name in ("x_m", "y_m")
+    )
+    return along_m, across_m, after_s - before_s
+
+
+class _Noise(NamedTuple):
+    """Noise of the positions of a vehicle.
+
+    Attributes:
+        noise_m: its standard deviation in each direction.
+        explained_m: what of it may be motion.
+    """
+
+    noise_m: float
+    explained_m: float
+
+
+def _find_noise(track: Track) -> _Noise:
+    """Return the noise of positions, by what differs from constant acceleration over four rows."""
+    time_s = track["time_s"]
+    if len(time_s) < ROWS_OF_NOISE:
+        return _Noise(0.0, 0.0)
+    times = np.lib.stride_tricks.sliding_window_view(time_s, 4)
+    apart = times[:, :, None] - times[:, None, :] + np.eye(4)
+    # Third divided differences, which are a sixth of the jerk.
+    weights = 1.0 / apart.prod(axis=2)
+    size = np.sqrt((weights**2).sum(axis=1))
+    along, across = (
+        (weights * np.lib.stride_tricks.sliding_window_view(track[name] - track[name][0], 4)).sum(1)
+        for name in ("x_m", "y_m")
+    )
+    # Half of the lengths of pairs of normal numbers are larger than 1.177.
+    noise_m = float(np.median(np.hypot(along, across) / size)) / 1.177
+    return _Noise(
+        max(noise_m, NOISES_OF_STEP * _find_step(track)),
+        USUAL_JERK_MPS3 / 6.0 / float(np.median(size)),
+    )
+
+
+def _find_step(track: Track) -> float:
+    """Return the step that the positions of a vehicle are rounded to; 0 if they are not. [m]"""
+    ways_m = np.concatenate([np.diff(track[name]) for name in ("x_m", "y_m")])
+    bends_m = np.concatenate([np.diff(track[name], 2) for name in ("x_m", "y_m")])
+    sizes_m = np.abs(ways_m)
+    least_m = float(np.min(sizes_m[sizes_m > 1e-6], initial=np.inf))
+    if least_m > COARSEST_STEP_M + 1e-6 or not (np.abs(bends_m) > 1e-6).any():
+        return 0.0
+    is_rounded = np.abs(ways_m - least_m * np.round(ways_m / least_m)) < 1e-3 * least_m
+    return least_m if is_rounded.all() else 0.0
 
 
 def _check_headings(name: str, track: Track) -> list[str]:
@@ -840,14 +911,42 @@ def _interpolate(track: Track, grid_s: Doubles) -> Doubles:
     """Return x, y, heading and speed at the times of a grid, shape (times, 4)."""
     time_s = track["time_s"]
     x_m, y_m = (np.interp(grid_s, time_s, track[name]) for name in ("x_m", "y_m"))
-    along, across = np.gradient(x_m, grid_s), np.gradient(y_m, grid_s)
-    moved_mps = np.hypot(along, across)
-    speed = np.interp(grid_s, time_s, track["speed_mps"]) if "speed_mps" in track else moved_mps
+    heading, speed = _derive_motion(track, grid_s, x_m, y_m)
+    if "speed_mps" in track:
+        speed = np.interp(grid_s, time_s, track["speed_mps"])
     if "heading_rad" in track:
         heading = np.interp(grid_s, time_s, np.unwrap(track["heading_rad"]))
-    else:
-        heading = _hold_direction(np.arctan2(across, along), moved_mps > STANDING_MPS)
     return np.stack([x_m, y_m, heading, speed], axis=1)
+
+
+def _derive_motion(
+    track: Track, grid_s: Doubles, x_m: Doubles, y_m: Doubles
+) -> tuple[Doubles, Doubles]:
+    """Return headings and speeds at the times of a grid, by the positions.
+
+    Where these are noisy, motion is that over `WINDOW_S`, since that between two steps would be
+    noise: a vehicle that stands would spin.
+    """
+    noise_m, explained_m = _find_noise(track)
+    told_mps = np.abs(track["speed_mps"]) if "speed_mps" in track else None
+    extent_m = float(np.hypot(np.ptp(track["x_m"]), np.ptp(track["y_m"])))
+    is_still = noise_m > 0.0 and extent_m <= NOISES_OF_STANDING * noise_m
+    if is_still or (told_mps is not None and told_mps.max() <= STANDING_MPS):
+        return np.zeros_like(grid_s), np.zeros_like(grid_s)
+    if noise_m <= max(LEAST_NOISE_M, explained_m):
+        along, across = np.gradient(x_m, grid_s), np.gradient(y_m, grid_s)
+        moved_mps = np.hypot(along, across)
+        moves = moved_mps > STANDING_MPS
+        return _hold_direction(np.arctan2(across, along), moves), moved_mps
+    along_m, across_m, lasts_s = _find_way(track, grid_s)
+    way_m = np.hypot(along_m, across_m)
+    moves = (way_m >= CREEPING_MPS * lasts_s) & (way_m >= NOISES_OF_WAY * noise_m)
+    if told_mps is not None:
+        moves &= np.interp(grid_s, track["time_s"], told_mps) > STANDING_MPS
+    heading = _hold_direction(np.arctan2(across_m, along_m), moves)
+    ahead_m = np.cos(heading) * along_m + np.sin(heading) * across_m
+    is_motion = ahead_m > np.maximum(STANDING_MPS * lasts_s, MOST_NOISES * 2**0.5 * noise_m)
+    return heading, np.where(is_motion, ahead_m / lasts_s, 0.0)
 
 
 def _hold_direction(heading: Doubles, moves: np.ndarray[Any, Any]) -> Doubles:

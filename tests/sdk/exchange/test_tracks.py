@@ -621,3 +621,56 @@ def test_commonroad_of_another_kind_is_refused_with_the_cause(tmp_path, old, new
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(InvalidValue, match=words):
         read_tracks(path, "1")
+
+
+def park(noise_m, step_m=None, rows=101, more=(), seed=1):
+    """Rows of a parked vehicle with noisy positions, every 0.1 s."""
+    places = np.array([100.0, 3.3]) + noise_m * np.random.default_rng(seed).normal(size=(rows, 2))
+    if step_m:
+        places = np.round(np.round(places / step_m) * step_m, 6)
+    return [("car", round(0.1 * n, 1), x, y, *more) for n, (x, y) in enumerate(places.tolist())]
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    ("noise_m", "step_m", "speed"),
+    [
+        (0.02, None, None),
+        (0.05, None, None),
+        (0.03, None, 0.0),
+        (0.02, 0.1, None),
+        (0.05, 0.1, None),
+    ],
+)
+def test_noise_does_not_turn_a_vehicle_that_stands(tmp_path, noise_m, step_m, speed, seed):
+    told, own = ((20.0,), (speed,)) if speed is not None else ((), ())
+    rows = [*drive("ego", more=told), *park(noise_m, step_m, more=own, seed=seed)]
+    header = (*HEADER, "speed_mps") if told else HEADER
+    states = read_tracks(write(tmp_path / "a.csv", rows, header), "ego").states
+    assert states[:, 1, 2:] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("step_m", [None, 0.1])
+@pytest.mark.parametrize("heading", [0.0, 2.0])
+def test_a_noisy_vehicle_that_stops_keeps_its_direction(tmp_path, heading, step_m):
+    way_m = np.minimum(8.0 * 0.1 * np.arange(101), 40.0)
+    noise = 0.03 * np.random.default_rng(1).normal(size=(101, 2))
+    places = np.array([100.0, 3.3]) + way_m[:, None] * [cos(heading), sin(heading)] + noise
+    if step_m:
+        places = np.round(places, 1)
+    rows = [("car", round(0.1 * n, 1), x, y) for n, (x, y) in enumerate(places.tolist())]
+    states = read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *rows]), "ego").states[:, 1]
+    assert states[:, 2] == pytest.approx(heading, abs=0.15)
+    assert states[:44, 3] == pytest.approx(8.0, abs=0.4)
+    assert (states[57:, 3] == 0.0).all()
+
+
+def test_motion_without_noise_is_that_between_steps(tmp_path):
+    time_s = np.round(0.1 * np.arange(101), 1)
+    x_m, y_m = 60.0 + 20.0 * time_s - 2.0 * np.minimum(time_s, 5.0) ** 2, 3.5 * np.sin(time_s / 3)
+    rows = [("car", *row) for row in zip(time_s, x_m, y_m, strict=True)]
+    states = read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *rows]), "ego").states
+    grid_s = 0.1 * np.arange(101)
+    along, across = (np.gradient(np.interp(grid_s, time_s, each), grid_s) for each in (x_m, y_m))
+    assert np.array_equal(states[:, 1, 3], np.hypot(along, across))
+    assert np.array_equal(states[:, 1, 2], np.unwrap(np.arctan2(across, along)))
