@@ -96,6 +96,9 @@ CREEPING_MPS = 0.5
 REVERSING_MPS = 5.0
 """Up to this speed a vehicle may drive backwards. [m/s]"""
 
+REVERSING_M, REVERSING_SHARE = 15.0, 0.5
+"""It does so for this way and share of its time at most, where no negative speeds say so."""
+
 MOST_TURN_RAD = 0.5
 CONTRADICTING_SHARE = 0.05
 """A track contradicts itself where its heading differs by more from the direction of its motion, at
@@ -229,7 +232,7 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
     ]
     track = _find_ego(path, ego, parts, cuts, _File(kept, left_out, (*found.notes, *notes)))
     for name, part in parts.items():
-        notes += _check_headings(name, part)
+        notes += _check_headings(name, part, is_ego=name == ego)
         _refuse_other_speeds(name, part)
     grid_s = _make_grid(ego, track, dt_s)
     spans = {name: _find_span(part, grid_s) for name, part in parts.items()}
@@ -629,33 +632,63 @@ def _find_step(track: Track) -> float:
     return least_m if is_rounded.all() else 0.0
 
 
-def _check_headings(name: str, track: Track) -> list[str]:
-    """Return a note if few headings of a vehicle contradict its motion.
+def _find_turn(heading: Doubles, direction: Doubles) -> Doubles:
+    return np.abs((heading - direction + pi) % (2.0 * pi) - pi)
+
+
+def _find_reversing(track: Track, motion: _Motion, heading: Doubles) -> NDArray[np.bool_]:
+    """Return where a vehicle drives backwards, if it has these headings.
+
+    All headings may be those of the rear. They are not if negative speeds agree with them, or if
+    the vehicle reverses for a short way and a part of its time.
+    """
+    backwards = _find_turn(heading, motion.direction) > pi - MOST_TURN_RAD
+    reverses = motion.moves & backwards & (motion.speed < REVERSING_MPS)
+    if "speed_mps" in track:
+        is_told = reverses & (track["speed_mps"] < -STANDING_MPS)
+        if is_told.sum() >= (1.0 - CONTRADICTING_SHARE) * reverses.sum():
+            return reverses
+    lasts_s = np.gradient(track["time_s"])
+    way_m = float((lasts_s * motion.speed)[reverses].sum())
+    share = float(lasts_s[reverses].sum() / lasts_s.sum())
+    is_short = way_m <= REVERSING_M and share <= REVERSING_SHARE
+    return reverses & is_short
+
+
+def _check_headings(name: str, track: Track, *, is_ego: bool) -> list[str]:
+    """Return a note if a vehicle reverses, and one if few headings contradict its motion.
+
+    Args:
+        name: name of the vehicle.
+        track: its columns.
+        is_ego: whether a planner replaces it: it does not reverse, since its way leads ahead.
 
     Raises:
         InvalidValue: more do. If they agree as something else, the error names it.
     """
     if "heading_rad" not in track:
         return []
-    direction, moved_mps, moves, _ = _find_motion(track)
+    motion = _find_motion(track)
+    direction, moves = motion.direction, motion.moves
 
     def find_turn(heading: Doubles) -> Doubles:
-        return np.abs((heading - direction + pi) % (2.0 * pi) - pi)
+        return _find_turn(heading, direction)
 
     def find_wrong(heading: Doubles) -> NDArray[np.bool_]:
-        turn = find_turn(heading)
-        reverses = (turn > pi - MOST_TURN_RAD) & (moved_mps < REVERSING_MPS)
-        return moves & (turn > MOST_TURN_RAD) & ~reverses
+        wrong = moves & (find_turn(heading) > MOST_TURN_RAD)
+        return wrong if is_ego else wrong & ~_find_reversing(track, motion, heading)
 
     heading = track["heading_rad"]
     # Headings may go on growing in turns; what nothing can be held against must be within one.
     most = MOST_HEADING_RAD if moves.any() else 2.0 * pi + 1e-6
     is_outside = np.abs(heading) > most
     wrong = find_wrong(heading) | is_outside
+    notes = [] if is_ego else _note_reversing(name, track, motion)
     if not wrong.any():
-        return []
+        return notes
     if wrong.sum() <= CONTRADICTING_SHARE * moves.sum() and not is_outside.any():
-        return [f"The heading of '{name}' contradicts its motion at {int(wrong.sum())} times."]
+        times = int(wrong.sum())
+        return [*notes, f"The heading of '{name}' contradicts its motion at {times} times."]
     row = int(np.argmax(wrong))
     other = {
         words: float(find_turn(change(heading))[moves].mean())
@@ -673,6 +706,15 @@ def _check_headings(name: str, track: Track) -> list[str]:
         "headings follow from the positions."
     )
     raise InvalidValue("heading_rad", problem, remedy)
+
+
+def _note_reversing(name: str, track: Track, motion: _Motion) -> list[str]:
+    reverses = _find_reversing(track, motion, track["heading_rad"])
+    if not reverses.any():
+        return []
+    first_s, last_s = track["time_s"][np.flatnonzero(reverses)[[0, -1]]]
+    when = f"between {first_s:g} s and {last_s:g} s"
+    return [f"'{name}' is taken as reversing {when}: its heading is against its motion."]
 
 
 def _refuse_other_speeds(name: str, track: Track) -> None:

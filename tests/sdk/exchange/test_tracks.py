@@ -293,13 +293,52 @@ def test_headings_that_contradict_the_motion_are_refused(tmp_path, speed, headin
 
 
 @pytest.mark.parametrize(
-    ("speed", "heading"), [(20.0, 4 * pi), (20.0, 0.3), (-18.0, -pi), (-3.0, 0.0), (0.0, 1.5)]
+    ("speed", "heading"), [(20.0, 4 * pi), (20.0, 0.3), (-18.0, -pi), (0.0, 1.5)]
 )
 def test_headings_that_fit_the_motion_are_taken(tmp_path, speed, heading):
     ego = drive("ego", more=(0.0,))
     car = drive("car", 180.0, 3.5, speed, more=(heading,))
     path = write(tmp_path / "a.csv", [*ego, *car], (*HEADER, "heading_rad"))
     assert read_tracks(path, "ego").states[0, 1, 2] == pytest.approx(heading)
+
+
+def back_up(heading=0.0, lasts_s=3.0, speed=None):
+    """Rows of a vehicle that stands, backs up at 4 m/s for a while, and stands again."""
+    rows = []
+    for n in range(101):
+        way_m = 4.0 * min(max(0.1 * n - 2.0, 0.0), lasts_s)
+        told = () if speed is None else (speed if 2.0 < 0.1 * n <= 2.0 + lasts_s else 0.0,)
+        rows.append(("car", round(0.1 * n, 1), 120.0 - way_m, 3.5, heading, *told))
+    return rows
+
+
+@pytest.mark.parametrize("ego", ["ego", "second", "third"])
+def test_reversed_headings_of_slow_traffic_are_refused(tmp_path, ego):
+    rows = [
+        *drive("ego", speed=4.5, ends=200, more=(pi,)),
+        *drive("second", 40.0, speed=3.0, ends=200, more=(pi,)),
+        *drive("third", 20.0, 3.5, speed=4.0, ends=200, more=(pi,)),
+    ]
+    rows = [(*row[:4], pi if row[0] == ego else 0.0) for row in rows]
+    path = write(tmp_path / "a.csv", rows, (*HEADER, "heading_rad"))
+    with pytest.raises(InvalidValue, match=f"'{ego}' is .* those of the rear, reversed"):
+        read_tracks(path, "ego")
+
+
+def test_an_ego_that_reverses_is_refused(tmp_path):
+    path = write(
+        tmp_path / "a.csv", [*back_up(), *drive("b", more=(0.0,))], (*HEADER, "heading_rad")
+    )
+    with pytest.raises(InvalidValue, match=r"'car' is 0 at .* those of the rear, reversed"):
+        read_tracks(path, "car")
+
+
+def test_a_vehicle_that_reverses_for_a_short_way_is_noted(tmp_path):
+    rows = [*drive("ego", more=(0.0,)), *back_up()]
+    tracks = read_tracks(write(tmp_path / "a.csv", rows, (*HEADER, "heading_rad")), "ego")
+    assert (tracks.states[:, 1, 2] == 0.0).all()
+    (note,) = tracks.notes
+    assert note.startswith("'car' is taken as reversing between 2")
 
 
 def test_few_headings_that_contradict_the_motion_are_noted(tmp_path):
