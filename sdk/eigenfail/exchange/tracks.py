@@ -231,8 +231,10 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
         for name, why in cuts.items()
     ]
     track = _find_ego(path, ego, parts, cuts, _File(kept, left_out, (*found.notes, *notes)))
-    for name, part in parts.items():
+    for name, part in [*parts.items()]:
         notes += _check_headings(name, part, is_ego=name == ego)
+        parts[name], flipped = _flip_speeds(name, part)
+        notes += flipped
         _refuse_other_speeds(name, part)
     grid_s = _make_grid(ego, track, dt_s)
     spans = {name: _find_span(part, grid_s) for name, part in parts.items()}
@@ -717,6 +719,26 @@ def _note_reversing(name: str, track: Track, motion: _Motion) -> list[str]:
     return [f"'{name}' is taken as reversing {when}: its heading is against its motion."]
 
 
+def _flip_speeds(name: str, track: Track) -> tuple[Track, list[str]]:
+    """Return a vehicle with negative speeds where it reverses and they have no sign; and a note."""
+    if "heading_rad" not in track or "speed_mps" not in track:
+        return track, []
+    heading, told = track["heading_rad"], track["speed_mps"]
+    reverses = _find_reversing(track, _find_motion(track), heading)
+    if not (reverses & (told > STANDING_MPS)).any():
+        return track, []
+    along_m, across_m, _ = _find_way(track, track["time_s"])
+    backwards = np.cos(heading) * along_m + np.sin(heading) * across_m < 0.0
+    # The slow begin and end of reversing belong to it.
+    bounds = np.flatnonzero(np.diff(backwards, prepend=False, append=False)).tolist()
+    wrong = np.zeros_like(reverses)
+    for first, last in zip(bounds[::2], bounds[1::2], strict=True):
+        wrong[first:last] = reverses[first:last].any()
+    wrong &= told > 0.0
+    note = f"Speeds of '{name}' are taken as negative at {int(wrong.sum())} times: it reverses."
+    return {**track, "speed_mps": np.where(wrong, -told, told)}, [note]
+
+
 def _refuse_other_speeds(name: str, track: Track) -> None:
     """Refuse a vehicle whose speeds are not those of its motion.
 
@@ -953,31 +975,41 @@ def _interpolate(track: Track, grid_s: Doubles) -> Doubles:
     """Return x, y, heading and speed at the times of a grid, shape (times, 4)."""
     time_s = track["time_s"]
     x_m, y_m = (np.interp(grid_s, time_s, track[name]) for name in ("x_m", "y_m"))
-    heading, speed = _derive_motion(track, grid_s, x_m, y_m)
+    given = None
+    if "heading_rad" in track:
+        given = np.interp(grid_s, time_s, np.unwrap(track["heading_rad"]))
+    heading, speed = _derive_motion(track, grid_s, (x_m, y_m), given)
     if "speed_mps" in track:
         speed = np.interp(grid_s, time_s, track["speed_mps"])
-    if "heading_rad" in track:
-        heading = np.interp(grid_s, time_s, np.unwrap(track["heading_rad"]))
     return np.stack([x_m, y_m, heading, speed], axis=1)
 
 
 def _derive_motion(
-    track: Track, grid_s: Doubles, x_m: Doubles, y_m: Doubles
+    track: Track, grid_s: Doubles, place_m: tuple[Doubles, Doubles], given: Doubles | None
 ) -> tuple[Doubles, Doubles]:
     """Return headings and speeds at the times of a grid, by the positions.
 
     Where these are noisy, motion is that over `WINDOW_S`, since that between two steps would be
     noise: a vehicle that stands would spin.
+
+    Args:
+        track: columns of the vehicle.
+        grid_s: the times.
+        place_m: x and y at these times.
+        given: its headings at these times, if they are known: motion against them is negative.
     """
     noise_m, explained_m = _find_noise(track)
     told_mps = np.abs(track["speed_mps"]) if "speed_mps" in track else None
     extent_m = float(np.hypot(np.ptp(track["x_m"]), np.ptp(track["y_m"])))
     is_still = noise_m > 0.0 and extent_m <= NOISES_OF_STANDING * noise_m
     if is_still or (told_mps is not None and told_mps.max() <= STANDING_MPS):
-        return np.zeros_like(grid_s), np.zeros_like(grid_s)
+        return np.zeros_like(grid_s) if given is None else given, np.zeros_like(grid_s)
     if noise_m <= max(LEAST_NOISE_M, explained_m):
-        along, across = np.gradient(x_m, grid_s), np.gradient(y_m, grid_s)
+        along, across = (np.gradient(each, grid_s) for each in place_m)
         moved_mps = np.hypot(along, across)
+        if given is not None:
+            is_ahead = np.cos(given) * along + np.sin(given) * across >= 0.0
+            return given, np.where(is_ahead, moved_mps, -moved_mps)
         moves = moved_mps > STANDING_MPS
         return _hold_direction(np.arctan2(across, along), moves), moved_mps
     along_m, across_m, lasts_s = _find_way(track, grid_s)
@@ -985,9 +1017,10 @@ def _derive_motion(
     moves = (way_m >= CREEPING_MPS * lasts_s) & (way_m >= NOISES_OF_WAY * noise_m)
     if told_mps is not None:
         moves &= np.interp(grid_s, track["time_s"], told_mps) > STANDING_MPS
-    heading = _hold_direction(np.arctan2(across_m, along_m), moves)
+    heading = _hold_direction(np.arctan2(across_m, along_m), moves) if given is None else given
     ahead_m = np.cos(heading) * along_m + np.sin(heading) * across_m
-    is_motion = ahead_m > np.maximum(STANDING_MPS * lasts_s, MOST_NOISES * 2**0.5 * noise_m)
+    size_m = ahead_m if given is None else np.abs(ahead_m)
+    is_motion = size_m > np.maximum(STANDING_MPS * lasts_s, MOST_NOISES * 2**0.5 * noise_m)
     return heading, np.where(is_motion, ahead_m / lasts_s, 0.0)
 
 

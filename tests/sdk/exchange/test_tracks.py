@@ -341,6 +341,30 @@ def test_a_vehicle_that_reverses_for_a_short_way_is_noted(tmp_path):
     assert note.startswith("'car' is taken as reversing between 2")
 
 
+@pytest.mark.parametrize("noise_m", [0.0, 0.03])
+def test_a_vehicle_that_reverses_has_negative_speeds_by_its_positions(tmp_path, noise_m):
+    noise = noise_m * np.random.default_rng(1).normal(size=101)
+    car = [(*row[:2], row[2] + dx, *row[3:]) for row, dx in zip(back_up(), noise, strict=True)]
+    rows = [*drive("ego", more=(0.0,)), *car]
+    states = read_tracks(write(tmp_path / "a.csv", rows, (*HEADER, "heading_rad")), "ego").states
+    assert (states[:, 1, 2] == 0.0).all()
+    assert states[26:45, 1, 3] == pytest.approx(-4.0, abs=0.3)
+    assert np.abs(states[60:, 1, 3]).max() < 0.01
+    assert states[:, 0, 3] == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize("told", [4.0, -4.0])
+def test_speeds_of_a_vehicle_that_reverses_are_made_negative(tmp_path, told):
+    rows = [*drive("ego", more=(0.0, 20.0)), *back_up(speed=told)]
+    header = (*HEADER, "heading_rad", "speed_mps")
+    tracks = read_tracks(write(tmp_path / "a.csv", rows, header), "ego")
+    assert tracks.states[:, 1, 3].min() == -4.0
+    assert tracks.states[:, 1, 3].max() == 0.0
+    assert any(
+        "Speeds of 'car' are taken as negative at 30 times" in note for note in tracks.notes
+    ) == (told > 0.0)
+
+
 def test_few_headings_that_contradict_the_motion_are_noted(tmp_path):
     car = [(*row, pi if n == 50 else 0.0) for n, row in enumerate(LEAD)]
     path = write(tmp_path / "a.csv", [*drive("ego", more=(0.0,)), *car], (*HEADER, "heading_rad"))
