@@ -177,12 +177,12 @@ class RecordedTracks(Brief, msgspec.Struct, frozen=True, eq=False):
 
 def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
     path: Path | str,
-    ego: str,
+    ego: str | int,
     dt_s: float = 0.1,
     frame: RoadFrame = AS_RECORDED,
     *,
     longest_gap_s: float = LONGEST_GAP_S,
-    without: Iterable[str] = (),
+    without: Iterable[str | int] = (),
 ) -> RecordedTracks:
     """Return the vehicles of a file during the time of the ego, interpolated to steps.
 
@@ -215,9 +215,12 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
     if not longest_gap_s > 0.0:
         problem = f"{longest_gap_s} is not a positive number of seconds."
         raise InvalidValue("longest_gap_s", problem)
+    if isinstance(without, str):
+        raise InvalidValue("without", f"'{without}' is a text.", f"Give a list: ['{without}'].")
+    ego = str(ego)
     read = _read_commonroad if path.suffix.lower() == ".xml" else _read_table_of_tracks
     found = read(path)
-    unwanted = set(without)
+    unwanted = set(map(str, without))
     for name in unwanted:
         if name not in found.tracks and name not in found.left_out:
             raise UnknownName("without", name, (*found.tracks, *found.left_out))

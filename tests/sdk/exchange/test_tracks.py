@@ -577,6 +577,18 @@ def test_vehicles_are_left_out_on_purpose_by_name(tmp_path):
         read_tracks(path, "1", without=["8"])
 
 
+def test_a_text_is_refused_as_a_list_of_vehicles(tmp_path):
+    rows = [*EGO, *OTHER, *straight("3", TIMES, (60.0, 0.0))]
+    with pytest.raises(InvalidValue, match="Give a list") as refused:
+        read_tracks(write(tmp_path / "a.csv", rows), "1", without="23")
+    assert refused.value.field == "without"
+
+
+def test_numbers_name_vehicles_of_these_ids(tmp_path):
+    rows = [*EGO, *OTHER, *straight("3", TIMES, (60.0, 0.0))]
+    assert read_tracks(write(tmp_path / "a.csv", rows), 1, without=[3]).ids == ("1", "2")
+
+
 CARS = ("1", 0.0, 0.0, 20.0), ("2", 30.0, 3.5, 15.0), ("3", 90.0, 0.0, 20.0)
 
 
