@@ -322,13 +322,25 @@ def _read_csv(file: IO[str], columns: TableColumns, field: str) -> DataTable:
             if not any(map(str.strip, cells)):
                 continue
             number = table.line_num + 1
-            if any(map(str.strip, cells[len(names) :])):
-                problem = f"has {len(cells)} cells, and the header {len(names)}."
+            # Blanks may stand for an empty cell, and the cells after it would move to its place.
+            is_moved = delimiter == " " and _count_cells(cells) != _count_cells(names)
+            if is_moved or any(map(str.strip, cells[len(names) :])):
+                problem = f"has {_count_cells(cells)} cells, and the header {_count_cells(names)}."
                 remedy = "Write numbers with a point, and quote texts with a separator in them."
+                if is_moved:
+                    remedy = "Separate cells by commas where some are empty or contain blanks."
                 raise InvalidValue(f"{field}, row {number}", problem, remedy)
             yield number, cells
 
     return _collect(names, list_cells, columns, field)
+
+
+def _count_cells(cells: Sequence[str]) -> int:
+    """Return how many cells a row has, without the empty ones that blanks at its end make."""
+    count = len(cells)
+    while count and not cells[count - 1].strip():
+        count -= 1
+    return count
 
 
 def _list_lines(file: IO[str]) -> Iterator[str]:

@@ -538,6 +538,14 @@ def test_decimal_commas_are_named(tmp_path, line, words):
         read_tracks(path, "a")
 
 
+@pytest.mark.parametrize("line", ["b 0  60 0.1 15", "b 0 60 0.1", "b 0 60 0 0.1 15 2"])
+def test_a_row_of_other_cells_between_blanks_is_refused(tmp_path, line):
+    path = tmp_path / "a.csv"
+    path.write_text(f"id time_s x_m y_m heading_rad speed_mps\na 0 0 0 0 15 \n{line}\n")
+    with pytest.raises(InvalidValue, match=r"row 3: has \d cells, and the header 6"):
+        read_tracks(path, "a")
+
+
 @pytest.mark.parametrize("size", [(0.0, 2.0), (5.0, -5.0), (450.0, 180.0), (5.0, 25.0)])
 def test_sizes_that_no_vehicle_has_are_refused(tmp_path, size):
     rows = [*drive("ego", more=size), *drive("lead", 60.0, more=size)]
