@@ -210,13 +210,7 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
             there is a time at which no other vehicle is there.
     """
     path = Path(path)
-    if not (isfinite(dt_s) and dt_s > 0.0):
-        raise InvalidValue("dt_s", f"{dt_s} is not a positive number of seconds.")
-    if not longest_gap_s > 0.0:
-        problem = f"{longest_gap_s} is not a positive number of seconds."
-        raise InvalidValue("longest_gap_s", problem)
-    if isinstance(without, str):
-        raise InvalidValue("without", f"'{without}' is a text.", f"Give a list: ['{without}'].")
+    _refuse_arguments(dt_s, longest_gap_s, without)
     ego = str(ego)
     read = _read_commonroad if path.suffix.lower() == ".xml" else _read_table_of_tracks
     found = read(path)
@@ -257,6 +251,21 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
         left_out=left_out,
         notes=(*found.notes, *notes),
     )
+
+
+def _refuse_arguments(dt_s: float, longest_gap_s: float, without: Iterable[str | int]) -> None:
+    """Refuse durations that are none, and a text as a list of ids: it would be one of letters.
+
+    Raises:
+        InvalidValue: they are.
+    """
+    if not (isfinite(dt_s) and dt_s > 0.0):
+        raise InvalidValue("dt_s", f"{dt_s} is not a positive number of seconds.")
+    if not longest_gap_s > 0.0:
+        problem = f"{longest_gap_s} is not a positive number of seconds."
+        raise InvalidValue("longest_gap_s", problem)
+    if isinstance(without, str):
+        raise InvalidValue("without", f"'{without}' is a text.", f"Give a list: ['{without}'].")
 
 
 def _choose_vehicles(
