@@ -34,6 +34,9 @@ LARGEST_SIZE_M = {"length_m": 100.0, "width_m": 20.0}
 FARTHEST_M = 1e8
 """Coordinates beyond this are no places on Earth: northings reach 10⁷ m. [m]"""
 
+FARTHEST_OF_ROAD_M = 1e5
+"""Places of scenes are of single precision: beyond this they are rounded to more than 4 mm. [m]"""
+
 LATEST = 1e19
 """Times beyond this are none in any unit: there have been 1.8 · 10¹⁸ ns since 1970."""
 
@@ -243,10 +246,12 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
         first, last = spans[name]
         states[first : last + 1, number] = _interpolate(parts[name], grid_s[first : last + 1])
     _refuse_empty_road(path, ego, states, grid_s, [*_explain_left_out(left_out), *notes])
+    states = _rotate_states(states, frame)
+    _refuse_far_places(ids, states)
     return RecordedTracks(
         dt_s=dt_s,
         ids=ids,
-        states=_rotate_states(states, frame),
+        states=states,
         sizes=np.array([_find_size(parts[name]) for name in ids]),
         left_out=left_out,
         notes=(*found.notes, *notes),
@@ -981,6 +986,24 @@ def _rotate_states(states: Doubles, frame: RoadFrame) -> Doubles:
     c, s = cos(frame.heading_rad), sin(frame.heading_rad)
     heading, speed = states[..., 2] - frame.heading_rad, states[..., 3]
     return np.stack([c * dx + s * dy, c * dy - s * dx, heading, speed], axis=-1)
+
+
+def _refuse_far_places(ids: Sequence[str], states: Doubles) -> None:
+    """Refuse places too far from the origin of the road to be kept in single precision.
+
+    Raises:
+        InvalidValue: there are some.
+    """
+    for number, name in enumerate(ids):
+        far = np.abs(states[:, number, :2]) > FARTHEST_OF_ROAD_M
+        if far.any():
+            x_m, y_m = states[int(np.argmax(far.any(axis=1))), number, :2].tolist()
+            problem = (
+                f"Vehicle '{name}' is at x = {x_m:.0f} m, y = {y_m:.0f} m of the road, and at most "
+                f"{FARTHEST_OF_ROAD_M:,.0f} m are kept."
+            )
+            remedy = "Give `frame`, the place of the road in the recording."
+            raise InvalidValue("frame", problem, remedy)
 
 
 def _interpolate(track: Track, grid_s: Doubles) -> Doubles:

@@ -559,6 +559,16 @@ def test_places_that_are_not_on_earth_are_refused(tmp_path):
         read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *LEAD, *rows]), "ego")
 
 
+def test_places_far_from_the_road_are_refused_without_a_frame(tmp_path):
+    rows = [(name, t, x + 691e3, y + 5334e3) for name, t, x, y in [*drive("ego"), *LEAD]]
+    path = write(tmp_path / "a.csv", rows)
+    with pytest.raises(InvalidValue, match="'ego' is at x = 691000 m, y = 5334000 m") as refused:
+        read_tracks(path, "ego")
+    assert "`frame`, the place of the road" in str(refused.value)
+    states = read_tracks(path, "ego", frame=RoadFrame(691e3, 5334e3)).states
+    assert states[:, 0, 0] == pytest.approx(2.0 * np.arange(101))
+
+
 def test_a_short_parquet_file_of_many_rows_is_refused(tmp_path, monkeypatch):
     import pyarrow as pa
     from pyarrow import parquet
