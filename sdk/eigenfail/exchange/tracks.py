@@ -224,12 +224,13 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
     kept = {name: track for name, track in found.tracks.items() if name not in unwanted}
     left_out = {name: why for name, why in found.left_out.items() if name not in unwanted}
     _refuse_units_of_time(kept, longest_gap_s)
-    parts, cuts = _cut_tracks(kept, longest_gap_s, left_out)
+    parts, cuts, single = _cut_tracks(kept, longest_gap_s, left_out)
     notes = [
         f"'{name}' {why}. Its parts are vehicles of their own: "
         f"{_list_names(_find_parts(parts, name))}."
         for name, why in cuts.items()
     ]
+    notes += single
     track = _find_ego(path, ego, parts, cuts, _File(kept, left_out, (*found.notes, *notes)))
     for name, part in [*parts.items()]:
         notes += _check_headings(name, part, is_ego=name == ego)
@@ -420,13 +421,15 @@ def _stands(track: Track) -> bool:
 
 def _cut_tracks(
     tracks: Mapping[str, Track], longest_gap_s: float, left_out: dict[str, str]
-) -> tuple[dict[str, Track], dict[str, str]]:
+) -> tuple[dict[str, Track], dict[str, str], list[str]]:
     """Return the parts of vehicles between gaps and jumps by name, and the cuts in words.
 
-    Vehicles with a single row are added to those left out.
+    The last value names the rows that are no part, since no motion follows from one. Vehicles that
+    have no other rows are added to those left out.
     """
     parts: dict[str, Track] = {}
     cuts: dict[str, str] = {}
+    notes: list[str] = []
     for name, track in tracks.items():
         ends, why = _find_cuts(track, longest_gap_s)
         if len(track["time_s"]) == 1:
@@ -437,12 +440,21 @@ def _cut_tracks(
             left_out[name] = f"It {why}. Its id may be that of several vehicles."
         else:
             bounds = [0, *(ends + 1).tolist(), len(track["time_s"])]
-            for number, (first, last) in enumerate(pairwise(bounds), 1):
-                if last - first > 1:
-                    part = {column: values[first:last] for column, values in track.items()}
-                    parts[f"{name}, part {number}"] = part
+            spans = [(first, last) for first, last in pairwise(bounds) if last - first > 1]
+            for number, (first, last) in enumerate(spans, 1):
+                part = {column: values[first:last] for column, values in track.items()}
+                parts[f"{name}, part {number}"] = part
+            if not spans:
+                left_out[name] = f"It {why}. No motion follows from single rows."
+                continue
             cuts[name] = why
-    return parts, cuts
+            single = [first for first, last in pairwise(bounds) if last - first == 1]
+            if single:
+                times = _list_names(f"{at_s:g} s" for at_s in track["time_s"][single])
+                rows = "1 row" if len(single) == 1 else f"{len(single)} rows"
+                verb = "is" if len(single) == 1 else "are"
+                notes.append(f"{rows} of '{name}' at {times} {verb} left out.")
+    return parts, cuts, notes
 
 
 def _find_cuts(track: Track, longest_gap_s: float) -> tuple[NDArray[np.int64], str]:

@@ -451,8 +451,16 @@ def test_one_wrong_position_does_not_move_a_vehicle(tmp_path):
     rows = drive("car", 40.0, 3.5)
     rows[50] = ("car", 5.0, -1000.0, -1000.0)
     tracks = read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *LEAD, *rows]), "ego")
-    assert tracks.ids == ("ego", "lead", "car, part 1", "car, part 3")
+    assert tracks.ids == ("ego", "lead", "car, part 1", "car, part 2")
     assert "jumps by" in tracks.notes[0]
+    assert tracks.notes[1:] == ("1 row of 'car' at 5 s is left out.",)
+
+
+def test_a_vehicle_of_single_rows_is_left_out_by_name(tmp_path):
+    rows = [("car", float(t), x_m, 3.5) for t, x_m in ((0, 60.0), (4, 140.0), (8, 220.0))]
+    tracks = read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *LEAD, *rows]), "ego")
+    assert (tracks.ids, tracks.notes) == (("ego", "lead"), ())
+    assert tracks.left_out["car"].startswith("It is lost from 0 s to 4 s, is lost from 4 s to 8 s.")
 
 
 def test_a_car_that_brakes_hard_does_not_jump(tmp_path):
