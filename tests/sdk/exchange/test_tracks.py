@@ -519,9 +519,13 @@ def test_dialects_of_csv_are_read_alike(tmp_path, dialect):
     ("header", "words"),
     [
         ("frame,id,x,y,width,height,xVelocity", "its columns are frame, id, x, y, width"),
-        ("id,time,x_m,y_m", "columns time_s are missing.*Did you mean 'time'"),
+        ("id,time,x_m,y_m", "column time_s is missing.*Did you mean 'time'"),
         ("0,1,2.5,3", "its first line has numbers"),
         ("id,time_s,x_m,y_m,heading_deg", "heading_deg is not read, and column heading_rad"),
+        ("id,time_s,x_m,y_m,speed_kmh", "speed_kmh is not read, and column speed_mps"),
+        ("id,time_s,x_m,y_m,Speed [km/h]", "is not read, and column speed_mps"),
+        ("id,time_s,x_m,y_m,widht_m", "widht_m is not read, and column width_m"),
+        ("id,time,x_m,y", "columns time_s, y_m are missing"),
         ("id,time_s,x_m,y_m,length", "length is not read, and column length_m"),
         ("id,time_s,x_m,x_m,y_m", "two columns x_m"),
     ],
@@ -530,6 +534,13 @@ def test_columns_that_do_not_fit_are_refused_by_name(tmp_path, header, words):
     path = write(tmp_path / "a.csv", [*drive("ego"), *LEAD], header.split(","))
     with pytest.raises(InvalidValue, match=words):
         read_tracks(path, "ego")
+
+
+def test_columns_of_other_quantities_in_units_are_noted(tmp_path):
+    names = ("lane_width_m", "speed_limit_mps")
+    rows = [*drive("ego", more=(3.5, 30)), *drive("lead", 60.0, more=(3.5, 30))]
+    tracks = read_tracks(write(tmp_path / "a.csv", rows, (*HEADER, *names)), "ego")
+    assert tracks.notes == ("Columns that are not read: lane_width_m, speed_limit_mps.",)
 
 
 def test_other_columns_are_noted(tmp_path):
