@@ -326,35 +326,39 @@ def _read_table_of_tracks(path: Path) -> _File:
             raise InvalidValue(f"{path.name}, row {row}: {name}", "is empty.", REMEDY)
     order = np.lexsort((columns["time_s"], text))
     bounds = np.searchsorted(text[order], np.arange(len(table.texts) + 1))
-    tracks = {
-        name: _make_track(path, name, columns, order[first:last], rows)
-        for name, (first, last) in zip(table.texts, pairwise(bounds.tolist()), strict=True)
-    }
+    tracks: dict[str, Track] = {}
+    lacking: dict[str, list[str]] = {}
+    for name, (first, last) in zip(table.texts, pairwise(bounds.tolist()), strict=True):
+        tracks[name], incomplete = _make_track(columns, order[first:last])
+        for column in incomplete:
+            lacking.setdefault(column, []).append(name)
+        _refuse_impossible(name, tracks[name])
     notes = [f"Columns that are not read: {_list_names(table.unread)}."] if table.unread else []
+    for column, names in lacking.items():
+        source = "is that of other rows" if column in USUAL_SIZE_M else "follows from positions"
+        notes.append(f"{column} of {_list_names(names)} {source}: some rows lack it.")
     return _File(tracks, {}, tuple(notes))
 
 
 def _make_track(
-    path: Path,
-    name: str,
-    columns: Mapping[str, Doubles],
-    order: NDArray[np.int64],
-    rows: NDArray[np.int64],
-) -> Track:
-    """Return the columns of a vehicle, those of OPTIONAL if it has them."""
+    columns: Mapping[str, Doubles], order: NDArray[np.int64]
+) -> tuple[Track, list[str]]:
+    """Return the columns of a vehicle, those of OPTIONAL if it has them, and which of them lacked.
+
+    A size that some rows lack is that of the others; of headings and speeds none is kept.
+    """
     track = {column: values[order] for column, values in columns.items()}
+    incomplete = []
     for column in OPTIONAL:
-        if column not in track:
+        if column not in track or not (empty := np.isnan(track[column])).any():
             continue
-        empty = np.isnan(track[column])
-        if empty.all():
+        if not empty.all():
+            incomplete.append(column)
+        if empty.all() or column not in USUAL_SIZE_M:
             del track[column]
-        elif empty.any():
-            place = f"{path.name}, row {rows[order[int(np.argmax(empty))]]}: {column}"
-            problem = f"is empty, and other rows of vehicle '{name}' have it."
-            raise InvalidValue(place, problem, "Give it for all times of a vehicle, or for none.")
-    _refuse_impossible(name, track)
-    return track
+        else:
+            track[column][empty] = np.median(track[column][~empty])
+    return track, incomplete
 
 
 def _refuse_impossible(name: str, track: Track) -> None:

@@ -222,12 +222,23 @@ def test_tracks_that_cannot_be_used_are_refused(tmp_path, rows, words):
         read_tracks(write(tmp_path / "a.csv", rows), "1")
 
 
-@pytest.mark.parametrize("speeds", [("", 5.0), (5.0, "")])
-def test_a_column_that_is_filled_for_some_times_of_a_vehicle_is_refused(tmp_path, speeds):
+@pytest.mark.parametrize("speeds", [("", 4.8), (4.8, "")])
+def test_a_column_that_some_rows_of_a_vehicle_lack_follows_from_its_positions(tmp_path, speeds):
     rows = [("1", t, 5.0 * t, 0.0, speed) for t, speed in zip((0.0, 1.0), speeds, strict=True)]
-    other = [("2", t, 50.0, 0.0, "") for t in (0.0, 1.0)]
-    with pytest.raises(InvalidValue, match="speed_mps: is empty, and other rows of vehicle '1'"):
-        read_tracks(write(tmp_path / "a.csv", [*rows, *other], (*HEADER, "speed_mps")), "1")
+    other = [("2", t, 50.0 + 5.0 * t, 0.0, 4.8) for t in (0.0, 1.0)]
+    path = write(tmp_path / "a.csv", [*rows, *other], (*HEADER, "speed_mps"))
+    tracks = read_tracks(path, "1")
+    assert tracks.states[:, 0, 3] == pytest.approx(5.0)
+    assert tracks.states[:, 1, 3] == pytest.approx(4.8)
+    assert tracks.notes == ("speed_mps of 1 follows from positions: some rows lack it.",)
+
+
+def test_a_size_that_some_rows_of_a_vehicle_lack_is_that_of_the_others(tmp_path):
+    rows = [(*row, "" if n == 50 else 12.0) for n, row in enumerate(LEAD)]
+    path = write(tmp_path / "a.csv", [*drive("ego", more=("",)), *rows], (*HEADER, "length_m"))
+    tracks = read_tracks(path, "ego")
+    assert tracks.sizes[:, 0].tolist() == [5.0, 12.0]
+    assert tracks.notes == ("length_m of lead is that of other rows: some rows lack it.",)
 
 
 @pytest.mark.parametrize("gap_s", [0.0, -1.0, float("nan")])
