@@ -9,7 +9,6 @@ import tomllib
 from array import array
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from difflib import get_close_matches
 from math import isfinite, nan
 from pathlib import Path
 from typing import IO, Any, BinaryIO, NamedTuple
@@ -33,6 +32,15 @@ MOST_ROWS = 2_000_000
 """Largest table that is read. Its numbers alone take 16 MB a column."""
 
 DELIMITERS = (",", ";", "\t", "|", " ")
+
+METRIC = ("", "m", "cm", "mm", "km", "rad", "radians", "mps", "ms", "kmh", "kmph", "kph")
+OTHER_UNITS = frozenset(
+    (*METRIC, "ft", "feet", "in", "mph", "fps", "kn", "deg", "degree", "degrees")
+)
+"""Ends of names of columns after that of a quantity, without signs."""
+
+MOST_EDITS, SHORTEST_MISSPELT = 2, 4
+"""Longer names that are so far from that of a column at most are misspelt."""
 
 
 def make_private_folder(folder: Path) -> None:
@@ -322,13 +330,25 @@ def _read_csv(file: IO[str], columns: TableColumns, field: str) -> DataTable:
             if not any(map(str.strip, cells)):
                 continue
             number = table.line_num + 1
-            if any(map(str.strip, cells[len(names) :])):
-                problem = f"has {len(cells)} cells, and the header {len(names)}."
+            # Blanks may stand for an empty cell, and the cells after it would move to its place.
+            is_moved = delimiter == " " and _count_cells(cells) != _count_cells(names)
+            if is_moved or any(map(str.strip, cells[len(names) :])):
+                problem = f"has {_count_cells(cells)} cells, and the header {_count_cells(names)}."
                 remedy = "Write numbers with a point, and quote texts with a separator in them."
+                if is_moved:
+                    remedy = "Separate cells by commas where some are empty or contain blanks."
                 raise InvalidValue(f"{field}, row {number}", problem, remedy)
             yield number, cells
 
     return _collect(names, list_cells, columns, field)
+
+
+def _count_cells(cells: Sequence[str]) -> int:
+    """Return how many cells a row has, without the empty ones that blanks at its end make."""
+    count = len(cells)
+    while count and not cells[count - 1].strip():
+        count -= 1
+    return count
 
 
 def _list_lines(file: IO[str]) -> Iterator[str]:
@@ -450,18 +470,47 @@ def _place_columns(names: Sequence[str], columns: TableColumns, field: str) -> d
         if names and all(_read_cell(name) is not None for name in names):
             given = f"its first line has numbers, and not names of columns: {', '.join(names)}"
         near = suggest_name(missing[0], names).partition("Known:")[0] if names else ""
-        problem = f"columns {', '.join(missing)} are missing; {given}."
+        lacking = f"columns {', '.join(missing)} are" if missing[1:] else f"column {missing[0]} is"
+        problem = f"{lacking} missing; {given}."
         raise InvalidValue(field, problem, f"{near}{columns.like}")
     for name, places in found.items():
         if len(places) > 1:
             raise InvalidValue(field, f"has two columns {name}.", "Remove or rename one of them.")
     absent = [name for name in columns.optional if not found[name]]
     for name, given in zip(simple, names, strict=True):
-        if name not in known and (close := get_close_matches(name, absent, n=1)):
-            problem = f"column {given} is not read, and column {close[0]} is missing."
-            remedy = f"Rename it to {close[0]} if it has that unit; otherwise convert or remove it."
+        close = next((each for each in absent if _is_meant(name, each)), None)
+        if name not in known and close is not None:
+            problem = f"column {given} is not read, and column {close} is missing."
+            remedy = f"Rename it to {close} if it has that unit; otherwise convert or remove it."
             raise InvalidValue(field, problem, remedy)
     return {name: places[0] for name, places in found.items() if places}
+
+
+def _is_meant(name: str, column: str) -> bool:
+    """Return whether a name is that of a column without its unit, in another unit, or misspelt."""
+    quantity = _squash(column.rpartition("_")[0] or column)
+    squashed = _squash(name)
+    unit = squashed.removeprefix(quantity)
+    if squashed.startswith(quantity) and unit in OTHER_UNITS:
+        return True
+    return len(column) > SHORTEST_MISSPELT and _is_misspelt(name.strip(), column)
+
+
+def _squash(name: str) -> str:
+    return "".join(filter(str.isalnum, name.lower()))
+
+
+def _is_misspelt(name: str, column: str) -> bool:
+    """Return whether two names are at most `MOST_EDITS` insertions, removals or changes apart."""
+    if abs(len(name) - len(column)) > MOST_EDITS:
+        return False
+    costs = list(range(len(column) + 1))
+    for number, letter in enumerate(name, 1):
+        before, costs = costs, [number]
+        for place, other in enumerate(column):
+            change = before[place] + (letter != other)
+            costs.append(min(change, before[place + 1] + 1, costs[place] + 1))
+    return costs[-1] <= MOST_EDITS
 
 
 def _find_places(name: str, names: Sequence[str]) -> list[int]:

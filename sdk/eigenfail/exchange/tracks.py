@@ -34,6 +34,9 @@ LARGEST_SIZE_M = {"length_m": 100.0, "width_m": 20.0}
 FARTHEST_M = 1e8
 """Coordinates beyond this are no places on Earth: northings reach 10⁷ m. [m]"""
 
+FARTHEST_OF_ROAD_M = 1e5
+"""Places of scenes are of single precision: beyond this they are rounded to more than 4 mm. [m]"""
+
 LATEST = 1e19
 """Times beyond this are none in any unit: there have been 1.8 · 10¹⁸ ns since 1970."""
 
@@ -74,8 +77,30 @@ NOISES_OF_WAY = 12.0
 
 MOST_NOISES = 3.0
 
+LEAST_NOISE_M = 0.004
+"""Less noise than this, such as positions rounded to 1 cm, does not turn a vehicle that stands."""
+
+ROWS_OF_NOISE = 8
+"""Fewer rows say nothing of noise."""
+
+USUAL_JERK_MPS3 = 5.0
+"""Differences of positions that this explains are motion, and no noise. [m/s³]"""
+
+NOISES_OF_STANDING = 10.0
+"""A vehicle that stands stays within so many standard deviations of its positions."""
+
+COARSEST_STEP_M = 0.1
+NOISES_OF_STEP = 0.3
+"""Positions that are rounded to a step have noise of this share of it, as even errors have."""
+
+CREEPING_MPS = 0.5
+"""From this speed on noisy positions have a direction, if their way has. [m/s]"""
+
 REVERSING_MPS = 5.0
 """Up to this speed a vehicle may drive backwards. [m/s]"""
+
+REVERSING_M, REVERSING_SHARE = 15.0, 0.5
+"""It does so for this way and share of its time at most, where no negative speeds say so."""
 
 MOST_TURN_RAD = 0.5
 CONTRADICTING_SHARE = 0.05
@@ -155,12 +180,12 @@ class RecordedTracks(Brief, msgspec.Struct, frozen=True, eq=False):
 
 def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
     path: Path | str,
-    ego: str,
+    ego: str | int,
     dt_s: float = 0.1,
     frame: RoadFrame = AS_RECORDED,
     *,
     longest_gap_s: float = LONGEST_GAP_S,
-    without: Iterable[str] = (),
+    without: Iterable[str | int] = (),
 ) -> RecordedTracks:
     """Return the vehicles of a file during the time of the ego, interpolated to steps.
 
@@ -188,29 +213,29 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
             there is a time at which no other vehicle is there.
     """
     path = Path(path)
-    if not (isfinite(dt_s) and dt_s > 0.0):
-        raise InvalidValue("dt_s", f"{dt_s} is not a positive number of seconds.")
-    if not longest_gap_s > 0.0:
-        problem = f"{longest_gap_s} is not a positive number of seconds."
-        raise InvalidValue("longest_gap_s", problem)
+    _refuse_arguments(dt_s, longest_gap_s, without)
+    ego = str(ego)
     read = _read_commonroad if path.suffix.lower() == ".xml" else _read_table_of_tracks
     found = read(path)
-    unwanted = set(without)
+    unwanted = set(map(str, without))
     for name in unwanted:
         if name not in found.tracks and name not in found.left_out:
             raise UnknownName("without", name, (*found.tracks, *found.left_out))
     kept = {name: track for name, track in found.tracks.items() if name not in unwanted}
     left_out = {name: why for name, why in found.left_out.items() if name not in unwanted}
     _refuse_units_of_time(kept, longest_gap_s)
-    parts, cuts = _cut_tracks(kept, longest_gap_s, left_out)
+    parts, cuts, single = _cut_tracks(kept, longest_gap_s, left_out)
     notes = [
         f"'{name}' {why}. Its parts are vehicles of their own: "
         f"{_list_names(_find_parts(parts, name))}."
         for name, why in cuts.items()
     ]
+    notes += single
     track = _find_ego(path, ego, parts, cuts, _File(kept, left_out, (*found.notes, *notes)))
-    for name, part in parts.items():
-        notes += _check_headings(name, part)
+    for name, part in [*parts.items()]:
+        notes += _check_headings(name, part, is_ego=name == ego)
+        parts[name], flipped = _flip_speeds(name, part)
+        notes += flipped
         _refuse_other_speeds(name, part)
     grid_s = _make_grid(ego, track, dt_s)
     spans = {name: _find_span(part, grid_s) for name, part in parts.items()}
@@ -222,14 +247,31 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
         first, last = spans[name]
         states[first : last + 1, number] = _interpolate(parts[name], grid_s[first : last + 1])
     _refuse_empty_road(path, ego, states, grid_s, [*_explain_left_out(left_out), *notes])
+    states = _rotate_states(states, frame)
+    _refuse_far_places(ids, states)
     return RecordedTracks(
         dt_s=dt_s,
         ids=ids,
-        states=_rotate_states(states, frame),
+        states=states,
         sizes=np.array([_find_size(parts[name]) for name in ids]),
         left_out=left_out,
         notes=(*found.notes, *notes),
     )
+
+
+def _refuse_arguments(dt_s: float, longest_gap_s: float, without: Iterable[str | int]) -> None:
+    """Refuse durations that are none, and a text as a list of ids: it would be one of letters.
+
+    Raises:
+        InvalidValue: they are.
+    """
+    if not (isfinite(dt_s) and dt_s > 0.0):
+        raise InvalidValue("dt_s", f"{dt_s} is not a positive number of seconds.")
+    if not longest_gap_s > 0.0:
+        problem = f"{longest_gap_s} is not a positive number of seconds."
+        raise InvalidValue("longest_gap_s", problem)
+    if isinstance(without, str):
+        raise InvalidValue("without", f"'{without}' is a text.", f"Give a list: ['{without}'].")
 
 
 def _choose_vehicles(
@@ -284,35 +326,39 @@ def _read_table_of_tracks(path: Path) -> _File:
             raise InvalidValue(f"{path.name}, row {row}: {name}", "is empty.", REMEDY)
     order = np.lexsort((columns["time_s"], text))
     bounds = np.searchsorted(text[order], np.arange(len(table.texts) + 1))
-    tracks = {
-        name: _make_track(path, name, columns, order[first:last], rows)
-        for name, (first, last) in zip(table.texts, pairwise(bounds.tolist()), strict=True)
-    }
+    tracks: dict[str, Track] = {}
+    lacking: dict[str, list[str]] = {}
+    for name, (first, last) in zip(table.texts, pairwise(bounds.tolist()), strict=True):
+        tracks[name], incomplete = _make_track(columns, order[first:last])
+        for column in incomplete:
+            lacking.setdefault(column, []).append(name)
+        _refuse_impossible(name, tracks[name])
     notes = [f"Columns that are not read: {_list_names(table.unread)}."] if table.unread else []
+    for column, names in lacking.items():
+        source = "is that of other rows" if column in USUAL_SIZE_M else "follows from positions"
+        notes.append(f"{column} of {_list_names(names)} {source}: some rows lack it.")
     return _File(tracks, {}, tuple(notes))
 
 
 def _make_track(
-    path: Path,
-    name: str,
-    columns: Mapping[str, Doubles],
-    order: NDArray[np.int64],
-    rows: NDArray[np.int64],
-) -> Track:
-    """Return the columns of a vehicle, those of OPTIONAL if it has them."""
+    columns: Mapping[str, Doubles], order: NDArray[np.int64]
+) -> tuple[Track, list[str]]:
+    """Return the columns of a vehicle, those of OPTIONAL if it has them, and which of them lacked.
+
+    A size that some rows lack is that of the others; of headings and speeds none is kept.
+    """
     track = {column: values[order] for column, values in columns.items()}
+    incomplete = []
     for column in OPTIONAL:
-        if column not in track:
+        if column not in track or not (empty := np.isnan(track[column])).any():
             continue
-        empty = np.isnan(track[column])
-        if empty.all():
+        if not empty.all():
+            incomplete.append(column)
+        if empty.all() or column not in USUAL_SIZE_M:
             del track[column]
-        elif empty.any():
-            place = f"{path.name}, row {rows[order[int(np.argmax(empty))]]}: {column}"
-            problem = f"is empty, and other rows of vehicle '{name}' have it."
-            raise InvalidValue(place, problem, "Give it for all times of a vehicle, or for none.")
-    _refuse_impossible(name, track)
-    return track
+        else:
+            track[column][empty] = np.median(track[column][~empty])
+    return track, incomplete
 
 
 def _refuse_impossible(name: str, track: Track) -> None:
@@ -379,13 +425,15 @@ def _stands(track: Track) -> bool:
 
 def _cut_tracks(
     tracks: Mapping[str, Track], longest_gap_s: float, left_out: dict[str, str]
-) -> tuple[dict[str, Track], dict[str, str]]:
+) -> tuple[dict[str, Track], dict[str, str], list[str]]:
     """Return the parts of vehicles between gaps and jumps by name, and the cuts in words.
 
-    Vehicles with a single row are added to those left out.
+    The last value names the rows that are no part, since no motion follows from one. Vehicles that
+    have no other rows are added to those left out.
     """
     parts: dict[str, Track] = {}
     cuts: dict[str, str] = {}
+    notes: list[str] = []
     for name, track in tracks.items():
         ends, why = _find_cuts(track, longest_gap_s)
         if len(track["time_s"]) == 1:
@@ -396,12 +444,21 @@ def _cut_tracks(
             left_out[name] = f"It {why}. Its id may be that of several vehicles."
         else:
             bounds = [0, *(ends + 1).tolist(), len(track["time_s"])]
-            for number, (first, last) in enumerate(pairwise(bounds), 1):
-                if last - first > 1:
-                    part = {column: values[first:last] for column, values in track.items()}
-                    parts[f"{name}, part {number}"] = part
+            spans = [(first, last) for first, last in pairwise(bounds) if last - first > 1]
+            for number, (first, last) in enumerate(spans, 1):
+                part = {column: values[first:last] for column, values in track.items()}
+                parts[f"{name}, part {number}"] = part
+            if not spans:
+                left_out[name] = f"It {why}. No motion follows from single rows."
+                continue
             cuts[name] = why
-    return parts, cuts
+            single = [first for first, last in pairwise(bounds) if last - first == 1]
+            if single:
+                times = _list_names(f"{at_s:g} s" for at_s in track["time_s"][single])
+                rows = "1 row" if len(single) == 1 else f"{len(single)} rows"
+                verb = "is" if len(single) == 1 else "are"
+                notes.append(f"{rows} of '{name}' at {times} {verb} left out.")
+    return parts, cuts, notes
 
 
 def _find_cuts(track: Track, longest_gap_s: float) -> tuple[NDArray[np.int64], str]:
@@ -536,20 +593,14 @@ class _Motion(NamedTuple):
 
 
 def _find_motion(track: Track) -> _Motion:
-    time_s = track["time_s"]
     place = np.stack([track["x_m"], track["y_m"]], axis=1)
     # Of noise of a standard deviation s in both directions, half of the second differences are
     # larger than 2.88 s.
     bends = np.hypot(*np.diff(place, 2, axis=0).T)
     noise_m = float(np.median(bends)) / 2.88 if len(bends) else 0.0
-    before_s = np.clip(time_s - 0.5 * WINDOW_S, time_s[0], time_s[-1])
-    after_s = np.clip(time_s + 0.5 * WINDOW_S, time_s[0], time_s[-1])
-    along_m, across_m = (
-        np.interp(after_s, time_s, track[name]) - np.interp(before_s, time_s, track[name])
-        for name in ("x_m", "y_m")
-    )
+    along_m, across_m, lasts_s = _find_way(track, track["time_s"])
     way_m = np.hypot(along_m, across_m)
-    speed = way_m / (after_s - before_s)
+    speed = way_m / lasts_s
     return _Motion(
         direction=np.arctan2(across_m, along_m),
         speed=speed,
@@ -558,33 +609,121 @@ def _find_motion(track: Track) -> _Motion:
     )
 
 
-def _check_headings(name: str, track: Track) -> list[str]:
-    """Return a note if few headings of a vehicle contradict its motion.
+def _find_way(track: Track, at_s: Doubles) -> tuple[Doubles, Doubles, Doubles]:
+    """Return the ways along x and y within `WINDOW_S` around some times, and how long they took."""
+    time_s = track["time_s"]
+    before_s = np.clip(at_s - 0.5 * WINDOW_S, time_s[0], time_s[-1])
+    after_s = np.clip(at_s + 0.5 * WINDOW_S, time_s[0], time_s[-1])
+    along_m, across_m = (
+        np.interp(after_s, time_s, track[name]) - np.interp(before_s, time_s, track[name])
+        for name in ("x_m", "y_m")
+    )
+    return along_m, across_m, after_s - before_s
+
+
+class _Noise(NamedTuple):
+    """Noise of the positions of a vehicle.
+
+    Attributes:
+        noise_m: its standard deviation in each direction.
+        explained_m: what of it may be motion.
+    """
+
+    noise_m: float
+    explained_m: float
+
+
+def _find_noise(track: Track) -> _Noise:
+    """Return the noise of positions, by what differs from constant acceleration over four rows."""
+    time_s = track["time_s"]
+    if len(time_s) < ROWS_OF_NOISE:
+        return _Noise(0.0, 0.0)
+    times = np.lib.stride_tricks.sliding_window_view(time_s, 4)
+    apart = times[:, :, None] - times[:, None, :] + np.eye(4)
+    # Third divided differences, which are a sixth of the jerk.
+    weights = 1.0 / apart.prod(axis=2)
+    size = np.sqrt((weights**2).sum(axis=1))
+    along, across = (
+        (weights * np.lib.stride_tricks.sliding_window_view(track[name] - track[name][0], 4)).sum(1)
+        for name in ("x_m", "y_m")
+    )
+    # Half of the lengths of pairs of normal numbers are larger than 1.177.
+    noise_m = float(np.median(np.hypot(along, across) / size)) / 1.177
+    return _Noise(
+        max(noise_m, NOISES_OF_STEP * _find_step(track)),
+        USUAL_JERK_MPS3 / 6.0 / float(np.median(size)),
+    )
+
+
+def _find_step(track: Track) -> float:
+    """Return the step that the positions of a vehicle are rounded to; 0 if they are not. [m]"""
+    ways_m = np.concatenate([np.diff(track[name]) for name in ("x_m", "y_m")])
+    bends_m = np.concatenate([np.diff(track[name], 2) for name in ("x_m", "y_m")])
+    sizes_m = np.abs(ways_m)
+    least_m = float(np.min(sizes_m[sizes_m > 1e-6], initial=np.inf))
+    if least_m > COARSEST_STEP_M + 1e-6 or not (np.abs(bends_m) > 1e-6).any():
+        return 0.0
+    is_rounded = np.abs(ways_m - least_m * np.round(ways_m / least_m)) < 1e-3 * least_m
+    return least_m if is_rounded.all() else 0.0
+
+
+def _find_turn(heading: Doubles, direction: Doubles) -> Doubles:
+    return np.abs((heading - direction + pi) % (2.0 * pi) - pi)
+
+
+def _find_reversing(track: Track, motion: _Motion, heading: Doubles) -> NDArray[np.bool_]:
+    """Return where a vehicle drives backwards, if it has these headings.
+
+    All headings may be those of the rear. They are not if negative speeds agree with them, or if
+    the vehicle reverses for a short way and a part of its time.
+    """
+    backwards = _find_turn(heading, motion.direction) > pi - MOST_TURN_RAD
+    reverses = motion.moves & backwards & (motion.speed < REVERSING_MPS)
+    if "speed_mps" in track:
+        is_told = reverses & (track["speed_mps"] < -STANDING_MPS)
+        if is_told.sum() >= (1.0 - CONTRADICTING_SHARE) * reverses.sum():
+            return reverses
+    lasts_s = np.gradient(track["time_s"])
+    way_m = float((lasts_s * motion.speed)[reverses].sum())
+    share = float(lasts_s[reverses].sum() / lasts_s.sum())
+    is_short = way_m <= REVERSING_M and share <= REVERSING_SHARE
+    return reverses & is_short
+
+
+def _check_headings(name: str, track: Track, *, is_ego: bool) -> list[str]:
+    """Return a note if a vehicle reverses, and one if few headings contradict its motion.
+
+    Args:
+        name: name of the vehicle.
+        track: its columns.
+        is_ego: whether a planner replaces it: it does not reverse, since its way leads ahead.
 
     Raises:
         InvalidValue: more do. If they agree as something else, the error names it.
     """
     if "heading_rad" not in track:
         return []
-    direction, moved_mps, moves, _ = _find_motion(track)
+    motion = _find_motion(track)
+    direction, moves = motion.direction, motion.moves
 
     def find_turn(heading: Doubles) -> Doubles:
-        return np.abs((heading - direction + pi) % (2.0 * pi) - pi)
+        return _find_turn(heading, direction)
 
     def find_wrong(heading: Doubles) -> NDArray[np.bool_]:
-        turn = find_turn(heading)
-        reverses = (turn > pi - MOST_TURN_RAD) & (moved_mps < REVERSING_MPS)
-        return moves & (turn > MOST_TURN_RAD) & ~reverses
+        wrong = moves & (find_turn(heading) > MOST_TURN_RAD)
+        return wrong if is_ego else wrong & ~_find_reversing(track, motion, heading)
 
     heading = track["heading_rad"]
     # Headings may go on growing in turns; what nothing can be held against must be within one.
     most = MOST_HEADING_RAD if moves.any() else 2.0 * pi + 1e-6
     is_outside = np.abs(heading) > most
     wrong = find_wrong(heading) | is_outside
+    notes = [] if is_ego else _note_reversing(name, track, motion)
     if not wrong.any():
-        return []
+        return notes
     if wrong.sum() <= CONTRADICTING_SHARE * moves.sum() and not is_outside.any():
-        return [f"The heading of '{name}' contradicts its motion at {int(wrong.sum())} times."]
+        times = int(wrong.sum())
+        return [*notes, f"The heading of '{name}' contradicts its motion at {times} times."]
     row = int(np.argmax(wrong))
     other = {
         words: float(find_turn(change(heading))[moves].mean())
@@ -602,6 +741,35 @@ def _check_headings(name: str, track: Track) -> list[str]:
         "headings follow from the positions."
     )
     raise InvalidValue("heading_rad", problem, remedy)
+
+
+def _note_reversing(name: str, track: Track, motion: _Motion) -> list[str]:
+    reverses = _find_reversing(track, motion, track["heading_rad"])
+    if not reverses.any():
+        return []
+    first_s, last_s = track["time_s"][np.flatnonzero(reverses)[[0, -1]]]
+    when = f"between {first_s:g} s and {last_s:g} s"
+    return [f"'{name}' is taken as reversing {when}: its heading is against its motion."]
+
+
+def _flip_speeds(name: str, track: Track) -> tuple[Track, list[str]]:
+    """Return a vehicle with negative speeds where it reverses and they have no sign; and a note."""
+    if "heading_rad" not in track or "speed_mps" not in track:
+        return track, []
+    heading, told = track["heading_rad"], track["speed_mps"]
+    reverses = _find_reversing(track, _find_motion(track), heading)
+    if not (reverses & (told > STANDING_MPS)).any():
+        return track, []
+    along_m, across_m, _ = _find_way(track, track["time_s"])
+    backwards = np.cos(heading) * along_m + np.sin(heading) * across_m < 0.0
+    # The slow begin and end of reversing belong to it.
+    bounds = np.flatnonzero(np.diff(backwards, prepend=False, append=False)).tolist()
+    wrong = np.zeros_like(reverses)
+    for first, last in zip(bounds[::2], bounds[1::2], strict=True):
+        wrong[first:last] = reverses[first:last].any()
+    wrong &= told > 0.0
+    note = f"Speeds of '{name}' are taken as negative at {int(wrong.sum())} times: it reverses."
+    return {**track, "speed_mps": np.where(wrong, -told, told)}, [note]
 
 
 def _refuse_other_speeds(name: str, track: Track) -> None:
@@ -836,18 +1004,75 @@ def _rotate_states(states: Doubles, frame: RoadFrame) -> Doubles:
     return np.stack([c * dx + s * dy, c * dy - s * dx, heading, speed], axis=-1)
 
 
+def _refuse_far_places(ids: Sequence[str], states: Doubles) -> None:
+    """Refuse places too far from the origin of the road to be kept in single precision.
+
+    Raises:
+        InvalidValue: there are some.
+    """
+    for number, name in enumerate(ids):
+        far = np.abs(states[:, number, :2]) > FARTHEST_OF_ROAD_M
+        if far.any():
+            x_m, y_m = states[int(np.argmax(far.any(axis=1))), number, :2].tolist()
+            problem = (
+                f"Vehicle '{name}' is at x = {x_m:.0f} m, y = {y_m:.0f} m of the road, and at most "
+                f"{FARTHEST_OF_ROAD_M:,.0f} m are kept."
+            )
+            remedy = "Give `frame`, the place of the road in the recording."
+            raise InvalidValue("frame", problem, remedy)
+
+
 def _interpolate(track: Track, grid_s: Doubles) -> Doubles:
     """Return x, y, heading and speed at the times of a grid, shape (times, 4)."""
     time_s = track["time_s"]
     x_m, y_m = (np.interp(grid_s, time_s, track[name]) for name in ("x_m", "y_m"))
-    along, across = np.gradient(x_m, grid_s), np.gradient(y_m, grid_s)
-    moved_mps = np.hypot(along, across)
-    speed = np.interp(grid_s, time_s, track["speed_mps"]) if "speed_mps" in track else moved_mps
+    given = None
     if "heading_rad" in track:
-        heading = np.interp(grid_s, time_s, np.unwrap(track["heading_rad"]))
-    else:
-        heading = _hold_direction(np.arctan2(across, along), moved_mps > STANDING_MPS)
+        given = np.interp(grid_s, time_s, np.unwrap(track["heading_rad"]))
+    heading, speed = _derive_motion(track, grid_s, (x_m, y_m), given)
+    if "speed_mps" in track:
+        speed = np.interp(grid_s, time_s, track["speed_mps"])
     return np.stack([x_m, y_m, heading, speed], axis=1)
+
+
+def _derive_motion(
+    track: Track, grid_s: Doubles, place_m: tuple[Doubles, Doubles], given: Doubles | None
+) -> tuple[Doubles, Doubles]:
+    """Return headings and speeds at the times of a grid, by the positions.
+
+    Where these are noisy, motion is that over `WINDOW_S`, since that between two steps would be
+    noise: a vehicle that stands would spin.
+
+    Args:
+        track: columns of the vehicle.
+        grid_s: the times.
+        place_m: x and y at these times.
+        given: its headings at these times, if they are known: motion against them is negative.
+    """
+    noise_m, explained_m = _find_noise(track)
+    told_mps = np.abs(track["speed_mps"]) if "speed_mps" in track else None
+    extent_m = float(np.hypot(np.ptp(track["x_m"]), np.ptp(track["y_m"])))
+    is_still = noise_m > 0.0 and extent_m <= NOISES_OF_STANDING * noise_m
+    if is_still or (told_mps is not None and told_mps.max() <= STANDING_MPS):
+        return np.zeros_like(grid_s) if given is None else given, np.zeros_like(grid_s)
+    if noise_m <= max(LEAST_NOISE_M, explained_m):
+        along, across = (np.gradient(each, grid_s) for each in place_m)
+        moved_mps = np.hypot(along, across)
+        if given is not None:
+            is_ahead = np.cos(given) * along + np.sin(given) * across >= 0.0
+            return given, np.where(is_ahead, moved_mps, -moved_mps)
+        moves = moved_mps > STANDING_MPS
+        return _hold_direction(np.arctan2(across, along), moves), moved_mps
+    along_m, across_m, lasts_s = _find_way(track, grid_s)
+    way_m = np.hypot(along_m, across_m)
+    moves = (way_m >= CREEPING_MPS * lasts_s) & (way_m >= NOISES_OF_WAY * noise_m)
+    if told_mps is not None:
+        moves &= np.interp(grid_s, track["time_s"], told_mps) > STANDING_MPS
+    heading = _hold_direction(np.arctan2(across_m, along_m), moves) if given is None else given
+    ahead_m = np.cos(heading) * along_m + np.sin(heading) * across_m
+    size_m = ahead_m if given is None else np.abs(ahead_m)
+    is_motion = size_m > np.maximum(STANDING_MPS * lasts_s, MOST_NOISES * 2**0.5 * noise_m)
+    return heading, np.where(is_motion, ahead_m / lasts_s, 0.0)
 
 
 def _hold_direction(heading: Doubles, moves: np.ndarray[Any, Any]) -> Doubles:

@@ -222,12 +222,23 @@ def test_tracks_that_cannot_be_used_are_refused(tmp_path, rows, words):
         read_tracks(write(tmp_path / "a.csv", rows), "1")
 
 
-@pytest.mark.parametrize("speeds", [("", 5.0), (5.0, "")])
-def test_a_column_that_is_filled_for_some_times_of_a_vehicle_is_refused(tmp_path, speeds):
+@pytest.mark.parametrize("speeds", [("", 4.8), (4.8, "")])
+def test_a_column_that_some_rows_of_a_vehicle_lack_follows_from_its_positions(tmp_path, speeds):
     rows = [("1", t, 5.0 * t, 0.0, speed) for t, speed in zip((0.0, 1.0), speeds, strict=True)]
-    other = [("2", t, 50.0, 0.0, "") for t in (0.0, 1.0)]
-    with pytest.raises(InvalidValue, match="speed_mps: is empty, and other rows of vehicle '1'"):
-        read_tracks(write(tmp_path / "a.csv", [*rows, *other], (*HEADER, "speed_mps")), "1")
+    other = [("2", t, 50.0 + 5.0 * t, 0.0, 4.8) for t in (0.0, 1.0)]
+    path = write(tmp_path / "a.csv", [*rows, *other], (*HEADER, "speed_mps"))
+    tracks = read_tracks(path, "1")
+    assert tracks.states[:, 0, 3] == pytest.approx(5.0)
+    assert tracks.states[:, 1, 3] == pytest.approx(4.8)
+    assert tracks.notes == ("speed_mps of 1 follows from positions: some rows lack it.",)
+
+
+def test_a_size_that_some_rows_of_a_vehicle_lack_is_that_of_the_others(tmp_path):
+    rows = [(*row, "" if n == 50 else 12.0) for n, row in enumerate(LEAD)]
+    path = write(tmp_path / "a.csv", [*drive("ego", more=("",)), *rows], (*HEADER, "length_m"))
+    tracks = read_tracks(path, "ego")
+    assert tracks.sizes[:, 0].tolist() == [5.0, 12.0]
+    assert tracks.notes == ("length_m of lead is that of other rows: some rows lack it.",)
 
 
 @pytest.mark.parametrize("gap_s", [0.0, -1.0, float("nan")])
@@ -293,13 +304,76 @@ def test_headings_that_contradict_the_motion_are_refused(tmp_path, speed, headin
 
 
 @pytest.mark.parametrize(
-    ("speed", "heading"), [(20.0, 4 * pi), (20.0, 0.3), (-18.0, -pi), (-3.0, 0.0), (0.0, 1.5)]
+    ("speed", "heading"), [(20.0, 4 * pi), (20.0, 0.3), (-18.0, -pi), (0.0, 1.5)]
 )
 def test_headings_that_fit_the_motion_are_taken(tmp_path, speed, heading):
     ego = drive("ego", more=(0.0,))
     car = drive("car", 180.0, 3.5, speed, more=(heading,))
     path = write(tmp_path / "a.csv", [*ego, *car], (*HEADER, "heading_rad"))
     assert read_tracks(path, "ego").states[0, 1, 2] == pytest.approx(heading)
+
+
+def back_up(heading=0.0, lasts_s=3.0, speed=None):
+    """Rows of a vehicle that stands, backs up at 4 m/s for a while, and stands again."""
+    rows = []
+    for n in range(101):
+        way_m = 4.0 * min(max(0.1 * n - 2.0, 0.0), lasts_s)
+        told = () if speed is None else (speed if 2.0 < 0.1 * n <= 2.0 + lasts_s else 0.0,)
+        rows.append(("car", round(0.1 * n, 1), 120.0 - way_m, 3.5, heading, *told))
+    return rows
+
+
+@pytest.mark.parametrize("ego", ["ego", "second", "third"])
+def test_reversed_headings_of_slow_traffic_are_refused(tmp_path, ego):
+    rows = [
+        *drive("ego", speed=4.5, ends=200, more=(pi,)),
+        *drive("second", 40.0, speed=3.0, ends=200, more=(pi,)),
+        *drive("third", 20.0, 3.5, speed=4.0, ends=200, more=(pi,)),
+    ]
+    rows = [(*row[:4], pi if row[0] == ego else 0.0) for row in rows]
+    path = write(tmp_path / "a.csv", rows, (*HEADER, "heading_rad"))
+    with pytest.raises(InvalidValue, match=f"'{ego}' is .* those of the rear, reversed"):
+        read_tracks(path, "ego")
+
+
+def test_an_ego_that_reverses_is_refused(tmp_path):
+    path = write(
+        tmp_path / "a.csv", [*back_up(), *drive("b", more=(0.0,))], (*HEADER, "heading_rad")
+    )
+    with pytest.raises(InvalidValue, match=r"'car' is 0 at .* those of the rear, reversed"):
+        read_tracks(path, "car")
+
+
+def test_a_vehicle_that_reverses_for_a_short_way_is_noted(tmp_path):
+    rows = [*drive("ego", more=(0.0,)), *back_up()]
+    tracks = read_tracks(write(tmp_path / "a.csv", rows, (*HEADER, "heading_rad")), "ego")
+    assert (tracks.states[:, 1, 2] == 0.0).all()
+    (note,) = tracks.notes
+    assert note.startswith("'car' is taken as reversing between 2")
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.03])
+def test_a_vehicle_that_reverses_has_negative_speeds_by_its_positions(tmp_path, noise_m):
+    noise = noise_m * np.random.default_rng(1).normal(size=101)
+    car = [(*row[:2], row[2] + dx, *row[3:]) for row, dx in zip(back_up(), noise, strict=True)]
+    rows = [*drive("ego", more=(0.0,)), *car]
+    states = read_tracks(write(tmp_path / "a.csv", rows, (*HEADER, "heading_rad")), "ego").states
+    assert (states[:, 1, 2] == 0.0).all()
+    assert states[26:45, 1, 3] == pytest.approx(-4.0, abs=0.3)
+    assert np.abs(states[60:, 1, 3]).max() < 0.01
+    assert states[:, 0, 3] == pytest.approx(20.0)
+
+
+@pytest.mark.parametrize("told", [4.0, -4.0])
+def test_speeds_of_a_vehicle_that_reverses_are_made_negative(tmp_path, told):
+    rows = [*drive("ego", more=(0.0, 20.0)), *back_up(speed=told)]
+    header = (*HEADER, "heading_rad", "speed_mps")
+    tracks = read_tracks(write(tmp_path / "a.csv", rows, header), "ego")
+    assert tracks.states[:, 1, 3].min() == -4.0
+    assert tracks.states[:, 1, 3].max() == 0.0
+    assert any(
+        "Speeds of 'car' are taken as negative at 30 times" in note for note in tracks.notes
+    ) == (told > 0.0)
 
 
 def test_few_headings_that_contradict_the_motion_are_noted(tmp_path):
@@ -388,8 +462,16 @@ def test_one_wrong_position_does_not_move_a_vehicle(tmp_path):
     rows = drive("car", 40.0, 3.5)
     rows[50] = ("car", 5.0, -1000.0, -1000.0)
     tracks = read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *LEAD, *rows]), "ego")
-    assert tracks.ids == ("ego", "lead", "car, part 1", "car, part 3")
+    assert tracks.ids == ("ego", "lead", "car, part 1", "car, part 2")
     assert "jumps by" in tracks.notes[0]
+    assert tracks.notes[1:] == ("1 row of 'car' at 5 s is left out.",)
+
+
+def test_a_vehicle_of_single_rows_is_left_out_by_name(tmp_path):
+    rows = [("car", float(t), x_m, 3.5) for t, x_m in ((0, 60.0), (4, 140.0), (8, 220.0))]
+    tracks = read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *LEAD, *rows]), "ego")
+    assert (tracks.ids, tracks.notes) == (("ego", "lead"), ())
+    assert tracks.left_out["car"].startswith("It is lost from 0 s to 4 s, is lost from 4 s to 8 s.")
 
 
 def test_a_car_that_brakes_hard_does_not_jump(tmp_path):
@@ -448,9 +530,13 @@ def test_dialects_of_csv_are_read_alike(tmp_path, dialect):
     ("header", "words"),
     [
         ("frame,id,x,y,width,height,xVelocity", "its columns are frame, id, x, y, width"),
-        ("id,time,x_m,y_m", "columns time_s are missing.*Did you mean 'time'"),
+        ("id,time,x_m,y_m", "column time_s is missing.*Did you mean 'time'"),
         ("0,1,2.5,3", "its first line has numbers"),
         ("id,time_s,x_m,y_m,heading_deg", "heading_deg is not read, and column heading_rad"),
+        ("id,time_s,x_m,y_m,speed_kmh", "speed_kmh is not read, and column speed_mps"),
+        ("id,time_s,x_m,y_m,Speed [km/h]", "is not read, and column speed_mps"),
+        ("id,time_s,x_m,y_m,widht_m", "widht_m is not read, and column width_m"),
+        ("id,time,x_m,y", "columns time_s, y_m are missing"),
         ("id,time_s,x_m,y_m,length", "length is not read, and column length_m"),
         ("id,time_s,x_m,x_m,y_m", "two columns x_m"),
     ],
@@ -459,6 +545,13 @@ def test_columns_that_do_not_fit_are_refused_by_name(tmp_path, header, words):
     path = write(tmp_path / "a.csv", [*drive("ego"), *LEAD], header.split(","))
     with pytest.raises(InvalidValue, match=words):
         read_tracks(path, "ego")
+
+
+def test_columns_of_other_quantities_in_units_are_noted(tmp_path):
+    names = ("lane_width_m", "speed_limit_mps")
+    rows = [*drive("ego", more=(3.5, 30)), *drive("lead", 60.0, more=(3.5, 30))]
+    tracks = read_tracks(write(tmp_path / "a.csv", rows, (*HEADER, *names)), "ego")
+    assert tracks.notes == ("Columns that are not read: lane_width_m, speed_limit_mps.",)
 
 
 def test_other_columns_are_noted(tmp_path):
@@ -475,6 +568,14 @@ def test_decimal_commas_are_named(tmp_path, line, words):
         read_tracks(path, "a")
 
 
+@pytest.mark.parametrize("line", ["b 0  60 0.1 15", "b 0 60 0.1", "b 0 60 0 0.1 15 2"])
+def test_a_row_of_other_cells_between_blanks_is_refused(tmp_path, line):
+    path = tmp_path / "a.csv"
+    path.write_text(f"id time_s x_m y_m heading_rad speed_mps\na 0 0 0 0 15 \n{line}\n")
+    with pytest.raises(InvalidValue, match=r"row 3: has \d cells, and the header 6"):
+        read_tracks(path, "a")
+
+
 @pytest.mark.parametrize("size", [(0.0, 2.0), (5.0, -5.0), (450.0, 180.0), (5.0, 25.0)])
 def test_sizes_that_no_vehicle_has_are_refused(tmp_path, size):
     rows = [*drive("ego", more=size), *drive("lead", 60.0, more=size)]
@@ -486,6 +587,16 @@ def test_places_that_are_not_on_earth_are_refused(tmp_path):
     rows = [("far", 0.0, 1e308, 0.0), ("far", 0.5, -1e308, 0.0)]
     with pytest.raises(InvalidValue, match=r"x_m of vehicle 'far' is 1e\+308"):
         read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *LEAD, *rows]), "ego")
+
+
+def test_places_far_from_the_road_are_refused_without_a_frame(tmp_path):
+    rows = [(name, t, x + 691e3, y + 5334e3) for name, t, x, y in [*drive("ego"), *LEAD]]
+    path = write(tmp_path / "a.csv", rows)
+    with pytest.raises(InvalidValue, match="'ego' is at x = 691000 m, y = 5334000 m") as refused:
+        read_tracks(path, "ego")
+    assert "`frame`, the place of the road" in str(refused.value)
+    states = read_tracks(path, "ego", frame=RoadFrame(691e3, 5334e3)).states
+    assert states[:, 0, 0] == pytest.approx(2.0 * np.arange(101))
 
 
 def test_a_short_parquet_file_of_many_rows_is_refused(tmp_path, monkeypatch):
@@ -512,6 +623,18 @@ def test_vehicles_are_left_out_on_purpose_by_name(tmp_path):
     assert tracks.left_out == {}
     with pytest.raises(UnknownName, match="'8'"):
         read_tracks(path, "1", without=["8"])
+
+
+def test_a_text_is_refused_as_a_list_of_vehicles(tmp_path):
+    rows = [*EGO, *OTHER, *straight("3", TIMES, (60.0, 0.0))]
+    with pytest.raises(InvalidValue, match="Give a list") as refused:
+        read_tracks(write(tmp_path / "a.csv", rows), "1", without="23")
+    assert refused.value.field == "without"
+
+
+def test_numbers_name_vehicles_of_these_ids(tmp_path):
+    rows = [*EGO, *OTHER, *straight("3", TIMES, (60.0, 0.0))]
+    assert read_tracks(write(tmp_path / "a.csv", rows), 1, without=[3]).ids == ("1", "2")
 
 
 CARS = ("1", 0.0, 0.0, 20.0), ("2", 30.0, 3.5, 15.0), ("3", 90.0, 0.0, 20.0)
@@ -621,3 +744,56 @@ def test_commonroad_of_another_kind_is_refused_with_the_cause(tmp_path, old, new
     path.write_text(path.read_text().replace(old, new))
     with pytest.raises(InvalidValue, match=words):
         read_tracks(path, "1")
+
+
+def park(noise_m, step_m=None, rows=101, more=(), seed=1):
+    """Rows of a parked vehicle with noisy positions, every 0.1 s."""
+    places = np.array([100.0, 3.3]) + noise_m * np.random.default_rng(seed).normal(size=(rows, 2))
+    if step_m:
+        places = np.round(np.round(places / step_m) * step_m, 6)
+    return [("car", round(0.1 * n, 1), x, y, *more) for n, (x, y) in enumerate(places.tolist())]
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize(
+    ("noise_m", "step_m", "speed"),
+    [
+        (0.02, None, None),
+        (0.05, None, None),
+        (0.03, None, 0.0),
+        (0.02, 0.1, None),
+        (0.05, 0.1, None),
+    ],
+)
+def test_noise_does_not_turn_a_vehicle_that_stands(tmp_path, noise_m, step_m, speed, seed):
+    told, own = ((20.0,), (speed,)) if speed is not None else ((), ())
+    rows = [*drive("ego", more=told), *park(noise_m, step_m, more=own, seed=seed)]
+    header = (*HEADER, "speed_mps") if told else HEADER
+    states = read_tracks(write(tmp_path / "a.csv", rows, header), "ego").states
+    assert states[:, 1, 2:] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("step_m", [None, 0.1])
+@pytest.mark.parametrize("heading", [0.0, 2.0])
+def test_a_noisy_vehicle_that_stops_keeps_its_direction(tmp_path, heading, step_m):
+    way_m = np.minimum(8.0 * 0.1 * np.arange(101), 40.0)
+    noise = 0.03 * np.random.default_rng(1).normal(size=(101, 2))
+    places = np.array([100.0, 3.3]) + way_m[:, None] * [cos(heading), sin(heading)] + noise
+    if step_m:
+        places = np.round(places, 1)
+    rows = [("car", round(0.1 * n, 1), x, y) for n, (x, y) in enumerate(places.tolist())]
+    states = read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *rows]), "ego").states[:, 1]
+    assert states[:, 2] == pytest.approx(heading, abs=0.15)
+    assert states[:44, 3] == pytest.approx(8.0, abs=0.4)
+    assert (states[57:, 3] == 0.0).all()
+
+
+def test_motion_without_noise_is_that_between_steps(tmp_path):
+    time_s = np.round(0.1 * np.arange(101), 1)
+    x_m, y_m = 60.0 + 20.0 * time_s - 2.0 * np.minimum(time_s, 5.0) ** 2, 3.5 * np.sin(time_s / 3)
+    rows = [("car", *row) for row in zip(time_s, x_m, y_m, strict=True)]
+    states = read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *rows]), "ego").states
+    grid_s = 0.1 * np.arange(101)
+    along, across = (np.gradient(np.interp(grid_s, time_s, each), grid_s) for each in (x_m, y_m))
+    assert np.array_equal(states[:, 1, 3], np.hypot(along, across))
+    assert np.array_equal(states[:, 1, 2], np.unwrap(np.arctan2(across, along)))
