@@ -1063,7 +1063,10 @@ def _derive_motion(
             return given, np.where(is_ahead, moved_mps, -moved_mps)
         moves = moved_mps > STANDING_MPS
         return _hold_direction(np.arctan2(across, along), moves), moved_mps
-    along_m, across_m, lasts_s = _find_way(track, grid_s)
+    # A whole window, also at the ends: half of it has the same noise over half of the way.
+    first_s, last_s = track["time_s"][[0, -1]] + [0.5 * WINDOW_S, -0.5 * WINDOW_S]
+    around_s = np.clip(grid_s, first_s, max(first_s, last_s))
+    along_m, across_m, lasts_s = _find_way(track, around_s)
     way_m = np.hypot(along_m, across_m)
     moves = (way_m >= CREEPING_MPS * lasts_s) & (way_m >= NOISES_OF_WAY * noise_m)
     if told_mps is not None:
