@@ -245,7 +245,11 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
     states = np.full((len(grid_s), len(ids), 4), np.nan)
     for number, name in enumerate(ids):
         first, last = spans[name]
-        states[first : last + 1, number] = _interpolate(parts[name], grid_s[first : last + 1])
+        own_s = grid_s[first : last + 1]
+        course = _interpolate(parts[name], own_s)
+        # A vehicle that never moves, and has no headings, points along the road.
+        course[np.isnan(course[:, 2]), 2] = frame.heading_rad
+        states[first : last + 1, number] = course
     _refuse_empty_road(path, ego, states, grid_s, [*_explain_left_out(left_out), *notes])
     states = _rotate_states(states, frame)
     _refuse_far_places(ids, states)
@@ -1023,7 +1027,10 @@ def _refuse_far_places(ids: Sequence[str], states: Doubles) -> None:
 
 
 def _interpolate(track: Track, grid_s: Doubles) -> Doubles:
-    """Return x, y, heading and speed at the times of a grid, shape (times, 4)."""
+    """Return x, y, heading and speed at the times of a grid, shape (times, 4).
+
+    Headings of a vehicle that never moves are NaN if they are not known.
+    """
     time_s = track["time_s"]
     x_m, y_m = (np.interp(grid_s, time_s, track[name]) for name in ("x_m", "y_m"))
     given = None
@@ -1054,7 +1061,7 @@ def _derive_motion(
     extent_m = float(np.hypot(np.ptp(track["x_m"]), np.ptp(track["y_m"])))
     is_still = noise_m > 0.0 and extent_m <= NOISES_OF_STANDING * noise_m
     if is_still or (told_mps is not None and told_mps.max() <= STANDING_MPS):
-        return np.zeros_like(grid_s) if given is None else given, np.zeros_like(grid_s)
+        return np.full_like(grid_s, np.nan) if given is None else given, np.zeros_like(grid_s)
     if noise_m <= max(LEAST_NOISE_M, explained_m):
         along, across = (np.gradient(each, grid_s) for each in place_m)
         moved_mps = np.hypot(along, across)
@@ -1063,7 +1070,10 @@ def _derive_motion(
             return given, np.where(is_ahead, moved_mps, -moved_mps)
         moves = moved_mps > STANDING_MPS
         return _hold_direction(np.arctan2(across, along), moves), moved_mps
-    along_m, across_m, lasts_s = _find_way(track, grid_s)
+    # A whole window, also at the ends: half of it has the same noise over half of the way.
+    first_s, last_s = track["time_s"][[0, -1]] + [0.5 * WINDOW_S, -0.5 * WINDOW_S]
+    around_s = np.clip(grid_s, first_s, max(first_s, last_s))
+    along_m, across_m, lasts_s = _find_way(track, around_s)
     way_m = np.hypot(along_m, across_m)
     moves = (way_m >= CREEPING_MPS * lasts_s) & (way_m >= NOISES_OF_WAY * noise_m)
     if told_mps is not None:
@@ -1079,7 +1089,7 @@ def _hold_direction(heading: Doubles, moves: np.ndarray[Any, Any]) -> Doubles:
     """Return the headings, with that of the nearest time of motion while a vehicle stands."""
     moving = np.flatnonzero(moves)
     if not len(moving):
-        return np.zeros_like(heading)
+        return np.full_like(heading, np.nan)
     steps = np.arange(len(heading))
     after = np.searchsorted(moving, steps).clip(max=len(moving) - 1)
     before = np.maximum(after - 1, 0)

@@ -788,6 +788,25 @@ def test_a_noisy_vehicle_that_stops_keeps_its_direction(tmp_path, heading, step_
     assert (states[57:, 3] == 0.0).all()
 
 
+def test_a_slow_vehicle_of_noisy_positions_moves_from_its_first_row_to_its_last(tmp_path):
+    noise = 0.3 * np.random.default_rng(1).normal(size=(101, 2))
+    rows = [
+        (*row[:2], row[2] + dx, row[3] + dy)
+        for row, (dx, dy) in zip(drive("car", 60.0, speed=4.0), noise.tolist(), strict=True)
+    ]
+    states = read_tracks(write(tmp_path / "a.csv", [*drive("ego"), *rows]), "ego").states
+    assert states[:, 1, 3] == pytest.approx(4.0, abs=1.6)
+    assert states[:, 1, 2] == pytest.approx(0.0, abs=0.4)
+
+
+@pytest.mark.parametrize("noise_m", [0.0, 0.03])
+def test_a_vehicle_that_never_moves_points_along_the_road(tmp_path, noise_m):
+    rows = [(name, t, -y, x) for name, t, x, y in [*drive("ego"), *park(noise_m)]]
+    path = write(tmp_path / "a.csv", rows)
+    states = read_tracks(path, "ego", frame=RoadFrame(heading_rad=pi / 2)).states
+    assert states[..., 2] == pytest.approx(0.0, abs=1e-9)
+
+
 def test_motion_without_noise_is_that_between_steps(tmp_path):
     time_s = np.round(0.1 * np.arange(101), 1)
     x_m, y_m = 60.0 + 20.0 * time_s - 2.0 * np.minimum(time_s, 5.0) ** 2, 3.5 * np.sin(time_s / 3)
