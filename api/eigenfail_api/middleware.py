@@ -125,16 +125,12 @@ def is_named(values: Iterable[str], tag: str) -> bool:
     return not names.isdisjoint({"*", tag})
 
 
-NO_MODE = 422
-"""Status of a GET of …/modes/triage, which takes changes alone: `triage` is no number of a mode."""
-
-
 async def holds(app: ASGIApp, scope: Scope, root: str) -> bool:
     """Return whether the `If-Match` of a change names what its address holds now.
 
     As in RFC 9110, 13.1.1. An address without a GET changes a part of what is above it:
-    `/campaigns/1/pause` changes the campaign. A change of what does not exist is let through, and
-    refused where it is made.
+    `/campaigns/1/pause` changes the campaign. A change of what does not exist, or has an address
+    that is refused, is let through and refused where it is made (RFC 9110, 13.2.1).
 
     Args:
         app: what answers HEAD with the entity tags of GET.
@@ -149,8 +145,8 @@ async def holds(app: ASGIApp, scope: Scope, root: str) -> bool:
         if not any(each.matches(asked)[0] is Match.FULL for each in scope["app"].routes):
             continue
         status, tag = await _read_head(app, asked)
-        if status != NO_MODE:
-            return status == 404 or (status == 200 and bool(tag) and is_named(wanted, tag))
+        is_refused = 400 <= status < 500
+        return is_refused or (status == 200 and bool(tag) and is_named(wanted, tag))
     return False
 
 
