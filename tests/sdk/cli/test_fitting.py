@@ -44,7 +44,7 @@ def test_a_failure_rate_has_its_remark_below() -> None:
     *_, line = drawn(render(tabulate_results([summary(1), ended])), 200)
     assert line == (
         "Campaign 23: 2 of 9 had no collision within 10 s, but ended while braking could not avoid "
-        "one any more."
+        "one any more. Upper bounds count such episodes as failures."
     )
 
 
