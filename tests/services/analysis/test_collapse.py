@@ -31,7 +31,10 @@ def result(labels: list[int], distinct: bool = True) -> AnalysisResult:
         components=nothing,
         scores=nothing,
         labels=tuple(labels),
-        modes=tuple(FailureMode(1, 0, nothing, nothing) for _ in range(max(labels) + 1)),
+        modes=tuple(
+            FailureMode(labels.count(mode), labels.index(mode), nothing, nothing)
+            for mode in range(max(labels) + 1)
+        ),
         influence=nothing,
         silhouette=0.6 if distinct else 0.16,
         noise_silhouette=0.17,
@@ -59,8 +62,7 @@ def test_modes_by_hand() -> None:
     assert found.coverage == (1, 1, 1, 1, 1, 2, 2, 2, 3, 3)
     assert found.warning == ""
     assert found.verdict.startswith(
-        "0 distinct modes, 3 more with too few failures (silhouette 0.60, on data without groups "
-        "0.17). The largest holds 50 %"
+        "3 distinct modes (silhouette 0.60, on data without groups 0.17). The largest holds 50 %"
     )
 
 
