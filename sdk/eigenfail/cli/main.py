@@ -12,7 +12,7 @@ from difflib import get_close_matches
 from enum import EnumType
 from functools import partial
 from importlib import import_module
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any, NoReturn, get_args
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -194,10 +194,9 @@ def _describe_wrong_number(parameter: Any, fault: dict[str, Any], usage: str) ->
 
 
 def _suggest(given: object, kind: Any) -> str:
-    if not isinstance(kind, EnumType):
-        return ""
-    members: list[Any] = list(kind)
-    known = [str(member.value) for member in members]
+    # Choices are an enumeration, or the texts of a `Literal`; other types have none.
+    members: list[Any] = list(kind) if isinstance(kind, EnumType) else list(get_args(kind))
+    known = [str(getattr(member, "value", member)) for member in members]
     close = get_close_matches(str(given), known, n=1)
     return f"Did you mean '{close[0]}'?" if close else ""
 
