@@ -348,7 +348,7 @@ def check(block):
 OWN = {
     "docs/quickstart.md": (
         r"[1-9]\d* of \d+ eigenfailures reproduced a failure",
-        r"(\d+|No) distinct modes",
+        r"(1 distinct mode|(\d+|No) distinct modes)\b",
         r"Digest|digest",
     ),
     "docs/own_planner.md": (r"1/\d+ +collision", r"my_planner"),

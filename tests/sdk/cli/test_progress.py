@@ -4,6 +4,7 @@ import time
 from io import StringIO
 from pathlib import Path
 
+import deadlines
 import pytest
 from msgspec.structs import replace
 from rich.console import Console
@@ -127,7 +128,7 @@ def test_a_long_step_says_what_it_is_and_for_how_long(capsys, monkeypatch):
 
 def assert_written(capsys, line):
     """Wait until a line is on standard error."""
-    until_s = time.monotonic() + 20.0
+    until_s = time.monotonic() + deadlines.PROCESS_S
     while line not in capsys.readouterr().err:
         assert time.monotonic() < until_s
         time.sleep(0.01)
