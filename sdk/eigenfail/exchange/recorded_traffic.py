@@ -5,7 +5,7 @@ what the others would have done: from then on they follow the vehicle ahead of t
 Intelligent Driver Model, along their recorded paths. Vehicles come and go as in the recording.
 """
 
-from math import cos, hypot, sin, sqrt
+from math import cos, hypot, sin, sqrt, tanh
 from typing import Annotated, ClassVar
 
 import msgspec
@@ -339,6 +339,12 @@ def _find_acceleration(
 ) -> float:
     """Return the acceleration of the Intelligent Driver Model, eq. 2 and 3. [m/s²]
 
+    People follow each other at gaps that the model takes for an emergency. So a vehicle brakes by
+    little more than the comfortable deceleration beyond what its closing speed needs: Kesting,
+    Treiber, Helbing, Enhanced intelligent driver model to access the impact of driving strategies
+    on traffic capacity, Phil. Trans. R. Soc. A 368 (2010), eq. 2.5, with a coolness of 1 and a
+    vehicle ahead that keeps its speed; it may come as near as vehicles stand apart.
+
     Args:
         vehicle: the vehicle that follows.
         others: all other vehicles; the nearest one ahead that is in its way is followed.
@@ -354,7 +360,11 @@ def _find_acceleration(
         comfort = 2.0 * sqrt(ACCELERATION_MPS2 * DECELERATION_MPS2)
         dynamic_m = vehicle.speed_mps * (TIME_GAP_S + closing_mps / comfort)
         share = (STANDSTILL_GAP_M + max(dynamic_m, 0.0)) / max(gap_m, 0.01)
-        wanted = min(wanted, ACCELERATION_MPS2 * (free - share**2))
+        follow = ACCELERATION_MPS2 * (free - share**2)
+        needed = -(max(closing_mps, 0.0) ** 2) / (2.0 * max(gap_m - STANDSTILL_GAP_M, 0.01))
+        if follow < needed:
+            follow = needed + DECELERATION_MPS2 * tanh((follow - needed) / DECELERATION_MPS2)
+        wanted = min(wanted, follow)
     return max(wanted, -HARDEST_BRAKING_MPS2)
 
 

@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from eigenfail.contracts import ReactiveSituation
 from eigenfail.errors import InvalidValue
 from eigenfail.exchange.recorded_traffic import (
+    DECELERATION_MPS2,
     STANDSTILL_GAP_M,
     TIME_GAP_S,
     RecordedTraffic,
@@ -101,6 +102,17 @@ def test_a_follower_keeps_the_gap_of_the_model():
     assert follower.speed_mps == pytest.approx(speed, abs=0.01)
     # Its law sees the ego a step later than itself.
     assert gap(follower, ego) == pytest.approx(wanted, abs=2 * speed * DT_S)
+
+
+def test_a_follower_that_was_too_near_falls_back_without_an_emergency():
+    # 10 m behind at 20 m/s, half a second: people drive so, and the model wants 34 m.
+    situation = stage(make_tracks((0.0, 0.0, 20.0), (-20.5, 0.0, 20.0)), reactive_from_m=1.0)
+    seen = play(situation, [19.5] * situation.steps)
+    speeds = [states[1].speed_mps for states in seen]
+    hardest = max(before - after for before, after in pairwise(speeds)) / DT_S
+    assert 0.5 < hardest < 1.2 * DECELERATION_MPS2
+    assert gap(seen[-1][1], seen[-1][0]) > 19.5 * TIME_GAP_S
+    assert min(gap(states[1], states[0]) for states in seen) > 0.5 * 10.0
 
 
 def test_vehicles_in_other_lanes_are_not_braked_for():

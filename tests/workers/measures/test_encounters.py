@@ -1,6 +1,7 @@
 """TTC and DRAC, worked out by hand."""
 
-from math import pi
+from itertools import pairwise
+from math import copysign, cos, hypot, pi, sin
 
 import pytest
 from hypothesis import given, settings
@@ -306,3 +307,63 @@ def test_vehicle_without_both_ends_is_not_moved() -> None:
     before = TrafficSample(TRUCK, (square(60.0, 0.0, 0.0, 20.0),), (1,))
     after = TrafficSample(TRUCK, (square(-60.0, 0.0, 0.0, 20.0),), (2,))
     assert find_contact(before, after, 0.1) is None
+
+
+def drive_arc(radius_m: float, at_rad: float, speed_mps: float = 10.0) -> VehicleState:
+    """A car on a circle about the origin that turns left; to the right if the radius is negative.
+
+    In reverse, at a negative speed, it drives the same circle the other way round.
+    """
+    return VehicleState(
+        radius_m * sin(at_rad), -radius_m * cos(at_rad), at_rad, speed_mps, 4.5, 2.0
+    )
+
+
+@pytest.mark.parametrize("radius_m", [12.0, -12.0, 30.0])
+@pytest.mark.parametrize("speed_mps", [10.0, -10.0])
+@pytest.mark.parametrize("dt_s", [0.2, 0.5, 1.0])
+def test_way_within_a_step_is_an_arc(radius_m: float, speed_mps: float, dt_s: float) -> None:
+    turn = speed_mps * dt_s / radius_m
+    before = drive_arc(radius_m, 0.3, speed_mps)
+    after = drive_arc(radius_m, 0.3 + turn, speed_mps)
+    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
+        found = move(before, after, share)
+        wanted = drive_arc(radius_m, 0.3 + share * turn, speed_mps)
+        assert hypot(found.x_m - wanted.x_m, found.y_m - wanted.y_m) < 0.06 * dt_s
+
+
+@pytest.mark.parametrize("dt_s", [0.1, 0.2, 0.25, 0.5, 1.0])
+@pytest.mark.parametrize("radius_m", [12.0, -12.0])
+@pytest.mark.parametrize("is_inside", [True, False])
+def test_a_post_beside_an_arc_is_judged_alike_at_any_step(
+    dt_s: float, radius_m: float, is_inside: bool
+) -> None:
+    """The car's side sweeps 11 m to its centre, a front corner 13.2 m."""
+    reach_m = abs(radius_m) - 1.0 if is_inside else hypot(abs(radius_m) + 1.0, 2.25)
+    for clear_m in (0.15, -0.15):
+        at_m = reach_m - clear_m if is_inside else reach_m + clear_m
+        touched = False
+        for phase in range(8):
+            angle = copysign(0.6 + 0.05 * phase, radius_m)
+            post_x, post_y = at_m * sin(abs(angle)), -copysign(at_m, radius_m) * cos(angle)
+            post = VehicleState(post_x, post_y, angle, 0.0, 0.02, 0.02)
+            steps_rad = [10.0 * dt_s * step / radius_m for step in range(round(2.0 / dt_s))]
+            states = [drive_arc(radius_m, at_rad) for at_rad in steps_rad]
+            touched |= any(separation(state, post).distance_m == 0.0 for state in states)
+            touched |= any(
+                find_contact(
+                    TrafficSample(early, (post,), (1,)), TrafficSample(late, (post,), (1,)), dt_s
+                )
+                is not None
+                for early, late in pairwise(states)
+            )
+        assert touched == (clear_m < 0.0)
+
+
+def test_heading_that_no_tyre_could_turn_bends_no_way() -> None:
+    """A tracker's headings jump by 0.4 rad at 30 m/s: the car drives on along its lane."""
+    before = VehicleState(0.0, 0.0, 0.2, 30.0, 4.5, 2.0)
+    after = VehicleState(15.0, 0.0, -0.2, 30.0, 4.5, 2.0)
+    assert move(before, after, 0.5).y_m == 0.0
+    slower = structs.replace(before, speed_mps=5.0), structs.replace(after, x_m=2.5, speed_mps=5.0)
+    assert move(*slower, 0.5).y_m == pytest.approx(2.5 * 0.4 / 8)

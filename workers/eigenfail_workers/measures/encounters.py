@@ -4,9 +4,9 @@ Surrogate safety measures have the definitions of FHWA-RD-03-050 (Surrogate Safe
 Traffic Simulation Models), taken from one lane to the plane: the gap is the distance between the
 footprints, and the closing speed is the relative velocity along the line of nearest points.
 
-Between two samples a footprint is taken to move on a straight line and to turn at a constant rate,
-the short way. Without that motion a vehicle that crosses the ego within one step is never seen to
-touch it.
+Between two samples a footprint is taken to turn at a constant rate, the short way, and to move on
+the arc that a vehicle drives that turns so; on a straight line if it does not turn. Without that
+motion a vehicle that crosses the ego within one step is never seen to touch it.
 """
 
 from collections.abc import Sequence
@@ -38,6 +38,13 @@ that rounding changes nothing."""
 
 TURN_RAD: Final = 0.02
 """While footprints turn by no more than this, their distance is as good as convex in time."""
+
+LEAST_BEND_M: Final = 0.01
+"""An arc that is nearer to its chord than this is taken as the chord. In the steps of the built-in
+scenarios all are."""
+
+GRIP_MPS2: Final = 10.0
+"""No tyre turns a vehicle with more: such a heading is a fault of a tracker, not an arc."""
 
 PRECISION_M: Final = 1e-5
 MOST_TURNS: Final = 100
@@ -120,14 +127,33 @@ def move(before: VehicleState, after: VehicleState, share: float) -> VehicleStat
         heading_rad = before.heading_rad + share * turn_rad
     else:
         heading_rad = after.heading_rad - (1.0 - share) * turn_rad
+    dx, dy = after.x_m - before.x_m, after.y_m - before.y_m
+    bend = 4.0 * share * (1.0 - share) * _find_bend(before, after)
     return VehicleState(
-        before.x_m + share * (after.x_m - before.x_m),
-        before.y_m + share * (after.y_m - before.y_m),
+        before.x_m + share * dx + bend * dy,
+        before.y_m + share * dy - bend * dx,
         heading_rad,
         before.speed_mps + share * (after.speed_mps - before.speed_mps),
         after.length_m,
         after.width_m,
     )
+
+
+def _find_bend(before: VehicleState, after: VehicleState) -> float:
+    """Return how far a vehicle's way bends from its chord, as a share of the chord's length.
+
+    An arc that turns left lies to the right of its chord, forwards and in reverse. Its height is
+    about a chord times an eighth of its angle.
+    """
+    if before.heading_rad == after.heading_rad:
+        return 0.0
+    turn_rad = remainder(after.heading_rad - before.heading_rad, pi)
+    way_m = hypot(after.x_m - before.x_m, after.y_m - before.y_m)
+    speed_mps = 0.5 * (before.speed_mps + after.speed_mps)
+    is_chord = 0.125 * way_m * abs(turn_rad) < LEAST_BEND_M
+    if is_chord or speed_mps**2 * abs(turn_rad) > GRIP_MPS2 * way_m:
+        return 0.0
+    return 0.125 * turn_rad
 
 
 def find_pass(
@@ -137,7 +163,8 @@ def find_pass(
 
     The search runs only if the motion can hide more than HIDDEN_M. The distance of two convex
     shapes is convex in time while they do not turn: the tangents at both samples bound it from
-    below. Turning takes at most the half-diagonals times the angles off that bound.
+    below. Turning takes at most the half-diagonals times the angles off that bound, an arc at most
+    four times its height.
 
     Args:
         before: the two vehicles at the sample before.
@@ -163,14 +190,21 @@ def find_pass(
 
 
 def _bound_turn(before: VehicleState, after: VehicleState) -> float:
-    """Return an upper bound of the way that a turn takes a corner of a footprint. [m]
+    """Return an upper bound of how fast a turn takes a corner of a footprint off a straight way.
 
-    Half of length and width together is more than the half-diagonal.
+    In metres for a whole step. Half of length and width together is more than the half-diagonal.
     """
     turn_rad = after.heading_rad - before.heading_rad
     if turn_rad == 0.0:
         return 0.0
-    return 0.5 * abs(remainder(turn_rad, pi)) * (before.length_m + before.width_m)
+    turned_m = 0.5 * abs(remainder(turn_rad, pi)) * (before.length_m + before.width_m)
+    return turned_m + 4.0 * _bound_bend(before, after)
+
+
+def _bound_bend(before: VehicleState, after: VehicleState) -> float:
+    """Return an upper bound of how far an arc is from its chord. [m]"""
+    way_m = abs(after.x_m - before.x_m) + abs(after.y_m - before.y_m)
+    return abs(_find_bend(before, after)) * way_m
 
 
 def _search_step(before: Pair, after: Pair, least_m: float) -> Pass | None:
@@ -268,9 +302,11 @@ def may_touch(before: TrafficSample, after: TrafficSample) -> bool:
         return True
     ego, was = after.ego, before.ego
     ego_x, ego_y = ego.x_m - was.x_m, ego.y_m - was.y_m
+    bend_m = _bound_bend(was, ego)
     for place in range(len(after.others)):
         other, other_was = after.others[place], before.others[place]
         reach = 0.5 * (ego.length_m + ego.width_m + other.length_m + other.width_m)
+        reach += bend_m + _bound_bend(other_was, other)
         reach += abs(other.x_m - other_was.x_m - ego_x) + abs(other.y_m - other_was.y_m - ego_y)
         if abs(other.x_m - ego.x_m) <= reach and abs(other.y_m - ego.y_m) <= reach:
             return True
