@@ -342,7 +342,7 @@ def _find_acceleration(
     People follow each other at gaps that the model takes for an emergency. So a vehicle brakes by
     little more than the comfortable deceleration beyond what its closing speed needs: Kesting,
     Treiber, Helbing, Enhanced intelligent driver model to access the impact of driving strategies
-    on traffic capacity, Phil. Trans. R. Soc. A 368 (2010), eq. 2.5, with a coolness of 1 and a
+    on traffic capacity, Phil. Trans. R. Soc. A 368 (2010), the ACC model with a coolness of 1 and a
     vehicle ahead that keeps its speed; it may come as near as vehicles stand apart.
 
     Args:
