@@ -137,7 +137,9 @@ def test_the_coefficient_of_variation_is_that_of_the_bootstrap():
     random, values = np.random.default_rng(0), np.zeros(result.draws)
     values[: len(result.weights)] = result.weights
     means = [random.choice(values, result.draws).mean() for _ in range(2000)]
-    assert np.std(means) / np.mean(means) == pytest.approx(result.cv, rel=0.1)
+    of_draws = result._replace(at_ends=np.zeros(0)).cv
+    assert np.std(means) / np.mean(means) == pytest.approx(of_draws, rel=0.1)
+    assert of_draws <= result.cv < 2.0 * of_draws
 
 
 def test_balanced_weights_add_up_to_the_probability():
@@ -191,9 +193,23 @@ def test_the_variance_counts_heavy_weights_that_are_missing():
     plain, told = [], []
     for _ in range(300):
         weights = (random.random(60) ** -shape - 1.0) / shape
-        result = MixtureResult(10_000, 0, weights, 0.0)
+        result = MixtureResult(10_000, 0, weights, np.zeros(0), 0.0)
         plain.append(1.0 / result.effective - 1.0 / result.draws)
         told.append(result.cv**2)
     assert np.mean(np.array(plain) < 0.7 * true) > 0.3
     assert np.mean(np.array(told) < 0.7 * true) < 0.05
     assert np.median(told) < 2.0 * true
+
+
+def test_the_variance_counts_a_region_that_the_draws_half_lost():
+    """Weights of failures that no fit has seen have the mean E_q[w²] / P."""
+    weights = np.full(300, 0.01)
+    agreeing = MixtureResult(1000, 0, weights, np.full(12, 0.01), 0.0)
+    assert agreeing.cv == pytest.approx(sqrt((0.01 / 0.003 - 1.0) / 1000))
+    heavier = MixtureResult(1000, 0, weights, np.full(12, 0.3), 0.0)
+    assert heavier.cv == pytest.approx(sqrt((0.3 / 0.003 - 1.0) / 1000))
+    # Of few of them the mean is not known well: two standard errors are added.
+    unequal = np.repeat([0.2, 0.4], 6)
+    upper = 0.3 + 2.0 * np.std(unequal, ddof=1) / sqrt(12)
+    result = MixtureResult(1000, 0, weights, unequal, 0.0)
+    assert result.cv == pytest.approx(sqrt((upper / 0.003 - 1.0) / 1000))
