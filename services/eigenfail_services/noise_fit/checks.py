@@ -61,6 +61,9 @@ MOVING_MPS, SLOWEST_MPS = 2.0, 0.8
 """Vehicles move from the first speed on. If the log has no speeds, its moving vehicles are taken as
 faster than the second: headings in degrees are those of slower ones up to 45 m/s. [m/s]"""
 
+ACROSS_RAD, MOST_ACROSS = 0.5, 0.5
+"""Share of headings that are further from the direction of the road than this angle. [rad]"""
+
 ROUNDED_SHARE = 0.01
 """Share of errors of one unit of the last digit from which digits are too few."""
 
@@ -225,7 +228,11 @@ def _list_causes(log: SensorLog, errors: ErrorSeries, z: Array) -> Iterator[Mode
             found.append(check)
             is_named = is_named | is_sentinel
         if name == "heading":
-            found += _list_units(log, errors) or _list_unrelated(own, is_named)
+            found += (
+                _list_units(log, errors)
+                or [*_list_unrelated(own, is_named)]
+                or _list_ranges({words: side[~is_named] for words, side in sides.items()})
+            )
         # The causes above fall on some tracks more often than on others.
         yield from found or _list_uneven_tracks(name, errors, column, z[:, column])
 
@@ -369,6 +376,29 @@ def _list_unrelated(error: Array, is_named: Booleans) -> Iterator[ModelCheck]:
             "Both columns must be headings in radians, anticlockwise from the road: these seem "
             "to be in degrees, or unrelated.",
         )
+
+
+def _list_ranges(sides: Mapping[str, Array]) -> list[ModelCheck]:
+    """Return failed checks of columns of headings, by name, that fill more than a turn."""
+    found = []
+    for words, heading in sides.items():
+        low, high = float(heading.min(initial=0.0)), float(heading.max(initial=0.0))
+        # Radians beyond a turn are those of vehicles that were followed through it: most of them
+        # point along the road.
+        is_across = np.abs(np.sin(heading)) > np.sin(ACROSS_RAD)
+        if high - low > 2.0 * pi + ACROSS_RAD and is_across.mean() > MOST_ACROSS:
+            found.append(
+                ModelCheck(
+                    f"heading: range of {words} headings",
+                    high - low,
+                    Interval(high - low, high - low),
+                    2.0 * pi,
+                    holds=False,
+                    remedy="The headings exceed a turn, and few are along the road: they seem to "
+                    "be in degrees. Give radians between -π and π in both columns.",
+                )
+            )
+    return found
 
 
 def _list_zeros(name: str, error: Array) -> Iterator[ModelCheck]:

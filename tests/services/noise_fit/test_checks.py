@@ -56,6 +56,7 @@ CAUSES = (
     "exactly 0",
     "values that are",
     "ratio of changes",
+    "range of",
     "between tracks",
     "beyond 45°",
 )
@@ -316,6 +317,32 @@ def test_small_headings_in_degrees_are_named(speed_mps, has_speed):
     (check,) = [each for each in found if each.name.startswith("heading")]
     assert check.name.startswith("heading: ratio of changes of true headings to those of the dir")
     assert "in degrees" in check.remedy
+
+
+def spread_headings(size_rad, spread_rad, choose=None):
+    """True headings that are unrelated to the motion."""
+
+    def bend(seen, true, random):
+        true[..., 2] = random.uniform(-size_rad, size_rad, (TRACKS, STEPS))
+        if choose:
+            true[..., 2] = random.choice(choose, (TRACKS, 1)) + 0.05 * true[..., 2]
+        seen[..., 2] = true[..., 2] + spread_rad * random.standard_normal((TRACKS, STEPS))
+        return seen
+
+    return bend
+
+
+def test_headings_that_fill_more_than_a_turn_are_named():
+    found = list_causes(draw(bend=spread_headings(4.5, 0.3)))
+    assert [check.name for check in found] == [
+        "heading: range of reported headings",
+        "heading: range of true headings",
+    ]
+
+
+@pytest.mark.parametrize("choose", [[0.0, -pi, pi], [-2.0 * pi, -pi, 0.0, pi], [0.0, pi, pi / 2]])
+def test_headings_of_oncoming_and_crossing_vehicles_have_no_cause(choose):
+    assert list_causes(draw(bend=spread_headings(1.0, 0.03, choose))) == []
 
 
 @pytest.mark.parametrize(
