@@ -107,6 +107,14 @@ CONTRADICTING_SHARE = 0.05
 """A track contradicts itself where its heading differs by more from the direction of its motion, at
 more than this share of its times."""
 
+MOST_SLIP_RAD = 0.15
+"""Vehicles that go straight slip by less: their headings are this near to their motion."""
+
+DEGREES = 180.0 / pi
+FEWEST_BLOCKS, SLOPE_ERRORS = 8.0, 5.0
+"""Stretches of time with changes of direction, and standard errors of the slope of the heading over
+the direction, from which the unit of headings is certain."""
+
 MOST_RATIO, MOST_DIFFERENCE_MPS = 1.5, 1.0
 """The same for its speeds: their mean against that of its motion."""
 
@@ -121,6 +129,11 @@ OTHER_HEADINGS: Mapping[str, Callable[[Doubles], Doubles]] = {
     "those of the rear, reversed": lambda heading: heading + pi,
 }
 """What headings may be that contradict the motion."""
+
+HEADING_REMEDY = (
+    "Give radians, anticlockwise from x, of the front of the vehicle. Without the column, headings "
+    "follow from the positions."
+)
 
 MOST_HEADING_RAD = 100.0
 """No vehicle turns so often; sentinels such as -999 lie beyond it."""
@@ -237,6 +250,7 @@ def read_tracks(  # noqa: PLR0913 - each argument is a choice of the user
         parts[name], flipped = _flip_speeds(name, part)
         notes += flipped
         _refuse_other_speeds(name, part)
+    notes += _check_unit_of_headings(parts)
     grid_s = _make_grid(ego, track, dt_s)
     spans = {name: _find_span(part, grid_s) for name, part in parts.items()}
     ids, never = _choose_vehicles(path, ego, spans)
@@ -740,11 +754,84 @@ def _check_headings(name: str, track: Track, *, is_ego: bool) -> list[str]:
         f"of vehicle '{name}' is {heading[row]:g} at {track['time_s'][row]:g} s, and "
         f"{moves_so}.{seems}"
     )
-    remedy = (
-        "Give radians, anticlockwise from x, of the front of the vehicle. Without the column, "
-        "headings follow from the positions."
+    raise InvalidValue("heading_rad", problem, HEADING_REMEDY)
+
+
+def _check_unit_of_headings(tracks: Mapping[str, Track]) -> list[str]:
+    """Return a note on vehicles whose headings lie beside their motion.
+
+    Headings in degrees pass for radians where the road lies within half a degree of x.
+
+    Raises:
+        InvalidValue: most vehicles that move have such headings, or their headings change as those
+            in degrees do.
+    """
+    products, squares, beside = [], [], {}
+    moving = 0
+    for name, track in tracks.items():
+        if "heading_rad" not in track:
+            continue
+        motion = _find_motion(track)
+        heading, direction = _average_heading(track), np.unwrap(motion.direction)
+        turn = (heading - direction + pi) % (2.0 * pi) - pi
+        # A heading that contradicts motion by more is noted or refused for each vehicle.
+        counted = motion.moves & (np.abs(turn) <= MOST_TURN_RAD)
+        if counted.sum() < ROWS_OF_NOISE:
+            continue
+        moving += 1
+        apart_rad = float(np.median(np.abs(turn[counted])))
+        in_degrees = float(np.median(_find_turn(np.radians(heading), direction)[counted]))
+        if apart_rad > MOST_SLIP_RAD and in_degrees < apart_rad / DEGREES**0.5:
+            beside[name] = apart_rad
+        change = direction[counted] - direction[counted].mean()
+        # Ways of one window overlap, so only blocks of the time are independent.
+        block = (track["time_s"][counted] // (2.0 * WINDOW_S)).astype(np.int64)
+        _, block = np.unique(block, return_inverse=True)
+        turned = change + turn[counted] - turn[counted].mean()
+        products += np.bincount(block, change * turned).tolist()
+        squares += np.bincount(block, change**2).tolist()
+    names = _list_names(f"'{name}'" for name in beside)
+    if _is_in_degrees(np.array(products), np.array(squares)):
+        problem = (
+            "changes by about 57 times as much as the direction of the motion. The headings seem "
+            "to be in degrees."
+        )
+        raise InvalidValue("heading_rad", problem, HEADING_REMEDY)
+    if not beside:
+        return []
+    largest = max(beside.values())
+    problem = (
+        f"of {names} differs from the direction of the motion by up to {largest:.2g} rad "
+        f"({np.degrees(largest):.0f}°) in the median"
     )
-    raise InvalidValue("heading_rad", problem, remedy)
+    if len(beside) > 0.5 * moving:
+        seems = "The headings seem to be in degrees, or from another axis than x."
+        raise InvalidValue("heading_rad", f"{problem}. {seems}", HEADING_REMEDY)
+    return [f"The heading {problem}: check its unit, which is rad, and its axis."]
+
+
+def _average_heading(track: Track) -> Doubles:
+    """Return the mean heading over `WINDOW_S` around each row, as motion is averaged."""
+    time_s, heading = track["time_s"], np.unwrap(track["heading_rad"])
+    turns = np.cumsum(0.5 * (heading[1:] + heading[:-1]) * np.diff(time_s))
+    sums = {"time_s": time_s, "x_m": np.concatenate([[0.0], turns]), "y_m": np.zeros(len(time_s))}
+    total, _, lasts_s = _find_way(sums, time_s)
+    return np.asarray(total / lasts_s, np.float64)
+
+
+def _is_in_degrees(products: Doubles, squares: Doubles) -> bool:
+    """Return whether changes of headings are those of directions in degrees, by blocks of time.
+
+    Args:
+        products: sum of the changes of direction times those of heading, shape (blocks,).
+        squares: sum of the squared changes of direction, shape (blocks,).
+    """
+    total = squares.sum()
+    if not total > 0.0 or total**2 < FEWEST_BLOCKS * np.square(squares).sum():
+        return False
+    slope = products.sum() / total
+    error = float(np.sqrt(np.square(products - slope * squares).sum())) / total
+    return bool(slope - SLOPE_ERRORS * error > DEGREES**0.5)
 
 
 def _note_reversing(name: str, track: Track, motion: _Motion) -> list[str]:

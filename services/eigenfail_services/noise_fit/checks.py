@@ -1,9 +1,9 @@
 """Checks whether a log is of the disturbance model that was fitted to it."""
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
-from math import nan, pi
+from math import inf, nan, pi
 from typing import NamedTuple
 
 import msgspec
@@ -53,6 +53,17 @@ LARGE_TURN_RAD = 0.25 * pi
 MOST_LARGE_TURNS = 0.1
 """Share of errors beyond this angle from which headings are no radians, or no headings."""
 
+DEGREES = 180.0 / pi
+WINDOW_S = 1.0
+"""Headings are compared with motion over this time. [s]"""
+
+MOVING_MPS, SLOWEST_MPS = 2.0, 0.8
+"""Vehicles move from the first speed on. If the log has no speeds, its moving vehicles are taken as
+faster than the second: headings in degrees are those of slower ones up to 45 m/s. [m/s]"""
+
+ACROSS_RAD, MOST_ACROSS = 0.5, 0.5
+"""Share of headings that are further from the direction of the road than this angle. [rad]"""
+
 ROUNDED_SHARE = 0.01
 """Share of errors of one unit of the last digit from which digits are too few."""
 
@@ -61,6 +72,18 @@ FAR_SPREADS = 10.0
 
 MAD_SIGMAS = 1.4826
 BINS = 10
+
+EXACT = 1e-9
+"""Values that differ by less are the same."""
+
+NEIGHBOURS, NEAREST = 20, 3
+"""Rounded values on each side whose frequencies a repeated value is held against."""
+
+MOST_NEAR = 2.0
+"""A value that is right so many times as often as it is far is no sentinel."""
+
+MOST_NAMED = 8
+"""Values that the name of a check lists."""
 
 PARTS = 3
 """Equal parts of the measurements by distance; the nearest and the farthest are checked."""
@@ -194,10 +217,22 @@ SEE_CAUSE = "Mend what the first checks name, then fit again."
 def _list_causes(log: SensorLog, errors: ErrorSeries, z: Array) -> Iterator[ModelCheck]:
     """Yield failed checks of what makes errors look heavy-tailed, with the cause."""
     for column, name in enumerate(errors.channels):
-        own, seen = errors.error[:, column], log.seen[errors.row, log.channels.index(name)]
-        found = [*_list_zeros(name, own), *_list_sentinels(name, seen, own)]
+        own, place = errors.error[:, column], log.channels.index(name)
+        sides = {"reported": log.seen[errors.row, place], "true": log.true[errors.row, place]}
+        found = [*_list_zeros(name, own)]
+        is_named = np.zeros(len(own), bool)
         if name == "heading":
-            found += _list_turns(own)
+            turns, is_named = _find_turns(own)
+            found += turns
+        for check, is_sentinel in _list_sentinels(name, sides, own, errors.track, is_named):
+            found.append(check)
+            is_named = is_named | is_sentinel
+        if name == "heading":
+            found += (
+                _list_units(log, errors)
+                or [*_list_unrelated(own, is_named)]
+                or _list_ranges({words: side[~is_named] for words, side in sides.items()})
+            )
         # The causes above fall on some tracks more often than on others.
         yield from found or _list_uneven_tracks(name, errors, column, z[:, column])
 
@@ -214,10 +249,11 @@ def _is_conspicuous(cases: int, beside: int, count: int) -> bool:
     return cases >= least and cases > MOST_EXPECTED * (beside + 1)
 
 
-def _list_turns(error: Array) -> Iterator[ModelCheck]:
-    """Yield shares of headings that are turned by half a turn or a quarter, or no headings."""
+def _find_turns(error: Array) -> tuple[list[ModelCheck], Booleans]:
+    """Return shares of headings turned by half a turn or a quarter, and which these are."""
     size, count = np.abs(error), len(error)
     is_turned = np.zeros(count, bool)
+    found = []
     for words, angle in FLIPS.items():
         apart = np.abs(size - angle)
         near = apart < FLIP_WIDTH_RAD
@@ -225,30 +261,150 @@ def _list_turns(error: Array) -> Iterator[ModelCheck]:
         beside = (apart >= FLIP_WIDTH_RAD) & (apart < 2.0 * FLIP_WIDTH_RAD)
         if _is_conspicuous(int(near.sum()), int(beside.sum()), count):
             is_turned |= near
-            yield _make_cause(
-                f"heading: share of errors near {words}",
-                int(near.sum()),
-                count,
-                0.0,
-                f"The detector turns these headings by {words}. No channel does so: leave their "
-                "rows without a heading, and fit again.",
+            found.append(
+                _make_cause(
+                    f"heading: share of errors near {words}",
+                    int(near.sum()),
+                    count,
+                    0.0,
+                    f"The detector turns these headings by {words}. No channel does so: leave "
+                    "their rows without a heading, and fit again.",
+                )
             )
-    large = int(((size > LARGE_TURN_RAD) & ~is_turned).sum())
-    if large > MOST_LARGE_TURNS * count:
+    return found, is_turned
+
+
+def _list_units(log: SensorLog, errors: ErrorSeries) -> list[ModelCheck]:
+    """Return failed checks of headings that are in degrees, by what the log has beside them."""
+    place = log.channels.index("heading")
+    true, seen = log.true[errors.row, place], log.seen[errors.row, place]
+    found = []
+    both = _find_slope(true, seen, errors)
+    for degrees, words in ((DEGREES, "reported"), (1.0 / DEGREES, "true")):
+        if both and degrees / 2.0 < both[1].low and both[1].high < degrees * 2.0:
+            found.append(
+                ModelCheck(
+                    "heading: ratio of changes of reported headings to those of true ones",
+                    *both,
+                    1.0,
+                    holds=False,
+                    remedy=f"The {words} headings seem to be in degrees, and the others in "
+                    "radians. Give radians in both columns.",
+                )
+            )
+    for words, heading in (("true", np.unwrap(true)), ("reported", seen)):
+        direction, mean, least, of_what = _find_directions(log, errors, heading)
+        ratio = _find_slope(direction, mean, errors)
+        if ratio and ratio[1].low > least and not found:
+            found.append(
+                ModelCheck(
+                    f"heading: ratio of changes of {words} headings to those of {of_what}",
+                    *ratio,
+                    1.0,
+                    holds=False,
+                    remedy="The headings seem to be in degrees: as radians they contradict the "
+                    "way across the road, which follows from dy_m. Give radians in both columns.",
+                )
+            )
+    return found
+
+
+def _find_directions(
+    log: SensorLog, errors: ErrorSeries, heading: Array
+) -> tuple[Array, Array, float, str]:
+    """Return the directions of motion and the mean headings over `WINDOW_S`, each of shape (n,).
+
+    Also the ratio of their changes from which headings are in degrees, and what the directions are.
+    Both are NaN where the log has a gap.
+    """
+    across_m, step = log.true[errors.row, 1], log.step[errors.row]
+    lag = max(round(WINDOW_S / log.step_s), 1)
+    direction, mean = np.full((2, len(heading)), nan)
+    if len(heading) <= lag:
+        return direction, mean, 0.0, ""
+    sums = np.cumsum(0.5 * (heading[1:] + heading[:-1]), axis=0)
+    sums = np.concatenate([[0.0], sums])
+    is_whole = (errors.track[lag:] == errors.track[:-lag]) & (step[lag:] - step[:-lag] == lag)
+    mean[lag:] = np.where(is_whole, (sums[lag:] - sums[:-lag]) / lag, nan)
+    rate = (across_m[lag:] - across_m[:-lag]) / (lag * log.step_s)
+    # A vehicle that comes towards the ego turns to its own left, as the others do.
+    rate *= np.where(_average(np.cos(heading), errors) < -0.5, -1.0, 1.0)[errors.track[lag:]]
+    speeds = log.true[errors.row, log.channels.index("speed")] if "speed" in log.channels else None
+    if speeds is not None and (np.abs(speeds) > MOVING_MPS).any():
+        speed = np.abs(0.5 * (speeds[lag:] + speeds[:-lag]))
+        moves = is_whole & (speed > MOVING_MPS)
+        direction[lag:] = np.where(moves, rate / np.maximum(speed, MOVING_MPS), nan)
+        return direction, mean, DEGREES**0.5, "the direction of motion"
+    # All vehicles are faster than this, but for those that stand and so do not turn.
+    direction[lag:] = np.where(is_whole, rate / SLOWEST_MPS, nan)
+    return direction, mean, 1.0, f"the direction of motion at {SLOWEST_MPS:g} m/s"
+
+
+def _average(values: Array, errors: ErrorSeries) -> Array:
+    """Return the mean of each track, shape (tracks,); 0 where there are no values."""
+    known = np.isfinite(values)
+    counts = np.bincount(errors.track[known], minlength=errors.tracks)
+    sums = np.bincount(errors.track[known], values[known], errors.tracks)
+    means: Array = sums / np.maximum(counts, 1)
+    return means
+
+
+def _find_slope(x: Array, y: Array, errors: ErrorSeries) -> tuple[float, Interval] | None:
+    """Return the slope of y over x within tracks, with its interval; None if x does not change."""
+    both = np.isfinite(x) & np.isfinite(y)
+    x, y = np.where(both, x, nan), np.where(both, y, nan)
+    x, y = (each - _average(each, errors)[errors.track] for each in (x, y))
+    squares, products = (
+        np.bincount(errors.track[both], (x * each)[both], errors.tracks).astype(float)
+        for each in (x, y)
+    )
+    squares[squares < EXACT] = 0.0
+    if np.count_nonzero(squares) < FEWEST_TRACKS:
+        return None
+    return find_ratio_interval(products, squares, 1.0 - CAUSE_ERROR)
+
+
+def _list_unrelated(error: Array, is_named: Booleans) -> Iterator[ModelCheck]:
+    """Yield the share of headings that are no headings, beside those with another cause."""
+    large = int(((np.abs(error) > LARGE_TURN_RAD) & ~is_named).sum())
+    if large > MOST_LARGE_TURNS * len(error):
         yield _make_cause(
             "heading: share of other errors beyond 45°",
             large,
-            count,
+            len(error),
             0.0,
             "Both columns must be headings in radians, anticlockwise from the road: these seem "
             "to be in degrees, or unrelated.",
         )
 
 
+def _list_ranges(sides: Mapping[str, Array]) -> list[ModelCheck]:
+    """Return failed checks of columns of headings, by name, that fill more than a turn."""
+    found = []
+    for words, heading in sides.items():
+        low, high = float(heading.min(initial=0.0)), float(heading.max(initial=0.0))
+        # Radians beyond a turn are those of vehicles that were followed through it: most of them
+        # point along the road.
+        is_across = np.abs(np.sin(heading)) > np.sin(ACROSS_RAD)
+        if high - low > 2.0 * pi + ACROSS_RAD and is_across.mean() > MOST_ACROSS:
+            found.append(
+                ModelCheck(
+                    f"heading: range of {words} headings",
+                    high - low,
+                    Interval(high - low, high - low),
+                    2.0 * pi,
+                    holds=False,
+                    remedy="The headings exceed a turn, and few are along the road: they seem to "
+                    "be in degrees. Give radians between -π and π in both columns.",
+                )
+            )
+    return found
+
+
 def _list_zeros(name: str, error: Array) -> Iterator[ModelCheck]:
     """Yield the share of errors that are exactly 0, beyond what rounded values let expect."""
     size = np.abs(error)
-    is_zero = size < 1e-9
+    is_zero = size < EXACT
     if is_zero.all() or not is_zero.any():
         return
     # The smallest error of all is a unit of the last digit, if values are rounded.
@@ -272,29 +428,98 @@ def _list_zeros(name: str, error: Array) -> Iterator[ModelCheck]:
         )
 
 
-def _list_sentinels(name: str, seen: Array, error: Array) -> Iterator[ModelCheck]:
-    """Yield the share of rows with a far value that is repeated exactly."""
-    middle = float(np.median(error))
-    spread = MAD_SIGMAS * float(np.median(np.abs(error - middle)))
-    # With a spread of 0 most errors are the same, which is a cause of its own.
-    far = np.abs(error - middle) > FAR_SPREADS * spread if spread else np.zeros(len(error), bool)
-    if not far.any():
-        return
-    values, counts = np.unique(seen[far], return_counts=True)
-    cases, others = int(counts.max()), int(np.median(counts))
-    if len(values) > 1 and cases <= MOST_EXPECTED * others:
-        return
-    if cases < max(LEAST_CASES, LEAST_SHARE * len(error)):
-        return
-    value = float(values[int(counts.argmax())])
-    yield _make_cause(
-        f"{name}: share of reported values that are {value:g}",
-        cases,
-        len(error),
-        0.0,
-        "This far value is repeated exactly, as one that means 'no measurement'. Leave the "
-        "fields empty there.",
-    )
+def _list_sentinels(
+    name: str, sides: Mapping[str, Array], error: Array, track: Integers, is_turned: Booleans
+) -> Iterator[tuple[ModelCheck, Booleans]]:
+    """Yield the share of rows with far values that are repeated exactly, and which rows these are.
+
+    Args:
+        name: name of the channel.
+        sides: reported and true values, each of shape (n,), by what they are.
+        error: reported less true values, shape (n,).
+        track: number of the track of each, shape (n,).
+        is_turned: which errors have another cause, shape (n,).
+    """
+    # Values of the same decimals may differ in their last bits after a change of units.
+    rounded = {words: values.round(9) for words, values in sides.items()}
+    # A value that lasts while nothing else changes is one case: the vehicle may be parked.
+    _, case = np.unique(np.column_stack([*rounded.values(), track]), axis=0, return_index=True)
+    is_case = np.zeros(len(error), bool)
+    is_case[case] = True
+    # Sentinels may be most of the errors, so the scale is that of the other values.
+    is_usual = np.ones(len(error), bool)
+    units = {
+        words: np.diff(np.unique(values)).min(initial=inf) for words, values in rounded.items()
+    }
+    for words, values in rounded.items():
+        is_usual &= ~np.isin(values, _find_repeated(values[is_case], units[words]))
+    is_far = _find_far(error, error[is_usual] if is_usual.any() else error) & ~is_turned
+    for words, values in rounded.items():
+        repeated = _find_repeated(values[is_case & is_far], units[words])
+        used = _find_repeated(values[is_case & ~is_far], units[words])
+        counts = {}
+        for value in repeated.tolist():
+            is_value = values == value
+            cases = int((is_value & is_far).sum())
+            # Some sensors report one value for each class: its errors are other classes' vehicles.
+            is_class = value in used and (is_value & ~is_far).sum() > MOST_NEAR * cases
+            if cases >= max(LEAST_CASES, LEAST_SHARE * len(error)) and not is_class:
+                counts[value] = cases
+        if not counts:
+            continue
+        ordered = sorted(counts, key=counts.__getitem__, reverse=True)
+        are = [f"{value:g}" for value in ordered[:MOST_NAMED]]
+        more = f" and {len(ordered) - MOST_NAMED} more" if len(ordered) > MOST_NAMED else ""
+        yield (
+            _make_cause(
+                f"{name}: share of {words} values that are {' or '.join(are)}{more}",
+                sum(counts.values()),
+                len(error),
+                0.0,
+                "Far values are repeated exactly, as those that mean 'no measurement'. Leave the "
+                "fields empty there.",
+            ),
+            np.isin(values, ordered),
+        )
+
+
+def _find_far(error: Array, usual: Array) -> Booleans:
+    """Return which errors are far beyond the usual ones."""
+    middle = float(np.median(usual))
+    size = np.abs(usual - middle)
+    if float(np.median(size)) <= EXACT and (size > EXACT).any():
+        # Most errors are the same, which is a cause of its own; the others have a scale.
+        size = size[size > EXACT]
+    least = max(FAR_SPREADS * MAD_SIGMAS * float(np.median(size)), EXACT)
+    far: Booleans = np.abs(error - middle) > least
+    return far
+
+
+def _find_repeated(cases: Array, unit: float) -> Array:
+    """Return the values that are repeated more often than the values around them let expect.
+
+    Args:
+        cases: values, shape (n,).
+        unit: least difference of two values: neighbours of rounded values are about as frequent.
+    """
+    values, counts = np.unique(cases, return_counts=True)
+    found = []
+    for place in np.flatnonzero(counts >= LEAST_CASES).tolist():
+        apart = np.rint((values - values[place]) / unit)
+        is_beside = (np.abs(apart) <= NEIGHBOURS) & (apart != 0.0)
+        around = np.zeros(2 * NEIGHBOURS)
+        around[: is_beside.sum()] = counts[is_beside]
+        # Other sentinels may be among the neighbours.
+        most = MOST_EXPECTED * (float(np.median(around)) + 1.0)
+        next_to = np.sort(counts[is_beside & (np.abs(apart) <= NEAREST)])
+        mean = max(
+            float((np.minimum(around, most).sum() + 1.0) / len(around)),
+            float(next_to[-2]) if len(next_to) > 1 else 0.0,
+        )
+        chance = len(values) * float(special.gammainc(counts[place], mean))
+        if chance < CAUSE_ERROR and counts[place] > MOST_EXPECTED * mean:
+            found.append(float(values[place]))
+    return np.array(found)
 
 
 def _list_uneven_tracks(
@@ -311,7 +536,8 @@ def _list_uneven_tracks(
     # Single far errors are other checks' matter, and so is a wrong dependence on distance.
     square = np.minimum(np.square(z), FAR_SIGMA**2)
     usual = np.bincount(part, square, BINS) / np.maximum(np.bincount(part, minlength=BINS), 1)
-    square /= usual[part]
+    # All errors of a part may be exactly 0.
+    square /= np.where(usual > 0.0, usual, 1.0)[part]
     n = np.bincount(errors.track, minlength=errors.tracks).astype(float)
     means = np.bincount(errors.track, square, errors.tracks) / n
     tracks = errors.tracks - 1.0

@@ -9,7 +9,12 @@ import numpy as np
 from eigenfail.presentation.figures import count_noun, format_number, format_share
 from eigenfail.values import AXES, DisturbanceModel, Interval
 from eigenfail.values.channels import GHOST, MISSED, Channel
-from eigenfail_services.noise_fit.checks import ModelCheck, check_channels, check_position
+from eigenfail_services.noise_fit.checks import (
+    MAD_SIGMAS,
+    ModelCheck,
+    check_channels,
+    check_position,
+)
 from eigenfail_services.noise_fit.events import (
     ChainFit,
     MissBand,
@@ -36,6 +41,9 @@ SHARES = {"50 %": 0.5, "95 %": 0.95, "99.9 %": 0.999}
 
 FEWEST_EVENTS = 20
 """Runs of an event, below which a report says that they are few."""
+
+LARGE_SIGMA_RAD = 0.35
+"""Errors of headings beyond this are improbable of a sensor, and usual of values in degrees."""
 
 HALF_LANE_M = 1.75
 PLANE = "plane"
@@ -224,7 +232,7 @@ def _find_distances(log: SensorLog) -> dict[str, tuple[float, float]]:
 
 
 def _list_fit_remarks(log: SensorLog, fits: Sequence[Fit]) -> list[str]:
-    """Return which parameters of errors lie on their bounds, and what of the file is not read."""
+    """Return parameters on their bounds, the unit of large heading errors, and unread columns."""
     remarks = [
         f"{said}: the model does not describe the errors, or the log is too short."
         for fit in fits
@@ -232,6 +240,15 @@ def _list_fit_remarks(log: SensorLog, fits: Sequence[Fit]) -> list[str]:
             make_likelihood(fit.candidate, log.select(*fit.channels)), fit.best
         )
     ]
+    if "heading" in log.channels:
+        # By the median, since some headings that are turned do not change the unit of the others.
+        errors = log.select("heading").error
+        sigma = MAD_SIGMAS * float(np.median(np.abs(errors - np.median(errors))))
+        if sigma > LARGE_SIGMA_RAD:
+            remarks.append(
+                f"Heading errors were read as radians: their sigma, {sigma:.2g} rad, is "
+                f"{np.degrees(sigma):.0f}°. If the headings are in degrees, convert both columns."
+            )
     if log.unread:
         remarks.append(f"Columns that are not read: {', '.join(log.unread)}.")
     return remarks

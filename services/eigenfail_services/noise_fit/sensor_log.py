@@ -132,6 +132,7 @@ class SensorLog(msgspec.Struct, frozen=True, eq=False):
         plane_m: true distance in the plane, shape (n,). [m]
         rate_mps: rate at which dx and dy change, shape (n, 2); NaN at the first of a track. [m/s]
         error: reported less true value, shape (n, channels); NaN where it was not measured.
+        true: true value, shape (n, channels); NaN where it is not known.
         seen: reported value, shape (n, channels); NaN where it was not measured.
         step_s: time between two steps. [s]
         ghosts: measurements without a vehicle.
@@ -145,6 +146,7 @@ class SensorLog(msgspec.Struct, frozen=True, eq=False):
     plane_m: Array
     rate_mps: Array
     error: Array
+    true: Array
     seen: Array
     step_s: float
     ghosts: Ghosts
@@ -232,6 +234,7 @@ def make_log(
         plane_m=plane_m,
         rate_mps=rate,
         error=np.column_stack([positions[:, SEEN] - true, _find_errors(others, quantities)]),
+        true=np.column_stack([true, others[:, ::2]]),
         seen=np.column_stack([positions[:, SEEN], others[:, 1::2]]),
         step_s=step_s,
         ghosts=_find_ghosts(rows, step_s),

@@ -313,6 +313,71 @@ def test_headings_that_fit_the_motion_are_taken(tmp_path, speed, heading):
     assert read_tracks(path, "ego").states[0, 1, 2] == pytest.approx(heading)
 
 
+def weave(unit=1.0, noise=0.0, size_m=0.12, seed=1, road_rad=0.0):
+    """Rows of three vehicles that sway a little in their lanes, with headings in a unit."""
+    random = np.random.default_rng(seed)
+    rows = []
+    for number in range(3):
+        for n in range(201):
+            t, phase = 0.1 * n, 2.0 * number
+            x, y = 20.0 * t + 40.0 * number, size_m * np.sin(t + phase)
+            heading = road_rad + np.arctan(size_m * np.cos(t + phase) / 20.0)
+            c, s = cos(road_rad), sin(road_rad)
+            told = unit * (heading + noise * random.standard_normal())
+            rows.append((f"v{number}", round(t, 1), c * x - s * y, s * x + c * y, told))
+    return rows
+
+
+DEGREES = 180.0 / pi
+
+
+@pytest.mark.parametrize("size_m", [0.05, 0.12, 0.15])
+@pytest.mark.parametrize("noise", [0.0, 0.001])
+@pytest.mark.parametrize("road_rad", [0.0, 0.001])
+def test_small_headings_in_degrees_are_refused(tmp_path, size_m, noise, road_rad):
+    rows = weave(DEGREES, noise, size_m, road_rad=road_rad)
+    path = write(tmp_path / "a.csv", rows, (*HEADER, "heading_rad"))
+    with pytest.raises(InvalidValue, match="headings seem to be in degrees") as refused:
+        read_tracks(path, "v0")
+    assert refused.value.field == "heading_rad"
+
+
+@pytest.mark.parametrize("size_m", [0.0, 0.02, 0.12, 1.0])
+@pytest.mark.parametrize("noise", [0.0, 0.01, 0.1])
+@pytest.mark.parametrize("road_rad", [0.0, 0.005, 3.1])
+def test_small_headings_in_radians_are_taken(tmp_path, size_m, noise, road_rad):
+    for seed in range(3):
+        rows = weave(1.0, noise, size_m, seed, road_rad)
+        tracks = read_tracks(write(tmp_path / f"{seed}.csv", rows, (*HEADER, "heading_rad")), "v0")
+        assert tracks.notes == ()
+
+
+def test_constant_headings_beside_the_motion_are_refused_in_most_vehicles(tmp_path):
+    rows = [*drive("ego", more=(0.3,)), *drive("lead", 60.0, more=(0.25,))]
+    path = write(tmp_path / "a.csv", rows, (*HEADER, "heading_rad"))
+    with pytest.raises(InvalidValue, match=r"'ego', 'lead' differs .* 0.3 rad \(17°\) in the med"):
+        read_tracks(path, "ego")
+
+
+def test_a_constant_heading_beside_the_motion_is_noted_in_few_vehicles(tmp_path):
+    rows = [*drive("ego", more=(0.0,)), *drive("lead", 60.0, more=(0.3,))]
+    tracks = read_tracks(write(tmp_path / "a.csv", rows, (*HEADER, "heading_rad")), "ego")
+    (note,) = tracks.notes
+    assert note.startswith("The heading of 'lead' differs from the direction of the motion by")
+
+
+def test_vehicles_that_turn_tightly_have_no_other_unit(tmp_path):
+    rows = []
+    for number in range(3):
+        for n in range(101):
+            # The centre of a vehicle turns about the rear axle: it slips by 0.1 rad.
+            turn = 0.06 * n
+            place = (14.0 * sin(turn) + 50.0 * number, -14.0 * cos(turn))
+            rows.append((f"v{number}", round(0.1 * n, 1), *place, turn - 0.1))
+    path = write(tmp_path / "a.csv", rows, (*HEADER, "heading_rad"))
+    assert read_tracks(path, "v0").notes == ()
+
+
 def back_up(heading=0.0, lasts_s=3.0, speed=None):
     """Rows of a vehicle that stands, backs up at 4 m/s for a while, and stands again."""
     rows = []
