@@ -35,7 +35,7 @@ def make_learner(episodes=600):
 
 
 def test_even_weights_are_an_estimate_with_an_interval():
-    estimate = judge_result(MixtureResult(1000, 0, EVEN, NO_ENDS, 0.0), 2000, 10)
+    estimate = judge_result(MixtureResult(1000, 0, EVEN, NO_ENDS, NO_ENDS, 0.0), 2000, 10)
     assert estimate.probability == pytest.approx(0.003)
     assert estimate.bound is None
     assert estimate.effective == pytest.approx(300.0)
@@ -48,17 +48,20 @@ def test_even_weights_are_an_estimate_with_an_interval():
 @pytest.mark.parametrize(
     ("result", "problem"),
     [
-        (MixtureResult(1000, 0, np.zeros(0), NO_ENDS, 1.0), "None of the last draws failed"),
         (
-            MixtureResult(1000, 0, np.geomspace(1e-9, 1e-3, 100), NO_ENDS, 0.0),
+            MixtureResult(1000, 0, np.zeros(0), NO_ENDS, NO_ENDS, 1.0),
+            "None of the last draws failed",
+        ),
+        (
+            MixtureResult(1000, 0, np.geomspace(1e-9, 1e-3, 100), NO_ENDS, NO_ENDS, 0.0),
             "failures carry the information of 14.",
         ),
         (
-            MixtureResult(10_000, 0, np.arange(1.0, 2001.0) ** -0.9, NO_ENDS, 0.0),
+            MixtureResult(10_000, 0, np.arange(1.0, 2001.0) ** -0.9, NO_ENDS, NO_ENDS, 0.0),
             "The largest weights are too unequal",
         ),
         (
-            MixtureResult(1000, 0, EVEN, NO_ENDS, 0.5),
+            MixtureResult(1000, 0, EVEN, NO_ENDS, NO_ENDS, 0.5),
             "50% of the failures that were kept from the fit lie where",
         ),
     ],
@@ -71,12 +74,12 @@ def test_a_number_that_is_not_to_be_trusted_is_not_printed(result, problem):
 
 
 def test_fewer_failures_than_values_of_noise_are_too_few():
-    estimate = judge_result(MixtureResult(1000, 0, EVEN, NO_ENDS, 0.0), 2000, 400)
+    estimate = judge_result(MixtureResult(1000, 0, EVEN, NO_ENDS, NO_ENDS, 0.0), 2000, 400)
     assert "information of 300.0 independent ones, and 400 are needed" in estimate.problem
 
 
 def test_last_draws_that_all_errored_are_named():
-    nothing = judge_result(MixtureResult(1000, 1000, np.zeros(0), NO_ENDS, 1.0), 0, 10)
+    nothing = judge_result(MixtureResult(1000, 1000, np.zeros(0), NO_ENDS, NO_ENDS, 1.0), 0, 10)
     assert nothing.problem == "All of the last draws errored: correct what raised."
 
 

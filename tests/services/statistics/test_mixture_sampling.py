@@ -137,7 +137,7 @@ def test_the_coefficient_of_variation_is_that_of_the_bootstrap():
     random, values = np.random.default_rng(0), np.zeros(result.draws)
     values[: len(result.weights)] = result.weights
     means = [random.choice(values, result.draws).mean() for _ in range(2000)]
-    of_draws = result._replace(at_ends=np.zeros(0)).cv
+    of_draws = result._replace(at_ends=np.zeros(0), at_unseen=np.zeros(0)).cv
     assert np.std(means) / np.mean(means) == pytest.approx(of_draws, rel=0.1)
     assert of_draws <= result.cv < 2.0 * of_draws
 
@@ -164,11 +164,16 @@ def test_a_region_that_the_mixture_has_lost_is_noticed():
     z = proposal.draw(2000, random)
     last = ProposalDraws(z, np.abs(z[:, 0]) > 3.7, proposal)
     right = np.stack([random.normal(4.0, 0.3, 20), random.normal(0.0, 1.0, 20)], axis=1)
-    known = make_result(last, 2000, right)
-    lost = make_result(last, 2000, np.concatenate([right, -right]))
+    known = make_result(last, 2000, right, np.full(20, True))
+    lost = make_result(last, 2000, np.concatenate([right, -right]), np.full(40, True))
+    fitted = make_result(last, 2000, np.concatenate([right, -right]), np.arange(40) < 20)
     assert known.uncovered == 0.0
     assert lost.uncovered == pytest.approx(0.5, abs=0.05)
     assert lost.probability == pytest.approx(ONE_SIDE, rel=0.15)
+    # The chains on the left have been fitted to: they widen the interval all the same.
+    assert fitted.uncovered == 0.0
+    assert fitted.cv == pytest.approx(lost.cv, rel=0.2)
+    assert known.cv < 0.5 * lost.cv
 
 
 @pytest.mark.parametrize("shape", [0.3, 0.7, 1.2])
@@ -193,7 +198,7 @@ def test_the_variance_counts_heavy_weights_that_are_missing():
     plain, told = [], []
     for _ in range(300):
         weights = (random.random(60) ** -shape - 1.0) / shape
-        result = MixtureResult(10_000, 0, weights, np.zeros(0), 0.0)
+        result = MixtureResult(10_000, 0, weights, np.zeros(0), np.zeros(0), 0.0)
         plain.append(1.0 / result.effective - 1.0 / result.draws)
         told.append(result.cv**2)
     assert np.mean(np.array(plain) < 0.7 * true) > 0.3
@@ -204,12 +209,14 @@ def test_the_variance_counts_heavy_weights_that_are_missing():
 def test_the_variance_counts_a_region_that_the_draws_half_lost():
     """Weights of failures that no fit has seen have the mean E_q[w²] / P."""
     weights = np.full(300, 0.01)
-    agreeing = MixtureResult(1000, 0, weights, np.full(12, 0.01), 0.0)
+    none = np.zeros(0)
+    agreeing = MixtureResult(1000, 0, weights, np.full(36, 0.01), np.full(12, 0.01), 0.0)
     assert agreeing.cv == pytest.approx(sqrt((0.01 / 0.003 - 1.0) / 1000))
-    heavier = MixtureResult(1000, 0, weights, np.full(12, 0.3), 0.0)
+    heavier = MixtureResult(1000, 0, weights, none, np.full(12, 0.3), 0.0)
     assert heavier.cv == pytest.approx(sqrt((0.3 / 0.003 - 1.0) / 1000))
     # Of few of them the mean is not known well: two standard errors are added.
     unequal = np.repeat([0.2, 0.4], 6)
     upper = 0.3 + 2.0 * np.std(unequal, ddof=1) / sqrt(12)
-    result = MixtureResult(1000, 0, weights, unequal, 0.0)
-    assert result.cv == pytest.approx(sqrt((upper / 0.003 - 1.0) / 1000))
+    for ends in ((unequal, none), (none, unequal)):
+        result = MixtureResult(1000, 0, weights, *ends, 0.0)
+        assert result.cv == pytest.approx(sqrt((upper / 0.003 - 1.0) / 1000))
