@@ -34,7 +34,7 @@ from eigenfail.gate.known import (
 )
 from eigenfail.gate.matched import MatchedModes, match_versions
 from eigenfail.gate.report import GateReport, GateRun, MemberReport, build_report
-from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunSide, judge_rerun, read_figures
+from eigenfail.gate.reruns import GateFinding, Rerun, RerunSide, judge_rerun, read_figures
 from eigenfail.gate.verdicts import RunOutcomes
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.methods import traits_of
@@ -52,7 +52,7 @@ from eigenfail.values import (
     episode_seed,
 )
 from eigenfail.values.episode import FAILURES
-from eigenfail.values.records import EpisodeRow
+from eigenfail.values.records import PEAK_BRAKING_MPS2, EpisodeRow
 from eigenfail.values.release import ReleaseTable
 from eigenfail.values.suite import suite_of
 from eigenfail.values.variation import KINDS
@@ -314,7 +314,7 @@ class Runner:
         known = {each.name: self._known.of(gate.run, each, before[each.name]) for each in judged}
         replays = [replay.now.member for each in known.values() for replay in each.replays]
         now = self._together(Suite(gate.run, (*judged, *replays)))
-        members = [self._member(each, before, known, now, gate.by) for each in gated.members]
+        members = [self._member(each, before, known, now, gate) for each in gated.members]
         return build_report(gate, members, [*self._match_modes(judged, before, now)])
 
     def _together(self, suite: Suite) -> Campaigns:
@@ -330,7 +330,7 @@ class Runner:
         before: Found,
         known: Mapping[str, BaselineFailures],
         now: Campaigns,
-        by: JudgedBy,
+        gate: GateRun,
     ) -> MemberReport:
         """What became of a member."""
         if member.name not in before:
@@ -340,7 +340,7 @@ class Runner:
             member=member.name,
             baseline=read_figures(was),
             known=self._findings(ours, now),
-            rerun=None if was.id == is_now.id else self._rerun(was, is_now, by),
+            rerun=None if was.id == is_now.id else self._rerun(was, is_now, gate),
             notes=ours.notes,
         )
 
@@ -403,11 +403,11 @@ class Runner:
             )
         )
 
-    def _rerun(self, was: Campaign, now: Campaign, by: JudgedBy) -> Rerun:
+    def _rerun(self, was: Campaign, now: Campaign, gate: GateRun) -> Rerun:
         """What became of a campaign that was run again."""
         comparison = self._client.campaigns.compare(was.id, now.id)
         side = self._side(now)
-        judged = judge_rerun(self._side(was), side, comparison, self._pages, by)
+        judged = judge_rerun(self._side(was), side, comparison, self._pages, gate.by, gate.closing)
         if not needs_modes(judged):
             return judged
         together = analyze_pair(self._client, self._place, was.id, now.id)
@@ -420,6 +420,7 @@ class Runner:
             episodes=counts.completed + counts.errored,
             failures=self._list_outcomes(campaign, *FAILURES),
             errored=self._list_outcomes(campaign, Outcome.ERRORED),
+            unresolved=self._list_unresolved(campaign),
         )
         return RerunSide(campaign, outcomes)
 
@@ -430,6 +431,12 @@ class Runner:
             for outcome in outcomes
             for row in self._client.episodes.list(campaign.id, outcome)
         }
+
+    def _list_unresolved(self, campaign: Campaign) -> dict[int, EpisodeRow]:
+        """Return the safe episodes that are unresolved, or may be, by index."""
+        braking = f"max_drac_mps2 > {PEAK_BRAKING_MPS2}"
+        rows = self._client.episodes.list(campaign.id, Outcome.SAFE, filter=braking)
+        return {row.index: row for row in rows if row.assessed.unresolved is not False}
 
 
 def _may_have_modes(campaign: Campaign) -> bool:

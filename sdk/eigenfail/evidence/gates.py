@@ -12,7 +12,14 @@ from msgspec.structs import replace
 from eigenfail.evidence.counting import MONTE_CARLO, Counted, CountedCampaign, explain_gaps
 from eigenfail.evidence.records import RecordedEpisode, place_episode
 from eigenfail.gate.report import GateReport, GateRun
-from eigenfail.gate.reruns import GateFinding, JudgedBy, Rerun, RerunFigures, find_worst
+from eigenfail.gate.reruns import (
+    GateFinding,
+    JudgedBy,
+    Rerun,
+    RerunFigures,
+    find_hidden,
+    find_worst,
+)
 from eigenfail.gate.verdicts import (
     GateVerdict,
     RunOutcomes,
@@ -96,6 +103,7 @@ def _check_rerun(rerun: Rerun, gate: GateRun, campaigns: Counted) -> Iterator[st
     yield from _compare_counts(rerun.now, now)
     if rerun.method != now.campaign.spec.method:
         yield f"{name} is of '{now.campaign.spec.method}', and not of '{rerun.method}'."
+    yield from _check_doubt(rerun, gate, before, now)
     if rerun.unpaired_because:
         yield from _check_unpaired(rerun, before, now)
     else:
@@ -106,6 +114,27 @@ def _compare_counts(figures: RerunFigures, counted: CountedCampaign) -> Iterator
     said = (figures.completed, figures.failures, figures.errored, figures.unresolved)
     if said != (counted.completed, counted.failures, counted.errored, counted.unresolved):
         yield f"its counts of campaign {figures.campaign} are not those of the episodes."
+
+
+def _check_doubt(
+    rerun: Rerun, gate: GateRun, before: CountedCampaign, now: CountedCampaign
+) -> Iterator[str]:
+    """Yield that a rerun leaves out episodes that may hide what would close the gate.
+
+    Which episodes are unresolved does not follow from the episodes: at least those are counted that
+    have no counterpart which failed or was unresolved, too.
+    """
+    outcomes = _read_outcomes(before), _read_outcomes(now)
+    safe = [each for each in now.episodes if each.outcome is Outcome.SAFE]
+    known = [each for each in safe if outcomes[0].of(each.index) is Outcome.SAFE]
+    least = max(now.unresolved - before.unresolved - before.failures, 0)
+    unresolved = {each.index: each for each in known[:least]}
+    pairs = None if rerun.unpaired_because else _count_pairs(before, now)
+    counts = before.counted.counts, now.counted.counts
+    sides = outcomes[0], replace(outcomes[1], unresolved=unresolved)
+    hidden = find_hidden(*sides, counts, pairs, rerun.by, gate.closing)
+    if len(hidden) > rerun.hidden_errored + rerun.hidden_unresolved:
+        yield f"episodes of campaign {now.campaign.id} in doubt may hide a new failure."
 
 
 def _check_paired(

@@ -114,8 +114,8 @@ class GateReport(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     def list_doubts(self) -> Iterator[str]:
         """Yield the episodes of each member that may hide a failure that closes the gate."""
         for member in self.members:
-            if member.rerun and (doubt := member.rerun.describe_doubt(self.gate.strict)):
-                yield doubt
+            if member.rerun and member.rerun.doubt:
+                yield member.rerun.doubt
 
     @property
     def state(self) -> str:
@@ -195,9 +195,7 @@ def _build_suite(member: MemberReport, gate: GateRun) -> ET.Element:
     properties = ET.SubElement(suite, "properties")
     for name, value in _list_properties(member, gate):
         ET.SubElement(properties, "property", name=name, value=_remove_illegal(value))
-    found = [
-        _build_case(case, suite.get("name", ""), gate) for case in _list_cases(member, gate.strict)
-    ]
+    found = [_build_case(case, suite.get("name", ""), gate) for case in _list_cases(member)]
     suite.extend(found)
     _write_totals(suite, found)
     return suite
@@ -237,7 +235,7 @@ def _list_properties(member: MemberReport, gate: GateRun) -> Iterator[tuple[str,
         yield from ((str(each), str(count)) for each, count in rerun.counts.items())
 
 
-def _list_cases(member: MemberReport, strict: bool) -> Iterator[_TestCase]:
+def _list_cases(member: MemberReport) -> Iterator[_TestCase]:
     """The test cases of a member."""
     for note in member.notes:
         yield _TestCase("baseline", note, None, note)
@@ -253,8 +251,8 @@ def _list_cases(member: MemberReport, strict: bool) -> Iterator[_TestCase]:
             _name_whole(rerun),
             rerun.wall_s,
         )
-        if doubt := rerun.describe_doubt(strict):
-            text = f"{doubt} may hide a new failure."
+        if rerun.doubt:
+            text = f"{rerun.doubt} may hide a new failure."
             yield _TestCase("rerun", "hidden failures", GateVerdict.CANNOT_RUN, text)
         yield from map(partial(_make_mode_case, rerun), rerun.new_modes)
         for each in rerun.findings:

@@ -1,25 +1,30 @@
 """Campaigns run again with the new planner, judged: pure."""
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from enum import StrEnum
 from typing import Annotated
 
 import msgspec
+from msgspec.structs import replace
 
 from eigenfail.gate.verdicts import (
+    CLOSING,
     GateVerdict,
+    Row,
     RunOutcomes,
     describe_pairs,
     describe_rates,
+    judge_doubtful,
     judge_pairs,
     judge_rate,
     judge_rate_by_chance,
 )
+from eigenfail.intervals import difference, sum_lower_tail, wilson
 from eigenfail.methods import traits_of
 from eigenfail.presentation.rates import list_doubtful
 from eigenfail.settings import Count, Ordinal
-from eigenfail.values import Campaign, Comparison, Difference, Rate
+from eigenfail.values import Campaign, Comparison, Counts, Difference, McNemar, Rate
 from eigenfail.values.records import EpisodeRow
 
 LONGEST_NAME, LONGEST_SENTENCE = 200, 10_000
@@ -71,7 +76,7 @@ class RerunFigures(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     """What a campaign found, in numbers.
 
     Attributes:
-        unresolved: safe episodes that are unresolved, or may be, as far as that was counted.
+        unresolved: safe episodes that are unresolved, or may be.
     """
 
     campaign: Ordinal
@@ -101,6 +106,8 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
             only where `judges_modes`.
         warnings: what keeps the comparison from saying more.
         wall_s: how long it was running [s].
+        hidden_errored: number of errored episodes that would close the gate if they failed.
+        hidden_unresolved: the same of unresolved episodes.
     """
 
     before: RerunFigures
@@ -117,23 +124,19 @@ class Rerun(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     new_modes: tuple[GateFinding, ...] = ()
     warnings: tuple[ReportSentence, ...] = ()
     wall_s: Seconds = 0.0
+    hidden_errored: Count = 0
+    hidden_unresolved: Count = 0
 
     @property
     def summary(self) -> str:
         """Return the counts of a verdict, and the findings on modes."""
         return f"{self.words} {self.modes}".rstrip()
 
-    def describe_doubt(self, strict: bool) -> str:
-        """Return which episodes may hide a failure that closes the gate; empty if none does.
-
-        Args:
-            strict: whether failures of the baseline close the gate, too; without it as many
-                unresolved episodes as the baseline has are taken for the same ones.
-        """
-        known = 0 if strict else self.before.unresolved
-        doubtful = list_doubtful(self.now.errored, max(self.now.unresolved - known, 0))
-        beside = f" beside the {known:,} of the baseline" if known else ""
-        return f"{doubtful}{beside} of campaign {self.now.campaign}" if doubtful else ""
+    @property
+    def doubt(self) -> str:
+        """Return which episodes may hide a failure that closes the gate; empty if none does."""
+        doubtful = list_doubtful(self.hidden_errored, self.hidden_unresolved)
+        return f"{doubtful} of campaign {self.now.campaign}" if doubtful else ""
 
     @property
     def judges_modes(self) -> bool:
@@ -200,10 +203,18 @@ class RerunSide(msgspec.Struct, frozen=True):
         return self.campaign.id
 
 
-def judge_rerun(
-    before: RerunSide, now: RerunSide, comparison: Comparison, pages: str, by: JudgedBy
+def judge_rerun(  # noqa: PLR0913, PLR0917 - the two sides, and how they are judged
+    before: RerunSide,
+    now: RerunSide,
+    comparison: Comparison,
+    pages: str,
+    by: JudgedBy,
+    closing: Collection[GateVerdict] = CLOSING,
 ) -> Rerun:
     """What became of a campaign: episode by episode where noise was the same, else by its rate.
+
+    It is judged a second time, with the new planner's episodes in doubt as failures: if that closes
+    the gate, and the first judgement does not, these episodes hide what would.
 
     Args:
         before: the baseline's.
@@ -211,10 +222,84 @@ def judge_rerun(
         comparison: comparison of the two, the baseline first.
         pages: address of the service's pages.
         by: by what to judge where noise was the same.
+        closing: verdicts that close the gate.
     """
     if comparison.pairs is None:
-        return _judge_as_whole(before, now, comparison, pages)
-    return _judge_by_pairs(before, now, comparison, pages, by)
+        judged = _judge_as_whole(before, now, comparison, pages)
+    else:
+        judged = _judge_by_pairs(before, now, comparison, pages, by)
+    counts = before.campaign.counts, now.campaign.counts
+    sides = before.outcomes, now.outcomes
+    hidden = find_hidden(*sides, counts, comparison.pairs, judged.by, closing)
+    errored = len(hidden & now.outcomes.errored.keys())
+    return replace(judged, hidden_errored=errored, hidden_unresolved=len(hidden) - errored)
+
+
+def find_hidden(  # noqa: PLR0913, PLR0917 - the two sides, and how they are judged
+    before: RunOutcomes[Row],
+    now: RunOutcomes[Row],
+    counts: tuple[Counts, Counts],
+    pairs: McNemar | None,
+    by: JudgedBy,
+    closing: Collection[GateVerdict],
+) -> set[int]:
+    """Return the episodes in doubt that would close the gate if they failed, by index.
+
+    Args:
+        before: outcomes of the baseline.
+        now: outcomes of the new planner.
+        counts: counts of the episodes of both.
+        pairs: McNemar's test on pairs of episodes; None if they have no counterparts.
+        by: whether each episode counts, or all of them together.
+        closing: verdicts that close the gate.
+    """
+    worst = judge_doubtful(before, now)
+    if by is JudgedBy.EPISODE:
+        return {index for index, verdict in worst.items() if verdict in closing}
+    if pairs is not None:
+        was_fixed = len(before.failures.keys() & now.unresolved.keys())
+        verdict = _judge_worst_pairs(pairs, was_fixed, Counter(worst.values()))
+    else:
+        verdict = _judge_worst_rate(*counts, len(now.unresolved))
+    return set(worst) if verdict in closing else set()
+
+
+def _judge_worst_pairs(
+    pairs: McNemar, was_fixed: int, counts: Mapping[GateVerdict, int]
+) -> GateVerdict:
+    """Judge pairs of episodes by chance, those in doubt as failures of the new planner.
+
+    Args:
+        pairs: test on the pairs as they were found.
+        was_fixed: number of pairs in doubt of which the baseline failed.
+        counts: number of pairs in doubt by what would become of them.
+    """
+    fewer, more = pairs.only_a - was_fixed, pairs.only_b + counts.get(GateVerdict.NEW, 0)
+    tail = sum_lower_tail(min(fewer, more), fewer + more, 0.5)
+    worst = replace(
+        pairs,
+        both=pairs.both + counts.get(GateVerdict.STILL_FAILING, 0),
+        only_a=fewer,
+        only_b=more,
+        p_value=min(1.0, 2.0 * tail),
+    )
+    return judge_rate_by_chance(worst, {})
+
+
+def _judge_worst_rate(before: Counts, now: Counts, unresolved: int) -> GateVerdict:
+    """Judge a rate against the baseline's, episodes in doubt as failures of the new planner."""
+    doubtful = now.errored + unresolved
+    if not before.failures:
+        return GateVerdict.NEW if now.failures + doubtful else GateVerdict.SAFE
+    was = _make_rate(before.failures, before.completed)
+    rate = _make_rate(now.failures + doubtful, now.completed + now.errored)
+    risen = difference(was, rate).interval.low > 0.0
+    return GateVerdict.NEW if risen else GateVerdict.STILL_FAILING
+
+
+def _make_rate(k: int, n: int) -> Rate:
+    """Return a rate as if its episodes were a random sample: for a search it is a threshold."""
+    return Rate(k / n, k, n, wilson(k, n))
 
 
 def _judge_by_pairs(
@@ -225,8 +310,8 @@ def _judge_by_pairs(
     counts = Counter(verdicts.values())
     worst = find_worst(counts)
     return Rerun(
-        before=read_figures(before.campaign, comparison.a.failure_rate),
-        now=read_figures(now.campaign, comparison.b.failure_rate),
+        before=read_figures(before.campaign, len(before.outcomes.unresolved)),
+        now=read_figures(now.campaign, len(now.outcomes.unresolved)),
         method=now.campaign.spec.method,
         verdict=worst if by is JudgedBy.EPISODE else judge_rate_by_chance(comparison.pairs, counts),
         by=by,
@@ -260,8 +345,8 @@ def _judge_as_whole(before: RerunSide, now: RerunSide, comparison: Comparison, p
     """Give one verdict for all episodes, with the likeliest failures, which may be new or known."""
     became = judge_rate(before.campaign, now.campaign, comparison.difference)
     return Rerun(
-        before=read_figures(before.campaign, comparison.a.failure_rate),
-        now=read_figures(now.campaign, comparison.b.failure_rate),
+        before=read_figures(before.campaign, len(before.outcomes.unresolved)),
+        now=read_figures(now.campaign, len(now.outcomes.unresolved)),
         method=now.campaign.spec.method,
         verdict=became,
         by=JudgedBy.RATE,
@@ -292,12 +377,12 @@ def _list_warnings(comparison: Comparison) -> tuple[str, ...]:
     return tuple(each.replace("A and B", "Baseline and rerun") for each in left)
 
 
-def read_figures(campaign: Campaign, rate: Rate | None = None) -> RerunFigures:
+def read_figures(campaign: Campaign, unresolved: int = 0) -> RerunFigures:
     """What a campaign found.
 
     Args:
         campaign: as it stands.
-        rate: its failure rate, with the number of unresolved episodes.
+        unresolved: number of its safe episodes that are unresolved, or may be.
     """
     counts = campaign.counts
     return RerunFigures(
@@ -305,5 +390,5 @@ def read_figures(campaign: Campaign, rate: Rate | None = None) -> RerunFigures:
         completed=counts.completed,
         failures=counts.failures,
         errored=counts.errored,
-        unresolved=rate.unresolved if rate else 0,
+        unresolved=unresolved,
     )

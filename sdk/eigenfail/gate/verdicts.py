@@ -78,11 +78,13 @@ class RunOutcomes(msgspec.Struct, Generic[Row], frozen=True):
         episodes: number of episodes with a result; their indices begin with 0.
         failures: failures by the index of the episode.
         errored: episodes that errored, by index.
+        unresolved: safe episodes that are unresolved, or may be, by index.
     """
 
     episodes: int
     failures: dict[int, Row]
     errored: dict[int, Row]
+    unresolved: dict[int, Row] = {}
 
     def of(self, index: int) -> Outcome | None:
         """Return the outcome of an episode; None if it was not run or errored."""
@@ -106,6 +108,28 @@ def judge_pairs(before: RunOutcomes[Row], now: RunOutcomes[Row]) -> dict[int, Ga
     indices = sorted(tried | broken | now.failures.keys())
     found = {index: judge_outcome(before.of(index), now.of(index)) for index in indices}
     return {index: each for index, each in found.items() if each is not GateVerdict.SAFE}
+
+
+def judge_doubtful(before: RunOutcomes[Row], now: RunOutcomes[Row]) -> dict[int, GateVerdict]:
+    """What would become of each episode in doubt if it failed, by index: the worst case.
+
+    In doubt are episodes that errored and those that are unresolved. One that is unresolved on both
+    sides has not changed. One that errored on both may still hide a failure that is new.
+
+    Args:
+        before: outcomes of the baseline.
+        now: outcomes of the new planner, under the same noise at every index.
+    """
+    unchanged = before.failures.keys() | (before.unresolved.keys() & now.unresolved.keys())
+    found = {}
+    for index in sorted(now.errored.keys() | now.unresolved.keys()):
+        if index in unchanged:
+            found[index] = GateVerdict.STILL_FAILING
+        elif index < before.episodes:
+            found[index] = GateVerdict.NEW
+        else:
+            found[index] = GateVerdict.UNPROVEN
+    return found
 
 
 def judge_rate(before: Campaign, now: Campaign, difference: Difference | None) -> GateVerdict:

@@ -164,3 +164,10 @@ def test_known_failures_have_the_outcomes_of_their_episodes(judge, make, finding
     known = GateFinding(what="mode 1", **finding | {"verdict": GateVerdict(finding["verdict"])})
     said = {"verdict": GateVerdict.STILL_FAILING, "counts": {GateVerdict.STILL_FAILING: 1}}
     assert judge(make("sssc", 1), make("sssc", 2), known=(known,), **said) == verdict
+
+
+def test_a_report_that_leaves_out_episodes_in_doubt_is_not_followed(judge, make):
+    """The third episode errored on both sides, and the report says that the gate is open."""
+    before, now = make("ssec", 1), make("ssec", 2)
+    counts = {GateVerdict.STILL_FAILING: 1}
+    assert judge(before, now, verdict=GateVerdict.STILL_FAILING, counts=counts) == "undecided"

@@ -42,34 +42,33 @@ def test_lost_episodes_alone_are_trouble_of_the_machinery():
     assert not gate_of().in_trouble
 
 
-def gate_of_rerun(*, verdict=GateVerdict.SAFE, strict=False, before=(0, 0), now=(0, 0)):
-    """A gate over one campaign, with its errored and unresolved episodes before and now."""
-    sides = (
-        RerunFigures(campaign=n, completed=9, failures=0, errored=errored, unresolved=unresolved)
-        for n, (errored, unresolved) in ((1, before), (2, now))
-    )
+def gate_of_rerun(*, verdict=GateVerdict.SAFE, errored=0, unresolved=0):
+    """A gate over one campaign, with the episodes that would close it if they failed."""
+    before, now = (RerunFigures(campaign=n, completed=9, failures=0, errored=0) for n in (1, 2))
     facts = {"method": "monte_carlo", "by": JudgedBy.RATE, "words": "", "verdict": verdict}
-    rerun = Rerun(**dict(zip(("before", "now"), sides, strict=True)), **facts)
-    gate = GateRun(suite="s", version="v2", run="s @ v2", baseline="v1", strict=strict)
+    rerun = Rerun(
+        before=before, now=now, hidden_errored=errored, hidden_unresolved=unresolved, **facts
+    )
+    gate = GateRun(suite="s", version="v2", run="s @ v2", baseline="v1")
     return build_report(gate, [MemberReport(member="m", rerun=rerun)])
 
 
 def test_episodes_that_may_hide_a_failure_keep_a_gate_from_opening():
-    errored = gate_of_rerun(before=(54, 0), now=(54, 0))
+    errored = gate_of_rerun(errored=54)
     assert (errored.open, errored.in_trouble) == (False, True)
     assert describe_conclusion(errored) == (
         "The gate of s @ v2 against v1 is inconclusive: 54 errored episodes of campaign 2 may hide "
         "a new failure."
     )
-    more = gate_of_rerun(before=(0, 2), now=(0, 3))
-    assert "1 unresolved episode beside the 2 of the baseline" in describe_conclusion(more)
-    assert b'<error message="cannot be run" type="cannot be run">1 unresolved' in to_junit(more)
-    assert gate_of_rerun(before=(0, 2), now=(0, 2)).open
-    assert not gate_of_rerun(before=(0, 2), now=(0, 2), strict=True).open
+    unresolved = gate_of_rerun(unresolved=1)
+    assert "1 unresolved episode of campaign 2 may hide" in describe_conclusion(unresolved)
+    junit = to_junit(unresolved)
+    assert b'<error message="cannot be run" type="cannot be run">1 unresolved' in junit
+    assert gate_of_rerun().open
 
 
 def test_a_new_failure_closes_a_gate_whatever_else_is_hidden():
-    found = gate_of_rerun(verdict=GateVerdict.NEW, now=(5, 5))
+    found = gate_of_rerun(verdict=GateVerdict.NEW, errored=5, unresolved=5)
     assert (found.state, found.in_trouble) == ("closed", False)
 
 

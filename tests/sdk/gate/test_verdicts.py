@@ -7,6 +7,8 @@ from msgspec.structs import replace
 
 from eigenfail.gate.reruns import JudgedBy, RerunSide, judge_rerun
 from eigenfail.gate.verdicts import (
+    CLOSING,
+    STRICTLY_CLOSING,
     GateVerdict,
     RunOutcomes,
     describe_rates,
@@ -19,6 +21,8 @@ from eigenfail.values import Cost, Estimate, Interval, Outcome, PairTotals, Rate
 from eigenfail_services.statistics.comparison import mcnemar
 
 HIT, SAFE, FAILED = Outcome.COLLISION, Outcome.SAFE, Outcome.ERRORED
+DOUBT = "unresolved"
+"""A safe episode that ended when braking could no longer avoid a collision."""
 
 
 @pytest.mark.parametrize(
@@ -40,11 +44,13 @@ def test_every_pair_of_outcomes_has_one_verdict(before, now, became):
 
 def outcomes(row, found, campaign=2):
     """Of a list of outcomes in index order."""
-    rows = {index: row(index, outcome, campaign) for index, outcome in enumerate(found)}
+    ended = [SAFE if outcome is DOUBT else outcome for outcome in found]
+    rows = {index: row(index, outcome, campaign) for index, outcome in enumerate(ended)}
     return RunOutcomes(
         episodes=len(found),
         failures={index: each for index, each in rows.items() if each.outcome is HIT},
         errored={index: each for index, each in rows.items() if each.outcome is FAILED},
+        unresolved={index: rows[index] for index, each in enumerate(found) if each is DOUBT},
     )
 
 
@@ -88,7 +94,9 @@ def test_nothing_is_fixed_that_did_not_fail_and_new_that_did(any_row, before, no
 def compared(campaign, row):
     """Two campaigns as a service compares them, from the outcomes of both in index order."""
 
-    def make(before, now, is_paired=True, by=JudgedBy.EPISODE, estimates=(None, None)):
+    def make(
+        before, now, is_paired=True, by=JudgedBy.EPISODE, estimates=(None, None), *, closing=CLOSING
+    ):
         sides = []
         for number, found in ((1, before), (2, now)):
             hits, broken = found.count(HIT), found.count(FAILED)
@@ -96,7 +104,8 @@ def compared(campaign, row):
                 number, len(found) - broken, hits, broken, estimate=estimates[number - 1]
             )
             sides.append(RerunSide(told, outcomes(row, found, number)))
-        return judge_rerun(*sides, comparison(before, now, is_paired), "http://service", by)
+        compared = comparison(before, now, is_paired)
+        return judge_rerun(*sides, compared, "http://service", by, closing)
 
     return make
 
@@ -122,6 +131,7 @@ def side(failures, completed, is_sampled):
 
 def comparison(before, now, is_paired):
     """What the service makes of two lists of outcomes."""
+    before, now = ([SAFE if each is DOUBT else each for each in side] for side in (before, now))
     both = list(zip(before, now, strict=False))
     totals = PairTotals(*(both.count(each) for each in ((HIT, HIT), (HIT, SAFE), (SAFE, HIT))))
     totals = replace(totals, neither=both.count((SAFE, SAFE)))
@@ -257,3 +267,47 @@ def test_of_random_samples_that_are_no_pairs_chance_is_judged(campaign):
 
     assert "5 of 50 did: more than chance explains (" in words(GateVerdict.NEW, 5, 20)
     assert "1 of 50 did: none now, though no fewer than chance" in words(GateVerdict.SAFE, 1, 0)
+
+
+FEW = [HIT] * 10 + [SAFE] * 390
+"""10 of 400 episodes fail."""
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "hidden"),
+    [
+        ([SAFE, SAFE], [SAFE, SAFE], 0),
+        ([SAFE, FAILED], [SAFE, FAILED], 1),
+        ([HIT, SAFE], [DOUBT, SAFE], 0),
+        ([SAFE, SAFE], [DOUBT, SAFE], 1),
+        ([DOUBT, SAFE], [DOUBT, SAFE], 0),
+        ([DOUBT, SAFE], [SAFE, DOUBT], 1),
+        ([SAFE], [SAFE, FAILED], 0),
+    ],
+)
+def test_an_episode_in_doubt_hides_what_would_close_the_gate(compared, before, now, hidden):
+    assert compared(before, now).doubt.count("episode of campaign 2") == hidden
+    strict = compared(before, now, closing=STRICTLY_CLOSING)
+    assert bool(strict.doubt) == bool({DOUBT, FAILED} & {*now})
+
+
+@pytest.mark.parametrize("is_paired", [True, False])
+@pytest.mark.parametrize("doubt", [DOUBT, FAILED])
+def test_by_rate_only_what_could_turn_the_verdict_is_in_doubt(compared, is_paired, doubt):
+    def count_hidden(number):
+        before, now = (
+            [*FEW[: 400 - number], *[ended] * number]
+            for ended in (FAILED if doubt is FAILED else SAFE, doubt)
+        )
+        found = compared(before, now, is_paired, JudgedBy.RATE)
+        assert found.verdict == "still failing"
+        return found.hidden_errored + found.hidden_unresolved
+
+    assert [count_hidden(number) for number in (0, 1, 3)] == [0, 0, 0]
+    assert count_hidden(40) == 40
+
+
+@pytest.mark.parametrize("is_paired", [True, False])
+def test_after_no_failure_one_episode_in_doubt_is_enough(compared, is_paired):
+    found = compared([SAFE] * 400, [SAFE] * 399 + [DOUBT], is_paired, JudgedBy.RATE)
+    assert (found.verdict, found.doubt) == ("safe", "1 unresolved episode of campaign 2")
