@@ -78,8 +78,8 @@ StopHalfWidth = Annotated[
     float | None,
     typer.Option(
         "--stop-half-width",
-        help="Stop when half the width of the 95 % confidence sequence of failures ÷ completed "
-        "episodes is at most this. [stop.half_width]",
+        help="Stop when half the width of the 95 % confidence sequence of the failure rate "
+        "is at most this. [stop.half_width]",
     ),
 ]
 StopCv = Annotated[

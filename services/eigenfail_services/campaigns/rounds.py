@@ -25,7 +25,7 @@ from eigenfail.values import (
 from eigenfail.values.arrays import decode_array, encode_array
 from eigenfail.values.campaign import BUDGET_SPENT
 from eigenfail_services.analysis.sampling_design import MOST_AHEAD, OPEN_WAS_FINISHED
-from eigenfail_services.statistics.intervals import confidence_sequence
+from eigenfail_services.statistics.intervals import bound_sequence
 
 
 class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -33,22 +33,26 @@ class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     completed: int = 0
     failures: int = 0
+    errored: int = 0
 
     def after(self, results: Sequence[EpisodeResult]) -> "Tally":
         """Return the counts with another round."""
-        completed = sum(result.outcome is not Outcome.ERRORED for result in results)
-        failures = sum(result.is_failure for result in results)
-        return Tally(self.completed + completed, self.failures + failures)
+        errored = sum(result.outcome is Outcome.ERRORED for result in results)
+        completed = self.completed + len(results) - errored
+        failures = self.failures + sum(result.is_failure for result in results)
+        return Tally(completed, failures, self.errored + errored)
 
     def half_width(self) -> float | None:
         """Half the width of the failure rate's confidence sequence; None before any episode.
 
         The interval is looked at after every round: one of a fixed number of episodes would not
-        hold at the look that ends the campaign.
+        hold at the look that ends the campaign. Its upper end counts errored episodes as failures,
+        so that a campaign whose hard episodes error does not end as if it knew its rate.
         """
         if not self.completed:
             return None
-        interval = confidence_sequence(self.failures, self.completed)
+        trials = self.completed + self.errored
+        interval = bound_sequence(self.failures, trials, self.errored)
         return (interval.high - interval.low) / 2.0
 
 

@@ -118,6 +118,14 @@ def test_an_interval_that_is_narrow_enough_stops_at_the_first_such_round():
     assert rounds.stopped_because == f"The failure rate is {known}"
 
 
+def test_errored_episodes_widen_the_interval_that_stops():
+    rules = StopRules(half_width=0.1)
+    assert "known to ±" in judge_results(rules, Tally(200, 0), None)
+    assert "known to ±" in judge_results(rules, Tally(200, 0, 2), None)
+    # 50 of 250 may be failures: the rate lies between 0 and about 27 %.
+    assert judge_results(rules, Tally(200, 0, 50), None) == ""
+
+
 def test_an_estimate_that_is_sure_enough_stops():
     rounds = Rounds(Steady(2), 0, 100, StopRules(cv=0.25))
     assert len(run(rounds, every_third)) == 8
@@ -134,7 +142,7 @@ def test_episodes_that_could_not_be_run_count_for_nothing():
     tasks = Rounds(Steady(3), 0, 3).open()[0].tasks
     failed = [unrunnable(task, EpisodeFault("simulator", "test")) for task in tasks]
     tally = Tally().after(failed)
-    assert tally == Tally(0, 0)
+    assert tally == Tally(0, 0, 3)
     assert judge_results(StopRules(half_width=0.4, failures=1), tally, None) == ""
 
 
