@@ -1,14 +1,14 @@
 """Requests, tried again where that is safe; answers, raising what the service raised."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager, suppress
 from contextvars import ContextVar
 from functools import partial
 from itertools import count
 from logging import getLogger
 from math import inf
 from random import uniform
-from socket import MSG_PEEK, SHUT_RDWR, socket
+from socket import MSG_PEEK, socket
 from time import monotonic, sleep
 from typing import Any, TypeVar, get_args
 from uuid import uuid4
@@ -51,10 +51,6 @@ class Waiter:
         """Let time pass between two looks."""
         sleep(seconds)
 
-    def cutting(self, cut: Callable[[], None]) -> AbstractContextManager[None]:  # noqa: ARG002
-        """Call `cut` to end a blocked read if the call is cancelled within the block."""
-        return nullcontext()
-
 
 class CheckingWaiter(Waiter):
     """Looks after something while it waits.
@@ -73,7 +69,7 @@ class CheckingWaiter(Waiter):
 
 
 waiter: ContextVar[Waiter] = ContextVar("patience", default=Waiter())  # noqa: B039 - no state
-"""Of the calls in this context; the asynchronous client has another."""
+"""Of the calls in this context."""
 
 
 def wait_until(
@@ -380,8 +376,7 @@ class Link:
             if source.response.is_error:
                 source.response.read()
                 raise read_refusal(source.response)
-            with waiter.get().cutting(partial(_cut, source.response)):
-                yield iter(source)
+            yield iter(source)
 
     def answers(self, path: str) -> bool:
         """Whether a path outside the API is healthy, as far as one request can show."""
@@ -480,14 +475,6 @@ def _refuse_zeromq(request: httpx2.Request) -> None:
                     )
 
     request.extensions = {**request.extensions, "trace": trace}
-
-
-def _cut(response: httpx2.Response) -> None:
-    """End a response from another thread than the one that reads it."""
-    stream = response.extensions.get("network_stream")
-    if stream is not None:
-        with suppress(OSError):
-            stream.get_extra_info("socket").shutdown(SHUT_RDWR)
 
 
 def _make_headers(key: str | None) -> dict[str, str]:
