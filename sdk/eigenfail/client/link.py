@@ -1,14 +1,13 @@
 """Requests, tried again where that is safe; answers, raising what the service raised."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import partial
 from itertools import count
 from logging import getLogger
 from math import inf
 from random import uniform
-from socket import MSG_PEEK, socket
 from time import monotonic, sleep
 from typing import Any, TypeVar, get_args
 from uuid import uuid4
@@ -214,12 +213,6 @@ LIKE = "http://127.0.0.1:8440"
 PAGE = 200
 
 
-FIRST_BYTE_S = 3.0
-
-
-ZEROMQ_GREETING = b"\xff"
-
-
 Params = Mapping[str, int | str | None]
 
 
@@ -265,7 +258,6 @@ class Link:
             timeout=TIMEOUT,
             trust_env=not is_loopback(httpx2.URL(base_url).host),
             headers={"User-Agent": f"eigenfail/{__version__}", **_make_headers(key)},
-            event_hooks={"request": [_refuse_zeromq]},
         )
 
     def get(self, path: str, kind: type[Kind], params: Params | None = None) -> Kind:
@@ -388,8 +380,6 @@ class Link:
             answer = self._http.get(path, timeout=3.0)
         except httpx2.TransportError as error:
             return self.unreachable(error)
-        except ServiceUnreachable as error:
-            return error
         return None if answer.is_success else read_refusal(answer)
 
     def close(self) -> None:
@@ -400,7 +390,7 @@ class Link:
         """What to raise when nothing came back."""
         return ServiceUnreachable(
             f"No eigenfail service answers at {self.base_url} ({type(error).__name__}).",
-            "Start one with `eigenfail up`, or give the address of one that runs"
+            "Start one with `eigenfail up`, or give the address of one that runs, not of its hub"
             " (on the command line --url, or EIGENFAIL_URL).",
         )
 
@@ -450,31 +440,6 @@ def read_refusal(response: httpx2.Response) -> EigenfailError:
         remedy = "Make sure that an eigenfail service of this version listens there."
         untold = Problem(type=UNTYPED, title="", status=status, detail=detail, remedy=remedy)
         return make_error(untold)
-
-
-def _refuse_zeromq(request: httpx2.Request) -> None:
-    """Have a request fail at once at the port of a hub, which speaks ZeroMQ and no HTTP.
-
-    A hub speaks first, and its first byte ends no line: a client of HTTP would wait for the rest.
-    """
-    new: list[socket] = []
-
-    def trace(step: str, info: dict[str, Any]) -> None:
-        if step == "connection.connect_tcp.complete":
-            new.append(info["return_value"].get_extra_info("socket"))
-        elif step == "http11.receive_response_headers.started" and new:
-            with suppress(OSError):
-                connection = new.pop()
-                connection.settimeout(FIRST_BYTE_S)
-                if connection.recv(1, MSG_PEEK) == ZEROMQ_GREETING:
-                    raise ServiceUnreachable(
-                        f"The server at {request.url.netloc.decode()} speaks ZeroMQ, as a hub "
-                        "does to workers.",
-                        "Give the address of the service itself, http://…; `eigenfail up` prints "
-                        "both.",
-                    )
-
-    request.extensions = {**request.extensions, "trace": trace}
 
 
 def _make_headers(key: str | None) -> dict[str, str]:
