@@ -83,11 +83,11 @@ PUBLIC = [
 NAMES_FOR_FRAMEWORKS = [
     "model_config",  # pydantic
     "__getattr__",  # Python, of modules
-    *("_missing_", "_repr_html_", "handleError"),  # enum, IPython, logging
+    *("_missing_", "_repr_html_", "handleError", "msg"),  # enum, IPython, logging
     *("collect",),  # prometheus_client
     *("observation_space", "action_space"),  # gymnasium's
     *("impl", "cache_ok", "inherit_cache", "load_dialect_impl", "process_bind_param"),  # SQLAlchemy
-    *("isolation_level", "background", "disconnected", "send_400_response"),  # sqlite3, uvicorn
+    *("isolation_level", "background"),  # sqlite3, starlette
     *(
         "upgrade",
         "downgrade",
