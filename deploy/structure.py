@@ -72,7 +72,7 @@ CALLED_BY_FRAMEWORKS = [
 PUBLIC = [
     # Of the SDK, for users and for authors of plug-ins.
     *("costs_by_method", "simulators", "from_injected", "cumulative"),
-    *("change_mode", "change_episode"),
+    *("change_mode", "change_episode", "to_pandas", "to_arrow"),
     *("LearnerSuite", "SIMULATION_CHECKS", "analysis_result"),
     # Fields and choices that are only read from JSON, or set from it.
     *("began_ms", "size_bytes", "left_road_s", "spec_sha256", "data_from", "protocols"),
@@ -83,11 +83,11 @@ PUBLIC = [
 NAMES_FOR_FRAMEWORKS = [
     "model_config",  # pydantic
     "__getattr__",  # Python, of modules
-    *("_missing_", "_repr_html_", "handleError"),  # enum, IPython, logging
+    *("_missing_", "_repr_html_", "handleError", "msg"),  # enum, IPython, logging
     *("collect",),  # prometheus_client
     *("observation_space", "action_space"),  # gymnasium's
     *("impl", "cache_ok", "inherit_cache", "load_dialect_impl", "process_bind_param"),  # SQLAlchemy
-    *("isolation_level", "background", "disconnected", "send_400_response"),  # sqlite3, uvicorn
+    *("isolation_level", "background"),  # sqlite3, starlette
     *(
         "upgrade",
         "downgrade",

@@ -20,7 +20,6 @@ from eigenfail.errors import EigenfailError, InvalidValue, PortTaken
 from eigenfail.processes import end_now
 from eigenfail.values.access import redact
 from eigenfail_api.app import create_app
-from eigenfail_api.connections import make_protocol
 from eigenfail_api.problems import describe_error
 from eigenfail_api.routes.operations import HealthServer
 from eigenfail_api.settings import ApiSettings, refuse_open_door
@@ -29,6 +28,9 @@ from eigenfail_services.store import open_store
 
 GRACE_S = 5
 BACKLOG = 2048
+
+KEEP_ALIVE_S = 75
+"""Longer than nginx keeps its connections: it would send requests into one that is closing."""
 
 WAIT_S = 2.0
 """How long a statement of a request waits for the lock of another program."""
@@ -145,9 +147,12 @@ class Server(uvicorn.Server):
             log_config=None,
             log_level="warning",
             server_header=False,
-            http=make_protocol(settings.max_connections),
+            http="h11",
             ws="none",
             backlog=BACKLOG,
+            # uvicorn counts the connection on which it refuses a request.
+            limit_concurrency=settings.max_connections + 1,
+            timeout_keep_alive=KEEP_ALIVE_S,
             proxy_headers=False,  # the application reads them
             timeout_graceful_shutdown=GRACE_S,
         )

@@ -46,7 +46,7 @@ class ApiSettings(BaseSettings):
         sign_in_groups_header: the header that lists the groups of the user, with commas in between.
         sign_in_scopes: scope of each group; `*` stands for every user.
         max_body_bytes: largest body of a request.
-        max_connections: open at a time; of more, those that idle longest are closed.
+        max_connections: open at a time; while there are more, requests get a 503.
         max_requests_per_s: requests of one key that are answered, on average
             over five seconds; others get a 429.
         max_keyless_requests_per_s: the same for one address, where no key is required.

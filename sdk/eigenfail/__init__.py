@@ -5,16 +5,15 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from eigenfail.client import AsyncClient, Client
+    from eigenfail.client import Client
     from eigenfail.hosting.session import Local as local  # noqa: N813 - it reads as a verb
 
-__all__ = ["AsyncClient", "Client", "local"]
+__all__ = ["Client", "local"]
 
 __version__ = version("eigenfail")
 
 # Loaded when they are asked for: the command line has to answer at once.
 _PLACES = {
-    "AsyncClient": ("eigenfail.client", "AsyncClient"),
     "Client": ("eigenfail.client", "Client"),
     "local": ("eigenfail.hosting.session", "Local"),
 }

@@ -86,7 +86,7 @@ def _load_foreign(group: str, name: str) -> Any:
     """Import a plug-in that is not eigenfail's own, and undo what that changes in this process.
 
     Controller and services import plug-ins only to read their settings, and compute for all
-    campaigns: an import that patches numpy must not change their results.
+    campaigns: an import that sets the rounding mode must not change their results.
     """
     if _keeps_import_effects:
         return list_entry_points(group)[name].load()

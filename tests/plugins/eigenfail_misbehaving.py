@@ -1,16 +1,12 @@
 """Planners that break every rule, as plug-ins that a stranger might install."""
 
-import builtins
 import contextlib
 import ctypes
-import locale
-import math
 import os
 import platform
 import signal
 import sys
 import time
-from functools import partial
 from pathlib import Path
 from threading import Event, Thread
 
@@ -287,31 +283,10 @@ def flush_denormals():
     ctypes.CDLL(None).fesetenv(environment)
 
 
-def trap_divisions():
-    ctypes.CDLL(None).feenableexcept(4)
-
-
-def patch_numpy():
-    np.clip = partial(np.clip)
-
-
-def patch_math():
-    math.sin = lambda x: 0.0
-
-
-def patch_round():
-    builtins.round = partial(round)
-
-
 CHANGES = {
     "rounding": round_upward,
     "denormals": flush_denormals,
-    "traps": trap_divisions,
-    "numpy": patch_numpy,
-    "math": patch_math,
-    "builtins": patch_round,
     "numpy errors": lambda: np.seterr(all="raise"),
-    "locale": lambda: locale.setlocale(locale.LC_ALL, "C.UTF-8"),
     "directory": lambda: os.chdir("/"),
     "signals": lambda: signal.signal(signal.SIGUSR1, lambda *_: None),
     "nothing": lambda: None,

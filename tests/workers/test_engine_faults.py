@@ -1,8 +1,10 @@
 """Whatever breaks costs one episode, is blamed on the right part, and leaves nothing behind."""
 
+import os
 import signal
 from collections.abc import Callable
 from math import nan
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -252,11 +254,11 @@ def test_a_scene_that_cannot_be_kept_is_the_simulators_fault(make_engine, plug_i
     assert (result.outcome, result.fault.kind) == (Outcome.ERRORED, "simulator")
 
 
-class Patching(Trouble):
-    """A simulator that patches numpy, and then breaks."""
+class Moving(Trouble):
+    """A simulator that changes the directory, and then breaks."""
 
     def spoil(self, seen: Any) -> Any:
-        np.tanh = len
+        os.chdir("/")
         raise ConnectionError("lost")
 
 
@@ -266,31 +268,34 @@ class Patching(Trouble):
     outcome="The episode is errored, and its fault names the simulator and what it changed.",
 )
 def test_a_simulator_that_changes_the_process_is_named(
-    plug_in: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+    plug_in: Callable[..., None], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(np, "tanh", np.tanh)
-    one = Patching()
-    plug_in(plugins.SIMULATORS, "patching", lambda: one)
-    engine = Engine(EpisodeSetup("patching", "cut_in", {}, "idm", {}, DisturbanceModel()))
+    monkeypatch.chdir(tmp_path)
+    one = Moving()
+    plug_in(plugins.SIMULATORS, "moving", lambda: one)
+    engine = Engine(EpisodeSetup("moving", "cut_in", {}, "idm", {}, DisturbanceModel()))
     sound, result = run(engine, tasks(2))
     assert sound.fault is None
     assert result.fault.kind == "simulator"
-    assert "The simulator 'patching' changed process-wide state" in result.fault.message
-    assert "numpy.tanh. The episode ended with: " in result.fault.message
+    assert "The simulator 'moving' changed process-wide state" in result.fault.message
+    assert " and is /. The episode ended with: " in result.fault.message
     assert "ConnectionError: lost" in result.fault.message
     one.close = lambda: None
 
 
 def test_of_several_plug_ins_all_are_named(
-    make_engine: MakeEngine, faulty: Callable[..., type], monkeypatch: pytest.MonkeyPatch
+    make_engine: MakeEngine,
+    faulty: Callable[..., type],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
 ) -> None:
-    monkeypatch.setattr(np, "tanh", np.tanh)
+    monkeypatch.chdir(tmp_path)
 
-    def patch() -> Control:
-        np.tanh = len
+    def move() -> Control:
+        os.chdir("/")
         return Control(0.0, 0.0)
 
-    _, result = run(make_engine(faulty(patch)), tasks(2))
+    _, result = run(make_engine(faulty(move)), tasks(2))
     assert result.fault.kind == "planner"
     assert result.fault.message.startswith(
         "The planner 'driver' or the scenario 'small' changed process-wide state"

@@ -29,13 +29,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail_api.dashboard.charts import Chart, sample_episodes
-from eigenfail_api.dashboard.copying import (
-    CopiedRequest,
-    Copies,
-    Service,
-    make_copies,
-    read_service,
-)
+from eigenfail_api.dashboard.copying import Service, format_curl, read_service
 from eigenfail_api.dashboard.overlays import Compared, make_bill_charts, make_overlays
 from eigenfail_api.dashboard.rendering import Badge, make_campaign_badge, page
 from eigenfail_api.parameters import IDS, LARGEST, Stored
@@ -194,7 +188,7 @@ class ComparedView(msgspec.Struct, frozen=True, kw_only=True):
     first: str
     verdicts: tuple[ComparisonVerdict, ...]
     charts: tuple[Chart, ...]
-    copies: Copies | None
+    curl: str
 
 
 def list_verdicts(
@@ -343,9 +337,8 @@ def show_comparison(
     if a and b and not wished.campaigns:
         found = compare(store, parse_ids(a), parse_ids(b))
         bills = Bills(list_costs(store, found.a), list_costs(store, found.b))
-        asked = CopiedRequest(method="GET", path="/comparisons", query={"a": a, "b": b})
         view = make_comparison_view(found, bills, a, b)
-        return page("comparison.html", view, copies=make_copies(read_service(request), asked))
+        return page("comparison.html", view, curl=make_curl(read_service(request), a, b))
     return page(
         "compared.html",
         make_compared_view(store, wished, read_service(request)),
@@ -374,6 +367,7 @@ def make_compared_view(store: Store, wished: Wish, service: Service) -> Compared
     every = compare_settings(campaigns) if is_enough else ()
     compared = [read_compared(store, each) for each in campaigns] if is_enough else []
     summaries = [summarise(each, store.episodes.totals(each.id)) for each in campaigns]
+    pair = [",".join(str(each.id) for each in group) for group in found[:2]]
     return ComparedView(
         picker=listed,
         chosen=list_chosen(campaigns, only, wished.named),
@@ -385,18 +379,13 @@ def make_compared_view(store: Store, wished: Wish, service: Service) -> Compared
         first=group_name(found[0]) if found else "",
         verdicts=list_verdicts(found, against_first(store, found)) if found else (),
         charts=make_overlays(compared),
-        copies=make_request_copies(found, service),
+        curl=make_curl(service, *pair) if len(found) >= FEWEST else "",
     )
 
 
-def make_request_copies(found: Sequence[tuple[Campaign, ...]], service: Service) -> Copies | None:
-    """Return the request that compares the first two groups, for programs."""
-    if len(found) < FEWEST:
-        return None
-    a, b = (",".join(str(each.id) for each in group) for group in found[:2])
-    return make_copies(
-        service, CopiedRequest(method="GET", path="/comparisons", query={"a": a, "b": b})
-    )
+def make_curl(service: Service, a: str, b: str) -> str:
+    """Return the command that compares two groups, whose ids are joined by commas."""
+    return format_curl(service, f"/comparisons?{urlencode({'a': a, 'b': b})}")
 
 
 def read_compared(store: Store, campaign: Campaign) -> Compared:

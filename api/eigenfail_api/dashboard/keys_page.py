@@ -25,7 +25,7 @@ from eigenfail_api.access.authentication import (
     get_signed_in_caller,
 )
 from eigenfail_api.access.middleware import append_change, describe_change
-from eigenfail_api.dashboard.copying import CopiedRequest, make_copies, read_service
+from eigenfail_api.dashboard.copying import format_curl, read_service
 from eigenfail_api.dashboard.rendering import TEMPLATES, Badge, Pager, make_pager, page, write_time
 from eigenfail_api.parameters import Before, Stored, read_within
 
@@ -189,8 +189,8 @@ def show_keys(
     view = make_keys_view(
         listed, usage, before, authenticator.clock(), is_locked=authenticator.requires_keys()
     )
-    asked = CopiedRequest(method="POST", path="/keys", body={"name": "ci", "scope": "runner"})
-    return page("keys.html", view, copies=make_copies(read_service(request), asked))
+    body = {"name": "ci", "scope": "runner"}
+    return page("keys.html", view, curl=format_curl(read_service(request), "/keys", body))
 
 
 @router.get("/audit")

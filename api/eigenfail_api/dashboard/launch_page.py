@@ -16,13 +16,7 @@ from eigenfail.presentation.figures import count_noun, format_count, format_dura
 from eigenfail.suites import describes_suite
 from eigenfail.values import Campaign, CampaignSpec, CampaignState
 from eigenfail.values.campaign import CampaignFilter
-from eigenfail_api.dashboard.copying import (
-    CopiedRequest,
-    Copies,
-    Service,
-    make_copies,
-    read_service,
-)
+from eigenfail_api.dashboard.copying import Service, format_curl, read_service
 from eigenfail_api.dashboard.launch_fields import (
     LaunchEntry,
     LaunchField,
@@ -107,7 +101,7 @@ class FormView(msgspec.Struct, frozen=True, kw_only=True):
         estimate: duration and cost after those of earlier campaigns of the same kind, or that there
             are none, as a sentence.
         key: idempotency key of this launch; empty while there is nothing to launch.
-        copies: copies of the launch, for programs; None while there is nothing to be launched.
+        curl: the command that launches the same; empty while there is nothing to launch.
     """
 
     parts: tuple[LaunchPart, ...]
@@ -118,7 +112,7 @@ class FormView(msgspec.Struct, frozen=True, kw_only=True):
     checked: str
     estimate: str
     key: str
-    copies: Copies | None
+    curl: str
 
     @property
     def wrong(self) -> str:
@@ -379,9 +373,7 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> Lau
         completed=list_full_spec(body, store) if in_order else (),
         key=make_key(token, body) if in_order else "",
         token=token,
-        copies=make_copies(service, CopiedRequest(method="POST", path="/campaigns", body=body))
-        if in_order
-        else None,
+        curl=format_curl(service, "/campaigns", body) if in_order else "",
     )
 
 

@@ -30,11 +30,9 @@ from eigenfail.values.suite import SEPARATOR
 from eigenfail.wire.http import read_fields
 from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.dashboard.copying import (
-    CopiedRequest,
-    Copies,
     Service,
+    format_curl,
     has_none,
-    make_copies,
     read_service,
     to_suite_toml,
 )
@@ -242,7 +240,6 @@ def make_suite_form(store: Store, typed: Mapping[str, str], service: Service) ->
     in_order = checks and not troubles
     own_texts = Texts({**list_own_texts(draft), FROM: typed.get(FROM, "")}, {})
     shown = make_shown_fields(tuple(own.values()), own_texts, troubles, None)
-    copies = make_suite_copies(service, body) if in_order else None
     return SuiteFormView(
         parts=parts,
         shown=make_shown_fields(fields, draft.texts, troubles, draft.origin),
@@ -252,12 +249,12 @@ def make_suite_form(store: Store, typed: Mapping[str, str], service: Service) ->
         checked=describe_suite(members) if in_order else "",
         estimate="" if axis_troubles else estimate_suite(store, members),
         key=make_key("", body) if in_order else "",
-        copies=copies,
+        curl=format_curl(service, "/suites", body) if in_order else "",
         own=shown,
         axes=tuple(make_axis_view(axis, parts, shown) for axis in draft.axes),
         preview=None if axis_troubles else preview_members(draft, members),
-        file=f"data:application/toml;charset=utf-8,{quote(copies.toml)}"
-        if copies and copies.toml
+        file=f"data:application/toml;charset=utf-8,{quote(to_suite_toml(body))}"
+        if in_order and not has_none(body)
         else "",
         address=make_suite_address(draft.name),
     )
@@ -557,9 +554,3 @@ def estimate_suite(store: Store, members: Members) -> str:
         f"USD{which}, if each episode takes and costs what those of the newest campaign of its "
         "method, planner and scenario did."
     )
-
-
-def make_suite_copies(service: Service, body: Mapping[str, Any]) -> Copies:
-    """Return the request that creates the suite, and its file, as texts to copy."""
-    copies = make_copies(service, CopiedRequest(method="POST", path="/suites", body=body))
-    return copies if has_none(body) else replace(copies, toml=to_suite_toml(body))

@@ -1,14 +1,13 @@
 """Requests, tried again where that is safe; answers, raising what the service raised."""
 
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from contextlib import contextmanager
 from contextvars import ContextVar
 from functools import partial
 from itertools import count
 from logging import getLogger
 from math import inf
 from random import uniform
-from socket import MSG_PEEK, SHUT_RDWR, socket
 from time import monotonic, sleep
 from typing import Any, TypeVar, get_args
 from uuid import uuid4
@@ -51,10 +50,6 @@ class Waiter:
         """Let time pass between two looks."""
         sleep(seconds)
 
-    def cutting(self, cut: Callable[[], None]) -> AbstractContextManager[None]:  # noqa: ARG002
-        """Call `cut` to end a blocked read if the call is cancelled within the block."""
-        return nullcontext()
-
 
 class CheckingWaiter(Waiter):
     """Looks after something while it waits.
@@ -73,7 +68,7 @@ class CheckingWaiter(Waiter):
 
 
 waiter: ContextVar[Waiter] = ContextVar("patience", default=Waiter())  # noqa: B039 - no state
-"""Of the calls in this context; the asynchronous client has another."""
+"""Of the calls in this context."""
 
 
 def wait_until(
@@ -218,12 +213,6 @@ LIKE = "http://127.0.0.1:8440"
 PAGE = 200
 
 
-FIRST_BYTE_S = 3.0
-
-
-ZEROMQ_GREETING = b"\xff"
-
-
 Params = Mapping[str, int | str | None]
 
 
@@ -269,7 +258,6 @@ class Link:
             timeout=TIMEOUT,
             trust_env=not is_loopback(httpx2.URL(base_url).host),
             headers={"User-Agent": f"eigenfail/{__version__}", **_make_headers(key)},
-            event_hooks={"request": [_refuse_zeromq]},
         )
 
     def get(self, path: str, kind: type[Kind], params: Params | None = None) -> Kind:
@@ -380,8 +368,7 @@ class Link:
             if source.response.is_error:
                 source.response.read()
                 raise read_refusal(source.response)
-            with waiter.get().cutting(partial(_cut, source.response)):
-                yield iter(source)
+            yield iter(source)
 
     def answers(self, path: str) -> bool:
         """Whether a path outside the API is healthy, as far as one request can show."""
@@ -393,8 +380,6 @@ class Link:
             answer = self._http.get(path, timeout=3.0)
         except httpx2.TransportError as error:
             return self.unreachable(error)
-        except ServiceUnreachable as error:
-            return error
         return None if answer.is_success else read_refusal(answer)
 
     def close(self) -> None:
@@ -405,7 +390,7 @@ class Link:
         """What to raise when nothing came back."""
         return ServiceUnreachable(
             f"No eigenfail service answers at {self.base_url} ({type(error).__name__}).",
-            "Start one with `eigenfail up`, or give the address of one that runs"
+            "Start one with `eigenfail up`, or give the address of one that runs, not of its hub"
             " (on the command line --url, or EIGENFAIL_URL).",
         )
 
@@ -455,39 +440,6 @@ def read_refusal(response: httpx2.Response) -> EigenfailError:
         remedy = "Make sure that an eigenfail service of this version listens there."
         untold = Problem(type=UNTYPED, title="", status=status, detail=detail, remedy=remedy)
         return make_error(untold)
-
-
-def _refuse_zeromq(request: httpx2.Request) -> None:
-    """Have a request fail at once at the port of a hub, which speaks ZeroMQ and no HTTP.
-
-    A hub speaks first, and its first byte ends no line: a client of HTTP would wait for the rest.
-    """
-    new: list[socket] = []
-
-    def trace(step: str, info: dict[str, Any]) -> None:
-        if step == "connection.connect_tcp.complete":
-            new.append(info["return_value"].get_extra_info("socket"))
-        elif step == "http11.receive_response_headers.started" and new:
-            with suppress(OSError):
-                connection = new.pop()
-                connection.settimeout(FIRST_BYTE_S)
-                if connection.recv(1, MSG_PEEK) == ZEROMQ_GREETING:
-                    raise ServiceUnreachable(
-                        f"The server at {request.url.netloc.decode()} speaks ZeroMQ, as a hub "
-                        "does to workers.",
-                        "Give the address of the service itself, http://…; `eigenfail up` prints "
-                        "both.",
-                    )
-
-    request.extensions = {**request.extensions, "trace": trace}
-
-
-def _cut(response: httpx2.Response) -> None:
-    """End a response from another thread than the one that reads it."""
-    stream = response.extensions.get("network_stream")
-    if stream is not None:
-        with suppress(OSError):
-            stream.get_extra_info("socket").shutdown(SHUT_RDWR)
 
 
 def _make_headers(key: str | None) -> dict[str, str]:

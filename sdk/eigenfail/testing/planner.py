@@ -82,7 +82,7 @@ def _alike(one: Sequence[Control], other: Sequence[Control]) -> bool:
 
 
 def leaves_its_process_alone(make: MakePlanner) -> None:
-    """An episode leaves rounding mode, numpy, locale, directory and signal handlers unchanged."""
+    """An episode leaves rounding, numpy's errors, directory and signal handlers unchanged."""
     before = ProcessState()
     with suppress(Exception):  # what it raises is another check's subject
         drive(make(), cut_in_drive())

@@ -35,9 +35,6 @@ def test_the_worst_failures_come_first_and_lead_to_their_episodes(http, places, 
     first = unescape(re.search(r'<th scope="row"><a class="word" href="([^"]*)"', text)[1])
     assert http.get(first, headers=HTML).status_code == 200
     golden.check_page("dashboard/failures/all", text)
-    copies = read(http, "/copies?path=/failures")
-    assert "eigenfail episode failures" in copies
-    assert "client.episodes.list_failures()" in copies
 
 
 def test_pages_follow_each_other(http, places, monkeypatch):
@@ -83,19 +80,8 @@ def test_the_copied_request_has_the_filter_of_the_page(http, places, store):
     text = read(http, f"/failures?{query}")
     address = re.search(r'hx-get="(/copies[^"]*)"', text)[1].replace("&amp;", "&")
     copies = unescape(read(http, address))
-    python = "planner='idm', planner_version='a b&', state='new', archived=True"
-    assert f"list_failures({python}, sort='severity', owner='')" in copies
-    options = "--planner=idm --planner-version='a b&' --state=new --archived --sort=severity"
-    assert f"eigenfail episode failures {options} --owner='' --url" in copies
     assert "/api/v1/failures?planner=idm&planner_version=a+b%26&state=new&archived=true" in copies
     assert places
-
-
-@pytest.mark.parametrize(
-    "path", ["/failures?staet=new", "/campaigns?state=new", "/nonsense?state=new"]
-)
-def test_a_request_with_other_parameters_is_not_copied(http, path):
-    assert http.get("/copies", params={"path": path}, headers=HTML).status_code == 404
 
 
 def test_without_failures(http):

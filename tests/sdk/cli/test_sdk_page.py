@@ -1,14 +1,12 @@
 """docs/sdk.md: what it shows runs, in the order in which it is read."""
 
 import re
-from functools import partial
 from pathlib import Path
-from threading import Lock
 
 import pytest
 
 import eigenfail
-from eigenfail.client import AsyncClient, Client
+from eigenfail.client import Client
 from eigenfail.replays import run_once
 from eigenfail.values import EpisodeTask, TrajectorySource
 
@@ -18,7 +16,7 @@ BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.MULTILINE | re.DOTALL)
 
 @pytest.fixture
 def in_this_process(service, monkeypatch):
-    """`eigenfail.local()` and the asynchronous client reach a service without processes."""
+    """`eigenfail.local()` reaches a service without processes."""
 
     class Local:
         url = "http://127.0.0.1:8440"
@@ -30,16 +28,7 @@ def in_this_process(service, monkeypatch):
             return Client(self.url, service)
 
     monkeypatch.setattr(eigenfail, "local", Local, raising=False)
-    transported = partial(AsyncClient, transport=service)
-    monkeypatch.setattr(eigenfail, "AsyncClient", transported, raising=False)
     service.episodes_at_once = 64
-    work, lock = service.handle_request, Lock()
-
-    def one_at_a_time(request):
-        with lock:
-            return work(request)
-
-    monkeypatch.setattr(service, "handle_request", one_at_a_time)
 
 
 def test_every_block_runs(in_this_process, capsys, monkeypatch, tmp_path):

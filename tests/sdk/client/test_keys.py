@@ -1,6 +1,5 @@
 """Keys, as a client shows, makes and revokes them."""
 
-import asyncio
 import logging
 import traceback
 
@@ -8,7 +7,7 @@ import httpx2
 import pytest
 from starlette.testclient import TestClient
 
-from eigenfail.client import AsyncClient, Client
+from eigenfail.client import Client
 from eigenfail.errors import (
     Forbidden,
     InvalidValue,
@@ -46,16 +45,6 @@ def test_a_client_takes_the_key_of_its_surroundings(locked, monkeypatch):
         assert client.campaigns.list().first() == ()
     with Client(transport=transport, key="") as client, pytest.raises(Unauthorized):
         client.campaigns.list().first()
-
-
-def test_an_asynchronous_client_does_the_same(locked):
-    transport, token = locked
-
-    async def names():
-        async with AsyncClient(transport=transport, key=token) as client:
-            return [key.name async for key in client.keys.list()]
-
-    assert asyncio.run(names()) == ["me"]
 
 
 def test_without_a_key_one_is_told_what_to_do(locked):

@@ -7,7 +7,7 @@ import httpx2
 import pytest
 
 from eigenfail import errors
-from eigenfail.client import AsyncClient, Client
+from eigenfail.client import Client
 from eigenfail.client.link import JITTER_S, LONGEST_PAUSE_S, find_pause, is_worth_retrying
 from eigenfail.errors import (
     Conflict,
@@ -218,15 +218,14 @@ def test_a_stream_of_a_service_that_stays_away_ends(scripted, monkeypatch):
     assert len(asked) == 5
 
 
-@pytest.mark.parametrize("kind", [Client, AsyncClient])
-def test_the_address_is_that_of_the_environment_unless_one_is_given(monkeypatch, kind):
+def test_the_address_is_that_of_the_environment_unless_one_is_given(monkeypatch):
     monkeypatch.delenv("EIGENFAIL_URL", raising=False)
-    assert kind().url == "http://127.0.0.1:8440"
+    assert Client().url == "http://127.0.0.1:8440"
     monkeypatch.setenv("EIGENFAIL_URL", "")
-    assert kind().url == "http://127.0.0.1:8440"
+    assert Client().url == "http://127.0.0.1:8440"
     monkeypatch.setenv("EIGENFAIL_URL", "http://lab:9000")
-    assert kind().url == "http://lab:9000"
-    assert kind("http://127.0.0.1:1").url == "http://127.0.0.1:1"
+    assert Client().url == "http://lab:9000"
+    assert Client("http://127.0.0.1:1").url == "http://127.0.0.1:1"
     with pytest.raises(ServiceUnreachable, match="EIGENFAIL_URL"):
         Client("http://127.0.0.1:1").campaigns.get(1)
 

@@ -1,13 +1,10 @@
 """Lists on a service as sequences: length, places and slices, and what is asked for them."""
 
-import asyncio
-
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from store_checks.examples import deliver, result, running
 
-from eigenfail.client import AsyncClient
 from eigenfail.frames import Rows
 from eigenfail.testing.examples import collision
 
@@ -98,20 +95,6 @@ def test_campaigns_have_a_length_and_an_end(client, campaign, fields):
     assert client.campaigns.list(sort="name")[-1].spec.name == "first"
     assert len(client.campaigns.summaries()) == 4
     assert (len(client.suites.list()), len(client.analyses.list(campaign))) == (0, 0)
-
-
-def test_the_asynchronous_client_has_the_same_places(client, campaign):
-    async def program():
-        async with AsyncClient(transport=client._link._http._transport) as asynchronous:
-            episodes = asynchronous.episodes.list(campaign)
-            assert await episodes.count() == 9
-            assert (await episodes[-1]).index == 8
-            assert [row.index for row in await episodes[1:3]] == [1, 2]
-            assert (await episodes.to_arrow()).num_rows == 9
-            with pytest.raises(IndexError):
-                await episodes[9]
-
-    asyncio.run(program())
 
 
 @given(st.integers(0, 6), st.booleans(), st.booleans())

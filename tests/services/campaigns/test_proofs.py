@@ -1,5 +1,6 @@
 """Proof by replay, minimal failures and words for modes, on campaigns that are run here."""
 
+import os
 from collections.abc import Iterator
 from hashlib import sha256
 from threading import Event
@@ -239,7 +240,7 @@ def test_a_planner_that_never_answers_is_asked_once_and_not_waited_for(house, mo
 )
 def test_what_a_planner_changes_while_it_is_asked_is_restored(house, monkeypatch) -> None:
     def ask(_setup, _task):
-        np.clip = None
+        os.chdir("/")
         raise InvalidValue("episode", "nothing to tell")
 
     monkeypatch.setattr(words_module.plugins, "load", lambda *_: ask)

@@ -256,7 +256,7 @@ def stored_campaign(store, episodes: int = 3, **spec):
     outcome="`db verify --replay` blames its episodes alone, and names it; sound campaigns, and "
     "the process that verifies, are not touched.",
 )
-@pytest.mark.parametrize("what", ["rounding", "numpy", "numpy errors", "directory"])
+@pytest.mark.parametrize("what", ["rounding", "numpy errors", "directory"])
 def test_replays_of_a_planner_that_changes_its_process_blame_no_sound_episode(
     sqlite_url, what
 ) -> None:
