@@ -63,7 +63,13 @@ RESULTS = (
     *count_columns("Episodes", "Failures"),
     *(RATE, LIKELIHOOD, SEVERITY, TableColumn("Episodes/s"), COST),
 )
-PARTS_OF_TIME = ("simulation_s", "startup_s", "learning_s", "waiting_s", "lost_s")
+PARTS_OF_TIME = {
+    "simulation_s": "simulation",
+    "startup_s": "start-up",
+    "learning_s": "learning",
+    "waiting_s": "waiting",
+    "lost_s": "lost",
+}
 SEARCHES = (
     '"Of its search" is a share of the episodes that the method chose, no failure rate under p(x); '
     "the cost per failure rests on the same episodes."
@@ -418,7 +424,7 @@ def tabulate_bill(found: Sequence[CampaignCost]) -> Table:
 
 def tabulate_time(found: Sequence[CampaignCost]) -> Table:
     """Return what the time went into that each campaign was billed for."""
-    parts = [TableColumn(name.removesuffix("_s").capitalize(), "share") for name in PARTS_OF_TIME]
+    parts = [TableColumn(words.capitalize(), "share") for words in PARTS_OF_TIME.values()]
     columns = (ID, *name_columns("Method"), TableColumn("Active", "s"), *parts)
     rows = tuple((str(each.campaign), each.method, *_list_time(each)) for each in found)
     return Table("Time breakdown", columns, rows)
@@ -456,7 +462,7 @@ def _describe_purchase(found: CampaignCost, spent: float) -> str:
 BILLS = (
     TableColumn("Spent", "USD"),
     TableColumn("Cost per distinct mode", "USD"),
-    *count_columns(*(f"Time: {part.removesuffix('_s')}" for part in PARTS_OF_TIME)),
+    *count_columns(*(f"Time: {words}" for words in PARTS_OF_TIME.values())),
 )
 SIDES = (*count_columns("Episodes", "Failures"), RATE, LIKELIHOOD, SEVERITY, COST)
 

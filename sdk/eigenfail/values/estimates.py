@@ -17,7 +17,7 @@ class Interval(msgspec.Struct, frozen=True):
 IMPORTANCE_SAMPLING = "importance sampling"
 
 
-MONTE_CARLO = "Monte Carlo"
+BY_MONTE_CARLO = "Monte Carlo"
 """How an estimate was found that is a share of draws from p(x)."""
 
 
@@ -75,7 +75,7 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
         Args:
             errored: number of errored episodes of the campaign.
         """
-        if not errored or self.probability is None or self.by == MONTE_CARLO:
+        if not errored or self.probability is None or self.by == BY_MONTE_CARLO:
             return self
         episodes = "1 episode" if errored == 1 else f"{errored:,} episodes"
         note = f"{episodes} errored and may hide failures, so that the probability may be larger."

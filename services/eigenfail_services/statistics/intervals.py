@@ -63,16 +63,6 @@ def bound_stated_share(k: int, n: int, most: int) -> Interval:
     return Interval(_find_end(is_unlikely, 0.0, low) if k > 1 else low, high)
 
 
-def bound_unseen(k: int, n: int) -> float:
-    """Return the exact one-sided upper bound of 95 % of a probability after k events in n trials.
-
-    Source: Clopper and Pearson 1934, Biometrika 26, 404–413.
-    """
-    from scipy.special import betaincinv  # imported late: the API starts sooner without it
-
-    return float(betaincinv(k + 1, n - k, 1.0 - ERROR)) if k < n else 1.0
-
-
 PRIOR = 0.5
 """Both parameters of the mixing Beta distribution of `confidence_sequence`: near 0 and 1, where
 failures are rare or the rule, its sets are narrower than those of the uniform distribution."""

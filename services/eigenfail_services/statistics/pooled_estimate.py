@@ -10,11 +10,11 @@ from itertools import combinations
 from math import fsum, hypot, inf, log, log1p, prod, sqrt
 from statistics import stdev
 
+from eigenfail.intervals import ERROR, find_upper_bound
 from eigenfail.values import Estimate, Interval
-from eigenfail.values.estimates import MONTE_CARLO
+from eigenfail.values.estimates import BY_MONTE_CARLO
 from eigenfail_services.statistics.intervals import (
     bound_stated_share,
-    bound_unseen,
     find_quantile,
     log_normal,
 )
@@ -317,12 +317,12 @@ def estimate_from_draws(refused: Estimate, counts: PlainCounts) -> Estimate:
     if not failures:
         problem = (
             f"{refused.problem} None of the {what}, failed: P is at most "
-            f"{bound_unseen(errored, draws):.1e} with 95 % confidence.{lost}"
+            f"{find_upper_bound(errored, draws, ERROR):.1e} with 95 % confidence.{lost}"
         )
         return Estimate(by=refused.by, episodes=episodes, problem=problem)
     share = failures / draws
     return Estimate(
-        by=MONTE_CARLO,
+        by=BY_MONTE_CARLO,
         episodes=episodes,
         probability=share,
         cv=sqrt((1.0 - share) / failures),

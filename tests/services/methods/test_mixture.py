@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from eigenfail.errors import InvalidValue, ProtocolError
+from eigenfail.intervals import find_upper_bound
 from eigenfail.values import (
     EpisodeResult,
     Estimate,
@@ -20,7 +21,7 @@ from eigenfail_services.methods.mixture import (
     MixtureSettings,
     judge_result,
 )
-from eigenfail_services.statistics.intervals import bound_unseen, clopper_pearson
+from eigenfail_services.statistics.intervals import clopper_pearson
 from eigenfail_services.statistics.mixture_sampling import MixtureResult
 from eigenfail_services.statistics.pooled_estimate import estimate_from_draws
 from eigenfail_services.statistics.subset_simulation import PlainCounts
@@ -141,7 +142,9 @@ def test_errored_plain_draws_count_as_failures_in_the_bound():
     refused = Estimate(by="mixture sampling", episodes=100, problem="Nothing.")
     found = estimate_from_draws(refused, PlainCounts(draws=200, failures=0, errored=50))
     assert found.episodes == 250
-    assert f"P is at most {bound_unseen(50, 200):.1e} with 95 % confidence" in found.problem
+    assert (
+        f"P is at most {find_upper_bound(50, 200, 0.05):.1e} with 95 % confidence" in found.problem
+    )
     assert "50 of these errored" in found.problem
     stated = estimate_from_draws(refused, PlainCounts(draws=200, failures=4, errored=50))
     assert stated.probability == 0.02
