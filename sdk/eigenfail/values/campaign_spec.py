@@ -29,10 +29,10 @@ class StopRules(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only
         failures: number of failures. The failure rate is estimated without bias, and its
             interval is exact for this rule.
         half_width: half the width of the 95 % confidence sequence of the failure rate fell to this.
-            Its upper end counts errored episodes as failures. That interval, which is also the one
-            shown, may be looked at after every round, and is wider than one of a fixed number of
-            episodes. It is judged for every method, also for a search, whose share is no
-            probability.
+            Its upper end counts errored and unresolved episodes as failures. That interval, which
+            is also the one shown, may be looked at after every round, and is wider than one of a
+            fixed number of episodes. It is judged for every method, also for a search, whose share
+            is no probability.
         cv: the coefficient of variation of the failure probability, or of its lower bound, fell to
             this, for methods that estimate one.
         wall_s: maximum running time, without pauses.

@@ -24,35 +24,46 @@ from eigenfail.values import (
 )
 from eigenfail.values.arrays import decode_array, encode_array
 from eigenfail.values.campaign import BUDGET_SPENT
+from eigenfail.values.records import assess
 from eigenfail_services.analysis.sampling_design import MOST_AHEAD, OPEN_WAS_FINISHED
 from eigenfail_services.statistics.intervals import bound_sequence
 
 
 class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """Counts of the episodes in the rounds observed so far."""
+    """Counts of the episodes in the rounds observed so far.
+
+    Attributes:
+        unresolved: number of safe episodes that are unresolved, or may be.
+    """
 
     completed: int = 0
     failures: int = 0
     errored: int = 0
+    unresolved: int = 0
 
     def after(self, results: Sequence[EpisodeResult]) -> "Tally":
         """Return the counts with another round."""
-        errored = sum(result.outcome is Outcome.ERRORED for result in results)
-        completed = self.completed + len(results) - errored
-        failures = self.failures + sum(result.is_failure for result in results)
-        return Tally(completed, failures, self.errored + errored)
+        completed = sum(result.outcome is not Outcome.ERRORED for result in results)
+        failures = sum(result.is_failure for result in results)
+        ends = [assess(result.outcome, result.measures).unresolved for result in results]
+        return Tally(
+            self.completed + completed,
+            self.failures + failures,
+            self.errored + len(results) - completed,
+            self.unresolved + sum(each is not False for each in ends),
+        )
 
     def half_width(self) -> float | None:
         """Half the width of the failure rate's confidence sequence; None before any episode.
 
         The interval is looked at after every round: one of a fixed number of episodes would not
-        hold at the look that ends the campaign. Its upper end counts errored episodes as failures,
-        so that a campaign whose hard episodes error does not end as if it knew its rate.
+        hold at the look that ends the campaign. Its upper end counts errored and unresolved
+        episodes as failures, its lower end as none: it is the interval that is shown.
         """
         if not self.completed:
             return None
-        trials = self.completed + self.errored
-        interval = bound_sequence(self.failures, trials, self.errored)
+        doubtful = self.errored + self.unresolved
+        interval = bound_sequence(self.failures, self.completed + self.errored, doubtful)
         return (interval.high - interval.low) / 2.0
 
 
@@ -107,8 +118,9 @@ def _fell_to(name: str, limit: float | None, figure: float | None, words: str) -
     return f"{words} (rule: {name} = {limit})." if holds else ""
 
 
-FORMAT = 2
-"""Format 1 had neither tally nor stop rules; it is read as one of a campaign without rules."""
+FORMAT = 3
+"""Format 1 had neither tally nor stop rules; it is read as one of a campaign without rules. The
+tally of format 2 had no errored or unresolved episodes."""
 
 
 class Checkpoint(msgspec.Struct, frozen=True, eq=False, forbid_unknown_fields=True):

@@ -10,6 +10,7 @@ from eigenfail.values import (
     EpisodeFault,
     EpisodeResult,
     Estimate,
+    Measures,
     NoiseTrajectory,
     Outcome,
     PriorSource,
@@ -18,7 +19,7 @@ from eigenfail.values import (
     unrunnable,
 )
 from eigenfail_services.campaigns.rounds import Rounds, Tally, judge_results, judge_time
-from eigenfail_services.statistics.intervals import confidence_sequence
+from eigenfail_services.statistics.intervals import bound_sequence, confidence_sequence
 
 
 class Steady:
@@ -118,12 +119,24 @@ def test_an_interval_that_is_narrow_enough_stops_at_the_first_such_round():
     assert rounds.stopped_because == f"The failure rate is {known}"
 
 
-def test_errored_episodes_widen_the_interval_that_stops():
+def test_doubtful_episodes_widen_the_interval_that_stops():
     rules = StopRules(half_width=0.1)
-    assert "known to ±" in judge_results(rules, Tally(200, 0), None)
-    assert "known to ±" in judge_results(rules, Tally(200, 0, 2), None)
-    # 50 of 250 may be failures: the rate lies between 0 and about 27 %.
-    assert judge_results(rules, Tally(200, 0, 50), None) == ""
+    # 30 of 300 failed: alone they are known to ± 0.05, which 60 errored episodes hide.
+    assert judge_results(rules, Tally(300, 30), None)
+    for tally in (Tally(300, 30, errored=60), Tally(300, 30, unresolved=60)):
+        trials = tally.completed + tally.errored
+        shown = bound_sequence(30, trials, 60)
+        assert tally.half_width() == (shown.high - shown.low) / 2.0
+        assert judge_results(rules, tally, None) == ""
+
+
+def test_tally_counts_errored_and_unresolved_episodes():
+    tasks = Rounds(Steady(4), 0, 4).open()[0].tasks
+    hopeless = Measures(1.0, max_drac_mps2=9.0, final_drac_mps2=9.0)
+    ended = [result(task, lambda index: index == 0) for task in tasks[:3]]
+    ended[2] = msgspec.structs.replace(ended[2], measures=hopeless)
+    errored = unrunnable(tasks[3], EpisodeFault("simulator", "test"))
+    assert Tally().after([*ended, errored]) == Tally(3, 1, errored=1, unresolved=1)
 
 
 def test_an_estimate_that_is_sure_enough_stops():
@@ -142,7 +155,7 @@ def test_episodes_that_could_not_be_run_count_for_nothing():
     tasks = Rounds(Steady(3), 0, 3).open()[0].tasks
     failed = [unrunnable(task, EpisodeFault("simulator", "test")) for task in tasks]
     tally = Tally().after(failed)
-    assert tally == Tally(0, 0, 3)
+    assert tally == Tally(0, 0, errored=len(failed))
     assert judge_results(StopRules(half_width=0.4, failures=1), tally, None) == ""
 
 
