@@ -87,6 +87,8 @@ TARGETS = {
     "chains.share_failing": Target(low=0.4),
     "chains.log_p_gap": Target(low=-0.1, high=0.1),
     "chains.group_coverage": Target(low=0.9),
+    "intervals.covered_min": Target(low=0.93),
+    "intervals.low_bias_worst": Target(low=0.8),
     "foreign.stacks": Target(low=4.0),
     "search.dominated": Target(high=0.0),
     "subset_busy_100": Target(low=0.85),
