@@ -8,10 +8,13 @@ INSTALL = $(BIN)/python -m pip install --quiet --disable-pip-version-check --req
 unexport PYTHONDONTWRITEBYTECODE
 # Runlevel 1 keeps packages from starting services, such as nginx at port 80.
 apt = { apt-get update -qq && RUNLEVEL=1 apt-get install -y -qq $(1); } >/dev/null 2>&1
-SOURCES := sdk api services workers migrations deploy tests examples benchmarks
+SOURCES := sdk api services workers plugins migrations deploy tests examples benchmarks conftest.py
+# Each folder of plugins/ is a distribution of its own, which the others do without.
+PROJECTS := $(wildcard plugins/*/pyproject.toml)
+PLUGIN_PACKAGES := $(notdir $(patsubst %/__init__.py,%,$(wildcard plugins/*/*/__init__.py)))
 MINUTES ?= 5
 SECONDS ?= 600
-# tests/conftest.py puts the files first that take longest.
+# conftest.py puts the files first that take longest.
 SPREAD = --numprocesses $(PROCESSES) --dist loadfile --no-loadscope-reorder
 PROCESSES ?= 3
 REQUESTS ?= 25000
@@ -24,14 +27,15 @@ help: ## this list
 
 # pip refuses whatever has another hash than the lock files say. PyPI has no CPU build of torch: it is
 # installed first, from an index that pip is configured with or else from TORCH_INDEX.
-.venv/installed: pyproject.toml constraints.txt deploy/locks/torch_cpu.txt
+.venv/installed: pyproject.toml $(PROJECTS) constraints.txt deploy/locks/torch_cpu.txt
 	@echo "Installing packages into .venv. This takes some minutes, once."
 	$(PYTHON) -m venv .venv
 	@$(INSTALL) --no-deps --requirement deploy/locks/torch_cpu.txt 2>.venv/torch.log \
 		|| $(INSTALL) --no-deps --requirement deploy/locks/torch_cpu.txt --index-url $(TORCH_INDEX) \
 		|| { echo "Before that, from the index that pip is configured with:"; cat .venv/torch.log; false; } >&2
 	$(INSTALL) --requirement constraints.txt
-	$(BIN)/python -m pip install --quiet --no-deps --no-index --no-build-isolation --editable .
+	$(BIN)/python -m pip install --quiet --no-deps --no-index --no-build-isolation \
+		--editable . $(PROJECTS:%/pyproject.toml=--editable %)
 	@$(BIN)/python -m eigenfail_workers.compiler || echo "The episode loop stays interpreted. Results are the same."
 	@touch $@
 
@@ -64,14 +68,15 @@ demo: setup compiled ## a short campaign of each method, analysed, replayed, pri
 
 test: setup compiled chromium headers javascript tools lint ## every check and every test
 	$(BIN)/python -m pytest -q tests/test_full_loop.py
-	$(BIN)/python -m pytest tests $(SPREAD)
+	$(BIN)/python -m pytest tests plugins $(SPREAD)
+	$(BIN)/python deploy/without_plugins.py
 
 quick: setup compiled ## the tests that start no services and no browser; a third of the time
-	$(BIN)/python -m pytest tests -m "not service and not browser" $(SPREAD)
+	$(BIN)/python -m pytest tests plugins -m "not service and not browser" $(SPREAD)
 
 coverage: setup chromium headers javascript tools ## which lines the tests reach; takes half as long again
 	$(BIN)/coverage erase
-	$(BIN)/coverage run -m pytest tests $(SPREAD)
+	$(BIN)/coverage run -m pytest tests plugins $(SPREAD)
 	@$(BIN)/coverage combine --quiet
 	@$(BIN)/coverage report
 
@@ -79,6 +84,7 @@ lint: setup ## style, types, who may import whom, known flaws of packages
 	$(BIN)/ruff check $(SOURCES)
 	$(BIN)/ruff format --check $(SOURCES)
 	$(BIN)/mypy
+	$(if $(PLUGIN_PACKAGES),$(BIN)/mypy $(PLUGIN_PACKAGES:%=--package %))
 	$(BIN)/lint-imports
 	$(BIN)/python deploy/structure.py
 	$(BIN)/python deploy/audit.py

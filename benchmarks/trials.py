@@ -1,8 +1,15 @@
-"""What `make claims` runs: for each trial the names of its figures, and what finds them."""
+"""What `make claims` runs: for each trial the names of its figures, and what finds them.
 
-from collections.abc import Callable, Iterable
+A plug-in's trials stand in plugins/*/benchmarks: a module there has TRIALS, pairs of the beginnings
+of names and of what finds the figures, and may have TARGETS.
+"""
+
+import sys
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
+from importlib import import_module
 from itertools import product
+from types import ModuleType
 from typing import Any, NamedTuple
 
 import channels
@@ -13,7 +20,6 @@ import evidence
 import exchange
 import foreign_stacks
 import intervals
-import noise_fit
 import openturns_beside
 import parallel
 import processors
@@ -32,7 +38,7 @@ from curves import Curve
 from driven_searches import ADAPTED, DRIVEN, OWN, compare_driven
 from episode_pool import EpisodePool
 from faults import faults, kinds
-from figures import Figure
+from figures import ROOT, Figure
 from foreign import found_in_others
 from fuzzing import fuzzed
 from known_answers import clouds, corners, planted
@@ -48,6 +54,7 @@ from reproduction import Run
 from reproduction_drive import SeedRuns
 from shaped import shaped
 from simple_searches import PLACES, compare, list_searches
+from targets import TARGETS
 from undisturbed import undisturbed, unlit
 
 SCENARIOS = ("cut_in", "merge_in", "lead_brake")
@@ -74,7 +81,17 @@ def of_planner(name: str, find: Callable[..., Any], scenario: str, planner: str)
     return Trial((f"{scenario}.{planner}.{name}.",), partial(find, scenario, planner))
 
 
-TRIALS = (
+def import_plugin_benchmarks() -> Iterator[ModuleType]:
+    """Yield the modules under plugins/ that have trials."""
+    for file in sorted(ROOT.glob("plugins/*/benchmarks/*.py")):
+        if str(file.parent) not in sys.path:
+            sys.path.append(str(file.parent))
+        module = import_module(file.stem)
+        if hasattr(module, "TRIALS"):
+            yield module
+
+
+TRIALS = [
     Trial(("cut_in.rulebook.mc2000.",), partial(calm, "cut_in")),
     Trial(("cut_in.idm.mc2000.",), partial(frail, "cut_in")),
     Trial(("cut_in.rulebook.p_fail",), partial(p_fail, "cut_in")),
@@ -161,11 +178,6 @@ TRIALS = (
     Trial(("analysis.planted.",), planted),
     Trial(("analysis.one_cloud.",), clouds),
     Trial(("two_corners.",), corners),
-    Trial(
-        ("fit.covered", "fit.shape", "fit.false_alarms", "fit.misfits_found"),
-        noise_fit.find_figures,
-    ),
-    Trial(("fit.channels.",), noise_fit.find_channel_figures),
     Trial(("difs.network.",), difs_network.find),
     *(
         Trial((f"search.{place}.{name}.",), partial(compare, place, name))
@@ -213,4 +225,8 @@ TRIALS = (
         ),
         faults,
     ),
-)
+]
+
+for plugin in import_plugin_benchmarks():
+    TRIALS += [Trial(prefixes, find) for prefixes, find in plugin.TRIALS]
+    TARGETS.update(getattr(plugin, "TARGETS", {}))

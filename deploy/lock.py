@@ -21,6 +21,7 @@ from uv import find_uv_bin
 
 ROOT = Path(__file__).parents[1]
 PROJECT = ROOT / "pyproject.toml"
+PLUGINS = tuple(sorted(ROOT.glob("plugins/*/pyproject.toml")))
 DEVELOPMENT = ROOT / "constraints.txt"
 LOCKS = ROOT / "deploy" / "locks"
 TORCH_CPU = LOCKS / "torch_cpu.txt"
@@ -72,7 +73,8 @@ def compile_lock(extras: Sequence[str], upgraded: Sequence[str]) -> dict[str, st
         output = Path(folder) / "lock.txt"
         output.write_text("".join(locked_versions()), "utf-8")
         run_uv(
-            *(PROJECT, write_build_requirements(Path(folder)), "--generate-hashes"),
+            *(PROJECT, write_build_requirements(Path(folder))),
+            *(write_plugin_requirements(Path(folder)), "--generate-hashes"),
             *(word for extra in extras for word in ("--extra", extra)),
             *(word for name in upgraded for word in ("--upgrade-package", name)),
             *("--output-file", output),
@@ -81,12 +83,17 @@ def compile_lock(extras: Sequence[str], upgraded: Sequence[str]) -> dict[str, st
 
 
 def list_names(extras: Sequence[str], everything: Lock) -> set[str]:
-    """Names of all packages that some extras need; without extras, those that build the project."""
+    """Names of all packages that some extras need; without extras, those that build the project.
+
+    Plug-ins are installed beside the server: what they need belongs to that extra.
+    """
     with tempfile.TemporaryDirectory() as folder:
         pins = Path(folder) / "pins.txt"
         pins.write_text("".join(pin_of(block) for block in everything.values()), "utf-8")
         build = write_build_requirements(Path(folder))
-        sources = (PROJECT, *(word for extra in extras for word in ("--extra", extra)))
+        sources = [PROJECT, *(word for extra in extras for word in ("--extra", extra))]
+        if "server" in extras:
+            sources.append(write_plugin_requirements(Path(folder)))
         text = run_uv(*(sources if extras else (build,)), "--constraint", pins)
     return set(read_lock(text))
 
@@ -108,6 +115,20 @@ def write_build_requirements(folder: Path) -> Path:
     requires = tomllib.loads(PROJECT.read_text("utf-8"))["build-system"]["requires"]
     path.write_text("".join(f"{line}\n" for line in requires), "utf-8")
     return path
+
+
+def write_plugin_requirements(folder: Path) -> Path:
+    """Write what the plug-ins need besides eigenfail, as requirements for the resolver."""
+    path = folder / "plugins.txt"
+    projects = [tomllib.loads(file.read_text("utf-8"))["project"] for file in PLUGINS]
+    lines = [line for project in projects for line in project["dependencies"]]
+    path.write_text("".join(f"{line}\n" for line in lines if not is_ours(line)), "utf-8")
+    return path
+
+
+def is_ours(requirement: str) -> bool:
+    """Return whether a requirement is of eigenfail itself or of one of its plug-ins."""
+    return requirement.startswith("eigenfail")
 
 
 def locked_versions() -> Iterator[str]:

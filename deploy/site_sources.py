@@ -2,7 +2,7 @@
 
 On disk a page links `../examples/ast.toml`, which a reader of a clone can follow. In the site such
 a file stands under source/: a page in Markdown as a page that is not in the navigation, any other
-file as it is. A link to a folder becomes plain text.
+file as it is. A link to a folder, or to a plug-in that is not there, becomes plain text.
 """
 
 import re
@@ -17,8 +17,8 @@ ROOT = Path(__file__).parents[1]
 SOURCE = "source/"
 OUTSIDE = re.compile(r"\[(?P<text>[^\]]*)\]\(\.\./(?P<path>[^)\s#]+)(?P<anchor>#[^)\s]*)?\)")
 
-# Links of a page that stands in a folder beside docs/ on disk, and two folders deep in the site.
-INTO_DOCS = re.compile(r"\]\(\.\./docs/")
+# Links of a page outside docs/, which stands one folder deeper in the site than on disk.
+INTO_DOCS = re.compile(r"\]\((?P<up>(?:\.\./)+)docs/")
 
 # Python-Markdown takes a table for text if the line above it is a comment.
 COMMENT = re.compile(r"^<!--.*-->$", re.MULTILINE)
@@ -46,10 +46,11 @@ def on_page_markdown(markdown: str, page: Page, **_: Any) -> str:
     """Let links outside docs/ lead to the added files, and links of added pages into docs/."""
 
     def replace(link: re.Match[str]) -> str:
-        is_folder = (ROOT / link["path"]).is_dir()
+        is_gone = link["path"].startswith("plugins/") and not (ROOT / link["path"]).exists()
         target = f"{SOURCE}{link['path']}{link['anchor'] or ''}"
-        return link["text"] if is_folder else f"[{link['text']}]({target})"
+        is_folder = (ROOT / link["path"]).is_dir()
+        return link["text"] if is_folder or is_gone else f"[{link['text']}]({target})"
 
     if page.file.src_uri.startswith(SOURCE):
-        return COMMENT.sub("", INTO_DOCS.sub("](../../", markdown))
+        return COMMENT.sub("", INTO_DOCS.sub(r"](../\g<up>", markdown))
     return COMMENT.sub("", OUTSIDE.sub(replace, markdown))

@@ -6,6 +6,9 @@ A module is a concept that is read as a whole, a name stands for one thing, and 
 direction. Breaches are printed with their places, and the exit code is then 1. pyproject.toml says
 under [tool.structure] how many modules each package may have, and how many breaches of each rule
 are tolerated; a commit that needs more must raise the number, where a reviewer sees it.
+
+Plug-ins, the folders of plugins/, have no budget. Nothing outside a plug-in's folder may import it,
+so that the folder can be deleted; deploy/without_plugins.py tries that.
 """
 
 import ast
@@ -13,7 +16,7 @@ import re
 import sys
 import tomllib
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
@@ -24,6 +27,8 @@ ROOT = Path(__file__).parent.parent
 PACKAGES = ("sdk", "api", "services", "workers")
 USERS = ("examples", "benchmarks", "deploy", "migrations")
 """Scripts whose uses count. Tests are not among them: code that only tests use is unused."""
+
+PLUGINS = tuple(sorted(file.parent for file in ROOT.glob("plugins/*/pyproject.toml")))
 
 PARTICIPLES = frozenset(
     {
@@ -73,7 +78,7 @@ PUBLIC = [
     # Of the SDK, for users and for authors of plug-ins.
     *("costs_by_method", "simulators", "from_injected", "cumulative"),
     *("change_mode", "change_episode", "to_pandas", "to_arrow"),
-    *("LearnerSuite", "SIMULATION_CHECKS", "analysis_result"),
+    *("LearnerSuite", "SIMULATION_CHECKS", "analysis_result", "read_disturbance"),
     # Fields and choices that are only read from JSON, or set from it.
     *("began_ms", "size_bytes", "left_road_s", "spec_sha256", "data_from", "protocols"),
     *("LONGITUDINAL", "LATERAL", "GAUSSIAN_MIXTURE"),
@@ -107,6 +112,7 @@ def main() -> int:
     breaches = {
         "modules": [*check_budgets(trees, structure["modules"])],
         "circles": [*check_circles(trees)],
+        "plugin_imports": [*check_plugin_imports()],
         "repeated_class_names": [*check_class_names(trees)],
         "participles": [*check_function_names(trees)],
         "unused": [*check_unused_code(settings["project"])],
@@ -121,11 +127,23 @@ def main() -> int:
 
 
 def _list_modules() -> list[Path]:
-    return sorted(path for package in PACKAGES for path in (ROOT / package).rglob("*.py"))
+    folders = [ROOT / package for package in PACKAGES]
+    folders += [ROOT / "plugins" / package for package in _find_plugin_packages().values()]
+    return sorted(path for folder in folders for path in folder.rglob("*.py"))
+
+
+def _find_plugin_packages() -> dict[str, Path]:
+    """The folder of each package of a plug-in, within plugins/, by the name of the package."""
+    found = {}
+    for folder in PLUGINS:
+        for file in sorted(folder.glob("*/__init__.py")):
+            found[file.parent.name] = file.parent.relative_to(ROOT / "plugins")
+    return found
 
 
 def _name_module(path: Path) -> str:
-    parts = path.relative_to(ROOT).with_suffix("").parts[1:]
+    parts = path.relative_to(ROOT).with_suffix("").parts
+    parts = parts[2 if parts[0] == "plugins" else 1 :]
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
@@ -176,6 +194,28 @@ def _walk_run_time(node: ast.AST) -> Iterator[ast.AST]:
         yield from _walk_run_time(child)
 
 
+def check_plugin_imports() -> Iterator[str]:
+    """Find imports of a plug-in outside its folder, those by type checkers included."""
+    packages = _find_plugin_packages()
+    folders = ("conftest.py", "tests", "plugins", *PACKAGES, *USERS)
+    for folder in folders:
+        for path in sorted({*(ROOT / folder).rglob("*.py"), *ROOT.glob(folder)}):
+            if path.is_dir():
+                continue
+            for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+                for package in _find_top_packages(node) & packages.keys():
+                    if packages[package].parts[0] not in path.parts:
+                        yield f"{_name_place(path, node)}: imports {package}, which is a plug-in."
+
+
+def _find_top_packages(node: ast.AST) -> set[str]:
+    if isinstance(node, ast.Import):
+        return {alias.name.partition(".")[0] for alias in node.names}
+    if isinstance(node, ast.ImportFrom) and node.module and not node.level:
+        return {node.module.partition(".")[0]}
+    return set()
+
+
 def check_class_names(trees: Trees) -> Iterator[str]:
     """Find names of public classes that are defined more than once."""
     places = defaultdict(list)
@@ -204,17 +244,27 @@ def _is_participle(name: str) -> bool:
 
 
 def check_unused_code(project: Mapping[str, Any]) -> Iterator[str]:
-    """Find code that neither the product, its templates and entry points nor its scripts use."""
+    """Find code that neither the product, its templates and entry points nor its scripts use.
+
+    What only a plug-in uses of the core counts as unused there, since the plug-in can be deleted.
+    """
     vulture = Vulture(
         ignore_names=[*PUBLIC, *NAMES_FOR_FRAMEWORKS, *_find_plugin_classes(project)],
         ignore_decorators=CALLED_BY_FRAMEWORKS,
     )
     vulture.scavenge([str(ROOT / folder) for folder in (*PACKAGES, *USERS)])
+    yield from _list_unused(vulture, PACKAGES)
+    vulture.scavenge(list(map(str, PLUGINS)), exclude=["*/tests/*"])
+    yield from _list_unused(vulture, ("plugins",))
+
+
+def _list_unused(vulture: Vulture, folders: Sequence[str]) -> Iterator[str]:
     in_templates = _find_template_words()
     for item in vulture.get_unused_code():
-        path = Path(item.filename)
-        if item.name not in in_templates and path.relative_to(ROOT).parts[0] in PACKAGES:
-            yield f"{path.relative_to(ROOT)}:{item.first_lineno}: {item.message}."
+        path = Path(item.filename).relative_to(ROOT)
+        is_checked = path.parts[0] in folders and "benchmarks" not in path.parts
+        if is_checked and item.name not in in_templates:
+            yield f"{path}:{item.first_lineno}: {item.message}."
 
 
 def _find_plugin_classes(project: Mapping[str, Any]) -> set[str]:

@@ -2,9 +2,16 @@
 
 import logging
 import re
+from ast import literal_eval
+from collections.abc import Iterable
 from functools import cache
 from importlib import import_module
+from importlib.abc import InspectLoader
+from importlib.machinery import PathFinder
 from importlib.metadata import EntryPoint, entry_points
+from importlib.util import find_spec
+from io import StringIO
+from tokenize import COMMENT, NL, STRING, TokenError, generate_tokens
 from typing import Any
 
 from eigenfail.errors import EigenfailError, InvalidValue, UnknownName, describe_error, read_text
@@ -25,10 +32,43 @@ BUILT_IN = frozenset({"eigenfail_services", "eigenfail_workers"})
 CLASS_PATH = re.compile(r"[A-Za-z_][\w.]*:[A-Za-z_]\w*")
 
 
+DISTRIBUTION = "eigenfail"
+"""The distribution whose entry points are eigenfail's own."""
+
+
+@cache
+def list_claims(group: str) -> dict[str, list[EntryPoint]]:
+    """All entry points of a group by name: several where distributions claim the same name."""
+    claims: dict[str, list[EntryPoint]] = {}
+    for point in entry_points(group=group):
+        claims.setdefault(point.name, []).append(point)
+    return claims
+
+
 @cache
 def list_entry_points(group: str) -> dict[str, EntryPoint]:
     """The entry points of a group by name."""
-    return {point.name: point for point in entry_points(group=group)}
+    return {name: points[0] for name, points in list_claims(group).items()}
+
+
+def name_distribution(point: EntryPoint) -> str:
+    """Return the name of the distribution that an entry point belongs to."""
+    return point.dist.name if point.dist else point.module.partition(".")[0]
+
+
+def describe_conflict(group: str, name: str, owners: Iterable[str]) -> InvalidValue:
+    """Return the error of a name that several distributions claim.
+
+    Which of them were taken would depend on the order of folders in `sys.path`, so that the same
+    campaign could run other code on another machine. So none is.
+    """
+    owners = sorted(owners)
+    others = [owner for owner in owners if owner != DISTRIBUTION]
+    return InvalidValue(
+        group.removeprefix("eigenfail.").removesuffix("s"),
+        f"'{name}' is claimed by several packages: {', '.join(owners)}.",
+        f"Uninstall one of them: pip uninstall {others[-1]}.",
+    )
 
 
 def names(group: str) -> list[str]:
@@ -42,18 +82,52 @@ def is_built_in(group: str, name: str) -> bool:
     return point is not None and point.module.partition(".")[0] in BUILT_IN
 
 
+def describe_module(name: str) -> str:
+    """Return the first line of a module's docstring as a sentence; empty if it cannot be read.
+
+    Nothing is imported: a list of commands must not wait for the modules of plug-ins, nor fail with
+    them.
+    """
+    try:
+        first = _read_docstring(name).strip().partition("\n")[0]
+    except (ImportError, OSError, SyntaxError, ValueError, TokenError):
+        return ""
+    first = re.sub("^`[^`]*`: ", "", first)
+    return f"{first[:1].upper()}{first[1:]}"
+
+
+def _read_docstring(name: str) -> str:
+    top, *below = name.split(".")
+    spec = find_spec(top)
+    for part in below:
+        # find_spec of a dotted name would import the packages above it.
+        top = f"{top}.{part}"
+        spec = PathFinder.find_spec(top, spec.submodule_search_locations) if spec else None
+    loader = spec.loader if spec else None
+    if not isinstance(loader, InspectLoader):
+        return ""
+    for token in generate_tokens(StringIO(loader.get_source(top) or "").readline):
+        if token.type == STRING:
+            return str(literal_eval(token.string))
+        if token.type not in {COMMENT, NL}:
+            break
+    return ""
+
+
 @cache
 def load(group: str, name: str) -> Any:
     """The object that a name stands for.
 
     Raises:
         UnknownName: nothing of that name; the known ones are listed.
-        InvalidValue: the plug-in is there, but cannot be loaded.
+        InvalidValue: the plug-in is there, but cannot be loaded, or several claim its name.
     """
     field = group.removeprefix("eigenfail.").removesuffix("s")
     point = list_entry_points(group).get(name)
     if point is None:
         raise UnknownName(field, name, names(group))
+    if len(claims := list_claims(group).get(name, ())) > 1:
+        raise describe_conflict(group, name, map(name_distribution, claims))
     try:
         return point.load() if is_built_in(group, name) else _load_foreign(group, name)
     except EigenfailError:

@@ -12,6 +12,7 @@ import signal
 import sys
 import tempfile
 import time
+import tomllib
 from pathlib import Path
 
 sys.path.append(str(Path(__file__).parent))
@@ -24,7 +25,7 @@ from recipe import stages
 ROOT = Path(__file__).parents[2]
 INDEX = "TORCH_INDEX"
 LOCKS = ("server.txt", "worker.txt", "torch_cpu.txt")
-OURS = {"eigenfail==0.1.0"}
+PROJECTS = (ROOT / "pyproject.toml", *ROOT.glob("plugins/*/pyproject.toml"))
 BY_KUBERAY = (
     ("bash", "-c", "--", "ray start --help"),
     ("bash", "-c", "--", "ray health-check --help"),
@@ -77,11 +78,15 @@ def check_packages(composed: Composed) -> None:
         for line in (ROOT / "deploy" / "locks" / name).read_text().splitlines()
     ]
     pinned = {name_of(line.split()[0]) for line in lines if "==" in line}
+    projects = [tomllib.loads(file.read_text())["project"] for file in PROJECTS]
+    core, *plug_ins = (name_of(f"{each['name']}=={each['version']}") for each in projects)
+    expected = {"everything": {core, *plug_ins}, "worker": {core}}
     for image in ("worker", "everything"):
         told = composed.ask(("pip", "list", "--format=freeze"), image)
         found = {name_of(line) for line in told.splitlines() if "==" in line}
-        loose = {line for line in found - pinned - OURS if not line.startswith("pip==")}
+        loose = {line for line in found - pinned - expected[image] if not line.startswith("pip==")}
         assert not loose, f"not pinned in {image}: {loose}"
+        assert found >= expected[image], f"missing in {image}: {expected[image] - found}"
         tell(f"{len(found)} packages are in {image}, and all of them are pinned.")
     for words in BY_KUBERAY:
         composed.ask(words)

@@ -120,6 +120,13 @@ def test_all_that_an_installation_needs_is_locked(locks, files, extras):
     assert not missing, "Run `make lock`."
 
 
+def test_all_that_the_plug_ins_need_is_locked_for_the_image(lock, locks):
+    projects = [tomllib.loads(file.read_text())["project"] for file in lock.PLUGINS]
+    needed = list_needed([line for project in projects for line in project["dependencies"]])
+    names = {package for package in needed if not package.startswith("eigenfail")}
+    assert names <= {*locks["server"], *locks["torch_cpu"], *locks["worker"]}, "Run `make lock`."
+
+
 def test_what_builds_the_project_is_locked(locks):
     requirements = PROJECT["build-system"]["requires"]
     assert list_needed(requirements) <= set(locks["build"])

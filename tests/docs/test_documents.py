@@ -37,7 +37,9 @@ def test_the_parser_sees_a_wrong_command():
 
 
 def test_every_command_in_the_documents_exists_with_its_options(documents):
-    lines = [line for document in documents for line in document.commands("eigenfail")]
+    # The command of docs/plugins.md is that of the plug-in which the page has its reader write.
+    pages = [document for document in documents if document.path.name != "plugins.md"]
+    lines = [line for document in pages for line in document.commands("eigenfail")]
     assert len(lines) > 15
     for line in lines:
         parse(shlex.split(line)[1:])
@@ -57,7 +59,8 @@ def test_every_make_target_in_the_documents_exists(documents, root):
 def test_every_file_in_the_documents_exists(documents, root):
     for document in documents:
         for target in LINK.findall(document.text):
-            if not target.startswith("http"):
+            # The folder of a plug-in may be deleted, and pages go on to name what it brings.
+            if not target.startswith("http") and "plugins/eigenfail-" not in target:
                 assert (document.path.parent / target).exists(), target
         for name in re.findall(r"(?<![\w/])(?:examples|deploy)/[\w.]+", document.text):
             if name != "deploy/.env":

@@ -1,39 +1,26 @@
 """Every code block of every page runs, in the order of the page, in one shell for each page.
 
-The shell stands in a copy of what a reader has cloned. A second terminal, in which a page says to
-start a service, is a process in the background. What a page writes to a file, by the file's name in
-the first line of a block, is written. Only four things differ from what a reader types: the port
-of a service or bridge; who starts the one worker, which is Ray on one page and the test on the
-others; an episode whose line says "a number from the list", which is the first that a line before
-has listed; and budgets: 8 episodes instead of the 200 of the suites and the gate, 20 of the
-sensor's, half of those of a campaign in a file that a page has its reader write, 3 episodes instead
-of the 20 that are replayed in a check of a database, and, but for the quickstart, one gradient step
-of AST for each decision. Blocks that cannot run here stand in `NOT_RUN`, each with its reason.
+typed_pages.py says what differs from what a reader types. Blocks that cannot run here stand in
+`NOT_RUN`, each with its reason.
 """
 
-import os
-import re
-import shutil
-import signal
-import socket
-import subprocess
-import sys
-import threading
-import time
-import tomllib
-from contextlib import contextmanager, suppress
 from pathlib import Path
 
 import deadlines
 import msgspec
 import pytest
-
-from eigenfail.cli.specs import check_plugins
-from eigenfail.evidence.question import EvidenceQuestion
-from eigenfail.hosting.folder import DataFolder
-from eigenfail.risk.question import RiskQuestion
-from eigenfail.suites import Suite, replace_references
-from eigenfail.values import CampaignSpec
+from typed_pages import (
+    BLOCK,
+    EXECUTED,
+    SHOWN,
+    blocks,
+    check,
+    commands,
+    reason,
+    seen,
+    shell,
+    type_in,
+)
 
 pytestmark = [pytest.mark.service, pytest.mark.timeout(2 * deadlines.TEST_S)]
 
@@ -46,29 +33,6 @@ PAGES = (
         for page in sorted((ROOT / folder).glob("*.md"))
     ),
 )
-BLOCK = re.compile(r"^```(\w*)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-FILE_NAME = re.compile(r"# ([\w./]+\.\w+)\n")
-EPISODES = re.compile(r"(?<=^episodes = )\d+$", re.MULTILINE)
-CHEAPER = {
-    "suite.toml": ("episodes = 200", "episodes = 8"),
-    "regression.toml": ("episodes = 200", "episodes = 8"),
-    "challenges.toml": ("episodes = 400", "episodes = 8"),
-    "ast.toml": ("[settings]", "[settings]\ngradient_steps = 1"),
-}
-"""What is replaced in files of examples/, and by what."""
-
-FROM_LIST = re.compile(r"(\d+)/\d+(?=.*# .*a number from the list)")
-END = "@@ended"
-READY_WITHIN_S = deadlines.CAMPAIGN_S
-COMMAND_WITHIN_S = deadlines.CAMPAIGN_S
-GATE_CLOSED = 1
-RISK_UNDECIDED = 3
-EVIDENCE_REFUTED = 1
-CURL_TIMED_OUT = 28
-
-EXECUTED = {"sh", "python", "toml"}
-SHOWN = {"": "a drawing", "text": "output or a drawing", "json": "messages", "yaml": "a fragment"}
-
 INSTALLS = "It installs packages from a registry or an operating system."
 CONTAINERS = "It needs Docker or a cluster."
 SUITE = "It is what runs these tests, or runs them for minutes."
@@ -79,7 +43,6 @@ NOT_RUN = {
     ".venv/bin/eigenfail up": "It is a service; tests/browser/test_first_ten_minutes.py has one.",
     "make demo": "It takes minutes; tests/docs/test_pages.py runs the same searches, smaller.",
     "eigenfail requirement examples/sensor_requirement.toml": "It takes an hour or more.",
-    "eigenfail noise import": "The reader has the file: tests/services/noise_fit/test_tier4.py.",
     "make ": SUITE,
     "EIGENFAIL_REQUIRE_PROOFS": SUITE,
     "eigenfail db vacuum": "The service must be stopped: tests/services/store/test_vacuum.py.",
@@ -110,241 +73,6 @@ OTHERWISE = {
 """Pages whose blocks run in another test, or not at all."""
 
 
-def blocks(page):
-    """The blocks of a page that are executed, with their languages."""
-    text = (ROOT / page).read_text()
-    return [(name, body) for name, body in BLOCK.findall(text) if name in EXECUTED]
-
-
-def reason(command):
-    """Why a command is not run; None of one that is."""
-    return next((why for start, why in NOT_RUN.items() if command.startswith(start)), None)
-
-
-def commands(block):
-    """The commands of a shell block, continued lines joined."""
-    lines = block.replace("\\\n", " ").splitlines()
-    return [line for line in lines if line.partition("#")[0].strip()]
-
-
-def free_port():
-    with socket.socket() as found:
-        found.bind(("127.0.0.1", 0))
-        return found.getsockname()[1]
-
-
-class Shell:
-    """A shell that a page is typed into, in a copy of the repository.
-
-    Attributes:
-        output: of all commands so far.
-    """
-
-    def __init__(self, clone, site):
-        self.clone, self.output = clone, ""
-        self._bridge, self._services, self._data = free_port(), [], None
-        environment = {
-            **{name: value for name, value in os.environ.items() if "EIGENFAIL" not in name},
-            "PATH": f"{Path(sys.executable).parent}:{os.environ['PATH']}",
-            "PYTHONPATH": str(site),
-            "COLUMNS": "200",
-        }
-        self._shell = subprocess.Popen(
-            ["bash", "--noprofile", "--norc"],
-            cwd=clone,
-            env=environment,
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-            start_new_session=True,
-        )
-        # As a reader types `pip install .`, but beside the environment of the tests.
-        options = "--disable-pip-version-check --quiet --no-deps --no-index --no-build-isolation"
-        self.type(f'pip() {{ python -m pip "$1" {options} --target {site} "${{@:2}}"; }}')
-
-    def type(self, line, allowed=(0,)):
-        """Run a line to its end.
-
-        Returns:
-            What it printed.
-        """
-        self._shell.stdin.write(f"{line}\necho {END} $?\n")
-        self._shell.stdin.flush()
-        printed, marker, code = [], "", ""
-        # The command holds the output, too: it would be waited for if only the shell ended.
-        watch = threading.Timer(COMMAND_WITHIN_S, self._kill)
-        watch.start()
-        for text in self._shell.stdout:
-            before, marker, code = text.partition(END)
-            printed.append(before)
-            if marker:
-                break
-        watch.cancel()
-        self.output += f"$ {line}\n{''.join(printed)}"
-        assert marker, f"The shell ended, or a command took too long:\n{self.output}"
-        assert int(code) in allowed, f"Exit code {code.strip()}:\n{self.output}"
-        return "".join(printed)
-
-    def run(self, line):
-        """Run a line of a page, as it stands there but for ports and listed episodes."""
-        line = line.replace("127.0.0.1:9000", f"127.0.0.1:{self._bridge}")
-        words = line.partition("#")[0].split()
-        if words[:2] == ["eigenfail", "up"]:
-            self.serve(" ".join(words[2:]))
-            return
-        line = line.replace("--budget 200", "--budget 20").replace("--replay 20", "--replay 3")
-        line = line.replace("--target 0.05", "--target 0.3")  # 20 episodes can show no less
-        if found := FROM_LIST.search(line):
-            line = FROM_LIST.sub(f"{found[1]}/{self._listed(found[1])}", line, count=1)
-        allowed = (0, GATE_CLOSED) if {"gate", "--gate"} & set(words) else (0,)
-        if words[:2] == ["eigenfail", "risk"]:
-            allowed = (0, RISK_UNDECIDED)
-        if words[:2] == ["eigenfail", "evidence"]:
-            allowed = (0,) if words[2] == "verify" else (0, EVIDENCE_REFUTED)
-        if "--max-time" in words:
-            allowed = (0, CURL_TIMED_OUT)
-        self.type(line.replace("http://127.0.0.1:8440", self.url), allowed)
-
-    def serve(self, options):
-        """`eigenfail up` in a second terminal; this one goes on once it is ready."""
-        if self._data is not None:
-            return
-        folder, default = self.type('pwd; echo "${EIGENFAIL_DATA:-eigenfail-data}"').splitlines()
-        named = re.search(r"--data (\S+)", options)
-        self._data = DataFolder(Path(folder) / (named[1] if named else default))
-        with_ray = "--functions" in options
-        launcher = "--workers 1" if with_ray else "--launcher none"
-        self._start(f"eigenfail up --port 0 {launcher} {options}", "up.log")
-        deadline = time.monotonic() + READY_WITHIN_S
-        while (address := self._data.address()) is None:
-            assert time.monotonic() < deadline, (self.clone / "up.log").read_text()
-            time.sleep(0.1)
-        if not with_ray:
-            bridge = re.search(r"--bridge \S+", options)
-            also = bridge[0] if bridge else ""
-            self._start(f"eigenfail worker --connect {address.hub} {also}", "worker.log")
-
-    def _start(self, command, log):
-        """Leave a process running in the background."""
-        self.type(f"{command} > {self.clone / log} 2>&1 &")
-        self._services.append(self.type("echo $!").strip())
-
-    @property
-    def url(self):
-        """Where the service of the page answers."""
-        address = self._data.address() if self._data else None
-        return address.url if address else "http://127.0.0.1:8440"
-
-    def join(self, other):
-        """Use the service of another shell, which runs on its data folder."""
-        self._data = other._data
-        self.type(f"export EIGENFAIL_DATA={other._data.path}")
-        (self.clone / "eigenfail-data").symlink_to(other._data.path)
-
-    def write(self, name, text):
-        """Put a block into the file that its first line names, in the folder of the shell."""
-        text = EPISODES.sub(lambda found: str(int(found[0]) // 2), text)
-        (Path(self.type("pwd").strip()) / name).write_text(text)
-
-    def python(self, text):
-        """Run a block of Python against the service of the page."""
-        file = self.clone / "block.py"
-        file.write_text(
-            "import functools\nimport eigenfail.client as c\n"
-            f"c.Client = functools.partial(c.Client, {self.url!r})\n{text}"
-        )
-        self.type(f"python {file}")
-
-    def close(self):
-        """End what was started, and the shell."""
-        for service in reversed(self._services):
-            with suppress(ProcessLookupError):
-                os.kill(int(service), signal.SIGTERM)
-            # A shell that was ended by the time limit cannot wait; its services are killed below.
-            with suppress(AssertionError, BrokenPipeError):
-                self.type(f"wait {service}", allowed=range(256))
-        self._kill()
-        with suppress(BrokenPipeError):
-            self._shell.stdin.close()
-        self._shell.stdout.close()
-        self._shell.wait()
-
-    def _kill(self):
-        """Kill the shell with all that runs in it."""
-        with suppress(ProcessLookupError):
-            os.killpg(self._shell.pid, signal.SIGKILL)
-
-    def _listed(self, campaign):
-        """The number of the first collision of a campaign that a line before has listed."""
-        listed = rf"^ *{campaign}/(\d+) +collision "
-        found = re.findall(listed, self.output, re.MULTILINE)
-        assert found, f"No collision of campaign {campaign} was listed:\n{self.output}"
-        return found[0]
-
-
-@contextmanager
-def shell(folder, cheaper=CHEAPER):
-    """A shell in a copy of what a clone holds and its pages use."""
-    clone, site = folder / "clone", folder / "site"
-    shutil.copytree(ROOT / "examples", clone / "examples")
-    for name, (stands, instead) in cheaper.items():
-        file = clone / "examples" / name
-        text = file.read_text()
-        assert stands in text
-        file.write_text(text.replace(stands, instead))
-    (clone / ".venv").symlink_to(sys.prefix)
-    site.mkdir()
-    found = Shell(clone, site)
-    try:
-        yield found
-    finally:
-        found.close()
-
-
-def type_in(page, here):
-    """Type a page into a shell, block by block."""
-    for language, block in blocks(page):
-        name = FILE_NAME.match(block)
-        if name:
-            here.write(name[1], block)
-        elif language == "python" and not is_example(block):
-            here.python(block)
-        elif language == "toml":
-            check(block)
-        elif language == "sh":
-            for line in commands(block):
-                if reason(line) is None:
-                    here.run(line)
-
-
-def is_example(block):
-    """Whether a block is code that stands in a file of examples/, or its outline."""
-    lines = {line.strip() for line in block.splitlines() if line.strip()}
-    outline = any(line.endswith("...") for line in lines) or "dt_s: float" in lines
-    files = [file.read_text() for file in (ROOT / "examples").glob("*.py")]
-    return outline or any(block.strip() in text for text in files)
-
-
-def check(block):
-    """A campaign, a suite, or a part of a campaign: whatever it is, it would be accepted."""
-    given = tomllib.loads(block)
-    if "exposure" in given:
-        msgspec.convert(given, RiskQuestion)
-        return
-    if "claim" in given:
-        msgspec.convert(given, EvidenceQuestion)
-        return
-    if "base" in given:
-        for member in Suite.of("page", **given).members:
-            check_plugins(replace_references(member.spec))
-        return
-    whole = {"name": "page", "method": "monte_carlo", "episodes": 1} | given
-    spec = msgspec.convert(whole, CampaignSpec)
-    if spec.simulator not in {"bridge", "function"}:
-        check_plugins(spec)
-
-
 OWN = {
     "docs/quickstart.md": (
         r"[1-9]\d* of \d+ eigenfailures reproduced a failure",
@@ -355,9 +83,10 @@ OWN = {
     "docs/own_scenario.md": (r"1/\d+ +collision", r"queue_end"),
     "docs/own_simulator.md": (r"1/\d+ +collision", r"10 passed"),
     "docs/any_function.md": (r"1/\d+ +collision", r"failures in 400 calls"),
+    "docs/plugins.md": (r"budget +Count the episodes", r"29,956 episodes with", r"4 passed"),
     "docs/bridge.md": (r"minimal", r"1/\d+ +collision"),
 }
-"""Pages that start a service of their own, and what is to be seen in the end."""
+"""Pages that start a service of their own, or need none, and what is to be seen in the end."""
 
 AFTER_DEMO = {
     "README.md": (
@@ -399,7 +128,7 @@ def demo(tmp_path_factory):
 @pytest.mark.parametrize("page", OWN)
 def test_a_page_with_a_service_of_its_own_runs(page, tmp_path):
     with shell(tmp_path, cheaper={}) as here:
-        type_in(page, here)
+        type_in(page, here, NOT_RUN)
         seen(here.output, OWN[page])
 
 
@@ -407,18 +136,13 @@ def test_a_page_with_a_service_of_its_own_runs(page, tmp_path):
 def test_a_page_on_the_campaigns_of_the_demo_runs(page, demo, tmp_path):
     with shell(tmp_path) as here:
         here.join(demo)
-        type_in(page, here)
+        type_in(page, here, NOT_RUN)
         seen(here.output, AFTER_DEMO[page])
-
-
-def seen(output, patterns):
-    for pattern in patterns:
-        assert re.search(pattern, output), f"'{pattern}' is not in:\n{output}"
 
 
 @pytest.mark.timeout(deadlines.TEST_S)
 def test_a_command_that_hangs_is_ended_with_its_shell(tmp_path, monkeypatch):
-    monkeypatch.setattr(f"{__name__}.COMMAND_WITHIN_S", 0.5)
+    monkeypatch.setattr("typed_pages.COMMAND_WITHIN_S", 0.5)
     with shell(tmp_path) as here, pytest.raises(AssertionError, match="took too long"):
         here.type("sleep 300; true")
 
@@ -439,7 +163,7 @@ def test_every_page_with_blocks_is_typed_or_says_why_not():
         for page in rest
         for language, block in blocks(page)
         for line in (commands(block) if language == "sh" else [page])
-        if reason(line) is None
+        if reason(line, NOT_RUN) is None
     }
     assert runnable == set()
 

@@ -31,7 +31,6 @@ COMMANDS = {
     "analyze": "Group the failures of a campaign into failure modes.",
     "mode": "List the failure modes of an analysis, name them, and track them to their end.",
     "release": "Compare the versions of a planner, failure mode by failure mode.",
-    "noise": "Fit the disturbance model p(x) to the log of a sensor, and show what a model means.",
     "requirement": "Find the largest errors of the sensor at which failures stay rare enough.",
     "risk": "Assess failures per hour and per 10^6 km of a planner, against a target rate.",
     "evidence": "Argue claims about a planner with outputs, as a bundle that is verified offline.",
@@ -47,9 +46,11 @@ COMMANDS = {
     "doctor": "Check the installation, the service and the database.",
 }
 
-
-OF_THE_SERVER = frozenset({"db", "noise"})
+OF_THE_SERVER = frozenset({"db"})
 """Commands that the server's package brings."""
+
+PLUGINS = {"noise": "eigenfail-noise-fit"}
+"""Commands that were once in the core, and the packages under plugins/ that bring them now."""
 
 COMPLETION_OPTIONS = ("--install-completion", "--show-completion")
 
@@ -61,10 +62,13 @@ class DeferredCommand(TyperCommand):
         name: name of the command.
         text: what a list of commands says of it.
         load_app: imports the module of the command and returns its `app`.
+        hidden: whether lists of commands leave it out.
     """
 
-    def __init__(self, name: str, text: str, load_app: Callable[[], typer.Typer]) -> None:
-        super().__init__(name, help=text)
+    def __init__(
+        self, name: str, text: str, load_app: Callable[[], typer.Typer], hidden: bool = False
+    ) -> None:
+        super().__init__(name, help=text, hidden=hidden)
         self._load_app = load_app
 
     def load(self) -> Any:
@@ -119,6 +123,57 @@ def defer(name: str) -> DeferredCommand:
     if name in OF_THE_SERVER:
         return DeferredCommand(name, COMMANDS[name], partial(load_server_app, name))
     return DeferredCommand(name, COMMANDS[name], partial(load_app, f"eigenfail.cli.{name}"))
+
+
+def defer_plugins() -> Iterator[DeferredCommand]:
+    """Yield the stand-ins of commands that other distributions bring, sorted by name.
+
+    Where several claim one name, its stand-in refuses: it takes the place of a command of the core,
+    since a plug-in must neither replace one nor be ignored without a word.
+    """
+    brought = dict(sorted(plugins.list_claims(plugins.COMMANDS).items()))
+    for name, points in brought.items():
+        owners = {plugins.name_distribution(point) for point in points}
+        if owners == {plugins.DISTRIBUTION}:
+            continue
+        if name in COMMANDS:
+            owners.add(plugins.DISTRIBUTION)
+        if len(owners) > 1:
+            conflict = plugins.describe_conflict(plugins.COMMANDS, name, owners)
+            text = f"Refused: claimed by {', '.join(sorted(owners))}."
+            yield DeferredCommand(name, text, partial(refuse, conflict))
+        else:
+            text = plugins.describe_module(points[0].module) or f"Brought by {min(owners)}."
+            yield DeferredCommand(name, text, partial(load_plugin_app, name))
+    for name in PLUGINS.keys() - brought.keys():
+        yield DeferredCommand(name, "", partial(refuse, describe_absence(name)), hidden=True)
+
+
+def load_plugin_app(name: str) -> typer.Typer:
+    """Return the commands of that name which a plug-in brings.
+
+    Raises:
+        InvalidValue: they cannot be loaded, or are no commands.
+    """
+    app = plugins.load(plugins.COMMANDS, name)
+    if not isinstance(app, typer.Typer):
+        kind = type(app).__name__
+        raise InvalidValue(
+            "command", f"'{name}' is a {kind}, not a typer.Typer.", "Fix its package."
+        )
+    return app
+
+
+def describe_absence(name: str) -> InputError:
+    """Return the error of a command whose plug-in is not installed."""
+    package = PLUGINS[name]
+    problem = f"'eigenfail {name}' is in the package {package}, which is not installed here."
+    return InputError("", problem, f"Run in a clone: pip install plugins/{package}")
+
+
+def refuse(error: EigenfailError) -> NoReturn:
+    """Raise the error of a command that cannot be run."""
+    raise error
 
 
 UsageError: type[Exception] = typer.BadParameter.__mro__[1]
@@ -231,8 +286,8 @@ class Commands(TyperGroup):
 
     def __init__(self, **given: Any) -> None:
         super().__init__(**given)
-        for name in COMMANDS:
-            self.add_command(defer(name))
+        for command in (*map(defer, COMMANDS), *defer_plugins()):
+            self.add_command(command)
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Read what stands before the command."""

@@ -1,32 +1,36 @@
-"""The command reference as a page: `python -m eigenfail.cli.reference docs/cli.md` writes it."""
+"""The command reference as a page: `python -m eigenfail.cli.reference docs/cli.md` writes it.
+
+Names of commands after the file limit the reference to them: the page of a plug-in has its own.
+"""
 
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from inspect import cleandoc
 from pathlib import Path
 from typing import Any
 
 import typer
 
-from eigenfail.cli.main import COMMANDS, DeferredCommand, defer
+from eigenfail.cli.main import COMMANDS, DeferredCommand, app
 
 BEGIN, END = "<!-- commands -->\n", "<!-- /commands -->\n"
 EVERYWHERE = frozenset({"--url", "--json", "--help", "--data", "--database"})
 """Options that the page describes once."""
 
 
-def write_commands(text: str) -> str:
-    """Write the page of all commands."""
+def write_commands(text: str, names: Sequence[str] = tuple(COMMANDS)) -> str:
+    """Return a page with the reference of some commands, by default of all of the core."""
     head, _, rest = text.partition(BEGIN)
     tail = rest.partition(END)[2]
-    return f"{head}{BEGIN}\n{describe_commands()}{END}{tail}"
+    return f"{head}{BEGIN}\n{describe_commands(names)}{END}{tail}"
 
 
-def describe_commands() -> str:
-    """All commands, in the order of `eigenfail --help`."""
+def describe_commands(names: Sequence[str] = tuple(COMMANDS)) -> str:
+    """Return the reference of some commands, in their order."""
     parts: list[str] = []
-    for name in COMMANDS:
-        parts.extend(_describe_command(defer(name), f"eigenfail {name}", None))
+    known: Any = typer.main.get_command(app)
+    for name in names:
+        parts.extend(_describe_command(known.commands[name], f"eigenfail {name}", None))
     return "".join(f"{part}\n" for part in parts)
 
 
@@ -91,7 +95,7 @@ def _escape_cell(text: str) -> str:
 def main() -> None:
     """Write the page that is named."""
     file = Path(sys.argv[1])
-    file.write_text(write_commands(file.read_text()))
+    file.write_text(write_commands(file.read_text(), sys.argv[2:] or tuple(COMMANDS)))
 
 
 if __name__ == "__main__":

@@ -114,7 +114,7 @@ def test_a_daemon_gets_the_script_of_the_shell_that_it_names(tmp_path):
 
 
 def test_commands_complete(complete):
-    assert complete("") == list(COMMANDS)
+    assert complete("")[: len(COMMANDS)] == list(COMMANDS)
     assert complete("ca") == ["campaign"]
     assert {"list", "show", "create"} <= set(complete("campaign", ""))
 

@@ -3,7 +3,7 @@
 import pytest
 
 from eigenfail.cli.specs import check_plugins, describe_check, read_spec
-from eigenfail.errors import InvalidValue, UnknownName
+from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.suites import Suite
 from eigenfail.values import Correlated, DisturbanceModel, StopRules
 from eigenfail.wire.http import CampaignCheck
@@ -237,3 +237,31 @@ def test_a_check_lists_slopes_and_bases_on_roads_alone(write, simulator):
     everywhere = {"disturbance.scale", "disturbance.shape.kind"}
     on_roads = {f"disturbance.{name}" for name in DisturbanceModel.__struct_fields__[:4]}
     assert listed == (everywhere if simulator == "function" else everywhere | on_roads)
+
+
+def test_a_suite_names_the_file_in_its_base(tmp_path):
+    (tmp_path / "sensor.toml").write_text('[shape]\nkind = "ar1"\nlongitudinal_correlation = 0.6\n')
+    suite = tmp_path / "suite.toml"
+    suite.write_text(
+        '[base]\nmethod = "monte_carlo"\nepisodes = 5\ndisturbance = "sensor.toml"\n'
+        "[sweep]\nseed = [1, 2]\n"
+    )
+    models = {member.spec.disturbance for member in Suite.read(suite).members}
+    assert models == {DisturbanceModel(shape=Correlated(0.6, 0.8))}
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("sigma = 1.0", "'sigma' is not known"),
+        ("scale = 99.0", "scale"),
+        ("scale =", "is not TOML"),
+    ],
+)
+def test_a_model_that_is_none_is_refused_by_its_file(tmp_path, text, problem):
+    (tmp_path / "sensor.toml").write_text(text)
+    campaign = tmp_path / "campaign.toml"
+    campaign.write_text('method = "monte_carlo"\nepisodes = 5\ndisturbance = "sensor.toml"\n')
+    with pytest.raises(InputError, match=problem) as caught:
+        read_spec(campaign)
+    assert "sensor.toml" in str(caught.value)

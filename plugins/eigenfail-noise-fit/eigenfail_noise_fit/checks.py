@@ -12,15 +12,15 @@ from scipy import special, stats
 
 from eigenfail.values import AXES, Interval
 from eigenfail.values.channels import MISSED
-from eigenfail_services.noise_fit.events import ChainFit
-from eigenfail_services.noise_fit.fitting import Fit
-from eigenfail_services.noise_fit.jackknife import (
+from eigenfail_noise_fit.events import ChainFit
+from eigenfail_noise_fit.fitting import Fit
+from eigenfail_noise_fit.jackknife import (
     Array,
     Integers,
     find_ratio_interval,
     widen_share,
 )
-from eigenfail_services.noise_fit.sensor_log import Booleans, ErrorSeries, EventSteps, SensorLog
+from eigenfail_noise_fit.sensor_log import Booleans, ErrorSeries, EventSteps, SensorLog
 
 FAMILY_ERROR = 0.01
 """Probability that at least one check fails on a log that the model describes."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from eigenfail.errors import InvalidValue
 from eigenfail.files import DataTable, TableColumns, read_table
-from eigenfail_services.noise_fit.sensor_log import (
+from eigenfail_noise_fit.sensor_log import (
     MEASURED,
     POSITION_COLUMNS,
     SEEN,

@@ -10,12 +10,12 @@ from scipy import special, stats
 from eigenfail.values import Autoregressive, Correlated, DisturbanceModel, Markov
 from eigenfail.values.channels import EGO, KINDS, MISSED, SCENARIO, Channel, split_name
 from eigenfail.values.shapes import MOST_LIKELY, ChannelShape, Shape, White
-from eigenfail_services.noise_fit.checks import shift
-from eigenfail_services.noise_fit.events import ChainFit, MissBand, list_bands
-from eigenfail_services.noise_fit.fitting import Fit, compute_sigma
-from eigenfail_services.noise_fit.jackknife import Array
-from eigenfail_services.noise_fit.report import SHARES, FittedLog
-from eigenfail_services.noise_fit.sensor_log import ErrorSeries, EventSteps
+from eigenfail_noise_fit.checks import shift
+from eigenfail_noise_fit.events import ChainFit, MissBand, list_bands
+from eigenfail_noise_fit.fitting import Fit, compute_sigma
+from eigenfail_noise_fit.jackknife import Array
+from eigenfail_noise_fit.report import SHARES, FittedLog
+from eigenfail_noise_fit.sensor_log import ErrorSeries, EventSteps
 from eigenfail_services.reports.page import MUTED, Drawing, draw, mark
 
 if TYPE_CHECKING:

@@ -6,18 +6,23 @@ parameters that lie within their 95 % intervals, `shape` how often the planted s
 `false_alarms` how often a check fails although the model is right, and `misfits_found` how often
 one fails on logs of errors that no model describes. `toy` is how often the probability of a toy
 failure under the fitted model lies within the interval of Monte Carlo under the planted one.
-`python benchmarks/noise_fit.py` prints them.
+`python plugins/eigenfail-noise-fit/benchmarks/noise_fit.py` prints them.
 """
 
+import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from math import nan
+from pathlib import Path
 from typing import NamedTuple
+
+sys.path.append(str(Path(__file__).parents[3] / "benchmarks"))
 
 import numpy as np
 from episode_pool import EpisodePool, open_pool
 from figures import Figure
 from numpy.typing import NDArray
 from samples import COMMAND, count_share, share
+from targets import Target
 
 from eigenfail.intervals import find_interval
 from eigenfail.values import (
@@ -34,16 +39,16 @@ from eigenfail.values import (
 from eigenfail.values.channels import GHOST, MISSED, Channel
 from eigenfail.values.shapes import MOST_LIKELY, ChannelShape
 from eigenfail.values.student_t import NORMAL
-from eigenfail_services.noise_fit.checks import check_position
-from eigenfail_services.noise_fit.fitting import (
+from eigenfail_noise_fit.checks import check_position
+from eigenfail_noise_fit.fitting import (
     Fit,
     Parameter,
     choose_fit,
     find_parameters,
     fit_shapes,
 )
-from eigenfail_services.noise_fit.report import fit_log
-from eigenfail_services.noise_fit.sensor_log import AXES, Row, SensorLog, make_log
+from eigenfail_noise_fit.report import fit_log
+from eigenfail_noise_fit.sensor_log import AXES, Row, SensorLog, make_log
 
 LOGS, TRACKS = 100, 60
 STEP_S = 0.1
@@ -409,6 +414,13 @@ def count_covered(covered: Sequence[bool], note: str) -> Figure:
         command=COMMAND,
         note=note,
     )
+
+
+TRIALS = (
+    (("fit.covered", "fit.shape", "fit.false_alarms", "fit.misfits_found"), find_figures),
+    (("fit.channels.",), find_channel_figures),
+)
+TARGETS = {"fit.covered": Target(low=0.93), "fit.channels.covered": Target(low=0.93)}
 
 
 if __name__ == "__main__":

@@ -9,13 +9,13 @@ import numpy as np
 from eigenfail.presentation.figures import count_noun, format_number, format_share
 from eigenfail.values import AXES, DisturbanceModel, Interval
 from eigenfail.values.channels import GHOST, MISSED, Channel
-from eigenfail_services.noise_fit.checks import (
+from eigenfail_noise_fit.checks import (
     MAD_SIGMAS,
     ModelCheck,
     check_channels,
     check_position,
 )
-from eigenfail_services.noise_fit.events import (
+from eigenfail_noise_fit.events import (
     ChainFit,
     MissBand,
     choose_chain,
@@ -23,15 +23,15 @@ from eigenfail_services.noise_fit.events import (
     fit_chains,
     list_bands,
 )
-from eigenfail_services.noise_fit.fitting import (
+from eigenfail_noise_fit.fitting import (
     Fit,
     choose_fit,
     find_parameters,
     fit_shapes,
     make_likelihood,
 )
-from eigenfail_services.noise_fit.jackknife import Parameter, ShapeScore, list_bounded
-from eigenfail_services.noise_fit.sensor_log import EventSteps, SensorLog
+from eigenfail_noise_fit.jackknife import Parameter, ShapeScore, list_bounded
+from eigenfail_noise_fit.sensor_log import EventSteps, SensorLog
 
 USUAL_STEP_S = 0.1
 """Time step of the built-in scenarios. [s]"""

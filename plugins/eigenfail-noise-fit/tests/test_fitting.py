@@ -20,8 +20,8 @@ from eigenfail.values import (
     NoiseTrajectory,
     White,
 )
-from eigenfail_services.noise_fit.checks import check_position
-from eigenfail_services.noise_fit.fitting import (
+from eigenfail_noise_fit.checks import check_position
+from eigenfail_noise_fit.fitting import (
     CANDIDATES,
     Fit,
     choose_fit,
@@ -30,13 +30,13 @@ from eigenfail_services.noise_fit.fitting import (
     fit_shapes,
     make_likelihood,
 )
-from eigenfail_services.noise_fit.jackknife import (
+from eigenfail_noise_fit.jackknife import (
     ShapeScore,
     find_ratio_interval,
     maximize_likelihood,
 )
-from eigenfail_services.noise_fit.log_file import read_log
-from eigenfail_services.noise_fit.sensor_log import FEWEST_TRACKS, Row, make_log
+from eigenfail_noise_fit.log_file import read_log
+from eigenfail_noise_fit.sensor_log import FEWEST_TRACKS, Row, make_log
 
 SHAPES = {"white": White(), "ar1": Correlated(0.8, 0.4), "student_t": HeavyTailed(4.0)}
 

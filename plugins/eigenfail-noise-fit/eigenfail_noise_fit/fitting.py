@@ -22,7 +22,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.channels import QUANTITIES, Channel
 from eigenfail.values.shapes import ChannelShape, Shape
-from eigenfail_services.noise_fit.jackknife import (
+from eigenfail_noise_fit.jackknife import (
     Array,
     FreeParameter,
     Likelihood,
@@ -32,7 +32,7 @@ from eigenfail_services.noise_fit.jackknife import (
     estimate_parameters,
     maximize_likelihood,
 )
-from eigenfail_services.noise_fit.sensor_log import ErrorSeries
+from eigenfail_noise_fit.sensor_log import ErrorSeries
 
 MOST_CORRELATION = 0.999
 LEAST_FREEDOM, MOST_FREEDOM = 2.05, 1000.0

@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import AXES, Markov, NoiseTrajectory, PerChannel
-from eigenfail_services.noise_fit.checks import check_channels
-from eigenfail_services.noise_fit.events import (
+from eigenfail_noise_fit.checks import check_channels
+from eigenfail_noise_fit.events import (
     CONSTANT,
     GROWING,
     choose_chain,
@@ -19,9 +19,9 @@ from eigenfail_services.noise_fit.events import (
     fit_chains,
     list_bands,
 )
-from eigenfail_services.noise_fit.fitting import choose_fit, fit_shapes
-from eigenfail_services.noise_fit.report import fit_log
-from eigenfail_services.noise_fit.sensor_log import (
+from eigenfail_noise_fit.fitting import choose_fit, fit_shapes
+from eigenfail_noise_fit.report import fit_log
+from eigenfail_noise_fit.sensor_log import (
     FEWEST_TRACKS,
     EventSteps,
     Row,

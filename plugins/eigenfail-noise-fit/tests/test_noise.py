@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from eigenfail.cli.specs import read_spec
-from eigenfail.errors import InputError
-from eigenfail.suites import Suite, read_disturbance
-from eigenfail.values import Correlated, DisturbanceModel
+from eigenfail.suites import read_disturbance
+from eigenfail.values import DisturbanceModel
 
 HEAD = ("track", "time_s", "dx_m", "dy_m", "seen_dx_m", "seen_dy_m")
 
@@ -235,34 +234,6 @@ def test_a_file_that_is_not_there_is_a_mistake(eigenfail, words, text):
     done = eigenfail("noise", *words)
     assert done.exit_code == 2
     assert text in done.stderr
-
-
-def test_a_suite_names_the_file_in_its_base(tmp_path):
-    (tmp_path / "sensor.toml").write_text('[shape]\nkind = "ar1"\nlongitudinal_correlation = 0.6\n')
-    suite = tmp_path / "suite.toml"
-    suite.write_text(
-        '[base]\nmethod = "monte_carlo"\nepisodes = 5\ndisturbance = "sensor.toml"\n'
-        "[sweep]\nseed = [1, 2]\n"
-    )
-    models = {member.spec.disturbance for member in Suite.read(suite).members}
-    assert models == {DisturbanceModel(shape=Correlated(0.6, 0.8))}
-
-
-@pytest.mark.parametrize(
-    ("text", "problem"),
-    [
-        ("sigma = 1.0", "'sigma' is not known"),
-        ("scale = 99.0", "scale"),
-        ("scale =", "is not TOML"),
-    ],
-)
-def test_a_model_that_is_none_is_refused_by_its_file(tmp_path, text, problem):
-    (tmp_path / "sensor.toml").write_text(text)
-    campaign = tmp_path / "campaign.toml"
-    campaign.write_text('method = "monte_carlo"\nepisodes = 5\ndisturbance = "sensor.toml"\n')
-    with pytest.raises(InputError, match=problem) as caught:
-        read_spec(campaign)
-    assert "sensor.toml" in str(caught.value)
 
 
 @pytest.mark.parametrize(

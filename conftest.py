@@ -1,4 +1,4 @@
-"""What all tests share."""
+"""What all tests share, those of the core and those of the plug-ins."""
 
 import os
 import sys
@@ -11,7 +11,9 @@ from pathlib import Path
 import pytest
 from hypothesis import settings
 
-sys.path += [str(Path(__file__).parent / name) for name in ("chaos", "plugins", "support")]
+sys.path += [
+    str(Path(__file__).parent / "tests" / name) for name in ("chaos", "plugins", "support")
+]
 
 import deadlines
 from postgresql import start_server
@@ -22,7 +24,7 @@ settings.register_profile("here", deadline=None)
 settings.load_profile("here")
 
 # Plug-ins of strangers and what tests share, for the processes that tests start as well.
-FOLDERS = [str(Path(__file__).parent / name) for name in ("plugins", "support")]
+FOLDERS = [f"{Path(__file__).parent}/tests/{name}" for name in ("plugins", "support")]
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), *FOLDERS]))
 # Tests put doubles in place of functions, which compiled code calls directly. That compiled code
 # gives the same results is a test of its own: workers/test_compilation.py.

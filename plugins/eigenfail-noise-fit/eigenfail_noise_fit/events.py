@@ -15,7 +15,7 @@ from eigenfail.errors import InvalidValue
 from eigenfail.values import Interval, Markov
 from eigenfail.values.channels import GHOST
 from eigenfail.values.shapes import MOST_LIKELY
-from eigenfail_services.noise_fit.jackknife import (
+from eigenfail_noise_fit.jackknife import (
     Array,
     FreeParameter,
     Likelihood,
@@ -27,7 +27,7 @@ from eigenfail_services.noise_fit.jackknife import (
     maximize_likelihood,
     widen_share,
 )
-from eigenfail_services.noise_fit.sensor_log import Booleans, EventSteps
+from eigenfail_noise_fit.sensor_log import Booleans, EventSteps
 
 CONSTANT, GROWING = "constant", "with distance"
 """Candidates: how the probability that an event begins depends on the distance."""

@@ -21,7 +21,7 @@ from eigenfail.settings import convert
 from eigenfail.values import Autoregressive, DisturbanceModel, Markov, White
 from eigenfail.values.channels import EVERY, MISSED, Channel
 from eigenfail.values.shapes import MOST_LIKELY
-from eigenfail_services.noise_fit.jackknife import Array
+from eigenfail_noise_fit.jackknife import Array
 
 RADII_M = (10.0, 20.0, 40.0, 60.0, 80.0, 120.0, 150.0, 180.0, 1000.0)
 """Ends of the steps over the distance where a file gives none. [m]"""

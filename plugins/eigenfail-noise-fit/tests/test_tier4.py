@@ -10,8 +10,8 @@ import yaml
 from eigenfail.errors import InvalidValue, UnknownName
 from eigenfail.suites import read_disturbance
 from eigenfail.values import Autoregressive, Markov, White
-from eigenfail_services.noise_fit.report import format_channels
-from eigenfail_services.noise_fit.tier4 import import_noise
+from eigenfail_noise_fit.report import format_channels
+from eigenfail_noise_fit.tier4 import import_noise
 
 RADII = [10.0, 50.0, 200.0]
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from eigenfail.errors import InvalidValue
 from eigenfail.values import AXES
 from eigenfail.values.channels import QUANTITIES, UNIT_SUFFIXES
-from eigenfail_services.noise_fit.jackknife import Array, Integers
+from eigenfail_noise_fit.jackknife import Array, Integers
 
 Booleans = NDArray[np.bool_]
 

@@ -5,11 +5,11 @@ from math import pi
 import numpy as np
 import pytest
 
-from eigenfail_services.noise_fit.checks import SEE_CAUSE, check_channels, check_position
-from eigenfail_services.noise_fit.fitting import CANDIDATES, Fit, make_likelihood
-from eigenfail_services.noise_fit.jackknife import ShapeScore, maximize_likelihood
-from eigenfail_services.noise_fit.report import fit_log
-from eigenfail_services.noise_fit.sensor_log import Row, make_log
+from eigenfail_noise_fit.checks import SEE_CAUSE, check_channels, check_position
+from eigenfail_noise_fit.fitting import CANDIDATES, Fit, make_likelihood
+from eigenfail_noise_fit.jackknife import ShapeScore, maximize_likelihood
+from eigenfail_noise_fit.report import fit_log
+from eigenfail_noise_fit.sensor_log import Row, make_log
 
 TRACKS, STEPS = 40, 40
 CHANNELS = ("longitudinal", "lateral", "heading")

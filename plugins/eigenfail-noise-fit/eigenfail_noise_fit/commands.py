@@ -1,4 +1,4 @@
-"""`eigenfail noise`: a model from a sensor's log or another simulator, and what a model means."""
+"""Fit the disturbance model p(x) to the log of a sensor, and show what a model means."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
@@ -30,9 +30,9 @@ from eigenfail.values import AXES, DisturbanceModel, White
 from eigenfail.values.channels import EGO, GHOST, Channel, split_name
 from eigenfail.values.shapes import ChannelShape, Shape
 from eigenfail.worlds import describe_disturbance, list_channels, world_of
-from eigenfail_services.noise_fit.events import MissBand
-from eigenfail_services.noise_fit.log_file import read_log
-from eigenfail_services.noise_fit.report import (
+from eigenfail_noise_fit.events import MissBand
+from eigenfail_noise_fit.log_file import read_log
+from eigenfail_noise_fit.report import (
     SHARES,
     USUAL_STEP_S,
     CandidateScore,
@@ -43,15 +43,11 @@ from eigenfail_services.noise_fit.report import (
     format_channels,
     format_model,
 )
-from eigenfail_services.noise_fit.tier4 import import_noise
+from eigenfail_noise_fit.tier4 import import_noise
 
 DISTANCES_M = {"longitudinal": (0.0, 10.0, 20.0, 50.0, 100.0), "lateral": (0.0, 2.0, 4.0, 8.0)}
 
-app = typer.Typer(
-    add_completion=False,
-    no_args_is_help=True,
-    help="Fit the disturbance model p(x) to the log of a sensor, and show what a model means.",
-)
+app = typer.Typer(add_completion=False, no_args_is_help=True, help=__doc__)
 
 LogFile = Annotated[
     Path,
@@ -135,7 +131,7 @@ def fit(
     blocks = [*_list_blocks(report, output)]
     if pictures is not None:
         # Their style is that of reports, which takes longer to import than most fits take.
-        from eigenfail_services.noise_fit.pictures import draw_fit
+        from eigenfail_noise_fit.pictures import draw_fit
 
         blocks.append(_write_pictures(draw_fit(fitted), pictures))
     show(report, as_json, lambda: render(*blocks))
@@ -152,7 +148,7 @@ def show_model(file: ModelFile, pictures: Pictures = None, as_json: AsJson = Fal
         if of_function:
             problem = "noise of a function is not drawn."
             raise InvalidValue("--pictures", problem, "Leave the option out.")
-        from eigenfail_services.noise_fit.pictures import draw_model
+        from eigenfail_noise_fit.pictures import draw_model
 
         blocks.append(_write_pictures(draw_model(model), pictures))
     show(model, as_json, lambda: render(*blocks))
