@@ -12,7 +12,7 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import NotFound
 from eigenfail.suites import list_leaves
-from eigenfail.views import PARAMETERS, ViewPage
+from eigenfail.values.failures import FailureRequest
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.dashboard.rendering import page
 
@@ -171,9 +171,8 @@ WORDS: Mapping[tuple[str, str], Words] = {
         "episode failures",
         call=format_filter,
         options=format_options,
-        parameters=frozenset(PARAMETERS[ViewPage.FAILURES]),
+        parameters=frozenset(FailureRequest.__struct_fields__),
     ),
-    ("GET", "/views"): Words("list(client.views.list())", "view list"),
     ("GET", "/gates"): Words("list(client.gates.list())", "gate list"),
     ("GET", "/gates/{gate}"): Words("client.gates.get({gate})", "gate show {gate}"),
     ("GET", "/workers/present"): Words("client.present_workers()", "worker list"),
