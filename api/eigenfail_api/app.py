@@ -36,7 +36,6 @@ from eigenfail_api.dashboard import (
     suite_form_page,
     suites_page,
     triage_forms,
-    view_forms,
     webhooks_page,
     workers_page,
 )
@@ -62,7 +61,6 @@ from eigenfail_api.routes import (
     recordings,
     releases,
     triage,
-    views,
     webhooks,
 )
 from eigenfail_api.routes.events import EventFeed
@@ -89,7 +87,6 @@ ROUTERS = (
     gates.router,
     recordings.router,
     triage.router,
-    views.router,
     events.router,
     plugins.router,
     operations.router,
@@ -113,7 +110,6 @@ ROUTERS = (
     gate_page.router,
     risk_page.router,
     triage_forms.router,
-    view_forms.router,
     workers_page.router,
     search_page.router,
     copying.router,

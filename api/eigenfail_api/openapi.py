@@ -64,7 +64,6 @@ from eigenfail.values.webhooks import (
     WebhookDelivery,
     WebhookRequest,
 )
-from eigenfail.views import SavedView, ViewName, ViewRequest
 from eigenfail.wire import http
 from eigenfail.wire.http import (
     MAX_CAMPAIGNS_AT_ONCE,
@@ -149,10 +148,6 @@ BODIES = (
     NoteText,
     Page[TriageNote],
     Usage,
-    SavedView,
-    ViewName,
-    ViewRequest,
-    Page[SavedView],
     Webhook,
     WebhookDelivery,
     WebhookRequest,
@@ -246,7 +241,6 @@ TAGS = {
     "suites": "Named sets of campaigns that run, resume and are judged together.",
     "gates": "Results of regression gates, which `eigenfail gate` judges and reports.",
     "triage": "State, owner, labels, ticket and notes of failure modes and episodes.",
-    "views": "Lists with their filter and order under a name, shared by all users.",
     "events": "Events as a list or as a stream.",
     "workers": "Processes that run episodes.",
     "plug-ins": "Methods, planners, scenarios and simulators that campaigns can use.",
@@ -282,11 +276,6 @@ EXAMPLES: dict[str, Node] = {
     "create_webhook": {
         "url": "https://hooks.example.org/eigenfail",
         "events": ["campaign.ended", "gate.failed"],
-    },
-    "create_view": {
-        "name": "hard and new",
-        "page": "episodes",
-        "query": {"filter": "severity > 80 and state = new", "sort": "-severity"},
     },
     "record_gate": {
         "gate": {"suite": "nightly", "version": "v2", "run": "nightly @ v2", "baseline": "v1"},

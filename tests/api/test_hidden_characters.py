@@ -48,7 +48,6 @@ BODIES = [
     ("POST", f"{URL}/suites", {"name": HIDDEN, "base": CAMPAIGN, "sweep": {"seed": [1]}}, "name"),
     ("POST", f"{URL}/keys", {"name": HIDDEN, "scope": "admin"}, "name"),
     ("POST", f"{URL}/webhooks", WEBHOOK, "url"),
-    ("POST", f"{URL}/views", {"name": HIDDEN, "page": "campaigns", "query": {}}, "name"),
     ("POST", f"{URL}/gates", GATE, "gate.version"),
     ("POST", f"{URL}/risk", RISK, "name"),
     ("PUT", "{mode}/name", {"name": HIDDEN}, "name"),

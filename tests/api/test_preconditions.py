@@ -10,7 +10,6 @@ from eigenfail.testing.examples import analysis_result
 from eigenfail_services.store.triage import mode_subject
 
 URL = "/api/v1"
-VIEW = {"name": "hard", "page": "campaigns", "query": {}}
 OWNED = {"owner": "anna"}
 CHANGES = [
     ("POST", "{mode}/triage", {"owner": "anna"}, "{mode}/triage"),
@@ -23,12 +22,8 @@ CHANGES = [
     ),
     ("POST", "{mode}/notes", {"text": "seen"}, "{mode}/notes"),
     ("PUT", "{mode}/name", {"name": "late"}, "{analysis}/modes"),
-    ("PUT", "{view}", VIEW | {"name": "other"}, "{view}"),
-    ("PUT", "{view}/name", {"name": "other"}, "{view}"),
-    ("DELETE", "{view}", None, "{view}"),
     ("POST", "{campaign}/priority", {"priority": "high"}, "{campaign}"),
     ("POST", "{campaign}/cancel", None, "{campaign}"),
-    ("POST", f"{URL}/views", VIEW | {"name": "third"}, f"{URL}/views"),
     ("DELETE", "{webhook}", None, "{webhook}"),
 ]
 
@@ -37,7 +32,6 @@ CHANGES = [
 def places(http, store, campaign):
     ran = crashed(store)
     analysis = f"{URL}/analyses/{analysed(store, ran, analysis_result())}"
-    view = http.post(f"{URL}/views", json=VIEW).json()["id"]
     hook = {"url": "https://hooks.example/a", "events": ["campaign.ended"]}
     webhook = http.post(f"{URL}/webhooks", json=hook).json()["webhook"]["id"]
     return {
@@ -45,7 +39,6 @@ def places(http, store, campaign):
         "mode": f"{analysis}/modes/2",
         "campaign": f"{URL}/campaigns/{campaign}",
         "episode": f"{URL}/campaigns/{ran.id}/episodes/1",
-        "view": f"{URL}/views/{view}",
         "webhook": f"{URL}/webhooks/{webhook}",
     }
 
@@ -80,7 +73,7 @@ def test_change_after_another_one_is_refused(http, problem, places):
 
 
 def test_missing_thing_stays_a_404_whatever_the_precondition(http, problem):
-    problem(http.delete(f"{URL}/views/99", headers={"If-Match": '"a"'}), 404)
+    problem(http.delete(f"{URL}/webhooks/99", headers={"If-Match": '"a"'}), 404)
 
 
 def test_of_conditional_changes_at_once_one_is_made(store):

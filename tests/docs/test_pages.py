@@ -67,7 +67,6 @@ OTHERWISE = {
     "docs/webhooks.md": "It names a receiver elsewhere: tests/docs/test_webhooks_page.py.",
     "docs/releases.md": "It compares versions of a planner: tests/sdk/cli/test_release.py.",
     "docs/triage.md": "tests/sdk/cli/test_triage.py runs its commands and its Python.",
-    "docs/views.md": "tests/sdk/cli/test_views.py runs its commands and its Python.",
     "docs/sdk.md": "tests/sdk/cli/test_sdk_page.py runs its blocks in order, in one process.",
 }
 """Pages whose blocks run in another test, or not at all."""

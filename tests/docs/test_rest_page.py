@@ -74,12 +74,9 @@ def test_what_is_said_to_be_absent_is(browser):
     assert {verb for item in paths.values() for verb in item} == {"get", "post", "put", "delete"}
     assert [path for path, item in paths.items() if "put" in item] == [
         "/api/v1/analyses/{analysis}/modes/{mode}/name",
-        "/api/v1/views/{view}",
-        "/api/v1/views/{view}/name",
     ]
     assert {path for path, item in paths.items() if "delete" in item} == {
         "/api/v1/keys/{key}",
-        "/api/v1/views/{view}",
         "/api/v1/webhooks/{webhook}",
     }
 

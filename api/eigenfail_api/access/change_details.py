@@ -15,7 +15,6 @@ from eigenfail.values.access import UNLIMITED, KeyRequest, Quotas, redact
 from eigenfail.values.campaign_spec import PriorityChange
 from eigenfail.values.triage import EpisodesTriage, ModesTriage, TriageChange
 from eigenfail.values.webhooks import WebhookRequest
-from eigenfail.views import ViewName, ViewRequest
 from eigenfail.wire.http import ModeName
 
 RECORDED: Mapping[type[msgspec.Struct], tuple[str, ...]] = {
@@ -28,14 +27,12 @@ RECORDED: Mapping[type[msgspec.Struct], tuple[str, ...]] = {
     PriorityChange: ("priority",),
     Quotas: ("max_open", "max_episodes", "max_episodes_per_day"),
     TriageChange: ("state", "owner", "labels", "add_labels", "remove_labels", "ticket"),
-    ViewName: ("name",),
-    ViewRequest: ("name", "page"),
     WebhookRequest: ("events",),
 }
 """Fields of a body that the audit log has; of other bodies it has none."""
 
-RECORDED_IN_FORMS = ("state", "owner", "labels", "ticket", "filter", "name", "page")
-"""The same for forms of pages: those of triage, and those of saved views (`name`, `page`)."""
+RECORDED_IN_FORMS = ("state", "owner", "labels", "ticket", "filter")
+"""The same for the forms of triage on pages."""
 
 LONGEST_VALUE, LONGEST_DETAILS = 120, 600
 """Most characters of a value, and of all of them together."""

@@ -36,7 +36,6 @@ from eigenfail.values import (
 )
 from eigenfail.values.analysis import JOINT
 from eigenfail.values.records import EpisodeRow
-from eigenfail.views import SavedView, ViewPage
 from eigenfail.wire.http import PREFIX
 from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_api.dashboard.charts import Chart, make_parallel_chart, spread
@@ -49,7 +48,6 @@ from eigenfail_api.dashboard.rendering import (
     write_time,
 )
 from eigenfail_api.dashboard.triage_forms import CHOICES, TriageChoices, describe_triage
-from eigenfail_api.dashboard.view_forms import ViewMenu, make_view_menu
 from eigenfail_api.parameters import LARGEST, CampaignId, Stored
 from eigenfail_services.store import Store
 
@@ -363,7 +361,6 @@ class FoundView(msgspec.Struct, frozen=True, kw_only=True):
         empty: why there is nothing to see.
         triage_choices: what the form for triage offers.
         changed: how many episodes the form for triage has just changed; None if it was not sent.
-        views: saved views of lists of episodes.
     """
 
     campaign: int
@@ -387,7 +384,6 @@ class FoundView(msgspec.Struct, frozen=True, kw_only=True):
     empty: str = ""
     triage_choices: TriageChoices = CHOICES
     changed: int | None = None
-    views: ViewMenu
 
 
 def make_found_view(
@@ -395,12 +391,11 @@ def make_found_view(
     asked: EpisodeRequest,
     page: Page[EpisodeRow],
     chart: Chart | None,
-    views: Sequence[SavedView] = (),
 ) -> FoundView:
     """Return the page with the results of a search for episodes."""
     here, conditions, sort = campaign.id, asked.filter, str(asked.sort)
     return msgspec.structs.replace(
-        make_blank_view(campaign, asked, views),
+        make_blank_view(campaign, asked),
         chart=chart,
         title=make_title(page, asked),
         command=format_export_command(here, asked),
@@ -414,20 +409,15 @@ def make_found_view(
     )
 
 
-def make_refused_view(
-    campaign: Campaign, asked: EpisodeRequest, problem: str, views: Sequence[SavedView] = ()
-) -> FoundView:
+def make_refused_view(campaign: Campaign, asked: EpisodeRequest, problem: str) -> FoundView:
     """Return the page with the problem of an invalid filter."""
     empty = "The filter is invalid: no episodes were searched."
-    blank = make_blank_view(campaign, asked, views)
+    blank = make_blank_view(campaign, asked)
     return msgspec.structs.replace(blank, problem=problem, empty=empty)
 
 
-def make_blank_view(
-    campaign: Campaign, asked: EpisodeRequest, views: Sequence[SavedView]
-) -> FoundView:
+def make_blank_view(campaign: Campaign, asked: EpisodeRequest) -> FoundView:
     """Return the page before the first search."""
-    query = {"filter": asked.filter, "sort": "" if asked.sort == BY_INDEX else str(asked.sort)}
     return FoundView(
         campaign=campaign.id,
         name=campaign.spec.name,
@@ -441,7 +431,6 @@ def make_blank_view(
         columns=tuple(COLUMNS.values()),
         title="Episodes",
         changed=asked.changed,
-        views=make_view_menu(views, ViewPage.EPISODES, query, campaign.id),
     )
 
 
@@ -507,16 +496,15 @@ def show_episodes(
 ) -> HTMLResponse:
     """Episodes that fulfil a filter, sorted, and all of their measures at once."""
     seen, after = store.campaigns.get(campaign), asked.after
-    views = store.views.list_by_name(ViewPage.EPISODES)
     try:
         where = parse_filter(asked.filter)
     except InputError as error:
-        refused = make_refused_view(seen, asked, str(error), views)
+        refused = make_refused_view(seen, asked, str(error))
         return page("episodes.html", refused, error.http_status)
     listed = store.episodes.page(campaign, EPISODES_ON_A_PAGE, after, where, asked.sort)
     drawn = spread(store, seen, where)
     chart = make_parallel_chart(drawn.rows, is_all=drawn.is_all) if drawn.rows else None
-    return page("episodes.html", make_found_view(seen, asked, listed, chart, views))
+    return page("episodes.html", make_found_view(seen, asked, listed, chart))
 
 
 @router.get("/campaigns/{campaign}/failures")

@@ -15,7 +15,6 @@ from eigenfail.values import Campaign, Page
 from eigenfail.values.failures import MOST_SEVERE_FIRST, FailureFilter, parse_failure_sort
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.triage import TriageState
-from eigenfail.views import ViewPage
 from eigenfail_api.dashboard.episodes_page import (
     EpisodeLine,
     EpisodeRequest,
@@ -27,7 +26,6 @@ from eigenfail_api.dashboard.episodes_page import (
 )
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.dashboard.triage_forms import STATES
-from eigenfail_api.dashboard.view_forms import ViewMenu, make_view_menu
 from eigenfail_api.parameters import Stored
 from eigenfail_api.routes.failures import After, parse_campaigns
 from eigenfail_services.store import Store
@@ -97,7 +95,6 @@ class FailuresView(msgspec.Struct, frozen=True, kw_only=True):
     copied: str
     is_first_again: bool
     is_filtered: bool
-    views: ViewMenu
 
 
 class FailureForm(NamedTuple):
@@ -169,7 +166,6 @@ def show_failures(
     found, is_gone = _read_page(store, asked, after, most_severe_first=descending)
     after = None if is_gone else after
     campaigns = store.failures.read_campaigns(found.items)
-    views = store.views.list_by_name(ViewPage.FAILURES)
     view = FailuresView(
         query=asked.query,
         severity=_make_heading(asked, SortOrder("severity", descending)),
@@ -180,7 +176,6 @@ def show_failures(
         copied=_write_copied(asked),
         is_first_again=is_gone,
         is_filtered=bool({*asked.query} - {"sort", "archived"}),
-        views=make_view_menu(views, ViewPage.FAILURES, asked.query),
     )
     return page("all_failures.html", view)
 

@@ -15,7 +15,6 @@ from eigenfail.values import Campaign, CampaignState, Event, Page, Summary
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.operations import ACTIVE_S, Presence, WorkerShare
-from eigenfail.views import SavedView, ViewPage
 from eigenfail_api.dashboard.charts import Chart
 from eigenfail_api.dashboard.cost_charts import (
     REPLAY,
@@ -25,7 +24,6 @@ from eigenfail_api.dashboard.cost_charts import (
 )
 from eigenfail_api.dashboard.episodes_page import Heading, order
 from eigenfail_api.dashboard.rendering import WORKING, StandingView, Tile, make_standing, page
-from eigenfail_api.dashboard.view_forms import ViewMenu, make_view_menu
 from eigenfail_api.parameters import Before, Stored
 from eigenfail_services.campaigns.costs import compare_peers, list_methods
 from eigenfail_services.campaigns.summary import (
@@ -60,7 +58,7 @@ LABELS = {
     "planner_version": "planner version",
     "suite": "suite",
 }
-"""Filters that addresses and saved views have, but the form does not, with their words."""
+"""Filters that addresses have, but the form does not, with their words."""
 
 FILTERS = ("state", "method", "search", *LABELS)
 
@@ -177,7 +175,6 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
         headings: the columns that sort the list.
         archive: words and address of this list with or without archived campaigns; None where no
             campaign is archived.
-        views: saved views of this list.
     """
 
     wanted: Wanted
@@ -198,7 +195,6 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
     stranded: tuple[Event, ...]
     latest: int
     archive: tuple[str, str] | None
-    views: ViewMenu
 
 
 class OverviewFacts(msgspec.Struct, frozen=True, kw_only=True):
@@ -215,7 +211,6 @@ class OverviewFacts(msgspec.Struct, frozen=True, kw_only=True):
         stranded: what was said of each campaign that no connected worker can run.
         latest: the id of the newest event.
         has_archive: whether any campaign is archived.
-        views: saved views of the list.
     """
 
     page: Page[Campaign]
@@ -229,7 +224,6 @@ class OverviewFacts(msgspec.Struct, frozen=True, kw_only=True):
     stranded: tuple[Event, ...]
     latest: int
     has_archive: bool
-    views: tuple[SavedView, ...]
 
 
 def make_overview(known: OverviewFacts, wanted: Wanted) -> Overview:
@@ -256,7 +250,6 @@ def make_overview(known: OverviewFacts, wanted: Wanted) -> Overview:
         stranded=known.stranded,
         latest=known.latest,
         archive=describe_archive(wanted) if known.has_archive else None,
-        views=make_view_menu(known.views, ViewPage.CAMPAIGNS, wanted.query(before=None)),
     )
 
 
@@ -372,6 +365,5 @@ def read_overview(store: Store, wanted: Wanted) -> OverviewFacts:
         within_s=ACTIVE_S,
         stranded=list_unrunnable(store),
         latest=latest,
-        views=store.views.list_by_name(ViewPage.CAMPAIGNS),
         has_archive=bool(store.campaigns.page(1, where=CampaignFilter(archived=True)).items),
     )

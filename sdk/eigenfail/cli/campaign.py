@@ -18,7 +18,6 @@ from eigenfail.cli.options import (
     SpecFile,
     Urgency,
     Url,
-    ViewName,
     Watched,
 )
 from eigenfail.cli.render import (
@@ -30,7 +29,6 @@ from eigenfail.cli.render import (
     show,
 )
 from eigenfail.cli.specs import describe_check, parse_changes, read_spec
-from eigenfail.cli.view import read_view
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.filters import CAMPAIGN_ORDERS, NEWEST_FIRST
 from eigenfail.hosting.folder import DEFAULT_URL
@@ -50,7 +48,6 @@ from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
 from eigenfail.values import Campaign, CampaignState, Priority
 from eigenfail.values.safety import TAIL_LEVEL
-from eigenfail.views import ViewPage
 from eigenfail.wire.http import make_error
 from eigenfail.worlds import find_robustness_unit
 
@@ -208,17 +205,13 @@ PlannerVersion = Annotated[
     str | None, typer.Option(help="Only campaigns of this version of a planner.")
 ]
 Sort = Annotated[
-    str | None,
+    str,
     typer.Option(
         metavar="COLUMN",
-        show_default=str(NEWEST_FIRST),
         help=f"Order: {', '.join(CAMPAIGN_ORDERS)}; with a minus, the largest first.",
     ),
 ]
-Archived = Annotated[
-    bool | None,
-    typer.Option("--archived/--no-archived", help="List archived campaigns, too."),
-]
+Archived = Annotated[bool, typer.Option("--archived", help="List archived campaigns, too.")]
 Level = Annotated[float, typer.Option(help="Level of VaR and CVaR of severity.")]
 Ids = Annotated[
     list[int], typer.Argument(metavar="CAMPAIGN...", min=1, help="One campaign, or several.")
@@ -243,28 +236,26 @@ def list_campaigns(
     project: Project = None,
     tag: Tag = None,
     planner_version: PlannerVersion = None,
-    sort: Sort = None,
-    archived: Archived = None,
-    view: ViewName = None,
+    sort: Sort = str(NEWEST_FIRST),
+    archived: Archived = False,
     limit: Limit = 20,
     watched: Watched = False,
     as_json: AsJson = False,
 ) -> None:
     """List campaigns, by default newest first."""
-    given = {
-        "state": state,
-        "method": method,
-        "search": search,
-        "project": project,
-        "tag": tag,
-        "planner_version": planner_version,
-        "sort": sort,
-        "archived": archived,
-    }
     with interruptible(), connect_to(context, url) as client:
-        asked = read_view(client, view, ViewPage.CAMPAIGNS, given)
+        found = client.campaigns.list(
+            state,
+            method=method,
+            search=search,
+            sort=sort,
+            project=project,
+            tag=tag,
+            planner_version=planner_version,
+            archived=archived,
+        )
         page = TerminalView(
-            look=lambda: client.campaigns.list(**asked).first(limit),
+            look=lambda: found.first(limit),
             campaigns=lambda seen: seen,
             to_data=lambda seen: seen,
             draw=lambda seen: render(tabulate_campaigns(seen)),

@@ -17,12 +17,10 @@ from eigenfail.cli.options import (
     EpisodeId,
     Limit,
     Url,
-    ViewName,
     parse_episode_id,
 )
 from eigenfail.cli.render import follow, judge, show, show_rows, to_json
 from eigenfail.cli.triage import add_episode_note, show_episode_triage, triage_episodes
-from eigenfail.cli.view import read_view
 from eigenfail.errors import InvalidValue, NoisePruned, NotFound
 from eigenfail.exchange.recording import EgoControl, RecordingFormat
 from eigenfail.explanations import StepWindow, build_explanation, describe_unsteadiness
@@ -46,7 +44,6 @@ from eigenfail.values.operations import Versions
 from eigenfail.values.records import EpisodeDetail
 from eigenfail.values.report import ExportFormat, ExportRequest
 from eigenfail.versions import differences, versions
-from eigenfail.views import ViewPage
 from eigenfail.wire.http import SHRINK_WITHIN
 from eigenfail.worlds import drawn_for, placed_for
 
@@ -221,20 +218,6 @@ Filter = Annotated[
     typer.Option("--filter", help='Conditions, such as "severity > 80 and min_ttc_s < 1.5".'),
 ]
 Sort = Annotated[str, typer.Option(help="A column, or -column for the largest first.")]
-OnlyFilter = Annotated[
-    str | None,
-    typer.Option(
-        "--filter",
-        show_default="every episode",
-        help='Conditions, such as "severity > 80 and min_ttc_s < 1.5".',
-    ),
-]
-OnlySort = Annotated[
-    str | None,
-    typer.Option(
-        "--sort", show_default="index", help="A column, or -column for the largest first."
-    ),
-]
 Fields = Annotated[
     str, typer.Option(show_default="all", help="Only these columns, separated by commas.")
 ]
@@ -277,23 +260,22 @@ def list_episodes(
     campaign: CampaignId,
     url: Url = DEFAULT_URL,
     outcome: OnlyOutcome = None,
-    conditions: OnlyFilter = None,
-    sort: OnlySort = None,
+    conditions: Filter = "",
+    sort: Sort = "index",
     fields: Fields = "",
-    view: ViewName = None,
     limit: Limit = 20,
     as_json: AsJson = False,
 ) -> None:
     """List the episodes of a campaign."""
-    given = {"filter": conditions, "sort": sort, "fields": parse_fields(fields) or None}
+    columns = parse_fields(fields)
     with connect_to(context, url) as client:
-        asked = read_view(client, view, ViewPage.EPISODES, given)
-        columns = asked.pop("fields", ())
         if columns:
-            picked = client.episodes.list(campaign, outcome, **asked, fields=columns)
+            picked = client.episodes.list(
+                campaign, outcome, filter=conditions, sort=sort, fields=columns
+            )
             show_rows(picked, limit, as_json, lambda rows: render(tabulate_fields(columns, rows)))
             return
-        found = client.episodes.list(campaign, outcome, **asked)
+        found = client.episodes.list(campaign, outcome, filter=conditions, sort=sort)
         show_rows(found, limit, as_json, lambda rows: render(tabulate_episodes(rows)))
 
 

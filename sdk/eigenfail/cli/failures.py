@@ -6,15 +6,13 @@ import typer
 
 from eigenfail.cli import completion
 from eigenfail.cli.connection import connect_to
-from eigenfail.cli.options import AsJson, Limit, Url, ViewName
+from eigenfail.cli.options import AsJson, Limit, Url
 from eigenfail.cli.render import show_rows
-from eigenfail.cli.view import read_view
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.presentation.episodes import tabulate_failures
 from eigenfail.presentation.terminal import render
 from eigenfail.values.failures import FAILURE_ORDERS, MOST_SEVERE_FIRST
 from eigenfail.values.triage import TriageState
-from eigenfail.views import ViewPage
 
 Project = Annotated[str | None, typer.Option(help="Only failures of this project.")]
 Planner = Annotated[
@@ -36,13 +34,9 @@ State = Annotated[TriageState | None, typer.Option(help="Only failures in this s
 Owner = Annotated[
     str | None, typer.Option(metavar="NAME", help='Only failures of this owner; "" for none.')
 ]
-Sort = Annotated[
-    str | None,
-    typer.Option(show_default=MOST_SEVERE_FIRST, help=f"{' or '.join(FAILURE_ORDERS)}."),
-]
+Sort = Annotated[str, typer.Option(help=f"{' or '.join(FAILURE_ORDERS)}.")]
 Archived = Annotated[
-    bool | None,
-    typer.Option("--archived/--no-archived", help="List failures of archived campaigns, too."),
+    bool, typer.Option("--archived", help="List failures of archived campaigns, too.")
 ]
 
 
@@ -55,9 +49,8 @@ def list_failures(
     method: Method = None,
     state: State = None,
     owner: Owner = None,
-    sort: Sort = None,
-    archived: Archived = None,
-    view: ViewName = None,
+    sort: Sort = MOST_SEVERE_FIRST,
+    archived: Archived = False,
     limit: Limit = 20,
     as_json: AsJson = False,
 ) -> None:
@@ -65,17 +58,15 @@ def list_failures(
 
     Campaigns that repeat earlier failures are left out unless --method names theirs.
     """
-    given = {
-        "project": project,
-        "planner": planner,
-        "planner_version": planner_version,
-        "method": method,
-        "state": state,
-        "owner": owner,
-        "sort": sort,
-        "archived": archived,
-    }
     with connect_to(context, url) as client:
-        asked = read_view(client, view, ViewPage.FAILURES, given)
-        found = client.episodes.list_failures(**asked)
+        found = client.episodes.list_failures(
+            project=project,
+            planner=planner,
+            planner_version=planner_version,
+            method=method,
+            state=state,
+            owner=owner,
+            sort=sort,
+            archived=archived,
+        )
         show_rows(found, limit, as_json, lambda rows: render(tabulate_failures(rows)))

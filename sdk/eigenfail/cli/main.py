@@ -40,7 +40,6 @@ COMMANDS = {
     "reproduce": "Run the paper's experiments, and print our numbers next to the paper's.",
     "worker": "Run one worker for a service, or list the workers of a service.",
     "key": "Create, list, limit and revoke API keys; show the audit log.",
-    "view": "Save, list, rename and delete views: lists with their filter and order.",
     "webhook": "Add, list, test and remove webhooks, to which events are sent; show deliveries.",
     "db": "Create, upgrade, verify, back up, restore and prune a database.",
     "doctor": "Check the installation, the service and the database.",

@@ -103,14 +103,6 @@ Gate = Annotated[
 Watched = Annotated[
     bool, typer.Option("--watch", help="Refresh until no campaign shown is running.")
 ]
-ViewName = Annotated[
-    str | None,
-    typer.Option(
-        "--view",
-        metavar="NAME",
-        help="Saved view whose filter and order are used where no option gives another one.",
-    ),
-]
 Limit = Annotated[int, typer.Option(min=1, help="Maximum number of rows.")]
 Workers = Annotated[
     int,

@@ -25,7 +25,6 @@ from eigenfail.client.references import (
 from eigenfail.client.releases import Releases
 from eigenfail.client.suites import Suites
 from eigenfail.client.triage import TriageRecords
-from eigenfail.client.views import Views
 from eigenfail.client.webhooks import Webhooks
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.frames import Rows
@@ -88,7 +87,6 @@ class Client:
         self.events = Events(self._link)
         self.keys = Keys(self._link)
         self.webhooks = Webhooks(self._link)
-        self.views = Views(self._link)
 
     @property
     def url(self) -> str:

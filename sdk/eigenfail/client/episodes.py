@@ -67,13 +67,13 @@ class FailureFields(TypedDict, total=False):
         sort: -severity, the most severe first, or severity.
     """
 
-    project: str
-    planner: str
-    planner_version: str
-    method: str
+    project: str | None
+    planner: str | None
+    planner_version: str | None
+    method: str | None
     archived: bool
-    state: TriageState | str
-    owner: str
+    state: TriageState | str | None
+    owner: str | None
     sort: str
 
 

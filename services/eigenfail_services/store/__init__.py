@@ -21,7 +21,6 @@ from eigenfail_services.store.retention import RetentionStore
 from eigenfail_services.store.roster import Roster
 from eigenfail_services.store.sqlite import SqliteMemory
 from eigenfail_services.store.triage import TriageStore
-from eigenfail_services.store.views import ViewStore
 from eigenfail_services.store.webhooks import WebhookStore
 
 __all__ = ["Store", "open_store"]
@@ -52,7 +51,6 @@ class Store:
         self.audit = AuditLog(database)
         self.roster = Roster(database)
         self.webhooks = WebhookStore(database)
-        self.views = ViewStore(database)
         self.gates = GateStore(database)
 
     def ping(self) -> None:

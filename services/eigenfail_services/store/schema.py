@@ -36,7 +36,7 @@ from sqlalchemy.types import TypeEngine
 from eigenfail.values import MEASURES, Measure, Priority
 from eigenfail.values.episode import FAILURES, Outcome
 
-VERSION = "0028"
+VERSION = "0029"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -513,21 +513,6 @@ gates = Table(
     Column("conclusion", Prose, nullable=False),
     Column("report", Text, nullable=False),  # JSON
     UniqueConstraint("digest"),
-    sqlite_autoincrement=True,
-)
-
-
-# Views of lists, which all users of the service share.
-saved_views = Table(
-    "saved_views",
-    metadata,
-    Column("id", Number, primary_key=True),
-    Column("name", Prose, nullable=False),
-    Column("page", Text, nullable=False),
-    Column("query", Text, nullable=False),  # JSON
-    Column("author", Prose, nullable=False),
-    Column("saved_ms", BigInteger, nullable=False),
-    UniqueConstraint("name"),
     sqlite_autoincrement=True,
 )
 

@@ -123,8 +123,6 @@ ROUTES = {
         GET /api/v1/seeds
         GET /api/v1/suites
         GET /api/v1/suites/{suite}
-        GET /api/v1/views
-        GET /api/v1/views/{view}
         GET /api/v1/workers
         GET /api/v1/workers/present
         GET /api/v1/workers/staffing
@@ -134,13 +132,6 @@ ROUTES = {
         PUT /api/v1/analyses/{analysis}/modes/{mode}/name
         POST /api/v1/gates
         POST /api/v1/suites
-        POST /views
-        POST /views/{view}/delete
-        POST /views/{view}/name
-        POST /api/v1/views
-        DELETE /api/v1/views/{view}
-        PUT /api/v1/views/{view}
-        PUT /api/v1/views/{view}/name
         POST /analyses/{analysis}/modes/triage
         POST /analyses/{analysis}/modes/{mode}/notes
         POST /analyses/{analysis}/modes/{mode}/triage

@@ -35,7 +35,6 @@ from store_checks import (
     safety,
     suites,
     triage,
-    views,
     webhooks,
 )
 
@@ -60,7 +59,6 @@ STORE_CHECKS: tuple[Callable[[Store], None], ...] = (
     *modes.CHECKS,
     *triage.CHECKS,
     *failures.CHECKS,
-    *views.CHECKS,
     *requirements.CHECKS,
     *retention.CHECKS,
     *access.CHECKS,
