@@ -69,6 +69,7 @@ demo: setup compiled ## a short campaign of each method, analysed, replayed, pri
 test: setup compiled chromium headers javascript tools lint ## every check and every test
 	$(BIN)/python -m pytest -q tests/test_full_loop.py
 	$(BIN)/python -m pytest tests plugins $(SPREAD)
+	$(BIN)/python deploy/without_plugins.py
 
 quick: setup compiled ## the tests that start no services and no browser; a third of the time
 	$(BIN)/python -m pytest tests plugins -m "not service and not browser" $(SPREAD)

@@ -1,6 +1,6 @@
 """Nothing knows a plug-in but its own folder, so that the folder can be deleted.
 
-deploy/structure.py finds imports.
+deploy/structure.py finds imports, and deploy/without_plugins.py runs the tests without each folder.
 """
 
 import re
