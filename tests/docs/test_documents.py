@@ -37,7 +37,9 @@ def test_the_parser_sees_a_wrong_command():
 
 
 def test_every_command_in_the_documents_exists_with_its_options(documents):
-    lines = [line for document in documents for line in document.commands("eigenfail")]
+    # The command of docs/plugins.md is that of the plug-in which the page has its reader write.
+    pages = [document for document in documents if document.path.name != "plugins.md"]
+    lines = [line for document in pages for line in document.commands("eigenfail")]
     assert len(lines) > 15
     for line in lines:
         parse(shlex.split(line)[1:])

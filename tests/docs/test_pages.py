@@ -83,9 +83,10 @@ OWN = {
     "docs/own_scenario.md": (r"1/\d+ +collision", r"queue_end"),
     "docs/own_simulator.md": (r"1/\d+ +collision", r"10 passed"),
     "docs/any_function.md": (r"1/\d+ +collision", r"failures in 400 calls"),
+    "docs/plugins.md": (r"budget +Count the episodes", r"29,956 episodes with", r"4 passed"),
     "docs/bridge.md": (r"minimal", r"1/\d+ +collision"),
 }
-"""Pages that start a service of their own, and what is to be seen in the end."""
+"""Pages that start a service of their own, or need none, and what is to be seen in the end."""
 
 AFTER_DEMO = {
     "README.md": (

@@ -194,7 +194,9 @@ class Shell:
     def write(self, name, text):
         """Put a block into the file that its first line names, in the folder of the shell."""
         text = EPISODES.sub(lambda found: str(int(found[0]) // 2), text)
-        (Path(self.type("pwd").strip()) / name).write_text(text)
+        file = Path(self.type("pwd").strip()) / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text)
 
     def python(self, text):
         """Run a block of Python against the service of the page."""
