@@ -120,6 +120,7 @@ def run(python: Path, folder: Path, *words: str) -> subprocess.CompletedProcess[
     """Run Python in a folder, without what this process has in its environment of ours."""
     ours = ("EIGENFAIL", "PYTHONPATH", "VIRTUAL_ENV", "PYTEST")
     kept = {name: value for name, value in os.environ.items() if not name.startswith(ours)}
+    kept["NO_MKDOCS_2_WARNING"] = "1"
     return subprocess.run([python, *words], cwd=folder, env=kept, check=False)
 
 

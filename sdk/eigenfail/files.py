@@ -469,7 +469,7 @@ def _place_columns(names: Sequence[str], columns: TableColumns, field: str) -> d
         given = f"its columns are {', '.join(names)}" if names else "it has none"
         if names and all(_read_cell(name) is not None for name in names):
             given = f"its first line has numbers, and not names of columns: {', '.join(names)}"
-        near = suggest_name(missing[0], names).partition("Known:")[0] if names else ""
+        near = _suggest_column(missing[0], [name for name in names if not _is_known(name, known)])
         lacking = f"columns {', '.join(missing)} are" if missing[1:] else f"column {missing[0]} is"
         problem = f"{lacking} missing; {given}."
         raise InvalidValue(field, problem, f"{near}{columns.like}")
@@ -486,14 +486,30 @@ def _place_columns(names: Sequence[str], columns: TableColumns, field: str) -> d
     return {name: places[0] for name, places in found.items() if places}
 
 
+def _is_known(name: str, known: Sequence[str]) -> bool:
+    return _simplify_name(name) in known
+
+
+def _suggest_column(missing: str, others: Sequence[str]) -> str:
+    """Return which of the unknown columns a missing one may be, with a blank; empty if none is."""
+    if meant := [name for name in others if _is_in_other_unit(name, missing)]:
+        return f"Convert {meant[0]}, if it is in another unit, and name it {missing}. "
+    return suggest_name(missing, others).partition("Known:")[0] if others else ""
+
+
 def _is_meant(name: str, column: str) -> bool:
     """Return whether a name is that of a column without its unit, in another unit, or misspelt."""
+    if _is_in_other_unit(name, column):
+        return True
+    return len(column) > SHORTEST_MISSPELT and _is_misspelt(name.strip(), column)
+
+
+def _is_in_other_unit(name: str, column: str) -> bool:
+    """Return whether a name is that of a column without its unit, or in another unit."""
     quantity = _squash(column.rpartition("_")[0] or column)
     squashed = _squash(name)
     unit = squashed.removeprefix(quantity)
-    if squashed.startswith(quantity) and unit in OTHER_UNITS:
-        return True
-    return len(column) > SHORTEST_MISSPELT and _is_misspelt(name.strip(), column)
+    return squashed.startswith(quantity) and unit in OTHER_UNITS
 
 
 def _squash(name: str) -> str:
@@ -536,7 +552,7 @@ def _read_cell(cell: Any) -> float | None:
 
 
 def _refuse_cell(place: str, cell: str) -> InvalidValue:
-    remedy = "Correct it, or leave the field empty where there is no measurement."
+    remedy = "Correct it, or leave out the row: an empty field will do only in optional columns."
     if cell.count(",") == 1 and _read_cell(cell.replace(",", ".")) is not None:
         remedy = "Write it with a point in the place of the comma."
     return InvalidValue(place, f"'{cell}' is not a finite number.", remedy)

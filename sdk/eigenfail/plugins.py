@@ -196,6 +196,7 @@ def load_class(path: str) -> Any:
     try:
         return getattr(import_module(module), name)
     except (Exception, SystemExit) as error:
-        problem = f"'{path}' cannot be loaded: {_describe_failure(error)}."
-        remedy = "Run it from the folder of the module, or install that."
+        problem = f"'{path}' cannot be loaded: {_describe_failure(error).removesuffix('.')}."
+        is_absent = isinstance(error, ModuleNotFoundError)
+        remedy = "Run it from the folder of the module, or install that." if is_absent else ""
         raise InvalidValue("plug-in", problem, remedy) from error

@@ -61,7 +61,7 @@ Tiles = tuple[tuple[str, Tile], ...]
 def make_diversity_tiles(found: Diversity) -> Tiles:
     """Return the tiles of how failures spread over modes that are distinct, each with its basis."""
     of_all = (f"of {count_noun(found.failures, 'failure')}",)
-    modes = f"of {found.modes}, clusters beyond noise"
+    modes = f"of {count_noun(found.modes, 'cluster')}, small ones included"
     return (
         ("Effective modes", Tile(format_number(found.effective_modes), (modes,))),
         ("Largest mode", Tile(format_share(found.largest_share), of_all)),

@@ -31,6 +31,9 @@ USUAL_SIZE_M = {"length_m": 5.0, "width_m": 2.0}
 LARGEST_SIZE_M = {"length_m": 100.0, "width_m": 20.0}
 """Larger vehicles are in another unit. The longest road trains have 54 m."""
 
+WIDEST_M = 3.0
+"""What moves on a road and is wider has its length and width exchanged, if it is shorter."""
+
 FARTHEST_M = 1e8
 """Coordinates beyond this are no places on Earth: northings reach 10⁷ m. [m]"""
 
@@ -402,6 +405,15 @@ def _refuse_impossible(name: str, track: Track) -> None:
             value = track[column][int(np.argmax(far))]
             problem = f"{column} of vehicle '{name}' is {value:g}, which is not a place on Earth."
             raise InvalidValue("tracks", problem, "Give positions in metres.")
+    _refuse_sizes(name, track)
+
+
+def _refuse_sizes(name: str, track: Track) -> None:
+    """Refuse sizes that no vehicle has.
+
+    Raises:
+        InvalidValue: the vehicle has one.
+    """
     for column, largest_m in LARGEST_SIZE_M.items():
         for value in track.get(column, ()):
             if not 0.0 < value <= largest_m:
@@ -411,6 +423,12 @@ def _refuse_impossible(name: str, track: Track) -> None:
                 )
                 remedy = "Correct it, or remove the column if the size is not known."
                 raise InvalidValue("tracks", problem, remedy)
+    length_m, width_m = (float(np.max(track.get(each, [0.0]))) for each in LARGEST_SIZE_M)
+    moved_m = float(np.hypot(np.ptp(track["x_m"]), np.ptp(track["y_m"])))
+    if width_m > max(length_m, WIDEST_M) and length_m and moved_m > length_m:
+        problem = f"Vehicle '{name}' is {width_m:g} m wide, {length_m:g} m long, and moves."
+        remedy = "Exchange length_m and width_m, or correct them."
+        raise InvalidValue("tracks", problem, remedy)
 
 
 def _refuse_units_of_time(tracks: Mapping[str, Track], longest_gap_s: float) -> None:

@@ -22,6 +22,7 @@ from eigenfail.values import (
     Safety,
     SpendingTotals,
 )
+from eigenfail.values.analysis import FEWEST_OF_MODE
 from eigenfail.values.campaign_spec import Settings
 from eigenfail.values.comparison import MethodCost, PeerCosts, Peers, Pool
 from eigenfail.values.operations import WorkerShare
@@ -111,11 +112,14 @@ def find_newest(store: Store, campaign: Campaign) -> Analysis | None:
 
 
 def _find_first_failures(result: AnalysisResult, campaign: int) -> list[int]:
-    """Return the lowest index among the campaign's failures of each mode."""
+    """Return the lowest index among the campaign's failures of each mode.
+
+    A mode with too few failures to show one is not counted, as in the verdict of the analysis.
+    """
     owners = result.campaigns or (campaign,) * len(result.episodes)
     first: dict[int, int] = {}
     for owner, index, mode in zip(owners, result.episodes, result.labels, strict=True):
-        if owner == campaign:
+        if owner == campaign and result.modes[mode].failures >= FEWEST_OF_MODE:
             first[mode] = min(index, first.get(mode, index))
     return list(first.values())
 

@@ -7,6 +7,7 @@ from eigenfail.errors import Conflict, InputError
 from eigenfail.presentation.analyses import choose_channel_words
 from eigenfail.presentation.figures import (
     UNKNOWN,
+    count_noun,
     format_amount,
     format_number,
     format_percent_interval,
@@ -151,7 +152,9 @@ def list_figures(found: CampaignCost) -> Iterator[tuple[str, tuple[str, ...]]]:
 
 def describe_modes(found: CampaignCost) -> str:
     """Return the number of distinct modes, or that it is unknown."""
-    return "modes are not known" if found.modes is None else f"{found.modes} distinct modes"
+    if found.modes is None:
+        return "modes are not known"
+    return count_noun(found.modes, "distinct mode")
 
 
 def format_seconds(value: float | None) -> str:

@@ -229,7 +229,7 @@ def test_how_diverse_failures_are_in_figures():
         verdict="2 modes",
     )
     told = {name: (figure.value, *figure.notes) for name, figure in make_diversity_tiles(found)}
-    assert told["Effective modes"] == ("1.75", "of 2, clusters beyond noise")
+    assert told["Effective modes"] == ("1.75", "of 2 clusters, small ones included")
     assert told["Largest mode"] == ("75.0 %", "of 40 failures")
     assert make_coverage_tile(found).value == "40 %"
 

@@ -595,7 +595,9 @@ def test_dialects_of_csv_are_read_alike(tmp_path, dialect):
     ("header", "words"),
     [
         ("frame,id,x,y,width,height,xVelocity", "its columns are frame, id, x, y, width"),
-        ("id,time,x_m,y_m", "column time_s is missing.*Did you mean 'time'"),
+        ("id,time,x_m,y_m", "column time_s is missing.*Convert time, if it is in another unit"),
+        ("id,time_ms,x_m,y_m", "column time_s is missing.*Convert time_ms, if it is in another"),
+        ("id,time_s,x_m,length_m", r"column y_m is missing; its columns are [\w, ]*\. A track has"),
         ("0,1,2.5,3", "its first line has numbers"),
         ("id,time_s,x_m,y_m,heading_deg", "heading_deg is not read, and column heading_rad"),
         ("id,time_s,x_m,y_m,speed_kmh", "speed_kmh is not read, and column speed_mps"),
@@ -881,3 +883,15 @@ def test_motion_without_noise_is_that_between_steps(tmp_path):
     along, across = (np.gradient(np.interp(grid_s, time_s, each), grid_s) for each in (x_m, y_m))
     assert np.array_equal(states[:, 1, 3], np.hypot(along, across))
     assert np.array_equal(states[:, 1, 2], np.unwrap(np.arctan2(across, along)))
+
+
+def test_length_and_width_that_are_exchanged_are_refused(tmp_path):
+    rows = ["id,time_s,x_m,y_m,length_m,width_m"]
+    for k in range(30):
+        rows += [f"a,{k / 10},{2 * k},0,2.5,16", f"b,{k / 10},{2 * k + 50},0,4.8,1.9"]
+    file = tmp_path / "sizes.csv"
+    file.write_text("\n".join(rows))
+    with pytest.raises(InvalidValue, match=r"'a' is 16 m wide, 2\.5 m long, and moves\. Exchange"):
+        read_tracks(file, ego="b")
+    file.write_text(file.read_text().replace("2.5,16", "16,2.5"))
+    assert read_tracks(file, ego="b").sizes[1].tolist() == [16.0, 2.5]

@@ -11,6 +11,7 @@ from eigenfail.values import (
     FailureMode,
     Overhead,
 )
+from eigenfail.values.analysis import FEWEST_OF_MODE
 from eigenfail_services.campaigns.costs import find_spending
 from eigenfail_services.store import open_store
 
@@ -34,15 +35,17 @@ def ran(store) -> int:
     return campaign.id
 
 
-def analyse(store, campaign, labels, *, distinct=True, campaigns=()) -> int:
+def analyse(store, campaign, labels, *, distinct=True, campaigns=(), small=()) -> int:
     nothing = np.zeros((0, 0), np.float32)
-    mode = FailureMode(1, 0, nothing, nothing)
     arrays = dict.fromkeys(("explained", "components", "scores", "influence"), nothing)
     found = AnalysisResult(
         **arrays,
         episodes=CRASHES[: len(labels)],
         labels=labels,
-        modes=(mode,) * (max(labels) + 1),
+        modes=tuple(
+            FailureMode(1 if mode in small else FEWEST_OF_MODE, 0, nothing, nothing)
+            for mode in range(max(labels) + 1)
+        ),
         silhouette=0.6,
         noise_silhouette=0.3 if distinct else 0.9,
         campaigns=campaigns,
@@ -77,6 +80,16 @@ def test_distinct_modes_have_a_price_and_a_place_on_the_curve(store, ran) -> Non
     wanted = [sum(first <= at for first in firsts) for at in landed]
     assert [point.modes for point in told.curve] == [0, *wanted, 2]
     assert [point.failures for point in told.curve] == [0, 0, 1, 1, 1, 2, 2, 3, 3, 4, 4]
+
+
+def test_a_mode_of_too_few_failures_has_no_price(store, ran) -> None:
+    analyse(store, ran, (0, 0, 1, 0), small=(1,))
+    told = found(store, ran)
+    assert (told.modes, told.per_mode_usd) == (1, pytest.approx(1.2))
+    assert told.modes_in_words.startswith("1 distinct mode, 1 more with too few failures")
+    assert told.curve[-1].modes == 1
+    analyse(store, ran, (0, 1, 1, 0), small=(0, 1))
+    assert (found(store, ran).modes, found(store, ran).per_mode_usd) == (0, None)
 
 
 def test_modes_that_are_not_distinct_have_no_price(store, ran) -> None:
