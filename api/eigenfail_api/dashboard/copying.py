@@ -2,7 +2,7 @@
 
 import re
 import shlex
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 from urllib.parse import parse_qsl, unquote, urlencode
 
@@ -11,7 +11,6 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import NotFound
-from eigenfail.suites import list_leaves
 from eigenfail.values.failures import FailureRequest
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.dashboard.rendering import page
@@ -48,25 +47,20 @@ class Service(msgspec.Struct, frozen=True):
 
 
 class Copies(msgspec.Struct, frozen=True):
-    """One request as texts to copy: curl, Python and the command line, and a file.
+    """One request as texts to copy: curl, Python and the command line.
 
     Attributes:
         cli: empty where the command line has no words for it.
-        toml: the file of what is launched; empty where it has none.
     """
 
     curl: str
     python: str
     cli: str
-    toml: str = ""
 
     @property
     def texts(self) -> tuple[tuple[str, str], ...]:
         """Each with what it is called."""
-        named = (
-            *(("curl", self.curl), ("Python", self.python)),
-            *(("CLI", self.cli), ("TOML", self.toml)),
-        )
+        named = (("curl", self.curl), ("Python", self.python), ("CLI", self.cli))
         return tuple((name, text) for name, text in named if text)
 
 
@@ -77,7 +71,6 @@ class Words(msgspec.Struct, frozen=True):
         python: an expression of `client`; names in braces are of the path.
         cli: behind `eigenfail`; empty where there is no such command.
         call: the arguments of the expression, from the query and the body.
-        imports: what the expression needs besides the client.
         before: what the command line needs first, from the body.
         options: options of the command, from the query.
         parameters: parameters of the query that an address of a page may have.
@@ -88,7 +81,6 @@ class Words(msgspec.Struct, frozen=True):
     call: Callable[[CopiedRequest], str] = lambda _: ""
     before: Callable[[CopiedRequest], str] = lambda _: ""
     options: Callable[[CopiedRequest], str] = lambda _: ""
-    imports: str = ""
     parameters: frozenset[str] = frozenset()
 
 
@@ -116,19 +108,6 @@ def format_spec_file(asked: CopiedRequest) -> str:
     return f"cat > campaign.toml <<'{MARK}'\n{to_toml(asked.body or {})}{MARK}\n"
 
 
-def format_suite_call(asked: CopiedRequest) -> str:
-    """Return a suite's name and tables as arguments."""
-    tables = {name: value for name, value in (asked.body or {}).items() if name != "name"}
-    return ", ".join(
-        (repr((asked.body or {})["name"]), *(f"{name}={each!r}" for name, each in tables.items()))
-    )
-
-
-def format_suite_file(asked: CopiedRequest) -> str:
-    """Return the shell command that writes a suite to the file that a command reads."""
-    return f"cat > suite.toml <<'{MARK}'\n{to_suite_toml(asked.body or {})}{MARK}\n"
-
-
 WORDS: Mapping[tuple[str, str], Words] = {
     ("POST", "/campaigns"): Words(
         "client.campaigns.create({})",
@@ -152,13 +131,6 @@ WORDS: Mapping[tuple[str, str], Words] = {
     ),
     ("POST", "/keys"): Words(
         "client.keys.create({})", "key create {name} --scope {scope}", call=format_arguments
-    ),
-    ("POST", "/suites"): Words(
-        "client.suites.run(Suite.of({}))",
-        "suite run suite.toml",
-        call=format_suite_call,
-        before=format_suite_file,
-        imports="from eigenfail.suites import Suite\n",
     ),
     ("GET", "/suites"): Words("list(client.suites.list())", "suite list"),
     ("GET", "/suites/{suite}"): Words("client.suites.table({suite!r})", "suite show {suite}"),
@@ -230,7 +202,7 @@ def format_python(base: str, asked: CopiedRequest, words: Words, names: Mapping[
     given = {**names, **{name: list_ids(value) for name, value in asked.query.items()}}
     expression = words.python.replace("{}", words.call(asked).replace("{", "{{").replace("}", "}}"))
     return (
-        f"from eigenfail.client import Client\n{words.imports}\n"
+        "from eigenfail.client import Client\n\n"
         f"with Client({base!r}) as client:\n"
         f"    print({expression.format(**given)})"
     )
@@ -254,22 +226,6 @@ def to_toml(table: Values) -> str:
     return "".join(
         f"{format_toml_key(name)} = {format_toml_value(value)}\n" for name, value in table.items()
     )
-
-
-def to_suite_toml(suite: Values) -> str:
-    """Return a suite as its file: a table for each of its parts, a line for each value in it."""
-    plain = {name: value for name, value in suite.items() if not isinstance(value, Mapping)}
-    tables = (
-        f"\n[{name}]\n{''.join(format_leaf(path, leaf) for path, leaf in list_leaves(value))}"
-        for name, value in suite.items()
-        if isinstance(value, dict)
-    )
-    return to_toml(plain) + "".join(tables)
-
-
-def format_leaf(path: Sequence[str], value: Any) -> str:
-    """Return a line of TOML for the value at a path."""
-    return f"{'.'.join(map(format_toml_key, path))} = {format_toml_value(value)}\n"
 
 
 def format_toml_value(value: Any) -> str:
