@@ -26,6 +26,7 @@ from eigenfail_api.dashboard import (
     measures_page,
     mode_overlay,
     mode_page,
+    new_suite_page,
     overview_page,
     reference_page,
     region_page,
@@ -33,7 +34,6 @@ from eigenfail_api.dashboard import (
     replay_page,
     risk_page,
     search_page,
-    suite_form_page,
     suites_page,
     triage_forms,
     webhooks_page,
@@ -113,12 +113,12 @@ ROUTERS = (
     workers_page.router,
     search_page.router,
     copying.router,
+    new_suite_page.router,
     suites_page.router,
     reference_page.router,
 )
-# These have parameters of any name: every setting of every plug-in. The form of a new suite comes
-# before the pages of suites, which may have any name.
-FORMS = (launch_page.router, suite_form_page.router)
+# Its parameters have any name: every setting of every plug-in.
+FORMS = (launch_page.router,)
 
 
 @cache

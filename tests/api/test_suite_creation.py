@@ -127,10 +127,8 @@ def test_members_that_build_upon_others_follow_with_a_later_request(http, base, 
     assert store.campaigns.get(2).spec.settings["campaign"] == 1
 
 
-@pytest.mark.parametrize("path", [URL, "/suites/new/form"])
-def test_a_crowd_of_suites_is_refused(http, grid, monkeypatch, path):
-    asked = {"json": grid} if path == URL else {"data": {"suite": "a"}}
+def test_a_crowd_of_suites_is_refused(http, grid, monkeypatch):
     monkeypatch.setattr(concurrency, "MOST_WAITING", -concurrency.MOST_RUNNING)
-    assert http.post(path, **asked).status_code == 503
+    assert http.post(URL, json=grid).status_code == 503
     monkeypatch.undo()
-    assert http.post(path, **asked).is_success
+    assert http.post(URL, json=grid).is_success

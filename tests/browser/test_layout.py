@@ -39,10 +39,6 @@ RULES = {
 Colours do not depend on the width, but at 375 px tables have no header row: dark is checked twice.
 """
 
-GRID_FORM = (
-    "/suites/new?suite=a&method=monte_carlo&episodes=20&simulator=point_mass&axis.1.field=seed"
-    "&axis.1.values=1,2,-3&axis.2.field=planner&axis.2.values=idm,rulebook&wish=check"
-)
 PAGES = {
     "/": ["/", "/?search=nothing-has-this-name"],
     "/login": ["/login"],
@@ -86,11 +82,11 @@ PAGES = {
     "/search": ["/search", "/search?q=a", "/search?q=nothing-has-this-name"],
     "/copies": ["/copies?path=/campaigns"],
     "/suites": ["/suites"],
-    "/suites/new": ["/suites/new", GRID_FORM],
     "/suites/{suite:path}": ["/suites/{suite}"],
     "/api": ["/api"],
     "/glossary": ["/glossary"],
     "/launch": ["/launch", "/launch?from={long}"],
+    "/launch/suite": ["/launch/suite"],
 }
 """Addresses of the pages of each route."""
 

@@ -42,7 +42,7 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         "POST /launch/form",
         "POST /logout",
         "POST /risk",
-        "POST /suites/new/form",
+        "POST /launch/suite",
     ),
     Scope.RUNNER: (
         f"POST {PREFIX}/campaigns",

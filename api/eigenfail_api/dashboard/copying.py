@@ -1,8 +1,7 @@
-"""What a page gives to take along: a request as a curl command, a suite as a TOML file."""
+"""A request as a curl command to copy."""
 
-import re
 import shlex
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Annotated, Any
 
 import msgspec
@@ -10,7 +9,6 @@ from fastapi import APIRouter, Query, Request
 from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import NotFound
-from eigenfail.suites import list_leaves
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.dashboard.rendering import page
 
@@ -45,55 +43,6 @@ def format_curl(service: Service, path: str, body: Values | None = None) -> str:
         data = msgspec.json.encode(body).decode()
         parts += ["-H 'Content-Type: application/json'", f"-d {shlex.quote(data)}"]
     return " \\\n  ".join(parts)
-
-
-def to_toml(table: Values) -> str:
-    """A table of plain data as TOML, a line for each value; tables inside it are inline."""
-    return "".join(
-        f"{format_toml_key(name)} = {format_toml_value(value)}\n" for name, value in table.items()
-    )
-
-
-def to_suite_toml(suite: Values) -> str:
-    """Return a suite as its file: a table for each of its parts, a line for each value in it."""
-    plain = {name: value for name, value in suite.items() if not isinstance(value, Mapping)}
-    tables = (
-        f"\n[{name}]\n{''.join(format_leaf(path, leaf) for path, leaf in list_leaves(value))}"
-        for name, value in suite.items()
-        if isinstance(value, dict)
-    )
-    return to_toml(plain) + "".join(tables)
-
-
-def format_leaf(path: Sequence[str], value: Any) -> str:
-    """Return a line of TOML for the value at a path."""
-    return f"{'.'.join(map(format_toml_key, path))} = {format_toml_value(value)}\n"
-
-
-def format_toml_value(value: Any) -> str:
-    """Return a value as TOML; text is quoted as in JSON, which TOML reads as well."""
-    if isinstance(value, Mapping):
-        parts = (
-            f"{format_toml_key(name)} = {format_toml_value(part)}" for name, part in value.items()
-        )
-        return f"{{{', '.join(parts)}}}"
-    if isinstance(value, list | tuple):
-        return f"[{', '.join(map(format_toml_value, value))}]"
-    return msgspec.json.encode(value).decode()
-
-
-def format_toml_key(name: str) -> str:
-    """Return a name, quoted where TOML requires quotes."""
-    return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else msgspec.json.encode(name).decode()
-
-
-def has_none(value: Any) -> bool:
-    """Whether a value contains a null, which TOML does not have."""
-    if isinstance(value, Mapping):
-        return any(map(has_none, value.values()))
-    if isinstance(value, list | tuple):
-        return any(map(has_none, value))
-    return value is None
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)

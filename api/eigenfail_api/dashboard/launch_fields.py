@@ -109,7 +109,6 @@ class LaunchField(msgspec.Struct, frozen=True, kw_only=True):
         default: what holds if nothing is typed; empty where something must be.
         bounds: describes the valid values.
         options: options of a choice.
-        title: what it is called in a list of problems; its name where that is empty.
     """
 
     name: str
@@ -124,7 +123,6 @@ class LaunchField(msgspec.Struct, frozen=True, kw_only=True):
     help: str = ""
     options: tuple[str, ...] = ()
     required: bool = False
-    title: str = ""
 
     @property
     def id(self) -> str:

@@ -1,7 +1,7 @@
 """The page that launches a campaign, and the form that it checks."""
 
 import tomllib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 from urllib.parse import parse_qsl, urlencode
 from uuid import NAMESPACE_URL, uuid4, uuid5
@@ -90,8 +90,8 @@ class LaunchOrigin(msgspec.Struct, frozen=True, kw_only=True):
     is_open: bool
 
 
-class FormView(msgspec.Struct, frozen=True, kw_only=True):
-    """A form with the fields of a campaign.
+class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page that launches a campaign.
 
     Attributes:
         shown: texts shown, by the name of the field.
@@ -102,6 +102,8 @@ class FormView(msgspec.Struct, frozen=True, kw_only=True):
             are none, as a sentence.
         key: idempotency key of this launch; empty while there is nothing to launch.
         curl: the command that launches the same; empty while there is nothing to launch.
+        completed: all that the campaign would be, by path; nothing until it was checked.
+        token: token of this page.
     """
 
     parts: tuple[LaunchPart, ...]
@@ -113,6 +115,8 @@ class FormView(msgspec.Struct, frozen=True, kw_only=True):
     estimate: str
     key: str
     curl: str
+    completed: tuple[tuple[str, str], ...]
+    token: str
 
     @property
     def wrong(self) -> str:
@@ -132,18 +136,6 @@ class FormView(msgspec.Struct, frozen=True, kw_only=True):
         given = self.count_given(group)
         told = f"{format_count(given)} changed" if given else "all at their defaults"
         return f"{format_count(sum(1 for _ in group.all_fields()))}, {told}"
-
-
-class LaunchView(FormView, frozen=True, kw_only=True):
-    """The page that launches a campaign.
-
-    Attributes:
-        completed: all that the campaign would be, by path; nothing until it was checked.
-        token: token of this page.
-    """
-
-    completed: tuple[tuple[str, str], ...]
-    token: str
 
 
 def list_fields(parts: Sequence[LaunchPart]) -> tuple[LaunchField, ...]:
@@ -349,7 +341,7 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> Lau
         InvalidValue: the earlier campaign is no number.
         NotFound: there is no such campaign.
     """
-    refuse_strangers(typed, KNOWN)
+    refuse_strangers(typed)
     wish = typed.get(WISH, "")
     table, refused = read_imported(typed.get(TOML, "")) if wish == IMPORT else ({}, ())
     origin = None if wish == IMPORT else find_origin(store, typed)
@@ -385,16 +377,16 @@ def read_imported(text: str) -> tuple[dict[str, Any], tuple[InputError, ...]]:
     except (ValueError, RecursionError) as error:
         return {}, (InvalidValue(TOML, f"The file is not TOML: {error}."),)
     if describes_suite(table):
-        remedy = "Run it with `eigenfail suite run FILE`."
+        remedy = "Launch it on the page of a new suite."
         return {}, (InvalidValue(TOML, "The file is a suite of campaigns.", remedy),)
     return table, ()
 
 
-def refuse_strangers(typed: Mapping[str, str], known: Collection[str]) -> None:
-    """Raises UnknownName for what belongs to no field of a form."""
+def refuse_strangers(typed: Mapping[str, str]) -> None:
+    """Raises UnknownName for what belongs to no field of the form."""
     for name in typed:
-        if name.partition(".")[0] not in known:
-            raise UnknownName("query", name[:100], known)
+        if name.partition(".")[0] not in KNOWN:
+            raise UnknownName("query", name[:100], KNOWN)
 
 
 def find_origin(store: Store, typed: Mapping[str, str]) -> Campaign | None:

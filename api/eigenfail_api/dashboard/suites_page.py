@@ -212,12 +212,7 @@ def make_badge(word: str) -> Badge:
 
 def make_suite_address(suite: str) -> str:
     """Return the address of a suite's page."""
-    # The page that builds a suite has the address /suites/new: a suite named "new" needs another.
-    return f"/suites/{quote(suite, safe='')}{'/' if suite == NEW else ''}"
-
-
-NEW = "new"
-"""Last part of the address of the page that builds a suite."""
+    return f"/suites/{quote(suite, safe='')}"
 
 
 def make_suite_view(table: SuiteTable) -> SuiteView:
@@ -427,5 +422,4 @@ def show_suites(store: Stored, before: Before = None) -> HTMLResponse:
 @router.get("/suites/{suite:path}")
 def show_suite(store: Stored, suite: str) -> HTMLResponse:
     """One suite."""
-    named = NEW if suite == f"{NEW}/" else suite
-    return page("suite.html", make_suite_view(make_suite_table(store, named)))
+    return page("suite.html", make_suite_view(make_suite_table(store, suite)))

@@ -58,7 +58,7 @@ def read_suite(given: SuiteRequest) -> Suite:
     try:
         suite = Suite.of(**asdict(given))
     except InputError as error:
-        raise rename_suite_error(error, given.name) from error
+        raise _rename_suite_error(error, given.name) from error
     for member in suite.members:
         if suite_of(member.spec.name) != suite.name:
             problem = f"A campaign '{member.spec.name}' would belong to another suite, or to none."
@@ -102,7 +102,7 @@ def _measure_size(value: Any) -> int:
     return len(msgspec.json.encode(value))
 
 
-def rename_suite_error(error: InputError, suite: str) -> InputError:
+def _rename_suite_error(error: InputError, suite: str) -> InputError:
     """Return an error of a suite's file as that of a request, which has fields and no file.
 
     Args:
@@ -114,6 +114,43 @@ def rename_suite_error(error: InputError, suite: str) -> InputError:
         return rename_field(error, field)
     problem = error.problem.removeprefix(f"{error.field}: ")
     return InvalidValue("", f"The suite {problem}", error.remedy)
+
+
+class CheckedSuite(msgspec.Struct, frozen=True):
+    """What a request for a suite would create.
+
+    Attributes:
+        missing: campaigns that can be created now, by idempotency key.
+        problems: first problem of each member that is refused, by its name.
+    """
+
+    missing: dict[str, CampaignSpec]
+    problems: dict[str, InputError]
+
+
+def check_suite(store: Store, suite: Suite) -> CheckedSuite:
+    """Return the campaigns of a suite that do not exist yet, checked, without creating any.
+
+    Members that build upon members which are not done are checked, and cannot be created now.
+    """
+    alike: dict[str, list[Campaign]] = {}
+    for campaign in _list_campaigns(store, suite.name):
+        alike.setdefault(campaign.spec.name, []).append(campaign)
+    found = match_campaigns(suite, alike)
+    ready = dict(list_ready_members(suite, found))
+    checked = CheckedSuite({}, {})
+    for name, spec in ready.items():
+        try:
+            checked.missing[make_member_key(spec)] = _check_member(store, spec)
+        except InputError as error:
+            checked.problems[name] = error
+    for member in suite.members:
+        if member.name not in found and member.name not in ready:
+            try:
+                check_spec(replace_references(member.spec))
+            except InputError as error:
+                checked.problems[member.name] = error
+    return checked
 
 
 def create_suite(store: Store, suite: Suite, made_by: int | None = None) -> None:
@@ -132,30 +169,17 @@ def create_suite(store: Store, suite: Suite, made_by: int | None = None) -> None
         InvalidValue: a value of a member that cannot be.
         QuotaExceeded: the API key does not allow all of them.
     """
-    alike: dict[str, list[Campaign]] = {}
-    for campaign in _list_campaigns(store, suite.name):
-        alike.setdefault(campaign.spec.name, []).append(campaign)
-    found = match_campaigns(suite, alike)
-    ready = dict(list_ready_members(suite, found))
-    missing = {name: _check_member(store, name, spec) for name, spec in ready.items()}
-    for member in suite.members:
-        if member.name not in found and member.name not in ready:
-            with move_errors(_locate_member(member.name)):
-                check_spec(replace_references(member.spec))
-    store.campaigns.create_missing(
-        {make_member_key(ready[name]): spec for name, spec in missing.items()}, made_by
-    )
+    checked = check_suite(store, suite)
+    for name, error in checked.problems.items():
+        with move_errors(f"member '{name}'"):
+            raise error
+    store.campaigns.create_missing(checked.missing, made_by)
 
 
-def _check_member(store: Store, name: str, spec: CampaignSpec) -> CampaignSpec:
-    with move_errors(_locate_member(name)):
-        campaign = validate_campaign(spec, store)
-        check_offers(campaign, list_offers([campaign], store))
-        return campaign.spec
-
-
-def _locate_member(name: str) -> str:
-    return f"member '{name}'"
+def _check_member(store: Store, spec: CampaignSpec) -> CampaignSpec:
+    campaign = validate_campaign(spec, store)
+    check_offers(campaign, list_offers([campaign], store))
+    return campaign.spec
 
 
 def make_suite_table(store: Store, suite: str, most: int = MOST_MEMBERS) -> SuiteTable:

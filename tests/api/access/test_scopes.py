@@ -46,6 +46,8 @@ ROUTES = {
         GET /glossary
         GET /launch
         POST /launch/form
+        GET /launch/suite
+        POST /launch/suite
         POST /logout
         GET /metrics
         GET /openapi.json
@@ -57,8 +59,6 @@ ROUTES = {
         POST /risk
         GET /search
         GET /suites
-        GET /suites/new
-        POST /suites/new/form
         GET /suites/{suite}
         GET /workers
         GET /gates

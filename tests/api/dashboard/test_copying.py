@@ -13,7 +13,7 @@ from eigenfail.values import CampaignSpec
 from eigenfail.values.access import KeyRequest, Scope
 from eigenfail_api.__main__ import Server, listen
 from eigenfail_api.app import create_app
-from eigenfail_api.dashboard.copying import Service, format_curl, to_toml
+from eigenfail_api.dashboard.copying import Service, format_curl
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.access import make_key
 
@@ -98,10 +98,6 @@ def test_a_path_cannot_break_out(tmp_path):
     command = format_curl(Service("http://127.0.0.1:1"), "/suites/x';touch y #")
     in_shell(f"{command} || true", tmp_path)
     assert list(tmp_path.iterdir()) == []
-
-
-def test_keys_of_toml_are_quoted_where_needed():
-    assert to_toml({"a b": 1, "c": True}) == '"a b" = 1\nc = true\n'
 
 
 @pytest.mark.parametrize(

@@ -361,7 +361,7 @@ def test_a_file_fills_in_the_form_and_is_what_would_be_launched(http):
         ("name = ", "The file is not TOML"),
         ("[" * 5_000, "The file is not TOML"),
         ("x = " + "9" * 5_000, "The file is not TOML"),
-        ('[[campaigns]]\nname = "a"', "suite run"),
+        ('[[campaigns]]\nname = "a"', "page of a new suite"),
         (FILE.replace("episodes = 50", "episods = 50"), "Did you mean 'episodes'"),
         (FILE.replace("alpha", "alfa"), "Did you mean 'alpha'"),
         (FILE.replace("50", "0"), "from 1 to"),

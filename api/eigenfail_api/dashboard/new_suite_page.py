@@ -1,0 +1,135 @@
+"""The page that launches a suite from its file, after a preview of its campaigns."""
+
+import tomllib
+from collections.abc import Iterator, Mapping
+
+import msgspec
+from anyio.to_thread import run_sync
+from fastapi import APIRouter, Depends, Request
+from fastapi.responses import HTMLResponse
+
+from eigenfail.errors import InputError, InvalidValue
+from eigenfail.presentation.figures import count_noun
+from eigenfail.suites import Suite, SuiteRequest
+from eigenfail.wire.http import read_body
+from eigenfail_api.concurrency import ConcurrencyLimit
+from eigenfail_api.dashboard.launch_page import (
+    TOML,
+    LaunchTrouble,
+    describe_error,
+    make_key,
+    read_form,
+)
+from eigenfail_api.dashboard.rendering import page
+from eigenfail_api.dashboard.suites_page import make_suite_address
+from eigenfail_api.parameters import Stored
+from eigenfail_services.campaigns.suites import check_suite, read_suite
+from eigenfail_services.store import Store
+
+
+class NewSuiteView(msgspec.Struct, frozen=True, kw_only=True):
+    """The page.
+
+    Attributes:
+        text: text of the file.
+        suite: the suite in it; None while there is none.
+        refused: names of the members with problems.
+        body: body of the request that creates the suite.
+        key: idempotency key of this request; empty while there is nothing to launch.
+        address: page of the suite.
+    """
+
+    text: str = ""
+    troubles: tuple[LaunchTrouble, ...] = ()
+    suite: Suite | None = None
+    refused: frozenset[str] = frozenset()
+    body: str = ""
+    key: str = ""
+    address: str = ""
+
+    @property
+    def wrong(self) -> str:
+        """How many problems there are."""
+        return count_noun(len(self.troubles), "problem")
+
+    @property
+    def size(self) -> str:
+        """How many campaigns and episodes there are."""
+        if self.suite is None:
+            return ""
+        campaigns = count_noun(len(self.suite.members), "campaign")
+        return f"{campaigns}, {count_noun(self.suite.episodes, 'episode')}"
+
+
+router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
+
+PATH = "/launch/suite"
+
+
+@router.get(PATH)
+def show_new_suite() -> HTMLResponse:
+    """Serve the page without a file."""
+    return page("new_suite.html", NewSuiteView())
+
+
+FORMS = Depends(ConcurrencyLimit("forms of suites"), scope="function")
+
+
+@router.post(PATH, dependencies=[FORMS])
+async def preview_new_suite(request: Request, store: Stored) -> HTMLResponse:
+    """Serve the preview of a file; nothing is launched."""
+    typed = await read_form(request)
+    return page("new_suite.html", await run_sync(make_new_suite, store, typed.get(TOML, "")))
+
+
+def make_new_suite(store: Store, text: str) -> NewSuiteView:
+    """Return the page for the text of a file."""
+    try:
+        body = encode_suite(text)
+        suite = read_suite(read_body(body, SuiteRequest))
+        problems = check_suite(store, suite).problems
+    except InputError as error:
+        return NewSuiteView(text=text, troubles=(LaunchTrouble(describe_problem(error)),))
+    return NewSuiteView(
+        text=text,
+        troubles=tuple(list_member_troubles(problems)),
+        suite=suite,
+        refused=frozenset(problems),
+        body=body.decode(),
+        key="" if problems else make_key("", msgspec.json.decode(body)),
+        address=make_suite_address(suite.name),
+    )
+
+
+def encode_suite(text: str) -> bytes:
+    """Return the file of a suite as the body of the request that creates it.
+
+    Raises:
+        InvalidValue: the text is not TOML, or describes a campaign.
+    """
+    try:
+        table = tomllib.loads(text)
+        body = msgspec.json.encode(table)
+    # A number of too many digits is a plain ValueError.
+    except (ValueError, RecursionError) as error:
+        raise InvalidValue("", f"The file is not TOML: {error}.") from None
+    if "method" in table:
+        remedy = "Fill in the launch form from it."
+        raise InvalidValue("", "The file describes a campaign, not a suite.", remedy)
+    return body
+
+
+def list_member_troubles(problems: Mapping[str, InputError]) -> Iterator[LaunchTrouble]:
+    """Yield each problem once, with the first member that has it and the number of others."""
+    named: dict[str, list[str]] = {}
+    for name, error in problems.items():
+        named.setdefault(describe_problem(error), []).append(name)
+    for words, names in named.items():
+        more = f" and {count_noun(len(names) - 1, 'other')}" if len(names) > 1 else ""
+        yield LaunchTrouble(f"{names[0]}{more}: {words}")
+
+
+def describe_problem(error: InputError) -> str:
+    """Return a problem with its field and its remedy."""
+    where = f"{error.field}: " if error.field else ""
+    return f"{where}{describe_error(error)}"
