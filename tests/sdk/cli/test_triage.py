@@ -84,7 +84,7 @@ def blocks(language):
 
 
 def test_the_page_is_true(made, eigenfail, service):
-    (shell,), (python,), (filters,) = map(blocks, ("sh", "python", "text"))
+    shell, python, filters = ("".join(blocks(each)) for each in ("sh", "python", "text"))
     for line in shell.splitlines():
         ran = eigenfail(*shlex.split(line)[1:])
         assert ran.exit_code == 0, (line, ran.stderr)
