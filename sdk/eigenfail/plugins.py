@@ -36,7 +36,6 @@ DISTRIBUTION = "eigenfail"
 """The distribution whose entry points are eigenfail's own."""
 
 
-@cache
 def list_claims(group: str) -> dict[str, list[EntryPoint]]:
     """All entry points of a group by name: several where distributions claim the same name."""
     claims: dict[str, list[EntryPoint]] = {}

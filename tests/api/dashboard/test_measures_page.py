@@ -14,6 +14,7 @@ from eigenfail.values import (
     Outcome,
     Overhead,
 )
+from eigenfail.values.analysis import FEWEST_OF_MODE
 from eigenfail.values.safety import FailurePoint, Scatter, SeverityRisk
 from eigenfail_api.dashboard.measures_page import describe_kind, make_scatter_chart
 from eigenfail_services.campaigns.summary import find_safety
@@ -71,7 +72,9 @@ def test_an_analysis_that_finds_distinct_modes_prices_them(look, store, driven, 
     first = store.analyses.get(finished(2)).result
     analysis = store.analyses.create(driven, store.analyses.get(1).settings).id
     store.analyses.start(analysis)
-    store.analyses.finish(analysis, replace(first, silhouette=0.5, noise_silhouette=0.2))
+    modes = tuple(replace(mode, failures=FEWEST_OF_MODE) for mode in first.modes)
+    found = replace(first, silhouette=0.5, noise_silhouette=0.2, modes=modes)
+    store.analyses.finish(analysis, found)
     text = look(f"/campaigns/{driven}/measures")
     assert "Per distinct mode 0.500 USD 2 distinct modes" in text
     assert f"Analysis {analysis}" in text

@@ -68,7 +68,9 @@ def test_a_service_that_cannot_say_where_it_is_ends(folder) -> None:
     words = ["up", "--launcher", "none", "--port", "0", "--data", "unsaid"]
     with FULL.open("w") as stdout:
         done = run(words, stdout, folder)
-    assert (done.returncode, done.stderr.count("\n")) == (3, 1), done.stderr
+    # On a slow machine, lines before say how long it has been starting.
+    complaints = [line for line in done.stderr.splitlines() if not line.endswith("s so far.")]
+    assert (done.returncode, len(complaints)) == (3, 1), done.stderr
     there = str(folder / "unsaid")
     assert not [
         process.pid

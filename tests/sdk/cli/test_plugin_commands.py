@@ -31,7 +31,7 @@ RAISES = '"""Raise when imported."""\n\nraise RuntimeError("imported")\n'
 @pytest.fixture(autouse=True)
 def forget():
     """Has entry points read anew, before and after."""
-    caches = (plugins.list_claims, plugins.list_entry_points, plugins.load)
+    caches = (plugins.list_entry_points, plugins.load)
     for each in caches:
         each.cache_clear()
     yield
