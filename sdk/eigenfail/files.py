@@ -492,7 +492,9 @@ def _is_known(name: str, known: Sequence[str]) -> bool:
 
 def _suggest_column(missing: str, others: Sequence[str]) -> str:
     """Return which of the unknown columns a missing one may be, with a blank; empty if none is."""
-    if meant := [name for name in others if _is_in_other_unit(name, missing)]:
+    # A column that a user names himself, without a unit, is misspelt rather than converted.
+    has_unit = "_" in missing
+    if has_unit and (meant := [name for name in others if _is_in_other_unit(name, missing)]):
         return f"Convert {meant[0]}, if it is in another unit, and name it {missing}. "
     return suggest_name(missing, others).partition("Known:")[0] if others else ""
 
