@@ -1,4 +1,4 @@
-"""What all tests share, those of the core and those of the plug-ins."""
+"""Fixtures of all tests, of the core and of the plug-ins."""
 
 import os
 import sys

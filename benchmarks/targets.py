@@ -121,7 +121,7 @@ TARGETS = {
     "fuzz.messages": Target(low=100_000.0),
     "fuzz.escapes": Target(high=0.0),
 }
-"""Those of the core; trials.py adds those of the plug-ins."""
+"""Targets of the figures of the core; trials.py adds the targets of plug-ins."""
 
 
 def add_target(name: str, figure: Figure, seed: int) -> Figure:

@@ -7,8 +7,8 @@ direction. Breaches are printed with their places, and the exit code is then 1. 
 under [tool.structure] how many modules each package may have, and how many breaches of each rule
 are tolerated; a commit that needs more must raise the number, where a reviewer sees it.
 
-Plug-ins, the folders of plugins/, have no budget. Nothing outside a plug-in's folder may import it,
-so that the folder can be deleted; deploy/without_plugins.py tries that.
+Plug-ins are the folders of plugins/. They have no budget. Nothing outside a plug-in's folder may
+import it, so that the folder can be deleted; deploy/without_plugins.py tries that.
 """
 
 import ast

@@ -78,7 +78,7 @@ def copy_repository(clone: Path, plugin: Path) -> None:
 
 
 def make_environment(clone: Path) -> Path:
-    """Make the copy's environment: packages of others as here, and of ours those of the copy.
+    """Make an environment for the copy, with the third-party packages of this one.
 
     An environment that took over the packages of this one as a whole would find the plug-in there.
 

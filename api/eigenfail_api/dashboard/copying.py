@@ -34,7 +34,7 @@ def format_curl(service: Service, path: str, body: Values | None = None) -> str:
     Args:
         service: where the request goes.
         path: below /api/v1, with ids and query.
-        body: what is posted, as plain data; None to get what is there.
+        body: body of a POST request, as plain data; None for a GET request.
     """
     parts = [f"curl {shlex.quote(f'{service.address}{PREFIX}{path}')}"]
     if service.asks_for_key:

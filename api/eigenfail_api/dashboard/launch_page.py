@@ -102,7 +102,7 @@ class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
             are none, as a sentence.
         key: idempotency key of this launch; empty while there is nothing to launch.
         curl: the command that launches the same; empty while there is nothing to launch.
-        completed: all that the campaign would be, by path; nothing until it was checked.
+        completed: fields of the campaign and their values, by path; empty before the check.
         token: token of this page.
     """
 

@@ -130,9 +130,9 @@ def _check_doubt(
     least = max(now.unresolved - before.unresolved - before.failures, 0)
     unresolved = {each.index: each for each in known[:least]}
     pairs = None if rerun.unpaired_because else _count_pairs(before, now)
-    counts = before.counted.counts, now.counted.counts
+    campaigns = before.counted, now.counted
     sides = outcomes[0], replace(outcomes[1], unresolved=unresolved)
-    hidden = find_hidden(*sides, counts, pairs, rerun.by, gate.closing)
+    hidden = find_hidden(*sides, campaigns, pairs, rerun.by, gate.closing)
     if len(hidden) > rerun.hidden_errored + rerun.hidden_unresolved:
         yield f"episodes of campaign {now.campaign.id} in doubt may hide a new failure."
 

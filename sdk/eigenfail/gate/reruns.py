@@ -19,12 +19,13 @@ from eigenfail.gate.verdicts import (
     judge_pairs,
     judge_rate,
     judge_rate_by_chance,
+    subtract_estimates,
 )
 from eigenfail.intervals import difference, sum_lower_tail, wilson
 from eigenfail.methods import traits_of
 from eigenfail.presentation.rates import list_doubtful
 from eigenfail.settings import Count, Ordinal
-from eigenfail.values import Campaign, Comparison, Counts, Difference, McNemar, Rate
+from eigenfail.values import Campaign, Comparison, Difference, McNemar, Rate
 from eigenfail.values.records import EpisodeRow
 
 LONGEST_NAME, LONGEST_SENTENCE = 200, 10_000
@@ -228,9 +229,9 @@ def judge_rerun(  # noqa: PLR0913, PLR0917 - the two sides, and how they are jud
         judged = _judge_as_whole(before, now, comparison, pages)
     else:
         judged = _judge_by_pairs(before, now, comparison, pages, by)
-    counts = before.campaign.counts, now.campaign.counts
+    campaigns = before.campaign, now.campaign
     sides = before.outcomes, now.outcomes
-    hidden = find_hidden(*sides, counts, comparison.pairs, judged.by, closing)
+    hidden = find_hidden(*sides, campaigns, comparison.pairs, judged.by, closing)
     errored = len(hidden & now.outcomes.errored.keys())
     return replace(judged, hidden_errored=errored, hidden_unresolved=len(hidden) - errored)
 
@@ -238,7 +239,7 @@ def judge_rerun(  # noqa: PLR0913, PLR0917 - the two sides, and how they are jud
 def find_hidden(  # noqa: PLR0913, PLR0917 - the two sides, and how they are judged
     before: RunOutcomes[Row],
     now: RunOutcomes[Row],
-    counts: tuple[Counts, Counts],
+    campaigns: tuple[Campaign, Campaign],
     pairs: McNemar | None,
     by: JudgedBy,
     closing: Collection[GateVerdict],
@@ -248,7 +249,7 @@ def find_hidden(  # noqa: PLR0913, PLR0917 - the two sides, and how they are jud
     Args:
         before: outcomes of the baseline.
         now: outcomes of the new planner.
-        counts: counts of the episodes of both.
+        campaigns: the campaigns of both.
         pairs: McNemar's test on pairs of episodes; None if they have no counterparts.
         by: whether each episode counts, or all of them together.
         closing: verdicts that close the gate.
@@ -260,7 +261,7 @@ def find_hidden(  # noqa: PLR0913, PLR0917 - the two sides, and how they are jud
         was_fixed = len(before.failures.keys() & now.unresolved.keys())
         verdict = _judge_worst_pairs(pairs, was_fixed, Counter(worst.values()))
     else:
-        verdict = _judge_worst_rate(*counts, len(now.unresolved))
+        verdict = _judge_worst_rate(*campaigns, len(now.unresolved))
     return set(worst) if verdict in closing else set()
 
 
@@ -286,14 +287,18 @@ def _judge_worst_pairs(
     return judge_rate_by_chance(worst, {})
 
 
-def _judge_worst_rate(before: Counts, now: Counts, unresolved: int) -> GateVerdict:
-    """Judge a rate against the baseline's, episodes in doubt as failures of the new planner."""
-    doubtful = now.errored + unresolved
-    if not before.failures:
-        return GateVerdict.NEW if now.failures + doubtful else GateVerdict.SAFE
-    was = _make_rate(before.failures, before.completed)
-    rate = _make_rate(now.failures + doubtful, now.completed + now.errored)
-    risen = difference(was, rate).interval.low > 0.0
+def _judge_worst_rate(before: Campaign, now: Campaign, unresolved: int) -> GateVerdict:
+    """Judge a rate against the baseline's, episodes in doubt as failures of the new planner.
+
+    An estimate is not computed again here, so any episode in doubt may raise it.
+    """
+    was, counts = before.counts, now.counts
+    doubtful = counts.errored + unresolved
+    if not was.failures or subtract_estimates(before.estimate, now.estimate):
+        return GateVerdict.NEW if counts.failures + doubtful else GateVerdict.SAFE
+    old = _make_rate(was.failures, was.completed)
+    new = _make_rate(counts.failures + doubtful, counts.completed + counts.errored)
+    risen = difference(old, new).interval.low > 0.0
     return GateVerdict.NEW if risen else GateVerdict.STILL_FAILING
 
 

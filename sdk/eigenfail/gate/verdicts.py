@@ -178,7 +178,7 @@ def find_change(
     before: Estimate | None, now: Estimate | None, difference: Difference | None
 ) -> int:
     """1 where the failures rose by more than the gate's rule allows, -1 where they fell, else 0."""
-    if ends := _subtract_estimates(before, now):
+    if ends := subtract_estimates(before, now):
         low, high = ends
     elif difference:
         low, high = difference.interval.low, difference.interval.high
@@ -187,10 +187,8 @@ def find_change(
     return (low > 0.0) - (high < 0.0)
 
 
-def _subtract_estimates(
-    before: Estimate | None, now: Estimate | None
-) -> tuple[float, float] | None:
-    """The least and the largest rise within both intervals; None where a side has no interval."""
+def subtract_estimates(before: Estimate | None, now: Estimate | None) -> tuple[float, float] | None:
+    """Return the least and the largest rise within both intervals; None if a side has none."""
     if before and now and before.interval and now.interval:
         low = now.interval.low - before.interval.high
         return low, now.interval.high - before.interval.low
@@ -253,7 +251,7 @@ def describe_rates(
         few = "no fewer than chance explains" if _is_sampled(comparison) else WITHIN_THRESHOLD
         return f"{shares}: none now, though {few}{_describe_interval(comparison)}."
     words = CHANCE_WORDS if _is_sampled(comparison) else THRESHOLD_WORDS
-    if _subtract_estimates(before.estimate, now.estimate):
+    if subtract_estimates(before.estimate, now.estimate):
         words = ESTIMATE_WORDS
     return f"{shares}: {words[verdict]}{_describe_interval(comparison)}."
 

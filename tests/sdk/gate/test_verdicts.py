@@ -311,3 +311,11 @@ def test_by_rate_only_what_could_turn_the_verdict_is_in_doubt(compared, is_paire
 def test_after_no_failure_one_episode_in_doubt_is_enough(compared, is_paired):
     found = compared([SAFE] * 400, [SAFE] * 399 + [DOUBT], is_paired, JudgedBy.RATE)
     assert (found.verdict, found.doubt) == ("safe", "1 unresolved episode of campaign 2")
+
+
+def test_any_episode_in_doubt_may_raise_an_estimate(compared):
+    estimate = Estimate(by="subset", episodes=9, interval=Interval(1e-4, 3e-4))
+    sides = FEW, [*FEW[:399], DOUBT]
+    found = compared(*sides, is_paired=False, estimates=(estimate, estimate))
+    assert found.doubt == "1 unresolved episode of campaign 2"
+    assert compared(*sides, is_paired=False).doubt == ""
