@@ -16,7 +16,6 @@ PROGRAMS = ("soak", "fuzz", "machines", "deploy/composed.py", "deploy/image_step
 TESTED = {
     "api/test_main.py": "a service that is told to stop does not wait a minute for work aside",
     "api/test_operations.py": "a probe that hangs for a minute is given up before",
-    "sdk/client/test_speech.py": "reading speech takes no time, however long the text is",
     "services/campaigns/test_proofs.py": "a planner that never answers is not waited for",
     "workers/bridge/conftest.py": "limits that are handed to the bridge",
     "workers/bridge/test_trouble.py": "limits that are handed to the bridge",
