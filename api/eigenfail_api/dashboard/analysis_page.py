@@ -270,12 +270,7 @@ def make_analysis_view(
 def find_given_names(result: AnalysisResult, modes: Sequence[Mode]) -> dict[int, str]:
     """Return the names that were given to modes by number, without those that are proposed."""
     proposed = propose_mode_names(result.words or ("",) * len(result.modes))
-    return {
-        mode.number: mode.name
-        for mode in modes
-        # Names that earlier releases proposed end where they were cut.
-        if mode.name != proposed[mode.number - 1] and not mode.name.endswith(" …")
-    }
+    return {mode.number: mode.name for mode in modes if mode.name != proposed[mode.number - 1]}
 
 
 def is_replaying(proof: Proof | None) -> bool:
