@@ -129,6 +129,11 @@ class Rate(msgspec.Struct, frozen=True):
         """k ÷ n, also where `value` is another estimate."""
         return self.k / self.n
 
+    def __post_init__(self) -> None:
+        if not self.sampled:
+            # The episodes of an adaptive search are no random sample: there is nothing to bound.
+            structs.force_setattr(self, "interval", None)
+
 
 class Cost(msgspec.Struct, frozen=True):
     """What a campaign cost.
