@@ -24,8 +24,6 @@ import openturns_beside
 import parallel
 import processors
 import releases
-import reproduction
-import reproduction_drive
 import requirements
 import risk
 import sensor_limits
@@ -38,7 +36,7 @@ from curves import Curve
 from driven_searches import ADAPTED, DRIVEN, OWN, compare_driven
 from episode_pool import EpisodePool
 from faults import faults, kinds
-from figures import ROOT, Figure
+from figures import ROOT, Figure, Record
 from foreign import found_in_others
 from fuzzing import fuzzed
 from known_answers import clouds, corners, planted
@@ -50,8 +48,6 @@ from other_scenarios import held_noise, merges, ordinary
 from peer_tools import PEERS
 from peers import compare_peer
 from probability import p_fail
-from reproduction import Run
-from reproduction_drive import SeedRuns
 from shaped import shaped
 from simple_searches import PLACES, compare, list_searches
 from targets import TARGETS
@@ -59,7 +55,7 @@ from undisturbed import undisturbed, unlit
 
 SCENARIOS = ("cut_in", "merge_in", "lead_brake")
 
-Finding = Figure | tuple[Curve, ...] | Run | SeedRuns
+Finding = Figure | tuple[Curve, ...] | Record
 Find = Callable[[EpisodePool, int], Iterable[tuple[str, Finding]]]
 
 
@@ -121,8 +117,6 @@ TRIALS = [
     Trial(("merge_in.idm.mc2000.",), partial(frail, "merge_in")),
     Trial(("merge_in.ast.",), partial(merge, "ast", patience=None)),
     Trial(("merge_in.difs.",), partial(merge, "difs")),
-    Trial((*reproduction.PREFIXES, "cut_in.eigenfailures."), reproduction.find),
-    Trial(reproduction_drive.PREFIXES, reproduction_drive.find),
     Trial(("eigenfailures.",), eigenfailures.reproduce),
     Trial(("cut_in.true_failures.",), confirmed),
     Trial(("cut_in.rulebook.plain_monte_carlo.",), plain_monte_carlo),

@@ -5,9 +5,9 @@ from types import MappingProxyType
 
 import msgspec
 
-from eigenfail.reproduction.paper import SAFETY_COUNTS, SAFETY_EPISODES
 from eigenfail.values import AnalysisSettings
 from eigenfail.values.analysis import STABLE
+from eigenfail_reproduction.paper import SAFETY_COUNTS, SAFETY_EPISODES
 
 DRAWN = (
     "Failure rate: share of the n episodes that collide. Brackets hold Wilson's 95 % interval of "

@@ -5,7 +5,7 @@ from enum import StrEnum
 
 import msgspec
 
-from eigenfail.reproduction.paper import PaperReproduction, PaperStatement
+from eigenfail_reproduction.paper import PaperReproduction, PaperStatement
 
 
 class SeedVerdict(StrEnum):

@@ -1,11 +1,11 @@
 """The paper's tables with our numbers beside its own."""
 
 from eigenfail.intervals import find_interval
-from eigenfail.reproduction.page import format_heading, format_our_number, format_paper_number
-from eigenfail.reproduction.paper import REPLAYED, SWEEP, PaperColumn, PaperNumber
-from eigenfail.reproduction.programme import PROGRAMMES
-from eigenfail.reproduction.tables import build_campaign_tables
 from eigenfail.values import Interval
+from eigenfail_reproduction.page import format_heading, format_our_number, format_paper_number
+from eigenfail_reproduction.paper import REPLAYED, SWEEP, PaperColumn, PaperNumber
+from eigenfail_reproduction.programme import PROGRAMMES
+from eigenfail_reproduction.tables import build_campaign_tables
 
 
 def tables(summaries):

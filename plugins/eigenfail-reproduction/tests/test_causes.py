@@ -7,15 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sklearn.metrics import adjusted_rand_score
 
-from eigenfail.reproduction.causes import compute_rand_index, judge_causes, leave_causes_open
-from eigenfail.reproduction.programme import PROGRAMMES
-from eigenfail.reproduction.tables import (
-    READINGS,
-    build_component_table,
-    build_replay_table,
-    build_safety_table,
-    list_readings,
-)
 from eigenfail.values import (
     AnalysisResult,
     CampaignState,
@@ -30,6 +21,15 @@ from eigenfail.values import (
 from eigenfail.values.analysis import Stability
 from eigenfail.values.proof import ProvenScenario, Reproduction
 from eigenfail.values.safety import FailurePoint, Figure, Scatter, SeverityRisk, Violations
+from eigenfail_reproduction.causes import compute_rand_index, judge_causes, leave_causes_open
+from eigenfail_reproduction.programme import PROGRAMMES
+from eigenfail_reproduction.tables import (
+    READINGS,
+    build_component_table,
+    build_replay_table,
+    build_safety_table,
+    list_readings,
+)
 
 NAME = "ast evaluation"
 CUT_IN, DRIVE = PROGRAMMES["cut_in"], PROGRAMMES["highway_drive"]

@@ -9,7 +9,8 @@ import msgspec
 
 from eigenfail.presentation import figures
 from eigenfail.presentation.tables import TableColumn, format_cell
-from eigenfail.reproduction.paper import (
+from eigenfail.values import Interval
+from eigenfail_reproduction.paper import (
     REPLAYED,
     PaperColumn,
     PaperNumber,
@@ -18,8 +19,7 @@ from eigenfail.reproduction.paper import (
     PaperStatement,
     PaperTable,
 )
-from eigenfail.reproduction.programme import FRESH
-from eigenfail.values import Interval
+from eigenfail_reproduction.programme import FRESH
 
 
 class QuotedNumber(msgspec.Struct, frozen=True):

@@ -5,12 +5,12 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import comb
 
 from eigenfail.presentation.figures import format_interval, format_number, format_share
-from eigenfail.reproduction.judgements import FEWEST_FAILURES, Judgement, agree
-from eigenfail.reproduction.paper import MODES, PaperStatement
-from eigenfail.reproduction.programme import STEP_S, ScenarioProgramme
-from eigenfail.reproduction.tables import Analyses, list_readings
 from eigenfail.values import AnalysisResult, Proof, Safety
 from eigenfail.values.safety import Scatter
+from eigenfail_reproduction.judgements import FEWEST_FAILURES, Judgement, agree
+from eigenfail_reproduction.paper import MODES, PaperStatement
+from eigenfail_reproduction.programme import STEP_S, ScenarioProgramme
+from eigenfail_reproduction.tables import Analyses, list_readings
 
 AXES = ("longitudinal", "lateral")
 ALIGNMENTS = ("collision", "start")

@@ -1,11 +1,47 @@
-"""Summaries as a service would tell them, from a few numbers."""
+"""What the tests of the plug-in share: a service that costs nothing, and made-up summaries."""
+
+from contextlib import closing
+from functools import partial
+from importlib import import_module
+from pathlib import Path
 
 import pytest
+from working_service import WorkingService, run_command
 
 from eigenfail.intervals import find_interval
-from eigenfail.reproduction.programme import build_suite
 from eigenfail.values import Conflicts, Cost, Counts, Rate, Safety, Summary
 from eigenfail.values.safety import FailurePoint, Scatter, SeverityRisk, Violations
+from eigenfail_reproduction.programme import build_suite
+from eigenfail_services.store import open_store
+
+ROOT = Path(__file__).parents[3]
+
+
+@pytest.fixture(scope="session")
+def root():
+    return ROOT
+
+
+@pytest.fixture
+def import_benchmark(monkeypatch):
+    """Imports a benchmark of the plug-in by its name."""
+    for folder in (ROOT, Path(__file__).parents[1]):
+        monkeypatch.syspath_prepend(folder / "benchmarks")
+    return import_module
+
+
+@pytest.fixture
+def store():
+    """The store of the service."""
+    with closing(open_store("memory://")) as opened:
+        yield opened
+
+
+@pytest.fixture
+def eigenfail(store, monkeypatch):
+    """Runs a command against the service; its result has exit_code, stdout and stderr."""
+    monkeypatch.setattr("eigenfail.client.link.sleep", lambda seconds: None)
+    return partial(run_command, WorkingService(store))
 
 
 def make_summary(number, name, failures, completed=300, *, per_step=-2.0, severity=100.0):

@@ -1,23 +1,20 @@
 """docs/reproduction_drive.md is what the kept runs say, and so are the claims."""
 
-from importlib import import_module
-
 import msgspec
 import pytest
 
-from eigenfail.reproduction.programme import LEARNERS, SCALES
-from eigenfail.reproduction.seeds import SeedVerdict, judge_over_seeds
+from eigenfail_reproduction.programme import LEARNERS, SCALES
+from eigenfail_reproduction.seeds import SeedVerdict, judge_over_seeds
 
 
 @pytest.fixture
-def benchmark(monkeypatch, root):
-    monkeypatch.syspath_prepend(root / "benchmarks")
-    return import_module("reproduction_drive")
+def benchmark(import_benchmark):
+    return import_benchmark("reproduction_drive")
 
 
 def test_the_page_is_that_of_the_kept_runs(benchmark, root):
     page = (root / "docs" / "reproduction_drive.md").read_text()
-    assert page == benchmark.format_page(benchmark.read()), "run `make pictures`"
+    assert page == benchmark.format_page(benchmark.read()), f"run `python {benchmark.__file__}`"
 
 
 def test_the_first_seed_has_all_campaigns_and_the_others_the_learners(benchmark):

@@ -7,7 +7,18 @@ from typing import Any, NamedTuple
 import msgspec
 
 from eigenfail.intervals import bound_rate
-from eigenfail.reproduction.captions import (
+from eigenfail.values import (
+    AnalysisResult,
+    AnalysisSettings,
+    Proof,
+    Rate,
+    Safety,
+    Summary,
+)
+from eigenfail.values.disturbance import AXES
+from eigenfail.values.proof import ProvenScenario
+from eigenfail.values.safety import Violations
+from eigenfail_reproduction.captions import (
     CAPTIONS,
     MEANS,
     OF_EVALUATION,
@@ -19,7 +30,7 @@ from eigenfail.reproduction.captions import (
     OF_TRAINING,
     SEARCHED,
 )
-from eigenfail.reproduction.paper import (
+from eigenfail_reproduction.paper import (
     EVALUATION,
     EXPLAINED_BY_THREE,
     GENERALISATION,
@@ -38,18 +49,7 @@ from eigenfail.reproduction.paper import (
     PaperTable,
     Rows,
 )
-from eigenfail.reproduction.programme import LEARNERS, ScenarioProgramme
-from eigenfail.values import (
-    AnalysisResult,
-    AnalysisSettings,
-    Proof,
-    Rate,
-    Safety,
-    Summary,
-)
-from eigenfail.values.disturbance import AXES
-from eigenfail.values.proof import ProvenScenario
-from eigenfail.values.safety import Violations
+from eigenfail_reproduction.programme import LEARNERS, ScenarioProgramme
 
 Summaries = Mapping[str, Summary]
 Read = Callable[[Summary], PaperNumber]

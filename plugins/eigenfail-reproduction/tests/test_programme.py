@@ -5,10 +5,10 @@ import pytest
 
 from eigenfail.cli.specs import check_plugins
 from eigenfail.errors import UnknownName
-from eigenfail.reproduction import paper, tables
-from eigenfail.reproduction.programme import CHOSEN, PROGRAMMES, SCALES, STEP_S, SWEEP, build_suite
 from eigenfail.suites import Suite
 from eigenfail.worlds import world_of
+from eigenfail_reproduction import paper, tables
+from eigenfail_reproduction.programme import CHOSEN, PROGRAMMES, SCALES, STEP_S, SWEEP, build_suite
 
 STEPS = {"cut_in": 100, "highway_drive": 420}
 

@@ -2,8 +2,8 @@
 
 import pytest
 
-from eigenfail.reproduction.paper import PaperReproduction, PaperStatement
-from eigenfail.reproduction.seeds import SeedVerdict, count_asked, judge_over_seeds
+from eigenfail_reproduction.paper import PaperReproduction, PaperStatement
+from eigenfail_reproduction.seeds import SeedVerdict, count_asked, judge_over_seeds
 
 UNASKED = "unasked"
 

@@ -1,27 +1,25 @@
 """docs/reproduction.md is what the kept run says, and so are the claims."""
 
-from importlib import import_module
 from types import SimpleNamespace
 
 import msgspec
 import pytest
 
-from eigenfail.reproduction import captions, tables
-from eigenfail.reproduction.page import list_claims
-from eigenfail.reproduction.programme import PROGRAMMES, SCALES
+from eigenfail_reproduction import captions, tables
+from eigenfail_reproduction.page import list_claims
+from eigenfail_reproduction.programme import PROGRAMMES, SCALES
 
 CUT_IN = PROGRAMMES["cut_in"]
 
 
 @pytest.fixture
-def benchmark(monkeypatch, root):
-    monkeypatch.syspath_prepend(root / "benchmarks")
-    return import_module("reproduction")
+def benchmark(import_benchmark):
+    return import_benchmark("reproduction")
 
 
 def test_the_page_is_that_of_the_kept_run(benchmark, root):
     page = (root / "docs" / "reproduction.md").read_text()
-    assert page == benchmark.illustrate_page(benchmark.read()), "run `make pictures`"
+    assert page == benchmark.illustrate_page(benchmark.read()), f"run `python {benchmark.__file__}`"
     for name in benchmark.PICTURES:
         assert f"(reproduction/{name}.svg)" in page
         assert "<svg" in (root / "docs" / "reproduction" / f"{name}.svg").read_text()

@@ -1,4 +1,4 @@
-"""`eigenfail reproduce`: the paper's experiments, and our numbers next to the paper's."""
+"""Run the paper's experiments, and print our numbers next to the paper's."""
 
 from collections.abc import Iterator
 from enum import StrEnum
@@ -21,17 +21,17 @@ from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.progress import announce
-from eigenfail.reproduction.page import (
+from eigenfail.suites import Suite
+from eigenfail_reproduction.page import (
     format_heading,
     format_our_number,
     format_paper_number,
     format_verdict,
     list_files,
 )
-from eigenfail.reproduction.paper import PaperReproduction, PaperTable
-from eigenfail.reproduction.programme import PROGRAMMES, build_suite
-from eigenfail.reproduction.statements import build_reproduction
-from eigenfail.suites import Suite
+from eigenfail_reproduction.paper import PaperReproduction, PaperTable
+from eigenfail_reproduction.programme import PROGRAMMES, build_suite
+from eigenfail_reproduction.statements import build_reproduction
 
 
 def draw_reproduction(found: PaperReproduction) -> Group:
@@ -105,7 +105,7 @@ Output = Annotated[
 
 
 @app.command()
-def reproduce(
+def reproduce(  # noqa: PLR0913, PLR0917 - typer makes an option of each argument
     context: typer.Context,
     scale: HowMuch = Scale.SMALL,
     scenario: ScenarioName = "cut_in",

@@ -5,8 +5,9 @@ import re
 import msgspec
 import pytest
 
-from eigenfail.reproduction.page import format_page, list_claims
-from eigenfail.reproduction.paper import (
+from eigenfail.values import Interval
+from eigenfail_reproduction.page import format_page, list_claims
+from eigenfail_reproduction.paper import (
     PaperColumn,
     PaperNumber,
     PaperReproduction,
@@ -14,7 +15,6 @@ from eigenfail.reproduction.paper import (
     PaperStatement,
     PaperTable,
 )
-from eigenfail.values import Interval
 
 MARK = re.compile(r"(\S+) %? ?(\[[^]]*\])?<!-- claim (\S+) -->")
 

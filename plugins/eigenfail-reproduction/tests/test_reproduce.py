@@ -6,10 +6,10 @@ import json
 import msgspec
 import pytest
 
-from eigenfail.cli import reproduce
-from eigenfail.reproduction.paper import PaperReproduction
-from eigenfail.reproduction.programme import build_suite
 from eigenfail.suites import Suite, SuiteMember
+from eigenfail_reproduction import commands
+from eigenfail_reproduction.paper import PaperReproduction
+from eigenfail_reproduction.programme import build_suite
 
 QUICK = {
     "method": "monte_carlo",
@@ -30,7 +30,7 @@ def quick(monkeypatch):
         named = zip(suite.members, specs, strict=True)
         return Suite(suite.name, tuple(SuiteMember(member.name, spec) for member, spec in named))
 
-    monkeypatch.setattr(reproduce, "build_suite", members)
+    monkeypatch.setattr(commands, "build_suite", members)
 
 
 def test_tables_and_statements_are_printed(eigenfail):

@@ -1,22 +1,30 @@
-"""The paper's experiments at full scale: figures, pictures, and docs/reproduction.md from both."""
+"""The paper's experiments at full scale: figures, pictures, and docs/reproduction.md from both.
 
+`python plugins/eigenfail-reproduction/benchmarks/reproduction.py` writes the page from the run that
+is kept.
+"""
+
+import sys
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
 
+sys.path.append(str(Path(__file__).parents[3] / "benchmarks"))
+
 import msgspec
 from episode_pool import EpisodePool
 from figures import ROOT, Figure
 from samples import COMMAND
+from targets import Target
 
 from eigenfail.client import Client
 from eigenfail.hosting.service import Plan, local_service
-from eigenfail.reproduction.page import format_page, list_claims
-from eigenfail.reproduction.paper import PaperReproduction
-from eigenfail.reproduction.programme import build_suite
-from eigenfail.reproduction.statements import build_reproduction
 from eigenfail.suites import Suite
+from eigenfail_reproduction.page import format_page, list_claims
+from eigenfail_reproduction.paper import PaperReproduction
+from eigenfail_reproduction.programme import build_suite
+from eigenfail_reproduction.statements import build_reproduction
 
 FILE = ROOT / "docs" / "reproduction.json"
 PAGE = ROOT / "docs" / "reproduction.md"
@@ -50,6 +58,10 @@ class Run(NamedTuple):
 
     found: PaperReproduction
     pictures: Mapping[str, bytes]
+
+    def write_beside(self, claims: Path) -> None:
+        """Keep the run beside the file of the claims."""
+        write(self, claims.with_name(FILE.name))
 
 
 def run_reproduction(seed: int, scale: str = "full") -> Run:
@@ -167,3 +179,11 @@ def illustrate_page(found: PaperReproduction) -> str:
     found = msgspec.structs.replace(found, tables=tables)
     pictures = (f"![{title}]({FOLDER}/{name}.svg)\n" for name, (_, title) in PICTURES.items())
     return "\n".join((format_page(found), "## Pictures\n", OF_PICTURES, *pictures))
+
+
+TRIALS = (((*PREFIXES, "cut_in.eigenfailures."), find),)
+TARGETS = {"cut_in.eigenfailures.reproduced": Target(low=1.0, paper=1.0)}
+
+
+if __name__ == "__main__":
+    PAGE.write_text(illustrate_page(read()), encoding="utf-8")

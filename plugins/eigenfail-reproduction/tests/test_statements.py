@@ -3,11 +3,11 @@
 import msgspec
 import pytest
 
-from eigenfail.reproduction.judgements import is_greater
-from eigenfail.reproduction.paper import LONG_SWEEP
-from eigenfail.reproduction.programme import PROGRAMMES
-from eigenfail.reproduction.statements import NEEDED, judge_campaigns
 from eigenfail.values import Comparison, Cost, Difference, Interval, Side
+from eigenfail_reproduction.judgements import is_greater
+from eigenfail_reproduction.paper import LONG_SWEEP
+from eigenfail_reproduction.programme import PROGRAMMES
+from eigenfail_reproduction.statements import NEEDED, judge_campaigns
 
 CUT_IN, DRIVE = PROGRAMMES["cut_in"], PROGRAMMES["highway_drive"]
 

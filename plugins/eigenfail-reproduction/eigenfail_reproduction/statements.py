@@ -9,29 +9,6 @@ import msgspec
 from eigenfail.client import Client
 from eigenfail.errors import Conflict
 from eigenfail.presentation.figures import format_count, format_number
-from eigenfail.reproduction.causes import Causes, judge_causes, leave_causes_open
-from eigenfail.reproduction.judgements import (
-    FEWEST_FAILURES,
-    Judgement,
-    agree,
-    combine,
-    fails_more_often,
-    has_enough,
-    is_above_half,
-    is_likelier,
-    is_more_severe,
-    is_rarer,
-)
-from eigenfail.reproduction.paper import PaperReproduction, PaperStatement, PaperTable
-from eigenfail.reproduction.programme import SWEPT, ScenarioProgramme, find_programme
-from eigenfail.reproduction.tables import (
-    Analyses,
-    build_campaign_tables,
-    build_component_table,
-    build_replay_table,
-    build_safety_table,
-    list_readings,
-)
 from eigenfail.suites import Suite
 from eigenfail.values import (
     AnalysisResult,
@@ -44,6 +21,29 @@ from eigenfail.values import (
     Proof,
     Safety,
     Summary,
+)
+from eigenfail_reproduction.causes import Causes, judge_causes, leave_causes_open
+from eigenfail_reproduction.judgements import (
+    FEWEST_FAILURES,
+    Judgement,
+    agree,
+    combine,
+    fails_more_often,
+    has_enough,
+    is_above_half,
+    is_likelier,
+    is_more_severe,
+    is_rarer,
+)
+from eigenfail_reproduction.paper import PaperReproduction, PaperStatement, PaperTable
+from eigenfail_reproduction.programme import SWEPT, ScenarioProgramme, find_programme
+from eigenfail_reproduction.tables import (
+    Analyses,
+    build_campaign_tables,
+    build_component_table,
+    build_replay_table,
+    build_safety_table,
+    list_readings,
 )
 
 Summaries = Mapping[str, Summary]
