@@ -77,7 +77,7 @@ CALLED_BY_FRAMEWORKS = [
 PUBLIC = [
     # Of the SDK, for users and for authors of plug-ins.
     *("costs_by_method", "simulators", "from_injected", "cumulative"),
-    *("change_mode", "change_episode", "to_pandas", "to_arrow"),
+    *("change_mode", "change_episode", "wait_for_proof", "to_pandas", "to_arrow"),
     *("LearnerSuite", "SIMULATION_CHECKS", "analysis_result", "read_disturbance"),
     # Fields and choices that are only read from JSON, or set from it.
     *("began_ms", "size_bytes", "left_road_s", "spec_sha256", "data_from", "protocols"),

@@ -78,7 +78,8 @@ def format_our_number(column: PaperColumn, number: PaperNumber) -> str:
     if column.unit == REPLAYED:
         return f"{round(value * number.n)} of {number.n}"
     if column.unit == "share" and interval and not value:
-        return figures.format_no_event(number.n, interval.high)
+        count = figures.format_count(number.n)
+        return f"0 of {count}: {figures.format_upper_bound(interval.high)}"
     bounds = "" if interval is None else f" {_format_interval(column, interval)}"
     return f"{format_cell(value, _describe_unit(column)).value}{bounds}"
 
