@@ -49,9 +49,11 @@ from peer_tools import PEERS
 from peers import compare_peer
 from probability import p_fail
 from shaped import shaped
-from simple_searches import PLACES, compare, list_searches
+from simple_searches import PLACES, SEARCHES, compare, list_searches
 from targets import TARGETS
 from undisturbed import undisturbed, unlit
+
+from eigenfail import plugins
 
 SCENARIOS = ("cut_in", "merge_in", "lead_brake")
 
@@ -65,7 +67,7 @@ class Trial(NamedTuple):
     prefixes: tuple[str, ...]
     find: Find
     missing: tuple[str, ...] = ()
-    """Packages that it needs and that are not installed: its figures stay as they were found."""
+    """Packages and methods that it needs and that are not installed: its figures stay as found."""
 
     def concerns(self, prefix: str) -> bool:
         """Whether one of its figures may begin like this."""
@@ -75,6 +77,11 @@ class Trial(NamedTuple):
 def of_planner(name: str, find: Callable[..., Any], scenario: str, planner: str) -> Trial:
     """A trial of a planner in a scenario."""
     return Trial((f"{scenario}.{planner}.{name}.",), partial(find, scenario, planner))
+
+
+def list_missing_methods(method: str) -> tuple[str, ...]:
+    """The method, if no package that is installed brings it."""
+    return () if method in plugins.names(plugins.METHODS) else (f"method {method}",)
 
 
 def import_plugin_benchmarks() -> Iterator[ModuleType]:
@@ -174,7 +181,11 @@ TRIALS = [
     Trial(("two_corners.",), corners),
     Trial(("difs.network.",), difs_network.find),
     *(
-        Trial((f"search.{place}.{name}.",), partial(compare, place, name))
+        Trial(
+            (f"search.{place}.{name}.",),
+            partial(compare, place, name),
+            list_missing_methods(SEARCHES[name][0]),
+        )
         for place in PLACES
         for name in list_searches(place)
     ),
@@ -182,10 +193,13 @@ TRIALS = [
         Trial(
             (f"search.{place}.{name}.",),
             partial(compare_driven, place, name),
-            foreign_stacks.list_missing_package(where.package),
+            (
+                *foreign_stacks.list_missing_package(where.package),
+                *list_missing_methods(method),
+            ),
         )
         for place, where in DRIVEN.items()
-        for name in (*OWN, *ADAPTED)
+        for name, (method, _) in (OWN | ADAPTED).items()
     ),
     *(
         Trial(

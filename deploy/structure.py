@@ -268,7 +268,10 @@ def _list_unused(vulture: Vulture, folders: Sequence[str]) -> Iterator[str]:
 
 
 def _find_plugin_classes(project: Mapping[str, Any]) -> set[str]:
-    groups = project["entry-points"].values()
+    """The names that entry points of the project and of its plug-ins lead to."""
+    files = [folder / "pyproject.toml" for folder in PLUGINS]
+    projects = [project, *(tomllib.loads(file.read_text("utf-8"))["project"] for file in files)]
+    groups = [group for each in projects for group in each["entry-points"].values()]
     return {reference.rpartition(":")[2] for group in groups for reference in group.values()}
 
 

@@ -13,8 +13,8 @@ from eigenfail.values import (
     LearnerContext,
     episode_seed,
 )
+from eigenfail_searches.go_explore import START, Cell, GoExplore, LevelScale
 from eigenfail_services.methods import archive
-from eigenfail_services.methods.go_explore import START, Cell, GoExplore, LevelScale
 from eigenfail_workers.engine import Engine
 
 CORRIDOR = Corridor(steps=40, gain=0.1, wall=1.6)

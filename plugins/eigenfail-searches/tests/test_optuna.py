@@ -7,9 +7,9 @@ from eigenfail.errors import InvalidValue
 from eigenfail.functions import of_batch
 from eigenfail.settings import read_settings
 from eigenfail.values import EpisodeTask, LearnerContext, TrajectorySource, episode_seed
-from eigenfail_services.methods import archive, check_budget, optuna_search
+from eigenfail_searches.optuna_search import OptunaSearch, score_several, score_single
+from eigenfail_services.methods import archive, check_budget
 from eigenfail_services.methods.ensemble import Ensemble
-from eigenfail_services.methods.optuna_search import OptunaSearch, score_several, score_single
 from eigenfail_workers.functions import FunctionEngine
 
 STEPS = 20
@@ -147,10 +147,3 @@ def test_many_generations_are_restored() -> None:
         play_round(learner, push, 2 * number)
     other.restore(learner.state())
     assert np.array_equal(play_round(learner, push)[0], play_round(other, push)[0])
-
-
-def test_without_the_package_the_method_is_refused(monkeypatch) -> None:
-    monkeypatch.setattr(optuna_search, "find_spec", lambda _name: None)
-    settings = read_settings(OptunaSearch.Settings, {}, "settings")
-    with pytest.raises(InvalidValue, match=r"pip install 'eigenfail\[optuna\]'"):
-        check_budget(settings, 10)

@@ -7,7 +7,7 @@ from eigenfail.functions import of_batch
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import ToyEngine
 from eigenfail.values import EpisodeTask, LearnerContext, episode_seed
-from eigenfail_services.methods.annealing import SimulatedAnnealing
+from eigenfail_searches.annealing import SimulatedAnnealing
 from eigenfail_workers.functions import FunctionEngine
 
 MEAN_BEYOND_2 = 2.3732

@@ -1,11 +1,10 @@
 """Samplers of Optuna over noise that is held: the black-box optimisers that users compare with.
 
-Optuna (Akiba et al. 2019, KDD, 2623) is the extra `optuna` of the package. Its CMA-ES is left out:
-its state is a pickled object, and `cma` is the same strategy.
+Optuna (Akiba et al. 2019, KDD, 2623) has a CMA-ES, too, which is left out: its state is a pickled
+object, and `cma` is the same strategy.
 """
 
 from collections.abc import Callable, Sequence
-from importlib.util import find_spec
 from math import ceil, isfinite, nan
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -63,13 +62,7 @@ class OptunaSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     ] = 10
 
     def check_budget(self, episodes: int) -> None:
-        """Raise InvalidValue without Optuna, or for more episodes than the sampler can serve."""
-        if find_spec("optuna") is None:
-            raise InvalidValue(
-                "method",
-                "`optuna` needs the package optuna, which the service does not find.",
-                "Install it where the service runs: pip install 'eigenfail[optuna]'",
-            )
+        """Raise InvalidValue for more episodes than the sampler can serve."""
         most = MAX_EPISODES[self.sampler]
         if episodes > most:
             raise InvalidValue(
