@@ -57,7 +57,6 @@ TARGETS = {
     "cut_in.difs.eval300.mean_severity": Target(paper=115.0),
     "cut_in.difs.logp_ratio": Target(low=0.95, high=1.20),
     "cut_in.difs.default_less_ddpm1000.failure_rate": Target(low=-0.05),
-    "cut_in.eigenfailures.reproduced": Target(low=1.0, paper=1.0),
     "merge_in.ast.failures": Target(low=1.0),
     "merge_in.difs.failures": Target(low=1.0),
     "merge_in.rulebook.mc2000.failures": Target(high=0.0),

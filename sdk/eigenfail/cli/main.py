@@ -37,7 +37,6 @@ COMMANDS = {
     "compare": "Compare two campaigns, or several seeds of each.",
     "gate": "Check a new version of a planner against the failures of an earlier one.",
     "report": "Write a report on campaigns: one self-contained HTML file, and its data.",
-    "reproduce": "Run the paper's experiments, and print our numbers next to the paper's.",
     "worker": "Run one worker for a service, or list the workers of a service.",
     "key": "Create, list, limit and revoke API keys; show the audit log.",
     "webhook": "Add, list, test and remove webhooks, to which events are sent; show deliveries.",
@@ -48,7 +47,7 @@ COMMANDS = {
 OF_THE_SERVER = frozenset({"db"})
 """Commands that the server's package brings."""
 
-PLUGINS = {"noise": "eigenfail-noise-fit"}
+PLUGINS = {"noise": "eigenfail-noise-fit", "reproduce": "eigenfail-reproduction"}
 """Commands that were once in the core, and the packages under plugins/ that bring them now."""
 
 COMPLETION_OPTIONS = ("--install-completion", "--show-completion")

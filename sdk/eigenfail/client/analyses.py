@@ -270,7 +270,7 @@ FILE = re.compile(r"report\.(html|json)|(tables|pictures)/[a-z0-9-]+\.(csv|svg)"
 
 
 ALSO = frozenset({"paper.md", "paper.json", "claims.json"})
-"""Files that a reproduction of the paper adds to a report."""
+"""Files that callers add to a report: a page, its numbers, and the claims in it."""
 
 
 WITHIN_S = 600.0
