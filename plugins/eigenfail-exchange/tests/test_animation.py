@@ -4,12 +4,6 @@ import io
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
-from made_recordings import MISSION, STEPS, drive, record
-from msgspec.structs import replace
-from PIL import Image
-
 from eigenfail.exchange.animation import (
     CAPTION_PX,
     LAST_FRAME_S,
@@ -21,6 +15,12 @@ from eigenfail.exchange.animation import (
     draw_overlaid_episodes,
     list_frame_steps,
 )
+from hypothesis import given
+from hypothesis import strategies as st
+from made_recordings import MISSION, STEPS, drive, record
+from msgspec.structs import replace
+from PIL import Image
+
 from eigenfail.exchange.recording import OverlaidRecordings
 from eigenfail.values import Outcome, Scene
 

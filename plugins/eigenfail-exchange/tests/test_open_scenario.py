@@ -8,6 +8,7 @@ from zipfile import ZipFile
 
 import numpy as np
 import pytest
+from eigenfail.exchange.open_scenario import write_open_scenario
 from made_recordings import MISSION, STEPS, drive, record
 from msgspec.structs import replace
 from recording_readers import (
@@ -20,7 +21,6 @@ from recording_readers import (
 )
 
 from eigenfail.errors import InvalidValue
-from eigenfail.exchange.open_scenario import write_open_scenario
 from eigenfail.exchange.recording import MAX_LANES, EgoControl
 from eigenfail.values import Mission
 

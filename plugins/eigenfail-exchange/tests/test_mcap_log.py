@@ -5,6 +5,7 @@ from math import nan
 
 import numpy as np
 import pytest
+from eigenfail.exchange.mcap_log import write_mcap
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
@@ -13,8 +14,6 @@ from mcap.reader import make_reader
 from mcap_protobuf.schema import build_file_descriptor_set
 from msgspec.structs import replace
 from recording_readers import list_messages, measure_error_m, read_log
-
-from eigenfail.exchange.mcap_log import write_mcap
 
 MILLIMETRE = 1e-3
 FOXGLOVE = {
