@@ -5,7 +5,6 @@ from math import nan
 
 import numpy as np
 import pytest
-from eigenfail.exchange.mcap_log import write_mcap
 from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
@@ -14,6 +13,8 @@ from mcap.reader import make_reader
 from mcap_protobuf.schema import build_file_descriptor_set
 from msgspec.structs import replace
 from recording_readers import list_messages, measure_error_m, read_log
+
+from eigenfail_exchange.mcap_log import write_mcap
 
 MILLIMETRE = 1e-3
 FOXGLOVE = {

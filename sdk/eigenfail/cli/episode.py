@@ -232,8 +232,8 @@ Format = Annotated[
         "--format",
         metavar=f"<{FORMATS}>",
         show_default="by the file's name",
-        help="Format of the file: csv, ndjson or parquet of a campaign; openscenario, mcap, gif or "
-        "another one that a plug-in brings of one episode.",
+        help="Format of the file: csv, ndjson or parquet of a campaign; openscenario, mcap, gif "
+        "or another format of a plug-in of one episode.",
     ),
 ]
 Exported = Annotated[

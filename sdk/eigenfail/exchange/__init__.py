@@ -52,14 +52,14 @@ def find_format(name: str) -> RecordingFormat:
 
 
 def _describe_absence(name: str, installed: list[str]) -> InputError:
-    absence = f"the package {PACKAGE}, which is not installed where the service runs"
+    package = f"package {PACKAGE}, which is not installed where the service runs"
     if name in KNOWN:
         there = f"Installed formats: {', '.join(installed) or 'none'}."
-        remedy = f"Run there, in a clone: pip install plugins/{PACKAGE}. {there}"
-        return InvalidValue("format", f"'{name}' is in {absence}.", remedy)
+        remedy = f"{there} Run there, in a clone: pip install plugins/{PACKAGE}"
+        return InvalidValue("format", f"'{name}' is in the {package}.", remedy)
     problem = f"'{name}' is not known."
     if missing := [each for each in KNOWN if each not in installed]:
-        problem = f"{', '.join(missing)} are in {absence}; '{name}' is not known at all."
+        problem += f" The {package}, brings {', '.join(missing)}."
     return UnknownName("format", name, installed, problem)
 
 
