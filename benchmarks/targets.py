@@ -96,7 +96,6 @@ TARGETS = {
     "subset_over_openturns_worst": Target(high=1.1),
     "channels.white_digest_equal": Target(low=1.0),
     "channels.conformance": Target(low=1.0),
-    "export.pose_error_mm": Target(high=1.0),
     "requirement.covered": Target(low=0.93),
     "risk.cover": Target(low=0.93),
     "risk.cover.at_least": Target(low=0.93),

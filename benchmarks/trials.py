@@ -17,7 +17,6 @@ import difs_network
 import drive
 import eigenfailures
 import evidence
-import exchange
 import foreign_stacks
 import intervals
 import openturns_beside
@@ -222,7 +221,6 @@ TRIALS = [
         openturns_beside.find_figures,
         openturns_beside.list_missing(),
     ),
-    Trial(("export.",), exchange.find),
     Trial(("cross_processor_equal",), processors.find_figures),
     Trial(("fuzz.",), fuzzed),
     Trial(("faults.kinds",), kinds),

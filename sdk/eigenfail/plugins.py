@@ -25,6 +25,7 @@ EXPLAINERS = "eigenfail.explainers"
 WORKER_ACTORS = "eigenfail.worker_actors"
 COMMANDS = "eigenfail.commands"
 DATABASE_TOOLS = "eigenfail.database_tools"
+EXPORTS = "eigenfail.exports"
 
 BUILT_IN = frozenset({"eigenfail_services", "eigenfail_workers"})
 """The packages whose plug-ins are eigenfail's own."""

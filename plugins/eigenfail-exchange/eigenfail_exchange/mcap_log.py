@@ -8,25 +8,32 @@ footprint on the ground.
 import io
 from collections.abc import Iterator, Mapping
 from math import cos, isfinite, sin
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 import numpy as np
+from foxglove_schemas_protobuf.Color_pb2 import Color
+from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
+from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
+from foxglove_schemas_protobuf.Point3_pb2 import Point3
+from foxglove_schemas_protobuf.Pose_pb2 import Pose
+from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
+from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
+from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
+from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
+from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
+from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
+from google.protobuf.timestamp_pb2 import Timestamp
+from mcap.writer import Writer
+from mcap_protobuf.schema import register_schema
 
-from eigenfail.exchange.recording import (
-    EpisodeRecording,
-    StraightRoad,
-    find_height,
-    name_vehicle,
-)
+from eigenfail.exchange.recording import EgoControl, EpisodeRecording, RecordingFormat
 from eigenfail.tabulation import list_noise
 from eigenfail.versions import PACKAGE, read_version
-
-if TYPE_CHECKING:
-    from foxglove_schemas_protobuf.Pose_pb2 import Pose
-    from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
-    from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-    from google.protobuf.timestamp_pb2 import Timestamp
+from eigenfail_exchange.road import StraightRoad, find_height, find_road, name_vehicle
 
 MAP_FRAME = "map"
 TRANSFORMS_TOPIC, SCENE_TOPIC, PERCEIVED_TOPIC = "/tf", "/scene", "/perceived"
@@ -54,16 +61,12 @@ class _Log:
     """Writes messages of protobuf and of JSON to an MCAP log, each with its schema."""
 
     def __init__(self, buffer: io.BytesIO) -> None:
-        from mcap.writer import Writer
-
         self._writer = Writer(buffer)
         self._writer.start(library=f"{PACKAGE} {read_version(PACKAGE)}")
         self._channels: dict[str, int] = {}
 
     def write(self, topic: str, at_ns: int, message: Any) -> None:
         """Write a message of protobuf."""
-        from mcap_protobuf.schema import register_schema
-
         if topic not in self._channels:
             schema = register_schema(self._writer, type(message))
             self._channels[topic] = self._writer.register_channel(topic, "protobuf", schema)
@@ -96,8 +99,7 @@ def write_mcap(recording: EpisodeRecording) -> bytes:
     for. The metadata says which episode it is.
 
     Args:
-        recording: the episode; mcap, mcap-protobuf-support and foxglove-schemas-protobuf are
-            installed.
+        recording: the episode.
     """
     buffer = io.BytesIO()
     log = _Log(buffer)
@@ -143,11 +145,6 @@ def _list_facts(recording: EpisodeRecording) -> dict[str, str]:
 
 
 def _write_vehicles(log: _Log, recording: EpisodeRecording, step: int, at_ns: int) -> None:
-    from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
-    from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
-    from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-    from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
-
     transforms, moment = [], _make_timestamp(at_ns)
     for number, pose in _list_poses(recording, step):
         name = name_vehicle(number)
@@ -167,7 +164,7 @@ def _write_vehicles(log: _Log, recording: EpisodeRecording, step: int, at_ns: in
     log.write(SCENE_TOPIC, at_ns, _make_scene_update(recording, step, moment))
 
 
-def _list_poses(recording: EpisodeRecording, step: int) -> Iterator[tuple[int, "Pose"]]:
+def _list_poses(recording: EpisodeRecording, step: int) -> Iterator[tuple[int, Pose]]:
     """Yield number and pose of each vehicle that is there after a step."""
     for number, state in enumerate(recording.scene.vehicles[step]):
         x_m, y_m, heading_rad = map(float, state[:3])
@@ -175,11 +172,7 @@ def _list_poses(recording: EpisodeRecording, step: int) -> Iterator[tuple[int, "
             yield number, _make_pose(x_m, y_m, 0.0, heading_rad)
 
 
-def _make_pose(x_m: float, y_m: float, z_m: float, heading_rad: float = 0.0) -> "Pose":
-    from foxglove_schemas_protobuf.Pose_pb2 import Pose
-    from foxglove_schemas_protobuf.Quaternion_pb2 import Quaternion
-    from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
-
+def _make_pose(x_m: float, y_m: float, z_m: float, heading_rad: float = 0.0) -> Pose:
     half = 0.5 * heading_rad
     return Pose(
         position=Vector3(x=x_m, y=y_m, z=z_m),
@@ -187,23 +180,16 @@ def _make_pose(x_m: float, y_m: float, z_m: float, heading_rad: float = 0.0) -> 
     )
 
 
-def _make_timestamp(at_ns: int) -> "Timestamp":
-    from google.protobuf.timestamp_pb2 import Timestamp
-
+def _make_timestamp(at_ns: int) -> Timestamp:
     seconds, nanos = divmod(at_ns, NS_PER_S)
     return Timestamp(seconds=seconds, nanos=nanos)
 
 
-def _make_scene_update(
-    recording: EpisodeRecording, step: int, moment: "Timestamp"
-) -> "SceneUpdate":
-    from foxglove_schemas_protobuf.SceneEntityDeletion_pb2 import SceneEntityDeletion
-    from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
-
+def _make_scene_update(recording: EpisodeRecording, step: int, moment: Timestamp) -> SceneUpdate:
     present = dict(_list_poses(recording, step))
     entities = [_make_vehicle(recording, number, pose) for number, pose in present.items()]
     if step == 0:
-        entities.append(_make_road(recording.road))
+        entities.append(_make_road(find_road(recording)))
     if step == len(recording.scene.vehicles) - 1:
         entities.append(_make_caption(recording, present.get(0)))
     for entity in entities:
@@ -220,12 +206,7 @@ def _make_scene_update(
     return SceneUpdate(entities=entities, deletions=deletions)
 
 
-def _make_vehicle(recording: EpisodeRecording, number: int, pose: "Pose") -> "SceneEntity":
-    from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
-    from foxglove_schemas_protobuf.Pose_pb2 import Pose
-    from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
-    from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
-
+def _make_vehicle(recording: EpisodeRecording, number: int, pose: Pose) -> SceneEntity:
     length_m, width_m = map(float, recording.scene.sizes[number])
     height_m = find_height(length_m)
     middle = Pose()
@@ -239,11 +220,7 @@ def _make_vehicle(recording: EpisodeRecording, number: int, pose: "Pose") -> "Sc
     return SceneEntity(frame_id=MAP_FRAME, id=name_vehicle(number), cubes=[cube])
 
 
-def _make_road(road: StraightRoad) -> "SceneEntity":
-    from foxglove_schemas_protobuf.LinePrimitive_pb2 import LinePrimitive
-    from foxglove_schemas_protobuf.Point3_pb2 import Point3
-    from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
-
+def _make_road(road: StraightRoad) -> SceneEntity:
     ends = road.lane_0_ends_x_m
     points = []
     for edge in range(road.lanes + 1):
@@ -260,10 +237,7 @@ def _make_road(road: StraightRoad) -> "SceneEntity":
     return SceneEntity(frame_id=MAP_FRAME, id="road", lines=[lines])
 
 
-def _make_caption(recording: EpisodeRecording, ego: "Pose | None") -> "SceneEntity":
-    from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
-    from foxglove_schemas_protobuf.TextPrimitive_pb2 import TextPrimitive
-
+def _make_caption(recording: EpisodeRecording, ego: Pose | None) -> SceneEntity:
     place = ego.position if ego is not None else _make_pose(0.0, 0.0, 0.0).position
     text = TextPrimitive(
         pose=_make_pose(place.x, place.y, 2.0 * find_height(float(recording.scene.sizes[0, 0]))),
@@ -276,19 +250,24 @@ def _make_caption(recording: EpisodeRecording, ego: "Pose | None") -> "SceneEnti
 
 
 def _make_colour(colour: Colour) -> Any:
-    from foxglove_schemas_protobuf.Color_pb2 import Color
-
     red, green, blue, opacity = colour
     return Color(r=red, g=green, b=blue, a=opacity)
 
 
 def _write_perceived(log: _Log, recording: EpisodeRecording, step: int, at_ns: int) -> None:
     """Write where the ego saw the nearest vehicle; nothing where that was missed."""
-    from foxglove_schemas_protobuf.PoseInFrame_pb2 import PoseInFrame
-
     x_m, y_m = map(float, recording.scene.perceived[step])
     if np.isfinite([x_m, y_m]).all():
         moment = _make_timestamp(at_ns)
         pose = _make_pose(x_m, y_m, 0.0)
         seen = PoseInFrame(timestamp=moment, frame_id=MAP_FRAME, pose=pose)
         log.write(PERCEIVED_TOPIC, at_ns, seen)
+
+
+def _write(recording: EpisodeRecording, ego: EgoControl) -> bytes:  # noqa: ARG001 - the contract's
+    return write_mcap(recording)
+
+
+MCAP = RecordingFormat(
+    title="MCAP", suffix=".mcap", media_type="application/octet-stream", write=_write
+)

@@ -14,7 +14,7 @@ from mcap_protobuf.schema import build_file_descriptor_set
 from msgspec.structs import replace
 from recording_readers import list_messages, measure_error_m, read_log
 
-from eigenfail.exchange.mcap_log import write_mcap
+from eigenfail_exchange.mcap_log import write_mcap
 
 MILLIMETRE = 1e-3
 FOXGLOVE = {

@@ -20,9 +20,10 @@ from recording_readers import (
 )
 
 from eigenfail.errors import InvalidValue
-from eigenfail.exchange.open_scenario import write_open_scenario
-from eigenfail.exchange.recording import MAX_LANES, EgoControl
+from eigenfail.exchange.recording import EgoControl
 from eigenfail.values import Mission
+from eigenfail_exchange.open_scenario import write_open_scenario
+from eigenfail_exchange.road import MAX_LANES, find_road
 
 SCENARIOS = ("OpenSCENARIO_1_1.xsd", "OpenSCENARIO_1_2.xsd", "OpenSCENARIO_1_3_1.xsd")
 MILLIMETRE = 1e-3
@@ -161,7 +162,7 @@ def shift(offset_m, spread_m=0.0):
 @pytest.mark.parametrize("offset_m", [-5e6, 35.0, 5e6])
 def test_a_road_that_is_not_known_lies_near_the_vehicles_alone(offset_m):
     """As on a bridge, where positions may be those of a map."""
-    recording, road = shift(offset_m), shift(offset_m).road
+    recording, road = shift(offset_m), find_road(shift(offset_m))
     y_m = recording.scene.vehicles[..., 1]
     assert road.lanes <= 8
     assert road.right_edge_y_m == pytest.approx(np.nanmin(y_m), abs=3.5)
@@ -172,7 +173,7 @@ def test_a_road_that_is_not_known_lies_near_the_vehicles_alone(offset_m):
 def test_vehicles_too_far_beside_each_other_are_refused(spread_m):
     with pytest.raises(InvalidValue, match="beside each other"):
         write_open_scenario(shift(0.0, spread_m))
-    assert shift(0.0, 150.0).road.lanes < MAX_LANES
+    assert find_road(shift(0.0, 150.0)).lanes < MAX_LANES
 
 
 def test_the_noise_stands_beside_it():

@@ -1,19 +1,26 @@
-"""Figures: how far poses are from where they were once they are read back from exported files."""
+"""Figures: how far poses are from where they were once they are read back from exported files.
+
+`python plugins/eigenfail-exchange/benchmarks/exchange.py` prints them.
+"""
 
 import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+sys.path.append(str(Path(__file__).parents[3] / "benchmarks"))
+
 import msgspec
 from episode_pool import EpisodePool, make_setup
-from figures import ROOT, Figure
+from figures import Figure
 from samples import COMMAND
+from targets import Target
 
 from eigenfail import plugins
-from eigenfail.exchange import write_recording
-from eigenfail.exchange.recording import EpisodeRecording, RecordingFormat
+from eigenfail.exchange.recording import EgoControl, EpisodeRecording
 from eigenfail.values import AXES, EpisodeTask, PriorSource
 from eigenfail.values.episode import episode_seed
+from eigenfail_exchange.mcap_log import MCAP
+from eigenfail_exchange.open_scenario import OPENSCENARIO
 
 EPISODES = 20
 SCENARIOS = ("cut_in", "merge_in", "lead_brake")
@@ -39,14 +46,13 @@ def find(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
 
 def measure_errors(scenario: str, seed: int, index: int) -> tuple[float, float]:
     """The largest error of an episode as OpenSCENARIO and as MCAP. [m]"""
-    sys.path.append(str(Path(ROOT, "tests", "support")))
+    sys.path.append(str(Path(__file__).parents[1] / "tests"))
     from recording_readers import measure_error_m, read_log, read_scenario
 
     recording = record(scenario, seed, index)
-    read = {RecordingFormat.OPENSCENARIO: read_scenario, RecordingFormat.MCAP: read_log}
     first, second = (
-        measure_error_m(recording.scene, reader(write_recording(recording, form)))
-        for form, reader in read.items()
+        measure_error_m(recording.scene, read(form.write(recording, EgoControl.RECORDED)))
+        for form, read in ((OPENSCENARIO, read_scenario), (MCAP, read_log))
     )
     return first, second
 
@@ -71,3 +77,7 @@ def record(scenario: str, seed: int, index: int) -> EpisodeRecording:
         channels=AXES,
         scene=result.scene,
     )
+
+
+TRIALS = ((("export.",), find),)
+TARGETS = {"export.pose_error_mm": Target(high=1.0)}

@@ -4,20 +4,20 @@ import io
 import itertools
 from collections.abc import Iterator, Sequence
 from math import ceil, cos, isfinite, sin
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
+from PIL import Image, ImageDraw, ImageFont
 
 from eigenfail.exchange.recording import (
+    EgoControl,
     EpisodeRecording,
     OverlaidRecordings,
-    StraightRoad,
-    make_road,
+    RecordingFormat,
+    list_frame_steps,
 )
 from eigenfail.values import Outcome, Scene
-
-if TYPE_CHECKING:
-    from PIL import Image, ImageDraw, ImageFont
+from eigenfail_exchange.road import StraightRoad, find_road, make_road
 
 WIDTH_PX = 800
 
@@ -30,13 +30,6 @@ MAX_HEIGHT_PX = 600
 
 FINEST = 2
 """Factor by which frames are drawn larger, and then made smaller: edges become smooth."""
-
-
-SHORTEST_FRAME_S = 0.04
-"""Browsers show no frame for less; episodes with shorter steps lose some of them. [s]"""
-
-
-MAX_FRAMES = 600
 
 
 LAST_FRAME_S = 2.0
@@ -107,13 +100,13 @@ class _View(NamedTuple):
 
 
 def draw_episode(recording: EpisodeRecording) -> bytes:
-    """Return an animated GIF of an episode from above, in real time; Pillow is installed."""
+    """Return an animated GIF of an episode from above, in real time."""
     course = _Course(recording.scene, recording.outcome, 0, is_main=True)
-    return _animate([course], recording.road, recording.title)
+    return _animate([course], find_road(recording), recording.title)
 
 
 def draw_overlaid_episodes(recordings: OverlaidRecordings) -> bytes:
-    """Return an animated GIF of episodes over each other; Pillow is installed.
+    """Return an animated GIF of episodes over each other.
 
     The view follows the first episode, which is drawn above the others.
     """
@@ -132,18 +125,6 @@ def draw_overlaid_episodes(recordings: OverlaidRecordings) -> bytes:
     return _animate(courses, road, f"{recordings.title}: {count} episodes")
 
 
-def list_frame_steps(steps: int, dt_s: float) -> list[int]:
-    """Return the steps that are drawn, the last one among them.
-
-    Args:
-        steps: steps from the first moment to the last.
-        dt_s: time between two of them.
-    """
-    every = max(1, ceil(SHORTEST_FRAME_S / dt_s - 1e-6), ceil((steps + 1) / MAX_FRAMES))
-    drawn = list(range(0, steps, every))
-    return [*drawn, steps]
-
-
 def list_durations_ms(steps: Sequence[int], dt_s: float) -> list[int]:
     """Return how long each drawn step but the last is shown, in whole 10 ms. [ms]
 
@@ -158,8 +139,6 @@ def list_durations_ms(steps: Sequence[int], dt_s: float) -> list[int]:
 
 
 def _animate(courses: Sequence[_Course], road: StraightRoad, title: str) -> bytes:
-    from PIL import Image
-
     dt_s = courses[0].scene.dt_s
     steps = list_frame_steps(max(course.ends for course in courses), dt_s)
     palette = _make_palette()
@@ -180,10 +159,8 @@ def _animate(courses: Sequence[_Course], road: StraightRoad, title: str) -> byte
     return buffer.getvalue()
 
 
-def _make_palette() -> "Image.Image":
+def _make_palette() -> Image.Image:
     """Return the colours of all frames and mixtures of any two, since edges are smooth."""
-    from PIL import Image
-
     colours = np.array(
         [
             *(_PAPER, _ASPHALT, _PAINT, _INK, _EGO, _EGO_OF_OTHERS),
@@ -205,9 +182,7 @@ def _make_palette() -> "Image.Image":
 
 def _draw_frames(
     courses: Sequence[_Course], road: StraightRoad, title: str, steps: Sequence[int]
-) -> Iterator["Image.Image"]:
-    from PIL import Image, ImageDraw, ImageFont
-
+) -> Iterator[Image.Image]:
     view = _find_view(courses, road)
     font = ImageFont.load_default(15 * FINEST)
     main = next(course for course in courses if course.is_main)
@@ -253,7 +228,7 @@ def _follow(scene: Scene, step: int) -> float:
     return float(scene.vehicles[step, 0, 0])
 
 
-def _draw_road(pen: "ImageDraw.ImageDraw", view: _View, ego_x_m: float, road: StraightRoad) -> None:
+def _draw_road(pen: ImageDraw.ImageDraw, view: _View, ego_x_m: float, road: StraightRoad) -> None:
     seen_m = WIDTH_PX * FINEST / view.scale
     first_m, last_m = ego_x_m - view.behind_m, ego_x_m - view.behind_m + seen_m
     first_m, last_m = max(first_m, road.starts_x_m), min(last_m, road.ends_x_m)
@@ -277,7 +252,7 @@ def _draw_road(pen: "ImageDraw.ImageDraw", view: _View, ego_x_m: float, road: St
 
 
 def _draw_course(
-    pen: "ImageDraw.ImageDraw", view: _View, ego_x_m: float, course: _Course, step: int
+    pen: ImageDraw.ImageDraw, view: _View, ego_x_m: float, course: _Course, step: int
 ) -> None:
     scene, at = course.scene, course.find_step(step)
     has_collided = course.outcome is Outcome.COLLISION and step >= course.ends
@@ -313,7 +288,7 @@ def _find_corners(state: np.ndarray, size: np.ndarray) -> Iterator[Point]:
 
 
 def _draw_perceived(
-    pen: "ImageDraw.ImageDraw", view: _View, ego_x_m: float, x_m: float, y_m: float
+    pen: ImageDraw.ImageDraw, view: _View, ego_x_m: float, x_m: float, y_m: float
 ) -> None:
     if isfinite(x_m) and isfinite(y_m):
         x, y = view.place(ego_x_m, x_m, y_m)
@@ -323,8 +298,8 @@ def _draw_perceived(
 
 
 def _draw_caption(
-    pen: "ImageDraw.ImageDraw",
-    font: "ImageFont.FreeTypeFont | ImageFont.ImageFont",
+    pen: ImageDraw.ImageDraw,
+    font: ImageFont.FreeTypeFont | ImageFont.ImageFont,
     view: _View,
     title: str,
     time_s: float,
@@ -337,3 +312,16 @@ def _draw_caption(
     pen.text(
         (WIDTH_PX * FINEST - 8 * FINEST - width, top + 3 * FINEST), clock, fill=_INK, font=font
     )
+
+
+def _write(recording: EpisodeRecording, ego: EgoControl) -> bytes:  # noqa: ARG001 - the contract's
+    return draw_episode(recording)
+
+
+GIF = RecordingFormat(
+    title="GIF",
+    suffix=".gif",
+    media_type="image/gif",
+    write=_write,
+    overlay=draw_overlaid_episodes,
+)

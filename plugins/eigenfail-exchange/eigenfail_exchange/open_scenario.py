@@ -18,20 +18,20 @@ import msgspec
 import numpy as np
 from msgspec import UnsetType
 
-from eigenfail.exchange.recording import (
-    TRUCK_LENGTH_M,
-    EgoControl,
-    EpisodeRecording,
-    StraightRoad,
-    find_height,
-    find_presence,
-    name_vehicle,
-)
+from eigenfail.exchange.recording import EgoControl, EpisodeRecording, RecordingFormat
 from eigenfail.tabulation import list_noise
 from eigenfail.values import Scene
 from eigenfail.values.records import PEAK_BRAKING_MPS2
 from eigenfail.values.scene import UNKNOWN_KIND
 from eigenfail.versions import PACKAGE, read_version
+from eigenfail_exchange.road import (
+    TRUCK_LENGTH_M,
+    StraightRoad,
+    find_height,
+    find_presence,
+    find_road,
+    name_vehicle,
+)
 
 SCENARIO_FILE, ROAD_FILE = "scenario.xosc", "road.xodr"
 NOISE_FILE, EPISODE_FILE = "noise.csv", "episode.json"
@@ -69,7 +69,7 @@ def write_open_scenario(
     """
     contents = {
         SCENARIO_FILE: _serialise(_make_scenario(recording, ego)),
-        ROAD_FILE: _serialise(_make_road(recording.road, recording.name)),
+        ROAD_FILE: _serialise(_make_road(find_road(recording), recording.name)),
         NOISE_FILE: _write_noise(recording).encode(),
         EPISODE_FILE: _describe_recording(recording, ego),
     }
@@ -132,7 +132,7 @@ def _describe_recording(recording: EpisodeRecording, ego: EgoControl) -> bytes:
         "outcome": recording.outcome.word,
         "digest": recording.digest,
         "ego": ego.value,
-        "road_from": "scenario" if recording.road.is_known else "vehicles",
+        "road_from": "scenario" if find_road(recording).is_known else "vehicles",
         "reference_offset_m": {
             name_vehicle(number): find_reference_offset(recording.scene, number)
             for number in range(len(recording.scene.sizes))
@@ -398,3 +398,12 @@ def _add_links(lane: Element, road: StraightRoad, number: int, starts_m: float) 
 def _add_mark(lane: Element, kind: str) -> None:
     mark = SubElement(lane, "roadMark", sOffset="0", type=kind, weight="standard", width="0.15")
     mark.set("color", "standard")
+
+
+OPENSCENARIO = RecordingFormat(
+    title="OpenSCENARIO",
+    suffix=".zip",
+    media_type="application/zip",
+    write=write_open_scenario,
+    has_controller=True,
+)

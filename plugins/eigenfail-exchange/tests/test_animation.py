@@ -10,19 +10,21 @@ from made_recordings import MISSION, STEPS, drive, record
 from msgspec.structs import replace
 from PIL import Image
 
-from eigenfail.exchange.animation import (
+from eigenfail.exchange.recording import (
+    MAX_FRAMES,
+    SHORTEST_FRAME_S,
+    OverlaidRecordings,
+    list_frame_steps,
+)
+from eigenfail.values import Outcome, Scene
+from eigenfail_exchange.animation import (
     CAPTION_PX,
     LAST_FRAME_S,
-    MAX_FRAMES,
     MAX_HEIGHT_PX,
-    SHORTEST_FRAME_S,
     WIDTH_PX,
     draw_episode,
     draw_overlaid_episodes,
-    list_frame_steps,
 )
-from eigenfail.exchange.recording import OverlaidRecordings
-from eigenfail.values import Outcome, Scene
 
 BLUE, RED = (37, 99, 200), (204, 36, 50)
 NEAR = 12
