@@ -1,11 +1,12 @@
-"""Check that everything else works when a plug-in's folder is deleted.
+"""Check that everything else works when plug-ins' folders are deleted.
 
     .venv/bin/python deploy/without_plugins.py
 
 For each folder of plugins/ the repository is copied without it, to an environment of its own in
-which the plug-in is not installed. There the linters run, and the core's tests of what a plug-in
-could be tied to: commands, documents, benchmarks and recipes. It prints what it runs; the exit code
-is 1 if any of it fails. `make test` does this in the end.
+which the plug-in is not installed. There the core's tests run of what a plug-in could be tied to:
+commands, methods, formats, documents, benchmarks and recipes. A last copy has no plug-in at all: the
+linters run there, too. It prints what it runs; the exit code is 1 if any of it fails. `make test`
+does this in the end.
 """
 
 import os
@@ -14,31 +15,47 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 PLUGINS = tuple(sorted(file.parent for file in ROOT.glob("plugins/*/pyproject.toml")))
 LINT_IMPORTS = "from importlinter.cli import lint_imports_command; lint_imports_command()"
-CHECKS = (
+LINTERS = (
     ("-m", "ruff", "check", "."),
     ("-m", "ruff", "format", "--check", "."),
     ("-m", "mypy"),
     ("-c", LINT_IMPORTS),
-    ("deploy/structure.py",),
     ("-m", "mkdocs", "build", "--quiet", "--site-dir", ".site"),
-    (
-        *("-m", "pytest", "-q", "-m", "not service and not browser"),
-        *("tests/test_plugins.py", "tests/test_golden.py", "tests/sdk/cli/test_plugin_commands.py"),
-        *("tests/sdk/cli/test_main.py", "tests/sdk/cli/test_completion.py"),
-        *("tests/docs/test_cli_page.py", "tests/docs/test_documents.py", "tests/docs/test_site.py"),
-        *("tests/docs/test_noise_page.py", "tests/docs/test_claims.py"),
-        *("tests/docs/test_episodes_page.py", "tests/docs/test_plugins_page.py"),
-        *("tests/sdk/exchange/test_formats.py", "tests/api/test_recordings.py"),
-        *("tests/benchmarks/test_trials.py", "tests/deploy/test_recipes.py"),
-        "tests/deploy/test_locks.py",
-    ),
 )
-"""What python is called with, one after the other."""
+"""What python is called with in the copy without any plug-in."""
+
+TESTS = (
+    "tests/test_plugins.py",
+    "tests/test_golden.py",
+    "tests/api/test_recordings.py",
+    "tests/benchmarks/test_trials.py",
+    "tests/deploy/test_locks.py",
+    "tests/deploy/test_recipes.py",
+    "tests/docs/test_claims.py",
+    "tests/docs/test_cli_page.py",
+    "tests/docs/test_documents.py",
+    "tests/docs/test_episodes_page.py",
+    "tests/docs/test_figures.py",
+    "tests/docs/test_noise_page.py",
+    "tests/docs/test_plugins_page.py",
+    "tests/docs/test_rest_page.py",
+    "tests/docs/test_site.py",
+    "tests/sdk/cli/test_completion.py",
+    "tests/sdk/cli/test_main.py",
+    "tests/sdk/cli/test_plugin_commands.py",
+    "tests/sdk/exchange/test_formats.py",
+)
+CHECKS = (
+    ("deploy/structure.py",),
+    ("-m", "pytest", "-q", "-m", "not service and not browser", *TESTS),
+)
+"""What python is called with in every copy, one after the other."""
 
 MADE = shutil.ignore_patterns(
     ".git",
@@ -59,34 +76,34 @@ of mypy's time in the copy."""
 
 
 def main() -> int:
-    """Check without each plug-in in turn; 1 if something fails."""
-    failed = [folder.name for folder in PLUGINS if not check_without(folder)]
-    if failed:
-        print(f"Without these plug-ins something else fails: {', '.join(failed)}.")
-    return 1 if failed else 0
+    """Check without each plug-in in turn, and without all of them; 1 if something fails."""
+    passed = [check_without(folder.name, {folder}, CHECKS) for folder in PLUGINS]
+    passed.append(check_without("all plug-ins", set(PLUGINS), (*LINTERS, *CHECKS)))
+    return 0 if all(passed) else 1
 
 
-def check_without(plugin: Path) -> bool:
-    """Return whether all checks pass in a copy of the repository without a plug-in."""
+def check_without(label: str, deleted: set[Path], checks: Sequence[tuple[str, ...]]) -> bool:
+    """Return whether checks pass in a copy of the repository without some plug-ins."""
     began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="eigenfail-without-") as name:
         clone = Path(name) / "clone"
-        copy_repository(clone, plugin)
+        copy_repository(clone, deleted)
         python = make_environment(clone)
-        require_absence(python, clone, plugin.name)
-        for check in CHECKS:
-            print(f"Without {plugin.name}: {' '.join(check)[:90]}", flush=True)
+        require_absence(python, clone, deleted)
+        for check in checks:
+            print(f"Without {label}: {' '.join(check)[:90]}", flush=True)
             if run(python, clone, *check).returncode:
+                print(f"Without {label} something else fails.")
                 return False
-    print(f"Without {plugin.name}: all passed in {time.monotonic() - began:.0f} s.")
+    print(f"Without {label}: all passed in {time.monotonic() - began:.0f} s.")
     return True
 
 
-def copy_repository(clone: Path, plugin: Path) -> None:
-    """Copy the repository, which need not have its history, but for the folder of a plug-in."""
+def copy_repository(clone: Path, deleted: set[Path]) -> None:
+    """Copy the repository, which need not have its history, but for the folders of plug-ins."""
 
     def leave_out(folder: str, names: list[str]) -> set[str]:
-        return MADE(folder, names) | {name for name in names if Path(folder, name) == plugin}
+        return MADE(folder, names) | {name for name in names if Path(folder, name) in deleted}
 
     shutil.copytree(ROOT, clone, ignore=leave_out, symlinks=True)
 
@@ -118,16 +135,17 @@ def make_environment(clone: Path) -> Path:
     return python
 
 
-def require_absence(python: Path, clone: Path, plugin: str) -> None:
-    """Raises CalledProcessError unless the core is the copy's and the plug-in is not installed."""
+def require_absence(python: Path, clone: Path, deleted: set[Path]) -> None:
+    """Raises CalledProcessError unless the core is the copy's and no deleted plug-in is installed."""
     script = (
         "import sys, eigenfail\n"
         "from importlib.metadata import distributions\n"
         "from pathlib import Path\n"
         "assert Path(sys.argv[1]) in Path(eigenfail.__file__).parents, eigenfail.__file__\n"
-        "assert sys.argv[2] not in {each.name for each in distributions()}\n"
+        "assert not {*sys.argv[2:]} & {each.name for each in distributions()}\n"
     )
-    run(python, clone, "-c", script, str(clone), plugin).check_returncode()
+    names = sorted(folder.name for folder in deleted)
+    run(python, clone, "-c", script, str(clone), *names).check_returncode()
 
 
 def run(python: Path, folder: Path, *words: str) -> subprocess.CompletedProcess[bytes]:
