@@ -4,9 +4,9 @@
 
 For each folder of plugins/ the repository is copied without it, to an environment of its own in
 which the plug-in is not installed. There the core's tests run of what a plug-in could be tied to:
-commands, methods, formats, documents, benchmarks and recipes. A last copy has no plug-in at all: the
-linters run there, too. It prints what it runs; the exit code is 1 if any of it fails. `make test`
-does this in the end.
+commands, methods, formats, documents, benchmarks and recipes. A last copy has no plug-in at all:
+the linters run there, too. It prints what it runs; the exit code is 1 if any of it fails.
+`make test` does this in the end.
 """
 
 import os
@@ -136,7 +136,7 @@ def make_environment(clone: Path) -> Path:
 
 
 def require_absence(python: Path, clone: Path, deleted: set[Path]) -> None:
-    """Raises CalledProcessError unless the core is the copy's and no deleted plug-in is installed."""
+    """Raise CalledProcessError if the core is not the copy's, or a deleted plug-in is there."""
     script = (
         "import sys, eigenfail\n"
         "from importlib.metadata import distributions\n"
