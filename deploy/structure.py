@@ -78,7 +78,7 @@ PUBLIC = [
     # Of the SDK, for users and for authors of plug-ins.
     *("costs_by_method", "simulators", "from_injected", "cumulative"),
     *("change_mode", "change_episode", "to_pandas", "to_arrow"),
-    *("LearnerSuite", "SIMULATION_CHECKS", "analysis_result", "read_disturbance"),
+    *("LearnerSuite", "SIMULATION_CHECKS", "analysis_result", "read_disturbance", "write_new"),
     # Fields and choices that are only read from JSON, or set from it.
     *("began_ms", "size_bytes", "left_road_s", "spec_sha256", "data_from", "protocols"),
     *("LONGITUDINAL", "LATERAL", "GAUSSIAN_MIXTURE"),

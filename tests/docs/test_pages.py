@@ -22,6 +22,8 @@ from typed_pages import (
     type_in,
 )
 
+from eigenfail.risk.question import RiskQuestion
+
 pytestmark = [pytest.mark.service, pytest.mark.timeout(2 * deadlines.TEST_S)]
 
 ROOT = Path(__file__).parents[2]
@@ -42,7 +44,6 @@ NOT_RUN = {
     "make setup": INSTALLS,
     ".venv/bin/eigenfail up": "It is a service; tests/browser/test_first_ten_minutes.py has one.",
     "make demo": "It takes minutes; tests/docs/test_pages.py runs the same searches, smaller.",
-    "eigenfail requirement examples/sensor_requirement.toml": "It takes an hour or more.",
     "make ": SUITE,
     "EIGENFAIL_REQUIRE_PROOFS": SUITE,
     "eigenfail db vacuum": "The service must be stopped: tests/services/store/test_vacuum.py.",
@@ -97,9 +98,7 @@ AFTER_DEMO = {
     "docs/analysis.md": (r"mode",),
     "docs/reports.md": (r"out",),
     "docs/suites.md": (r"Planners on cut-in",),
-    "docs/sensor_requirement.md": (r"With 95 % confidence",),
     "docs/risk.md": (r"Motorway: undecided", r"next episodes", r"undecided.*RiskFigure"),
-    "docs/evidence.md": (r"Cut-in: refuted", r"10 of them run", r"refuted True"),
     "docs/gate.md": (r"v1",),
     "docs/rest.md": (r"first try",),
     "docs/cli.md": (r"monte_carlo",),
@@ -135,7 +134,7 @@ def test_a_page_with_a_service_of_its_own_runs(page, tmp_path):
 def test_a_page_on_the_campaigns_of_the_demo_runs(page, demo, tmp_path):
     with shell(tmp_path) as here:
         here.join(demo)
-        type_in(page, here, NOT_RUN)
+        type_in(page, here, NOT_RUN, {"exposure": RiskQuestion})
         seen(here.output, AFTER_DEMO[page])
 
 

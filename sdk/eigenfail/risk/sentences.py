@@ -21,7 +21,6 @@ from eigenfail.risk.assessment import (
     ScenarioRisk,
     SeverityRate,
 )
-from eigenfail.sensor.sentences import format_target
 
 SCENARIO = TableColumn("Scenario", is_figure=False)
 
@@ -53,6 +52,15 @@ def describe_assessment(found: RiskAssessment) -> Iterator[Block]:
         yield ""
     yield from describe_allocation(found.next)
     yield from list_limits(found)
+
+
+def format_target(target: float) -> str:
+    """Return a target with as many digits as it has: fewer would state more than was shown."""
+    texts = (format_number(target, digits) for digits in (1, 2, 3))
+    exact = (
+        text for digits, text in enumerate(texts, 1) if float(f"{target:.{digits}g}") == target
+    )
+    return next(exact, f"{target:.12g}")
 
 
 def list_tables(found: RiskAssessment) -> Iterator[Table]:

@@ -159,8 +159,6 @@ WAITING_COMMANDS = {
     "analyze 1": "Analysing the failures of campaign 1",
     "analyze 1 --prove": "Preparing the replays of analysis 1",
     "report 1 -o {tmp}/report": "Writing the report",
-    "evidence {examples}/evidence.toml -o {tmp}/evidence": "Collecting the evidence",
-    "evidence verify {tmp}": "Verifying {tmp}",
     "risk {examples}/risk.toml": "Assessing the risk",
     "risk next {examples}/risk.toml": "Assessing the risk",
     "suite show {tmp}/suite.toml": "Reading the results of Two",

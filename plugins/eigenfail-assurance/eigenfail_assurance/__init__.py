@@ -1,0 +1,1 @@
+"""Sensor requirements and evidence from the campaigns of eigenfail."""
