@@ -26,7 +26,6 @@ import releases
 import reproduction
 import reproduction_drive
 import requirements
-import risk
 import splitting
 import subset_parallel
 import transfer
@@ -144,7 +143,6 @@ TRIALS = [
     Trial(("channels.cut_in.", "channels.merge_in."), channels.find),
     Trial(("importance.",), requirements.find_importance),
     Trial(("releases.",), releases.find_figures),
-    Trial(("risk.",), risk.find_cover),
     Trial(("requirements.closed_form.",), requirements.find_closed_form),
     Trial(("requirements.merge_in.uncaused_braking.",), requirements.find_searches),
     Trial(

@@ -4,8 +4,8 @@
 
 For each folder of plugins/ the repository is copied without it, to an environment of its own in
 which the plug-in is not installed. There the linters run, and the core's tests of what a plug-in
-could be tied to: commands, documents, benchmarks and recipes. It prints what it runs; the exit code
-is 1 if any of it fails. `make test` does this in the end.
+could be tied to: commands, routes, documents, benchmarks and recipes. It prints what it runs; the
+exit code is 1 if any of it fails. `make test` does this in the end.
 """
 
 import os
@@ -32,6 +32,7 @@ CHECKS = (
         *("tests/sdk/cli/test_main.py", "tests/sdk/cli/test_completion.py"),
         *("tests/docs/test_cli_page.py", "tests/docs/test_documents.py", "tests/docs/test_site.py"),
         *("tests/docs/test_noise_page.py", "tests/docs/test_claims.py"),
+        *("tests/docs/test_rest_page.py", "tests/api/test_extensions.py"),
         *("tests/benchmarks/test_trials.py", "tests/deploy/test_recipes.py"),
         "tests/deploy/test_locks.py",
     ),

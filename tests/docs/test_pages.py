@@ -22,8 +22,6 @@ from typed_pages import (
     type_in,
 )
 
-from eigenfail.risk.question import RiskQuestion
-
 pytestmark = [pytest.mark.service, pytest.mark.timeout(2 * deadlines.TEST_S)]
 
 ROOT = Path(__file__).parents[2]
@@ -98,7 +96,6 @@ AFTER_DEMO = {
     "docs/analysis.md": (r"mode",),
     "docs/reports.md": (r"out",),
     "docs/suites.md": (r"Planners on cut-in",),
-    "docs/risk.md": (r"Motorway: undecided", r"next episodes", r"undecided.*RiskFigure"),
     "docs/gate.md": (r"v1",),
     "docs/rest.md": (r"first try",),
     "docs/cli.md": (r"monte_carlo",),
@@ -134,7 +131,7 @@ def test_a_page_with_a_service_of_its_own_runs(page, tmp_path):
 def test_a_page_on_the_campaigns_of_the_demo_runs(page, demo, tmp_path):
     with shell(tmp_path) as here:
         here.join(demo)
-        type_in(page, here, NOT_RUN, {"exposure": RiskQuestion})
+        type_in(page, here, NOT_RUN)
         seen(here.output, AFTER_DEMO[page])
 
 

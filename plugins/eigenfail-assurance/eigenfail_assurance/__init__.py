@@ -1,1 +1,1 @@
-"""Sensor requirements and evidence from the campaigns of eigenfail."""
+"""Sensor requirements, risks and evidence from the campaigns of eigenfail."""

@@ -12,25 +12,32 @@ from eigenfail.cli.main import app
 from eigenfail.cli.reference import write_commands
 from eigenfail.cli.specs import check_plugins, read_spec
 from eigenfail_assurance.evidence.question import EvidenceQuestion
+from eigenfail_assurance.risk.question import RiskQuestion
 
 COMMANDS = {
     "requirement": "Find the largest errors of the sensor at which failures stay rare enough.",
+    "risk": "Assess failures per hour and per 10^6 km of a planner, against a target rate.",
     "evidence": "Argue claims about a planner with outputs, as a bundle that is verified offline.",
 }
 """Commands in the order of the reference, and what lists of commands say of them."""
 
 FOLDER = "plugins/eigenfail-assurance"
-KINDS = {"claim": EvidenceQuestion}
+KINDS = {"exposure": RiskQuestion, "claim": EvidenceQuestion}
 NOT_RUN = {
     f"eigenfail requirement {FOLDER}/examples/sensor_requirement.toml": "It takes an hour or more.",
 }
 AFTER_DEMO = {
     "sensor_requirement.md": (r"With 95 % confidence",),
+    "risk.md": (r"Motorway: undecided", r"next episodes", r"undecided.*RiskFigure"),
     "evidence.md": (r"Cut-in: refuted", r"10 of them run", r"refuted True"),
 }
 """Pages that speak of the campaigns of `make demo`, typed one after the other on one service."""
 
-ALLOWED = {"eigenfail evidence": (0, 1), "eigenfail evidence verify": (0,)}
+ALLOWED = {
+    "eigenfail risk": (0, 3),
+    "eigenfail evidence": (0, 1),
+    "eigenfail evidence verify": (0,),
+}
 REPLACED = {
     "--budget 200": "--budget 20",
     "--target 0.05": "--target 0.3",  # 20 episodes can show no less

@@ -31,7 +31,6 @@ COMMANDS = {
     "analyze": "Group the failures of a campaign into failure modes.",
     "mode": "List the failure modes of an analysis, name them, and track them to their end.",
     "release": "Compare the versions of a planner, failure mode by failure mode.",
-    "risk": "Assess failures per hour and per 10^6 km of a planner, against a target rate.",
     "compare": "Compare two campaigns, or several seeds of each.",
     "gate": "Check a new version of a planner against the failures of an earlier one.",
     "report": "Write a report on campaigns: one self-contained HTML file, and its data.",
@@ -50,6 +49,7 @@ PLUGINS = {
     "evidence": "eigenfail-assurance",
     "noise": "eigenfail-noise-fit",
     "requirement": "eigenfail-assurance",
+    "risk": "eigenfail-assurance",
 }
 """Commands that were once in the core, and the packages under plugins/ that bring them now."""
 

@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from eigenfail.risk.sentences import list_limits
 from eigenfail.values import CampaignSpec
 from eigenfail.versions import describe_mixed
 from eigenfail.worlds import describe_disturbance, world_of
@@ -21,6 +20,7 @@ from eigenfail_assurance.evidence.question import (
     SensorSolution,
 )
 from eigenfail_assurance.evidence.records import SolutionInput, list_campaigns
+from eigenfail_assurance.risk.sentences import list_limits
 
 
 class Surroundings(NamedTuple):

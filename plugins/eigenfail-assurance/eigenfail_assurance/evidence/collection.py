@@ -10,14 +10,6 @@ import numpy as np
 from eigenfail import __version__
 from eigenfail.client import Client
 from eigenfail.errors import Conflict, InvalidValue, NotFound
-from eigenfail.risk.pooling import pick_named
-from eigenfail.risk.question import (
-    CampaignReference,
-    Driving,
-    RiskQuestion,
-    RiskScenario,
-    RiskTarget,
-)
 from eigenfail.values import AnalysisState, Campaign, Outcome
 from eigenfail.values.operations import Versions
 from eigenfail_assurance.evidence.bundle import EvidenceBundle, make_bundle
@@ -44,6 +36,15 @@ from eigenfail_assurance.evidence.records import (
     follows_from_seed,
     list_campaigns,
     read_episodes,
+)
+from eigenfail_assurance.risk.client import assess_risk
+from eigenfail_assurance.risk.pooling import pick_named
+from eigenfail_assurance.risk.question import (
+    CampaignReference,
+    Driving,
+    RiskQuestion,
+    RiskScenario,
+    RiskTarget,
 )
 
 MOST_NOISE = 50
@@ -107,7 +108,7 @@ def _ask_probability(client: Client, solution: ProbabilitySolution) -> SolutionI
 
 
 def _ask_risk(client: Client, solution: RiskSolution) -> SolutionInput:
-    found = client.assess_risk(solution.question)
+    found = assess_risk(client, solution.question)
     campaigns = tuple(each.campaigns for each in found.scenarios)
     return SolutionInput(campaigns=campaigns, notes=found.notes)
 

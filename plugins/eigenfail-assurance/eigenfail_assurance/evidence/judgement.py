@@ -21,9 +21,6 @@ from eigenfail.presentation.figures import (
     round_down,
     round_up,
 )
-from eigenfail.risk.assessment import RiskAssessment, RiskVerdict, ScenarioEvidence, assess
-from eigenfail.risk.confidence import Confidence, FailureShare, RunEstimate
-from eigenfail.risk.sentences import describe_verdict, format_target
 from eigenfail.values import CampaignState, Interval, Outcome
 from eigenfail.values.proof import ReplayedNoise, ReplayKind
 from eigenfail_assurance.evidence.counting import (
@@ -51,6 +48,14 @@ from eigenfail_assurance.evidence.question import (
     SensorSolution,
 )
 from eigenfail_assurance.evidence.records import SolutionInput
+from eigenfail_assurance.risk.assessment import (
+    RiskAssessment,
+    RiskVerdict,
+    ScenarioEvidence,
+    assess,
+)
+from eigenfail_assurance.risk.confidence import Confidence, FailureShare, RunEstimate
+from eigenfail_assurance.risk.sentences import describe_verdict, format_target
 from eigenfail_assurance.sensor.anchors import bound_sampled, judge_bounds
 from eigenfail_assurance.sensor.search import Anchor, AnchorVerdict
 from eigenfail_assurance.sensor.sentences import format_confidence

@@ -9,8 +9,8 @@ import msgspec
 from eigenfail.errors import InvalidValue
 from eigenfail.files import read_toml, read_whole
 from eigenfail.gate.report import GateReport
-from eigenfail.risk.question import CampaignReference, RiskQuestion, read_risk_file
 from eigenfail.settings import convert
+from eigenfail_assurance.risk.question import CampaignReference, RiskQuestion, read_risk_file
 from eigenfail_assurance.sensor.search import RequirementAnswer
 
 MOST_CLAIMS = 500

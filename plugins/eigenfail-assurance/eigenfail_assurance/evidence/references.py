@@ -6,8 +6,6 @@ from itertools import combinations
 from typing import Any
 
 from eigenfail.errors import InvalidValue
-from eigenfail.risk.pooling import are_alike, find_planner, refuse_unlike
-from eigenfail.risk.question import CampaignReference
 from eigenfail.values import Campaign
 from eigenfail_assurance.evidence.counting import Counted
 from eigenfail_assurance.evidence.question import (
@@ -20,6 +18,8 @@ from eigenfail_assurance.evidence.question import (
     SensorSolution,
 )
 from eigenfail_assurance.evidence.records import SolutionInput
+from eigenfail_assurance.risk.pooling import are_alike, find_planner, refuse_unlike
+from eigenfail_assurance.risk.question import CampaignReference
 
 _References = Sequence[Sequence[CampaignReference]]
 _Groups = Sequence[Sequence[Campaign]]

@@ -18,7 +18,6 @@ from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.intervals import (
     find_crossing,
     find_lower_bound,
-    find_t_freedom,
     find_upper_bound,
     sum_lower_tail,
 )
@@ -27,6 +26,7 @@ from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Estimate, Interval
 from eigenfail.values.campaign_spec import RESULT_RULES
 from eigenfail.values.student_t import split_t_mass
+from eigenfail_assurance.risk.confidence import find_t_freedom
 from eigenfail_assurance.sensor.scaling import Multiples, check_channels, scale_model
 from eigenfail_assurance.sensor.search import (
     Anchor,

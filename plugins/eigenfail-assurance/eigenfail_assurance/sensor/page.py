@@ -11,9 +11,9 @@ from eigenfail.presentation.figures import (
     format_count,
     format_number,
 )
-from eigenfail.risk.sentences import format_target
 from eigenfail.values import CampaignSpec
 from eigenfail.worlds import world_of
+from eigenfail_assurance.risk.sentences import format_target
 from eigenfail_assurance.sensor.scaling import describe_size
 from eigenfail_assurance.sensor.search import Anchor, AnchorVerdict, ErrorLimit, RequirementAnswer
 from eigenfail_assurance.sensor.sentences import (

@@ -9,8 +9,8 @@ from eigenfail.presentation.figures import (
     format_interval,
     format_number,
 )
-from eigenfail.risk.sentences import format_target
 from eigenfail.values import CampaignSpec
+from eigenfail_assurance.risk.sentences import format_target
 from eigenfail_assurance.sensor.scaling import describe_size
 from eigenfail_assurance.sensor.search import Anchor, AnchorVerdict, ErrorLimit, RequirementAnswer
 

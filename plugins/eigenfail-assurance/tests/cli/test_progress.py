@@ -11,6 +11,8 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 WAITING_COMMANDS = {
     "evidence {examples}/evidence.toml -o {tmp}/evidence": "Collecting the evidence",
     "evidence verify {tmp}": "Verifying {tmp}",
+    "risk {examples}/risk.toml": "Assessing the risk",
+    "risk next {examples}/risk.toml": "Assessing the risk",
 }
 
 

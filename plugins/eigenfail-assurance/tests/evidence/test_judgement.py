@@ -6,7 +6,6 @@ from msgspec.structs import replace
 from eigenfail.gate.report import GateRun, MemberReport, build_report
 from eigenfail.gate.reruns import GateFinding, RerunFigures
 from eigenfail.gate.verdicts import GateVerdict
-from eigenfail.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget
 from eigenfail.values import CampaignState, Estimate, Interval, Proof, StopRules
 from eigenfail.values.proof import ProvenScenario, ReplayedNoise, ReplayKind, Reproduction
 from eigenfail_assurance.evidence.judgement import judge_solution
@@ -19,6 +18,7 @@ from eigenfail_assurance.evidence.question import (
     SensorSolution,
 )
 from eigenfail_assurance.evidence.records import SolutionInput
+from eigenfail_assurance.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget
 from eigenfail_assurance.sensor.anchors import bound_sampled, judge_bounds
 from eigenfail_assurance.sensor.search import (
     Anchor,

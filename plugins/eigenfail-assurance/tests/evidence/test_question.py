@@ -20,7 +20,7 @@ def test_the_example_is_read():
 
 
 def test_a_file_of_another_command_is_read_from_the_folder_of_the_claims(tmp_path):
-    (tmp_path / "road.toml").write_bytes((EXAMPLES.parents[2] / "examples/risk.toml").read_bytes())
+    (tmp_path / "road.toml").write_bytes((EXAMPLES / "risk.toml").read_bytes())
     file = tmp_path / "claims.toml"
     file.write_text(
         '[claim]\ntext = "Rare."\n[[claim.solutions]]\nkind = "risk"\nfile = "road.toml"\n'

@@ -6,7 +6,6 @@ from msgspec.structs import replace
 from eigenfail import __version__
 from eigenfail.errors import InvalidValue
 from eigenfail.gate.report import GateRun, build_report
-from eigenfail.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget
 from eigenfail.values import CampaignState, DisturbanceModel, Proof
 from eigenfail.values.proof import ProvenScenario, ReplayedNoise, ReplayKind, Reproduction
 from eigenfail_assurance.evidence.bundle import make_bundle
@@ -22,6 +21,7 @@ from eigenfail_assurance.evidence.question import (
 from eigenfail_assurance.evidence.records import EvidenceRecords, SolutionInput
 from eigenfail_assurance.evidence.storage import write_bundle
 from eigenfail_assurance.evidence.verification import verify_bundle
+from eigenfail_assurance.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import pytest
 
 from eigenfail.errors import InvalidValue
-from eigenfail.risk.question import read_risk_file
+from eigenfail_assurance.risk.question import read_risk_file
 
 HEAD = "[target]\nper_hour = 1e-3\n[exposure]\nhours = 100.0\nkilometres = 8000.0\n"
 ONE = '[[scenarios]]\nname = "a"\nencounters = 3\ncampaigns = [1, "b"]\n'

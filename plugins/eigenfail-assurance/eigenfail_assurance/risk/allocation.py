@@ -23,7 +23,7 @@ from math import floor, sqrt
 
 import msgspec
 
-from eigenfail.risk.confidence import RiskTerm
+from eigenfail_assurance.risk.confidence import RiskTerm
 
 
 class EpisodeShare(msgspec.Struct, frozen=True, kw_only=True):

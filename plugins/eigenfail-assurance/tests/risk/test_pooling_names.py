@@ -4,8 +4,8 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue, NotFound
-from eigenfail.risk.pooling import pick_named
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
+from eigenfail_assurance.risk.pooling import pick_named
 
 SPEC = CampaignSpec(
     name="cut-in", scenario="cut_in", planner="idm", method="monte_carlo", episodes=20

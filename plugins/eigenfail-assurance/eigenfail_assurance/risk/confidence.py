@@ -50,21 +50,27 @@ matched in rising order, the strongest correlation, which narrows some sums of h
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from math import inf, log, log1p, sqrt
+from math import exp, inf, log, log1p, sqrt
 from typing import Protocol
 from zlib import crc32
 
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.intervals import ERROR, Z, find_t_freedom
+from eigenfail.intervals import ERROR, Z, find_crossing
 from eigenfail.values import Estimate, Interval
+from eigenfail.values.student_t import split_t_mass
 
 Array = NDArray[np.float64]
 
 DRAWS = 2**15
 LEVELS: Array = (np.arange(DRAWS) + 0.5) / DRAWS
 """Confidences at the middles of parts of equal probability."""
+
+NEARLY_NORMAL = 1e-6
+"""Relative difference of a quantile from the normal one that is taken for none."""
+
+MOST_FREEDOM = 1e9
 
 GRID = np.linspace(-40.0, 40.0, 8_001)
 """Places of a density, in units of its width about its mode."""
@@ -420,3 +426,15 @@ def bound_factor(known: Confidence) -> Interval:
     """Return the two-sided 95 % interval of one factor."""
     low = float(np.quantile(known.draw_lower(), ERROR / 2.0))
     return Interval(low, float(np.quantile(known.draw_upper(), 1.0 - ERROR / 2.0)))
+
+
+def find_t_freedom(quantile: float) -> float:
+    """Return the degrees of freedom of Student's distribution that has this 97.5 % quantile.
+
+    They are 1 or more; infinite where the quantile is that of the normal distribution.
+    """
+    if quantile <= Z * (1.0 + NEARLY_NORMAL):
+        return inf
+    return exp(
+        find_crossing(0.0, log(MOST_FREEDOM), lambda at: split_t_mass(quantile, exp(at))[1] > ERROR)
+    )

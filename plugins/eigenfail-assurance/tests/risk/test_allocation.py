@@ -6,8 +6,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from eigenfail.risk.allocation import allocate_episodes
-from eigenfail.risk.confidence import EventRate, FailureShare, RiskTerm, RunEstimate, Stated
+from eigenfail_assurance.risk.allocation import allocate_episodes
+from eigenfail_assurance.risk.confidence import (
+    EventRate,
+    FailureShare,
+    RiskTerm,
+    RunEstimate,
+    Stated,
+)
 
 
 def make_term(name, rate, cv, episodes=100, value=0.01):

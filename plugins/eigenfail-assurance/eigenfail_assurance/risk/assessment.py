@@ -7,8 +7,9 @@ from itertools import pairwise
 
 import msgspec
 
-from eigenfail.risk.allocation import Allocation, allocate_episodes
-from eigenfail.risk.confidence import (
+from eigenfail.values import Interval
+from eigenfail_assurance.risk.allocation import Allocation, allocate_episodes
+from eigenfail_assurance.risk.confidence import (
     Confidence,
     EventRate,
     FailureShare,
@@ -19,8 +20,7 @@ from eigenfail.risk.confidence import (
     bound_sum,
     bound_sum_above,
 )
-from eigenfail.risk.question import KM_PER_FIGURE, RiskQuestion, RiskScenario
-from eigenfail.values import Interval
+from eigenfail_assurance.risk.question import KM_PER_FIGURE, RiskQuestion, RiskScenario
 
 
 class RiskVerdict(StrEnum):

@@ -7,12 +7,12 @@ from typing import NamedTuple
 from eigenfail.errors import Conflict, InvalidValue, ProtocolError
 from eigenfail.methods import traits_of
 from eigenfail.presentation.figures import count_noun
-from eigenfail.risk.assessment import RiskAssessment, ScenarioEvidence, assess
-from eigenfail.risk.confidence import Confidence, FailureShare, RunEstimate, Stated
-from eigenfail.risk.pooling import find_planner, pick_named, refuse_unlike
-from eigenfail.risk.question import CampaignReference, RiskQuestion, RiskScenario
 from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Rate, RateDesign
 from eigenfail.values.campaign import CampaignFilter
+from eigenfail_assurance.risk.assessment import RiskAssessment, ScenarioEvidence, assess
+from eigenfail_assurance.risk.confidence import Confidence, FailureShare, RunEstimate, Stated
+from eigenfail_assurance.risk.pooling import find_planner, pick_named, refuse_unlike
+from eigenfail_assurance.risk.question import CampaignReference, RiskQuestion, RiskScenario
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.analysis_jobs import find_first_samples
 from eigenfail_services.campaigns.chain_mixing import METHOD as CHAINS
@@ -37,7 +37,7 @@ class _Probability(NamedTuple):
     problem: str = ""
 
 
-def assess_risk(store: Store, question: RiskQuestion) -> RiskAssessment:
+def assess_campaigns(store: Store, question: RiskQuestion) -> RiskAssessment:
     """Return the risk that the campaigns of a question show.
 
     Raises:

@@ -6,9 +6,6 @@ import pytest
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
-from eigenfail.risk.assessment import RiskVerdict
-from eigenfail.risk.confidence import FailureShare, RunEstimate, Stated
-from eigenfail.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget
 from eigenfail.values import (
     Campaign,
     CampaignSpec,
@@ -18,8 +15,11 @@ from eigenfail.values import (
     RateDesign,
     StopRules,
 )
+from eigenfail_assurance.risk.assessment import RiskVerdict
+from eigenfail_assurance.risk.campaigns import assess_campaigns, find_probability
+from eigenfail_assurance.risk.confidence import FailureShare, RunEstimate, Stated
+from eigenfail_assurance.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget
 from eigenfail_services.analysis.sampling_design import SamplingDesign
-from eigenfail_services.campaigns.risk import assess_risk, find_probability
 from eigenfail_services.campaigns.summary import find_failure_rate
 from eigenfail_services.statistics.intervals import confidence_sequence, log_normal
 from eigenfail_services.store import open_store
@@ -153,7 +153,7 @@ def ask(store, **fields):
         exposure=Driving(hours=1.0),
         scenarios=(scenario,),
     )
-    return assess_risk(store, question)
+    return assess_campaigns(store, question)
 
 
 @pytest.fixture

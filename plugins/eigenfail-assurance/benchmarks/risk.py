@@ -23,9 +23,11 @@ from episode_pool import EpisodePool
 from figures import Figure
 from numpy.typing import NDArray
 from samples import COMMAND, count_share, median, share
+from targets import Target
 
 from eigenfail.intervals import Z
-from eigenfail.risk.confidence import (
+from eigenfail.values import Estimate
+from eigenfail_assurance.risk.confidence import (
     Confidence,
     EventRate,
     FailureShare,
@@ -35,7 +37,6 @@ from eigenfail.risk.confidence import (
     Stated,
     bound_sum,
 )
-from eigenfail.values import Estimate
 from eigenfail_services.statistics.intervals import confidence_sequence, log_normal
 from eigenfail_services.statistics.stopped_trials import StoppedTrials
 
@@ -221,3 +222,12 @@ def estimate_by_runs(generator: np.random.Generator, p: float) -> RunEstimate:
 def draw_between(generator: np.random.Generator, ends: Sequence[float]) -> float:
     """Return a number whose logarithm is uniform between those of two ends."""
     return exp(generator.uniform(log(ends[0]), log(ends[1])))
+
+
+TRIALS = ((("risk.",), find_cover),)
+TARGETS = {
+    "risk.cover": Target(low=0.93),
+    "risk.cover.at_least": Target(low=0.93),
+    "risk.cover.at_most": Target(low=0.93),
+    "risk.monotone": Target(low=1.0),
+}

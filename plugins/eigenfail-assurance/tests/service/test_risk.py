@@ -3,8 +3,9 @@
 import pytest
 
 from eigenfail.client import Client
-from eigenfail.risk.assessment import RiskVerdict
-from eigenfail.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget
+from eigenfail_assurance.risk.assessment import RiskVerdict
+from eigenfail_assurance.risk.client import assess_risk
+from eigenfail_assurance.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget
 
 
 @pytest.mark.service
@@ -33,7 +34,7 @@ def test_two_campaigns_of_monte_carlo_are_a_risk(client: Client, lasting_worker:
         ),
         severity=(50.0,),
     )
-    found = client.assess_risk(question)
+    found = assess_risk(client, question)
     failures = [each.counts.failures for each in done]
     assert [each.campaigns for each in found.scenarios] == [(each.id,) for each in done]
     assert found.per_hour.value == pytest.approx(0.2 * sum(failures) / 30)

@@ -1,4 +1,4 @@
-"""`eigenfail risk`: failures per hour and per 10^6 km of a planner, against a target rate."""
+"""Assess failures per hour and per 10^6 km of a planner, against a target rate."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -16,9 +16,10 @@ from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.presentation.tables import Block
 from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
-from eigenfail.risk.assessment import RiskAssessment, RiskVerdict
-from eigenfail.risk.question import EPISODES, RiskQuestion, read_risk_file
-from eigenfail.risk.sentences import describe_allocation, describe_assessment, list_limits
+from eigenfail_assurance.risk.assessment import RiskAssessment, RiskVerdict
+from eigenfail_assurance.risk.client import assess_risk
+from eigenfail_assurance.risk.question import EPISODES, RiskQuestion, read_risk_file
+from eigenfail_assurance.risk.sentences import describe_allocation, describe_assessment, list_limits
 
 ASSESS = "assess"
 
@@ -97,7 +98,7 @@ def allocate(
 
 def _assess(client: Client, question: RiskQuestion) -> RiskAssessment:
     with announce("Assessing the risk"):
-        return client.assess_risk(question)
+        return assess_risk(client, question)
 
 
 def _list_blocks(found: RiskAssessment) -> Iterator[Block]:

@@ -3,17 +3,17 @@
 import pytest
 from msgspec.structs import replace
 
-from eigenfail.risk.assessment import RiskVerdict, ScenarioEvidence, assess, name_noises
-from eigenfail.risk.confidence import FailureShare, RunEstimate, Stated
-from eigenfail.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget
-from eigenfail.risk.sentences import (
+from eigenfail.values import Interval
+from eigenfail_assurance.risk.assessment import RiskVerdict, ScenarioEvidence, assess, name_noises
+from eigenfail_assurance.risk.confidence import FailureShare, RunEstimate, Stated
+from eigenfail_assurance.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget
+from eigenfail_assurance.risk.sentences import (
     NO_CLASS_BOUNDED,
     NONE_OBSERVED,
     describe_assessment,
     describe_verdict,
     list_tables,
 )
-from eigenfail.values import Interval
 
 SCENARIOS = (
     RiskScenario(name="a", encounters=400, campaigns=(1,)),

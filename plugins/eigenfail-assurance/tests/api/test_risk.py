@@ -1,8 +1,10 @@
 """The risk of a planner, over HTTP."""
 
+import json
+
 import pytest
 
-from eigenfail.risk.assessment import RiskAssessment, RiskVerdict
+from eigenfail_assurance.risk.assessment import RiskAssessment, RiskVerdict
 
 URL = "/api/v1/risk"
 QUESTION = {
@@ -51,3 +53,14 @@ def test_an_unknown_field_is_told_with_what_it_may_have_been(http, problem):
     told = problem(http.post(URL, json={**QUESTION, "severty": [1.0]}), 422)
     assert "severty" in told["detail"]
     assert "severity" in f"{told['detail']} {told.get('remedy', '')}"
+
+
+@pytest.mark.parametrize("as_ascii", [True, False])
+def test_a_hidden_character_is_refused(http, problem, as_ascii):
+    hidden = "gnp\u202eexe"
+    content = json.dumps({**QUESTION, "name": hidden}, ensure_ascii=as_ascii).encode()
+    told = problem(
+        http.post(URL, content=content, headers={"content-type": "application/json"}), 422
+    )
+    assert told["field"] == "name"
+    assert "\u202e" not in json.dumps(told, ensure_ascii=False)

@@ -18,7 +18,10 @@ EPISODES = 10_000
 KM_PER_FIGURE = 1e6
 """Distance to which rates by distance refer. [km]"""
 
-LIKE_RISK = "Name a TOML file with [target], [exposure] and [[scenarios]], as examples/risk.toml."
+LIKE_RISK = (
+    "Name a TOML file with [target], [exposure] and [[scenarios]], as "
+    "plugins/eigenfail-assurance/examples/risk.toml."
+)
 
 Positive = Annotated[float, msgspec.Meta(ge=1e-12, le=1e12)]
 NotNegative = Annotated[float, msgspec.Meta(ge=0.0, le=1e12)]

@@ -10,22 +10,23 @@ from fastapi.responses import HTMLResponse
 from eigenfail.errors import InputError, NotFound
 from eigenfail.files import parse_toml
 from eigenfail.presentation.tables import Table
-from eigenfail.risk.assessment import RiskAssessment, RiskVerdict
-from eigenfail.risk.question import LIKE_RISK, RiskQuestion
-from eigenfail.risk.sentences import (
+from eigenfail.settings import convert
+from eigenfail_api.dashboard.rendering import page
+from eigenfail_api.parameters import Stored, read_within
+from eigenfail_api.routes.analyses import COMPARISONS
+from eigenfail_assurance.risk.assessment import RiskAssessment, RiskVerdict
+from eigenfail_assurance.risk.campaigns import assess_campaigns
+from eigenfail_assurance.risk.question import LIKE_RISK, RiskQuestion
+from eigenfail_assurance.risk.sentences import (
     describe_allocation,
     describe_verdict,
     list_limits,
     list_tables,
 )
-from eigenfail.settings import convert
-from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.parameters import Stored, read_within
-from eigenfail_api.routes.analyses import COMPARISONS
-from eigenfail_services.campaigns.risk import assess_risk
 from eigenfail_services.store import Store
 
 QUESTION = "question"
+TEMPLATE = "eigenfail_assurance/risk.html"
 
 EXAMPLE = """name = "Motorway"
 severity = [25.0, 100.0]  # thresholds between classes [m²/s²]
@@ -85,7 +86,7 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 @router.get("/risk")
 def show_risk() -> HTMLResponse:
     """Serve the empty form, and an example of a file."""
-    return page("risk.html", RiskView())
+    return page(TEMPLATE, RiskView())
 
 
 @router.post("/risk", dependencies=[COMPARISONS])
@@ -100,8 +101,8 @@ async def show_assessment(request: Request, store: Stored) -> HTMLResponse:
     try:
         found = await run_sync(answer, store, text)
     except (InputError, NotFound) as error:
-        return page("risk.html", RiskView(typed=text, problem=str(error)), HTTP_REFUSED)
-    return page("risk.html", make_risk_view(text, found))
+        return page(TEMPLATE, RiskView(typed=text, problem=str(error)), HTTP_REFUSED)
+    return page(TEMPLATE, make_risk_view(text, found))
 
 
 def answer(store: Store, text: str) -> RiskAssessment:
@@ -112,7 +113,7 @@ def answer(store: Store, text: str) -> RiskAssessment:
         NotFound: there is no such campaign.
     """
     given = parse_toml(text, QUESTION, LIKE_RISK)
-    return assess_risk(store, convert({"name": "Risk", **given}, RiskQuestion, QUESTION))
+    return assess_campaigns(store, convert({"name": "Risk", **given}, RiskQuestion, QUESTION))
 
 
 def make_risk_view(typed: str, found: RiskAssessment) -> RiskView:

@@ -5,10 +5,10 @@ from html import unescape
 import pytest
 
 from eigenfail.files import parse_toml
-from eigenfail.risk.question import RiskQuestion
 from eigenfail.settings import convert
 from eigenfail.values import Outcome
-from eigenfail_api.dashboard.risk_page import EXAMPLE
+from eigenfail_assurance.risk.page import EXAMPLE
+from eigenfail_assurance.risk.question import RiskQuestion
 
 
 @pytest.fixture
@@ -81,3 +81,8 @@ def test_an_empty_form_is_refused(http):
     assert http.post("/risk").status_code == 422
     assert http.post("/risk", content=b"\xff").status_code == 400
     assert http.post("/risk", data={"question": "", "other": ""}).status_code == 400
+
+
+def test_other_pages_have_a_link_to_it(http):
+    assert '<a href="/risk">Risk</a>' in http.get("/workers").text
+    assert '<a href="/risk" aria-current="page">Risk</a>' in http.get("/risk").text

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from eigenfail.intervals import Z
-from eigenfail.risk.confidence import (
+from eigenfail.values import Estimate, Interval
+from eigenfail_assurance.risk.confidence import (
     EventRate,
     FailureShare,
     RiskTerm,
@@ -19,7 +20,6 @@ from eigenfail.risk.confidence import (
     bound_factor,
     bound_sum,
 )
-from eigenfail.values import Estimate, Interval
 from eigenfail_services.statistics.intervals import clopper_pearson, log_normal
 
 EXACTLY_2 = Stated(2.0, 2.0, 2.0)

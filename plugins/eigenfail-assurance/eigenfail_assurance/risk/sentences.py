@@ -13,8 +13,8 @@ from eigenfail.presentation.figures import (
     round_up,
 )
 from eigenfail.presentation.tables import Block, Cell, FormattedCell, Table, TableColumn
-from eigenfail.risk.allocation import Allocation
-from eigenfail.risk.assessment import (
+from eigenfail_assurance.risk.allocation import Allocation
+from eigenfail_assurance.risk.assessment import (
     RiskAssessment,
     RiskFigure,
     RiskVerdict,
