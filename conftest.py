@@ -18,7 +18,7 @@ sys.path += [
 import deadlines
 from postgresql import start_server
 
-pytest_plugins = ["proofs", "golden"]
+pytest_plugins = ["proofs", "golden", "plugin_absence", "tiny_formats"]
 
 settings.register_profile("here", deadline=None)
 settings.load_profile("here")

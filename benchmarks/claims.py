@@ -1,8 +1,7 @@
 """Find the figures that the documents state, and write docs/claims.json.
 
-The learning curves of the methods that learn go to docs/learning_curves.json, the reproductions of
-the paper to docs/reproduction.json and docs/reproduction_drive.json; `make pictures` draws and
-writes pages from them.
+The learning curves of the methods that learn go to docs/learning_curves.json, from which
+`make pictures` draws them. Trials of plug-ins may write further files beside it.
 
 `python benchmarks/claims.py --only cut_in.rulebook.p_fail` finds a part of them and leaves the
 others as they are. Exit code 1 if a target is missed, 2 if no figure has the name asked for.
@@ -15,15 +14,11 @@ from typing import Annotated
 
 import curves
 import msgspec
-import reproduction
-import reproduction_drive
 import typer
 from episode_pool import open_pool
-from figures import ROOT, Figure, write
+from figures import ROOT, Figure, Record, write
 from foreign_stacks import count_stacks
 from peers import compare_searches
-from reproduction import Run
-from reproduction_drive import SeedRuns
 from targets import TARGETS, add_target, list_missed
 from trials import TRIALS, Finding
 
@@ -50,15 +45,13 @@ def find_figures(prefix: str, seed: int) -> dict[str, Finding]:
 
 
 def write_beside(to: Path, findings: dict[str, Finding]) -> None:
-    """Keep the learning curves and the reproductions, if there are new ones."""
+    """Keep what was found besides figures: learning curves and the records of trials."""
     beside = to.with_name(curves.FILE.name)
-    fresh = {n: one for n, one in findings.items() if not isinstance(one, Figure | Run | SeedRuns)}
+    fresh = {n: one for n, one in findings.items() if not isinstance(one, Figure | Record)}
     curves.write(curves.read(beside) | fresh, beside)
-    for run in findings.values():
-        if isinstance(run, Run):
-            reproduction.write(run, to.with_name(reproduction.FILE.name))
-        elif isinstance(run, SeedRuns):
-            reproduction_drive.write(run, to.with_name(reproduction_drive.FILE.name))
+    for each in findings.values():
+        if isinstance(each, Record):
+            each.write_beside(to)
 
 
 def read_other_figures(path: Path, prefix: str) -> dict[str, Figure]:

@@ -4,6 +4,7 @@ import subprocess
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
+from typing import Protocol, runtime_checkable
 
 import msgspec
 
@@ -29,6 +30,14 @@ class Figure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     target: str = ""
     paper: float | None = None
     note: str = ""
+
+
+@runtime_checkable
+class Record(Protocol):
+    """What a trial found besides figures, for files of its own."""
+
+    def write_beside(self, claims: Path) -> None:
+        """Write the files into the folder of the claims."""
 
 
 BENCH = "make bench"

@@ -40,7 +40,7 @@ TYPES: dict[str, dict[str, str]] = {
 
 SEED = 20261126
 
-SMALL: dict[str, tuple[int, dict[str, Any]]] = {
+KNOWN: dict[str, tuple[int, dict[str, Any]]] = {
     "ast": (80, {"warm_up": 20}),
     "cem": (80, {}),
     "chains": (60, {"campaign": EARLIER, "chains": 4}),
@@ -61,6 +61,9 @@ SMALL: dict[str, tuple[int, dict[str, Any]]] = {
     "subset": (300, {}),
 }
 """Episodes and settings by method."""
+
+SMALL = {name: KNOWN[name] for name in KNOWN if name in plugins.names(plugins.METHODS)}
+"""Those of the methods that are installed: a plug-in may be absent."""
 
 GIVEN = {"chains": 20, "minimal": 1, "nearest": 2, "replay": 20}
 """Failures that the methods which need some are given."""

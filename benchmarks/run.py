@@ -12,7 +12,7 @@ from recovery import recovery_figures
 from sac import sac_figures
 from scale import scale_figures
 from service import service_figures
-from start_up import cli_help, paper_programme, run_cold, worker_ready
+from start_up import cli_help, programme_figures, run_cold, worker_ready
 from start_up import service_figures as waiting_figures
 from waiting import learner_share
 
@@ -26,7 +26,7 @@ def main() -> None:
         "cli_help_s": cli_help(),
         "worker_ready_s": worker_ready(),
         "run_cold_s": run_cold(),
-        "paper_programme_s": paper_programme(),
+        **programme_figures(),
         **waiting_figures(Launcher.RAY),
         **waiting_figures(Launcher.LOCAL),
         **analysis_figures(),

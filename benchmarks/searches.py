@@ -16,7 +16,6 @@ from known_problems import Problem
 
 from eigenfail import plugins
 from eigenfail.contracts import EpisodeEngine, Learner
-from eigenfail.reproduction.programme import FRESH
 from eigenfail.settings import read_settings
 from eigenfail.values import (
     CampaignSpec,
@@ -35,6 +34,9 @@ from eigenfail_services.campaigns.learner_context import stack_noise
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.functions import FunctionEngine
+
+FRESH = 1000
+"""Added to a seed: what was learnt is evaluated on draws that training never saw."""
 
 EARLIER = 1
 """The id that a campaign which is evaluated goes by."""

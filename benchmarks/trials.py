@@ -16,15 +16,12 @@ import channels
 import difs_network
 import drive
 import eigenfailures
-import exchange
 import foreign_stacks
 import intervals
 import openturns_beside
 import parallel
 import processors
 import releases
-import reproduction
-import reproduction_drive
 import requirements
 import splitting
 import subset_parallel
@@ -35,7 +32,7 @@ from curves import Curve
 from driven_searches import ADAPTED, DRIVEN, OWN, compare_driven
 from episode_pool import EpisodePool
 from faults import faults, kinds
-from figures import ROOT, Figure
+from figures import ROOT, Figure, Record
 from foreign import found_in_others
 from fuzzing import fuzzed
 from known_answers import clouds, corners, planted
@@ -47,16 +44,16 @@ from other_scenarios import held_noise, merges, ordinary
 from peer_tools import PEERS
 from peers import compare_peer
 from probability import p_fail
-from reproduction import Run
-from reproduction_drive import SeedRuns
 from shaped import shaped
-from simple_searches import PLACES, compare, list_searches
+from simple_searches import PLACES, SEARCHES, compare, list_searches
 from targets import TARGETS
 from undisturbed import undisturbed, unlit
 
+from eigenfail import plugins
+
 SCENARIOS = ("cut_in", "merge_in", "lead_brake")
 
-Finding = Figure | tuple[Curve, ...] | Run | SeedRuns
+Finding = Figure | tuple[Curve, ...] | Record
 Find = Callable[[EpisodePool, int], Iterable[tuple[str, Finding]]]
 
 
@@ -66,7 +63,7 @@ class Trial(NamedTuple):
     prefixes: tuple[str, ...]
     find: Find
     missing: tuple[str, ...] = ()
-    """Packages that it needs and that are not installed: its figures stay as they were found."""
+    """Packages and methods that it needs and that are not installed: its figures stay as found."""
 
     def concerns(self, prefix: str) -> bool:
         """Whether one of its figures may begin like this."""
@@ -76,6 +73,11 @@ class Trial(NamedTuple):
 def of_planner(name: str, find: Callable[..., Any], scenario: str, planner: str) -> Trial:
     """A trial of a planner in a scenario."""
     return Trial((f"{scenario}.{planner}.{name}.",), partial(find, scenario, planner))
+
+
+def list_missing_methods(method: str) -> tuple[str, ...]:
+    """The method, if no package that is installed brings it."""
+    return () if method in plugins.names(plugins.METHODS) else (f"method {method}",)
 
 
 def import_plugin_benchmarks() -> Iterator[ModuleType]:
@@ -118,8 +120,6 @@ TRIALS = [
     Trial(("merge_in.idm.mc2000.",), partial(frail, "merge_in")),
     Trial(("merge_in.ast.",), partial(merge, "ast", patience=None)),
     Trial(("merge_in.difs.",), partial(merge, "difs")),
-    Trial((*reproduction.PREFIXES, "cut_in.eigenfailures."), reproduction.find),
-    Trial(reproduction_drive.PREFIXES, reproduction_drive.find),
     Trial(("eigenfailures.",), eigenfailures.reproduce),
     Trial(("cut_in.true_failures.",), confirmed),
     Trial(("cut_in.rulebook.plain_monte_carlo.",), plain_monte_carlo),
@@ -173,7 +173,11 @@ TRIALS = [
     Trial(("two_corners.",), corners),
     Trial(("difs.network.",), difs_network.find),
     *(
-        Trial((f"search.{place}.{name}.",), partial(compare, place, name))
+        Trial(
+            (f"search.{place}.{name}.",),
+            partial(compare, place, name),
+            list_missing_methods(SEARCHES[name][0]),
+        )
         for place in PLACES
         for name in list_searches(place)
     ),
@@ -181,10 +185,13 @@ TRIALS = [
         Trial(
             (f"search.{place}.{name}.",),
             partial(compare_driven, place, name),
-            foreign_stacks.list_missing_package(where.package),
+            (
+                *foreign_stacks.list_missing_package(where.package),
+                *list_missing_methods(method),
+            ),
         )
         for place, where in DRIVEN.items()
-        for name in (*OWN, *ADAPTED)
+        for name, (method, _) in (OWN | ADAPTED).items()
     ),
     *(
         Trial(
@@ -207,7 +214,6 @@ TRIALS = [
         openturns_beside.find_figures,
         openturns_beside.list_missing(),
     ),
-    Trial(("export.",), exchange.find),
     Trial(("cross_processor_equal",), processors.find_figures),
     Trial(("fuzz.",), fuzzed),
     Trial(("faults.kinds",), kinds),

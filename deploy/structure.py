@@ -77,9 +77,9 @@ CALLED_BY_FRAMEWORKS = [
 PUBLIC = [
     # Of the SDK, for users and for authors of plug-ins.
     *("costs_by_method", "simulators", "from_injected", "cumulative"),
-    *("change_mode", "change_episode", "to_pandas", "to_arrow"),
+    *("change_mode", "change_episode", "wait_for_proof", "to_pandas", "to_arrow"),
     *("LearnerSuite", "SIMULATION_CHECKS", "analysis_result", "read_disturbance", "write_new"),
-    "bounds_probability",
+    *("recorded_ms", "aligned_at_end", "bounds_probability"),
     # Fields and choices that are only read from JSON, or set from it.
     *("began_ms", "size_bytes", "left_road_s", "spec_sha256", "data_from", "protocols"),
     *("LONGITUDINAL", "LATERAL", "GAUSSIAN_MIXTURE"),
@@ -269,7 +269,10 @@ def _list_unused(vulture: Vulture, folders: Sequence[str]) -> Iterator[str]:
 
 
 def _find_plugin_classes(project: Mapping[str, Any]) -> set[str]:
-    groups = project["entry-points"].values()
+    """The names that entry points of the project and of its plug-ins lead to."""
+    files = [folder / "pyproject.toml" for folder in PLUGINS]
+    projects = [project, *(tomllib.loads(file.read_text("utf-8"))["project"] for file in files)]
+    groups = [group for each in projects for group in each["entry-points"].values()]
     return {reference.rpartition(":")[2] for group in groups for reference in group.values()}
 
 

@@ -32,6 +32,8 @@ CHECKS = (
         *("tests/sdk/cli/test_main.py", "tests/sdk/cli/test_completion.py"),
         *("tests/docs/test_cli_page.py", "tests/docs/test_documents.py", "tests/docs/test_site.py"),
         *("tests/docs/test_noise_page.py", "tests/docs/test_claims.py"),
+        *("tests/docs/test_episodes_page.py", "tests/docs/test_plugins_page.py"),
+        *("tests/sdk/exchange/test_formats.py", "tests/api/test_recordings.py"),
         *("tests/docs/test_rest_page.py", "tests/api/test_extensions.py"),
         *("tests/benchmarks/test_trials.py", "tests/deploy/test_recipes.py"),
         "tests/deploy/test_locks.py",

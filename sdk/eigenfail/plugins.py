@@ -26,6 +26,7 @@ WORKER_ACTORS = "eigenfail.worker_actors"
 COMMANDS = "eigenfail.commands"
 ROUTES = "eigenfail.routes"
 DATABASE_TOOLS = "eigenfail.database_tools"
+EXPORTS = "eigenfail.exports"
 
 BUILT_IN = frozenset({"eigenfail_services", "eigenfail_workers"})
 """The packages whose plug-ins are eigenfail's own."""

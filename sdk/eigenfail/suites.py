@@ -21,7 +21,6 @@ from eigenfail.files import TableColumns, read_table, read_toml
 from eigenfail.settings import convert, read_settings
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, DisturbanceModel
 from eigenfail.values.campaign_spec import Name
-from eigenfail.values.suite import suite_of
 from eigenfail.values.variation import MOST_SAMPLES
 from eigenfail.wire.http import make_plain, refuse_unknown_fields
 
@@ -593,20 +592,9 @@ def match_campaigns(suite: Suite, alike: Mapping[str, Sequence[Campaign]]) -> Me
         if all(name in found for name in list_references(member.spec)):
             spec = _resolve_member(member, found)
             for campaign in alike.get(spec.name, ()):
-                if _is_campaign_of(campaign.spec, spec):
+                if campaign.spec.is_like(spec):
                     found.setdefault(member.name, campaign)
     return found
-
-
-def _is_campaign_of(found: CampaignSpec, spec: CampaignSpec) -> bool:
-    """Return whether a campaign is the one that a spec describes.
-
-    Earlier releases wrote the version of a gated planner only into the name of its run.
-    """
-    suite = suite_of(spec.name) or ""
-    if spec.version and not found.version and suite.endswith(f" @ {spec.version}"):
-        found = msgspec.structs.replace(found, planner_version=spec.planner_version)
-    return found.is_like(spec)
 
 
 def list_ready_members(suite: Suite, found: MemberCampaigns) -> Iterator[tuple[str, CampaignSpec]]:

@@ -25,6 +25,12 @@ from eigenfail_services.store import open_store
 STEPS = 4
 
 
+@pytest.fixture(autouse=True)
+def formats(tiny_formats):
+    """Formats of recordings that do not depend on what is installed; a test may change them."""
+    return tiny_formats
+
+
 @pytest.fixture
 def store():
     store = open_store("memory://")

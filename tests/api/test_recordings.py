@@ -1,16 +1,12 @@
 """Episodes and failure modes as files of other tools, over HTTP and on their pages."""
 
-import io
-from zipfile import ZipFile
-
 import numpy as np
 import pytest
 from msgspec.structs import replace
-from PIL import Image
-from recording_readers import measure_error_m, read_log, read_scenario
 from store_checks.examples import analyse_function
+from tiny_formats import FORMATS, PIXEL
 
-from eigenfail import exchange, plugins
+from eigenfail import plugins
 from eigenfail.errors import Conflict
 from eigenfail.values import (
     AnalysisSettings,
@@ -23,14 +19,6 @@ from eigenfail.values import (
 )
 from eigenfail_api.routes import recordings
 from eigenfail_services.campaigns import recordings as recorded
-
-MILLIMETRE = 1e-3
-MEDIA = {
-    "openscenario": "application/zip",
-    "mcap": "application/octet-stream",
-    "gif": "image/gif",
-}
-ENDINGS = {"openscenario": "zip", "mcap": "mcap", "gif": "gif"}
 
 
 @pytest.fixture
@@ -53,38 +41,37 @@ def fetch(http, campaign, index=0, **asked):
     return http.get(f"/api/v1/campaigns/{campaign}/episodes/{index}/recording", params=asked)
 
 
-@pytest.mark.parametrize("form", MEDIA)
+@pytest.mark.parametrize("form", FORMATS)
 def test_an_episode_is_a_file_of_each_format(http, played, form):
     campaign, _ = played()
     response = fetch(http, campaign, format=form)
     assert response.status_code == 200, response.text
-    assert response.headers["content-type"] == MEDIA[form]
-    name = f'filename="episode-{campaign}-0.{ENDINGS[form]}"'
+    assert response.headers["content-type"] == FORMATS[form].media_type
+    name = f'filename="episode-{campaign}-0{FORMATS[form].suffix}"'
     assert name in response.headers["content-disposition"]
 
 
-@pytest.mark.parametrize("scenario", ["cut_in", "merge_in", "lead_brake"])
-def test_stored_poses_come_back_within_a_millimetre(http, played, scenario):
-    campaign, result = played(scenario=scenario)
-    readers = {"openscenario": read_scenario, "mcap": read_log}
-    for form, read in readers.items():
-        poses = read(fetch(http, campaign, format=form).content)
-        assert measure_error_m(result.scene, poses) < MILLIMETRE
-
-
-def test_the_lanes_are_those_of_the_scenario(http, played):
-    campaign, _ = played(scenario="merge_in", scenario_parameters={"ramp_m": 400.0})
-    archive = ZipFile(io.BytesIO(fetch(http, campaign, format="openscenario").content))
-    assert b'"road_from": "scenario"' in archive.read("episode.json")
-    assert archive.read("road.xodr").count(b"<laneSection") == 2
+def test_a_format_is_given_scene_and_lanes_of_the_episode(http, played):
+    campaign, result = played(scenario="merge_in", scenario_parameters={"ramp_m": 400.0})
+    told = fetch(http, campaign, format="poses").json()
+    assert np.array_equal(told["poses"], np.nan_to_num(result.scene.vehicles))
+    assert (told["lanes"], told["ego"]) == (2, "recorded")
 
 
 def test_the_ego_may_be_left_to_a_controller(http, played, problem):
     campaign, _ = played()
-    left = fetch(http, campaign, format="openscenario", ego="controller")
-    assert set(read_scenario(left.content)) == {"vehicle_1"}
+    left = fetch(http, campaign, format="poses", ego="controller")
+    assert left.json()["ego"] == "controller"
     told = problem(fetch(http, campaign, format="gif", ego="controller"), 422)
     assert told["field"] == "ego"
+
+
+def test_an_episode_with_too_many_poses_is_refused(http, played, problem, monkeypatch):
+    campaign, result = played()
+    steps, vehicles = result.scene.vehicles.shape[:2]
+    monkeypatch.setattr(recorded, "MAX_POSES", steps * vehicles - 1)
+    told = problem(fetch(http, campaign, format="gif"), 422)
+    assert f"{steps * vehicles} poses" in told["detail"]
 
 
 def test_what_no_episode_has_is_refused_before_one_is_run_again(http, played, problem, monkeypatch):
@@ -107,8 +94,8 @@ def test_the_lanes_of_a_bridge_are_not_those_of_a_scenario_of_the_same_name(play
 
 def test_an_episode_without_a_scene_is_run_again(http, played):
     campaign, result = played(keep=False)
-    poses = read_log(fetch(http, campaign, format="mcap").content)
-    assert measure_error_m(result.scene, poses) < MILLIMETRE
+    poses = fetch(http, campaign, format="poses").json()["poses"]
+    assert np.array_equal(poses, np.nan_to_num(result.scene.vehicles))
 
 
 def test_a_replay_that_differs_gives_no_scene(http, played, problem, monkeypatch):
@@ -136,7 +123,7 @@ def test_an_episode_that_never_ran_is_refused(http, campaign, deliver, failed, p
 
 def test_a_function_has_no_vehicles(http, store, problem):
     campaign, analysis = analyse_function(store, ("a", "b"))
-    told = problem(fetch(http, campaign, format="openscenario"), 422)
+    told = problem(fetch(http, campaign, format="poses"), 422)
     assert "no vehicles" in told["detail"]
     told = problem(http.get(f"/api/v1/analyses/{analysis}/modes/1/animation"), 422)
     assert (told["field"], "no vehicles" in told["detail"]) == ("mode", True)
@@ -144,26 +131,42 @@ def test_a_function_has_no_vehicles(http, store, problem):
     assert "recording?" not in http.get(f"/campaigns/{campaign}/episodes/0").text
 
 
-def test_a_format_without_its_package_is_refused_and_not_offered(
-    http, played, problem, monkeypatch
-):
+def test_a_format_that_is_not_installed_is_refused_and_not_offered(http, played, problem):
     campaign, _ = played()
-    find = exchange.find_spec
-    monkeypatch.setattr(exchange, "find_spec", lambda name: None if name == "mcap" else find(name))
     told = problem(fetch(http, campaign, format="mcap"), 422)
-    assert "pip install '.[exchange]'" in told["remedy"]
+    assert "pip install plugins/" in told["remedy"]
+    assert "Installed formats: gif, poses." in told["remedy"]
     page = http.get(f"/campaigns/{campaign}/episodes/0").text
     assert "recording?format=mcap" not in page
-    assert "recording?format=openscenario" in page
+    assert "recording?format=poses" in page
 
 
-def test_the_failures_of_a_mode_are_one_animation(http, campaign, deliver, result, finished):
+@pytest.fixture
+def three_modes(campaign, deliver, result, finished):
+    """An analysis of three failures, each of them a mode; its id."""
     deliver(campaign, *(result(index, Outcome.COLLISION) for index in range(3)))
-    analysis = finished(3)
+    return finished(3)
+
+
+def test_without_a_format_for_modes_pages_offer_no_animation(http, three_modes, formats, problem):
+    analysis = three_modes
+    pages = (f"/analyses/{analysis}", f"/analyses/{analysis}/modes/1")
+    assert all("/animation" in http.get(page).text for page in pages)
+    del formats["gif"]
+    assert not any("/animation" in http.get(page).text for page in pages)
+    told = problem(http.get(f"/api/v1/analyses/{analysis}/modes/1/animation"), 422)
+    assert "pip install plugins/" in told["remedy"]
+    address = f"/api/v1/analyses/{analysis}/modes/1/animation?format=poses"
+    assert "over each other" in problem(http.get(address), 422)["detail"]
+
+
+def test_the_failures_of_a_mode_are_one_animation(http, three_modes):
+    analysis = three_modes
     response = http.get(f"/api/v1/analyses/{analysis}/modes/2/animation")
     assert response.status_code == 200, response.text
-    with Image.open(io.BytesIO(response.content)) as picture:
-        assert picture.n_frames == 5
+    assert response.headers["content-type"] == "image/gif"
+    assert f"analysis-{analysis}-mode-2.gif" in response.headers["content-disposition"]
+    assert response.content == PIXEL + bytes(1)
     assert (
         f"/api/v1/analyses/{analysis}/modes/2/animation" in http.get(f"/analyses/{analysis}").text
     )

@@ -51,7 +51,7 @@ def test_it_comes_when_it_is_opened_and_shows_the_collisions_of_all(visit, made,
     assert [url for url in asked if url.endswith("/overlay")]
 
 
-def test_the_animation_of_a_mode_plays_on_the_page_of_the_analysis(visit, made):
+def test_the_animation_of_a_mode_plays_on_the_page_of_the_analysis(visit, made, tiny_formats):
     asked = []
     page = visit(f"/analyses/{made.snapshot}")
     page.on("request", lambda request: asked.append(request.url))

@@ -160,7 +160,7 @@ def test_a_method_looks_the_same_in_every_chart(visit):
 
 def test_methods_of_plugins_take_looks_that_no_other_has(visit):
     known = ["monte_carlo", "ast", "difs", "cem", "subset", "evaluate", "minimal", "ensemble"]
-    looks = visit("/").evaluate(LOOKS_OF, [*known, "replay", "mine", "annealing"])
+    looks = visit("/").evaluate(LOOKS_OF, [*known, "replay", "mine", "cma"])
     assert len(set(looks)) == len(looks)
 
 

@@ -15,7 +15,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 FILE = ROOT / "docs" / "marks.json"
 GENERATED = frozenset({"docs/reproduction.md", "docs/reproduction_drive.md"})
-"""Pages that a program writes with their marks in them."""
+"""Pages that a plug-in writes with their marks in them."""
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e-?\d+)?"
 MARK = re.compile(

@@ -3,10 +3,12 @@
 import re
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import pytest
 
 from eigenfail import plugins
+from eigenfail.exchange.recording import EgoControl, RecordingFormat
 
 
 @pytest.fixture(scope="module")
@@ -38,3 +40,13 @@ def test_the_example_is_in_the_style_of_the_house(page, root, words, tmp_path):
         [*ruff, "--no-cache", tmp_path], capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stdout
+
+
+def test_the_example_of_a_format_writes_the_times_of_an_episode(page):
+    (code,) = re.findall(r'^```python\n(""".*?)^```$', page, re.MULTILINE | re.DOTALL)
+    made = {}
+    exec(compile(code, "eigenfail_times.py", "exec"), made)
+    scene = SimpleNamespace(vehicles=[None] * 3, dt_s=0.1)
+    form = made["TIMES"]
+    assert isinstance(form, RecordingFormat)
+    assert form.write(SimpleNamespace(scene=scene), EgoControl.RECORDED) == b"0\n0.1\n0.2\n"

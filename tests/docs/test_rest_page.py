@@ -81,6 +81,7 @@ def test_what_is_said_to_be_absent_is(browser):
     }
 
 
+@pytest.mark.usefixtures("without_plugins")
 def test_the_problem_of_troubleshooting_is_as_shown(root, browser):
     text = (root / "docs" / "troubleshooting.md").read_text()
     (shown,) = re.findall(r"^```json\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)

@@ -2,9 +2,10 @@
 
 import deadlines
 
+from eigenfail import plugins
 from eigenfail.values import CampaignState
 
-SEARCHES = {
+KNOWN = {
     "monte_carlo": (40, {}),
     "held": (40, {}),
     "cem": (40, {"batch": 20}),
@@ -19,7 +20,16 @@ SEARCHES = {
 }
 """Episodes and settings by method."""
 
-CONTINUING = {"go_explore": (40, {})}
+KNOWN_CONTINUING = {"go_explore": (40, {})}
+
+
+def select_installed(searches):
+    """Return the searches whose methods are installed: a plug-in may be absent."""
+    return {name: searches[name] for name in searches.keys() & {*plugins.names(plugins.METHODS)}}
+
+
+SEARCHES = select_installed(KNOWN)
+CONTINUING = select_installed(KNOWN_CONTINUING)
 """The same of methods that take no scenario whose parameters vary."""
 
 

@@ -8,7 +8,7 @@ from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
 from eigenfail.exchange import list_formats
-from eigenfail.exchange.recording import RecordingFormat
+from eigenfail.exchange.recording import ANIMATION
 from eigenfail.presentation.analyses import (
     describe_grouping,
     tabulate_influence,
@@ -256,7 +256,7 @@ def make_analysis_view(
         grids=list_tables(result, step_s) if result else (),
         mode_charts=make_mode_charts(result, campaign.id) if result and result.modes else (),
         detail_charts=make_detail_charts(result) if result and result.modes else (),
-        has_animations=world.has_road and RecordingFormat.GIF in list_formats(),
+        has_animations=world.has_road and ANIMATION in list_formats(),
         proof=make_proof_view(proof, unit) if proof else None,
         asked=analysis.settings,
         choices=list_analysis_choices(campaign.spec),
@@ -270,12 +270,7 @@ def make_analysis_view(
 def find_given_names(result: AnalysisResult, modes: Sequence[Mode]) -> dict[int, str]:
     """Return the names that were given to modes by number, without those that are proposed."""
     proposed = propose_mode_names(result.words or ("",) * len(result.modes))
-    return {
-        mode.number: mode.name
-        for mode in modes
-        # Names that earlier releases proposed end where they were cut.
-        if mode.name != proposed[mode.number - 1] and not mode.name.endswith(" …")
-    }
+    return {mode.number: mode.name for mode in modes if mode.name != proposed[mode.number - 1]}
 
 
 def is_replaying(proof: Proof | None) -> bool:

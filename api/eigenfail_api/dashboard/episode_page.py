@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from math import sqrt
 from typing import Annotated, Any, NamedTuple
+from urllib.parse import urlencode
 
 import msgspec
 from anyio.to_thread import run_sync
@@ -11,7 +12,6 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import EigenfailError, NotFound, ServiceBusy
 from eigenfail.exchange import list_formats
-from eigenfail.exchange.recording import RecordingFormat
 from eigenfail.filters import BY_INDEX, parse_filter, parse_sort, write_failure_filter
 from eigenfail.presentation.episodes import (
     format_event,
@@ -292,17 +292,11 @@ def make_episode_view(
     )
 
 
-RECORDING_NAMES = {
-    RecordingFormat.OPENSCENARIO: "OpenSCENARIO",
-    RecordingFormat.MCAP: "MCAP",
-    RecordingFormat.GIF: "GIF",
-}
-
-
 def list_recordings(campaign: int, index: int) -> tuple[tuple[str, str], ...]:
     """Return name and address of an episode in each format that can be written here."""
     address = f"{PREFIX}/campaigns/{campaign}/episodes/{index}/recording"
-    return tuple((RECORDING_NAMES[form], f"{address}?format={form}") for form in list_formats())
+    forms = list_formats().items()
+    return tuple((form.title, f"{address}?{urlencode({'format': name})}") for name, form in forms)
 
 
 def explain_missing_scene(campaign: Campaign, result: EpisodeResult) -> str:

@@ -7,7 +7,7 @@ from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
 
 from eigenfail.exchange import list_formats
-from eigenfail.exchange.recording import RecordingFormat
+from eigenfail.exchange.recording import ANIMATION
 from eigenfail.filters import SortOrder, parse_sort
 from eigenfail.presentation.figures import (
     count_noun,
@@ -106,7 +106,7 @@ def make_mode_view(
         films=tuple(list_films(card, rows)) if world.has_road else (),
         every=find_search_address(analysis, result, mode.number) if newest == analysis.id else "",
         newer=None if newest == analysis.id else newest,
-        has_animation=world.has_road and RecordingFormat.GIF in list_formats(),
+        has_animation=world.has_road and ANIMATION in list_formats(),
         version=campaign.spec.version,
         triage=make_triage_view(store, mode_subject(analysis.id, mode.number)),
     )

@@ -22,7 +22,8 @@ from eigenfail.cli.options import (
 from eigenfail.cli.render import follow, judge, show, show_rows, to_json
 from eigenfail.cli.triage import add_episode_note, show_episode_triage, triage_episodes
 from eigenfail.errors import InvalidValue, NoisePruned, NotFound
-from eigenfail.exchange.recording import EgoControl, RecordingFormat
+from eigenfail.exchange import KNOWN
+from eigenfail.exchange.recording import EgoControl
 from eigenfail.explanations import StepWindow, build_explanation, describe_unsteadiness
 from eigenfail.filters import parse_fields
 from eigenfail.fingerprints import CODE, fingerprint_plugins, select_code
@@ -224,15 +225,15 @@ Fields = Annotated[
 Output = Annotated[
     Path, typer.Option("--output", "-o", help="File to write; its suffix chooses the format.")
 ]
-FORMATS = "|".join((*ExportFormat, *RecordingFormat))
+FORMATS = "|".join((*ExportFormat, *KNOWN))
 Format = Annotated[
     str | None,
     typer.Option(
         "--format",
         metavar=f"<{FORMATS}>",
         show_default="by the file's name",
-        help="Format of the file: csv, ndjson or parquet of a campaign; openscenario, mcap or gif "
-        "of one episode.",
+        help="Format of the file: csv, ndjson or parquet of a campaign; openscenario, mcap, gif "
+        "or another format of a plug-in of one episode.",
     ),
 ]
 Exported = Annotated[

@@ -34,7 +34,6 @@ COMMANDS = {
     "compare": "Compare two campaigns, or several seeds of each.",
     "gate": "Check a new version of a planner against the failures of an earlier one.",
     "report": "Write a report on campaigns: one self-contained HTML file, and its data.",
-    "reproduce": "Run the paper's experiments, and print our numbers next to the paper's.",
     "worker": "Run one worker for a service, or list the workers of a service.",
     "key": "Create, list, limit and revoke API keys; show the audit log.",
     "webhook": "Add, list, test and remove webhooks, to which events are sent; show deliveries.",
@@ -48,6 +47,7 @@ OF_THE_SERVER = frozenset({"db"})
 PLUGINS = {
     "evidence": "eigenfail-assurance",
     "noise": "eigenfail-noise-fit",
+    "reproduce": "eigenfail-reproduction",
     "requirement": "eigenfail-assurance",
     "risk": "eigenfail-assurance",
 }

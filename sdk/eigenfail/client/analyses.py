@@ -28,6 +28,7 @@ from eigenfail.client.references import (
     split_text,
 )
 from eigenfail.errors import InvalidValue, ProtocolError, ServiceError
+from eigenfail.exchange.recording import ANIMATION
 from eigenfail.files import write_whole
 from eigenfail.frames import Rows
 from eigenfail.values import (
@@ -173,21 +174,31 @@ class Analyses:
         return self._link.put(place, Mode, read_fields({"name": given}, ModeName))
 
     @overload
-    def animate(self, analysis: Mode, mode: Path | str, path: None = None) -> Path: ...
-
-    @overload
     def animate(
-        self, analysis: AnalysisLike, mode: ModeLike | None = None, *, path: Path | str
+        self, analysis: Mode, mode: Path | str, path: None = None, format: str = ANIMATION
     ) -> Path: ...
 
     @overload
-    def animate(self, analysis: AnalysisLike, mode: ModeLike, path: Path | str) -> Path: ...
+    def animate(
+        self,
+        analysis: AnalysisLike,
+        mode: ModeLike | None = None,
+        *,
+        path: Path | str,
+        format: str = ANIMATION,
+    ) -> Path: ...
+
+    @overload
+    def animate(
+        self, analysis: AnalysisLike, mode: ModeLike, path: Path | str, format: str = ANIMATION
+    ) -> Path: ...
 
     def animate(
         self,
         analysis: AnalysisLike,
         mode: ModeLike | Path | str | None = None,
         path: Path | str | None = None,
+        format: str = ANIMATION,  # noqa: A002 - as for files elsewhere
     ) -> Path:
         """Write the failures of a mode, drawn over each other, as an animated GIF.
 
@@ -196,12 +207,14 @@ class Analyses:
             mode: the mode, or its number, from 1; left out where `analysis` is the mode:
                 `animate(mode, "mode.gif")`.
             path: path of the file; one that is there is replaced.
+            format: gif, or another one for which the service has a plug-in.
 
         Returns:
             The path.
 
         Raises:
             NotFound: no such analysis or mode.
+            UnknownName: the service has no such format.
             Conflict: it is not done, or none of the failures has a scene.
             InvalidValue: the path is missing, or the service cannot write the format.
             ServiceError: the file cannot be written.
@@ -209,7 +222,7 @@ class Analyses:
         number, named = split_text("path", mode, path)
         file = Path(named)
         place = f"{locate_mode(analysis, number)}/animation"
-        write_whole(file, self._link.chunks(place, {}))
+        write_whole(file, self._link.chunks(place, {"format": format}))
         return file
 
     def prove(
@@ -270,7 +283,7 @@ FILE = re.compile(r"report\.(html|json)|(tables|pictures)/[a-z0-9-]+\.(csv|svg)"
 
 
 ALSO = frozenset({"paper.md", "paper.json", "claims.json"})
-"""Files that a reproduction of the paper adds to a report."""
+"""Files that callers add to a report: a page, its numbers, and the claims in it."""
 
 
 WITHIN_S = 600.0

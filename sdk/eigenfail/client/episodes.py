@@ -17,7 +17,7 @@ from eigenfail.client.references import (
     split_text,
 )
 from eigenfail.errors import InvalidValue, ServiceError, UnknownName
-from eigenfail.exchange.recording import EgoControl, RecordingFormat
+from eigenfail.exchange.recording import EgoControl
 from eigenfail.files import write_whole
 from eigenfail.filters import Value, parse_sort
 from eigenfail.frames import Rows
@@ -201,7 +201,7 @@ class Episodes:
         campaign: EpisodeRow | EpisodeDetail,
         index: Path | str,
         *,
-        format: RecordingFormat | str | None = None,
+        format: str | None = None,
         ego: EgoControl | str = EgoControl.RECORDED,
     ) -> Path: ...
 
@@ -211,7 +211,7 @@ class Episodes:
         campaign: EpisodeRow | EpisodeDetail,
         *,
         path: Path | str,
-        format: RecordingFormat | str | None = None,
+        format: str | None = None,
         ego: EgoControl | str = EgoControl.RECORDED,
     ) -> Path: ...
 
@@ -221,7 +221,7 @@ class Episodes:
         campaign: CampaignLike,
         index: EpisodeLike,
         path: Path | str,
-        format: RecordingFormat | str | None = None,
+        format: str | None = None,
         ego: EgoControl | str = EgoControl.RECORDED,
     ) -> Path: ...
 
@@ -230,7 +230,7 @@ class Episodes:
         campaign: CampaignLike,
         index: EpisodeLike | Path | str | None = None,
         path: Path | str | None = None,
-        format: RecordingFormat | str | None = None,  # noqa: A002 - as for files elsewhere
+        format: str | None = None,  # noqa: A002 - as for files elsewhere
         ego: EgoControl | str = EgoControl.RECORDED,
     ) -> Path:
         """Write one episode to a file of another tool; it is there whole, or not at all.
@@ -242,8 +242,8 @@ class Episodes:
             index: the episode, or its index; left out where `campaign` is the episode:
                 `export_recording(row, "failure.gif")`.
             path: path of the file; one that is there is replaced.
-            format: openscenario (a ZIP archive), mcap or gif; by the file's name if it is not
-                given.
+            format: openscenario (a ZIP archive), mcap, gif or another one for which the service
+                has a plug-in; by the file's name if it is not given.
             ego: `recorded`: the ego repeats its course; `controller`: it is left to a controller
                 of the simulator. OpenSCENARIO alone has the choice.
 
@@ -252,7 +252,7 @@ class Episodes:
 
         Raises:
             NotFound: no such campaign, or the episode has no result yet.
-            UnknownName: a format or a kind of ego that there is not.
+            UnknownName: the service has no such format, or there is no such kind of ego.
             InvalidValue: the path is missing, the episode has no vehicles, or the service cannot
                 write the format.
             Conflict: its scene was not kept, and a replay of it differs.
@@ -370,23 +370,24 @@ def _choose_format(path: Path, form: ExportFormat | str | None) -> ExportFormat:
     return ExportFormat(name)
 
 
-def choose_recording_format(path: Path, form: RecordingFormat | str | None) -> RecordingFormat:
-    """Return the format of a single episode that was asked for, or that a file's name ends in.
+OPENSCENARIO, ARCHIVE = "openscenario", ".zip"
+"""The one known format whose files do not end in its name."""
+
+
+def choose_recording_format(path: Path, form: str | None) -> str:
+    """Return the name of the format that was asked for, or that a file's name ends in.
+
+    Which formats there are, the service knows: plug-ins bring them there.
 
     Raises:
-        UnknownName: there is no such format.
         InvalidValue: OpenSCENARIO is to be written to a file that is not named as an archive.
     """
     suffix = path.suffix.lower()
-    by_suffix = {known.suffix: known.value for known in RecordingFormat}
-    name = form or by_suffix.get(suffix, suffix.removeprefix("."))
-    is_scenario = name in {RecordingFormat.OPENSCENARIO, "xosc"}
-    if is_scenario and suffix != RecordingFormat.OPENSCENARIO.suffix:
+    name = form or (OPENSCENARIO if suffix == ARCHIVE else suffix.removeprefix("."))
+    if name in {OPENSCENARIO, "xosc"} and suffix != ARCHIVE:
         problem = "OpenSCENARIO is written as a ZIP archive of scenario, road and noise."
-        raise InvalidValue("output", problem, f"Name the file {path.stem}.zip.")
-    if name not in list(RecordingFormat):
-        raise UnknownName("format", name, RecordingFormat)
-    return RecordingFormat(name)
+        raise InvalidValue("output", problem, f"Name the file {path.stem}{ARCHIVE}.")
+    return name
 
 
 def _choose_ego(ego: EgoControl | str) -> EgoControl:

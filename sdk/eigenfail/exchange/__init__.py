@@ -1,86 +1,79 @@
-"""Episodes as files of other tools: OpenSCENARIO and OpenDRIVE, MCAP with Foxglove's schemas, GIF.
+"""Exchange with other tools: recorded tracks come in, single episodes go out.
 
-Each writer turns one frozen value, an `EpisodeRecording` or the `OverlaidRecordings` of several
-episodes, into the bytes of a file; the same value gives the same bytes.
+Plug-ins bring the formats of single episodes, by entry points of the group `eigenfail.exports`.
 """
 
-from collections.abc import Callable, Mapping
-from importlib.util import find_spec
+from contextlib import suppress
 
-from eigenfail.errors import InvalidValue
-from eigenfail.exchange.animation import draw_episode
-from eigenfail.exchange.mcap_log import write_mcap
-from eigenfail.exchange.open_scenario import write_open_scenario
-from eigenfail.exchange.recording import EgoControl, EpisodeRecording, RecordingFormat
+from eigenfail import plugins
+from eigenfail.errors import EigenfailError, InputError, InvalidValue, UnknownName
+from eigenfail.exchange.recording import EgoControl, RecordingFormat
 
-PACKAGES: Mapping[RecordingFormat, tuple[str, ...]] = {
-    RecordingFormat.OPENSCENARIO: (),
-    RecordingFormat.MCAP: ("mcap", "mcap_protobuf", "foxglove_schemas_protobuf"),
-    RecordingFormat.GIF: ("PIL",),
-}
-"""Modules without which a format cannot be written."""
+KNOWN = ("openscenario", "mcap", "gif")
+"""Formats that were once in the core."""
+
+PACKAGE = "eigenfail-exchange"
+"""The package under plugins/ that brings them now."""
 
 
-_WRITERS: Mapping[RecordingFormat, Callable[[EpisodeRecording], bytes]] = {
-    RecordingFormat.OPENSCENARIO: write_open_scenario,
-    RecordingFormat.MCAP: write_mcap,
-    RecordingFormat.GIF: draw_episode,
-}
+def list_formats() -> dict[str, RecordingFormat]:
+    """Return the formats that can be written here by name, those of `KNOWN` first.
+
+    One that cannot be loaded is left out: who asks for it is told why.
+    """
+    names = sorted(plugins.names(plugins.EXPORTS), key=_rank)
+    found = {}
+    for name in names:
+        with suppress(EigenfailError):
+            found[name] = find_format(name)
+    return found
 
 
-MAX_POSES = 200_000
-"""Vehicles times steps of an episode that is written: a file is made in memory as a whole."""
+def _rank(name: str) -> int:
+    return KNOWN.index(name) if name in KNOWN else len(KNOWN)
 
 
-def write_recording(
-    recording: EpisodeRecording, form: RecordingFormat, ego: EgoControl = EgoControl.RECORDED
-) -> bytes:
-    """Return the file of an episode.
-
-    Args:
-        recording: the episode.
-        form: format of the file.
-        ego: whether the ego repeats its course or is left to a controller; OpenSCENARIO alone.
+def find_format(name: str) -> RecordingFormat:
+    """Return the format of a name.
 
     Raises:
-        InvalidValue: the format leaves nothing to a controller, its packages are not installed, or
-            the episode is too long.
+        UnknownName: there is no such format.
+        InvalidValue: its package is not installed here, or cannot be loaded.
     """
-    check_recording(form, ego)
-    steps, vehicles = recording.scene.vehicles.shape[:2]
-    if steps * vehicles > MAX_POSES:
-        problem = f"It has {steps} steps of {vehicles} vehicles: {steps * vehicles} poses."
-        raise InvalidValue("episode", problem, f"At most {MAX_POSES} are written.")
-    if ego is EgoControl.RECORDED:
-        return _WRITERS[form](recording)
-    return write_open_scenario(recording, ego)
+    installed = plugins.names(plugins.EXPORTS)
+    if name not in installed:
+        raise _describe_absence(name, installed)
+    found = plugins.load(plugins.EXPORTS, name)
+    if not isinstance(found, RecordingFormat):
+        kind = type(found).__name__
+        problem = f"'{name}' is a {kind}, not a RecordingFormat."
+        raise InvalidValue("format", problem, "Fix its package.")
+    return found
 
 
-def check_recording(form: RecordingFormat, ego: EgoControl) -> None:
-    """Refuse what cannot be written of any episode here.
+def _describe_absence(name: str, installed: list[str]) -> InputError:
+    package = f"package {PACKAGE}, which is not installed where the service runs"
+    if name in KNOWN:
+        there = f"Installed formats: {', '.join(installed) or 'none'}."
+        remedy = f"{there} Run there, in a clone: pip install plugins/{PACKAGE}"
+        return InvalidValue("format", f"'{name}' is in the {package}.", remedy)
+    problem = f"'{name}' is not known."
+    if missing := [each for each in KNOWN if each not in installed]:
+        problem += f" The {package}, brings {', '.join(missing)}."
+    return UnknownName("format", name, installed, problem)
+
+
+def check_format(name: str, ego: EgoControl) -> RecordingFormat:
+    """Return the format of a name, in which the ego can be driven as is asked for.
 
     Raises:
-        InvalidValue: the format leaves nothing to a controller, or its packages are not installed.
+        UnknownName: there is no such format.
+        InvalidValue: the format leaves nothing to a controller, or cannot be written here.
     """
-    require_packages(form)
-    if ego is not EgoControl.RECORDED and form is not RecordingFormat.OPENSCENARIO:
-        problem = f"{form} shows what happened, and has no controller."
-        raise InvalidValue("ego", problem, "Use the format openscenario.")
-
-
-def require_packages(form: RecordingFormat) -> None:
-    """Refuse a format whose packages are not installed here.
-
-    Raises:
-        InvalidValue: one of them is missing.
-    """
-    missing = [name for name in PACKAGES[form] if find_spec(name) is None]
-    if missing:
-        problem = f"{form} needs {missing[0]}, which is not installed where the service runs."
-        remedy = "Run there, in a clone: pip install '.[exchange]'; openscenario needs nothing."
-        raise InvalidValue("format", problem, remedy)
-
-
-def list_formats() -> tuple[RecordingFormat, ...]:
-    """Return the formats that can be written here."""
-    return tuple(form for form, names in PACKAGES.items() if all(map(find_spec, names)))
+    found = find_format(name)
+    if ego is EgoControl.CONTROLLER and not found.has_controller:
+        others = [other for other, each in list_formats().items() if each.has_controller]
+        problem = f"{name} shows what happened, and has no controller."
+        remedy = f"Use the format {' or '.join(others)}." if others else ""
+        raise InvalidValue("ego", problem, remedy)
+    return found

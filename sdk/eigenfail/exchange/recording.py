@@ -1,52 +1,23 @@
-"""The course of an episode as other tools need it: poses in time, road, noise and outcome."""
+"""The course of an episode as other tools need it, and what a format of their files is."""
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from enum import StrEnum
-from math import ceil, floor
+from math import ceil
 
 import msgspec
-import numpy as np
 
-from eigenfail.errors import InvalidValue
 from eigenfail.values import Mission, NoiseTrajectory, Outcome, Scene
 from eigenfail.values.showing import Brief
 
-CONVENTIONAL_LANE_M = 3.5
-"""Width of a lane where the scenario does not tell. [m]"""
+ANIMATION = "gif"
+"""Format in which pages show the failures of a mode over each other, if it is installed."""
 
 
-ROAD_MARGIN_M = 200.0
-"""Length of road before the first and behind the last vehicle, for controllers that drive otherwise
-than the ego did. [m]"""
+SHORTEST_FRAME_S = 0.04
+"""Browsers show no frame for less; episodes with shorter steps lose some of them. [s]"""
 
 
-TRUCK_LENGTH_M = 8.0
-"""Vehicles that are longer than this are called trucks. [m]"""
-
-
-MAX_LANES = 64
-"""Lanes that are laid at most under vehicles of a road that is not known: positions on a bridge are
-not bounded."""
-
-
-_TRUCK_HEIGHT_M, _CAR_HEIGHT_M = 3.8, 1.5
-
-
-class RecordingFormat(StrEnum):
-    """Format of the file of a single episode.
-
-    `openscenario` is a ZIP archive of scenario, road and noise; `mcap` is a log for Foxglove;
-    `gif` is an animation.
-    """
-
-    OPENSCENARIO = "openscenario"
-    MCAP = "mcap"
-    GIF = "gif"
-
-    @property
-    def suffix(self) -> str:
-        """Ending of the file's name."""
-        return ".zip" if self is RecordingFormat.OPENSCENARIO else f".{self.value}"
+MAX_FRAMES = 600
 
 
 class EgoControl(StrEnum):
@@ -54,67 +25,6 @@ class EgoControl(StrEnum):
 
     RECORDED = "recorded"
     CONTROLLER = "controller"
-
-
-class StraightRoad(msgspec.Struct, frozen=True):
-    """Lanes parallel to x, numbered from the right; y is to the left.
-
-    Attributes:
-        starts_x_m: where it begins.
-        ends_x_m: where it ends.
-        right_edge_y_m: right edge of lane 0.
-        lane_0_ends_x_m: where lane 0 ends; None if it goes on.
-        is_known: whether the scenario tells its lanes; otherwise they are made to lie under all
-            vehicles.
-    """
-
-    starts_x_m: float
-    ends_x_m: float
-    right_edge_y_m: float
-    lanes: int
-    lane_width_m: float
-    lane_0_ends_x_m: float | None
-    is_known: bool
-
-    @property
-    def length_m(self) -> float:
-        """Length of the road. [m]"""
-        return self.ends_x_m - self.starts_x_m
-
-    @property
-    def left_edge_y_m(self) -> float:
-        """Left edge of the last lane. [m]"""
-        return self.right_edge_y_m + self.lanes * self.lane_width_m
-
-
-def make_road(scenes: Sequence[Scene], mission: Mission | None) -> StraightRoad:
-    """Return the road under all vehicles of some scenes.
-
-    Args:
-        scenes: at least one.
-        mission: lanes of the scenario; None where they are not known.
-
-    Raises:
-        InvalidValue: the lanes are not known, and the vehicles are too far beside each other.
-    """
-    places = [scene.vehicles[..., :2].reshape(-1, 2).astype(np.float64) for scene in scenes]
-    lowest = np.nanmin([np.nanmin(each, axis=0) for each in places], axis=0)
-    highest = np.nanmax([np.nanmax(each, axis=0) for each in places], axis=0)
-    starts, ends = float(lowest[0]) - ROAD_MARGIN_M, float(highest[0]) + ROAD_MARGIN_M
-    if mission is not None:
-        half_m = 0.5 * mission.lane_width_m
-        shape = mission.lanes, mission.lane_width_m, mission.lane_0_ends_x_m
-        return StraightRoad(starts, ends, -half_m, *shape, is_known=True)
-    # A lane has its centre at y = 0, as lane 0 has in every world, or would have it there.
-    first = floor(float(lowest[1]) / CONVENTIONAL_LANE_M + 0.5)
-    last = max(ceil(float(highest[1]) / CONVENTIONAL_LANE_M - 0.5), first)
-    lanes = last - first + 1
-    if lanes > MAX_LANES:
-        reach_m = float(highest[1] - lowest[1])
-        problem = f"Its vehicles are up to {reach_m:g} m beside each other, on no known road."
-        raise InvalidValue("episode", problem, f"At most {MAX_LANES} lanes are drawn under them.")
-    edge = (first - 0.5) * CONVENTIONAL_LANE_M
-    return StraightRoad(starts, ends, edge, lanes, CONVENTIONAL_LANE_M, None, is_known=False)
 
 
 class EpisodeRecording(Brief, msgspec.Struct, frozen=True, eq=False, kw_only=True):
@@ -154,11 +64,6 @@ class EpisodeRecording(Brief, msgspec.Struct, frozen=True, eq=False, kw_only=Tru
         """What the file shows, in words."""
         return f"Episode {self.campaign}/{self.index}: {self.outcome.word}"
 
-    @property
-    def road(self) -> StraightRoad:
-        """The road under its vehicles."""
-        return make_road([self.scene], self.mission)
-
 
 class OverlaidRecordings(Brief, msgspec.Struct, frozen=True, eq=False, kw_only=True):
     """Episodes of one failure mode, to be drawn over each other.
@@ -184,19 +89,36 @@ class OverlaidRecordings(Brief, msgspec.Struct, frozen=True, eq=False, kw_only=T
     has_medoid: bool = True
 
 
-def name_vehicle(number: int) -> str:
-    """Return the name of a vehicle by its number in the scene, of which 0 is the ego."""
-    return f"vehicle_{number}" if number else "ego"
+class RecordingFormat(msgspec.Struct, frozen=True, kw_only=True):
+    """Format of another tool in which a single episode is written; plug-ins bring it.
+
+    An entry point of `eigenfail.exports` names an object of this class. Its own name is the name of
+    the format.
+
+    Attributes:
+        title: name of the format for people, such as "OpenSCENARIO".
+        suffix: ending of a file's name, such as ".zip".
+        media_type: media type of a file, such as "application/zip".
+        write: returns the file of an episode. The same recording gives the same bytes.
+        overlay: returns the file of several episodes over each other; None: the format has none.
+        has_controller: whether `write` can leave the ego to a controller of the simulator.
+    """
+
+    title: str
+    suffix: str
+    media_type: str
+    write: Callable[[EpisodeRecording, EgoControl], bytes]
+    overlay: Callable[[OverlaidRecordings], bytes] | None = None
+    has_controller: bool = False
 
 
-def find_height(length_m: float) -> float:
-    """Return the height by which a vehicle is shown, since the world has none. [m]"""
-    return _TRUCK_HEIGHT_M if length_m > TRUCK_LENGTH_M else _CAR_HEIGHT_M
+def list_frame_steps(steps: int, dt_s: float) -> list[int]:
+    """Return the steps that an animation shows, the last one among them.
 
-
-def find_presence(scene: Scene, vehicle: int) -> list[tuple[int, int]]:
-    """Return the first and the last step of each time span during which a vehicle is there."""
-    there = np.isfinite(scene.vehicles[:, vehicle, :3]).all(axis=1)
-    edges = np.diff(np.concatenate([[0], there.astype(np.int8), [0]]))
-    firsts, ends = np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
-    return [(int(first), int(end) - 1) for first, end in zip(firsts, ends, strict=True)]
+    Args:
+        steps: steps from the first moment to the last.
+        dt_s: time between two of them.
+    """
+    every = max(1, ceil(SHORTEST_FRAME_S / dt_s - 1e-6), ceil((steps + 1) / MAX_FRAMES))
+    shown = list(range(0, steps, every))
+    return [*shown, steps]

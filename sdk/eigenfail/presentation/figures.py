@@ -125,11 +125,6 @@ def format_upper_bound(share: float) -> str:
     return f"≤ {format_share(round_up(share))}"
 
 
-def format_no_event(n: int, high: float) -> str:
-    """Return that none of n had an event, with the upper bound of its share."""
-    return f"0 of {format_count(n)}: {format_upper_bound(high)}"
-
-
 def format_percent_interval(interval: Bounds) -> str:
     """Return the interval of a share in percent."""
     return f"{format_interval(interval, 100.0)} %"

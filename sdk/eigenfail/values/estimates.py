@@ -59,13 +59,6 @@ class Estimate(msgspec.Struct, frozen=True, kw_only=True):
     note: str = ""
     bound: Literal["lower"] | None = None
 
-    def __post_init__(self) -> None:
-        if self.by == IMPORTANCE_SAMPLING and self.probability is not None and self.bound is None:
-            # Only estimates that were stored or sent by an earlier release come without a bound.
-            structs.force_setattr(self, "bound", "lower")
-            structs.force_setattr(self, "interval", None)
-            structs.force_setattr(self, "note", f"{ONE_REGION} {self.note}".strip())
-
     def bound_below(self, errored: int) -> "Estimate":
         """Return the estimate of a campaign of which some episodes errored: a lower bound.
 
@@ -137,9 +130,8 @@ class Rate(msgspec.Struct, frozen=True):
         return self.k / self.n
 
     def __post_init__(self) -> None:
-        if not self.sampled and self.interval is not None:
-            # Rates that were stored or sent by an earlier release come with the interval that the
-            # n would have as a random sample.
+        if not self.sampled:
+            # The episodes of an adaptive search are no random sample: there is nothing to bound.
             structs.force_setattr(self, "interval", None)
 
 

@@ -7,13 +7,13 @@ import numpy as np
 
 from eigenfail import plugins
 from eigenfail.errors import Conflict, EigenfailError, InvalidValue
-from eigenfail.exchange import check_recording, require_packages, write_recording
-from eigenfail.exchange.animation import draw_overlaid_episodes, list_frame_steps
+from eigenfail.exchange import check_format, find_format
 from eigenfail.exchange.recording import (
     EgoControl,
     EpisodeRecording,
     OverlaidRecordings,
     RecordingFormat,
+    list_frame_steps,
 )
 from eigenfail.values import Analysis, CampaignSpec, EpisodeResult, Mission, Outcome, Scene
 from eigenfail.values.variation import read_variation
@@ -22,6 +22,10 @@ from eigenfail_services.campaigns.explanations import Explanations
 from eigenfail_services.campaigns.proofs import read_result
 from eigenfail_services.store import Store
 from eigenfail_services.store.errors import make_mode_error
+
+MAX_POSES = 200_000
+"""Vehicles times steps of an episode that is written: a file is made in memory as a whole."""
+
 
 MAX_OVERLAID = 200
 """Episodes that are drawn over each other at most; of a larger mode every n-th, with its medoid."""
@@ -75,30 +79,42 @@ def find_mission(spec: CampaignSpec, result: EpisodeResult) -> Mission | None:
     return mission
 
 
+class RecordingFile(NamedTuple):
+    """A file of another tool."""
+
+    content: bytes
+    form: RecordingFormat
+
+
 def make_recording_file(
     store: Store,
     explanations: Explanations,
     episode: tuple[int, int],
-    form: RecordingFormat,
+    name: str,
     ego: EgoControl,
-) -> bytes:
+) -> RecordingFile:
     """Return the file of an episode.
 
     Args:
         store: where the episode is.
         explanations: where it is run again if its scene was not kept.
         episode: its campaign and index.
-        form: format of the file.
-        ego: whether the ego repeats its course or is left to a controller; OpenSCENARIO alone.
+        name: name of the format.
+        ego: whether the ego repeats its course or is left to a controller.
 
     Raises:
         NotFound: no such campaign, or the episode has no result yet.
-        InvalidValue: the episode has no scene, or the format cannot be written.
+        InvalidValue: the episode has no scene or is too long, or the format cannot be written.
         Conflict: its scene was not kept, and a replay of it differs.
         ServiceError: its scene was not kept, and it cannot be run again here.
     """
-    check_recording(form, ego)
-    return write_recording(load_recording(store, explanations, *episode), form, ego)
+    form = check_format(name, ego)
+    recording = load_recording(store, explanations, *episode)
+    steps, vehicles = recording.scene.vehicles.shape[:2]
+    if steps * vehicles > MAX_POSES:
+        problem = f"It has {steps} steps of {vehicles} vehicles: {steps * vehicles} poses."
+        raise InvalidValue("episode", problem, f"At most {MAX_POSES} are written.")
+    return RecordingFile(form.write(recording, ego), form)
 
 
 def load_recording(
@@ -150,21 +166,24 @@ def _replay_scene(store: Store, explanations: Explanations, campaign: int, index
     return scene
 
 
-def make_mode_animation(store: Store, analysis: Analysis, mode: int) -> bytes:
-    """Return an animated GIF of the failures of a mode, over each other.
+def make_mode_animation(store: Store, analysis: Analysis, mode: int, name: str) -> RecordingFile:
+    """Return the failures of a mode over each other, as a file.
 
     Args:
         store: where the episodes are.
         analysis: analysis that found the mode.
         mode: number of the mode, from 1.
+        name: name of the format.
 
     Raises:
         NotFound: the analysis has no such mode.
         Conflict: the analysis is not done, or none of the failures has a scene that can be drawn.
-        InvalidValue: Pillow is not installed, or the failures are those of a function.
+        InvalidValue: the format cannot be written, or the failures are those of a function.
     """
-    require_packages(RecordingFormat.GIF)
-    return draw_overlaid_episodes(load_mode_recordings(store, analysis, mode))
+    form = find_format(name)
+    if form.overlay is None:
+        raise InvalidValue("format", f"{name} does not show several episodes over each other.")
+    return RecordingFile(form.overlay(load_mode_recordings(store, analysis, mode)), form)
 
 
 def load_mode_recordings(

@@ -92,13 +92,9 @@ def spec_hash(spec: CampaignSpec) -> str:
     return hashlib.sha256(spec_text(spec).encode()).hexdigest()
 
 
-EARLIER_ANALYSES = {"failures": "all", "centre": "mean", "features": "noise"}
-"""Settings of analyses of releases that did not have these settings."""
-
-
 def to_settings(text: str) -> AnalysisSettings:
-    """Read the settings of an analysis from JSON, also those of earlier releases."""
-    return msgspec.convert(EARLIER_ANALYSES | msgspec.json.decode(text), AnalysisSettings)
+    """Read the settings of an analysis from JSON."""
+    return msgspec.json.decode(text, type=AnalysisSettings)
 
 
 def to_blob(array: Floats) -> bytearray:

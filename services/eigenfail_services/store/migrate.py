@@ -106,18 +106,8 @@ def upgrade_with(backend: Backend) -> None:
     from alembic import command
 
     with schema_transaction(backend) as connection:
-        refuse_newer(find_version(connection), backend.label)
+        refuse_unknown(find_version(connection), backend.label)
         command.upgrade(alembic_config(connection), "head")
-
-
-def downgrade(address: str, revision: str) -> None:
-    """Take the database at an address back to an older schema; `base` removes everything."""
-    from alembic import command
-
-    backend = find_backend(address)
-    with schema_transaction(backend) as connection:
-        refuse_newer(find_version(connection), backend.label)
-        command.downgrade(alembic_config(connection), revision)
 
 
 def alembic_config(connection: Connection | None = None) -> Config:
@@ -138,16 +128,18 @@ def list_revisions() -> list[str]:
     return [revision.revision for revision in script.walk_revisions()][::-1]
 
 
-def refuse_newer(version: str | None, label: str) -> None:
-    """Refuse to touch a database that a later program made.
+def refuse_unknown(version: str | None, label: str) -> None:
+    """Refuse to touch a database that another version of eigenfail made.
 
     Raises:
-        SchemaMismatch: no migration of this program leads to that version.
+        SchemaMismatch: no migration of this program leads from that version.
     """
     if version is not None and version not in list_revisions():
         raise SchemaMismatch(
-            f"The schema of {label} is {version}, newer than this program's {VERSION}.",
-            "Update eigenfail, or use another database; this one was not changed.",
+            f"The schema of {label} is {version}, which this version of eigenfail does not know; "
+            f"its own is {VERSION}.",
+            "Use the version of eigenfail that made the database, or another database; this one "
+            "was not changed.",
         )
 
 

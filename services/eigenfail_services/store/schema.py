@@ -36,7 +36,7 @@ from sqlalchemy.types import TypeEngine
 from eigenfail.values import MEASURES, Measure, Priority
 from eigenfail.values.episode import FAILURES, Outcome
 
-VERSION = "0029"
+VERSION = "1000"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -123,7 +123,7 @@ campaigns = Table(
     Column("discarded_s", Double),
     Column("suite", Prose),
     Column("priority", Text, nullable=False, server_default=Priority.NORMAL),
-    Column("parts", Text),  # JSON; older releases recorded none
+    Column("parts", Text),  # JSON
     Column("made_by", Number),  # id of the key; none where none was needed
     Column("planner_version", Prose),  # as in the spec
     Column("project", Prose),
@@ -162,7 +162,7 @@ checkpoints = Table(
     Column("number", BigInteger, primary_key=True, autoincrement=False),
     Column("saved_ms", BigInteger, nullable=False),
     Column("state", LargeBinary, nullable=False),
-    Column("sha256", Text),  # of the state; an older release kept none
+    Column("sha256", Text),  # of the state
 )
 
 

@@ -31,7 +31,7 @@ from eigenfail.addresses import sqlite_path, sqlite_uri
 from eigenfail.errors import Conflict, InvalidValue, ServiceError
 from eigenfail.values.operations import Backup
 from eigenfail_services.store.engine import Database, find_backend, read_kind
-from eigenfail_services.store.migrate import find_version, refuse_newer
+from eigenfail_services.store.migrate import find_version, refuse_unknown
 from eigenfail_services.store.schema import VERSION_TABLE, event_counter, metadata
 from eigenfail_services.store.sqlite import find_mode
 
@@ -125,7 +125,7 @@ class PostgresDumps:
         if connection.execute(COUNT_CONNECTIONS).scalar_one():
             raise ServiceError(f"A service uses {label}.", "Stop it, and try again.")
         # A newer schema has tables that this program does not know.
-        refuse_newer(find_version(connection), label)
+        refuse_unknown(find_version(connection), label)
         names = HAS_ROWS.keys() & inspect(connection).get_table_names()
         for name in () if force else names:
             if connection.exec_driver_sql(HAS_ROWS[name]).scalar_one():
@@ -415,7 +415,7 @@ def restore(address: str, file: Path, *, force: bool = False) -> Backup:
         raise _explain_no_backup(file, "it is not a regular file.")
     backend, keeper = find_backend(address), find_program(address)
     revision = keeper.revision(file)
-    refuse_newer(revision, str(file))
+    refuse_unknown(revision, str(file))
     backend.prepare()
     keeper.load(file, force=force)
     return Backup(backend.label, str(file), file.stat().st_size, revision)

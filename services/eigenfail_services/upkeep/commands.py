@@ -62,11 +62,6 @@ Campaigns = Annotated[
     typer.Option("--campaign", show_default="all", help="Only this campaign; repeatable."),
 ]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Report what would be removed, and end.")]
-To = Annotated[str, typer.Option("--to", help="The revision, such as 0014.")]
-Lose = Annotated[
-    bool,
-    typer.Option("--force", help="Allow losing what only newer schemas hold; make a backup first."),
-]
 
 
 @app.callback()
@@ -207,26 +202,6 @@ def vacuum(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJson
     freed = max(0, done.bytes_before - done.bytes_after)
     words = f"{done.database} takes {done.bytes_after:,} bytes; {freed:,} were given back."
     typer.echo(to_json(done) if as_json else words)
-
-
-@app.command()
-def downgrade(
-    to: To,
-    database: Database = None,
-    data: Data = DEFAULT_DATA,
-    force: Lose = False,
-    as_json: AsJson = False,
-) -> None:
-    """Downgrade the schema for an older release; make a backup first.
-
-    Stop all services of the database first. `eigenfail db upgrade` reverses it.
-    """
-    from eigenfail_services.upkeep import maintenance
-
-    with _claim(database, data):
-        url = database or DataFolder(data).database
-        revision = maintenance.downgrade(url, to, force=force)
-    _show_revision("downgrade", revision, "The database's schema is at revision {}.", as_json)
 
 
 def _claim(database: str | None, data: Path) -> AbstractContextManager[None]:

@@ -1,4 +1,4 @@
-"""Vacuuming a database, and downgrading its schema for an older program."""
+"""Vacuuming a database, and pruning the noise of its episodes."""
 
 import os
 import socket
@@ -14,18 +14,17 @@ import msgspec
 from sqlalchemy import Connection, func, inspect, select, text
 
 from eigenfail.addresses import sqlite_path
-from eigenfail.errors import Conflict, InvalidValue, ServiceError, UnknownName
+from eigenfail.errors import Conflict, InvalidValue, ServiceError
 from eigenfail.methods import traits_of
 from eigenfail.values import FINAL_STATES, Campaign, CampaignState
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.operations import PrunedCampaign, PruneReport, Retention, Vacuumed, Weight
-from eigenfail_services.store import Store, migrate, open_store
+from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.engine import Database, find_backend, read_kind, translate_errors
+from eigenfail_services.store.engine import find_backend, read_kind, translate_errors
 from eigenfail_services.store.errors import make_running_error
 from eigenfail_services.store.schema import metadata
 from eigenfail_services.upkeep.backup import (
-    COUNT_CONNECTIONS,
     FILE_SUFFIXES,
     LOCK_TIMEOUT_S,
     open_sqlite,
@@ -170,76 +169,6 @@ VACUUM_PROGRAMS: Mapping[str, Callable[[str], VacuumProgram]] = {
     "sqlite": SqliteVacuum,
     "postgresql": PostgresVacuum,
     "postgres": PostgresVacuum,
-}
-
-
-def downgrade(address: str, revision: str, *, force: bool) -> str:
-    """Downgrade a database to an older schema: completely, or nothing is changed.
-
-    Args:
-        address: address of the database, which must not be in use meanwhile.
-        revision: revision of the older schema.
-        force: whether data that only newer schemas hold may be lost.
-
-    Returns:
-        The new revision.
-
-    Raises:
-        InvalidValue: the address is invalid.
-        UnknownName: no schema has this revision.
-        StoreUnavailable: there is no database, or it does not answer.
-        SchemaMismatch: its schema is that of a newer program.
-        Conflict: its schema is not newer, or data would be lost.
-        ServiceError: the database is in use.
-    """
-    found = migrate.read_version(address)
-    migrate.refuse_newer(found, find_backend(address).label)
-    _require_older(found, revision)
-    if not force:
-        raise Conflict(
-            f"From {found} back to {revision}, all that only newer schemas hold is lost.",
-            "Make a backup first: eigenfail db backup FILE. Then add --force.",
-        )
-    EXCLUSIVE_CHECKS[read_kind(address)](address)
-    migrate.downgrade(address, revision)
-    return revision
-
-
-def _require_older(found: str | None, revision: str) -> None:
-    """Raise UnknownName if a revision is unknown, Conflict if it is not older."""
-    known = migrate.list_revisions()
-    if revision not in known:
-        raise UnknownName("to", revision, known)
-    if found is None or known.index(revision) >= known.index(found):
-        raise Conflict(
-            f"The schema is {found or 'empty'}, which is not newer than {revision}.",
-            "`eigenfail db upgrade` brings a schema forward.",
-        )
-
-
-def _require_alone_in_file(address: str) -> None:
-    """Raise ServiceError if another program has the file open."""
-    path = sqlite_path(address)
-    with (
-        translate_sqlite_errors(f"{path} was not changed"),
-        closing(open_sqlite(path, "rw", LOCK_TIMEOUT_S)) as connection,
-    ):
-        # Refused if another process has it open; the next program turns it back.
-        connection.execute("PRAGMA journal_mode = DELETE")
-
-
-def _require_alone_at_server(address: str) -> None:
-    """Raise ServiceError if a service is connected."""
-    backend = find_backend(address)
-    with closing(Database(backend)) as database, database.reading() as connection:
-        if connection.execute(COUNT_CONNECTIONS).scalar_one():
-            raise ServiceError(f"A service uses {backend.label}.", "Stop it, and try again.")
-
-
-EXCLUSIVE_CHECKS: Mapping[str, Callable[[str], None]] = {
-    "sqlite": _require_alone_in_file,
-    "postgresql": _require_alone_at_server,
-    "postgres": _require_alone_at_server,
 }
 
 

@@ -175,6 +175,7 @@ def test_the_field_is_not_said_twice():
     assert describe_error(InvalidValue("name", "is required.")) == "Is required."
 
 
+@pytest.mark.usefixtures("without_plugins")
 def test_problems_stand_at_their_fields_and_what_was_typed_stays(http, typed, golden):
     wrong = {
         **typed,

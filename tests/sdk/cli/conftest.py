@@ -1,28 +1,16 @@
-"""Two services that cost nothing: stand-ins for its processes, and its API without a socket."""
+"""Two services that cost nothing: stand-ins for its processes, and one without a socket."""
 
 import json
 import re
 import shlex
 import sys
 from contextlib import closing
+from functools import partial
 
-import httpx2
 import pytest
-from starlette.testclient import TestClient
-from typer.testing import CliRunner
+from working_service import WorkingService, run_command
 
-from eigenfail import plugins
-from eigenfail.cli.connection import Environment
-from eigenfail.cli.main import app
-from eigenfail.client import Client
 from eigenfail.hosting import service as local_service
-from eigenfail.values import EpisodeTask, PriorSource, TrajectorySource, episode_seed
-from eigenfail.values.records import Delivery
-from eigenfail_api.app import create_app
-from eigenfail_api.settings import ApiSettings
-from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.learner_context import learner_context
-from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.store import open_store
 
 CONTROLLER = """
@@ -65,67 +53,6 @@ def stand_ins(monkeypatch):
     return scripts
 
 
-class WorkingService(httpx2.BaseTransport):
-    """The real API over a real store, with no socket; at every request some work gets done."""
-
-    episodes_at_once = 8
-
-    def __init__(self, store):
-        self.store = store
-        self.api = TestClient(create_app(store, ApiSettings()))._transport
-
-    def handle_request(self, request):
-        for campaign in self.store.campaigns.page(100).items:
-            self.work_on(campaign)
-        for analysis in self.store.analyses.page(100).items:
-            self.analyse(analysis)
-        return self.api.handle_request(request)
-
-    def work_on(self, campaign):
-        moves = {"queued": "running", "pausing": "paused", "cancelling": "cancelled"}
-        if campaign.state in moves:
-            self.store.campaigns.move(campaign.id, moves[campaign.state])
-        elif campaign.state == "running":
-            self.run_some(campaign)
-
-    def run_some(self, campaign):
-        if campaign.spec.method == "nearest":
-            self.run_rounds(campaign)
-            return
-        first = campaign.counts.planned - campaign.counts.open
-        last = min(first + self.episodes_at_once, campaign.spec.episodes)
-        engine = plugins.load(plugins.ENGINES, "default")(campaign.spec.setup())
-        tasks = [self.task(campaign, index) for index in range(first, last)]
-        results = [Delivery(result, "by hand") for result in engine.run(tasks)]
-        self.store.episodes.commit(campaign.id, results)
-        self.store.campaigns.add_active(campaign.id, 0.5)
-        if last == campaign.spec.episodes:
-            self.store.campaigns.move(campaign.id, "done")
-
-    def run_rounds(self, campaign):
-        """Run a campaign whose episodes depend on those before, at once."""
-        spec = campaign.spec
-        method = plugins.load(plugins.METHODS, spec.method)
-        learner = method(learner_context(campaign, self.store), method.Settings(**spec.settings))
-        engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
-        rounds = Rounds(learner, spec.seed, spec.episodes)
-        results = [Delivery(each, "by hand") for each in run_in_process(rounds, engine)]
-        self.store.episodes.commit(campaign.id, results)
-        self.store.campaigns.move(campaign.id, "done")
-
-    def task(self, campaign, index):
-        spec, source = campaign.spec, PriorSource()
-        if spec.method == "replay":
-            trajectories = learner_context(campaign, self.store).trajectories
-            source = TrajectorySource(trajectories[index])
-        return EpisodeTask(index, episode_seed(spec.seed, index), source)
-
-    def analyse(self, analysis):
-        if analysis.state != "queued":
-            return
-        run_analysis(self.store, analysis.id)
-
-
 @pytest.fixture(scope="session")
 def working_service():
     """The class of a service over a store of one's own."""
@@ -153,13 +80,7 @@ def service(store, monkeypatch):
 @pytest.fixture
 def eigenfail(service):
     """Runs a command against the service; its result has exit_code, stdout and stderr."""
-    surroundings = Environment(connect=lambda url: Client(url, service))
-
-    def run(*words):
-        given = [str(word) for word in words]
-        return CliRunner().invoke(app, given, obj=surroundings, prog_name="eigenfail")
-
-    return run
+    return partial(run_command, service)
 
 
 UNDER_WAY = re.compile(

@@ -237,6 +237,7 @@ def test_clusters_that_are_not_distinct_are_groups_wherever_they_are_named():
     ]
 
 
+@pytest.mark.usefixtures("tiny_formats")
 def test_an_animation_of_each_mode_is_written_to_a_folder(eigenfail, done, tmp_path):
     folder = tmp_path / "animations"
     asked = ("analyze", done, "--clusters", 2, "--bootstrap", 0, "--animations", folder)
@@ -251,9 +252,21 @@ def test_an_animation_of_each_mode_is_written_to_a_folder(eigenfail, done, tmp_p
     assert refused.stdout == ""
 
 
+@pytest.mark.usefixtures("tiny_formats")
 def test_an_animation_that_fails_leaves_the_result_printed(eigenfail, done, tmp_path):
     (tmp_path / "mode-1.gif").mkdir()
     asked = ("analyze", done, "--clusters", 2, "--bootstrap", 0, "--json")
     refused = eigenfail(*asked, "--animations", tmp_path)
     assert refused.exit_code == 3
     assert json.loads(refused.stdout)["analysis"]["result"]
+
+
+def test_without_the_format_an_animation_is_refused_after_the_result(
+    eigenfail, done, tmp_path, tiny_formats
+):
+    del tiny_formats["gif"]
+    asked = ("analyze", done, "--clusters", 2, "--bootstrap", 0, "--animations", tmp_path)
+    refused = eigenfail(*asked)
+    assert refused.exit_code == 2
+    assert "pip install plugins/" in refused.stderr
+    assert "analysis" in refused.stdout

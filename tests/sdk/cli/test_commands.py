@@ -320,6 +320,7 @@ def test_what_does_not_exist_exits_with_2(check_session):
     )
 
 
+@pytest.mark.usefixtures("without_plugins")
 def test_a_wrong_file_is_refused_before_anything_is_asked(check_session, spec_file, store):
     text = spec_file.read_text()
     spec_file.write_text("epsiodes = 3")

@@ -113,16 +113,3 @@ def test_noise_is_pruned_and_its_room_given_back(eigenfail, tmp_path):
     swept = eigenfail("db", "vacuum", "--data", tmp_path)
     assert swept.exit_code == 0, swept.output
     assert re.search(r"takes [\d,]+ bytes; [\d,]+ were given back", swept.stdout)
-
-
-def test_the_schema_goes_back_once_it_is_said_that_there_is_a_backup(eigenfail, tmp_path):
-    filled(DataFolder(tmp_path).database)
-    here = ("--data", tmp_path, "--to")
-    asked = eigenfail("db", "downgrade", *here, "0010")
-    assert asked.exit_code == 2
-    assert "Make a backup first: eigenfail db backup FILE" in asked.stderr
-    assert "Known: 0001, 0002" in eigenfail("db", "downgrade", *here, "base", "--force").stderr
-    done = eigenfail("db", "downgrade", *here, "0010", "--force")
-    assert done.stdout == "The database's schema is at revision 0010.\n"
-    assert eigenfail("db", "check", "--data", tmp_path).exit_code == 3
-    assert eigenfail("db", "upgrade", "--data", tmp_path).exit_code == 0

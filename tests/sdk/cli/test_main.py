@@ -61,7 +61,7 @@ def test_the_version_is_printed(runner):
         (["run"], "FILE.toml"),
         (["worker"], "--connect"),
         (["analyze", "1", "--align", "middle"], "collision"),
-        (["db", "downgrade"], "downgrade"),
+        (["db", "restore"], "FILE"),
     ],
 )
 def test_wrong_usage_exits_with_2_and_a_hint(runner, words, hint):

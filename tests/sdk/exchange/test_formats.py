@@ -1,63 +1,123 @@
-"""Formats: what can be written here, and what is refused."""
+"""Formats of single episodes: plug-ins bring them, and the core finds them by name."""
 
-import importlib.util
+import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
-from made_recordings import drive, record
-from msgspec.structs import replace
+from tiny_formats import FORMATS
 
-from eigenfail import exchange
+from eigenfail import plugins
 from eigenfail.client.episodes import choose_recording_format
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.exchange import list_formats, write_recording
-from eigenfail.exchange.recording import EgoControl, RecordingFormat, find_presence
+from eigenfail.exchange import KNOWN, PACKAGE, check_format, find_format, list_formats
+from eigenfail.exchange.recording import EgoControl
 
-MAGIC = {
-    RecordingFormat.OPENSCENARIO: b"PK\x03\x04",
-    RecordingFormat.MCAP: b"\x89MCAP0\r\n",
-    RecordingFormat.GIF: b"GIF89a",
-}
+MODULE = """
+from eigenfail.exchange.recording import RecordingFormat
+
+FORMAT = RecordingFormat(
+    title="Sheep", suffix=".sheep", media_type="text/plain", write=lambda recording, ego: b"baa"
+)
+"""
 
 
 @pytest.fixture
-def without(monkeypatch):
-    """Hides a module from those that look for it."""
+def bring(tmp_path, monkeypatch):
+    """Installs a distribution that brings the format `sheep`."""
+    caches = (plugins.list_entry_points, plugins.load)
 
-    def hide(name):
-        find = importlib.util.find_spec
-        monkeypatch.setattr(
-            exchange, "find_spec", lambda each: None if each == name else find(each)
-        )
+    def install(text=MODULE, distribution="eigenfail-sheep", attribute="FORMAT"):
+        package = distribution.replace("-", "_")
+        folder = tmp_path / distribution
+        record = folder / f"{package}-1.0.dist-info"
+        record.mkdir(parents=True)
+        (folder / f"{package}.py").write_text(text)
+        about = f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1\n"
+        (record / "METADATA").write_text(about)
+        points = f"[eigenfail.exports]\nsheep = {package}:{attribute}\n"
+        (record / "entry_points.txt").write_text(points)
+        monkeypatch.syspath_prepend(folder)
+        for each in caches:
+            each.cache_clear()
 
-    return hide
-
-
-@pytest.mark.parametrize("form", RecordingFormat)
-def test_a_file_is_of_its_format(form):
-    assert write_recording(record(), form).startswith(MAGIC[form])
-
-
-@pytest.mark.parametrize(("name", "form"), [("PIL", "gif"), ("mcap", "mcap")])
-def test_a_format_without_its_package_is_refused_with_what_to_install(without, name, form):
-    without(name)
-    assert form not in list_formats()
-    assert RecordingFormat.OPENSCENARIO in list_formats()
-    with pytest.raises(InvalidValue, match=r"pip install '\.\[exchange\]'"):
-        write_recording(record(), RecordingFormat(form))
-
-
-@pytest.mark.parametrize("form", ["gif", "mcap"])
-def test_only_openscenario_leaves_the_ego_to_a_controller(form):
-    with pytest.raises(InvalidValue, match="openscenario"):
-        write_recording(record(), RecordingFormat(form), EgoControl.CONTROLLER)
+    yield install
+    for each in caches:
+        each.cache_clear()
+    sys.modules.pop("eigenfail_sheep", None)
+    sys.modules.pop("eigenfail_goats", None)
 
 
-def test_an_episode_with_too_many_poses_is_refused(monkeypatch):
-    monkeypatch.setattr(exchange, "MAX_POSES", 38)
-    with pytest.raises(InvalidValue, match="39 poses"):
-        write_recording(record(), RecordingFormat.GIF)
+def test_another_distribution_brings_a_format(bring):
+    bring()
+    assert [*list_formats()][-1] == "sheep"
+    found = find_format("sheep")
+    assert (found.title, found.suffix) == ("Sheep", ".sheep")
+    assert found.write(None, EgoControl.RECORDED) == b"baa"
+    assert not found.has_controller
+    assert found.overlay is None
+
+
+@pytest.mark.parametrize(
+    ("text", "attribute", "words"),
+    [
+        ("import no_such_module", "FORMAT", "'sheep' cannot be loaded: No module named"),
+        (MODULE, "RecordingFormat", "'sheep' is a StructMeta, not a RecordingFormat"),
+    ],
+)
+def test_a_format_that_cannot_be_loaded_is_not_listed_and_the_error_says_why(
+    bring, text, attribute, words
+):
+    bring(text, attribute=attribute)
+    assert "sheep" not in list_formats()
+    with pytest.raises(InvalidValue, match=words):
+        find_format("sheep")
+
+
+def test_a_name_that_two_distributions_claim_is_refused(bring):
+    bring()
+    bring(distribution="eigenfail-goats")
+    assert "sheep" not in list_formats()
+    with pytest.raises(InvalidValue, match="packages: eigenfail-goats, eigenfail-sheep"):
+        find_format("sheep")
+
+
+@pytest.mark.parametrize("name", KNOWN)
+def test_a_known_format_that_is_not_installed_says_which_package_brings_it(tiny_formats, name):
+    del tiny_formats["gif"]
+    with pytest.raises(InvalidValue) as refused:
+        find_format(name)
+    assert f"'{name}' is in the package {PACKAGE}, which is not installed" in str(refused.value)
+    assert refused.value.remedy.startswith("Installed formats: poses.")
+    assert refused.value.remedy.endswith(f"pip install plugins/{PACKAGE}")
+    assert (refused.value.http_status, refused.value.exit_code) == (422, 2)
+
+
+def test_an_unknown_format_is_refused_with_those_that_are_installed(tiny_formats):
+    with pytest.raises(UnknownName) as refused:
+        find_format("mp4")
+    assert str(refused.value) == (
+        f"format: 'mp4' is not known. The package {PACKAGE}, which is not installed where the "
+        "service runs, brings openscenario, mcap. Known: gif, poses."
+    )
+    tiny_formats.update(dict.fromkeys(KNOWN, FORMATS["gif"]))
+    with pytest.raises(UnknownName) as refused:
+        find_format("mp4")
+    known = "gif, mcap, openscenario, poses"
+    assert str(refused.value) == f"format: 'mp4' is not known. Known: {known}."
+
+
+def test_known_formats_are_listed_before_others(tiny_formats):
+    tiny_formats.update(another=FORMATS["gif"], openscenario=FORMATS["gif"])
+    assert [*list_formats()] == ["openscenario", "gif", "another", "poses"]
+
+
+def test_a_format_without_a_controller_names_those_that_have_one(tiny_formats):
+    assert check_format("poses", EgoControl.CONTROLLER) is FORMATS["poses"]
+    with pytest.raises(InvalidValue, match=r"no controller\. Use the format poses\."):
+        check_format("gif", EgoControl.CONTROLLER)
+    del tiny_formats["poses"]
+    with pytest.raises(InvalidValue, match=r"has no controller\.$"):
+        check_format("gif", EgoControl.CONTROLLER)
 
 
 @pytest.mark.parametrize(
@@ -67,6 +127,7 @@ def test_an_episode_with_too_many_poses_is_refused(monkeypatch):
         ("a.ZIP", "openscenario", "openscenario"),
         ("a.mcap", None, "mcap"),
         ("a.gif", None, "gif"),
+        ("a.POSES", None, "poses"),
         ("a.bin", "mcap", "mcap"),
     ],
 )
@@ -74,24 +135,7 @@ def test_the_name_of_a_file_chooses_its_format(name, form, chosen):
     assert choose_recording_format(Path(name), form) == chosen
 
 
-@pytest.mark.parametrize(
-    ("name", "form", "error", "words"),
-    [
-        ("a.xosc", None, InvalidValue, "a.zip"),
-        ("a.xml", "openscenario", InvalidValue, "a.zip"),
-        ("a.mp4", None, UnknownName, "gif"),
-        ("a.csv", "csv", UnknownName, "mcap"),
-    ],
-)
-def test_a_name_or_format_that_cannot_be_is_refused(name, form, error, words):
-    with pytest.raises(error, match=words):
+@pytest.mark.parametrize(("name", "form"), [("a.xosc", None), ("a.xml", "openscenario")])
+def test_a_scenario_is_not_written_to_a_file_with_another_name(name, form):
+    with pytest.raises(InvalidValue, match=r"a\.zip"):
         choose_recording_format(Path(name), form)
-
-
-def test_presence_is_the_spans_of_finite_poses():
-    assert find_presence(drive(), 0) == [(0, 12)]
-    assert find_presence(drive(), 2) == [(2, 4), (7, 11)]
-    gone = drive()
-    gone.vehicles[:, 2] = np.nan
-    assert find_presence(gone, 2) == []
-    assert write_recording(replace(record(), scene=gone), RecordingFormat.OPENSCENARIO)

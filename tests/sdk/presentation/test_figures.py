@@ -115,8 +115,7 @@ def test_what_is_rounded_outwards_contains_the_value_and_little_more(value, digi
     assert figures.round_up(-value, digits) == -low
 
 
-def test_no_event_and_amounts_are_bounded_outwards():
-    assert figures.format_no_event(2000, 0.001_496_7) == "0 of 2,000: ≤ 0.150 %"
+def test_shares_and_amounts_are_bounded_outwards():
     assert figures.format_upper_bound(0.007_461) == "≤ 0.747 %"
     assert figures.format_usd_interval(Interval(0.00123456, 12.345)) == "[0.00123, 12.35]"
     assert figures.format_usd_interval(Interval(1234.567, 2345.671)) == "[1,234.56, 2,345.68]"

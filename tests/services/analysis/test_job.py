@@ -16,7 +16,6 @@ from eigenfail.values import AnalysisResult, AnalysisSettings
 from eigenfail.values.records import Failures
 from eigenfail_services.analysis import clusters, job
 from eigenfail_services.analysis.job import analyse, hash_result
-from eigenfail_services.store.codec import pack, to_analysis_result, to_settings
 
 HORIZON = 100
 DEFAULT = AnalysisSettings(bootstrap=0)
@@ -424,22 +423,3 @@ def test_its_parts_fit_together(noise: list[np.ndarray], components: int, align:
         assert mode.eigenfailure.shape == (4, 2)
         assert mode.eigenfailure.dtype == np.float32
     assert (result.silhouette is None) == (len(result.modes) == 1)
-
-
-def test_a_result_of_an_older_release_is_read() -> None:
-    result = analyse(Failures((1,), (np.ones((3, 2), np.float32),)), 4, DEFAULT)
-    fields = msgspec.msgpack.decode(pack(result))
-    older = ("episodes", "explained", "components", "scores", "labels", "modes", "influence")
-    kept = {name: fields[name] for name in (*older, "silhouette", "noise_silhouette")}
-    for mode in kept["modes"]:
-        for name in ("medoid_campaign", "probability", "components", "explained", "number"):
-            del mode[name]
-    found = to_analysis_result(msgspec.msgpack.encode(kept))
-    assert found.episodes == (1,)
-    assert found.modes[0].number == 1
-    assert np.array_equal(found.modes[0].eigenfailure, result.modes[0].eigenfailure)
-    assert (found.stability, found.moments, found.training, found.words) == (None, (), (), ())
-    older = to_settings('{"align": "start", "components": 3}')
-    assert older == AnalysisSettings(failures="all", centre="mean", features="noise")
-    asked = '{"failures": "latest", "centre": "median", "features": "behaviour"}'
-    assert to_settings(asked) == AnalysisSettings()

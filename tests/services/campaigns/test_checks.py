@@ -190,7 +190,6 @@ def test_a_function_is_listed_to_be_launched_but_not_to_be_read(monkeypatch):
 
 
 SPLITTING = {"method": "splitting", "episodes": 4000}
-CONTINUING = (SPLITTING, {"method": "go_explore"})
 
 
 def test_splitting_takes_a_scenario_with_fixed_parameters():
@@ -198,17 +197,15 @@ def test_splitting_takes_a_scenario_with_fixed_parameters():
     assert check_spec(spec).spec is spec
 
 
-@pytest.mark.parametrize("method", CONTINUING)
-def test_what_continues_episodes_is_refused_where_parameters_are_drawn(method):
+def test_what_continues_episodes_is_refused_where_parameters_are_drawn():
     with pytest.raises(InvalidValue, match="distance_m, actor_speed_mps drawn") as refusal:
-        check_spec(but(**method, scenario_parameters=VARIED))
+        check_spec(but(**SPLITTING, scenario_parameters=VARIED))
     assert refusal.value.field == "scenario_parameters"
 
 
-@pytest.mark.parametrize("method", CONTINUING)
-def test_what_continues_episodes_is_refused_for_functions(method, monkeypatch):
+def test_what_continues_episodes_is_refused_for_functions(monkeypatch):
     monkeypatch.setenv("EIGENFAIL_FUNCTIONS", "m")
     function = {"simulator": "function", "scenario": "function", "planner": "m:f"}
-    spec = but(**method, **function, planner_settings={}, scenario_parameters={"steps": 7})
+    spec = but(**SPLITTING, **function, planner_settings={}, scenario_parameters={"steps": 7})
     with pytest.raises(InvalidValue, match="functions have no steps"):
         check_spec(spec)

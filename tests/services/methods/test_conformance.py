@@ -7,19 +7,16 @@ import numpy as np
 
 from eigenfail.testing.learner import LearnerSuite
 from eigenfail.values import LearnerContext
-from eigenfail_services.methods.annealing import SimulatedAnnealing
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
 from eigenfail_services.methods.cem import CrossEntropyMethod
 from eigenfail_services.methods.chains import FailureChains
 from eigenfail_services.methods.cma import CovarianceAdaptation
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
-from eigenfail_services.methods.go_explore import GoExplore
 from eigenfail_services.methods.held import HeldNoise
 from eigenfail_services.methods.minimal import Minimal
 from eigenfail_services.methods.mixture import MixtureMethod
 from eigenfail_services.methods.monte_carlo import MonteCarlo
 from eigenfail_services.methods.nearest import NearestFailingPoint
-from eigenfail_services.methods.optuna_search import OptunaSearch
 from eigenfail_services.methods.replay import Replay
 from eigenfail_services.methods.splitting import MultilevelSplitting
 from eigenfail_services.methods.subset import SubsetMethod
@@ -43,31 +40,6 @@ class TestHeldNoise(LearnerSuite):
 class TestCovarianceAdaptation(LearnerSuite):
     method = CovarianceAdaptation
     settings = MappingProxyType({"hold": 7, "runs": 2, "population": 5})
-
-
-class TestSimulatedAnnealing(LearnerSuite):
-    method = SimulatedAnnealing
-    settings = MappingProxyType({"hold": 7, "runs": 4, "restart": 5})
-
-
-class TestGoExplore(LearnerSuite):
-    method = GoExplore
-    settings = MappingProxyType({"hold": 7, "round_size": 6})
-
-
-class TestParzenEstimator(LearnerSuite):
-    method = OptunaSearch
-    settings = MappingProxyType({"hold": 7, "round_size": 6})
-
-
-class TestGaussianProcess(LearnerSuite):
-    method = OptunaSearch
-    settings = MappingProxyType({"sampler": "gp", "hold": 20, "round_size": 3})
-
-
-class TestParetoSearch(LearnerSuite):
-    method = OptunaSearch
-    settings = MappingProxyType({"sampler": "nsga2", "hold": 7, "round_size": 6})
 
 
 class TestSubsetSimulation(LearnerSuite):

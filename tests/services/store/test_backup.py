@@ -21,9 +21,8 @@ from store_checks.examples import deliver, running
 
 from eigenfail.errors import Conflict, InvalidValue, SchemaMismatch, ServiceError
 from eigenfail.testing.examples import collision, result
-from eigenfail_services.store import migrate, open_store
+from eigenfail_services.store import open_store
 from eigenfail_services.store.engine import Database, find_backend
-from eigenfail_services.store.schema import VERSION
 from eigenfail_services.upkeep.backup import Backup, backup
 from eigenfail_services.upkeep.backup import restore as restore_at_once
 from eigenfail_services.upkeep.verify import verify
@@ -262,26 +261,6 @@ def test_a_backup_of_a_newer_program_is_refused(filled, elsewhere, tmp_path, pro
     with pytest.raises(SchemaMismatch, match="9999, newer than"):
         restore(elsewhere, tmp_path / "backup", force=True)
     assert completed(elsewhere) == 2
-
-
-@pytest.mark.fault(
-    "restore of a backup with an older schema",
-    group="storage",
-    outcome="It replaces all tables, including those that it does not have, and is upgraded "
-    "when it is opened.",
-)
-@pytest.mark.parametrize("revision", ["0012", "0011"])
-def test_an_older_backup_takes_the_place_of_a_newer_database(
-    *, filled, elsewhere, tmp_path, programs, revision
-) -> None:
-    migrate.downgrade(filled, revision)
-    assert backup(filled, tmp_path / "backup").revision == revision
-    fill(elsewhere, 5)
-    restore(elsewhere, tmp_path / "backup", force=True)
-    assert migrate.read_version(elsewhere) == revision
-    assert completed(elsewhere) == 2
-    assert migrate.read_version(elsewhere) == VERSION
-    assert verify(elsewhere).defects == 0
 
 
 @pytest.mark.fault("SIGKILL of a restore, or truncated dump")

@@ -21,7 +21,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.operations import Retention
 from eigenfail_services.campaigns.summary import find_safety, summarise
-from eigenfail_services.store import Store, migrate, open_store, retention
+from eigenfail_services.store import Store, open_store, retention
 from eigenfail_services.store.campaign_creation import create_campaign
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.retention import SLICE
@@ -190,13 +190,6 @@ def test_a_slice_is_as_large_as_it_says(sqlite_url) -> None:
         record = store.retention.prune(campaign.id, FIFTHS, "test")
         assert record is not None
         assert record.weight.episodes == SLICE
-
-
-def test_an_older_schema_is_refused_where_noise_is_gone(filled) -> None:
-    prune(filled, FIFTHS, EVERYTHING)
-    with pytest.raises(Conflict, match="was pruned, which programs of an older schema"):
-        migrate.downgrade(filled, "0014")
-    assert verify(filled).defects == 0
 
 
 @pytest.mark.parametrize("ask", ["weigh", "prune"])

@@ -1,5 +1,6 @@
-"""Room that is given back, and the way back to an older schema."""
+"""Room that is given back."""
 
+import sqlite3
 from contextlib import closing
 from pathlib import Path
 from typing import NamedTuple
@@ -7,17 +8,16 @@ from typing import NamedTuple
 import pytest
 from store_checks.examples import deliver, running
 
-from eigenfail.errors import Conflict, SchemaMismatch, ServiceError, StoreUnavailable, UnknownName
+from eigenfail.errors import SchemaMismatch, ServiceError, StoreUnavailable
 from eigenfail.testing.examples import result
 from eigenfail.values import CampaignState
 from eigenfail.values.operations import Retention
-from eigenfail_services.store import migrate, open_store, schema
+from eigenfail_services.store import open_store, schema
 from eigenfail_services.upkeep import maintenance as module
-from eigenfail_services.upkeep.maintenance import PruneSelection, downgrade, prune, vacuum
+from eigenfail_services.upkeep.maintenance import PruneSelection, prune, vacuum
 from eigenfail_services.upkeep.verify import verify
 
 COUNT = 1_000
-BEFORE = "0013"
 
 
 class Usage(NamedTuple):
@@ -96,45 +96,7 @@ def test_two_disks_need_room_each(tmp_path) -> None:
 def test_what_is_not_there_or_of_another_schema_is_refused(sqlite_url, tmp_path) -> None:
     with pytest.raises(StoreUnavailable):
         vacuum(f"sqlite:///{tmp_path / 'none.db'}")
-    migrate.downgrade(sqlite_url, BEFORE)
+    with closing(sqlite3.connect(sqlite_url.removeprefix("sqlite:///"))) as file, file:
+        file.execute(f"UPDATE {schema.VERSION_TABLE} SET version_num = '0999'")
     with pytest.raises(SchemaMismatch):
         vacuum(sqlite_url)
-
-
-def test_the_way_back_and_forward_again(url) -> None:
-    with closing(open_store(url)) as store:
-        deliver(store, running(store), *map(result, range(5)))
-        before = store.episodes.digest(1)
-    with pytest.raises(Conflict, match=rf"From {schema.VERSION} back to {BEFORE}.*db backup FILE"):
-        downgrade(url, BEFORE, force=False)
-    assert migrate.read_version(url) == schema.VERSION
-    assert downgrade(url, BEFORE, force=True) == BEFORE == migrate.read_version(url)
-    migrate.upgrade(url)
-    assert verify(url).defects == 0
-    with closing(open_store(url)) as store:
-        assert store.episodes.digest(1) == before
-
-
-@pytest.mark.parametrize("revision", ["", "base", "head", "9999", "-1"])
-def test_a_revision_that_is_none_is_refused_with_those_there_are(url, revision) -> None:
-    with pytest.raises(UnknownName) as refused:
-        downgrade(url, revision, force=True)
-    assert refused.value.known == migrate.list_revisions()
-    assert migrate.read_version(url) == schema.VERSION
-
-
-def test_forward_is_another_command(sqlite_url) -> None:
-    for revision in (schema.VERSION, BEFORE):
-        if revision == BEFORE:
-            downgrade(sqlite_url, BEFORE, force=True)
-        with pytest.raises(Conflict, match="db upgrade"):
-            downgrade(sqlite_url, revision, force=True)
-
-
-def test_nobody_may_use_it_meanwhile(url) -> None:
-    with closing(open_store(url)) as store:
-        store.ping()
-        with pytest.raises(ServiceError, match="Stop"):
-            downgrade(url, BEFORE, force=True)
-        assert migrate.read_version(url) == schema.VERSION
-        running(store)

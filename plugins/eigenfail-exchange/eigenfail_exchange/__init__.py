@@ -1,0 +1,1 @@
+"""Single episodes as files of other tools: OpenSCENARIO and OpenDRIVE, MCAP, GIF."""

@@ -1,0 +1,424 @@
+"""The paper's experiments on `highway_drive` over five seeds: figures, and the page from them.
+
+The first seed runs the full programme, the others what is trained alone.
+`python plugins/eigenfail-reproduction/benchmarks/reproduction_drive.py` writes the page from the
+kept runs.
+"""
+
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+sys.path.append(str(Path(__file__).parents[3] / "benchmarks"))
+
+import msgspec
+import reproduction
+from episode_pool import EpisodePool
+from figures import ROOT, Figure
+from learning_figures import of_seeds
+from samples import COMMAND, share
+
+from eigenfail.client import Client
+from eigenfail.hosting.service import Plan, local_service
+from eigenfail.values import Interval
+from eigenfail_reproduction.page import PREFIXES as NAMES
+from eigenfail_reproduction.page import format_our_number, format_tables
+from eigenfail_reproduction.paper import PaperNumber, PaperReproduction, PaperTable
+from eigenfail_reproduction.programme import LEARNERS, build_suite
+from eigenfail_reproduction.seeds import (
+    JudgedStatement,
+    SeedVerdict,
+    count_asked,
+    judge_over_seeds,
+)
+from eigenfail_reproduction.statements import build_reproduction
+from eigenfail_reproduction.tables import FAILURE_RATE
+
+SCENARIO = "highway_drive"
+PREFIX = NAMES[SCENARIO]
+SEEDS = 5
+FILE = ROOT / "docs" / "reproduction_drive.json"
+PAGE = ROOT / "docs" / "reproduction_drive.md"
+
+PREFIXES = ("paper.drive.", "paper.asked", *(f"paper.{learner}." for learner in LEARNERS))
+"""Of the names of figures: the first seed and the counts of verdicts, and learners over seeds."""
+
+
+class SeedRuns(msgspec.Struct, frozen=True):
+    """What was found with each seed."""
+
+    found: tuple[PaperReproduction, ...]
+
+    def write_beside(self, claims: Path) -> None:
+        """Keep the runs beside the file of the claims."""
+        write(self, claims.with_name(FILE.name))
+
+
+def find(_crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure | SeedRuns]]:
+    """Yield the reproductions, and the figures in them."""
+    with (
+        TemporaryDirectory() as folder,
+        local_service(Plan(Path(folder), port=0)) as service,
+        Client(service.address.url) as client,
+    ):
+        runs = SeedRuns(tuple(run_seeds(client, seed)))
+    yield "reproduction_drive", runs
+    yield from list_figures(runs.found)
+
+
+def run_seeds(client: Client, seed: int) -> Iterator[PaperReproduction]:
+    """Run the programme of each seed, one after the other."""
+    for each in range(seed, seed + SEEDS):
+        scale = "full" if each == seed else "learners"
+        suite = build_suite(scale, each, SCENARIO)
+        client.suites.run(suite, on_progress=lambda _: None)
+        yield build_reproduction(client, suite, scale, SCENARIO)
+
+
+def list_figures(found: Sequence[PaperReproduction]) -> Iterator[tuple[str, Figure]]:
+    """Every number of the first seed, counts of verdicts, and failure rates over the seeds."""
+    yield from reproduction.figures(found[0])
+    judged = judge_over_seeds(found)
+    yield "paper.asked", count(count_asked(judged), judged)
+    for name, verdict in (("holds", SeedVerdict.HOLDS), ("refuted", SeedVerdict.DOES_NOT_HOLD)):
+        of = [one for one in judged if one.verdict is verdict and one.is_shown]
+        yield f"paper.drive.{name}", count(len(of), judged)
+    unshown = [one for one in judged if is_undecided(one)]
+    yield "paper.drive.undecided", count(len(unshown), judged)
+    for learner in LEARNERS:
+        yield f"paper.{learner}.eval300.failure_rate", pool_rates(found[:1], learner)
+        yield f"paper.{learner}.eval100.failure_rate", pool_rates(found[1:], learner)
+        rates = [find_rate(each, "training", learner) for each in found[1:]]
+        shares = [rate.value for rate in rates]
+        figure = of_seeds(shares, "share", rates[0].n, f"; scenario {SCENARIO}")
+        yield f"paper.{learner}.train300.failure_rate", figure
+
+
+def is_undecided(judged: JudgedStatement) -> bool:
+    """Whether a statement was asked, and its verdict rests on seeds that are undecided."""
+    return judged.verdict is not SeedVerdict.CANNOT_BE_ASKED and not judged.is_shown
+
+
+def count(value: int, judged: Sequence[JudgedStatement]) -> Figure:
+    """A number of statements, of all."""
+    note = f"of {len(judged)} statements, over the seeds of {SCENARIO}"
+    return Figure(value=float(value), unit="statements", n=len(judged), command=COMMAND, note=note)
+
+
+def pool_rates(found: Sequence[PaperReproduction], learner: str) -> Figure:
+    """The failure rate of draws from the searchers of some seeds, equally many from each."""
+    rates = [find_rate(each, "evaluation", f"{learner} evaluation") for each in found]
+    pooled = [number for rate in rates for number in spell_draws(rate)]
+    figure = share(pooled)
+    spread = of_seeds([rate.value for rate in rates], "share", len(pooled))
+    note = f"scenario {SCENARIO}; draws from what was trained; {spread.note}"
+    return msgspec.structs.replace(figure, spread=spread.spread, note=note)
+
+
+def spell_draws(rate: PaperNumber) -> list[bool]:
+    """Whether each of the draws behind a rate failed, in any order."""
+    failures = round((rate.value or 0.0) * rate.n)
+    return [True] * failures + [False] * (rate.n - failures)
+
+
+def find_rate(found: PaperReproduction, table: str, row: str) -> PaperNumber:
+    """The failure rate of a campaign."""
+    return find_numbers(found, table, row)["failure_rate"]
+
+
+def find_numbers(found: PaperReproduction, name: str, row: str) -> Mapping[str, PaperNumber]:
+    """The numbers of a row, by the name of their column."""
+    table: PaperTable = next(one for one in found.tables if one.name == name)
+    numbers = next(one.numbers for one in table.rows if one.name == row)
+    return {column.name: one for column, one in zip(table.columns, numbers, strict=True)}
+
+
+def read(path: Path = FILE) -> tuple[PaperReproduction, ...]:
+    """What is kept."""
+    return msgspec.json.decode(path.read_bytes(), type=SeedRuns).found
+
+
+def write(runs: SeedRuns, path: Path = FILE) -> None:
+    """Replace what is kept."""
+    path.write_bytes(msgspec.json.format(msgspec.json.encode(runs), indent=2) + b"\n")
+
+
+OPENING = """# The paper's experiments on a drive
+
+`eigenfail reproduce --scenario highway_drive --scale full --seed {first}` runs the paper's
+experiments with our planner `rulebook` on [`highway_drive`](world.md#the-scenario-highway_drive), a
+scenario that labels every failure with its true cause, so that modes can be compared with the
+causes. The page [The paper reproduced](reproduction.md) has the same experiments on a cut-in, and
+says how its tables are read.
+
+- **The drive** has three challenges one after the other: a *phantom* (a passing car that noise
+  pulls into the truck's lane, with a follower behind), a *reveal* (a slow car behind one that
+  leaves the lane) and a *cut-in*. A *cause* is the challenge whose vehicle was struck, and whether
+  the planner had lost its track of that vehicle or kept it
+  ([world](world.md#the-scenario-highway_drive)).
+- **Settings**: those of the paper and our defaults, as on that page. The noise is white, of the
+  paper's sigma, and on every vehicle: ten channels.
+- **What searches follow**: the smallest *time to collision* of an episode
+  ([importance](requirements.md#importance)) in place of the paper's smallest distance. Without a
+  collision the smallest distance is that of the car that passes in the next lane, and next to the
+  same in every drive under p(x) ([measured](world.md#the-scenario-highway_drive)): it tells a
+  search nothing.
+- **What was fixed when**: the programme (`PROGRAMMES` in `programme.py` of the
+  [plug-in](../plugins/eigenfail-reproduction/README.md)), the
+  statements and the rule of the verdicts were fixed after a trial with few episodes and another
+  seed. All campaigns were first run with the distance; DiFS then had no failure in the
+  700 draws of its evaluations. Two things were changed after that, in trials with the seeds 11 and
+  12, and all campaigns were run again: searches follow the time to collision, and `difs_paper` has
+  2 as the weight of its condition, for which the paper has no number (0.15, our default, found no
+  failure). One rule came later, too: a setting cannot be asked about where its campaigns turn out
+  to have the same failures.
+- **Steps**: an episode has 420 steps of 0.1 s. The scenario has no setting for their number; the
+  paper does not give its own.
+- **Seeds**: {first} to {last}, and 1000 more in evaluations. The first one runs all campaigns
+  with the paper's numbers of episodes. The others (`--scale learners`) train and evaluate alone,
+  and with fewer episodes: 300 of each training, 100 of each evaluation. All seeds in full would
+  have taken more computing time than there was. This was decided while the first one ran, before
+  any statement was judged.
+- **Time**: the machine ran other programs at the same time as these campaigns, so that
+  instance-hours and cost say little of the methods.
+- **Verdicts**: a statement is judged in each seed, as the column *holds if* says. It *holds* if it
+  does in more than half of the seeds that it was judged in. It *cannot be asked* unless more than
+  half of them have what it is about, such as ten failures to compare. Otherwise it *does not hold*:
+  most of these seeds do not show it. *Undecided* are seeds in which it was asked, and an interval
+  includes no difference; where no more seeds refute a statement than are undecided, its verdict
+  says *not shown*.
+
+Of {statements} statements {asked}<!-- claim paper.asked --> can be asked:
+{holds}<!-- claim paper.drive.holds --> hold, {refuted}<!-- claim paper.drive.refuted --> are
+refuted, and {undecided}<!-- claim paper.drive.undecided --> are not shown. The other one is about a
+setting without an effect.
+"""
+
+
+def format_page(found: Sequence[PaperReproduction]) -> str:
+    """The page in Markdown."""
+    figures = dict(list_figures(found))
+    judged = judge_over_seeds(found)
+    opening = OPENING.format(
+        first=found[0].seed,
+        last=found[-1].seed,
+        statements=len(judged),
+        asked=f"{figures['paper.asked'].value:.0f}",
+        **{
+            name: f"{figures[f'paper.drive.{name}'].value:.0f}"
+            for name in ("holds", "refuted", "undecided")
+        },
+    )
+    parts = (opening, *format_verdicts(found, judged), *format_learners(found, figures))
+    return "\n".join((*parts, *format_tables(found[0])))
+
+
+OF_VERDICTS = """\
+The numbers are those of seeds in which the statement holds, is refuted, is undecided, and cannot be
+asked. A statement with one seed is about campaigns of the first one alone.
+"""
+
+
+def format_verdicts(
+    found: Sequence[PaperReproduction], judged: Sequence[JudgedStatement]
+) -> Iterator[str]:
+    """The table of verdicts, and that of the rules with the numbers of the first seed."""
+    yield "## Verdicts over the seeds\n"
+    yield OF_VERDICTS
+    yield "| the paper | judged by | verdict | holds | refuted | undecided | not asked | why |"
+    yield "|---|---|---|--:|--:|--:|--:|---|"
+    for one in judged:
+        verdict = f"{one.verdict}{' (not shown)' * is_undecided(one)}"
+        counts = f"{one.held} | {one.refuted} | {one.undecided} | {one.unasked}"
+        yield (
+            f"| {one.paper} | {name_subject(one.subject)} | {verdict} | {counts} | "
+            f"{REASONS[one.paper, one.subject]} |"
+        )
+    yield ""
+    yield "## Rules, and numbers of one seed\n"
+    yield f"The numbers are those of seed {found[0].seed}, whose tables are below.\n"
+    yield "| the paper | holds if | numbers |\n|---|---|---|"
+    for one in found[0].statements:
+        yield f"| {one.paper} | {one.rule} | {one.figures} |"
+    yield ""
+
+
+def name_subject(subject: str) -> str:
+    """The learners that a statement was judged by, as code."""
+    return ", ".join(f"`{name}`" for name in subject.split(", ") if name) or "–"
+
+
+OF_LEARNERS = """\
+Share of the episodes that collide: of 1,000 of each training with the seed {first}, and of 300
+draws from what it left, with Wilson's 95 % interval (where none or all failed, an exact one-sided
+95 % bound); of 300 of each training with the seeds {second} to {last}, and of 100 draws from what
+each of them left. *All* are the draws of these seeds together. An interval is about the searchers
+that were trained; others may differ by more.
+"""
+
+
+def format_learners(
+    found: Sequence[PaperReproduction], figures: Mapping[str, Figure]
+) -> Iterator[str]:
+    """The table of failure rates over the seeds."""
+    first, *others = found
+    yield "## Learners over the seeds\n"
+    yield OF_LEARNERS.format(first=first.seed, second=others[0].seed, last=others[-1].seed)
+    yield "| learner | 1,000 trained | 300 draws | 300 trained | 100 draws each | all |"
+    yield "|---|--:|--:|--:|--:|--:|"
+    for learner in LEARNERS:
+        cells = (
+            mark_share(
+                f"{PREFIX}.training.{learner}.failure_rate",
+                find_rate(first, "training", learner),
+            ),
+            mark_figure(f"paper.{learner}.eval300.failure_rate", figures),
+            mark_seeds(
+                f"paper.{learner}.train300.failure_rate",
+                [find_rate(each, "training", learner) for each in others],
+            ),
+            mark_seeds(
+                f"paper.{learner}.eval100.failure_rate",
+                [find_rate(each, "evaluation", f"{learner} evaluation") for each in others],
+            ),
+            mark_figure(f"paper.{learner}.eval100.failure_rate", figures),
+        )
+        yield f"| `{learner}` | {' | '.join(cells)} |"
+    yield ""
+
+
+def mark_share(name: str, number: PaperNumber) -> str:
+    """A share of a table, with its mark."""
+    return f"{format_our_number(FAILURE_RATE, number)}<!-- claim {name} -->"
+
+
+def mark_figure(name: str, figures: Mapping[str, Figure]) -> str:
+    """A share with its interval, and its mark."""
+    figure = figures[name]
+    interval = figure.interval and Interval(*figure.interval)
+    return mark_share(name, PaperNumber(figure.value, figure.n, interval))
+
+
+def mark_seeds(name: str, rates: Sequence[PaperNumber]) -> str:
+    """One share for each seed, with their mark."""
+    shares = ", ".join(f"{100.0 * (rate.value or 0.0):.1f}" for rate in rates)
+    return f"{shares} %<!-- seeds {name} -->"
+
+
+FOUND_ANYWAY = (
+    "Monte Carlo found failures, as the drive was made to fail seldom and not never; both searches "
+    "found many more in fewer episodes."
+)
+STEPWISE = (
+    "The failures of DiFS are likelier for each step in all five seeds. Those of AST end sooner, "
+    "most in the first challenge, so that the sum of log p over the steps has the other order."
+)
+MOVED = (
+    "Most failures happen in the phantom, the first challenge: of the gaps that were moved only "
+    "that to the follower plays a part in it."
+)
+CLOSE_SHARES = (
+    "The two shares are close in most seeds, and three seeds against two are no clear majority."
+)
+SPREAD = (
+    "Influence is spread over the seconds before the collision. A possible cause, not tested: "
+    "the policies hold their noise for a second at a time."
+)
+REPLAYED = (
+    "Noise of a policy is much the same in all failures of a group, and most of them collide "
+    "before the gap matters that the similar scenarios change."
+)
+
+REASONS: Mapping[tuple[str, str], str] = {
+    (
+        "Under Monte Carlo the planner fails less often than IDM.",
+        "",
+    ): "`idm` takes perceived positions as they are, and crashes in nearly every drive with noise "
+    "on all vehicles.",
+    (
+        "Monte Carlo finds no failure where AST and DiFS both do.",
+        "ast, difs",
+    ): FOUND_ANYWAY,
+    (
+        "Monte Carlo finds no failure where AST and DiFS both do.",
+        "ast_paper, difs_paper",
+    ): FOUND_ANYWAY,
+    (
+        "A small batch improves failure rate, log p and severity.",
+        "",
+    ): "The share of failures cannot be told from that of the base, and the sum of log p has "
+    "another order.",
+    (
+        "A small alpha makes failures likelier and fewer.",
+        "",
+    ): "With a small alpha failures are likelier, as the paper says, and more frequent.",
+    (
+        "A large c_dist makes failures more frequent and more severe.",
+        "",
+    ): "Severity is the highest with the largest c_dist, but its failure rate cannot be told from "
+    "that of the base.",
+    (
+        "A small tau makes failures likelier.",
+        "",
+    ): "Log p per step does not follow tau, and its sum has another order.",
+    (
+        "A large buffer makes failures likelier.",
+        "",
+    ): "Both campaigns have the same failures: most episodes end early, so that the smaller buffer "
+    "drops no decision.",
+    ("DiFS finds likelier failures than AST.", "ast, difs"): STEPWISE,
+    ("DiFS finds likelier failures than AST.", "ast_paper, difs_paper"): STEPWISE,
+    ("AST's policy fails the planner at other distances of the cut-in, too.", "ast"): MOVED,
+    ("AST's policy fails the planner at other distances of the cut-in, too.", "ast_paper"): MOVED,
+    (
+        "Longitudinal noise needs more components than lateral noise.",
+        "ast",
+    ): CLOSE_SHARES,
+    (
+        "Longitudinal noise needs more components than lateral noise.",
+        "ast_paper",
+    ): CLOSE_SHARES,
+    ("The largest entries of the components lie just before the collision.", "ast"): SPREAD,
+    ("The largest entries of the components lie just before the collision.", "ast_paper"): SPREAD,
+    (
+        "There are 3 distinct failure modes.",
+        "ast",
+    ): "The failures are nearly all of the phantom (mode collapse). One seed has three modes, and "
+    "they do not agree with the causes.",
+    (
+        "There are 3 distinct failure modes.",
+        "ast_paper",
+    ): "The failures are mostly of the phantom. The seeds have two to four modes, or none that is "
+    "distinct; the one with three misses the causes by a little (index 0.61).",
+    (
+        "Eigenfailures reproduce failures in all scenarios tested.",
+        "ast",
+    ): REPLAYED + " In two seeds, whose failures have more causes, one half and two thirds of the "
+    "replays collide.",
+    ("Eigenfailures reproduce failures in all scenarios tested.", "ast_paper"): REPLAYED,
+    (
+        "Severe collisions are rarer than minor ones.",
+        "ast",
+    ): "It depends on the policy that was trained: two seeds show it, two show the contrary.",
+    (
+        "Severe collisions are rarer than minor ones.",
+        "ast_paper",
+    ): "It depends on the policy that was trained: one seed shows it, one shows the contrary.",
+    (
+        "Severe collisions are rarer than minor ones.",
+        "difs",
+    ): "The rank correlation is below 0 in four of five seeds, and its interval includes 0 in all.",
+    (
+        "Severe collisions are rarer than minor ones.",
+        "difs_paper",
+    ): "Four seeds show it, and in the fifth the interval just includes 0.",
+}
+"""Why each statement holds, does not hold or cannot be asked, by statement and subject."""
+
+
+TRIALS = ((PREFIXES, find),)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(format_page(read()), encoding="utf-8")

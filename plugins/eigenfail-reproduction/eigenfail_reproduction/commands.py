@@ -1,0 +1,143 @@
+"""Run the paper's experiments, and print our numbers next to the paper's."""
+
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Group, RenderableType
+from rich.markup import escape
+from rich.table import Table
+from rich.text import Text
+
+from eigenfail.cli.connection import MaybeUrl, connect_for_suite, this_command
+from eigenfail.cli.options import AsJson, Data, Workers
+from eigenfail.cli.render import run_suite, show
+from eigenfail.cli.report import Force
+from eigenfail.client import Client
+from eigenfail.client.analyses import check_folder
+from eigenfail.hosting.folder import DEFAULT_DATA
+from eigenfail.hosting.service import Plan
+from eigenfail.presentation.terminal import start_grid
+from eigenfail.progress import announce
+from eigenfail.suites import Suite
+from eigenfail_reproduction.page import (
+    format_heading,
+    format_our_number,
+    format_paper_number,
+    format_verdict,
+    list_files,
+)
+from eigenfail_reproduction.paper import PaperReproduction, PaperTable
+from eigenfail_reproduction.programme import PROGRAMMES, build_suite
+from eigenfail_reproduction.statements import build_reproduction
+
+
+def draw_reproduction(found: PaperReproduction) -> Group:
+    """Every table, then what the paper says of them."""
+    return Group(*_draw_parts(found))
+
+
+def _draw_parts(found: PaperReproduction) -> Iterator[RenderableType]:
+    """The parts of the page."""
+    for each in found.tables:
+        yield Text(f"\n{each.title}", style="bold")
+        yield _draw_table(each)
+        if each.note:
+            yield Text(each.note)
+    yield Text("\nWhat the paper says", style="bold")
+    for statement in found.statements:
+        yield Text(
+            f"{format_verdict(statement)}: {statement.paper}\n  Holds if: {statement.rule}\n"
+            f"  {statement.figures}"
+        )
+
+
+def _draw_table(of: PaperTable) -> Table:
+    """Our numbers, and the paper's in brackets behind them."""
+    titles = [format_heading(column) for column in of.columns]
+    drawn = start_grid("", *titles, right=titles)
+    for row in of.rows:
+        numbers = zip(of.columns, row.numbers, strict=True)
+        cells = (f"{format_our_number(c, n)}{format_paper_number(c, n)}" for c, n in numbers)
+        drawn.add_row(escape(row.name), *map(escape, cells))
+    return drawn
+
+
+app = typer.Typer(add_completion=False)
+
+
+class Scale(StrEnum):
+    """How many episodes."""
+
+    SMALL = "small"
+    FULL = "full"
+    LEARNERS = "learners"
+
+
+REPORTED = (
+    *("monte_carlo rulebook", "monte_carlo idm", "ast", "ast evaluation", "ast_paper evaluation"),
+    *("ast plus5", "ast minus5", "difs", "difs evaluation", "difs_paper evaluation"),
+    *("ast farther", "ast nearer"),
+)
+"""Members that the report covers; the paper's tables cover all."""
+
+HowMuch = Annotated[
+    Scale,
+    typer.Option(
+        help="full: the paper's episodes; small: under a third, for a first look; learners: "
+        "of small the training and evaluation alone."
+    ),
+]
+ScenarioName = Annotated[str, typer.Option(help=f"Scenario: {' or '.join(PROGRAMMES)}.")]
+Seed = Annotated[
+    int | None, typer.Option(min=0, help="Seed of all campaigns (default: that of the scale).")
+]
+Output = Annotated[
+    Path | None,
+    typer.Option(
+        *("--output", "-o"),
+        metavar="FOLDER",
+        help="Folder for the report, the paper's tables and the data.",
+    ),
+]
+
+
+@app.command()
+def reproduce(  # noqa: PLR0913, PLR0917 - typer makes an option of each argument
+    context: typer.Context,
+    scale: HowMuch = Scale.SMALL,
+    scenario: ScenarioName = "cut_in",
+    output: Output = None,
+    force: Force = False,
+    seed: Seed = None,
+    url: MaybeUrl = None,
+    data: Data = DEFAULT_DATA,
+    workers: Workers = 0,
+    as_json: AsJson = False,
+) -> None:
+    """Run the paper's experiments, and print our numbers next to the paper's.
+
+    Campaigns that the service has run before are not run again. Ctrl-C pauses them; the same
+    command resumes them.
+    """
+    suite = build_suite(scale, seed, scenario)
+    if output is not None:
+        check_folder(output, force)
+    with connect_for_suite(context, suite, url, Plan(data, 0, workers)) as (client, place):
+        run_suite(client, suite, place.check, this_command())
+        with announce("Reading the results of the campaigns") as begin:
+            found = build_reproduction(client, suite, scale, scenario, begin)
+            if output is not None:
+                begin("Writing the report")
+                reported = _list_reported_campaigns(client, suite)
+                client.report(reported, output, force, list_files(found))
+    show(found, as_json, lambda: draw_reproduction(found))
+
+
+def _list_reported_campaigns(client: Client, suite: Suite) -> list[int]:
+    """Return the ids of the members that the report includes."""
+    found = zip(suite.members, client.suites.find(suite), strict=True)
+    ids = {member.name: campaign.id for member, campaign in found if campaign is not None}
+    return [ids[name] for name in REPORTED if name in ids]

@@ -1,0 +1,1 @@
+"""Searches for failures: simulated annealing, the samplers of Optuna, and Go-Explore."""

@@ -1,0 +1,100 @@
+"""The shipped suite of learners, over the methods of the plug-in."""
+
+from types import MappingProxyType
+
+import pytest
+from odd_problems import ODD, check_broken_episodes, check_end
+
+from eigenfail import plugins
+from eigenfail.errors import InvalidValue
+from eigenfail.methods import describe_method, traits_of
+from eigenfail.testing.learner import LearnerSuite
+from eigenfail.values import CampaignSpec
+from eigenfail_searches.annealing import SimulatedAnnealing
+from eigenfail_searches.go_explore import GoExplore
+from eigenfail_searches.optuna_search import OptunaSearch
+from eigenfail_services.campaigns.validation import check_spec
+
+METHODS = {"annealing": SimulatedAnnealing, "go_explore": GoExplore, "optuna": OptunaSearch}
+VARIED = {"distance_m": {"uniform": [52, 70]}, "actor_speed_mps": {"choice": [12.0, 16.0]}}
+"""Parameters of `cut_in` that are drawn for each episode."""
+
+
+class TestSimulatedAnnealing(LearnerSuite):
+    method = SimulatedAnnealing
+    settings = MappingProxyType({"hold": 7, "runs": 4, "restart": 5})
+
+
+class TestGoExplore(LearnerSuite):
+    method = GoExplore
+    settings = MappingProxyType({"hold": 7, "round_size": 6})
+
+
+class TestParzenEstimator(LearnerSuite):
+    method = OptunaSearch
+    settings = MappingProxyType({"hold": 7, "round_size": 6})
+
+
+class TestGaussianProcess(LearnerSuite):
+    method = OptunaSearch
+    settings = MappingProxyType({"sampler": "gp", "hold": 20, "round_size": 3})
+
+
+class TestParetoSearch(LearnerSuite):
+    method = OptunaSearch
+    settings = MappingProxyType({"sampler": "nsga2", "hold": 7, "round_size": 6})
+
+
+def make_spec(**changes):
+    given = {"name": "first", "method": "annealing", "episodes": 10, "planner": "idm"}
+    return CampaignSpec(**(given | changes))
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_a_method_is_found_by_its_name_and_takes_its_defaults(name):
+    assert plugins.load(plugins.METHODS, name) is METHODS[name]
+    assert check_spec(make_spec(method=name, episodes=500)).method.name == name
+
+
+@pytest.mark.parametrize("name", METHODS)
+def test_references_are_settings_of_the_method(name):
+    method = describe_method(name)
+    assert set(method.traits.references) <= set(method.settings_type.__struct_fields__)
+
+
+def test_no_method_has_the_place_of_another_in_charts():
+    marks = [traits_of(name).chart_mark for name in plugins.names(plugins.METHODS)]
+    assert len(set(marks)) == len(marks)
+
+
+@pytest.mark.parametrize("name", ODD)
+@pytest.mark.parametrize("method", ["annealing", "optuna"])
+def test_it_ends_in_order_on_problems_with_nothing_to_learn(method, name):
+    check_end(method, {"hold": 2}, name)
+
+
+@pytest.mark.parametrize("method", ["annealing", "optuna"])
+def test_episodes_that_cannot_be_run_do_not_stop_it(method):
+    check_broken_episodes(method, {"hold": 2})
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_episodes_at_once_are_refused_since_it_decides_itself(method):
+    assert not describe_method(method).traits.tolerates_delay
+    given = make_spec(method=method, parallel=100, scenario="cut_in", episodes=5_000)
+    with pytest.raises(InvalidValue, match=r"parallel: .* decides itself .* several seeds"):
+        check_spec(given)
+
+
+def test_what_continues_episodes_is_refused_where_parameters_are_drawn():
+    with pytest.raises(InvalidValue, match="distance_m, actor_speed_mps drawn") as refusal:
+        check_spec(make_spec(method="go_explore", scenario_parameters=VARIED))
+    assert refusal.value.field == "scenario_parameters"
+
+
+def test_what_continues_episodes_is_refused_for_functions(monkeypatch):
+    monkeypatch.setenv("EIGENFAIL_FUNCTIONS", "m")
+    function = {"simulator": "function", "scenario": "function", "planner": "m:f"}
+    spec = make_spec(method="go_explore", **function, scenario_parameters={"steps": 7})
+    with pytest.raises(InvalidValue, match="functions have no steps"):
+        check_spec(spec)
