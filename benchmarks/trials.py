@@ -16,7 +16,6 @@ import channels
 import difs_network
 import drive
 import eigenfailures
-import evidence
 import foreign_stacks
 import intervals
 import openturns_beside
@@ -24,8 +23,6 @@ import parallel
 import processors
 import releases
 import requirements
-import risk
-import sensor_limits
 import splitting
 import subset_parallel
 import transfer
@@ -145,11 +142,7 @@ TRIALS = [
     Trial(("channels.conformance",), channels.find_conformance),
     Trial(("channels.cut_in.", "channels.merge_in."), channels.find),
     Trial(("importance.",), requirements.find_importance),
-    Trial(("requirement.covered",), sensor_limits.find_covered),
-    Trial(("requirement.cut_in.",), sensor_limits.find_frontier),
     Trial(("releases.",), releases.find_figures),
-    Trial(("risk.",), risk.find_cover),
-    Trial(("evidence.",), evidence.find_tampering),
     Trial(("requirements.closed_form.",), requirements.find_closed_form),
     Trial(("requirements.merge_in.uncaused_braking.",), requirements.find_searches),
     Trial(

@@ -78,8 +78,8 @@ PUBLIC = [
     # Of the SDK, for users and for authors of plug-ins.
     *("costs_by_method", "simulators", "from_injected", "cumulative"),
     *("change_mode", "change_episode", "wait_for_proof", "to_pandas", "to_arrow"),
-    *("LearnerSuite", "SIMULATION_CHECKS", "analysis_result", "read_disturbance"),
-    *("recorded_ms", "aligned_at_end"),
+    *("LearnerSuite", "SIMULATION_CHECKS", "analysis_result", "read_disturbance", "write_new"),
+    *("recorded_ms", "aligned_at_end", "bounds_probability"),
     # Fields and choices that are only read from JSON, or set from it.
     *("began_ms", "size_bytes", "left_road_s", "spec_sha256", "data_from", "protocols"),
     *("LONGITUDINAL", "LATERAL", "GAUSSIAN_MIXTURE"),
@@ -277,7 +277,7 @@ def _find_plugin_classes(project: Mapping[str, Any]) -> set[str]:
 
 
 def _find_template_words() -> set[str]:
-    templates = (ROOT / "api").rglob("*.html")
+    templates = [*(ROOT / "api").rglob("*.html"), *(ROOT / "plugins").rglob("*.html")]
     return {word for path in templates for word in re.findall(r"\w+", path.read_text("utf-8"))}
 
 

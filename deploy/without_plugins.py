@@ -4,7 +4,7 @@
 
 For each folder of plugins/ the repository is copied without it, to an environment of its own in
 which the plug-in is not installed. There the core's tests run of what a plug-in could be tied to:
-commands, methods, formats, documents, benchmarks and recipes. A last copy has no plug-in at all:
+commands, routes, methods, formats, documents and recipes. A last copy has no plug-in at all:
 the linters run there, too. It prints what it runs; the exit code is 1 if any of it fails.
 `make test` does this in the end.
 """
@@ -33,6 +33,7 @@ LINTERS = (
 TESTS = (
     "tests/test_plugins.py",
     "tests/test_golden.py",
+    "tests/api/test_extensions.py",
     "tests/api/test_recordings.py",
     "tests/benchmarks/test_trials.py",
     "tests/deploy/test_locks.py",

@@ -1,5 +1,6 @@
 """The API as an ASGI application."""
 
+from collections.abc import Sequence
 from functools import cache
 
 from fastapi import APIRouter, Depends, FastAPI
@@ -8,8 +9,9 @@ from starlette.routing import BaseRoute
 from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from eigenfail import __version__
+from eigenfail.values.access import Scope
 from eigenfail_api import openapi
-from eigenfail_api.access.authentication import Authenticator, Clock
+from eigenfail_api.access.authentication import RULES, Authenticator, Clock, compile_rules
 from eigenfail_api.access.middleware import AuthMiddleware, OriginGuard, Preconditions, redact_logs
 from eigenfail_api.access.proxy import PeerRecorder
 from eigenfail_api.dashboard import (
@@ -32,14 +34,14 @@ from eigenfail_api.dashboard import (
     region_page,
     release_page,
     replay_page,
-    risk_page,
     search_page,
     suites_page,
     triage_forms,
     webhooks_page,
     workers_page,
 )
-from eigenfail_api.dashboard.rendering import STATIC, Assets, wrap_for_browsers
+from eigenfail_api.dashboard.rendering import STATIC, Assets, Navigation, wrap_for_browsers
+from eigenfail_api.extensions import Extension, load_extensions
 from eigenfail_api.middleware import Disconnects, EntityTags, HeadRequests, SecurityHeaders
 from eigenfail_api.parameters import (
     Json,
@@ -108,7 +110,6 @@ ROUTERS = (
     comparison_page.router,
     release_page.router,
     gate_page.router,
-    risk_page.router,
     triage_forms.router,
     workers_page.router,
     search_page.router,
@@ -122,8 +123,8 @@ FORMS = (launch_page.router,)
 
 
 @cache
-def _included_routers() -> tuple[BaseRoute, ...]:
-    """The routers as applications include them.
+def _included_routers(extensions: tuple[Extension, ...]) -> tuple[BaseRoute, ...]:
+    """The routers as applications with these extensions include them.
 
     FastAPI analyses a route at its first request and keeps the result with the included router: all
     applications of a process share it.
@@ -135,18 +136,25 @@ def _included_routers() -> tuple[BaseRoute, ...]:
     refused = [Depends(refuse) for refuse in refusers]
     for router in FORMS:
         including.include_router(router)
-    for router in ROUTERS:
+    brought = (router for extension in extensions for router in extension.routers)
+    for router in (*ROUTERS, *brought):
         including.include_router(router, dependencies=refused)
     return tuple(including.routes)
 
 
-def create_app(store: Store, settings: ApiSettings, clock: Clock = now_ms) -> FastAPI:
+def create_app(
+    store: Store,
+    settings: ApiSettings,
+    clock: Clock = now_ms,
+    extensions: Sequence[Extension] | None = None,
+) -> FastAPI:
     """Return the application for an open store, which the caller closes.
 
     Args:
         store: where everything is kept.
         settings: settings of the service.
         clock: milliseconds since 1970, for the expiry of keys and sessions.
+        extensions: what plug-ins add; None: the extensions that are installed.
 
     Raises:
         InvalidValue: other machines could reach the service without a key, or clients could name
@@ -156,6 +164,7 @@ def create_app(store: Store, settings: ApiSettings, clock: Clock = now_ms) -> Fa
     refuse_unsafe_sign_in(settings)
     refuse_without_keys(settings, store.keys)
     redact_logs()
+    installed = load_extensions((*ROUTERS, *FORMS)) if extensions is None else tuple(extensions)
     app = FastAPI(
         title="eigenfail",
         version=__version__,
@@ -174,15 +183,23 @@ def create_app(store: Store, settings: ApiSettings, clock: Clock = now_ms) -> Fa
     app.state.feed = EventFeed(store, settings.poll_s)
     app.state.registry = CollectorRegistry()
     app.state.registry.register(operations.CampaignCollector(store))
-    app.router.routes.extend(_included_routers())
+    app.router.routes.extend(_included_routers(installed))
     app.mount("/static", Assets(directory=STATIC), name="static")
-    app.openapi = lambda: openapi.build_document(app)  # type: ignore[method-assign]  # FastAPI's own way
+    bodies = [body for each in installed for body in each.bodies]
+    examples = {name: body for each in installed for name, body in each.examples.items()}
+    app.openapi = lambda: openapi.build_document(app, bodies, examples)  # type: ignore[method-assign]  # FastAPI's own way
     # The middleware added last sees a request first.
     app.add_middleware(Disconnects)
     app.add_middleware(EntityTags)
     app.add_middleware(HeadRequests)
     app.add_middleware(Preconditions)
-    app.add_middleware(AuthMiddleware, authenticator=app.state.authenticator, store=store)
+    viewer_requests = [line for each in installed for line in each.viewer_requests]
+    rules = (*RULES, *compile_rules(Scope.VIEWER, viewer_requests))
+    app.add_middleware(
+        AuthMiddleware, authenticator=app.state.authenticator, store=store, rules=rules
+    )
+    entries = tuple(entry for each in installed for entry in each.navigation)
+    app.add_middleware(Navigation, entries=entries)
     app.add_middleware(OriginGuard, hosts=settings.names)
     app.add_middleware(operations.RequestCounter, registry=app.state.registry)
     app.add_middleware(SecurityHeaders)

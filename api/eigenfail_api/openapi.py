@@ -1,8 +1,9 @@
 """The OpenAPI document: schemas of the SDK's structs, and descriptions of routes and answers."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from http import HTTPStatus
+from types import MappingProxyType
 from typing import Any
 
 import msgspec
@@ -14,8 +15,6 @@ from eigenfail import __version__
 from eigenfail.errors import EigenfailError
 from eigenfail.gate.report import GateReport
 from eigenfail.gate.results import GateResult, GateSummary
-from eigenfail.risk.assessment import RiskAssessment
-from eigenfail.risk.question import RiskQuestion
 from eigenfail.suites import SuiteRequest
 from eigenfail.values import (
     MEASURES,
@@ -133,8 +132,6 @@ BODIES = (
     Page[ReleaseQuestion],
     ReleaseTable,
     Report,
-    RiskAssessment,
-    RiskQuestion,
     Safety,
     SuiteRequest,
     SuiteTable,
@@ -288,14 +285,9 @@ EXAMPLES: dict[str, Node] = {
             }
         ],
     },
-    "find_risk": {
-        "name": "motorway",
-        "target": {"per_hour": 0.001},
-        "exposure": {"hours": 1200.0, "kilometres": 96000.0},
-        "scenarios": [{"name": "cut-in", "encounters": 340, "campaigns": [1]}],
-    },
     "create_analysis": {"components": 20, "clusters": 4},
 }
+NO_EXAMPLES: Mapping[str, Node] = MappingProxyType({})
 EVERYWHERE = (400, 401, 403, 406, 422, 500, 503)
 WITH_ID = (404, 409, 410)
 WITH_BODY = (409, 410, 413, 415)
@@ -305,26 +297,34 @@ MADE = ("201", "202")
 ATTRIBUTE = re.compile(r"(?P<name>\w+): (?P<words>.+)")
 
 
-def build_document(app: FastAPI) -> Node:
-    """Return the application's OpenAPI document, built at the first call."""
+def build_document(
+    app: FastAPI, bodies: Sequence[Any] = (), examples: Mapping[str, Node] = NO_EXAMPLES
+) -> Node:
+    """Return the application's OpenAPI document, built at the first call.
+
+    Args:
+        app: the application.
+        bodies: structs of requests and answers of its extensions.
+        examples: examples of bodies of their routes, by the name of the route's function.
+    """
     if app.openapi_schema is None:
         document = get_openapi(
             title="eigenfail", version=__version__, summary=app.summary, routes=app.routes
         )
         _, components = msgspec.json.schema_components(
-            BODIES, schema_hook=_describe_array, ref_template=REF
+            (*BODIES, *bodies), schema_hook=_describe_array, ref_template=REF
         )
         schemas = document.setdefault("components", {}).setdefault("schemas", {})
         schemas.update(components, Numbers=NUMBERS)
         events = document["paths"][f"{http.PREFIX}/events"]["get"]["responses"]["200"]
         # FastAPI describes streams in the terms of OpenAPI 3.2, under the number 3.1.
         events["content"][STREAM].pop("itemSchema")
-        _complete(document)
+        _complete(document, {**EXAMPLES, **examples})
         app.openapi_schema = document
     return app.openapi_schema
 
 
-def _complete(document: Node) -> None:
+def _complete(document: Node, examples: Mapping[str, Node]) -> None:
     """Add descriptions of tags, parameters, answers, refusals and fields."""
     operations = [one for item in document["paths"].values() for one in item.values()]
     used = {tag for operation in operations for tag in operation["tags"]}
@@ -339,6 +339,8 @@ def _complete(document: Node) -> None:
     for path, item in document["paths"].items():
         for verb, operation in item.items():
             _complete_operation(path, verb, operation)
+            if example := examples.get(operation["operationId"]):
+                operation["requestBody"]["content"][JSON]["example"] = example
     components = document["components"]["schemas"]
     for name in sorted(components):
         _describe_fields(components[name])
@@ -350,9 +352,6 @@ def _complete_operation(path: str, verb: str, operation: Node) -> None:
     operation["summary"] = operation["operationId"].replace("_", " ").capitalize()
     for parameter in operation.get("parameters", []):
         _remove_null(parameter)
-    if operation["operationId"] in EXAMPLES:
-        body = operation["requestBody"]["content"][JSON]
-        body["example"] = EXAMPLES[operation["operationId"]]
     responses = operation["responses"]
     for status, response in responses.items():
         _describe_answer(verb, status, response)

@@ -6,17 +6,11 @@ from statistics import NormalDist
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Difference, Interval, PairTotals, Rate
-from eigenfail.values.student_t import split_t_mass
 
 ERROR = 0.05
 Z = NormalDist().inv_cdf(1.0 - ERROR / 2.0)
 
 HALVINGS = 60
-
-NEARLY_NORMAL = 1e-6
-"""Relative difference of a quantile from the normal one that is taken for none."""
-
-MOST_FREEDOM = 1e9
 
 
 def find_interval(k: int, n: int, doubtful: int = 0) -> Interval:
@@ -118,18 +112,6 @@ def sum_lower_tail(k: int, n: int, p: float) -> float:
         total += term
         term *= events / (n - events + 1.0) * (1.0 - p) / p
     return min(total, 1.0)
-
-
-def find_t_freedom(quantile: float) -> float:
-    """Return the degrees of freedom of Student's distribution that has this 97.5 % quantile.
-
-    They are 1 or more; infinite where the quantile is that of the normal distribution.
-    """
-    if quantile <= Z * (1.0 + NEARLY_NORMAL):
-        return inf
-    return exp(
-        find_crossing(0.0, log(MOST_FREEDOM), lambda at: split_t_mass(quantile, exp(at))[1] > ERROR)
-    )
 
 
 def find_crossing(low: float, high: float, is_below: Callable[[float], bool]) -> float:

@@ -24,6 +24,7 @@ ENGINES = "eigenfail.engines"
 EXPLAINERS = "eigenfail.explainers"
 WORKER_ACTORS = "eigenfail.worker_actors"
 COMMANDS = "eigenfail.commands"
+ROUTES = "eigenfail.routes"
 DATABASE_TOOLS = "eigenfail.database_tools"
 EXPORTS = "eigenfail.exports"
 

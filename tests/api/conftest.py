@@ -40,7 +40,7 @@ def store():
 
 @pytest.fixture
 def app(store):
-    return create_app(store, ApiSettings(poll_s=0.02))
+    return create_app(store, ApiSettings(poll_s=0.02), extensions=())
 
 
 @pytest.fixture

@@ -15,12 +15,6 @@ HIDDEN = "gnp\u202eexe"
 """Reads `gnpexe.exe` backwards from the override on."""
 
 WEBHOOK = {"url": f"https://hooks.example/{HIDDEN}", "events": ["campaign.ended"]}
-RISK = {
-    "name": HIDDEN,
-    "target": {"per_hour": 0.001},
-    "exposure": {"hours": 1200.0},
-    "scenarios": [{"name": "cut-in", "encounters": 340, "campaigns": [1]}],
-}
 GATE = {
     "gate": {"suite": "nightly", "version": HIDDEN, "run": "nightly @ v2", "baseline": "v1"},
     "open": True,
@@ -49,7 +43,6 @@ BODIES = [
     ("POST", f"{URL}/keys", {"name": HIDDEN, "scope": "admin"}, "name"),
     ("POST", f"{URL}/webhooks", WEBHOOK, "url"),
     ("POST", f"{URL}/gates", GATE, "gate.version"),
-    ("POST", f"{URL}/risk", RISK, "name"),
     ("PUT", "{mode}/name", {"name": HIDDEN}, "name"),
     ("POST", "{mode}/triage", {"owner": HIDDEN}, "owner"),
     ("POST", "{mode}/triage", {"labels": [HIDDEN]}, "labels"),

@@ -77,7 +77,6 @@ PAGES = {
     "/failures": ["/failures", "/failures?planner=none"],
     "/gates": ["/gates"],
     "/gates/{gate}": ["/gates/{gate}"],
-    "/risk": ["/risk"],
     "/workers": ["/workers"],
     "/search": ["/search", "/search?q=a", "/search?q=nothing-has-this-name"],
     "/copies": ["/copies?path=/campaigns"],
@@ -197,17 +196,6 @@ ADDRESSES = [*(path for paths in PAGES.values() for path in paths), NOT_FOUND]
 @pytest.mark.parametrize("path", ADDRESSES)
 def test_a_page_fits_every_width_and_axe_finds_nothing(show, path):
     assert not troubles_of(show(path))
-
-
-def test_the_answer_about_a_risk_fits_every_width_and_axe_finds_nothing(show, filled):
-    tab = show("/risk")
-    example = tab.get_by_label("Example", exact=True).text_content()
-    question = tab.get_by_label("File, as TOML")
-    expect(question).to_have_value("")
-    question.fill(example.replace("[1]", f"[{filled.baseline}]"))
-    tab.get_by_role("button", name="Assess").click()
-    expect(tab.locator(".verdict")).to_contain_text("Motorway")
-    assert not troubles_of(tab)
 
 
 def test_a_report_fits_every_width_and_axe_finds_nothing(tab, store, filled, tmp_path):

@@ -28,7 +28,7 @@ def page(root):
 @pytest.fixture
 def browser():
     store = open_store("memory://")
-    with TestClient(create_app(store, ApiSettings()), base_url=ADDRESS) as client:
+    with TestClient(create_app(store, ApiSettings(), extensions=()), base_url=ADDRESS) as client:
         yield client
     store.close()
 

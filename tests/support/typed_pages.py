@@ -5,10 +5,10 @@ start a service, is a process in the background. What a page writes to a file, b
 the first line of a block, is written. Only four things differ from what a reader types: the port
 of a service or bridge; who starts the one worker, which is Ray on one page and the test on the
 others; an episode whose line says "a number from the list", which is the first that a line before
-has listed; and budgets: 8 episodes instead of the 200 of the suites and the gate, 20 of the
-sensor's, half of those of a campaign in a file that a page has its reader write, 3 episodes instead
-of the 20 that are replayed in a check of a database, and, but for the quickstart, one gradient step
-of AST for each decision.
+has listed; and budgets: 8 episodes instead of the 200 of the suites and the gate, half of
+those of a campaign in a file that a page has its reader write, 3 episodes instead of the 20 that
+are replayed in a check of a database, and, but for the quickstart, one gradient step of AST for
+each decision.
 """
 
 import os
@@ -23,14 +23,13 @@ import time
 import tomllib
 from contextlib import contextmanager, suppress
 from pathlib import Path
+from types import MappingProxyType
 
 import deadlines
 import msgspec
 
 from eigenfail.cli.specs import check_plugins
-from eigenfail.evidence.question import EvidenceQuestion
 from eigenfail.hosting.folder import DataFolder
-from eigenfail.risk.question import RiskQuestion
 from eigenfail.suites import Suite, replace_references
 from eigenfail.values import CampaignSpec
 
@@ -51,10 +50,10 @@ END = "@@ended"
 READY_WITHIN_S = deadlines.CAMPAIGN_S
 COMMAND_WITHIN_S = deadlines.CAMPAIGN_S
 GATE_CLOSED = 1
-RISK_UNDECIDED = 3
-EVIDENCE_REFUTED = 1
 CURL_TIMED_OUT = 28
+REPLACED = {"--replay 20": "--replay 3"}
 
+NO_KINDS = MappingProxyType({})
 EXECUTED = {"sh", "python", "toml"}
 SHOWN = {"": "a drawing", "text": "output or a drawing", "json": "messages", "yaml": "a fragment"}
 
@@ -87,10 +86,13 @@ class Shell:
 
     Attributes:
         output: of all commands so far.
+        allowed: exit codes of commands that begin like this; the last entry that fits counts.
+        replaced: what is replaced in the commands of a page, and by what.
     """
 
     def __init__(self, clone, site):
         self.clone, self.output = clone, ""
+        self.allowed, self.replaced = {}, dict(REPLACED)
         self._bridge, self._services, self._data = free_port(), [], None
         environment = {
             **{name: value for name, value in os.environ.items() if "EIGENFAIL" not in name},
@@ -142,15 +144,13 @@ class Shell:
         if words[:2] == ["eigenfail", "up"]:
             self.serve(" ".join(words[2:]))
             return
-        line = line.replace("--budget 200", "--budget 20").replace("--replay 20", "--replay 3")
-        line = line.replace("--target 0.05", "--target 0.3")  # 20 episodes can show no less
+        for stands, instead in self.replaced.items():
+            line = line.replace(stands, instead)
         if found := FROM_LIST.search(line):
             line = FROM_LIST.sub(f"{found[1]}/{self._listed(found[1])}", line, count=1)
         allowed = (0, GATE_CLOSED) if {"gate", "--gate"} & set(words) else (0,)
-        if words[:2] == ["eigenfail", "risk"]:
-            allowed = (0, RISK_UNDECIDED)
-        if words[:2] == ["eigenfail", "evidence"]:
-            allowed = (0,) if words[2] == "verify" else (0, EVIDENCE_REFUTED)
+        for start, codes in self.allowed.items():
+            allowed = codes if line.startswith(start) else allowed
         if "--max-time" in words:
             allowed = (0, CURL_TIMED_OUT)
         self.type(line.replace("http://127.0.0.1:8440", self.url), allowed)
@@ -253,13 +253,14 @@ def shell(folder, cheaper=CHEAPER):
         found.close()
 
 
-def type_in(page, here, not_run):
+def type_in(page, here, not_run, kinds=NO_KINDS):
     """Type a page into a shell, block by block, without the commands that are not to be run.
 
     Args:
         page: its path in the repository.
         here: the shell.
         not_run: beginnings of commands that cannot run here, each with its reason.
+        kinds: types of TOML blocks that have a field of this name, beside campaigns and suites.
     """
     for language, block in blocks(page):
         name = FILE_NAME.match(block)
@@ -268,7 +269,7 @@ def type_in(page, here, not_run):
         elif language == "python" and not is_example(block):
             here.python(block)
         elif language == "toml":
-            check(block)
+            check(block, kinds)
         elif language == "sh":
             for line in commands(block):
                 if reason(line, not_run) is None:
@@ -283,15 +284,13 @@ def is_example(block):
     return outline or any(block.strip() in text for text in files)
 
 
-def check(block):
+def check(block, kinds=NO_KINDS):
     """A campaign, a suite, or a part of a campaign: whatever it is, it would be accepted."""
     given = tomllib.loads(block)
-    if "exposure" in given:
-        msgspec.convert(given, RiskQuestion)
-        return
-    if "claim" in given:
-        msgspec.convert(given, EvidenceQuestion)
-        return
+    for field, kind in kinds.items():
+        if field in given:
+            msgspec.convert(given, kind)
+            return
     if "base" in given:
         for member in Suite.of("page", **given).members:
             check_plugins(replace_references(member.spec))

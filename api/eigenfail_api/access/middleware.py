@@ -6,7 +6,7 @@ Keys are kept out of addresses, answers and logs.
 import logging
 import re
 import traceback
-from collections.abc import AsyncIterator, Collection
+from collections.abc import AsyncIterator, Collection, Sequence
 from contextlib import asynccontextmanager
 from urllib.parse import quote, unquote_plus, urlsplit
 
@@ -25,6 +25,7 @@ from eigenfail.wire.http import PREFIX, Problem, make_problem, make_untyped_prob
 from eigenfail_api.access.authentication import (
     Authenticator,
     Caller,
+    Rule,
     act_as,
     address_of,
     is_change,
@@ -101,12 +102,16 @@ class AuthMiddleware:
         app: the application to protect.
         authenticator: identifies callers.
         store: store of the audit log.
+        rules: which requests require which scope.
     """
 
-    def __init__(self, app: ASGIApp, authenticator: Authenticator, store: Store) -> None:
+    def __init__(
+        self, app: ASGIApp, authenticator: Authenticator, store: Store, rules: Sequence[Rule]
+    ) -> None:
         self._app = app
         self._authenticator = authenticator
         self._store = store
+        self._rules = rules
 
     async def __call__(self, scope: Asked, receive: Receive, send: Send) -> None:
         """Pass a request on, or refuse it."""
@@ -121,7 +126,8 @@ class AuthMiddleware:
             app, caller = _refuse(request, error), None
         is_refused = app is not self._app
         with act_as(caller):
-            if caller is None or not (is_refused or is_change(request.method, scope["path"])):
+            changes = is_change(request.method, scope["path"], self._rules)
+            if caller is None or not (is_refused or changes):
                 await app(scope, receive, send)
                 return
             async with _record_change(self._store, request, caller, send) as send_and_record:
@@ -129,7 +135,7 @@ class AuthMiddleware:
 
     async def _authorise(self, request: Request) -> tuple[ASGIApp, Caller | None]:
         """Return what answers the request, and its caller where a key may be required."""
-        required = required_scope(request.method, request.scope["path"])
+        required = required_scope(request.method, request.scope["path"], self._rules)
         if required is None:
             return self._app, None
         caller = self._authenticator.identify_anonymous(request)

@@ -3,6 +3,7 @@
 import re
 import tomllib
 from collections.abc import Callable, Coroutine, Mapping
+from contextvars import ContextVar
 from datetime import UTC, datetime
 from functools import cache
 from os import PathLike, stat_result
@@ -11,11 +12,19 @@ from typing import Any, NamedTuple
 
 import msgspec
 from fastapi import Request
-from jinja2 import Environment, FileSystemLoader, StrictUndefined
+from jinja2 import (
+    BaseLoader,
+    ChoiceLoader,
+    Environment,
+    FileSystemLoader,
+    PackageLoader,
+    PrefixLoader,
+    StrictUndefined,
+)
 from markupsafe import Markup
 from starlette.responses import FileResponse, HTMLResponse, Response
 from starlette.staticfiles import StaticFiles
-from starlette.types import Scope
+from starlette.types import ASGIApp, Receive, Scope, Send
 
 from eigenfail import __version__, plugins
 from eigenfail.methods import traits_of
@@ -181,10 +190,66 @@ def list_modules(script: str) -> list[str]:
     return sorted(found)
 
 
+class NavigationEntry(NamedTuple):
+    """A link in the head of every page.
+
+    Attributes:
+        title: text of the link, and title of the page to which it leads.
+        address: address of that page.
+    """
+
+    title: str
+    address: str
+
+
+_navigation: ContextVar[tuple[NavigationEntry, ...]] = ContextVar("navigation", default=())
+
+
+class Navigation:
+    """Middleware: show the links of an application's extensions on its pages.
+
+    Templates are shared by all applications of a process, which may have other extensions.
+
+    Args:
+        app: the application.
+        entries: links that follow those of the core.
+    """
+
+    def __init__(self, app: ASGIApp, entries: tuple[NavigationEntry, ...]) -> None:
+        self._app = app
+        self._entries = entries
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on."""
+        before = _navigation.set(self._entries)
+        try:
+            await self._app(scope, receive, send)
+        finally:
+            _navigation.reset(before)
+
+
+FOREIGN_TEMPLATES: dict[str, BaseLoader] = {}
+"""Loaders of the templates of extensions, by package."""
+
+
+def add_templates(package: str) -> None:
+    """Make the templates of a package known as PACKAGE/FILE.
+
+    They cannot replace a template of the core, which has no folders.
+
+    Raises:
+        ImportError: there is no such package.
+        ValueError: it has no folder `templates`.
+    """
+    FOREIGN_TEMPLATES.setdefault(package, PackageLoader(package))
+
+
 def make_environment() -> Environment:
     """Return the environment of the templates with its filters and functions."""
     made = Environment(
-        loader=FileSystemLoader(FOLDER / "templates"),
+        loader=ChoiceLoader(
+            [FileSystemLoader(FOLDER / "templates"), PrefixLoader(FOREIGN_TEMPLATES)]
+        ),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -197,6 +262,7 @@ def make_environment() -> Environment:
         "modules_of": list_modules,
         "charted_methods": list_charted_methods,
         "term_of": find_term,
+        "navigation": _navigation.get,
     }
     return made
 

@@ -7,8 +7,6 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Depends, Query, Response
 
 from eigenfail.errors import InvalidValue
-from eigenfail.risk.assessment import RiskAssessment
-from eigenfail.risk.question import RiskQuestion
 from eigenfail.values import (
     Analysis,
     AnalysisSettings,
@@ -50,7 +48,6 @@ from eigenfail_services.campaigns.comparison import compare
 from eigenfail_services.campaigns.costs import compare_peers, find_spending
 from eigenfail_services.campaigns.proofs import launch_replays, read_result, summarise_proof
 from eigenfail_services.campaigns.region import find_region_in_process
-from eigenfail_services.campaigns.risk import assess_risk
 from eigenfail_services.campaigns.seeds import find_spreads
 from eigenfail_services.campaigns.summary import find_safety
 from eigenfail_services.reports.report import Made, make
@@ -181,16 +178,6 @@ def get_comparison(store: Stored, a: Ids, b: Ids) -> Json:
 def list_spreads(store: Stored, campaigns: SeedIds) -> Json:
     """List mean and spread over seeds of each group of campaigns that differ in their seeds."""
     return Json(Page(find_spreads(store, parse_ids(campaigns))))
-
-
-@figures_router.post(
-    "/risk", dependencies=[COMPARISONS], **document_route(RiskAssessment, body=RiskQuestion)
-)
-def find_risk(
-    store: Stored, question: Annotated[RiskQuestion, Depends(body_of(RiskQuestion))]
-) -> Json:
-    """Assess the risk of a planner: failures per hour and 10^6 km, against a target."""
-    return Json(assess_risk(store, question))
 
 
 def parse_ids(ids: str) -> tuple[int, ...]:

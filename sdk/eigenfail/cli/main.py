@@ -31,9 +31,6 @@ COMMANDS = {
     "analyze": "Group the failures of a campaign into failure modes.",
     "mode": "List the failure modes of an analysis, name them, and track them to their end.",
     "release": "Compare the versions of a planner, failure mode by failure mode.",
-    "requirement": "Find the largest errors of the sensor at which failures stay rare enough.",
-    "risk": "Assess failures per hour and per 10^6 km of a planner, against a target rate.",
-    "evidence": "Argue claims about a planner with outputs, as a bundle that is verified offline.",
     "compare": "Compare two campaigns, or several seeds of each.",
     "gate": "Check a new version of a planner against the failures of an earlier one.",
     "report": "Write a report on campaigns: one self-contained HTML file, and its data.",
@@ -47,7 +44,13 @@ COMMANDS = {
 OF_THE_SERVER = frozenset({"db"})
 """Commands that the server's package brings."""
 
-PLUGINS = {"noise": "eigenfail-noise-fit", "reproduce": "eigenfail-reproduction"}
+PLUGINS = {
+    "evidence": "eigenfail-assurance",
+    "noise": "eigenfail-noise-fit",
+    "reproduce": "eigenfail-reproduction",
+    "requirement": "eigenfail-assurance",
+    "risk": "eigenfail-assurance",
+}
 """Commands that were once in the core, and the packages under plugins/ that bring them now."""
 
 COMPLETION_OPTIONS = ("--install-completion", "--show-completion")

@@ -28,8 +28,6 @@ from eigenfail.client.triage import TriageRecords
 from eigenfail.client.webhooks import Webhooks
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.frames import Rows
-from eigenfail.risk.assessment import RiskAssessment
-from eigenfail.risk.question import RiskQuestion
 from eigenfail.values import Event, Page
 from eigenfail.values.access import (
     TOKEN,
@@ -93,6 +91,11 @@ class Client:
         """Address of the service; its dashboard is there."""
         return self._link.base_url
 
+    @property
+    def link(self) -> Link:
+        """Typed requests to routes that plug-ins bring: `link.post("/risk", RiskAssessment, …)`."""
+        return self._link
+
     def methods(self) -> tuple[PluginInfo, ...]:
         """The methods that campaigns can use, with the JSON schema of their settings."""
         return self._plugins("methods")
@@ -147,19 +150,6 @@ class Client:
         """
         check_folder(Path(folder), force)
         return write_report(fetch_report(self._link, campaigns), Path(folder), also)
-
-    def assess_risk(self, question: RiskQuestion) -> RiskAssessment:
-        """Failures per hour and per 10^6 km of a planner, from campaigns, against a target.
-
-        Args:
-            question: exposure, scenarios with their campaigns, and target; see
-                `eigenfail.risk.question.read_risk_file`.
-
-        Raises:
-            NotFound: no such campaign.
-            InvalidValue: a campaign is named twice, or does not fit the others.
-        """
-        return self._link.post("/risk", RiskAssessment, question)
 
     def health(self) -> bool:
         """Whether the service answers and reaches its database."""

@@ -32,7 +32,7 @@ def clock():
 
 @pytest.fixture
 def app(store, clock):
-    return create_app(store, ApiSettings(poll_s=0.02), clock)
+    return create_app(store, ApiSettings(poll_s=0.02), clock, extensions=())
 
 
 @pytest.fixture

@@ -55,8 +55,6 @@ ROUTES = {
         GET /replays/{campaign}
         GET /releases
         GET /releases/{campaign}
-        GET /risk
-        POST /risk
         GET /search
         GET /suites
         GET /suites/{suite}
@@ -115,7 +113,6 @@ ROUTES = {
         GET /api/v1/releases
         GET /api/v1/releases/{campaign}
         GET /api/v1/report
-        POST /api/v1/risk
         GET /api/v1/scenarios
         GET /api/v1/scenarios/{name}
         GET /api/v1/simulators

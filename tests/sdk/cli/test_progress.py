@@ -2,7 +2,6 @@
 
 import time
 from io import StringIO
-from pathlib import Path
 
 import deadlines
 import pytest
@@ -16,8 +15,6 @@ from eigenfail.client import Client
 from eigenfail.progress import make_standing
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Counts
 from eigenfail_services.store import migrate
-
-EXAMPLES = Path(__file__).parents[3] / "examples"
 
 
 class Clock:
@@ -159,10 +156,6 @@ WAITING_COMMANDS = {
     "analyze 1": "Analysing the failures of campaign 1",
     "analyze 1 --prove": "Preparing the replays of analysis 1",
     "report 1 -o {tmp}/report": "Writing the report",
-    "evidence {examples}/evidence.toml -o {tmp}/evidence": "Collecting the evidence",
-    "evidence verify {tmp}": "Verifying {tmp}",
-    "risk {examples}/risk.toml": "Assessing the risk",
-    "risk next {examples}/risk.toml": "Assessing the risk",
     "suite show {tmp}/suite.toml": "Reading the results of Two",
     "compare 1 1": "Comparing the campaigns",
     "campaign safety 1": "Reading the measures",
@@ -187,7 +180,7 @@ WAITING_COMMANDS = {
 def test_a_command_that_may_take_long_announces_its_step(command, eigenfail, done, steps, tmp_path):
     (tmp_path / "suite.toml").write_text(SUITE)
     migrate.upgrade(f"sqlite:///{tmp_path}/one.db")
-    places = {"tmp": tmp_path, "examples": EXAMPLES}
+    places = {"tmp": tmp_path}
     steps.clear()
     eigenfail(*command.format(**places).split())
     assert WAITING_COMMANDS[command].format(**places) in steps

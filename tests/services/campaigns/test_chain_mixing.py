@@ -3,56 +3,13 @@
 from collections.abc import Iterator
 
 import pytest
+from chain_campaigns import CHAINS, EPISODES, Campaigns
 
-from eigenfail import plugins
 from eigenfail.errors import Conflict, InvalidValue, LearnerFailed
 from eigenfail.presentation.analyses import describe_chain_mixing
-from eigenfail.risk.question import Driving, RiskQuestion, RiskScenario, RiskTarget
-from eigenfail.values import AnalysisSettings, CampaignSpec, CampaignState
-from eigenfail.values.records import Delivery
+from eigenfail.values import AnalysisSettings
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.chain_mixing import find_chain_mixing, judge_mixing
-from eigenfail_services.campaigns.learner_context import learner_context
-from eigenfail_services.campaigns.risk import assess_risk
-from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.campaigns.validation import validate_campaign
-from eigenfail_services.store import Store, open_store
-
-CHAINS, EPISODES = 5, 120
-
-
-class Campaigns:
-    """Campaigns of a planner that fails often, run in this process."""
-
-    def __init__(self) -> None:
-        self.store: Store = open_store("memory://")
-        self.before = self.run(method="monte_carlo", episodes=30)
-
-    def create(self, **fields) -> int:
-        given = {"name": "t", "planner": "idm", "simulator": "point_mass"} | fields
-        spec = validate_campaign(CampaignSpec(**given), self.store).spec
-        return self.store.campaigns.create(spec).id
-
-    def finish(self, number: int) -> int:
-        spec = self.store.campaigns.move(number, CampaignState.RUNNING).spec
-        method = plugins.load(plugins.METHODS, spec.method)
-        context = learner_context(self.store.campaigns.get(number), self.store)
-        rounds = Rounds(method(context, method.Settings(**spec.settings)), 0, spec.episodes)
-        engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
-        for result in run_in_process(rounds, engine):
-            self.store.episodes.commit(number, [Delivery(result, "w")])
-        self.store.checkpoints.save(number, rounds.checkpoint())
-        self.store.campaigns.move(number, CampaignState.DONE)
-        return number
-
-    def run(self, **fields) -> int:
-        return self.finish(self.create(**fields))
-
-    def chains(self, **fields) -> int:
-        settings = {"campaign": self.before, "chains": CHAINS}
-        return self.create(
-            **{"method": "chains", "episodes": EPISODES, "settings": settings} | fields
-        )
 
 
 @pytest.fixture(scope="module")
@@ -83,29 +40,6 @@ def test_the_mixing_of_a_campaign_is_told(campaigns, moved) -> None:
     assert sentences[0] == "Chains: the starts of 5 of 5 failed."
     assert sentences[2:] == [found.verdict, found.remark]
     assert len(table.rows) == len(found.projections)
-
-
-def test_the_severity_of_a_risk_is_that_of_failures_after_burn_in(campaigns, moved) -> None:
-    question = RiskQuestion(
-        name="q",
-        target=RiskTarget(per_hour=1.0),
-        exposure=Driving(hours=10.0),
-        scenarios=(
-            RiskScenario(
-                name="a", encounters=3, campaigns=(campaigns.before,), failures_from=moved
-            ),
-        ),
-        severity=(50.0,),
-    )
-    found = assess_risk(campaigns.store, question)
-    late = campaigns.store.episodes.finished(moved, range(CHAINS * 11, EPISODES))
-    failures = sum(result.is_failure for result in late)
-    assert failures < campaigns.store.campaigns.get(moved).counts.failures
-    assert sum(each.counted for each in found.severity) == failures
-    verdict = find_chain_mixing(campaigns.store, campaigns.store.campaigns.get(moved)).verdict
-    (note,) = (each for each in found.notes if "burn-in" in each)
-    assert note.startswith(f"Severity from campaign {moved} is that of its failures after burn-in.")
-    assert note.endswith(verdict)
 
 
 def test_an_analysis_takes_the_failures_after_burn_in_and_says_so(campaigns, moved) -> None:

@@ -1,0 +1,86 @@
+"""What other distributions add to the service: routes, pages and entries of the navigation."""
+
+import logging
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+from fastapi import APIRouter
+from fastapi.routing import APIRoute
+
+from eigenfail import plugins
+from eigenfail.errors import EigenfailError, InvalidValue
+from eigenfail_api.dashboard.rendering import NavigationEntry, add_templates
+
+log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, eq=False)
+class Extension:
+    """What an entry point of the group `eigenfail.routes` names.
+
+    Attributes:
+        routers: routers of FastAPI. Addresses of the REST API begin with `/api/v1`; pages of the
+            dashboard are outside the schema.
+        bodies: structs of requests and answers, for the OpenAPI document.
+        examples: examples of bodies in that document, by the name of the route's function.
+        templates: package with a folder `templates`; pages name a template `PACKAGE/FILE`.
+        navigation: links in the head of every page.
+        viewer_requests: requests such as "POST /area" that a viewer may send, since they change
+            nothing. Otherwise a viewer may read, and everything else requires an administrator.
+    """
+
+    routers: tuple[APIRouter, ...]
+    bodies: tuple[Any, ...] = ()
+    examples: Mapping[str, dict[str, Any]] = field(default_factory=lambda: MappingProxyType({}))
+    templates: str = ""
+    navigation: tuple[NavigationEntry, ...] = ()
+    viewer_requests: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if the package has no templates."""
+        if self.templates:
+            add_templates(self.templates)
+
+
+def load_extensions(core: Iterable[APIRouter]) -> tuple[Extension, ...]:
+    """Return the installed extensions, sorted by name.
+
+    An extension that cannot be used is logged and left out: the service must work without it.
+
+    Args:
+        core: routers of the core, whose addresses no extension may have.
+    """
+    taken, found = set(list_requests(core)), []
+    for name in plugins.names(plugins.ROUTES):
+        try:
+            extension = plugins.load(plugins.ROUTES, name)
+            _check_extension(name, extension, taken)
+        except EigenfailError:
+            log.exception("The extension '%s' is left out. All else works.", name)
+            continue
+        taken |= set(list_requests(extension.routers))
+        found.append(extension)
+    return tuple(found)
+
+
+def _check_extension(name: str, extension: object, taken: set[str]) -> None:
+    """Refuse what is not an extension, and one that would change what others answer or allow."""
+    if not isinstance(extension, Extension):
+        problem = f"'{name}' is a {type(extension).__name__}, not an Extension."
+        raise InvalidValue("route", problem, "Fix its package.")
+    own = set(list_requests(extension.routers))
+    if both := sorted(own & taken):
+        raise InvalidValue("route", f"'{name}' has {both[0]}, which exists.", "Fix its package.")
+    if others := sorted({*extension.viewer_requests} - own):
+        problem = f"'{name}' opens {others[0]}, which is not its route."
+        raise InvalidValue("route", problem, "Fix its package.")
+
+
+def list_requests(routers: Iterable[APIRouter]) -> Iterator[str]:
+    """Yield method and address of each route, such as "GET /campaigns/{campaign}"."""
+    for router in routers:
+        for route in router.routes:
+            if isinstance(route, APIRoute):
+                yield from (f"{method} {route.path_format}" for method in route.methods or ())

@@ -1,0 +1,1 @@
+"""Sensor requirements, risks and evidence from the campaigns of eigenfail."""

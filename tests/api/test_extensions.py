@@ -1,0 +1,233 @@
+"""Extensions of other distributions: routes, pages and links, without a change of the core's."""
+
+import sys
+
+import msgspec
+import pytest
+from starlette.testclient import TestClient
+
+from eigenfail import plugins
+from eigenfail.values.access import KeyRequest, Scope
+from eigenfail_api.app import create_app
+from eigenfail_api.dashboard import rendering
+from eigenfail_api.settings import ApiSettings
+from eigenfail_services.access import make_key
+
+ADDRESS = "http://127.0.0.1:8440"
+MODULE = '''"""Sheep, counted."""
+
+from typing import Annotated
+
+import msgspec
+from fastapi import APIRouter, Depends
+from fastapi.responses import HTMLResponse
+
+from eigenfail.errors import InvalidValue
+from eigenfail_api.dashboard.rendering import NavigationEntry, page
+from eigenfail_api.extensions import Extension
+from eigenfail_api.openapi import document_route
+from eigenfail_api.parameters import Json, Stored, body_of
+
+router = APIRouter(prefix="/api/v1", tags=["campaigns"])
+pages = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
+
+
+class Flock(msgspec.Struct, frozen=True):
+    """Sheep.
+
+    Attributes:
+        name: name of the flock.
+        sheep: how many there are.
+    """
+
+    name: str
+    sheep: int = 0
+
+
+@router.post("/sheep", **document_route(Flock, body=Flock))
+def count_sheep(store: Stored, flock: Annotated[Flock, Depends(body_of(Flock))]) -> Json:
+    """Count the sheep of a flock."""
+    if not flock.name:
+        raise InvalidValue("name", "is empty.", "Name the flock.")
+    return Json(Flock(flock.name, 7 + len(store.campaigns.page(10).items)))
+
+
+@router.post("/sheep/shear", **document_route(Flock))
+def shear() -> Json:
+    """Shear the sheep."""
+    return Json(Flock("shorn"))
+
+
+@pages.get("/sheep")
+def show_sheep() -> HTMLResponse:
+    """Serve the page of the sheep."""
+    return page("eigenfail_sheep/flock.html", Flock("<all>", 7))
+
+
+extension = Extension(
+    routers=(router, pages),
+    bodies=(Flock,),
+    examples={"count_sheep": {"name": "hill"}},
+    templates="eigenfail_sheep",
+    navigation=(NavigationEntry("Sheep", "/sheep"),),
+    viewer_requests=("POST /api/v1/sheep",),
+)
+'''
+TEMPLATE = """{% extends "base.html" %}
+{% set entry = "main.js" %}
+{% block title %}Sheep{% endblock %}
+{% block main %}
+<h1>{{ view.name }}: {{ view.sheep }}</h1>
+{% endblock %}
+"""
+
+
+class Flock(msgspec.Struct, frozen=True):
+    name: str
+    sheep: int
+
+
+@pytest.fixture
+def bring(tmp_path, monkeypatch):
+    """Installs a distribution that brings an extension, as text of its module."""
+
+    def install(text=MODULE, distribution="eigenfail-sheep"):
+        name = distribution.replace("-", "_")
+        package = tmp_path / distribution / name
+        (package / "templates").mkdir(parents=True)
+        (package / "__init__.py").write_text("")
+        (package / "routes.py").write_text(text)
+        (package / "templates" / "flock.html").write_text(TEMPLATE)
+        record = package.parent / f"{name}-1.0.dist-info"
+        record.mkdir()
+        (record / "METADATA").write_text(
+            f"Metadata-Version: 2.1\nName: {distribution}\nVersion: 1\n"
+        )
+        points = f"[eigenfail.routes]\n{name.removeprefix('eigenfail_')} = {name}.routes:extension"
+        (record / "entry_points.txt").write_text(f"{points}\n")
+        monkeypatch.syspath_prepend(package.parent)
+        return package
+
+    return install
+
+
+@pytest.fixture(autouse=True)
+def forget():
+    """Has entry points and templates read anew, before and after."""
+
+    def clear():
+        plugins.list_entry_points.cache_clear()
+        plugins.load.cache_clear()
+        rendering.TEMPLATES.cache.clear()
+        for name in ("eigenfail_sheep", "eigenfail_goats"):
+            rendering.FOREIGN_TEMPLATES.pop(name, None)
+            for module in [each for each in sys.modules if each.startswith(name)]:
+                del sys.modules[module]
+
+    clear()
+    yield
+    clear()
+
+
+@pytest.fixture
+def serve(store):
+    """Makes a browser for the service with what is installed."""
+    opened = []
+
+    def start():
+        app = create_app(store, ApiSettings())
+        opened.append(TestClient(app, base_url=ADDRESS, raise_server_exceptions=False))
+        return opened[-1]
+
+    yield start
+    for client in opened:
+        client.close()
+
+
+def test_a_route_answers_and_refuses_like_those_of_the_core(bring, serve, read, problem):
+    bring()
+    http = serve()
+    assert read(http.post("/api/v1/sheep", json={"name": "hill"}), Flock) == Flock("hill", 7)
+    assert problem(http.post("/api/v1/sheep", json={"name": ""}), 422)["field"] == "name"
+    assert "nam" in problem(http.post("/api/v1/sheep", json={"nam": ""}), 422)["detail"]
+    assert problem(http.post("/api/v1/sheep?colour=black", json={"name": "hill"}), 422)
+    assert problem(http.post("/api/v1/sheep", content="<a>", headers={"content-type": "a/b"}), 415)
+
+
+def test_the_document_describes_it(bring, serve):
+    bring()
+    document = serve().get("/openapi.json").json()
+    operation = document["paths"]["/api/v1/sheep"]["post"]
+    assert operation["requestBody"]["content"]["application/json"]["example"] == {"name": "hill"}
+    fields = document["components"]["schemas"]["Flock"]["properties"]
+    assert fields["sheep"]["description"] == "how many there are."
+
+
+def test_a_page_has_the_frame_of_the_dashboard_and_a_link_to_it(bring, serve):
+    bring()
+    http = serve()
+    shown = http.get("/sheep").text
+    assert "<h1>&lt;all&gt;: 7</h1>" in shown
+    assert '<a href="/sheep" aria-current="page">Sheep</a>' in shown
+    core = http.get("/workers").text
+    assert '<a href="/sheep">Sheep</a>' in core
+    missing = http.get("/campaigns/9", headers={"Accept": "text/html"})
+    assert (missing.status_code, '<a href="/sheep">' in missing.text) == (404, True)
+
+
+def test_another_application_of_the_process_does_not_have_it(bring, serve, store):
+    bring()
+    http = serve()
+    assert http.get("/sheep").is_success
+    with TestClient(create_app(store, ApiSettings(), extensions=()), base_url=ADDRESS) as alone:
+        assert "Sheep" not in alone.get("/workers").text
+        assert alone.get("/sheep").status_code == 404
+        assert "/api/v1/sheep" not in alone.get("/openapi.json").json()["paths"]
+    assert "Sheep" in http.get("/workers").text
+
+
+def test_a_viewer_may_send_only_what_the_extension_says(bring, serve, store):
+    bring()
+    http = serve()
+    shown = {
+        scope: {"Authorization": f"Bearer {make_key(store, KeyRequest(scope, scope)).token}"}
+        for scope in (Scope.ADMIN, Scope.VIEWER)
+    }
+    body = {"name": "hill"}
+    assert http.post("/api/v1/sheep", json=body).status_code == 401
+    assert http.post("/api/v1/sheep", json=body, headers=shown[Scope.VIEWER]).status_code == 200
+    assert http.post("/api/v1/sheep/shear", headers=shown[Scope.VIEWER]).status_code == 403
+    assert http.post("/api/v1/sheep/shear", headers=shown[Scope.ADMIN]).status_code == 200
+    changes = [each.route for each in store.audit.page(10).items if "sheep" in each.route]
+    assert changes == ["/api/v1/sheep/shear"] * 2
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        (MODULE, 'raise RuntimeError("not today")', "not today"),
+        ("extension = Extension(", "extension = dict(", "is a dict, not an Extension"),
+        ('"/sheep")\ndef show', '"/workers")\ndef show', "has GET /workers, which exists"),
+        ('("POST /api/v1/sheep",)', '("POST /api/v1/keys",)', "opens POST /api/v1/keys"),
+        ('templates="eigenfail_sheep"', 'templates="eigenfail_goats"', "goats"),
+    ],
+)
+def test_an_extension_that_cannot_be_used_is_logged_by_its_name(bring, serve, caplog, case):
+    old, new, said = case
+    bring(MODULE.replace(old, new))
+    http = serve()
+    logged = [each.getMessage() for each in caplog.records if "extension" in each.getMessage()]
+    assert logged == ["The extension 'sheep' is left out. All else works."]
+    assert said in caplog.text
+    assert http.get("/workers").is_success
+    assert "/sheep" not in http.get("/workers").text
+    assert http.post("/api/v1/sheep", json={"name": "hill"}).status_code == 404
+
+
+def test_the_second_extension_with_an_address_is_left_out(bring, serve, caplog):
+    bring()
+    bring(MODULE, "eigenfail-goats")
+    http = serve()
+    assert http.get("/sheep").is_success
+    assert "The extension 'sheep' is left out." in caplog.text
+    assert "The extension 'goats' is left out." not in caplog.text
