@@ -36,7 +36,6 @@ from eigenfail_api.dashboard import (
     search_page,
     suites_page,
     triage_forms,
-    webhooks_page,
     workers_page,
 )
 from eigenfail_api.dashboard.rendering import STATIC, Assets, wrap_for_browsers
@@ -93,7 +92,6 @@ ROUTERS = (
     keys.router,
     webhooks.router,
     keys_page.router,
-    webhooks_page.router,
     overview_page.router,
     campaign_page.router,
     measures_page.router,

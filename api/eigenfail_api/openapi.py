@@ -122,7 +122,6 @@ BODIES = (
     Staffing,
     Page[SuiteStanding],
     Page[Webhook],
-    Page[WebhookDelivery],
     Page[http.PluginInfo],
     Policy,
     PriorityChange,
@@ -245,7 +244,7 @@ TAGS = {
     "workers": "Processes that run episodes.",
     "plug-ins": "Methods, planners, scenarios and simulators that campaigns can use.",
     "keys": "API keys and the audit log; for administrators.",
-    "webhooks": "Addresses to which events are sent, and the deliveries; for administrators.",
+    "webhooks": "Addresses to which events are sent; for administrators.",
     "operations": "Liveness, readiness and metrics, for operators.",
 }
 WORDS = {

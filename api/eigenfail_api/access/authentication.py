@@ -78,7 +78,6 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
     Scope.ADMIN: (
         "GET /audit",
         "GET /keys",
-        "GET /webhooks",
         f"GET {PREFIX}/audit",
         f"GET {PREFIX}/keys",
         f"GET {PREFIX}/keys/{{key}}",
@@ -88,8 +87,6 @@ REQUIRED: Mapping[Scope, tuple[str, ...]] = {
         f"DELETE {PREFIX}/keys/{{key}}",
         f"GET {PREFIX}/webhooks",
         f"GET {PREFIX}/webhooks/{{webhook}}",
-        f"GET {PREFIX}/webhooks/{{webhook}}/deliveries",
-        f"GET {PREFIX}/webhooks/{{webhook}}/deliveries/{{delivery}}",
     ),
 }
 

@@ -40,7 +40,7 @@ COMMANDS = {
     "reproduce": "Run the paper's experiments, and print our numbers next to the paper's.",
     "worker": "Run one worker for a service, or list the workers of a service.",
     "key": "Create, list, limit and revoke API keys; show the audit log.",
-    "webhook": "Add, list, test and remove webhooks, to which events are sent; show deliveries.",
+    "webhook": "Add, list, test and remove webhooks, to which events are sent.",
     "db": "Create, upgrade, verify, back up, restore and prune a database.",
     "doctor": "Check the installation, the service and the database.",
 }

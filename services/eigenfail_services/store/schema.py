@@ -36,7 +36,7 @@ from sqlalchemy.types import TypeEngine
 from eigenfail.values import MEASURES, Measure, Priority
 from eigenfail.values.episode import FAILURES, Outcome
 
-VERSION = "0029"
+VERSION = "0030"
 """The newest migration: what this program was made for."""
 
 VERSION_TABLE = "eigenfail_schema"
@@ -484,7 +484,6 @@ webhook_deliveries = Table(
     Column("state", Text, nullable=False),
     Column("attempts", Integer, nullable=False),
     Column("next_ms", BigInteger, nullable=False),
-    Column("ended_ms", BigInteger),
     Column("status", Integer),
     Column("problem", Prose, nullable=False),
     Column("token", Text),
@@ -492,7 +491,6 @@ webhook_deliveries = Table(
     Column("lease_ms", BigInteger, nullable=False),
     Index(None, "state", "next_ms"),
     Index(None, "webhook", "id"),
-    Index(None, "webhook", "state"),
     sqlite_autoincrement=True,
 )
 

@@ -161,7 +161,6 @@ ROUTES = {
     "admin": """
         GET /audit
         GET /keys
-        GET /webhooks
         GET /api/v1/audit
         GET /api/v1/keys
         POST /api/v1/keys
@@ -173,12 +172,7 @@ ROUTES = {
         POST /api/v1/webhooks
         DELETE /api/v1/webhooks/{webhook}
         GET /api/v1/webhooks/{webhook}
-        POST /api/v1/webhooks/{webhook}/activate
-        POST /api/v1/webhooks/{webhook}/deactivate
         POST /api/v1/webhooks/{webhook}/test
-        GET /api/v1/webhooks/{webhook}/deliveries
-        GET /api/v1/webhooks/{webhook}/deliveries/{delivery}
-        POST /api/v1/webhooks/{webhook}/deliveries/{delivery}/redeliver
     """,
 }
 LEAST = {
