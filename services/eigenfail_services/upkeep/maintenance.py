@@ -25,11 +25,15 @@ from eigenfail_services.store.engine import Database, find_backend, read_kind, t
 from eigenfail_services.store.errors import make_running_error
 from eigenfail_services.store.schema import metadata
 from eigenfail_services.upkeep.backup import (
-    COUNT_CONNECTIONS,
     FILE_SUFFIXES,
     LOCK_TIMEOUT_S,
     open_sqlite,
     translate_sqlite_errors,
+)
+
+COUNT_CONNECTIONS = text(
+    "SELECT count(*) FROM pg_stat_activity WHERE datname = current_database() "
+    "AND application_name = 'eigenfail' AND pid <> pg_backend_pid()"
 )
 
 TEMPORARY_VARIABLES = ("SQLITE_TMPDIR", "TMPDIR")
