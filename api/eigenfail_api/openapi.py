@@ -49,15 +49,7 @@ from eigenfail.values.release import ReleaseQuestion, ReleaseTable
 from eigenfail.values.report import Export, ExportRequest, Report
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable
-from eigenfail.values.triage import (
-    EpisodesTriage,
-    ModesTriage,
-    NoteText,
-    Triage,
-    TriageChange,
-    TriageCount,
-    TriageNote,
-)
+from eigenfail.values.triage import Triage, TriageChange
 from eigenfail.values.webhooks import (
     NewWebhook,
     Webhook,
@@ -140,12 +132,6 @@ BODIES = (
     Summary,
     Triage,
     TriageChange,
-    TriageCount,
-    TriageNote,
-    EpisodesTriage,
-    ModesTriage,
-    NoteText,
-    Page[TriageNote],
     Usage,
     Webhook,
     WebhookDelivery,
@@ -239,7 +225,7 @@ TAGS = {
     "analyses": "Failures grouped into failure modes, and replays of these modes.",
     "suites": "Named sets of campaigns that run, resume and are judged together.",
     "gates": "Results of regression gates, which `eigenfail gate` judges and reports.",
-    "triage": "State, owner, labels, ticket and notes of failure modes and episodes.",
+    "triage": "State, ticket and note of failure modes.",
     "events": "Events as a list or as a stream.",
     "workers": "Processes that run episodes.",
     "plug-ins": "Methods, planners, scenarios and simulators that campaigns can use.",

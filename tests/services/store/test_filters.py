@@ -103,15 +103,6 @@ def test_pages_along_an_index_sort_nothing(sqlite_url, name, where):
                 assert all("TEMP B-TREE" not in step[3] for step in plan), (sort, plan)
 
 
-@pytest.mark.parametrize("where", ["state = known", "state = new", "owner != ada", "label = a"])
-def test_triage_of_other_campaigns_is_not_read(sqlite_url, where):
-    with closing(Database(find_backend(sqlite_url))) as database, database.reading() as connection:
-        for query in page_queries(connection, 1, None, parse_filter(where), BY_INDEX):
-            plan = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {plain(query)}").all()
-            (read,) = (step[3] for step in plan if "triage" in step[3])
-            assert "kind=? AND parent=?" in read, plan
-
-
 def plans(url, ask):
     """Steps of the plan of SQLite for each query of rows that is asked."""
     statements = []
