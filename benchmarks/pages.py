@@ -89,7 +89,6 @@ def list_paths(crowd: Crowd) -> dict[str, str]:
         "page_release": f"/releases/{crowd.campaign + 1}",
         "page_search": "/search?q=brakes",
         "page_failures": "/failures",
-        "page_new_failures": "/failures?state=new",
     }
 
 

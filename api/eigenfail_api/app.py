@@ -37,7 +37,6 @@ from eigenfail_api.dashboard import (
     search_page,
     suites_page,
     triage_forms,
-    webhooks_page,
     workers_page,
 )
 from eigenfail_api.dashboard.rendering import STATIC, Assets, Navigation, wrap_for_browsers
@@ -95,7 +94,6 @@ ROUTERS = (
     keys.router,
     webhooks.router,
     keys_page.router,
-    webhooks_page.router,
     overview_page.router,
     campaign_page.router,
     measures_page.router,

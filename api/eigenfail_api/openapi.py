@@ -48,15 +48,7 @@ from eigenfail.values.release import ReleaseQuestion, ReleaseTable
 from eigenfail.values.report import Export, ExportRequest, Report
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable
-from eigenfail.values.triage import (
-    EpisodesTriage,
-    ModesTriage,
-    NoteText,
-    Triage,
-    TriageChange,
-    TriageCount,
-    TriageNote,
-)
+from eigenfail.values.triage import Triage, TriageChange
 from eigenfail.values.webhooks import (
     NewWebhook,
     Webhook,
@@ -121,7 +113,6 @@ BODIES = (
     Staffing,
     Page[SuiteStanding],
     Page[Webhook],
-    Page[WebhookDelivery],
     Page[http.PluginInfo],
     Policy,
     PriorityChange,
@@ -138,12 +129,6 @@ BODIES = (
     Summary,
     Triage,
     TriageChange,
-    TriageCount,
-    TriageNote,
-    EpisodesTriage,
-    ModesTriage,
-    NoteText,
-    Page[TriageNote],
     Usage,
     Webhook,
     WebhookDelivery,
@@ -237,12 +222,12 @@ TAGS = {
     "analyses": "Failures grouped into failure modes, and replays of these modes.",
     "suites": "Named sets of campaigns that run, resume and are judged together.",
     "gates": "Results of regression gates, which `eigenfail gate` judges and reports.",
-    "triage": "State, owner, labels, ticket and notes of failure modes and episodes.",
+    "triage": "State, ticket and note of failure modes.",
     "events": "Events as a list or as a stream.",
     "workers": "Processes that run episodes.",
     "plug-ins": "Methods, planners, scenarios and simulators that campaigns can use.",
     "keys": "API keys and the audit log; for administrators.",
-    "webhooks": "Addresses to which events are sent, and the deliveries; for administrators.",
+    "webhooks": "Addresses to which events are sent; for administrators.",
     "operations": "Liveness, readiness and metrics, for operators.",
 }
 WORDS = {

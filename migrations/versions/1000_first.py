@@ -24,8 +24,6 @@ def upgrade() -> None:
     create_analyses()
     create_modes()
     create_mode_members()
-    create_triage()
-    create_triage_notes()
     create_replays()
     create_events()
     create_event_counter()
@@ -50,8 +48,6 @@ def downgrade() -> None:
         "event_counter",
         "events",
         "replays",
-        "triage_notes",
-        "triage",
         "mode_members",
         "modes",
         "analyses",
@@ -354,6 +350,11 @@ def create_modes() -> None:
         sa.Column("number", sa.Integer(), autoincrement=False, nullable=False),
         sa.Column("failures", sa.Integer(), nullable=False),
         sa.Column("name", sa.Text(), nullable=False),
+        sa.Column("state", sa.Text(), nullable=False, server_default="new"),
+        sa.Column("ticket", sa.Text(), nullable=False, server_default=""),
+        sa.Column("note", sa.Text(), nullable=False, server_default=""),
+        sa.Column("changed_by", sa.Text(), nullable=False, server_default=""),
+        sa.Column("changed_ms", sa.BigInteger()),
         sa.PrimaryKeyConstraint("analysis", "number", name="pk_modes"),
         sa.ForeignKeyConstraint(["analysis"], ["analyses.id"], name="fk_modes_analysis"),
     )
@@ -371,40 +372,6 @@ def create_mode_members() -> None:
         sa.ForeignKeyConstraint(["campaign"], ["campaigns.id"], name="fk_mode_members_campaign"),
     )
     op.create_index("ix_mode_members_analysis_number", "mode_members", ["analysis", "number"])
-
-
-def create_triage() -> None:
-    op.create_table(
-        "triage",
-        sa.Column("kind", sa.Text(), nullable=False),
-        sa.Column("parent", ID, autoincrement=False, nullable=False),
-        sa.Column("number", ID, autoincrement=False, nullable=False),
-        sa.Column("state", sa.Text(), nullable=False),
-        sa.Column("owner", sa.Text(), nullable=False),
-        sa.Column("labels", sa.Text(), nullable=False),
-        sa.Column("ticket", sa.Text(), nullable=False),
-        sa.Column("changed_ms", sa.BigInteger(), nullable=False),
-        sa.Column("changed_by", sa.Text(), nullable=False),
-        sa.PrimaryKeyConstraint("kind", "parent", "number", name="pk_triage"),
-    )
-
-
-def create_triage_notes() -> None:
-    op.create_table(
-        "triage_notes",
-        sa.Column("id", ID, nullable=False),
-        sa.Column("kind", sa.Text(), nullable=False),
-        sa.Column("parent", ID, nullable=False),
-        sa.Column("number", ID, nullable=False),
-        sa.Column("at_ms", sa.BigInteger(), nullable=False),
-        sa.Column("author", sa.Text(), nullable=False),
-        sa.Column("text", sa.Text(), nullable=False),
-        sa.PrimaryKeyConstraint("id", name="pk_triage_notes"),
-        sqlite_autoincrement=True,
-    )
-    op.create_index(
-        "ix_triage_notes_kind_parent_number_id", "triage_notes", ["kind", "parent", "number", "id"]
-    )
 
 
 def create_replays() -> None:
@@ -542,7 +509,6 @@ def create_webhook_deliveries() -> None:
         sa.Column("state", sa.Text(), nullable=False),
         sa.Column("attempts", sa.Integer(), nullable=False),
         sa.Column("next_ms", sa.BigInteger(), nullable=False),
-        sa.Column("ended_ms", sa.BigInteger()),
         sa.Column("status", sa.Integer()),
         sa.Column("problem", sa.Text(), nullable=False),
         sa.Column("token", sa.Text()),
@@ -556,9 +522,6 @@ def create_webhook_deliveries() -> None:
         "ix_webhook_deliveries_state_next_ms", "webhook_deliveries", ["state", "next_ms"]
     )
     op.create_index("ix_webhook_deliveries_webhook_id", "webhook_deliveries", ["webhook", "id"])
-    op.create_index(
-        "ix_webhook_deliveries_webhook_state", "webhook_deliveries", ["webhook", "state"]
-    )
 
 
 def create_gates() -> None:

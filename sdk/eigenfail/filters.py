@@ -24,7 +24,6 @@ from eigenfail.values.episode import Outcome
 from eigenfail.values.measures import MEASURES, Measure
 from eigenfail.values.records import LEAD_TIMES, ConflictClass, EpisodeRow
 from eigenfail.values.requirements import MOST_REQUIREMENTS
-from eigenfail.values.triage import TriageState
 
 Value = int | float | str | bool
 
@@ -103,11 +102,6 @@ _COLUMNS = (
     Column("has_scene", ColumnKind.FLAG, "whether its scene was kept"),
     Column("problem", T, "why it errored"),
     Column("mode", W, "failure mode in the newest analysis of its campaign, from 1"),
-    Column("state", T, "state of its triage", tuple(TriageState)),
-    Column("owner", T, 'who works on it; "" without an owner'),
-    Column(
-        "label", T, 'its labels; = finds episodes with the label, != those without it; "" is none'
-    ),
 )
 
 COLUMNS = {column.name: column for column in _COLUMNS}
@@ -155,7 +149,6 @@ _VALUE_READERS: dict[str, Callable[[EpisodeRow], Value | None]] = {
     "drac_lead_s": lambda row: row.assessed.drac_lead_s,
     "log_probability_per_step": lambda row: row.log_probability / max(row.steps, 1),
     "problem": lambda row: row.problem or None,
-    "label": lambda row: ", ".join(row.labels) or None,
 }
 """How to read the columns that are not fields of a row."""
 
@@ -202,9 +195,6 @@ class Condition(msgspec.Struct, frozen=True):
 
     def holds(self, row: EpisodeRow) -> bool:
         """Whether a row fulfils the condition; a missing value never does."""
-        if self.column == "label":  # of which an episode has several, or none
-            is_met = self.value in row.labels if self.value else not row.labels
-            return is_met is (self.operator is Operator.EQUAL)
         value = read_value(row, self.column)
         return value is not None and bool(COMPARE[self.operator](value, self.value))
 

@@ -3,9 +3,7 @@
 import pytest
 from store_checks.failures import fill
 
-from eigenfail.values.triage import TriageChange, TriageState
 from eigenfail_services.store.failures import MOST_FAILURES
-from eigenfail_services.store.triage import episode_subject
 
 URL = "/api/v1/failures"
 
@@ -30,15 +28,7 @@ def test_failures_are_listed_page_by_page(http, places):
     assert read(http, sort="severity") == places[::-1]
 
 
-def test_failures_are_filtered(http, store, places):
-    severity, campaign, index = places[3]
-    store.triage.change(
-        episode_subject(campaign, index), TriageChange(TriageState.KNOWN, "anna"), "anna"
-    )
-    assert read(http, state="known") == read(http, owner="anna") == [places[3]]
-    assert severity == read(http, state="known")[0][0]
-    others = [each for each in places if each != places[3]]
-    assert read(http, state="new") == read(http, owner="") == others
+def test_failures_are_filtered(http, places):
     assert read(http, planner="idm") == [each for each in places if each[1] in {2, 4}]
     assert read(http, planner_version="v0") == [each for each in places if each[1] == 1]
     assert read(http, project="y") == []
@@ -53,7 +43,6 @@ def test_archived_campaigns_are_left_out_unless_asked_for(http, store, places):
 @pytest.mark.parametrize(
     ("params", "field"),
     [
-        ({"state": "done"}, "state"),
         ({"sort": "steps"}, "sort"),
         ({"limit": MOST_FAILURES + 1}, "limit"),
         ({"after": 1}, "after"),

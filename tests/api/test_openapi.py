@@ -178,12 +178,7 @@ def test_bodies_are_described_where_they_are_read(document):
         "/api/v1/campaigns/{campaign}/episodes/{index}/shrink",
         "/api/v1/analyses/{analysis}/modes/{mode}/name",
         "/api/v1/analyses/{analysis}/proof",
-        "/api/v1/analyses/{analysis}/modes/triage",
         "/api/v1/analyses/{analysis}/modes/{mode}/triage",
-        "/api/v1/analyses/{analysis}/modes/{mode}/notes",
-        "/api/v1/campaigns/{campaign}/episodes/triage",
-        "/api/v1/campaigns/{campaign}/episodes/{index}/triage",
-        "/api/v1/campaigns/{campaign}/episodes/{index}/notes",
         "/api/v1/keys",
         "/api/v1/keys/{key}/quotas",
         "/api/v1/gates",
@@ -343,7 +338,7 @@ def test_no_integer_of_a_request_is_an_error_of_the_service(http, document):
     requests = 0
     for path, method, name, schema in sent(document):
         ids = dict.fromkeys(("campaign", "analysis", "mode", "key", "webhook", "gate"), 1)
-        ids |= dict.fromkeys(("index", "delivery", "cluster", "version"), 0)
+        ids |= dict.fromkeys(("index", "cluster", "version"), 0)
         for given in place_beyond(document, schema):
             if name:
                 number = given[0] if isinstance(given, list) else given
@@ -356,9 +351,3 @@ def test_no_integer_of_a_request_is_an_error_of_the_service(http, document):
             requests += 1
             assert 400 <= response.status_code < 500, (method, path, name, given, response.text)
     assert requests > 200
-
-
-def test_a_mode_beyond_64_bits_is_refused_by_name(http, problem):
-    address = "/api/v1/analyses/1/modes/triage"
-    told = problem(http.post(address, json={"modes": [BEYOND], "change": {}}), 422)
-    assert told["field"].startswith("modes")

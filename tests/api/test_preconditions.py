@@ -7,20 +7,10 @@ from store_checks.modes import analysed, crashed
 
 from eigenfail.errors import PreconditionFailed
 from eigenfail.testing.examples import analysis_result
-from eigenfail_services.store.triage import mode_subject
 
 URL = "/api/v1"
-OWNED = {"owner": "anna"}
 CHANGES = [
-    ("POST", "{mode}/triage", {"owner": "anna"}, "{mode}/triage"),
-    ("POST", "{episode}/triage", {"owner": "anna"}, "{episode}/triage"),
-    (
-        "POST",
-        "{analysis}/modes/triage",
-        {"modes": [1], "change": {"owner": "a"}},
-        "{analysis}/modes",
-    ),
-    ("POST", "{mode}/notes", {"text": "seen"}, "{mode}/notes"),
+    ("POST", "{mode}/triage", {"note": "seen"}, "{mode}/triage"),
     ("PUT", "{mode}/name", {"name": "late"}, "{analysis}/modes"),
     ("POST", "{campaign}/priority", {"priority": "high"}, "{campaign}"),
     ("POST", "{campaign}/cancel", None, "{campaign}"),
@@ -30,15 +20,13 @@ CHANGES = [
 
 @pytest.fixture
 def places(http, store, campaign):
-    ran = crashed(store)
-    analysis = f"{URL}/analyses/{analysed(store, ran, analysis_result())}"
+    analysis = f"{URL}/analyses/{analysed(store, crashed(store), analysis_result())}"
     hook = {"url": "https://hooks.example/a", "events": ["campaign.ended"]}
     webhook = http.post(f"{URL}/webhooks", json=hook).json()["webhook"]["id"]
     return {
         "analysis": analysis,
         "mode": f"{analysis}/modes/2",
         "campaign": f"{URL}/campaigns/{campaign}",
-        "episode": f"{URL}/campaigns/{ran.id}/episodes/1",
         "webhook": f"{URL}/webhooks/{webhook}",
     }
 
@@ -67,9 +55,9 @@ def test_change_of_what_was_seen_is_made(http, places, change, wanted):
 def test_change_after_another_one_is_refused(http, problem, places):
     address = f"{places['mode']}/triage"
     seen = {"If-Match": http.get(address).headers["etag"]}
-    assert http.post(address, json={"owner": "anna"}, headers=seen).is_success
-    problem(http.post(address, json={"owner": "ben"}, headers=seen), 412)
-    assert http.get(address).json()["owner"] == "anna"
+    assert http.post(address, json={"note": "of anna"}, headers=seen).is_success
+    problem(http.post(address, json={"note": "of ben"}, headers=seen), 412)
+    assert http.get(address).json()["note"] == "of anna"
 
 
 def test_missing_thing_stays_a_404_whatever_the_precondition(http, problem):
@@ -77,8 +65,8 @@ def test_missing_thing_stays_a_404_whatever_the_precondition(http, problem):
 
 
 def test_of_conditional_changes_at_once_one_is_made(store):
-    subject = mode_subject(analysed(store, crashed(store), analysis_result()), 1)
-    seen = store.triage.get(subject)
+    analysis = analysed(store, crashed(store), analysis_result())
+    seen = store.triage.get(analysis, 1)
 
     def refuse_newer(found):
         if found != seen:
@@ -88,7 +76,8 @@ def test_of_conditional_changes_at_once_one_is_made(store):
         from eigenfail.values.triage import TriageChange
 
         try:
-            store.triage.change(subject, TriageChange(owner=f"user {number}"), "key", refuse_newer)
+            change = TriageChange(note=f"of user {number}")
+            store.triage.change(analysis, 1, change, "key", refuse_newer)
         except PreconditionFailed:
             return 0
         return 1
@@ -106,6 +95,6 @@ def test_transaction_checks_the_precondition_again(http, store, places, monkeypa
 
     monkeypatch.setattr(middleware, "holds", agree)
     address = f"{places['mode']}/triage"
-    response = http.post(address, json={"owner": "anna"}, headers={"If-Match": '"old"'})
+    response = http.post(address, json={"note": "seen"}, headers={"If-Match": '"old"'})
     assert response.status_code == 412
-    assert http.get(address).json()["owner"] == ""
+    assert http.get(address).json()["note"] == ""

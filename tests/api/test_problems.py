@@ -19,10 +19,6 @@ WITH_IDS = [route for route in ROUTES if {"campaign", "analysis", "webhook"} & {
 BODIES = {
     "/api/v1/campaigns/{campaign}/priority": {"priority": "high"},
     "/api/v1/analyses/{analysis}/modes/{mode}/name": {"name": "late braking"},
-    "/api/v1/analyses/{analysis}/modes/triage": {"modes": [1], "change": {"state": "known"}},
-    "/api/v1/analyses/{analysis}/modes/{mode}/notes": {"text": "as before"},
-    "/api/v1/campaigns/{campaign}/episodes/triage": {"filter": "", "change": {}},
-    "/api/v1/campaigns/{campaign}/episodes/{index}/notes": {"text": "as before"},
     "/api/v1/suites": {"name": "a", "base": {}, "grid": {}},
 }
 """Where one must be given."""

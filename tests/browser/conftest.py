@@ -15,7 +15,6 @@ from store_checks.gates import make_report
 
 from eigenfail import plugins
 from eigenfail.gate.verdicts import GateVerdict
-from eigenfail.signatures import make_secret
 from eigenfail.values import (
     AnalysisSettings,
     CampaignSpec,
@@ -33,15 +32,12 @@ from eigenfail.values import (
 )
 from eigenfail.values.episode import unrunnable
 from eigenfail.values.records import Delivery
-from eigenfail.values.webhooks import WebhookRequest
 from eigenfail_api.__main__ import Server, listen
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.proofs import launch_replays
 from eigenfail_services.store import open_store
-from eigenfail_services.store.clock import now_ms
-from eigenfail_services.webhooks.dispatcher import judge_failure, judge_status
 
 CHROMIUM = shutil.which("chromium-headless-shell") or shutil.which("chromium")
 """The shell has no window: it takes less than half of the processor time."""
@@ -224,21 +220,6 @@ def campaign_of(store, name, results, method="ast", **fields):
     return campaign
 
 
-def fill_webhooks(store):
-    """Two webhooks, one with a long address, and deliveries in every state."""
-    urls = ("https://hooks.example/", f"https://hooks.example/{UNBROKEN}?{UNBROKEN}")
-    ids = [store.webhooks.create(WebhookRequest(url), make_secret()).id for url in urls]
-    store.webhooks.set_active(ids[0], active=False)
-    outbox = store.webhooks.outbox
-    for outcome in (
-        judge_status(204, 1),
-        judge_failure("192.168.0.17 is not a public address.", 10),
-        judge_failure(f"The request failed: {LONG}.", 3),
-    ):
-        store.webhooks.test(ids[1])
-        outbox.conclude(outbox.claim(60.0, now_ms()), outcome, now_ms())
-
-
 def fill_tables(store, made):
     """What makes tables wide: long names, unresolved and errored episodes, suites, estimates."""
     several = [mixed(index, 0.3) for index in range(60)]
@@ -263,7 +244,6 @@ def fill_tables(store, made):
     store.checkpoints.save(made.members[0], b"state", TOLD)
     store.checkpoints.save(made.members[1], b"state", REFUSED)
     made.suite = SUITE
-    fill_webhooks(store)
     made.gate = store.gates.record(make_report(*GateVerdict, version=UNBROKEN[:80])).id
     made.long_analysis = analysed(store, made.long)
     made.real = campaign_of(store, "Wave on cut-in", real_results(), planner_version="1.4")

@@ -44,7 +44,6 @@ PAGES = {
     "/login": ["/login"],
     "/keys": ["/keys"],
     "/audit": ["/audit"],
-    "/webhooks": ["/webhooks"],
     "/campaigns/{campaign}": [
         *("/campaigns/{ast}", "/campaigns/{difs}", "/campaigns/{queued}"),
         *("/campaigns/{long}", "/campaigns/{errored}", "/campaigns/{varied}"),

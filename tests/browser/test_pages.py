@@ -22,7 +22,6 @@ PAGES = {
     "comparison": "/comparison?a={baseline}&b={ast}",
     "keys": "/keys",
     "audit log": "/audit",
-    "webhooks": "/webhooks",
 }
 CHARTS = {
     "overview": 2,

@@ -13,26 +13,24 @@ from starlette.types import Scope
 from eigenfail.gate.report import GateReport, GateRun
 from eigenfail.values.access import UNLIMITED, KeyRequest, Quotas, redact
 from eigenfail.values.campaign_spec import PriorityChange
-from eigenfail.values.triage import EpisodesTriage, ModesTriage, TriageChange
+from eigenfail.values.triage import TriageChange
 from eigenfail.values.webhooks import WebhookRequest
 from eigenfail.wire.http import ModeName
 
 RECORDED: Mapping[type[msgspec.Struct], tuple[str, ...]] = {
-    EpisodesTriage: ("filter", "change"),
     GateReport: ("gate", "open"),
     GateRun: ("suite", "version", "baseline"),
     KeyRequest: ("name", "scope", "expires_s", "quotas"),
     ModeName: ("name",),
-    ModesTriage: ("modes", "change"),
     PriorityChange: ("priority",),
     Quotas: ("max_open", "max_episodes", "max_episodes_per_day"),
-    TriageChange: ("state", "owner", "labels", "add_labels", "remove_labels", "ticket"),
+    TriageChange: ("state", "ticket"),
     WebhookRequest: ("events",),
 }
 """Fields of a body that the audit log has; of other bodies it has none."""
 
-RECORDED_IN_FORMS = ("state", "owner", "labels", "ticket", "filter")
-"""The same for the forms of triage on pages."""
+RECORDED_IN_FORMS = ("state", "ticket")
+"""The same for the form of triage on a page."""
 
 LONGEST_VALUE, LONGEST_DETAILS = 120, 600
 """Most characters of a value, and of all of them together."""

@@ -38,19 +38,18 @@ from eigenfail.values import (
     ProvenMode,
 )
 from eigenfail.values.analysis import propose_mode_names
+from eigenfail.values.triage import TriageState
 from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_api.dashboard.analysis_charts import make_detail_charts, make_mode_charts
 from eigenfail_api.dashboard.charts import Chart
 from eigenfail_api.dashboard.episodes_page import (
     AnalysisChoices,
     AnalysisLine,
-    Changed,
     list_analysis_choices,
     make_analysis_line,
 )
 from eigenfail_api.dashboard.proof import ProofView, describe_reproduction, make_proof_view
 from eigenfail_api.dashboard.rendering import Tile, make_probability_tile, page
-from eigenfail_api.dashboard.triage_forms import CHOICES, TriageChoices, describe_triage
 from eigenfail_api.parameters import AnalysisId, Stored
 from eigenfail_services.campaigns.analysis_jobs import leaves_early_out
 from eigenfail_services.campaigns.proofs import summarise_proof
@@ -191,10 +190,7 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
         is_doubtful: whether something speaks against distinct modes.
         choices: of the channels that the other one may analyse.
         names: the names that were given to modes, by number.
-        all_names: the names of modes by number, those that are proposed among them.
-        changed: how many modes the form for triage has just changed; None if it was not sent.
-        triage: state and owner of each mode in words, by number; empty of a new one without owner.
-        triage_choices: what the form for triage offers.
+        triage: states of the modes that are not new, in words, by number.
     """
 
     line: AnalysisLine
@@ -215,10 +211,7 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     asked: AnalysisSettings
     choices: AnalysisChoices
     names: Mapping[int, str]
-    all_names: Mapping[int, str]
-    changed: int | None
     triage: Mapping[int, str]
-    triage_choices: TriageChoices = CHOICES
 
 
 def make_analysis_view(
@@ -226,7 +219,6 @@ def make_analysis_view(
     campaigns: Sequence[Campaign],
     proof: Proof | None,
     modes: Sequence[Mode],
-    changed: int | None = None,
 ) -> AnalysisView:
     """Return the page of an analysis, with the results of the replays that have ended.
 
@@ -235,7 +227,6 @@ def make_analysis_view(
         campaigns: the campaign that it is of, and those that it analyses with it.
         proof: the replays of its modes; None before there is a result.
         modes: its modes, with their names and triage.
-        changed: as in the view.
     """
     result, campaign = analysis.result, campaigns[0]
     is_whole = not leaves_early_out(analysis.settings, campaigns)
@@ -261,9 +252,9 @@ def make_analysis_view(
         asked=analysis.settings,
         choices=list_analysis_choices(campaign.spec),
         names=find_given_names(result, modes) if result else {},
-        all_names={each.number: each.name for each in modes if each.name != f"Mode {each.number}"},
-        changed=changed,
-        triage={mode.number: describe_triage(mode.state, mode.owner) for mode in modes},
+        triage={
+            mode.number: mode.state.words for mode in modes if mode.state is not TriageState.NEW
+        },
     )
 
 
@@ -354,7 +345,7 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 
 @router.get("/analyses/{analysis}")
-def show_analysis(store: Stored, analysis: AnalysisId, changed: Changed = None) -> HTMLResponse:
+def show_analysis(store: Stored, analysis: AnalysisId) -> HTMLResponse:
     """One analysis."""
     seen = store.analyses.get(analysis)
     proven = summarise_proof(store, seen) if seen.result else None
@@ -362,4 +353,4 @@ def show_analysis(store: Stored, analysis: AnalysisId, changed: Changed = None) 
     others = seen.settings.campaigns if seen.result else ()
     campaigns = list(map(store.campaigns.get, (seen.campaign, *others)))
     modes = store.analyses.modes(analysis)
-    return page("analysis.html", make_analysis_view(seen, campaigns, proven, modes, changed))
+    return page("analysis.html", make_analysis_view(seen, campaigns, proven, modes))

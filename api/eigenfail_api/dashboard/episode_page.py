@@ -64,13 +64,11 @@ from eigenfail_api.dashboard.scene import (
     make_noise_chart,
     make_scene_chart,
 )
-from eigenfail_api.dashboard.triage_forms import TriageView, make_triage_view
 from eigenfail_api.parameters import CampaignId, EpisodeIndex, Stored
 from eigenfail_api.routes.episodes import EXPLAINING, EXPLANATIONS
 from eigenfail_services.campaigns.minimal_failures import METHOD as MINIMAL
 from eigenfail_services.campaigns.recordings import find_mission
 from eigenfail_services.store import Store
-from eigenfail_services.store.triage import episode_subject
 
 Facts = tuple[tuple[str, str], ...]
 
@@ -207,7 +205,6 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
         verdict: whether it is the same again; None if it repeats no episode that is known.
         mode: its failure mode in the newest analysis of it; None if it was not analysed.
         left_out_by: the newest analysis of its campaign, if that left this failure out.
-        triage: its state, owner, labels, ticket and notes.
     """
 
     campaign: int
@@ -237,7 +234,6 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
     verdict: ReplayVerdict | None
     mode: Mode | None
     left_out_by: int | None
-    triage: TriageView
 
 
 class EpisodeContext(NamedTuple):
@@ -248,7 +244,6 @@ class EpisodeContext(NamedTuple):
     verdict: ReplayVerdict | None
     mode: Mode | None
     left_out_by: int | None
-    triage: TriageView
 
 
 def make_episode_view(
@@ -359,7 +354,6 @@ def show_episode(
         judge_replay(store, Run(seen, result)),
         modes[0] if modes else None,
         newest if is_left_out else None,
-        make_triage_view(store, episode_subject(campaign, index)),
     )
     return page("episode.html", make_episode_view(seen, result, mission, context))
 

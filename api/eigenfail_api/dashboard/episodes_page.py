@@ -47,7 +47,6 @@ from eigenfail_api.dashboard.rendering import (
     page,
     write_time,
 )
-from eigenfail_api.dashboard.triage_forms import CHOICES, TriageChoices, describe_triage
 from eigenfail_api.parameters import LARGEST, CampaignId, Stored
 from eigenfail_services.store import Store
 
@@ -72,7 +71,6 @@ class EpisodeRequest(msgspec.Struct, frozen=True):
     filter: str
     sort: SortOrder
     after: int | None = None
-    changed: int | None = None
 
 
 class EpisodeLine(msgspec.Struct, frozen=True):
@@ -81,7 +79,6 @@ class EpisodeLine(msgspec.Struct, frozen=True):
     Attributes:
         address: page of the episode; it knows the list, so that it can lead to the next one.
         conflict: its class, beside the outcome.
-        triage: its state and owner in words; empty of a new episode without an owner.
         cells: figures, as in `FIGURES`.
     """
 
@@ -92,7 +89,6 @@ class EpisodeLine(msgspec.Struct, frozen=True):
     conflict: str
     cells: tuple[str, ...]
     has_scene: bool
-    triage: str = ""
 
 
 class Heading(msgspec.Struct, frozen=True):
@@ -192,7 +188,6 @@ def make_episode_line(row: EpisodeRow, asked: EpisodeRequest | None = None) -> E
         conflict=describe_conflict(row),
         cells=tuple(format_cell(row, column) for column, *_ in FIGURES),
         has_scene=row.has_scene,
-        triage=describe_triage(row.state, row.owner),
     )
 
 
@@ -334,7 +329,6 @@ EXAMPLES = {
     "class = near_miss and source != prior": "near misses of the search",
     "outcome = errored": "episodes that errored",
     "mode = 1": "failures of mode 1 of the newest analysis",
-    "outcome = collision and state = new": "collisions that are still new",
 }
 
 
@@ -359,8 +353,6 @@ class FoundView(msgspec.Struct, frozen=True, kw_only=True):
         first: the first page; empty on it.
         next: the page behind this one; empty on the last.
         empty: why there is nothing to see.
-        triage_choices: what the form for triage offers.
-        changed: how many episodes the form for triage has just changed; None if it was not sent.
     """
 
     campaign: int
@@ -382,8 +374,6 @@ class FoundView(msgspec.Struct, frozen=True, kw_only=True):
     first: str = ""
     next: str = ""
     empty: str = ""
-    triage_choices: TriageChoices = CHOICES
-    changed: int | None = None
 
 
 def make_found_view(
@@ -430,7 +420,6 @@ def make_blank_view(campaign: Campaign, asked: EpisodeRequest) -> FoundView:
         ),
         columns=tuple(COLUMNS.values()),
         title="Episodes",
-        changed=asked.changed,
     )
 
 
@@ -474,7 +463,6 @@ FAILURES_ON_A_PAGE = 25
 EPISODES_ON_A_PAGE = 50
 
 After = Annotated[int | None, Query(ge=0, le=LARGEST)]
-Changed = Annotated[int | None, Query(ge=0, le=LARGEST)]
 Filter = Annotated[str, Query(alias="filter")]
 
 
@@ -482,10 +470,9 @@ async def parse_request(
     conditions: Filter = "",
     sort: str = str(BY_INDEX),
     after: After = None,
-    changed: Changed = None,
 ) -> EpisodeRequest:
     """Return what an address asks for; the filter is parsed later."""
-    return EpisodeRequest(conditions.strip(), parse_sort(sort), after, changed)
+    return EpisodeRequest(conditions.strip(), parse_sort(sort), after)
 
 
 @router.get("/campaigns/{campaign}/episodes")

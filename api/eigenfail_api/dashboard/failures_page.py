@@ -1,20 +1,18 @@
 """The page of the failures of all campaigns."""
 
 from collections.abc import Mapping
-from typing import Annotated, Literal, NamedTuple
+from typing import Annotated, NamedTuple
 from urllib.parse import urlencode
 
 import msgspec
 from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
-from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
 from eigenfail.filters import SortOrder, parse_sort, write_failure_filter
 from eigenfail.values import Campaign, Page
 from eigenfail.values.failures import MOST_SEVERE_FIRST, FailureFilter, parse_failure_sort
 from eigenfail.values.records import EpisodeRow
-from eigenfail.values.triage import TriageState
 from eigenfail_api.dashboard.episodes_page import (
     EpisodeLine,
     EpisodeRequest,
@@ -25,9 +23,8 @@ from eigenfail_api.dashboard.episodes_page import (
     order,
 )
 from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.dashboard.triage_forms import STATES
 from eigenfail_api.parameters import Stored
-from eigenfail_api.routes.failures import After, parse_campaigns
+from eigenfail_api.routes.failures import After, parse_failures
 from eigenfail_services.store import Store
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -79,7 +76,6 @@ class FailuresView(msgspec.Struct, frozen=True, kw_only=True):
         severity: head of the column that sorts the list.
         first: address of the first page; empty on it.
         next: address of the page behind this one; empty on the last.
-        states: values and words of the states of triage, for a choice.
         archive: words and address of the list with or without archived campaigns.
         copied: path of the request that lists the same failures, below /api/v1.
         is_first_again: whether the first page is shown since the place is not there any more.
@@ -90,7 +86,6 @@ class FailuresView(msgspec.Struct, frozen=True, kw_only=True):
     lines: tuple[FailureLine, ...]
     first: str
     next: str
-    states: tuple[tuple[str, str], ...] = STATES
     archive: tuple[str, str]
     copied: str
     is_first_again: bool
@@ -113,26 +108,8 @@ def read_campaign_fields(
     return FailureForm(*(text.strip() for text in (project, planner, planner_version, method)))
 
 
-class TriageForm(NamedTuple):
-    """Fields of the form about triage; None asks for nothing, an empty owner for none."""
-
-    state: TriageState | None
-    owner: str | None
-
-
-def read_triage_fields(
-    state: Annotated[TriageState | Literal[""], Query()] = "",
-    owner: Words = "",
-    unowned: Annotated[bool, Query()] = False,
-) -> TriageForm:
-    """Return the fields of a request about triage; `unowned` overrides an owner."""
-    named = owner.strip() or None
-    return TriageForm(TriageState(state) if state else None, "" if unowned else named)
-
-
 def parse_request(
     campaigns: Annotated[FailureForm, Depends(read_campaign_fields)],
-    triage: Annotated[TriageForm, Depends(read_triage_fields)],
     archived: Annotated[bool, Query()] = False,
     sort: Annotated[str, Query(max_length=64)] = MOST_SEVERE_FIRST,
 ) -> FailureQuery:
@@ -141,17 +118,10 @@ def parse_request(
     of_campaign = campaigns._asdict()
     given = {
         **of_campaign,
-        "state": triage.state or "",
-        "owner": triage.owner or "",
-        "unowned": "true" if triage.owner == "" else "",
         "archived": "true" if archived else "",
         "sort": "" if sort.strip() == MOST_SEVERE_FIRST else sort.strip(),
     }
-    where = replace(
-        parse_campaigns(**of_campaign, archived=archived),
-        state=triage.state,
-        owner=triage.owner,
-    )
+    where = parse_failures(**of_campaign, archived=archived)
     return FailureQuery({name: text for name, text in given.items() if text}, where, sort.strip())
 
 
@@ -224,10 +194,8 @@ def _describe_archive(asked: FailureQuery) -> tuple[str, str]:
 
 
 def _write_copied(asked: FailureQuery) -> str:
-    """Return the path and query of the same list in the API, which has no `unowned`."""
-    named = {name: text for name, text in asked.query.items() if name != "unowned"}
-    query = named | ({"owner": ""} if asked.where.owner == "" else {})
-    return f"/failures?{urlencode(query)}" if query else "/failures"
+    """Return the path and query of the same list in the API."""
+    return f"/failures?{urlencode(asked.query)}" if asked.query else "/failures"
 
 
 def _write_address(query: Mapping[str, str], **changes: str) -> str:

@@ -34,7 +34,6 @@ from eigenfail_api.parameters import AnalysisId, ModeNumber, Stored
 from eigenfail_services.campaigns.proofs import read_result, summarise_proof
 from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.store import Store
-from eigenfail_services.store.triage import mode_subject
 
 FAILURES_ON_PAGE = 50
 
@@ -58,7 +57,7 @@ class ModeView(msgspec.Struct, frozen=True, kw_only=True):
             is this one.
         has_animation: whether an animation of its failures can be made here.
         version: version of the planner that its campaign names; empty if none.
-        triage: its state, owner, labels, ticket and notes.
+        triage: its state, ticket and note.
     """
 
     mode: Mode
@@ -108,7 +107,7 @@ def make_mode_view(
         newer=None if newest == analysis.id else newest,
         has_animation=world.has_road and ANIMATION in list_formats(),
         version=campaign.spec.version,
-        triage=make_triage_view(store, mode_subject(analysis.id, mode.number)),
+        triage=make_triage_view(store.triage.get(analysis.id, mode.number)),
     )
 
 

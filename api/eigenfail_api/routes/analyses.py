@@ -24,7 +24,7 @@ from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.report import MOST_CAMPAIGNS, Report
 from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.values.seeds import SeedSpread
-from eigenfail.values.triage import TriageFilter, TriageState
+from eigenfail.values.triage import TriageState
 from eigenfail.wire.http import PREFIX, ModeName, ProofRequest
 from eigenfail_api.concurrency import ConcurrencyLimit, SerialExecutor
 from eigenfail_api.openapi import JSON, document_route, problem_response, schema
@@ -56,8 +56,6 @@ from eigenfail_services.store.clock import now_ms
 router = APIRouter(prefix=PREFIX, tags=["analyses"])
 
 OnlyState = Annotated[TriageState | None, Query(description="Only modes in this state of triage.")]
-OnlyOwner = Annotated[str | None, Query(description="Only modes of this owner; empty for none.")]
-OnlyLabel = Annotated[str | None, Query(description="Only modes with this label.")]
 
 
 @router.post(
@@ -96,15 +94,9 @@ def list_eigenfailures(store: Stored, analysis: AnalysisId) -> Json:
 
 
 @router.get("/analyses/{analysis}/modes", **document_route(Page[Mode]))
-def list_modes(
-    store: Stored,
-    analysis: AnalysisId,
-    state: OnlyState = None,
-    owner: OnlyOwner = None,
-    label: OnlyLabel = None,
-) -> Json:
+def list_modes(store: Stored, analysis: AnalysisId, state: OnlyState = None) -> Json:
     """List the failure modes of an analysis by number, with their names; none before it is done."""
-    return Json(Page(store.analyses.modes(analysis, TriageFilter(state, owner, label))))
+    return Json(Page(store.analyses.modes(analysis, state)))
 
 
 @router.put("/analyses/{analysis}/modes/{mode}/name", **document_route(Mode, body=ModeName))

@@ -3,7 +3,6 @@
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Query
-from msgspec.structs import replace
 
 from eigenfail import plugins
 from eigenfail.methods import traits_of
@@ -16,7 +15,6 @@ from eigenfail.values.failures import (
     parse_failure_sort,
 )
 from eigenfail.values.records import EpisodeRow
-from eigenfail.values.triage import TriageState
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.openapi import document_route
 from eigenfail_api.parameters import LARGEST, Json, Stored
@@ -37,10 +35,6 @@ Method = Annotated[
     ),
 ]
 Archived = Annotated[bool, Query(description="Whether those of archived campaigns are listed.")]
-State = Annotated[TriageState | None, Query(description="Only failures in this state of triage.")]
-Owner = Annotated[
-    str | None, Query(description="Only failures of this owner in triage; empty for none.")
-]
 SortBy = Annotated[str, Query(alias="sort", description=f"Order: {', '.join(FAILURE_ORDERS)}.")]
 MaxFailures = Annotated[
     int, Query(ge=1, le=MOST_FAILURES, description="Maximum number of failures on a page.")
@@ -51,14 +45,14 @@ After = Annotated[
 ]
 
 
-def parse_campaigns(
+def parse_failures(
     project: Project = None,
     planner: Planner = None,
     planner_version: Version = None,
     method: Method = None,
     archived: Archived = False,
 ) -> FailureFilter:
-    """Return the part of a filter of failures that is about their campaigns."""
+    """Return the filter of a request: all its conditions hold."""
     campaign = CampaignFilter(
         method=method or None,
         project=project or None,
@@ -72,15 +66,6 @@ def list_repeating_methods() -> tuple[str, ...]:
     """Return the methods whose failures are earlier ones again."""
     names = plugins.names(plugins.METHODS)
     return tuple(name for name in names if not traits_of(name).finds_new)
-
-
-def parse_failures(
-    campaigns: Annotated[FailureFilter, Depends(parse_campaigns)],
-    state: State = None,
-    owner: Owner = None,
-) -> FailureFilter:
-    """Return the filter of a request: all its conditions hold."""
-    return replace(campaigns, state=state, owner=owner)
 
 
 @router.get("/failures", **document_route(Page[EpisodeRow]))

@@ -20,7 +20,6 @@ from eigenfail.cli.options import (
     parse_episode_id,
 )
 from eigenfail.cli.render import follow, judge, show, show_rows, to_json
-from eigenfail.cli.triage import add_episode_note, show_episode_triage, triage_episodes
 from eigenfail.errors import InvalidValue, NoisePruned, NotFound
 from eigenfail.exchange import KNOWN
 from eigenfail.exchange.recording import EgoControl
@@ -357,6 +356,3 @@ def show_episode(
 for page in (replay, explain, shrink):
     app.command()(page)
 app.command("failures")(list_failures)
-app.command("triage")(triage_episodes)
-app.command("note")(add_episode_note)
-app.command("notes")(show_episode_triage)

@@ -12,7 +12,6 @@ from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.presentation.episodes import tabulate_failures
 from eigenfail.presentation.terminal import render
 from eigenfail.values.failures import FAILURE_ORDERS, MOST_SEVERE_FIRST
-from eigenfail.values.triage import TriageState
 
 Project = Annotated[str | None, typer.Option(help="Only failures of this project.")]
 Planner = Annotated[
@@ -30,10 +29,6 @@ Method = Annotated[
         help="Only failures that this method found.", autocompletion=completion.complete_methods
     ),
 ]
-State = Annotated[TriageState | None, typer.Option(help="Only failures in this state of triage.")]
-Owner = Annotated[
-    str | None, typer.Option(metavar="NAME", help='Only failures of this owner; "" for none.')
-]
 Sort = Annotated[str, typer.Option(help=f"{' or '.join(FAILURE_ORDERS)}.")]
 Archived = Annotated[
     bool, typer.Option("--archived", help="List failures of archived campaigns, too.")
@@ -47,8 +42,6 @@ def list_failures(
     planner: Planner = None,
     planner_version: PlannerVersion = None,
     method: Method = None,
-    state: State = None,
-    owner: Owner = None,
     sort: Sort = MOST_SEVERE_FIRST,
     archived: Archived = False,
     limit: Limit = 20,
@@ -64,8 +57,6 @@ def list_failures(
             planner=planner,
             planner_version=planner_version,
             method=method,
-            state=state,
-            owner=owner,
             sort=sort,
             archived=archived,
         )

@@ -36,7 +36,7 @@ COMMANDS = {
     "report": "Write a report on campaigns: one self-contained HTML file, and its data.",
     "worker": "Run one worker for a service, or list the workers of a service.",
     "key": "Create, list, limit and revoke API keys; show the audit log.",
-    "webhook": "Add, list, test and remove webhooks, to which events are sent; show deliveries.",
+    "webhook": "Add, list, test and remove webhooks, to which events are sent.",
     "db": "Create, upgrade, verify, back up, restore and prune a database.",
     "doctor": "Check the installation, the service and the database.",
 }

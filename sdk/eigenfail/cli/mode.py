@@ -10,13 +10,7 @@ from rich.table import Table
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, Url
 from eigenfail.cli.render import make_console, show, to_json
-from eigenfail.cli.triage import (
-    AnalysisId,
-    ModeNumber,
-    add_mode_note,
-    show_mode_triage,
-    triage_modes,
-)
+from eigenfail.cli.triage import AnalysisId, ModeNumber, triage_mode
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.values import Mode
@@ -32,13 +26,6 @@ ModeName = Annotated[
 OnlyState = Annotated[
     TriageState | None, typer.Option("--state", help="Only modes in this state of triage.")
 ]
-OnlyOwner = Annotated[
-    str | None,
-    typer.Option("--owner", metavar="NAME", help='Only modes of this owner; "" for none.'),
-]
-OnlyLabel = Annotated[
-    str | None, typer.Option("--label", metavar="LABEL", help="Only modes with this label.")
-]
 
 
 @app.callback()
@@ -52,8 +39,6 @@ def list_modes(
     analysis: AnalysisId,
     url: Url = DEFAULT_URL,
     state: OnlyState = None,
-    owner: OnlyOwner = None,
-    label: OnlyLabel = None,
     as_json: AsJson = False,
 ) -> None:
     """List the failure modes of an analysis, with their names, failures and triage.
@@ -61,7 +46,7 @@ def list_modes(
     A mode that was given no name has the beginning of its description for one.
     """
     with connect_to(context, url) as client:
-        found = client.analyses.modes(analysis, state, owner, label)
+        found = client.analyses.modes(analysis, state)
     show(found, as_json, lambda: _draw_modes(found))
 
 
@@ -85,16 +70,12 @@ def rename_mode(
 
 def _draw_modes(modes: Iterable[Mode]) -> Table:
     """A row for each mode."""
-    titles = ("mode", "name", "failures", "state", "owner", "labels")
-    grid = start_grid(*titles, right=("mode", "failures"))
+    grid = start_grid("mode", "name", "failures", "state", right=("mode", "failures"))
     for each in modes:
-        words = (each.state.words, each.owner, ", ".join(each.labels))
         grid.add_row(
-            *(str(each.number), escape(each.name), f"{each.failures:,}"), *map(escape, words)
+            str(each.number), escape(each.name), f"{each.failures:,}", escape(each.state.words)
         )
     return grid
 
 
-app.command("triage")(triage_modes)
-app.command("note")(add_mode_note)
-app.command("notes")(show_mode_triage)
+app.command("triage")(triage_mode)

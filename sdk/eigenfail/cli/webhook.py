@@ -1,15 +1,16 @@
-"""`eigenfail webhook`: add, list, test and remove webhooks; show and repeat deliveries."""
+"""`eigenfail webhook`: add, list, test and remove webhooks."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Annotated
 
 import typer
+from rich.console import Group
 from rich.markup import escape
 from rich.table import Table
 
 from eigenfail.cli.connection import connect_to
-from eigenfail.cli.options import AsJson, Limit, Url
-from eigenfail.cli.render import show, show_rows, to_json
+from eigenfail.cli.options import AsJson, Url
+from eigenfail.cli.render import show, to_json
 from eigenfail.client.link import wait_until
 from eigenfail.errors import ServiceError
 from eigenfail.hosting.folder import DEFAULT_URL
@@ -31,12 +32,11 @@ WAIT_S = 30.0
 app = typer.Typer(
     add_completion=False,
     no_args_is_help=True,
-    help="Add, list, test and remove webhooks, to which events are sent; show deliveries.\n\n"
+    help="Add, list, test and remove webhooks, to which events are sent.\n\n"
     "Each needs a key with the scope admin, where keys are required.",
 )
 
 WebhookId = Annotated[int, typer.Argument(metavar="ID", min=1, help="Id of a webhook.")]
-DeliveryId = Annotated[int, typer.Argument(metavar="DELIVERY", min=1, help="Id of a delivery.")]
 Address = Annotated[
     str, typer.Argument(metavar="URL", help="Address to which events are sent, https or http.")
 ]
@@ -45,9 +45,6 @@ Events = Annotated[
     typer.Option(
         "--event", metavar="EVENT", help="Kind of event to send; may be repeated. [default: all]"
     ),
-]
-State = Annotated[
-    DeliveryState | None, typer.Option(help="Only deliveries in this state. [default: all]")
 ]
 
 
@@ -67,7 +64,7 @@ def add(
 
 @app.command("list")
 def list_webhooks(context: typer.Context, url: Url = DEFAULT_URL, as_json: AsJson = False) -> None:
-    """List webhooks, newest first, without their secrets."""
+    """List webhooks with their last deliveries, newest first, without their secrets."""
     with connect_to(context, url) as client:
         found = tuple(client.webhooks.list())
     show(found, as_json, lambda: _draw_webhooks(found))
@@ -83,26 +80,6 @@ def remove(
     typer.echo(to_json(found) if as_json else f"Webhook {found.id} to {found.url} was removed.")
 
 
-@app.command()
-def activate(
-    context: typer.Context, webhook: WebhookId, url: Url = DEFAULT_URL, as_json: AsJson = False
-) -> None:
-    """Send events to a webhook from now on, and its pending deliveries."""
-    with connect_to(context, url) as client:
-        found = client.webhooks.activate(webhook)
-    show(found, as_json, lambda: _draw_webhooks([found]))
-
-
-@app.command()
-def deactivate(
-    context: typer.Context, webhook: WebhookId, url: Url = DEFAULT_URL, as_json: AsJson = False
-) -> None:
-    """Send nothing to a webhook from now on; new events are not kept for it."""
-    with connect_to(context, url) as client:
-        found = client.webhooks.deactivate(webhook)
-    show(found, as_json, lambda: _draw_webhooks([found]))
-
-
 @app.command("test")
 def send_test(
     context: typer.Context, webhook: WebhookId, url: Url = DEFAULT_URL, as_json: AsJson = False
@@ -113,43 +90,18 @@ def send_test(
     """
     with connect_to(context, url) as client:
         queued = client.webhooks.test(webhook)
-        found = wait_until(
-            lambda: client.webhooks.delivery(webhook, queued.id), _is_attempted, POLL_S, WAIT_S
-        )
-    show(found, as_json, lambda: _draw_deliveries([found]))
+
+        def look() -> WebhookDelivery:
+            found = client.webhooks.get(webhook).deliveries
+            return next((each for each in found if each.id == queued.id), queued)
+
+        found = wait_until(look, _is_attempted, POLL_S, WAIT_S)
+    show(found, as_json, lambda: _draw_deliveries([(webhook, found)]))
     if found.state is not DeliveryState.DELIVERED:
         raise ServiceError(
             f"The test event was not delivered. {found.problem}",
-            f"`eigenfail webhook deliveries {webhook}` shows further attempts.",
+            "`eigenfail webhook list` shows further attempts.",
         )
-
-
-@app.command()
-def deliveries(
-    context: typer.Context,
-    webhook: WebhookId,
-    state: State = None,
-    limit: Limit = 50,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
-) -> None:
-    """Show the deliveries of a webhook, newest first, with the outcome of the last attempt."""
-    with connect_to(context, url) as client:
-        show_rows(client.webhooks.deliveries(webhook, state), limit, as_json, _draw_deliveries)
-
-
-@app.command()
-def redeliver(
-    context: typer.Context,
-    webhook: WebhookId,
-    delivery: DeliveryId,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
-) -> None:
-    """Send a delivery again, under the same event id."""
-    with connect_to(context, url) as client:
-        found = client.webhooks.redeliver(webhook, delivery)
-    show(found, as_json, lambda: _draw_deliveries([found]))
 
 
 def _is_attempted(delivery: WebhookDelivery) -> bool:
@@ -165,31 +117,22 @@ def _describe_new_webhook(made: NewWebhook) -> str:
     )
 
 
-def _draw_webhooks(found: Iterable[Webhook]) -> Table:
-    """A row for each webhook; times in UTC."""
+def _draw_webhooks(found: Sequence[Webhook]) -> Group:
+    """A row for each webhook, and below one for each of the last deliveries; times in UTC."""
     grid = start_grid("id", "url", "events", "state", "created", right=("id",))
     for webhook in found:
         state = "active" if webhook.active else "inactive"
         cells = (webhook.url, ", ".join(webhook.events), state, format_utc(webhook.created_ms))
         grid.add_row(str(webhook.id), *map(escape, cells))
-    return grid
+    sent = [(webhook.id, each) for webhook in found for each in webhook.deliveries]
+    return Group(grid, _draw_deliveries(sent)) if sent else Group(grid)
 
 
-def _draw_deliveries(found: Iterable[WebhookDelivery]) -> Table:
-    """A row for each delivery; times in UTC."""
-    counted = ("id", "attempts", "status")
-    grid = start_grid(
-        "id",
-        "event",
-        "created",
-        "state",
-        "attempts",
-        "status",
-        "next attempt",
-        "problem",
-        right=counted,
-    )
-    for each in found:
+def _draw_deliveries(found: Iterable[tuple[int, WebhookDelivery]]) -> Table:
+    """A row for each delivery of a webhook, given by its id."""
+    names = ("webhook", "event", "when", "state", "attempts", "status", "next attempt", "error")
+    grid = start_grid(*names, right=("webhook", "attempts", "status"))
+    for webhook, each in found:
         is_pending = each.state is DeliveryState.PENDING
         cells = (
             each.kind,
@@ -200,5 +143,5 @@ def _draw_deliveries(found: Iterable[WebhookDelivery]) -> Table:
             format_utc(each.next_ms) if is_pending else UNKNOWN,
             each.problem or UNKNOWN,
         )
-        grid.add_row(str(each.id), *map(escape, cells))
+        grid.add_row(str(webhook), *map(escape, cells))
     return grid

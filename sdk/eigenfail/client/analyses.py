@@ -125,23 +125,19 @@ class Analyses:
         self,
         analysis: AnalysisLike,
         state: TriageState | str | None = None,
-        owner: str | None = None,
-        label: str | None = None,
     ) -> tuple[Mode, ...]:
         """The failure modes by number, with their names and without their noise.
 
         Args:
             analysis: id of the analysis.
             state: only those in this state of triage.
-            owner: only those of this owner; empty for those without one.
-            label: only those with this label.
 
         Raises:
             NotFound: no such analysis.
             InvalidValue: there is no such state.
         """
-        asked = {"state": state, "owner": owner, "label": label}
-        return self._link.get(f"{locate_analysis(analysis)}/modes", Page[Mode], asked).items
+        path = f"{locate_analysis(analysis)}/modes"
+        return self._link.get(path, Page[Mode], {"state": state}).items
 
     @overload
     def rename_mode(self, analysis: Mode, mode: str, name: None = None) -> Mode: ...

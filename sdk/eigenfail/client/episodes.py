@@ -27,7 +27,6 @@ from eigenfail.values.failures import FailureRequest, parse_failure_sort
 from eigenfail.values.operations import Presence
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.report import Export, ExportFormat, ExportRequest, ExportState
-from eigenfail.values.triage import TriageState
 from eigenfail.wire.http import ReplayRequest, read_fields
 
 POLL_S = 0.5
@@ -62,8 +61,6 @@ class FailureFields(TypedDict, total=False):
         planner_version: version of the planner, as the campaigns state it.
         method: method of the campaigns.
         archived: whether failures of archived campaigns are listed, too.
-        state: state of the triage.
-        owner: owner in the triage; empty for none.
         sort: -severity, the most severe first, or severity.
     """
 
@@ -72,8 +69,6 @@ class FailureFields(TypedDict, total=False):
     planner_version: str | None
     method: str | None
     archived: bool
-    state: TriageState | str | None
-    owner: str | None
     sort: str
 
 
@@ -156,11 +151,11 @@ class Episodes:
 
         Args:
             wanted: project, planner, planner_version and method of the campaigns, and whether
-                those of archived ones are listed (`archived`); state and owner of the triage;
+                those of archived ones are listed (`archived`);
                 sort: -severity for the most severe first, or severity.
 
         Raises:
-            UnknownName: no such state or order.
+            UnknownName: no such order.
         """
         asked = read_fields(wanted, FailureRequest)
         parse_failure_sort(asked.sort)

@@ -27,9 +27,6 @@ AnalysisLike = SupportsIndex | Analysis | Mode
 ModeLike = SupportsIndex | Mode | FailureMode
 """A failure mode of an analysis that is named beside it: its number, from 1, or the mode."""
 
-ModesLike = ModeLike | Iterable[ModeLike]
-"""One failure mode of an analysis that is named beside it, or several."""
-
 KeyLike = SupportsIndex | ApiKey | NewKey
 """A key: its id, or the key."""
 
@@ -162,18 +159,6 @@ def locate_mode(analysis: AnalysisLike, mode: ModeLike | None = None) -> str:
             raise InvalidValue("mode", "is missing.", "Name the number of the mode, from 1.")
         mode = analysis
     return f"{locate_analysis(analysis)}/modes/{_find_mode_number(analysis, mode)}"
-
-
-def find_mode_numbers(analysis: AnalysisLike, modes: ModesLike) -> tuple[int, ...]:
-    """Return the numbers of failure modes of an analysis, in their order.
-
-    Raises:
-        InvalidValue: no mode is named, or a value is refused as by `locate_mode`.
-    """
-    named = modes if isinstance(modes, Iterable) else (modes,)
-    if not (numbers := tuple(_find_mode_number(analysis, mode) for mode in named)):
-        raise InvalidValue("modes", "none is named.", "Name at least one.")
-    return numbers
 
 
 def locate_key(key: KeyLike) -> str:

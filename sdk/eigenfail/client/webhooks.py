@@ -1,4 +1,4 @@
-"""Webhooks of a service: addresses that get messages on events, and the deliveries."""
+"""Webhooks of a service: addresses that get messages on events."""
 
 from collections.abc import Sequence
 
@@ -7,7 +7,6 @@ from eigenfail.frames import Rows
 from eigenfail.values import Page
 from eigenfail.values.webhooks import (
     EVERY_EVENT,
-    DeliveryState,
     NewWebhook,
     Webhook,
     WebhookDelivery,
@@ -42,11 +41,11 @@ class Webhooks:
         return self._link.post("/webhooks", NewWebhook, wanted)
 
     def list(self) -> Rows[Webhook]:
-        """All webhooks, newest first, without their secrets."""
+        """All webhooks with their last deliveries, newest first, without their secrets."""
         return self._link.pages("/webhooks", Page[Webhook], "before")
 
     def get(self, webhook: int) -> Webhook:
-        """A webhook, without its secret.
+        """A webhook with its last deliveries, without its secret.
 
         Raises:
             NotFound: no such webhook.
@@ -61,60 +60,10 @@ class Webhooks:
         """
         return self._link.delete(f"/webhooks/{webhook}", Webhook)
 
-    def activate(self, webhook: int) -> Webhook:
-        """Send events to a webhook from now on, and the pending deliveries.
-
-        Raises:
-            NotFound: no such webhook.
-        """
-        return self._link.post(f"/webhooks/{webhook}/activate", Webhook)
-
-    def deactivate(self, webhook: int) -> Webhook:
-        """Send nothing to a webhook from now on; events are not kept for it.
-
-        Raises:
-            NotFound: no such webhook.
-        """
-        return self._link.post(f"/webhooks/{webhook}/deactivate", Webhook)
-
     def test(self, webhook: int) -> WebhookDelivery:
-        """Queue a test event for a webhook; `delivery` says what became of it.
+        """Queue a test event for a webhook; its `deliveries` say what became of it.
 
         Raises:
             NotFound: no such webhook.
         """
         return self._link.post(f"/webhooks/{webhook}/test", WebhookDelivery)
-
-    def deliveries(
-        self, webhook: int, state: DeliveryState | str | None = None
-    ) -> Rows[WebhookDelivery]:
-        """Deliveries of a webhook, newest first.
-
-        Args:
-            webhook: id of the webhook.
-            state: only those that are pending, delivered or failed.
-
-        Raises:
-            NotFound: no such webhook.
-            InvalidValue: no such state.
-        """
-        params = None if state is None else {"state": str(state)}
-        path = f"/webhooks/{webhook}/deliveries"
-        return self._link.pages(path, Page[WebhookDelivery], "before", params)
-
-    def delivery(self, webhook: int, delivery: int) -> WebhookDelivery:
-        """A delivery of a webhook.
-
-        Raises:
-            NotFound: no such webhook or delivery.
-        """
-        return self._link.get(f"/webhooks/{webhook}/deliveries/{delivery}", WebhookDelivery)
-
-    def redeliver(self, webhook: int, delivery: int) -> WebhookDelivery:
-        """Queue a delivery again, under the same event id.
-
-        Raises:
-            NotFound: no such webhook or delivery.
-        """
-        path = f"/webhooks/{webhook}/deliveries/{delivery}/redeliver"
-        return self._link.post(path, WebhookDelivery)

@@ -65,11 +65,10 @@ def _list_episode(row: EpisodeRow) -> tuple[Cell, ...]:
 
 
 def tabulate_failures(rows: Iterable[EpisodeRow]) -> Table:
-    """Return a list of failures of several campaigns, with their triage."""
+    """Return a list of failures of several campaigns."""
     columns = (
         *(TableColumn("Episode"), TableColumn("Severity", "m²/s²"), *name_columns("Class")),
         *(TableColumn("log p", "nats", digits=LOG_P_DIGITS), TableColumn("Steps")),
-        *name_columns("State", "Owner"),
     )
     return Table("Failures", columns, tuple(map(_list_failure, rows)))
 
@@ -77,7 +76,7 @@ def tabulate_failures(rows: Iterable[EpisodeRow]) -> Table:
 def _list_failure(row: EpisodeRow) -> tuple[Cell, ...]:
     return (
         *(f"{row.campaign}/{row.index}", row.severity, format_class(row.assessed)),
-        *(row.log_probability, row.steps, row.state.words, row.owner),
+        *(row.log_probability, row.steps),
     )
 
 

@@ -316,8 +316,6 @@ class Mode(Shown, Tabular, msgspec.Struct, frozen=True):
         failures: how many failures belong to it.
         name: the name that was given to it; until then the beginning of its description.
         state: state of its triage.
-        owner: who works on it; empty without an owner.
-        labels: its labels, in alphabetical order.
     """
 
     analysis: int
@@ -325,8 +323,6 @@ class Mode(Shown, Tabular, msgspec.Struct, frozen=True):
     failures: int
     name: str
     state: TriageState = TriageState.NEW
-    owner: str = ""
-    labels: tuple[str, ...] = ()
 
 
 class ModeBehaviour(Brief, msgspec.Struct, frozen=True, eq=False):

@@ -4,7 +4,6 @@ import msgspec
 
 from eigenfail.errors import UnknownName
 from eigenfail.values.campaign import CampaignFilter
-from eigenfail.values.triage import TriageState
 
 FAILURE_ORDERS = ("-severity", "severity")
 """Orders of the list: the most severe first, or last."""
@@ -19,15 +18,11 @@ class FailureFilter(msgspec.Struct, frozen=True):
         campaign: what its campaign must be.
         planner: planner of its campaign.
         besides: methods whose campaigns are left out.
-        state: state of its triage.
-        owner: owner in its triage; empty for none.
     """
 
     campaign: CampaignFilter
     planner: str | None = None
     besides: tuple[str, ...] = ()
-    state: TriageState | None = None
-    owner: str | None = None
 
 
 class FailureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_only=True):
@@ -39,8 +34,6 @@ class FailureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         planner_version: version of the planner, as the campaigns state it.
         method: method of the campaigns.
         archived: whether failures of archived campaigns are listed, too.
-        state: state of the triage.
-        owner: owner in the triage; empty for none.
         sort: one of `FAILURE_ORDERS`.
     """
 
@@ -49,8 +42,6 @@ class FailureRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
     planner_version: str | None = None
     method: str | None = None
     archived: bool = False
-    state: TriageState | None = None
-    owner: str | None = None
     sort: str = MOST_SEVERE_FIRST
 
 

@@ -10,7 +10,6 @@ from eigenfail.values.disturbance import AXES, ChannelLikelihood, find_channel_l
 from eigenfail.values.episode import EpisodeResult, Outcome
 from eigenfail.values.measures import LaterMeasures, Measure, Measures, read_declarations
 from eigenfail.values.showing import Plottable, Shown, Tabular
-from eigenfail.values.triage import TriageState
 
 NEAR_MISS_TTC_S = 1.5
 """A time to collision below this is a violation."""
@@ -196,9 +195,6 @@ class EpisodeRow(_EpisodeIdentity, frozen=True, kw_only=True):
         requirements: robustness of each requirement that its campaign names, in their order.
         mode: number of its failure mode in the newest analysis of its campaign that is done, from
             1; None of an episode that was not analysed.
-        state: state of its triage.
-        owner: who works on it; empty without an owner.
-        labels: its labels, in alphabetical order.
     """
 
     wall_s: float
@@ -210,9 +206,6 @@ class EpisodeRow(_EpisodeIdentity, frozen=True, kw_only=True):
     noise_pruned_ms: int | None = None
     requirements: tuple[float | None, ...] = ()
     mode: int | None = None
-    state: TriageState = TriageState.NEW
-    owner: str = ""
-    labels: tuple[str, ...] = ()
 
 
 class EpisodeDetail(Shown, Tabular, Plottable, EpisodeResult, frozen=True, eq=False, kw_only=True):

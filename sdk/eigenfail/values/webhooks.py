@@ -10,6 +10,9 @@ from eigenfail.values.access import redact
 MAX_WEBHOOKS = 50
 """Webhooks of one service: each event is written once for each of them."""
 
+LAST_DELIVERIES = 10
+"""Deliveries that a webhook is shown with."""
+
 
 class WebhookEvent(StrEnum):
     """Kind of event that a webhook can get messages on."""
@@ -25,6 +28,40 @@ TEST_EVENT = "webhook.test"
 EVERY_EVENT = tuple(WebhookEvent)
 
 
+class DeliveryState(StrEnum):
+    """State of a delivery."""
+
+    PENDING = "pending"
+    DELIVERED = "delivered"
+    FAILED = "failed"
+
+
+class WebhookDelivery(msgspec.Struct, frozen=True):
+    """An event on its way to a webhook, with the outcome of the last attempt.
+
+    Attributes:
+        id: number of the delivery.
+        event: id of the event, the same at each attempt and at all webhooks: `webhook-id`.
+        kind: kind of the event, such as campaign.ended.
+        created_ms: when the event occurred, in milliseconds since 1970.
+        state: pending, delivered, or failed after the last attempt.
+        attempts: number of attempts so far.
+        next_ms: time of the next attempt of a pending delivery.
+        status: HTTP status of the last answer; null without one.
+        problem: why the last attempt failed; empty if it did not.
+    """
+
+    id: int
+    event: str
+    kind: str
+    created_ms: int
+    state: DeliveryState
+    attempts: int
+    next_ms: int
+    status: int | None
+    problem: str
+
+
 class Webhook(msgspec.Struct, frozen=True):
     """A webhook without its secret, which is shown once.
 
@@ -32,8 +69,9 @@ class Webhook(msgspec.Struct, frozen=True):
         id: number of the webhook.
         url: address to which events are sent.
         events: kinds of events that are sent.
-        active: whether events are sent; events that occur while it is false are not kept for it.
+        active: whether events are sent; false once the receiver has answered 410 Gone.
         created_ms: when it was created, in milliseconds since 1970.
+        deliveries: the last deliveries, newest first; empty in answers to a change.
     """
 
     id: int
@@ -41,6 +79,7 @@ class Webhook(msgspec.Struct, frozen=True):
     events: tuple[WebhookEvent, ...]
     active: bool
     created_ms: int
+    deliveries: tuple[WebhookDelivery, ...] = ()
 
 
 class WebhookRequest(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
@@ -77,43 +116,3 @@ class NewWebhook(msgspec.Struct, frozen=True):
     def __rich_repr__(self) -> list[tuple[str, Any]]:
         """The same for those who print with colours."""
         return [("webhook", self.webhook), ("secret", redact(self.secret))]
-
-
-class DeliveryState(StrEnum):
-    """State of a delivery."""
-
-    PENDING = "pending"
-    DELIVERED = "delivered"
-    FAILED = "failed"
-
-
-class WebhookDelivery(msgspec.Struct, frozen=True):
-    """An event on its way to a webhook.
-
-    Attributes:
-        id: number of the delivery.
-        webhook: id of the webhook.
-        event: id of the event, the same at each attempt and at all webhooks: `webhook-id`.
-        kind: kind of the event, such as campaign.ended.
-        created_ms: when the event occurred, in milliseconds since 1970.
-        state: pending, delivered, or failed after the last attempt.
-        attempts: number of attempts so far.
-        next_ms: time of the next attempt of a pending delivery.
-        ended_ms: when it was delivered or given up; null while it is pending.
-        status: HTTP status of the last answer; null without one.
-        problem: why the last attempt failed; empty if it did not.
-        payload: what is sent, as JSON text.
-    """
-
-    id: int
-    webhook: int
-    event: str
-    kind: str
-    created_ms: int
-    state: DeliveryState
-    attempts: int
-    next_ms: int
-    ended_ms: int | None
-    status: int | None
-    problem: str
-    payload: str

@@ -14,7 +14,7 @@ from eigenfail.values import (
     Page,
 )
 from eigenfail.values.records import JobKind
-from eigenfail.values.triage import ANY_TRIAGE, TriageFilter
+from eigenfail.values.triage import TriageState
 from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.codec import pack, to_analysis_result, to_json, to_settings
@@ -32,9 +32,7 @@ from eigenfail_services.store.schema import (
     modes,
     replays,
     select_newest_analysis,
-    triage,
 )
-from eigenfail_services.store.triage_rows import BRIEF_TRIAGE, TriageKind, to_brief_triage
 
 UNFINISHED = (AnalysisState.QUEUED, AnalysisState.RUNNING)
 
@@ -130,16 +128,22 @@ class AnalysisStore:
         with self._database.writing() as connection:
             give_up(connection, analysis, problem)
 
-    def modes(self, analysis: int, where: TriageFilter = ANY_TRIAGE) -> tuple[Mode, ...]:
-        """Return the modes of an analysis that match a filter, by number; none before it is done.
+    def modes(self, analysis: int, state: TriageState | None = None) -> tuple[Mode, ...]:
+        """Return the modes of an analysis by number; none before it is done.
+
+        Args:
+            analysis: id of the analysis.
+            state: only those in this state of triage; None for all.
 
         Raises:
             NotFound: no such analysis.
         """
         with self._database.reading() as connection:
             require_analysis(connection, analysis)
-            found = _read_modes(connection, _MODES.where(modes.c.analysis == analysis))
-        return tuple(mode for mode in found if where.holds(mode.state, mode.owner, mode.labels))
+            query = _MODES.where(modes.c.analysis == analysis)
+            return _read_modes(
+                connection, query if state is None else query.where(modes.c.state == state)
+            )
 
     def mode(self, analysis: int, number: int) -> Mode:
         """Return a mode of an analysis.
@@ -166,8 +170,8 @@ class AnalysisStore:
         member = mode_members.c
         same = (member.analysis == modes.c.analysis) & (member.number == modes.c.number)
         query = (
-            select(*modes.c, *BRIEF_TRIAGE)
-            .select_from(_TRIAGED_MODES.join(mode_members, same))
+            select(*_MODE)
+            .select_from(modes.join(mode_members, same))
             .where(member.campaign == campaign, member["index"] == index)
             .order_by(modes.c.analysis.desc())
         )
@@ -178,8 +182,7 @@ class AnalysisStore:
         """Return modes whose names contain a text in small or large letters, newest first."""
         matching = contains_text(modes.c.name, text)
         query = (
-            select(*modes.c, *BRIEF_TRIAGE)
-            .select_from(_TRIAGED_MODES)
+            select(*_MODE)
             .where(matching)
             .order_by(modes.c.analysis.desc(), modes.c.number)
             .limit(limit)
@@ -261,16 +264,11 @@ def _insert_modes(connection: Connection, analysis: Analysis, result: AnalysisRe
 
 
 def _to_mode_row(mode: Mode) -> dict[str, Any]:
-    return {column.name: getattr(mode, column.name) for column in modes.c}
+    return {column.name: getattr(mode, column.name) for column in _MODE}
 
 
-_SAME_TRIAGE = (
-    (triage.c.kind == TriageKind.MODE)
-    & (triage.c.parent == modes.c.analysis)
-    & (triage.c.number == modes.c.number)
-)
-_TRIAGED_MODES = modes.outerjoin(triage, _SAME_TRIAGE)
-_MODES = select(*modes.c, *BRIEF_TRIAGE).select_from(_TRIAGED_MODES).order_by(modes.c.number)
+_MODE = tuple(modes.c[name] for name in Mode.__struct_fields__)
+_MODES = select(*_MODE).order_by(modes.c.number)
 
 
 def _read_modes(connection: Connection, query: Select[Any]) -> tuple[Mode, ...]:
@@ -278,9 +276,8 @@ def _read_modes(connection: Connection, query: Select[Any]) -> tuple[Mode, ...]:
 
 
 def _to_mode(found: RowMapping) -> Mode:
-    named: dict[str, Any] = {column.name: found[column] for column in modes.c}
-    state, owner, labels = to_brief_triage(*(found[column] for column in BRIEF_TRIAGE))
-    return Mode(**named, state=state, owner=owner, labels=labels)
+    named: dict[str, Any] = {column.name: found[column] for column in _MODE}
+    return Mode(**named | {"state": TriageState(named["state"])})
 
 
 def _read_mode(connection: Connection, analysis: int, number: int) -> Mode:

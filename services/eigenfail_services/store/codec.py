@@ -34,7 +34,6 @@ from eigenfail.values.arrays import LITTLE_ENDIAN_FLOAT, decode_array, encode_ar
 from eigenfail.values.learning import count_state
 from eigenfail.values.operations import Versions
 from eigenfail.values.records import EpisodeRow, FailureCourse, make_failure_course
-from eigenfail.values.triage import UNTOUCHED, Triage
 from eigenfail.worlds import list_channels
 
 
@@ -166,10 +165,8 @@ def to_campaign(found: RowMapping) -> Campaign:
     )
 
 
-def to_row(
-    found: RowMapping, requirements: tuple[float | None, ...] = (), triage: Triage = UNTOUCHED
-) -> EpisodeRow:
-    """Return a line of a list of episodes from its row, its requirements and its triage."""
+def to_row(found: RowMapping, requirements: tuple[float | None, ...] = ()) -> EpisodeRow:
+    """Return a line of a list of episodes from its row and its requirements."""
     values: dict[str, Any] = dict(found)
     fault = _fault(values.pop("fault_kind"), values.pop("fault_message"))
     outcome = Outcome(values.pop("outcome"))
@@ -178,9 +175,6 @@ def to_row(
         assessed=assess(outcome, _measures(found)),
         problem=f"{fault.kind}: {fault.message}" if fault else "",
         requirements=requirements,
-        state=triage.state,
-        owner=triage.owner,
-        labels=triage.labels,
         **values,
     )
 

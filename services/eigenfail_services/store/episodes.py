@@ -49,7 +49,6 @@ from eigenfail.values.records import (
 )
 from eigenfail.values.safety import MOST_POINTS, SeveritySample
 from eigenfail.values.summary import MOST_LANDINGS
-from eigenfail.values.triage import UNTOUCHED
 from eigenfail_services.store.campaign_rows import (
     hash_results,
     lock_campaign,
@@ -99,7 +98,6 @@ from eigenfail_services.store.totals import (
     sum_safety,
     sum_spending,
 )
-from eigenfail_services.store.triage_rows import TriageKind, read_triage
 
 SCENES_AT_A_TIME = 100
 """Scenes that are in memory together: one of a long episode with many vehicles has 100 kB."""
@@ -524,10 +522,9 @@ def _rows(connection: Connection, campaign: int, indices: Sequence[int]) -> list
     found: dict[int, EpisodeRow] = {}
     for chunk in chunks(set(indices)):
         judged = _read_requirements(connection, campaign, chunk)
-        triaged = read_triage(connection, TriageKind.EPISODE, campaign, chunk)
         for row in connection.execute(query.where(episode_index.in_(chunk))).mappings():
             index = row["index"]
-            found[index] = to_row(row, tuple(judged[index]), triaged.get(index, UNTOUCHED))
+            found[index] = to_row(row, tuple(judged[index]))
     return [found[index] for index in indices]
 
 

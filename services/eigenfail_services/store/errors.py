@@ -87,14 +87,6 @@ def make_webhook_error(webhook: int) -> NotFound:
     return NotFound(f"Webhook {webhook} does not exist.", "`eigenfail webhook list` lists them.")
 
 
-def make_delivery_error(webhook: int, delivery: int) -> NotFound:
-    """Return the error that a webhook has no delivery of the id."""
-    return NotFound(
-        f"Webhook {webhook} has no delivery {delivery}.",
-        f"`eigenfail webhook deliveries {webhook}` lists them.",
-    )
-
-
 def make_claim_error(claim: Job) -> ClaimLost:
     """Return the error that a job was claimed by another process."""
     return ClaimLost(

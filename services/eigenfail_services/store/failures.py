@@ -26,7 +26,6 @@ from eigenfail.values import Campaign, Outcome, Page
 from eigenfail.values.campaign_spec import MAX_EPISODES
 from eigenfail.values.failures import FailureFilter
 from eigenfail.values.records import EpisodeRow
-from eigenfail.values.triage import UNTOUCHED, Triage, TriageState
 from eigenfail_services.store.codec import to_campaign, to_row
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.episodes import ROWS
@@ -37,9 +36,7 @@ from eigenfail_services.store.schema import (
     episodes,
     requirement_values,
     spec_field,
-    triage,
 )
-from eigenfail_services.store.triage_rows import TriageKind, to_triage
 
 MOST_FAILURES = 200
 """Most failures of a page: each campaign of a page is a part of one statement, which has limits."""
@@ -126,10 +123,7 @@ class FailureStore:
         with self._database.reading() as connection:
             last = None if after is None else _find_place(connection, after)
             order = _Order(most_severe_first, last)
-            if _is_of_triaged(where):
-                query = _select_triaged(where, order)
-            else:
-                query = _select_of_campaigns(connection, where, order, limit + 1)
+            query = _select_of_campaigns(connection, where, order, limit + 1)
             ordered = order.sort(query, *query.selected_columns).limit(limit + 1)
             places = [_Place(*row) for row in connection.execute(ordered)]
             rows = _read_rows(connection, places[:limit])
@@ -152,18 +146,6 @@ def _find_place(connection: Connection, cursor: int) -> _Place:
     return _Place(*found)
 
 
-def _is_of_triaged(where: FailureFilter) -> bool:
-    """Whether only failures with a row of triage can fulfil a filter."""
-    return where.state not in {None, UNTOUCHED.state} or bool(where.owner)
-
-
-def _compare_triage(where: FailureFilter) -> list[tuple[Expression, str]]:
-    """Return the columns of triage that a filter compares, with their values."""
-    state: TriageState | None = where.state
-    compared = ((triage.c.state, state), (triage.c.owner, where.owner))
-    return [(column, str(value)) for column, value in compared if value is not None]
-
-
 def _filter_campaigns(where: FailureFilter) -> list[Expression]:
     """Return the conditions on the campaign of a failure."""
     found = [campaigns.c.failures > 0, *filter_campaigns(where.campaign)]
@@ -172,18 +154,6 @@ def _filter_campaigns(where: FailureFilter) -> list[Expression]:
     if where.besides:
         found.append(spec_field("method").not_in(where.besides))
     return found
-
-
-def _select_triaged(where: FailureFilter, order: _Order) -> Select[Any]:
-    """Return the query for failures that have triage, which are few among the episodes."""
-    query = (
-        select(*_COLUMNS)
-        .join(triage, (triage.c.parent == _c.campaign) & (triage.c.number == episode_index))
-        .join(campaigns, campaigns.c.id == _c.campaign)
-        .where(triage.c.kind == TriageKind.EPISODE, *_IS_LISTED, *_filter_campaigns(where))
-        .where(*(column == value for column, value in _compare_triage(where)))
-    )
-    return order.begin(query)
 
 
 def _select_of_campaigns(
@@ -195,14 +165,6 @@ def _select_of_campaigns(
     as many campaigns: of those whose own first failure comes first.
     """
     failing = order.begin(select(_c.severity).where(*_IS_LISTED))
-    if compared := _compare_triage(where):
-        triaged = select(triage.c.kind).where(
-            triage.c.kind == TriageKind.EPISODE,
-            triage.c.parent == _c.campaign,
-            triage.c.number == episode_index,
-            or_(*(column != value for column, value in compared)),
-        )
-        failing = failing.where(~triaged.correlate(episodes).exists())
     of_campaign = failing.where(_c.campaign == campaigns.c.id).correlate(campaigns)
     first = order.sort(of_campaign, _c.severity, episode_index).limit(1).scalar_subquery()
     severity = first.label("severity")
@@ -237,22 +199,13 @@ def _read_rows(connection: Connection, places: Sequence[_Place]) -> tuple[Episod
         query.where(_match(keys, value.campaign, value["index"])).order_by(value.requirement)
     ):
         judged[campaign, index].append(robustness)
-    known: dict[tuple[int, int], Triage] = {
-        (row["parent"], row["number"]): to_triage(row)
-        for row in connection.execute(
-            select(triage).where(
-                triage.c.kind == TriageKind.EPISODE,
-                _match(keys, triage.c.parent, triage.c.number),
-            )
-        ).mappings()
-    }
     found = {
         (row["campaign"], row["index"]): row
         for row in connection.execute(
             ROWS.where(_match(keys, _c.campaign, episode_index))
         ).mappings()
     }
-    return tuple(to_row(found[key], tuple(judged[key]), known.get(key, UNTOUCHED)) for key in keys)
+    return tuple(to_row(found[key], tuple(judged[key])) for key in keys)
 
 
 def _match(keys: Sequence[tuple[int, int]], campaign: Expression, index: Expression) -> Expression:

@@ -48,7 +48,6 @@ from eigenfail_services.store.schema import (
     spec_field,
     spent_usd,
 )
-from eigenfail_services.store.triage_rows import TRIAGE_COLUMNS, is_triaged
 
 Expression = ColumnElement[Any]
 
@@ -115,12 +114,9 @@ def _select_requirement(number: int) -> Expression:
     return query.correlate(episodes).scalar_subquery()
 
 
-def _compare_episodes(campaign: int, where: Conditions, sort: SortOrder) -> Iterator[Expression]:
+def _compare_episodes(where: Conditions, sort: SortOrder) -> Iterator[Expression]:
     """Yield the conditions so that the database follows the order, not one of the conditions."""
     for condition in where:
-        if condition.column in TRIAGE_COLUMNS:
-            yield is_triaged(campaign, condition)
-            continue
         column = select_column(condition.column)
         leads = _has_index(condition, sort)
         # SQLite, which knows nothing of how many rows match, would take any index for a condition
@@ -161,7 +157,7 @@ def page_queries(
     They select indices only: without an index of the database all rows are sorted.
     """
     query = select(episode_index).where(
-        episodes.c.campaign == campaign, *_compare_episodes(campaign, where, sort)
+        episodes.c.campaign == campaign, *_compare_episodes(where, sort)
     )
     if sort.column == "index":
         yield _by_index(query, after, sort)
@@ -192,7 +188,7 @@ def preceding_queries(
     as well.
     """
     query = select(episode_index).where(
-        episodes.c.campaign == campaign, *_compare_episodes(campaign, where, sort)
+        episodes.c.campaign == campaign, *_compare_episodes(where, sort)
     )
     turned = SortOrder(sort.column, not sort.descending)
     if sort.column == "index":
@@ -213,7 +209,7 @@ def preceding_queries(
 
 def count_episodes(campaign: int, where: Conditions) -> Select[int]:
     """Return the query of the number of episodes that fulfil all conditions."""
-    matching = _compare_episodes(campaign, where, BY_INDEX)
+    matching = _compare_episodes(where, BY_INDEX)
     return select(func.count()).where(episodes.c.campaign == campaign, *matching)
 
 

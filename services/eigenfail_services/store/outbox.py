@@ -19,7 +19,6 @@ from sqlalchemy import (
     Select,
     and_,
     delete,
-    func,
     insert,
     select,
     update,
@@ -153,23 +152,6 @@ def _insert_deliveries(
 _SHOWN = tuple(_out[name] for name in WebhookDelivery.__struct_fields__)
 
 
-class DeliverySummary(NamedTuple):
-    """A delivery in a list over all webhooks: a `WebhookDelivery` without its payload."""
-
-    id: int
-    webhook: int
-    kind: str
-    created_ms: int
-    state: DeliveryState
-    attempts: int
-    next_ms: int
-    status: int | None
-    problem: str
-
-
-_LISTED = tuple(_out[name] for name in DeliverySummary._fields)
-
-
 class ClaimedDelivery(NamedTuple):
     """A delivery that one process may attempt.
 
@@ -247,7 +229,6 @@ class Outbox:
 
     def conclude(self, claimed: ClaimedDelivery, attempt: DeliveryAttempt, at_ms: int) -> bool:
         """Record the outcome of an attempt, or nothing and return False if the claim was lost."""
-        is_pending = attempt.state is DeliveryState.PENDING
         statement = (
             update(webhook_deliveries)
             .where(_out.id == claimed.id, _out.token == claimed.token)
@@ -256,7 +237,6 @@ class Outbox:
                 status=attempt.status,
                 problem=attempt.problem,
                 next_ms=at_ms + attempt.retry_ms,
-                ended_ms=None if is_pending else at_ms,
                 token=None,
                 lease_until_ms=0,
                 lease_ms=0,
@@ -272,60 +252,6 @@ class Outbox:
             if is_held and attempt.deactivates:
                 connection.execute(update(webhooks).where(place).values(active=False))
         return is_held
-
-    def redeliver(self, webhook: int, delivery: int) -> WebhookDelivery | None:
-        """Queue a delivery again, under the same event id; None if there is none.
-
-        A pending one is attempted at once; of an ended one all attempts begin again.
-        """
-        at_ms, pending = now_ms(), DeliveryState.PENDING.value
-        place = _out.id == delivery, _out.webhook == webhook
-        with self._database.writing() as connection:
-            again = update(webhook_deliveries).where(*place, _out.state != pending)
-            connection.execute(again.values(state=pending, attempts=0, ended_ms=None))
-            soon = update(webhook_deliveries).where(*place).values(next_ms=at_ms)
-            found = connection.execute(soon.returning(*_SHOWN)).one_or_none()
-        return None if found is None else _to_delivery(found)
-
-    def count_by_state(self) -> dict[int, dict[DeliveryState, int]]:
-        """Return the numbers of deliveries that are kept, by webhook and state."""
-        query = select(_out.webhook, _out.state, func.count()).group_by(_out.webhook, _out.state)
-        counts: dict[int, dict[DeliveryState, int]] = {}
-        with self._database.reading() as connection:
-            for webhook, state, count in connection.execute(query):
-                counts.setdefault(webhook, {})[DeliveryState(state)] = count
-        return counts
-
-    def newest(self, limit: int) -> list[DeliverySummary]:
-        """Return the newest deliveries to all webhooks, newest first."""
-        query = select(*_LISTED).order_by(_out.id.desc()).limit(limit)
-        with self._database.reading() as connection:
-            found = [DeliverySummary(*row) for row in connection.execute(query)]
-        return [each._replace(state=DeliveryState(each.state)) for each in found]
-
-    def page(
-        self,
-        webhook: int,
-        limit: int,
-        before: int | None = None,
-        state: DeliveryState | None = None,
-    ) -> list[WebhookDelivery]:
-        """Return deliveries of a webhook, newest first, with ids below `before`."""
-        query = select(*_SHOWN).where(_out.webhook == webhook)
-        query = query.order_by(_out.id.desc()).limit(limit)
-        if before is not None:
-            query = query.where(_out.id < before)
-        if state is not None:
-            query = query.where(_out.state == state.value)
-        with self._database.reading() as connection:
-            return [_to_delivery(row) for row in connection.execute(query)]
-
-    def get(self, webhook: int, delivery: int) -> WebhookDelivery | None:
-        """Return a delivery of a webhook; None if there is none."""
-        query = select(*_SHOWN).where(_out.id == delivery, _out.webhook == webhook)
-        with self._database.reading() as connection:
-            found = connection.execute(query).one_or_none()
-        return None if found is None else _to_delivery(found)
 
 
 _JOINED = webhook_deliveries.join(webhooks, webhooks.c.id == _out.webhook)
@@ -408,6 +334,14 @@ def _select_first(webhook: int, at_ms: int) -> Select[int]:
         .limit(1)
         .with_for_update(of=webhook_deliveries, skip_locked=True)
     )
+
+
+def select_deliveries(
+    connection: Connection, webhook: int, limit: int
+) -> tuple[WebhookDelivery, ...]:
+    """Return the last deliveries of a webhook, newest first."""
+    query = select(*_SHOWN).where(_out.webhook == webhook).order_by(_out.id.desc()).limit(limit)
+    return tuple(_to_delivery(row) for row in connection.execute(query))
 
 
 def _to_delivery(row: Row[Any]) -> WebhookDelivery:

@@ -65,7 +65,7 @@ CROWDED = (
 )
 DAMAGED = (
     "Stop the service; the server's log names the damage. Put a backup in the database's place: "
-    "`eigenfail db restore BACKUP --force`."
+    "`pg_restore --clean --if-exists --single-transaction`."
 )
 UNREACHABLE = "Check that the server runs, and the address, user and password."
 

@@ -300,7 +300,8 @@ analyses = Table(
     sqlite_autoincrement=True,
 )
 
-# The modes of analyses that are done, each with the name that was given to it.
+# The modes of analyses that are done, each with its name and its triage, which both are given by
+# people: no digest has them.
 modes = Table(
     "modes",
     metadata,
@@ -308,6 +309,11 @@ modes = Table(
     Column("number", Integer, primary_key=True, autoincrement=False),  # from 1
     Column("failures", Integer, nullable=False),
     Column("name", Prose, nullable=False),
+    Column("state", Text, nullable=False, server_default="new"),
+    Column("ticket", Prose, nullable=False, server_default=""),
+    Column("note", Prose, nullable=False, server_default=""),
+    Column("changed_by", Prose, nullable=False, server_default=""),
+    Column("changed_ms", BigInteger),
 )
 
 # The mode of each failure in each analysis of it, which may be of several campaigns.
@@ -319,37 +325,6 @@ mode_members = Table(
     Column("index", Number, primary_key=True, autoincrement=False),
     Column("number", Integer, nullable=False),
     Index(None, "analysis", "number"),
-)
-
-
-# Triage of modes (`parent` is the analysis) and of episodes (`parent` is the campaign). Without a
-# row, a subject is new. Labels stand between newlines, so that SQL finds a whole one.
-triage = Table(
-    "triage",
-    metadata,
-    Column("kind", Text, primary_key=True),
-    Column("parent", Number, primary_key=True, autoincrement=False),
-    Column("number", Number, primary_key=True, autoincrement=False),
-    Column("state", Text, nullable=False),
-    Column("owner", Prose, nullable=False),
-    Column("labels", Prose, nullable=False),
-    Column("ticket", Prose, nullable=False),
-    Column("changed_ms", BigInteger, nullable=False),
-    Column("changed_by", Prose, nullable=False),
-)
-
-triage_notes = Table(
-    "triage_notes",
-    metadata,
-    Column("id", Number, primary_key=True),
-    Column("kind", Text, nullable=False),
-    Column("parent", Number, nullable=False),
-    Column("number", Number, nullable=False),
-    Column("at_ms", BigInteger, nullable=False),
-    Column("author", Prose, nullable=False),
-    Column("text", Prose, nullable=False),
-    Index(None, "kind", "parent", "number", "id"),
-    sqlite_autoincrement=True,
 )
 
 
@@ -484,7 +459,6 @@ webhook_deliveries = Table(
     Column("state", Text, nullable=False),
     Column("attempts", Integer, nullable=False),
     Column("next_ms", BigInteger, nullable=False),
-    Column("ended_ms", BigInteger),
     Column("status", Integer),
     Column("problem", Prose, nullable=False),
     Column("token", Text),
@@ -492,7 +466,6 @@ webhook_deliveries = Table(
     Column("lease_ms", BigInteger, nullable=False),
     Index(None, "state", "next_ms"),
     Index(None, "webhook", "id"),
-    Index(None, "webhook", "state"),
     sqlite_autoincrement=True,
 )
 

@@ -3,13 +3,14 @@
 import json
 from typing import Any
 
-from sqlalchemy import RowMapping, delete, func, insert, select, update
+from msgspec.structs import replace
+from sqlalchemy import Connection, RowMapping, delete, func, insert, select
 
 from eigenfail.errors import Conflict
 from eigenfail.values import Page
 from eigenfail.values.webhooks import (
+    LAST_DELIVERIES,
     MAX_WEBHOOKS,
-    DeliveryState,
     Webhook,
     WebhookDelivery,
     WebhookEvent,
@@ -17,8 +18,8 @@ from eigenfail.values.webhooks import (
 )
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
-from eigenfail_services.store.errors import make_delivery_error, make_webhook_error
-from eigenfail_services.store.outbox import Outbox
+from eigenfail_services.store.errors import make_webhook_error
+from eigenfail_services.store.outbox import Outbox, select_deliveries
 from eigenfail_services.store.schema import webhook_deliveries, webhooks
 
 _SHOWN = tuple(column for column in webhooks.c if column is not webhooks.c.secret)
@@ -58,7 +59,7 @@ class WebhookStore:
             return _to_webhook(connection.execute(made.returning(*_SHOWN)).mappings().one())
 
     def get(self, webhook: int) -> Webhook:
-        """Return a webhook, without its secret.
+        """Return a webhook with its last deliveries, without its secret.
 
         Raises:
             NotFound: no such webhook.
@@ -66,31 +67,21 @@ class WebhookStore:
         with self._database.reading() as connection:
             query = select(*_SHOWN).where(webhooks.c.id == webhook)
             found = connection.execute(query).mappings().one_or_none()
-        if found is None:
-            raise make_webhook_error(webhook)
-        return _to_webhook(found)
+            if found is None:
+                raise make_webhook_error(webhook)
+            return _add_deliveries(connection, _to_webhook(found))
 
     def page(self, limit: int, before: int | None = None) -> Page[Webhook]:
-        """Return webhooks, newest first, with ids below `before`, without their secrets."""
+        """Return webhooks with their last deliveries, newest first, with ids below `before`."""
         query = select(*_SHOWN).order_by(webhooks.c.id.desc()).limit(limit + 1)
         if before is not None:
             query = query.where(webhooks.c.id < before)
         with self._database.reading() as connection:
-            found = [_to_webhook(row) for row in connection.execute(query).mappings()]
+            found = [
+                _add_deliveries(connection, _to_webhook(row))
+                for row in connection.execute(query).mappings().all()
+            ]
         return Page(tuple(found[:limit]), found[limit - 1].id if len(found) > limit else None)
-
-    def set_active(self, webhook: int, active: bool) -> Webhook:
-        """Set whether events are sent to a webhook; pending deliveries wait while they are not.
-
-        Raises:
-            NotFound: no such webhook.
-        """
-        change = update(webhooks).where(webhooks.c.id == webhook).values(active=active)
-        with self._database.writing() as connection:
-            found = connection.execute(change.returning(*_SHOWN)).mappings().one_or_none()
-        if found is None:
-            raise make_webhook_error(webhook)
-        return _to_webhook(found)
 
     def delete(self, webhook: int) -> Webhook:
         """Delete a webhook with its secret and its deliveries, and return it as it was.
@@ -120,48 +111,12 @@ class WebhookStore:
             raise make_webhook_error(webhook)
         return queued
 
-    def deliveries(
-        self,
-        webhook: int,
-        limit: int,
-        before: int | None = None,
-        state: DeliveryState | None = None,
-    ) -> Page[WebhookDelivery]:
-        """Return deliveries of a webhook, newest first, with ids below `before`.
-
-        Raises:
-            NotFound: no such webhook.
-        """
-        self.get(webhook)
-        found = self.outbox.page(webhook, limit + 1, before, state)
-        return Page(tuple(found[:limit]), found[limit - 1].id if len(found) > limit else None)
-
-    def get_delivery(self, webhook: int, delivery: int) -> WebhookDelivery:
-        """Return a delivery of a webhook.
-
-        Raises:
-            NotFound: no such webhook or delivery.
-        """
-        self.get(webhook)
-        found = self.outbox.get(webhook, delivery)
-        if found is None:
-            raise make_delivery_error(webhook, delivery)
-        return found
-
-    def redeliver(self, webhook: int, delivery: int) -> WebhookDelivery:
-        """Queue a delivery again, under the same event id.
-
-        Raises:
-            NotFound: no such webhook or delivery.
-        """
-        self.get(webhook)
-        found = self.outbox.redeliver(webhook, delivery)
-        if found is None:
-            raise make_delivery_error(webhook, delivery)
-        return found
-
 
 def _to_webhook(found: RowMapping) -> Webhook:
     values: dict[str, Any] = dict(found)
     events = tuple(WebhookEvent(name) for name in json.loads(values.pop("events")))
     return Webhook(events=events, **values)
+
+
+def _add_deliveries(connection: Connection, webhook: Webhook) -> Webhook:
+    return replace(webhook, deliveries=select_deliveries(connection, webhook.id, LAST_DELIVERIES))

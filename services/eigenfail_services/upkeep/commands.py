@@ -128,10 +128,9 @@ def backup(
     force: Force = False,
     as_json: AsJson = False,
 ) -> None:
-    """Back up a database to a file; a running service may use it meanwhile.
+    """Back up a SQLite database to a file; a running service may use it meanwhile.
 
-    The file appears once it is complete and checked. SQLite gives a database file, PostgreSQL a
-    dump of pg_dump, which must be installed.
+    The file appears once it is complete and checked. For PostgreSQL, use pg_dump.
     """
     from eigenfail_services.upkeep import backup as backups
 
@@ -152,6 +151,7 @@ def restore(
     """Restore a backup into an empty database, or with --force over an existing one.
 
     Either everything is restored or nothing changes. Stop all services of the database first.
+    For PostgreSQL, use pg_restore.
     """
     from eigenfail_services.upkeep import backup as backups
 

@@ -68,10 +68,7 @@ ROUTES = {
         GET /api/v1/analyses/{analysis}/modes
         GET /api/v1/analyses/{analysis}/eigenfailures
         GET /api/v1/analyses/{analysis}/modes/{mode}/animation
-        GET /api/v1/analyses/{analysis}/modes/{mode}/notes
         GET /api/v1/analyses/{analysis}/modes/{mode}/triage
-        GET /api/v1/campaigns/{campaign}/episodes/{index}/notes
-        GET /api/v1/campaigns/{campaign}/episodes/{index}/triage
         GET /api/v1/analyses/{analysis}/proof
         GET /api/v1/campaigns
         POST /api/v1/campaigns/check
@@ -129,18 +126,8 @@ ROUTES = {
         PUT /api/v1/analyses/{analysis}/modes/{mode}/name
         POST /api/v1/gates
         POST /api/v1/suites
-        POST /analyses/{analysis}/modes/triage
-        POST /analyses/{analysis}/modes/{mode}/notes
         POST /analyses/{analysis}/modes/{mode}/triage
-        POST /campaigns/{campaign}/episodes/triage
-        POST /campaigns/{campaign}/episodes/{index}/notes
-        POST /campaigns/{campaign}/episodes/{index}/triage
-        POST /api/v1/analyses/{analysis}/modes/triage
-        POST /api/v1/analyses/{analysis}/modes/{mode}/notes
         POST /api/v1/analyses/{analysis}/modes/{mode}/triage
-        POST /api/v1/campaigns/{campaign}/episodes/triage
-        POST /api/v1/campaigns/{campaign}/episodes/{index}/notes
-        POST /api/v1/campaigns/{campaign}/episodes/{index}/triage
         POST /api/v1/campaigns
         POST /api/v1/campaigns/bulk
         POST /api/v1/campaigns/{campaign}/analyses
@@ -158,7 +145,6 @@ ROUTES = {
     "admin": """
         GET /audit
         GET /keys
-        GET /webhooks
         GET /api/v1/audit
         GET /api/v1/keys
         POST /api/v1/keys
@@ -170,12 +156,7 @@ ROUTES = {
         POST /api/v1/webhooks
         DELETE /api/v1/webhooks/{webhook}
         GET /api/v1/webhooks/{webhook}
-        POST /api/v1/webhooks/{webhook}/activate
-        POST /api/v1/webhooks/{webhook}/deactivate
         POST /api/v1/webhooks/{webhook}/test
-        GET /api/v1/webhooks/{webhook}/deliveries
-        GET /api/v1/webhooks/{webhook}/deliveries/{delivery}
-        POST /api/v1/webhooks/{webhook}/deliveries/{delivery}/redeliver
     """,
 }
 LEAST = {

@@ -6,9 +6,7 @@ from html import unescape
 import pytest
 from store_checks.failures import fill
 
-from eigenfail.values.triage import TriageChange
 from eigenfail_api.dashboard import failures_page
-from eigenfail_services.store.triage import episode_subject
 
 HTML = {"Accept": "text/html"}
 
@@ -49,22 +47,12 @@ def test_pages_follow_each_other(http, places, monkeypatch):
 
 
 def test_filters_stay_in_the_form(http, places):
-    text = read(http, "/failures?planner=idm&state=new&owner=&sort=severity&archived=true")
+    text = read(http, "/failures?planner=idm&method=&sort=severity&archived=true")
     assert {campaign for campaign, _ in list_places(text)} == {2, 4}
     assert 'name="planner" maxlength="200" value="idm"' in text
-    assert '<option value="new" selected>' in text
     assert '<input type="hidden" name="archived" value="true">' in text
     assert "No failures match these filters." in read(http, "/failures?project=none")
     assert places
-
-
-def test_failures_without_an_owner_are_chosen(http, store, places):
-    _, campaign, index = places[0]
-    subject = episode_subject(campaign, index)
-    store.triage.change(subject, TriageChange(owner="anna"), "anna")
-    shown = list_places(read(http, "/failures?owner=&unowned=true"))
-    assert shown == [(one, other) for _, one, other in places[1:]]
-    assert list_places(read(http, "/failures?owner=anna")) == [(campaign, index)]
 
 
 def test_a_place_that_has_gone_leads_to_the_first_page(http, places):
@@ -75,12 +63,12 @@ def test_a_place_that_has_gone_leads_to_the_first_page(http, places):
     assert "First page" not in text
 
 
-def test_the_copied_request_has_the_filter_of_the_page(http, places, store):
-    query = "planner=idm&planner_version=a+b%26&state=new&unowned=true&archived=true&sort=severity"
+def test_the_copied_request_has_the_filter_of_the_page(http, places):
+    query = "planner=idm&planner_version=a+b%26&archived=true&sort=severity"
     text = read(http, f"/failures?{query}")
     address = re.search(r'hx-get="(/copies[^"]*)"', text)[1].replace("&amp;", "&")
     copies = unescape(read(http, address))
-    assert "/api/v1/failures?planner=idm&planner_version=a+b%26&state=new&archived=true" in copies
+    assert "/api/v1/failures?planner=idm&planner_version=a+b%26&archived=true" in copies
     assert places
 
 
@@ -88,6 +76,6 @@ def test_without_failures(http):
     assert "No campaign has found a collision yet." in read(http, "/failures")
 
 
-@pytest.mark.parametrize("query", ["sort=steps", "state=done", "after=x", "project=" + "x" * 201])
+@pytest.mark.parametrize("query", ["sort=steps", "after=x", "project=" + "x" * 201])
 def test_what_cannot_be_is_refused(http, query):
     assert http.get(f"/failures?{query}", headers=HTML).status_code == 422

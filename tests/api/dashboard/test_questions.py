@@ -20,7 +20,7 @@ HTML = {"Accept": "text/html"}
 SHARED = re.compile(r"BEGIN|SELECT keys\.")
 PAGES = (
     *("/", "/campaigns/1", "/campaigns/1/measures", "/campaigns/1/episodes/0", "/analyses/1"),
-    *("/campaigns/1/episodes", "/failures", "/failures?state=new", "/failures?state=known"),
+    *("/campaigns/1/episodes", "/failures", "/failures?planner=idm"),
 )
 
 

@@ -57,34 +57,26 @@ def test_a_test_event_that_arrives_exits_with_0(eigenfail, answering):
     assert "delivered" in tested.stdout
 
 
-def test_one_that_does_not_exits_with_3_and_can_be_sent_again(eigenfail, answering):
+def test_one_that_does_not_exits_with_3_and_is_listed_with_the_error(eigenfail, answering):
     eigenfail("webhook", "add", URL)
     answering(500)
     tested = eigenfail("webhook", "test", 1, "--json")
     assert tested.exit_code == 3
     assert json.loads(tested.stdout)["problem"] == "The receiver answered 500."
-    assert "eigenfail webhook deliveries 1" in tested.stderr
-    (waiting,) = json.loads(eigenfail("webhook", "deliveries", 1, "--json").stdout)
+    assert "eigenfail webhook list" in tested.stderr
+    (row,) = json.loads(eigenfail("webhook", "list", "--json").stdout)
+    (waiting,) = row["deliveries"]
     assert (waiting["state"], waiting["attempts"], waiting["status"]) == ("pending", 1, 500)
-    again = json.loads(eigenfail("webhook", "redeliver", 1, 1, "--json").stdout)
-    assert again["event"] == waiting["event"]
-    assert (
-        json.loads(eigenfail("webhook", "deliveries", 1, "--state", "failed", "--json").stdout)
-        == []
-    )
-
-
-def test_a_webhook_is_deactivated_and_activated(eigenfail):
-    eigenfail("webhook", "add", URL)
-    assert "inactive" in eigenfail("webhook", "deactivate", 1).stdout
-    assert "inactive" not in eigenfail("webhook", "activate", 1).stdout
+    listed = " ".join(eigenfail("webhook", "list").stdout.split())
+    assert "webhook.test" in listed
+    assert "The receiver answered 500." in listed
 
 
 @pytest.mark.parametrize(
     "words",
     [
         *(["add", "hooks.example"], ["add", URL, "--event", "x"], ["remove", 9], ["test", 9]),
-        *(["deliveries", 9], ["redeliver", 9, 1], ["activate", 0]),
+        ["remove", 0],
     ],
 )
 def test_what_is_wrong_is_said_with_exit_code_2(eigenfail, words):

@@ -40,7 +40,6 @@ NAMED = {
     "episode": {"EpisodeLike"},
     "analysis": {"AnalysisLike"},
     "mode": {"ModeLike"},
-    "modes": {"ModesLike"},
     "key": {"KeyLike"},
     "after": {"EventLike"},
 }
@@ -212,7 +211,7 @@ def test_a_mode_stands_for_analysis_and_number_in_every_method(method, by_name):
 
 def test_every_method_on_one_thing_is_among_those_tried():
     episodes = {name for _, name in list_methods("index", "episode")}
-    assert {"export_recording", "get", "replay", "shrink", "add_episode_note"} <= episodes
+    assert {"export_recording", "get", "replay", "shrink"} <= episodes
     assert {"animate", "rename_mode", "change_mode"} <= {name for _, name in list_methods("mode")}
 
 
@@ -226,7 +225,6 @@ def test_every_method_on_one_thing_is_among_those_tried():
         (lambda client: client.analyses.rename_mode(5, "late"), "mode"),
         (lambda client: client.analyses.animate(MODE), "path"),
         (lambda client: client.triage.get_mode(5), "mode"),
-        (lambda client: client.triage.add_episode_note(make_row()), "text"),
     ],
 )
 def test_what_a_call_lacks_is_named(call, field):

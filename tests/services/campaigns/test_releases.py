@@ -18,7 +18,6 @@ from eigenfail_services.campaigns.releases import (
 )
 from eigenfail_services.statistics.intervals import confidence_sequence
 from eigenfail_services.store import open_store
-from eigenfail_services.store.triage import mode_subject
 
 FIRST, STILL, GONE, BACK, OPEN = (
     ModeStatus.FIRST_SEEN,
@@ -267,7 +266,7 @@ def test_the_triage_of_the_newest_sighting_is_shown_and_what_was_fixed_is_noted(
     newest = release(store, "v2", {"late": 20}, seed=1)
 
     def mark(analysis, state):
-        store.triage.change(mode_subject(analysis, 1), TriageChange(state=state), "me")
+        store.triage.change(analysis, 1, TriageChange(state=state), "me")
         return make_release_table(store, newest.id)
 
     assert mark(2, TriageState.CONFIRMED).modes[0].state is TriageState.CONFIRMED

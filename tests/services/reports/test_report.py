@@ -25,7 +25,6 @@ from eigenfail_services.campaigns.summary import find_safety, summarise
 from eigenfail_services.reports.page import MOST_ROWS, format_plain, to_csv
 from eigenfail_services.reports.report import Made, make
 from eigenfail_services.store import Store, open_store
-from eigenfail_services.store.triage import episode_subject, mode_subject
 
 NOW_MS = 1_760_000_000_000
 
@@ -364,30 +363,24 @@ def triaged(run: Callable[..., int]) -> Store:
     for digest in ("0123456789ab", "ba9876543210"):
         store.campaigns.add_code(1, {"eigenfail_workers": digest})
     run_analysis(store, store.analyses.create(1, AnalysisSettings(clusters=2, bootstrap=0)).id)
-    change = TriageChange(TriageState.KNOWN, "anna", ("braking", "wet"), ticket="https://t/7")
-    store.triage.change(mode_subject(1, 2), change, "anna's key")
-    failure = store.analyses.get(1).result.episodes[0]
-    store.triage.change(episode_subject(1, failure), TriageChange(TriageState.FIXED), "bert")
-    store.triage.add_note(mode_subject(1, 2), "<b>seen</b> on track 3", "bert")
+    change = TriageChange(TriageState.KNOWN, "https://t/7", "<b>seen</b> on track 3")
+    store.triage.change(1, 2, change, "anna's key")
     return store
 
 
-def test_triage_of_modes_and_episodes_is_told(triaged: Store, parse: Any) -> None:
+def test_triage_of_modes_is_told(triaged: Store, parse: Any) -> None:
     made = make(triaged, (1,), NOW_MS)
     rows = records(table(made.report, "triage"))
     modes = triaged.analyses.modes(1)
-    assert [(row["kind"], row["analysis"], row["number"], row["name"]) for row in rows[:2]] == [
-        ("mode", 1, mode.number, mode.name) for mode in modes
+    assert [(row["analysis"], row["number"], row["name"]) for row in rows] == [
+        (1, mode.number, mode.name) for mode in modes
     ]
-    assert [row["state"] for row in rows] == ["new", "known", "fixed"]
-    known, fixed = rows[1:]
-    assert (known["owner"], known["labels"], known["ticket"], known["changed_by"]) == (
-        *("anna", "braking, wet", "https://t/7"),
+    assert [row["state"] for row in rows] == ["new", "known"]
+    known = rows[1]
+    assert (known["ticket"], known["note"], known["changed_by"]) == (
+        *("https://t/7", "<b>seen</b> on track 3"),
         "anna's key",
     )
-    assert (fixed["kind"], fixed["analysis"]) == ("episode", None)
-    (note,) = records(table(made.report, "triage-notes"))
-    assert (note["kind"], note["number"], note["author"]) == ("mode", 2, "bert")
     html = made.html()
     assert b"<b>seen" not in html
     text = parse(html).text
@@ -401,7 +394,7 @@ def test_triage_that_changes_no_result_changes_no_digest(triaged: Store) -> None
     assert evidence["digest"] == triaged.campaigns.get(1).digest
 
 
-def test_without_modes_changes_and_notes_there_is_no_triage(store: Store) -> None:
+def test_without_modes_there_is_no_triage(store: Store) -> None:
     names = {section.name for section in make(store, (2,), NOW_MS).report.sections}
     assert "triage" not in names
 

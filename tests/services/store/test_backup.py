@@ -2,19 +2,18 @@
 
 import json
 import os
-import shutil
+import re
+import shlex
 import signal
 import sqlite3
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import closing
 from importlib.util import find_spec
 from pathlib import Path
 
 import deadlines
-import psycopg
 import pytest
 from sqlalchemy import text
 from store_checks.examples import deliver, running
@@ -23,13 +22,13 @@ from eigenfail.errors import Conflict, InvalidValue, SchemaMismatch, ServiceErro
 from eigenfail.testing.examples import collision, result
 from eigenfail_services.store import open_store
 from eigenfail_services.store.engine import Database, find_backend
-from eigenfail_services.upkeep.backup import Backup, backup
-from eigenfail_services.upkeep.backup import restore as restore_at_once
+from eigenfail_services.upkeep.backup import backup, restore
 from eigenfail_services.upkeep.verify import verify
 
 pytestmark = pytest.mark.service
 
 PATIENCE_S = deadlines.PROCESS_S
+PAGE = Path(__file__).parents[3] / "docs" / "deployment.md"
 ENOUGH = 640
 """Results committed before the backup is begun."""
 
@@ -60,18 +59,6 @@ from eigenfail_services.upkeep.backup import restore
 restore(sys.argv[1], Path(sys.argv[2]), force=True)
 """
 
-CONNECTED = (
-    "SELECT count(*) FROM pg_stat_activity "
-    "WHERE datname = current_database() AND application_name = 'eigenfail'"
-)
-
-HALTING = """#!/bin/sh
-[ "$1" = --data-only ] && exec {0} "$@"
-{0} "$@" | awk '{{ print }} NR > 150 && /^$/ {{ exit }}'
-exit 1
-"""
-"""It ends early, between two statements, of which an empty line comes behind each."""
-
 
 @pytest.fixture
 def programs(monkeypatch) -> None:
@@ -82,13 +69,9 @@ def programs(monkeypatch) -> None:
 
 
 @pytest.fixture
-def elsewhere(url, request, tmp_path) -> Iterator[str]:
-    """The address of an empty database of the same kind."""
-    if url.startswith("sqlite"):
-        yield f"sqlite:///{tmp_path / 'elsewhere' / 'b.db'}"
-        return
-    with request.getfixturevalue("postgres").database() as address:
-        yield address
+def elsewhere(tmp_path) -> str:
+    """The address of a database that does not exist yet."""
+    return f"sqlite:///{tmp_path / 'elsewhere' / 'b.db'}"
 
 
 @pytest.fixture
@@ -109,10 +92,10 @@ def committing() -> Iterator[Callable[[str], "subprocess.Popen[str]"]]:
 
 
 @pytest.fixture
-def filled(url: str) -> str:
+def filled(sqlite_url: str) -> str:
     """The address of a database with one campaign of two results."""
-    fill(url)
-    return url
+    fill(sqlite_url)
+    return sqlite_url
 
 
 def fill(url: str, results: int = 1) -> None:
@@ -130,21 +113,6 @@ def completed(url: str, campaign: int = 1) -> int:
         return store.campaigns.get(campaign).counts.completed
 
 
-def restore(url: str, file: Path, *, force: bool = False) -> Backup:
-    """As soon as a server has noticed that whoever closed a store is gone."""
-    if not url.startswith("sqlite"):
-        wait_until_alone(url)
-    return restore_at_once(url, file, force=force)
-
-
-def wait_until_alone(url: str) -> None:
-    deadline_s = time.monotonic() + PATIENCE_S
-    with psycopg.connect(url, autocommit=True) as connection:
-        while connection.execute(CONNECTED).fetchone() != (0,):
-            assert time.monotonic() < deadline_s
-            time.sleep(0.02)
-
-
 def path_of(url: str) -> Path:
     return Path(url.removeprefix("sqlite:///"))
 
@@ -156,13 +124,13 @@ def path_of(url: str) -> Path:
     " file alone lacks its write-ahead log.",
 )
 def test_a_backup_made_while_results_are_committed_is_whole(
-    *, url, elsewhere, committing, tmp_path, programs
+    sqlite_url, elsewhere, committing, tmp_path
 ) -> None:
-    process = committing(url)
+    process = committing(sqlite_url)
     acknowledged = 0
     while acknowledged < ENOUGH:
         acknowledged = json.loads(process.stdout.readline())
-    made = backup(url, tmp_path / "backup")
+    made = backup(sqlite_url, tmp_path / "backup")
     assert process.poll() is None
     restored = restore(elsewhere, tmp_path / "backup")
     assert (made.bytes, made.revision) == (restored.bytes, restored.revision)
@@ -174,9 +142,7 @@ def test_a_backup_made_while_results_are_committed_is_whole(
     assert sorted(path.name for path in tmp_path.glob(".*")) == []
 
 
-def test_a_backup_is_nobody_elses_to_read_and_overwrites_nothing_unasked(
-    filled, tmp_path, programs
-) -> None:
+def test_a_backup_is_nobody_elses_to_read_and_overwrites_nothing_unasked(filled, tmp_path) -> None:
     file = tmp_path / "backup"
     file.write_text("precious")
     with pytest.raises(Conflict, match=r"exists already.*--force"):
@@ -218,7 +184,7 @@ def test_nor_is_it_by_another_name_of_its_file(sqlite_url, tmp_path) -> None:
     outcome="An earlier backup of that name is unchanged; a hidden `*.part` file beside it "
     "may be removed.",
 )
-def test_a_backup_that_is_killed_leaves_the_earlier_one(filled, tmp_path, programs) -> None:
+def test_a_backup_that_is_killed_leaves_the_earlier_one(filled, tmp_path) -> None:
     file = tmp_path / "backup"
     file.write_text("earlier")
     command = [sys.executable, "-c", KILLED_BEFORE_IT_HAS_ITS_NAME, filled, str(file)]
@@ -229,9 +195,7 @@ def test_a_backup_that_is_killed_leaves_the_earlier_one(filled, tmp_path, progra
 
 
 @pytest.mark.fault("restore from an unsuitable file, or into a database in use")
-def test_what_a_database_holds_is_replaced_only_by_force(
-    filled, elsewhere, tmp_path, programs
-) -> None:
+def test_what_a_database_holds_is_replaced_only_by_force(filled, elsewhere, tmp_path) -> None:
     backup(filled, tmp_path / "backup")
     fill(elsewhere, 5)
     with pytest.raises(Conflict, match=r"not empty.*--force"):
@@ -243,18 +207,18 @@ def test_what_a_database_holds_is_replaced_only_by_force(
 
 
 @pytest.mark.fault("restore from an unsuitable file, or into a database in use")
-def test_a_database_in_use_is_not_replaced(filled, elsewhere, tmp_path, programs) -> None:
+def test_a_database_in_use_is_not_replaced(filled, elsewhere, tmp_path) -> None:
     backup(filled, tmp_path / "backup")
     with closing(open_store(elsewhere)) as store:
         store.ping()
         with pytest.raises(ServiceError, match=r"Stop"):
-            restore_at_once(elsewhere, tmp_path / "backup", force=True)
+            restore(elsewhere, tmp_path / "backup", force=True)
         store.ping()
     restore(elsewhere, tmp_path / "backup")
 
 
 @pytest.mark.fault("restore from an unsuitable file, or into a database in use")
-def test_a_backup_of_a_newer_program_is_refused(filled, elsewhere, tmp_path, programs) -> None:
+def test_a_backup_of_a_newer_program_is_refused(filled, elsewhere, tmp_path) -> None:
     change(filled, "UPDATE eigenfail_schema SET version_num = '9999'")
     backup(filled, tmp_path / "backup")
     fill(elsewhere)
@@ -263,46 +227,8 @@ def test_a_backup_of_a_newer_program_is_refused(filled, elsewhere, tmp_path, pro
     assert completed(elsewhere) == 2
 
 
-@pytest.mark.fault("SIGKILL of a restore, or truncated dump")
-def test_a_restoration_into_postgresql_that_fails_changes_nothing(
-    prepared_postgres_url, tmp_path, programs
-) -> None:
-    fill(prepared_postgres_url)
-    backup(prepared_postgres_url, tmp_path / "backup")
-    change(prepared_postgres_url, "CREATE VIEW mine AS SELECT id FROM campaigns")
-    with pytest.raises(ServiceError, match=r"psql failed: .*view mine.*was not changed"):
-        restore(prepared_postgres_url, tmp_path / "backup", force=True)
-    assert completed(prepared_postgres_url) == 2
-
-
-@pytest.mark.fault("SIGKILL of a restore, or truncated dump")
-def test_a_dump_that_cannot_be_read_to_its_end_changes_nothing(
-    *, prepared_postgres_url, tmp_path, programs, monkeypatch
-) -> None:
-    fill(prepared_postgres_url)
-    backup(prepared_postgres_url, tmp_path / "backup")
-    whole, halting = shutil.which("pg_restore"), tmp_path / "pg_restore"
-    halting.write_text(HALTING.format(whole))
-    halting.chmod(0o700)
-    monkeypatch.setenv("PATH", f"{tmp_path}{os.pathsep}{os.environ['PATH']}")
-    with pytest.raises(ServiceError, match=r"pg_restore failed: .*was not changed"):
-        restore(prepared_postgres_url, tmp_path / "backup", force=True)
-    assert completed(prepared_postgres_url) == 2
-
-
 @pytest.mark.fault("restore from an unsuitable file, or into a database in use")
-def test_a_newer_postgresql_database_is_not_replaced(
-    prepared_postgres_url, tmp_path, programs
-) -> None:
-    """It has tables that this program does not know."""
-    backup(prepared_postgres_url, tmp_path / "backup")
-    change(prepared_postgres_url, "UPDATE eigenfail_schema SET version_num = '9999'")
-    with pytest.raises(SchemaMismatch, match=r"9999, newer than"):
-        restore(prepared_postgres_url, tmp_path / "backup", force=True)
-
-
-@pytest.mark.fault("restore from an unsuitable file, or into a database in use")
-def test_what_is_no_backup_is_refused(filled, tmp_path, programs) -> None:
+def test_what_is_no_backup_is_refused(filled, tmp_path) -> None:
     other, halved = tmp_path / "other.db", tmp_path / "halved"
     with closing(sqlite3.connect(other)) as connection:
         connection.execute("CREATE TABLE things (id INTEGER)")
@@ -334,7 +260,7 @@ def test_a_damaged_database_is_said_to_be_moved_away(sqlite_url, tmp_path) -> No
 
 
 @pytest.mark.fault(
-    "SIGKILL of a restore, or truncated dump",
+    "SIGKILL of a restore",
     group="storage",
     outcome="The database is as before or completely restored.",
 )
@@ -355,10 +281,35 @@ def test_a_restoration_that_is_killed_leaves_the_old_or_the_new(
         assert len(store.campaigns.page(10).items) in {1, 2}
 
 
-def test_postgresqls_programs_are_asked_for_where_they_are_missing(
-    prepared_postgres_url, tmp_path, monkeypatch
-) -> None:
-    monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(ServiceError, match=r"pg_dump is not installed here.*Run: pg_dump --format"):
+def test_postgresql_is_left_to_its_own_programs(prepared_postgres_url, tmp_path) -> None:
+    with pytest.raises(Conflict, match=r"Run: pg_dump --format=custom .*docs/deployment\.md"):
         backup(prepared_postgres_url, tmp_path / "backup")
+    with pytest.raises(Conflict, match=r"Run: pg_restore .*--single-transaction"):
+        restore(prepared_postgres_url, tmp_path / "backup", force=True)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_postgresql_is_dumped_and_restored_by_the_commands_of_the_page(
+    prepared_postgres_url, programs, postgres, tmp_path
+) -> None:
+    """A service may use the database meanwhile; what came in after the dump is gone."""
+    page = PAGE.read_text()
+    dump, restoration = re.findall(r"^(pg_(?:dump|restore) .*)$", page, re.MULTILINE)
+    fill(prepared_postgres_url)
+    with closing(open_store(prepared_postgres_url)):
+        run_program(dump, prepared_postgres_url, tmp_path)
+    fill(prepared_postgres_url, 5)
+    run_program(restoration, prepared_postgres_url, tmp_path)
+    with postgres.database() as empty:
+        run_program(restoration, empty, tmp_path)
+        for url in (prepared_postgres_url, empty):
+            assert verify(url).defects == 0
+            assert completed(url) == 2
+            with closing(open_store(url)) as store:
+                assert len(store.campaigns.page(10).items) == 1
+
+
+def run_program(line: str, url: str, folder: Path) -> None:
+    """Run a command of the page in a folder, with the address of another database."""
+    words = [f"--dbname={url}" if "--dbname=" in word else word for word in shlex.split(line)]
+    subprocess.run(words, check=True, timeout=PATIENCE_S, cwd=folder)

@@ -25,7 +25,7 @@ from eigenfail.values.records import Verdict
 from eigenfail_services.export_jobs import find_export_folder
 from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.engine import find_backend
-from eigenfail_services.upkeep.backup import backup, find_program, restore
+from eigenfail_services.upkeep.backup import backup, belongs_to, restore
 from eigenfail_services.upkeep.maintenance import find_vacuum_program
 from eigenfail_services.upkeep.verify import verify
 
@@ -86,7 +86,7 @@ def test_a_database_lies_in_its_folder_whatever_its_name(one, other) -> None:
             find_backend(folder.database).prepare()
             assert folder.database_file.is_file()
             assert sqlite_path(folder.database) == folder.database_file
-            assert find_program(folder.database).holds(folder.database_file)
+            assert belongs_to(sqlite_path(folder.database), folder.database_file)
             assert (
                 find_vacuum_program(folder.database).size() == folder.database_file.stat().st_size
             )

@@ -29,7 +29,7 @@ from eigenfail_services.store import open_store
 from eigenfail_services.store.campaigns import CampaignStore
 from eigenfail_services.store.engine import Database, find_backend
 from eigenfail_services.store.listing import page_queries
-from eigenfail_services.store.webhooks import WebhookStore
+from eigenfail_services.store.outbox import select_deliveries
 
 FEW = st.sampled_from([-1.0, -0.0, 0.0, 0.5, 1.5, 2.0, 7.0, 7.5, 1e300, 5e-324])
 WORDS = st.sampled_from(["prior", "policy", "'", '"; --', "", "ß", "Prior"])
@@ -103,15 +103,6 @@ def test_pages_along_an_index_sort_nothing(sqlite_url, name, where):
                 assert all("TEMP B-TREE" not in step[3] for step in plan), (sort, plan)
 
 
-@pytest.mark.parametrize("where", ["state = known", "state = new", "owner != ada", "label = a"])
-def test_triage_of_other_campaigns_is_not_read(sqlite_url, where):
-    with closing(Database(find_backend(sqlite_url))) as database, database.reading() as connection:
-        for query in page_queries(connection, 1, None, parse_filter(where), BY_INDEX):
-            plan = connection.exec_driver_sql(f"EXPLAIN QUERY PLAN {plain(query)}").all()
-            (read,) = (step[3] for step in plan if "triage" in step[3])
-            assert "kind=? AND parent=?" in read, plan
-
-
 def plans(url, ask):
     """Steps of the plan of SQLite for each query of rows that is asked."""
     statements = []
@@ -141,10 +132,14 @@ def test_campaigns_with_a_version_are_read_alone(sqlite_url):
     assert steps == ["SCAN campaigns USING INDEX ix_campaigns_versioned"]
 
 
-def test_deliveries_are_counted_in_an_index(sqlite_url):
-    (steps,) = plans(sqlite_url, lambda it: WebhookStore(it).outbox.count_by_state())
-    index = "ix_webhook_deliveries_webhook_state"
-    assert steps == [f"SCAN webhook_deliveries USING COVERING INDEX {index}"]
+def test_last_deliveries_are_found_by_an_index(sqlite_url):
+    def ask(database):
+        with database.reading() as connection:
+            select_deliveries(connection, 1, 10)
+
+    (steps,) = plans(sqlite_url, ask)
+    index = "ix_webhook_deliveries_webhook_id"
+    assert steps == [f"SEARCH webhook_deliveries USING INDEX {index} (webhook=?)"]
 
 
 def plain(query):

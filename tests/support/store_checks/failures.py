@@ -9,9 +9,7 @@ from eigenfail.values import CampaignState, Measures, Outcome
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.campaign_spec import MAX_EPISODES
 from eigenfail.values.failures import FailureFilter
-from eigenfail.values.triage import TriageChange, TriageState
 from eigenfail_services.store import Store
-from eigenfail_services.store.triage import episode_subject
 from store_checks.examples import deliver, equal, running
 
 ANY = FailureFilter(CampaignFilter())
@@ -83,34 +81,7 @@ def filters_failures_by_campaign(store: Store) -> None:
         equal(walk(store, where, 4), wanted, f"{where}")
     rows = store.failures.page(ANY, 200).items
     equal(sorted(store.failures.read_campaigns(rows)), [*planners], "The campaigns of the rows")
-
-
-def filters_failures_by_triage(store: Store) -> None:
-    """A failure without a row of triage is new and has no owner."""
-    places = sorted(fill(store), reverse=True)
-    confirmed, owned, both = places[0], places[5], places[-1]
-    changes = {
-        confirmed: TriageChange(TriageState.CONFIRMED),
-        owned: TriageChange(owner="anna"),
-        both: TriageChange(TriageState.CONFIRMED, "anna", labels=("late",)),
-    }
-    for (_, campaign, index), change in changes.items():
-        store.triage.change(episode_subject(campaign, index), change, "anna")
-    states, owners = dict.fromkeys(places, "new"), dict.fromkeys(places, "")
-    for place, change in changes.items():
-        states[place], owners[place] = change.state or "new", change.owner or ""
-    for state in (None, *TriageState):
-        for owner in (None, "", "anna", "ben"):
-            wanted = [
-                place
-                for place in places
-                if state in {None, states[place]} and owner in {None, owners[place]}
-            ]
-            where = replace(ANY, state=state, owner=owner)
-            equal(walk(store, where, 4), wanted, f"State {state}, owner {owner}")
-            equal(walk(store, where, 4, descending=False), wanted[::-1], f"{where}, reversed")
-    (row,) = store.failures.page(replace(ANY, state=TriageState.CONFIRMED, owner="anna"), 9).items
-    equal((row.state, row.owner, row.labels), ("confirmed", "anna", ("late",)), "Its triage")
+    (row,) = store.failures.page(replace(ANY, planner="idm"), 1).items
     listed = store.episodes.page(row.campaign, 1, row.index - 1).items
     equal(row, listed[0], "The row beside that of the list of its campaign")
 
@@ -118,5 +89,4 @@ def filters_failures_by_triage(store: Store) -> None:
 CHECKS = (
     sorts_failures_of_all_campaigns,
     filters_failures_by_campaign,
-    filters_failures_by_triage,
 )

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from functools import partial
+from typing import Any
 from unittest.mock import patch
 
 from msgspec.structs import replace
@@ -14,6 +15,7 @@ from eigenfail.testing.examples import analysis_result
 from eigenfail.values import AnalysisSettings, AnalysisState, CampaignState
 from eigenfail.values.webhooks import (
     EVERY_EVENT,
+    LAST_DELIVERIES,
     MAX_WEBHOOKS,
     DeliveryState,
     Webhook,
@@ -32,6 +34,7 @@ from store_checks.modes import crashed
 URL, SECRET = "https://hooks.example/eigenfail", "whsec_bm90IGEgc2VjcmV0IG9mIGFueWJvZHk="
 LONG_S, PASSED_S = 600.0, 0.0
 DELIVERED = DeliveryAttempt(DeliveryState.DELIVERED, 204)
+GONE = DeliveryAttempt(DeliveryState.FAILED, 410, "It is gone.", deactivates=True)
 LATER = DeliveryAttempt(DeliveryState.PENDING, 500, "It answered 500.", 3_600_000)
 GATE = make_report(GateVerdict.NEW)
 
@@ -42,8 +45,8 @@ def add(store: Store, *events: WebhookEvent) -> Webhook:
 
 
 def queued(store: Store, webhook: Webhook) -> list[WebhookDelivery]:
-    """All deliveries of a webhook, oldest first."""
-    return [*store.webhooks.deliveries(webhook.id, 1_000).items][::-1]
+    """The last deliveries of a webhook, oldest first."""
+    return [*store.webhooks.get(webhook.id).deliveries][::-1]
 
 
 def claim(store: Store, lease_s: float = LONG_S) -> ClaimedDelivery | None:
@@ -59,11 +62,26 @@ def taken(store: Store, lease_s: float = LONG_S) -> ClaimedDelivery:
     return found
 
 
+def deliver(store: Store, webhook: Webhook) -> list[dict[str, Any]]:
+    """Deliver all that is due, and return what a webhook got."""
+    payloads = []
+    while (found := claim(store)) is not None:
+        expect(store.webhooks.outbox.conclude(found, DELIVERED, now_ms()), "It was claimed.")
+        payloads += [found.payload] if found.webhook == webhook.id else []
+    return [json.loads(each) for each in payloads]
+
+
+def deactivate(store: Store, webhook: Webhook) -> None:
+    """As if the receiver had answered a test event with 410 Gone."""
+    store.webhooks.test(webhook.id)
+    expect(store.webhooks.outbox.conclude(taken(store), GONE, now_ms()), "It was claimed.")
+
+
 def tells_of_the_end_of_a_campaign(store: Store) -> None:
     """Each end of a campaign is told once, to those who are told of such events."""
     first, second = add(store), add(store, WebhookEvent.CAMPAIGN_ENDED)
     others, silent = add(store, WebhookEvent.GATE_FAILED), add(store)
-    store.webhooks.set_active(silent.id, active=False)
+    deactivate(store, silent)
     done, stopped, dead = (running(store) for _ in range(3))
     equal(queued(store, first), [], "Deliveries before an end")
     store.campaigns.move(done.id, CampaignState.DONE)
@@ -73,7 +91,7 @@ def tells_of_the_end_of_a_campaign(store: Store) -> None:
     store.campaigns.move(dead.id, CampaignState.DEAD, "It broke.")
     with expect_error(IllegalTransition, "A second end."):
         store.campaigns.move(dead.id, CampaignState.DONE)
-    told = [json.loads(each.payload) for each in queued(store, first)]
+    told = deliver(store, first)
     equal([each["type"] for each in told], ["campaign.ended"] * 3, "Kinds")
     ends = [(each["data"]["campaign"], each["data"]["state"]) for each in told]
     wanted = [(done.id, "done"), (stopped.id, "cancelled"), (dead.id, "dead")]
@@ -82,7 +100,8 @@ def tells_of_the_end_of_a_campaign(store: Store) -> None:
     same = [[each.event for each in queued(store, webhook)] for webhook in (first, second)]
     equal(same[0], same[1], "Ids of the events at two webhooks")
     equal(len({*same[0]}), 3, "Different events")
-    equal([queued(store, others), queued(store, silent)], [[], []], "Those who are told nothing")
+    equal(queued(store, others), [], "One that is told of other events")
+    equal([each.kind for each in queued(store, silent)], ["webhook.test"], "An inactive one")
 
 
 def tells_of_modes_and_gates(store: Store) -> None:
@@ -98,7 +117,7 @@ def tells_of_modes_and_gates(store: Store) -> None:
         store.gates.record(make_report(verdict))
     logged = [each.kind for each in store.events.latest(2)]
     equal(logged, ["gate.failed", "gate.passed"], "Kinds in the log")
-    told = [json.loads(each.payload) for each in queued(store, webhook)]
+    told = deliver(store, webhook)
     kinds = ["analysis.finished", "analysis.finished", "gate.failed"]
     equal([each["type"] for each in told], kinds, "Kinds")
     modes = [(mode["number"], mode["name"]) for mode in told[0]["data"]["modes"]]
@@ -153,11 +172,17 @@ def claims_one_at_a_time(store: Store) -> None:
     equal(claim(store), None, "A claim while both are busy")
     expect(store.webhooks.outbox.conclude(first, DELIVERED, now_ms()), "It was claimed.")
     equal(taken(store).id, newer.id, "The next one")
-    listed = [(each.id, each.state) for each in store.webhooks.outbox.newest(2)]
-    pending = DeliveryState.PENDING
-    equal(listed, [(elsewhere.id, pending), (newer.id, pending)], "The newest of all webhooks")
-    ended = store.webhooks.get_delivery(slow.id, oldest.id)
-    equal((ended.state, ended.status), (DeliveryState.DELIVERED, 204), "What was delivered")
+    listed = [
+        [(each.id, each.state, each.status) for each in webhook.deliveries]
+        for webhook in store.webhooks.page(10).items
+    ]
+    waiting = DeliveryState.PENDING, None
+    delivered = oldest.id, DeliveryState.DELIVERED, 204
+    equal(
+        listed,
+        [[(elsewhere.id, *waiting)], [(newer.id, *waiting), delivered]],
+        "Webhooks with their last deliveries",
+    )
 
 
 def delivers_again_what_was_lost(store: Store) -> None:
@@ -181,35 +206,33 @@ def deactivates_with_the_outcome(store: Store) -> None:
     """A webhook that is gone becomes inactive with the outcome, unless the claim was lost."""
     webhook = add(store)
     store.webhooks.test(webhook.id)
-    gone = DeliveryAttempt(DeliveryState.FAILED, 410, "It is gone.", deactivates=True)
+    store.webhooks.test(webhook.id)
     lost = taken(store, PASSED_S)
     again = taken(store)
-    expect(not store.webhooks.outbox.conclude(lost, gone, now_ms()), "The claim was lost.")
+    expect(not store.webhooks.outbox.conclude(lost, GONE, now_ms()), "The claim was lost.")
     expect(store.webhooks.get(webhook.id).active, "A lost claim deactivates nothing.")
-    expect(store.webhooks.outbox.conclude(again, gone, now_ms()), "The second claim holds.")
+    expect(store.webhooks.outbox.conclude(again, GONE, now_ms()), "The second claim holds.")
     expect(not store.webhooks.get(webhook.id).active, "The webhook is gone.")
+    expect(not store.webhooks.outbox.has_due(now_ms()), "What is pending waits.")
+    equal(claim(store), None, "A claim for an inactive webhook")
 
 
-def delivers_again_what_is_asked_for(store: Store) -> None:
-    """An ended delivery is queued again under its event id, with all its attempts."""
-    webhook = add(store)
-    event = store.webhooks.test(webhook.id).event
-    store.webhooks.outbox.conclude(taken(store), DeliveryAttempt(DeliveryState.FAILED), now_ms())
-    equal(claim(store), None, "After the end")
+def lists_the_last_deliveries(store: Store) -> None:
+    """A webhook is shown with its newest ten deliveries; nothing is due once all have ended."""
+    webhook, other = add(store), add(store)
+    made = [store.webhooks.test(webhook.id) for _ in range(LAST_DELIVERIES + 2)]
+    equal(queued(store, webhook), made[2:], "The last deliveries")
+    equal(queued(store, other), [], "Deliveries of another one")
+    equal(len(deliver(store, webhook)), len(made), "Deliveries that were made")
     equal(store.webhooks.outbox.has_due(now_ms()), False, "Nothing is due")
-    again = store.webhooks.redeliver(webhook.id, queued(store, webhook)[0].id)
-    equal((again.state, again.attempts), (DeliveryState.PENDING, 0), "The delivery")
-    found = taken(store)
-    equal((found.event, found.attempt), (event, 1), "The claim")
-    store.webhooks.set_active(webhook.id, active=False)
-    store.webhooks.redeliver(webhook.id, found.id)
-    equal(store.webhooks.outbox.has_due(now_ms()), False, "An inactive webhook")
+    ended = {(each.state, each.status, each.attempts) for each in queued(store, webhook)}
+    equal(ended, {(DeliveryState.DELIVERED, 204, 1)}, "Their outcome")
 
 
 def removes_webhooks(store: Store) -> None:
     """With a webhook its secret and its deliveries go; unknown ones are not found."""
     webhook, other = add(store), add(store)
-    delivery, kept = (store.webhooks.test(each.id) for each in (webhook, other))
+    _, kept = (store.webhooks.test(each.id) for each in (webhook, other))
     equal(store.webhooks.page(1).next, other.id, "Pages")
     equal(store.webhooks.delete(webhook.id), webhook, "What was removed")
     equal(taken(store).id, kept.id, "What is still to be delivered")
@@ -220,13 +243,6 @@ def removes_webhooks(store: Store) -> None:
             store.webhooks.test(unknown)
         with expect_error(NotFound, "No such webhook."):
             store.webhooks.delete(unknown)
-        with expect_error(NotFound, "No such webhook."):
-            store.webhooks.set_active(unknown, active=True)
-    for unknown in (delivery.id, *BEYOND):
-        with expect_error(NotFound, "No such delivery."):
-            store.webhooks.redeliver(other.id, unknown)
-        with expect_error(NotFound, "No such delivery."):
-            store.webhooks.get_delivery(other.id, unknown)
 
 
 def bounds_the_number_of_webhooks(store: Store) -> None:
@@ -268,7 +284,7 @@ CHECKS = (
     claims_one_at_a_time,
     delivers_again_what_was_lost,
     deactivates_with_the_outcome,
-    delivers_again_what_is_asked_for,
+    lists_the_last_deliveries,
     removes_webhooks,
     bounds_the_number_of_webhooks,
     deletes_old_deliveries_that_ended,
