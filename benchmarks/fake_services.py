@@ -144,7 +144,7 @@ def fake_learners() -> Iterator[list[FakeLearner]]:
         learners.append(FakeLearner())
         return learners[-1]
 
-    with patch.object(runs, "LearnerLink", start):
+    with patch.object(runs.learner_link, "LearnerLink", start):
         yield learners
 
 

@@ -8,7 +8,7 @@ from figures import Figure
 from samples import COMMAND
 
 from eigenfail.values import AXES
-from eigenfail_services.statistics.conditional_sampler import Array
+from eigenfail_services.statistics.batches import Array
 from eigenfail_services.statistics.pooled_estimate import pool_simulations
 from eigenfail_services.statistics.subset_simulation import (
     SubsetSettings,

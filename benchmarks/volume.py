@@ -82,7 +82,6 @@ def figures_of(place: Place, total: int) -> Iterator[Figures]:
     yield pages(place, largest)
     yield reading(place, largest)
     yield keeping(place, total)
-    yield moving(place, total)
     yield thinning(place, total)
 
 
@@ -171,14 +170,6 @@ def keeping(place: Place, total: int) -> Figures:
 BESIDE = "another process commits results meanwhile"
 PROMISES_OPEN = 10
 """Jobs of campaigns that this script ends without a service: the only defects there are."""
-
-
-def moving(place: Place, total: int) -> Figures:
-    """To the schema of an older release, and to the newest again."""
-    return {
-        "downgrade_s": told(stage("back", place).wall_s, "s", total),
-        "upgrade_s": told(stage("forward", place).wall_s, "s", total),
-    }
 
 
 def thinning(place: Place, total: int) -> Figures:

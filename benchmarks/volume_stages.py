@@ -24,16 +24,13 @@ from eigenfail_services.export_formats import (
     write_csv,
     write_parquet,
 )
-from eigenfail_services.store import Store, migrate, open_store
+from eigenfail_services.store import Store, open_store
 from eigenfail_services.upkeep.backup import backup, restore
-from eigenfail_services.upkeep.maintenance import PruneSelection, downgrade, prune, rehearse, vacuum
+from eigenfail_services.upkeep.maintenance import PruneSelection, prune, rehearse, vacuum
 from eigenfail_services.upkeep.verify import verify
 
 LARGEST = 1
 """The campaign that is exported and analysed."""
-
-OLDER = "0007"
-"""A schema without the indexes and columns that pages and sums of large campaigns need."""
 
 RULE = Retention(keep_every=100)
 SAVED = "backup"
@@ -119,17 +116,6 @@ def restored(address: str, folder: Path) -> float:
     return restore(address, folder / SAVED).bytes
 
 
-def back(address: str, _folder: Path) -> float:
-    """To a schema of an older release."""
-    return float(downgrade(address, OLDER, force=True))
-
-
-def forward(address: str, _folder: Path) -> float:
-    """To the newest one."""
-    migrate.upgrade(address)
-    return float(migrate.read_version(address) or 0)
-
-
 def rehearsed(address: str, _folder: Path) -> float:
     """What would be pruned; how many bytes."""
     return rehearse(address, RULE, PruneSelection()).weight.bytes
@@ -179,8 +165,6 @@ STAGES: Mapping[str, Callable[[str, Path], float]] = {
     "verify": verified,
     "backup": saved,
     "restore": restored,
-    "back": back,
-    "forward": forward,
     "rehearse": rehearsed,
     "prune": pruned,
     "vacuum": vacuumed,

@@ -47,7 +47,6 @@ ROWS = (
     Row("the writer during that backup: [episodes/s], longest commit [s]",
         ("writing_while_backup_per_s", "longest_commit_while_backup_s")),
     Row("`db restore` [s]", ("restore_s",)),
-    Row("`db downgrade --to 0007` [s], `db upgrade` [s]", ("downgrade_s", "upgrade_s")),
     Row("`db prune --dry-run` [s]", ("rehearse_s",)),
     Row("`db prune` while a writer runs [episodes/s]", ("prune_per_s",)),
     Row("the writer during that pruning: [episodes/s], longest commit [s]",

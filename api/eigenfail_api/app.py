@@ -10,7 +10,7 @@ from uvicorn.middleware.proxy_headers import ProxyHeadersMiddleware
 
 from eigenfail import __version__
 from eigenfail.values.access import Scope
-from eigenfail_api import openapi
+from eigenfail_api import openapi, parameters
 from eigenfail_api.access.authentication import RULES, Authenticator, Clock, compile_rules
 from eigenfail_api.access.middleware import AuthMiddleware, OriginGuard, Preconditions, redact_logs
 from eigenfail_api.access.proxy import PeerRecorder
@@ -42,12 +42,6 @@ from eigenfail_api.dashboard import (
 from eigenfail_api.dashboard.rendering import STATIC, Assets, Navigation, wrap_for_browsers
 from eigenfail_api.extensions import Extension, load_extensions
 from eigenfail_api.middleware import Disconnects, EntityTags, HeadRequests, SecurityHeaders
-from eigenfail_api.parameters import (
-    Json,
-    refuse_other_media,
-    refuse_repeated_parameters,
-    refuse_unknown_parameters,
-)
 from eigenfail_api.problems import HANDLERS
 from eigenfail_api.routes import (
     analyses,
@@ -128,9 +122,13 @@ def _included_routers(extensions: tuple[Extension, ...]) -> tuple[BaseRoute, ...
     applications of a process share it.
     """
     including = APIRouter(
-        default_response_class=Json, generate_unique_id_function=lambda route: route.name
+        default_response_class=parameters.Json, generate_unique_id_function=lambda route: route.name
     )
-    refusers = (refuse_unknown_parameters, refuse_repeated_parameters, refuse_other_media)
+    refusers = (
+        parameters.refuse_unknown_parameters,
+        parameters.refuse_repeated_parameters,
+        parameters.refuse_other_media,
+    )
     refused = [Depends(refuse) for refuse in refusers]
     for router in FORMS:
         including.include_router(router)
@@ -169,7 +167,7 @@ def create_app(
         summary="Finds, groups, replays and prices rare failures of driving stacks.",
         docs_url=None,
         redoc_url=None,
-        default_response_class=Json,
+        default_response_class=parameters.Json,
         exception_handlers=wrap_for_browsers(HANDLERS),
         generate_unique_id_function=lambda route: route.name,
     )

@@ -11,33 +11,12 @@ import numpy as np
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
-from eigenfail import __version__
+from eigenfail import __version__, values
 from eigenfail.errors import EigenfailError
 from eigenfail.gate.report import GateReport
 from eigenfail.gate.results import GateResult, GateSummary
 from eigenfail.suites import SuiteRequest
-from eigenfail.values import (
-    MEASURES,
-    Analysis,
-    AnalysisSettings,
-    Campaign,
-    CampaignCost,
-    CampaignSpec,
-    Comparison,
-    Course,
-    Event,
-    Explanation,
-    FailureMode,
-    Measures,
-    MinimalFailure,
-    Mode,
-    Page,
-    Policy,
-    Proof,
-    Region,
-    Safety,
-    Summary,
-)
+from eigenfail.values import webhooks
 from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey, Quotas, Usage
 from eigenfail.values.campaign_spec import PriorityChange
 from eigenfail.values.comparison import PeerCosts
@@ -49,90 +28,74 @@ from eigenfail.values.report import Export, ExportRequest, Report
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable
 from eigenfail.values.triage import Triage, TriageChange
-from eigenfail.values.webhooks import (
-    NewWebhook,
-    Webhook,
-    WebhookDelivery,
-    WebhookRequest,
-)
 from eigenfail.wire import http
-from eigenfail.wire.http import (
-    MAX_CAMPAIGNS_AT_ONCE,
-    NAMESPACE,
-    SERVER_SIDE,
-    UNTYPED,
-    CampaignCheck,
-    Problem,
-    list_error_types,
-    slugify,
-)
 
 REF = "#/components/schemas/{name}"
 JSON = "application/json"
 STREAM = "text/event-stream"
 BODIES = (
-    Analysis,
-    AnalysisSettings,
+    values.Analysis,
+    values.AnalysisSettings,
     ApiKey,
     AuditEntry,
-    Campaign,
-    CampaignCheck,
-    CampaignCost,
-    CampaignSpec,
+    values.Campaign,
+    http.CampaignCheck,
+    values.CampaignCost,
+    values.CampaignSpec,
     ChainMixing,
-    Comparison,
-    Course,
+    values.Comparison,
+    values.Course,
     EpisodeDetail,
-    Event,
-    Explanation,
+    values.Event,
+    values.Explanation,
     Export,
     ExportRequest,
     GateReport,
     GateResult,
     GateSummary,
     KeyRequest,
-    MinimalFailure,
+    values.MinimalFailure,
     NewKey,
-    NewWebhook,
-    Page[Analysis],
-    Page[ApiKey],
-    Page[AuditEntry],
-    Page[Campaign],
-    Page[EpisodeRow],
-    Page[Event],
-    Page[FailureMode],
-    Page[GateSummary],
-    Page[Mode],
-    Mode,
-    Page[PeerCosts],
-    Page[Pruning],
-    Page[SeedSpread],
-    Page[Summary],
-    Page[Presence],
-    Page[WorkerShare],
+    webhooks.NewWebhook,
+    values.Page[values.Analysis],
+    values.Page[ApiKey],
+    values.Page[AuditEntry],
+    values.Page[values.Campaign],
+    values.Page[EpisodeRow],
+    values.Page[values.Event],
+    values.Page[values.FailureMode],
+    values.Page[GateSummary],
+    values.Page[values.Mode],
+    values.Mode,
+    values.Page[PeerCosts],
+    values.Page[Pruning],
+    values.Page[SeedSpread],
+    values.Page[values.Summary],
+    values.Page[Presence],
+    values.Page[WorkerShare],
     Staffing,
-    Page[SuiteStanding],
-    Page[Webhook],
-    Page[http.PluginInfo],
-    Policy,
+    values.Page[SuiteStanding],
+    values.Page[webhooks.Webhook],
+    values.Page[http.PluginInfo],
+    values.Policy,
     PriorityChange,
-    Problem,
-    Proof,
+    http.Problem,
+    values.Proof,
     Quotas,
-    Region,
-    Page[ReleaseQuestion],
+    values.Region,
+    values.Page[ReleaseQuestion],
     ReleaseTable,
     Report,
-    Safety,
+    values.Safety,
     SuiteRequest,
     SuiteTable,
-    Summary,
+    values.Summary,
     Triage,
     TriageChange,
     Usage,
-    Webhook,
-    WebhookDelivery,
-    WebhookRequest,
+    webhooks.Webhook,
+    webhooks.WebhookDelivery,
+    webhooks.WebhookRequest,
     http.Digest,
     http.Health,
     http.ModeName,
@@ -152,7 +115,7 @@ FIELDS = {
 }
 SPECS = {
     "type": "array",
-    "maxItems": MAX_CAMPAIGNS_AT_ONCE,
+    "maxItems": http.MAX_CAMPAIGNS_AT_ONCE,
     "items": {"$ref": REF.format(name="CampaignSpec")},
 }
 
@@ -194,7 +157,7 @@ def document_stream() -> dict[str, Any]:
 
 def problem_response() -> dict[str, Any]:
     """Return the description of an answer that is a problem."""
-    return {"description": "A problem.", "content": {http.PROBLEM_JSON: schema(Problem)}}
+    return {"description": "A problem.", "content": {http.PROBLEM_JSON: schema(http.Problem)}}
 
 
 def _required_fields(kind: type[msgspec.Struct]) -> list[str]:
@@ -329,7 +292,7 @@ def _complete(document: Node, examples: Mapping[str, Node]) -> None:
     components = document["components"]["schemas"]
     for name in sorted(components):
         _describe_fields(components[name])
-    for kind in (Measures, EpisodeRow):
+    for kind in (values.Measures, EpisodeRow):
         _describe_measures(components[kind.__name__])
 
 
@@ -379,10 +342,10 @@ def _describe_refusal(status: int) -> Node:
 
 
 def _list_problem_types(status: int) -> list[str]:
-    kinds = [kind for kind in list_error_types(EigenfailError) if kind.http_status == status]
-    typed = sorted(NAMESPACE + slugify(kind) for kind in kinds)
+    kinds = [kind for kind in http.list_error_types(EigenfailError) if kind.http_status == status]
+    typed = sorted(http.NAMESPACE + http.slugify(kind) for kind in kinds)
     # Unexpected errors of the service itself have no type.
-    return [UNTYPED] if not typed or status == SERVER_SIDE else typed
+    return [http.UNTYPED] if not typed or status == http.SERVER_SIDE else typed
 
 
 def _remove_null(parameter: Node) -> None:
@@ -406,7 +369,7 @@ def _describe_fields(schema: Node) -> None:
 
 def _describe_measures(schema: Node) -> None:
     """Add definition and unit of each measure, from its declaration."""
-    for name, measure in MEASURES.items():
+    for name, measure in values.MEASURES.items():
         unit = f" [{measure.unit}]" if measure.unit else ""
         schema["properties"][name].setdefault("description", f"{measure.formula}{unit}.")
 

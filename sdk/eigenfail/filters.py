@@ -428,7 +428,13 @@ def parse_sort(text: str) -> SortOrder:
 
 
 CAMPAIGN_ORDERS = (
-    *("id", "name", "planner", "method", "state", "failures", "completed"),
+    "id",
+    "name",
+    "planner",
+    "method",
+    "state",
+    "failures",
+    "completed",
     "cost_per_failure_usd",
 )
 """What campaigns can be sorted by."""

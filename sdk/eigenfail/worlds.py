@@ -16,7 +16,14 @@ from eigenfail import bridges, functions, plugins
 from eigenfail.contracts import ReactiveSituation, Scenario, Situation
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import defaults_of, read_settings
-from eigenfail.values import CampaignSpec, DisturbanceModel, EpisodeSetup, NoiseTrajectory
+from eigenfail.values import (
+    CampaignSpec,
+    DisturbanceModel,
+    EpisodeSetup,
+    NoiseTrajectory,
+    requirements,
+    signals,
+)
 from eigenfail.values.channels import (
     ALL_CHANNELS,
     CHANNELS_FIELD,
@@ -24,20 +31,6 @@ from eigenfail.values.channels import (
     SCENARIO,
     VEHICLE,
     split_name,
-)
-from eigenfail.values.requirements import (
-    COLLISION_ALONE,
-    FIELD,
-    Formula,
-    Requirements,
-    check_requirements,
-)
-from eigenfail.values.signals import (
-    BRIDGE,
-    PLANNER,
-    ExpectedCourse,
-    list_signals,
-    read_signal_names,
 )
 from eigenfail.values.variation import Variation, read_variation
 
@@ -147,7 +140,9 @@ class CampaignWorld(ABC):
         model.check_correlations()
         return model
 
-    def resolve_requirements(self, spec: CampaignSpec) -> Requirements | msgspec.UnsetType:
+    def resolve_requirements(
+        self, spec: CampaignSpec
+    ) -> requirements.Requirements | msgspec.UnsetType:
         """Return the requirements of a campaign; absent where they are no collision alone.
 
         With an importance they are written out in any case.
@@ -165,15 +160,17 @@ class CampaignWorld(ABC):
         step_s = self.step_s(spec)
         if step_s is None:
             problem = f"the simulator '{spec.simulator}' has no drive to judge."
-            raise InvalidValue(FIELD, problem, "Have the function return what is to stay above 0.")
-        told = list_signals(self.channels(spec), tells_lane=self.tells_lane)
+            raise InvalidValue(
+                requirements.FIELD, problem, "Have the function return what is to stay above 0."
+            )
+        told = signals.list_signals(self.channels(spec), tells_lane=self.tells_lane)
         told = *told, *self.list_own_signals(spec)
-        expected = ExpectedCourse(told, step_s, self.horizon(spec) * step_s)
-        check_requirements(named, expected)
+        expected = signals.ExpectedCourse(told, step_s, self.horizon(spec) * step_s)
+        requirements.check_requirements(named, expected)
         if not isinstance(spec.importance, msgspec.UnsetType):
             spec.importance.check(expected, "importance")
             return named
-        return msgspec.UNSET if named == COLLISION_ALONE else named
+        return msgspec.UNSET if named == requirements.COLLISION_ALONE else named
 
     def list_own_signals(self, _spec: CampaignSpec) -> tuple[str, ...]:
         """Return the names of the simulator's or planner's own signals that it may name."""
@@ -293,7 +290,7 @@ class PluginWorld(CampaignWorld):
     def list_own_signals(self, spec: CampaignSpec) -> tuple[str, ...]:
         """Return the names of the signals that the planner reports."""
         planner = plugins.load(plugins.PLANNERS, spec.planner)
-        return tuple(f"{PLANNER}.{name}" for name in read_signal_names(planner))
+        return tuple(f"{signals.PLANNER}.{name}" for name in signals.read_signal_names(planner))
 
     def list_left_out(self, spec: CampaignSpec) -> tuple[str, ...]:
         """Return the vehicles that the scenario leaves out, then what else it does not use.
@@ -423,20 +420,24 @@ class FunctionWorld(CampaignWorld):
         return True
 
 
-_BRIDGE_SIGNAL = re.compile(rf"\b{BRIDGE}\.[A-Za-z_0-9]+")
+_BRIDGE_SIGNAL = re.compile(rf"\b{signals.BRIDGE}\.[A-Za-z_0-9]+")
 
 
 def _list_judged(spec: CampaignSpec) -> Iterator[tuple[str, object]]:
     """Yield the requirements of a campaign and its importance, each with its field."""
     for place, each in enumerate(spec.all_requirements):
-        yield f"{FIELD}[{place}]", each
+        yield f"{requirements.FIELD}[{place}]", each
     if not isinstance(spec.importance, msgspec.UnsetType):
         yield "importance", spec.importance
 
 
 def _find_bridge_signals(judged: object) -> set[str]:
     """Return the names of the signals of a bridge in a formula; none where it is no formula."""
-    return {*_BRIDGE_SIGNAL.findall(judged.formula)} if isinstance(judged, Formula) else set()
+    return (
+        {*_BRIDGE_SIGNAL.findall(judged.formula)}
+        if isinstance(judged, requirements.Formula)
+        else set()
+    )
 
 
 class BridgeWorld(CampaignWorld):

@@ -21,12 +21,7 @@ from eigenfail.hosting.service import Launcher
 from eigenfail.processes import die_with_parent, end_now
 from eigenfail.values.access import redact
 from eigenfail_services import bounds, observability
-from eigenfail_services.campaigns import launcher_options
-from eigenfail_services.campaigns.analysis_jobs import (
-    DATABASE_VARIABLE,
-    AnalysisJobs,
-    run_analysis,
-)
+from eigenfail_services.campaigns import analysis_jobs, launcher_options
 from eigenfail_services.campaigns.launcher import WorkerScaling
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.server import Hub
@@ -50,7 +45,9 @@ log = structlog.get_logger()
 def parse(words: list[str] | None = None) -> argparse.Namespace:
     """What the command line says."""
     parser = Parser(prog="eigenfail_services", description=__doc__)
-    parser.add_argument("--database", default=os.environ.get(DATABASE_VARIABLE), help="URL")
+    parser.add_argument(
+        "--database", default=os.environ.get(analysis_jobs.DATABASE_VARIABLE), help="URL"
+    )
     parser.set_defaults(command=serve)
     parser.add_argument("--hub", default="tcp://127.0.0.1:*", help="address to listen on")
     parser.add_argument("--advertise", help="the hub's address, as workers of Ray reach it")
@@ -81,7 +78,7 @@ def status_of(arguments: argparse.Namespace) -> int:
     try:
         # The service made the database; where it is gone since, nothing may take its place.
         store = open_store(arguments.database, migrate=False)
-        run_analysis(store, arguments.analysis)
+        analysis_jobs.run_analysis(store, arguments.analysis)
         store.close()
     except EigenfailError as error:
         return _complain(error)
@@ -103,7 +100,7 @@ def serve(arguments: argparse.Namespace) -> None:
     store = open_store(arguments.database)
     hub_store = open_store(arguments.database, wait_s=HUB_WAIT_S)
     hub = Hub(hub_store, arguments.hub, keys, bounds.of_learners(arguments))
-    analyses = AnalysisJobs(store, arguments.database, bounds.of_analyses(arguments))
+    analyses = analysis_jobs.AnalysisJobs(store, arguments.database, bounds.of_analyses(arguments))
     supervisor = Supervisor(store, hub, analyses, arguments.campaigns)
     staffing = WorkerScaling(launcher, hub, store.events)
     webhooks = WebhookDispatcher(store, arguments.webhook_networks)

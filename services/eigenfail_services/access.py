@@ -11,18 +11,7 @@ import msgspec
 from eigenfail.errors import Conflict, InvalidValue, NotFound, Unauthorized
 from eigenfail.files import replace_private
 from eigenfail.frames import Rows
-from eigenfail.values.access import (
-    TOKEN,
-    UNLIMITED,
-    ApiKey,
-    AuditEntry,
-    Change,
-    KeyRequest,
-    NewKey,
-    Quotas,
-    Scope,
-    check_key_name,
-)
+from eigenfail.values import access
 from eigenfail.wire.http import PREFIX, read_fields
 from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.clock import now_ms
@@ -33,16 +22,16 @@ SECRET_BYTES = 32
 MINUTE_MS = 60_000
 
 
-def make_key(store: Store, request: KeyRequest) -> NewKey:
+def make_key(store: Store, request: access.KeyRequest) -> access.NewKey:
     """Return a new key with its secret, which cannot be recovered later.
 
     Raises:
         InvalidValue: it would be the first one, and not an administrator's; or its name is one
             of callers without a key.
     """
-    check_key_name(request.name)
+    access.check_key_name(request.name)
     at_ms = now_ms()
-    if request.scope is not Scope.ADMIN and not store.keys.admins(at_ms):
+    if request.scope is not access.Scope.ADMIN and not store.keys.admins(at_ms):
         raise InvalidValue(
             "scope",
             "no administrator has a valid key yet, and the first key makes keys required for all "
@@ -52,10 +41,10 @@ def make_key(store: Store, request: KeyRequest) -> NewKey:
     secret = secrets.token_urlsafe(SECRET_BYTES)
     expires_ms = None if request.expires_s is None else at_ms + 1_000 * request.expires_s
     key = store.keys.create(request.name, request.scope, digest(secret), expires_ms, request.quotas)
-    return NewKey(key, f"ef_{key.id}_{secret}")
+    return access.NewKey(key, f"ef_{key.id}_{secret}")
 
 
-def revoke_key(store: Store, number: int) -> ApiKey:
+def revoke_key(store: Store, number: int) -> access.ApiKey:
     """The key, which opens nothing any more.
 
     Raises:
@@ -63,7 +52,7 @@ def revoke_key(store: Store, number: int) -> ApiKey:
         Conflict: it is the last administrator's key, without which no key could be created.
     """
     at_ms, key = now_ms(), store.keys.find(number).key
-    is_admin = key.scope is Scope.ADMIN and key.is_valid(at_ms)
+    is_admin = key.scope is access.Scope.ADMIN and key.is_valid(at_ms)
     if is_admin and store.keys.admins(at_ms) == 1:
         raise Conflict(
             f"Key {number} is the last administrator's key: without it no key could be created.",
@@ -72,13 +61,13 @@ def revoke_key(store: Store, number: int) -> ApiKey:
     return store.keys.revoke(number)
 
 
-def authenticate_key(store: Store, token: str, at_ms: int) -> ApiKey:
+def authenticate_key(store: Store, token: str, at_ms: int) -> access.ApiKey:
     """Return the key that a token belongs to, if the key is valid at a moment.
 
     Raises:
         Unauthorized: no key has this token, or the key is not valid; both in the same words.
     """
-    match = TOKEN.fullmatch(token)
+    match = access.TOKEN.fullmatch(token)
     if match is None:
         raise make_invalid_key_error()
     try:
@@ -90,7 +79,7 @@ def authenticate_key(store: Store, token: str, at_ms: int) -> ApiKey:
     return require_valid(found.key, at_ms)
 
 
-def require_valid(key: ApiKey, at_ms: int) -> ApiKey:
+def require_valid(key: access.ApiKey, at_ms: int) -> access.ApiKey:
     """Return a key that is valid at a moment.
 
     Raises:
@@ -101,7 +90,7 @@ def require_valid(key: ApiKey, at_ms: int) -> ApiKey:
     return key
 
 
-def note_use(store: Store, key: ApiKey, at_ms: int) -> None:
+def note_use(store: Store, key: access.ApiKey, at_ms: int) -> None:
     """Write down that a key is in use, at most once a minute."""
     if key.last_used_ms is None or at_ms - key.last_used_ms >= MINUTE_MS:
         store.keys.used(key.id, at_ms)
@@ -132,7 +121,7 @@ class FirstKey(msgspec.Struct, frozen=True):
         file: where its secret is.
     """
 
-    made: ApiKey | None
+    made: access.ApiKey | None
     file: str
 
 
@@ -148,9 +137,9 @@ def first_key(store: Store, name: str, file: Path) -> FirstKey:
     broke_off = _is_empty(file)
     if store.keys.admins(now_ms()) and not broke_off:
         return FirstKey(None, str(file))
-    check_key_name(name)
+    access.check_key_name(name)
     replace_private(file, "", FIELD)
-    made = make_key(store, KeyRequest(name, Scope.ADMIN))
+    made = make_key(store, access.KeyRequest(name, access.Scope.ADMIN))
     replace_private(file, made.token, FIELD)
     return FirstKey(made.key, str(file))
 
@@ -182,12 +171,16 @@ class DatabaseKeys:
         self._database = database
 
     def create(
-        self, name: str, scope: str, expires_s: int | None = None, quotas: Quotas = UNLIMITED
-    ) -> NewKey:
+        self,
+        name: str,
+        scope: str,
+        expires_s: int | None = None,
+        quotas: access.Quotas = access.UNLIMITED,
+    ) -> access.NewKey:
         """Make a key; its token is in the answer, and can never be read again."""
         fields = {"name": name, "scope": scope, "expires_s": expires_s, "quotas": quotas}
         with self._open() as store:
-            made = make_key(store, read_fields(fields, KeyRequest))
+            made = make_key(store, read_fields(fields, access.KeyRequest))
             _note(store, "POST", "", made.key.id, CREATED)
         return made
 
@@ -199,32 +192,32 @@ class DatabaseKeys:
                 _note(store, "POST", "", answer.made.id, CREATED)
         return answer
 
-    def get(self, key: int) -> ApiKey:
+    def get(self, key: int) -> access.ApiKey:
         """A key, without its secret."""
         with self._open() as store:
             return store.keys.find(key).key
 
-    def limit(self, key: int, quotas: Quotas) -> ApiKey:
+    def limit(self, key: int, quotas: access.Quotas) -> access.ApiKey:
         """Set the quotas of a key from now on; its earlier campaigns stay, and count."""
         with self._open() as store:
             limited = store.keys.limit(key, quotas)
             _note(store, "POST", "/{key}/quotas", limited.id, DONE)
         return limited
 
-    def list(self) -> Rows[ApiKey]:
+    def list(self) -> Rows[access.ApiKey]:
         """Keys, newest first; those that are no longer valid, too."""
         with self._open() as store:
             page = store.keys.page(MAX_ROWS)
         return Rows(lambda: iter(page.items))
 
-    def revoke(self, key: int) -> ApiKey:
+    def revoke(self, key: int) -> access.ApiKey:
         """Revoke a key, for good."""
         with self._open() as store:
             revoked = revoke_key(store, key)
             _note(store, "DELETE", "/{key}", revoked.id, DONE)
         return revoked
 
-    def audit(self) -> Rows[AuditEntry]:
+    def audit(self) -> Rows[access.AuditEntry]:
         """Who changed what, newest first."""
         with self._open() as store:
             page = store.audit.page(MAX_ROWS)
@@ -237,5 +230,5 @@ class DatabaseKeys:
 def _note(store: Store, method: str, path: str, key: int, status: int) -> None:
     """Write a line of the audit log, as the API would have written it."""
     route = f"{PREFIX}/keys"
-    change = Change("database", None, method, f"{route}{path}", f"{route}/{key}", "", status)
+    change = access.Change("database", None, method, f"{route}{path}", f"{route}/{key}", "", status)
     store.audit.append(change)

@@ -14,28 +14,15 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from eigenfail import __version__
+from eigenfail import __version__, filters
 from eigenfail.errors import InvalidValue
-from eigenfail.filters import (
-    Column,
-    ColumnKind,
-    Conditions,
-    SortOrder,
-    Value,
-    find_column,
-    list_columns,
-    parse_fields,
-    parse_filter,
-    parse_sort,
-    read_value,
-)
 from eigenfail.values import CampaignSpec
 from eigenfail.values.records import PORTION, EpisodeRow
 from eigenfail.values.report import ExportRequest
 from eigenfail.worlds import list_channels
 from eigenfail_services.store import Store
 
-Cells = list[Value | None]
+Cells = list[filters.Value | None]
 
 
 class Selection(msgspec.Struct, frozen=True):
@@ -44,8 +31,8 @@ class Selection(msgspec.Struct, frozen=True):
     Columns are names that `find_column` knows.
     """
 
-    where: Conditions
-    sort: SortOrder
+    where: filters.Conditions
+    sort: filters.SortOrder
     columns: tuple[str, ...]
 
 
@@ -66,13 +53,15 @@ def make_export_source(store: Store, campaign: int, request: ExportRequest) -> E
         InvalidValue: anything else that is wrong with the request.
     """
     spec = store.campaigns.get(campaign).spec
-    columns = parse_fields(request.fields) or list_columns(spec)
-    wanted = Selection(parse_filter(request.filter), parse_sort(request.sort), columns)
+    columns = filters.parse_fields(request.fields) or filters.list_columns(spec)
+    wanted = Selection(
+        filters.parse_filter(request.filter), filters.parse_sort(request.sort), columns
+    )
     return ExportSource(store, campaign, wanted)
 
 
-def _describe(columns: tuple[str, ...]) -> list[Column]:
-    return [find_column(name, "fields") for name in columns]
+def _describe(columns: tuple[str, ...]) -> list[filters.Column]:
+    return [filters.find_column(name, "fields") for name in columns]
 
 
 def read_batches(source: ExportSource) -> Iterator[tuple[EpisodeRow, ...]]:
@@ -90,10 +79,10 @@ def read_batches(source: ExportSource) -> Iterator[tuple[EpisodeRow, ...]]:
 
 def read_cells(row: EpisodeRow, columns: tuple[str, ...]) -> Cells:
     """What a row has in some columns."""
-    return [read_value(row, column) for column in columns]
+    return [filters.read_value(row, column) for column in columns]
 
 
-def pick_columns(row: EpisodeRow, columns: tuple[str, ...]) -> dict[str, Value | None]:
+def pick_columns(row: EpisodeRow, columns: tuple[str, ...]) -> dict[str, filters.Value | None]:
     """The same by name."""
     return dict(zip(columns, read_cells(row, columns), strict=True))
 
@@ -113,7 +102,7 @@ def write_ndjson(source: ExportSource) -> Iterator[bytes]:
 def write_csv(source: ExportSource) -> Iterator[bytes]:
     """Yield a header, then one line for each episode; missing values are empty."""
     columns = source.wanted.columns
-    texts = [each.kind is ColumnKind.TEXT for each in _describe(columns)]
+    texts = [each.kind is filters.ColumnKind.TEXT for each in _describe(columns)]
     yield _encode_lines([list(columns)])
     for rows in read_batches(source):
         found = (zip(read_cells(row, columns), texts, strict=True) for row in rows)
@@ -122,7 +111,7 @@ def write_csv(source: ExportSource) -> Iterator[bytes]:
         )
 
 
-def _format_cell(value: Value | None, is_text: bool) -> str:
+def _format_cell(value: filters.Value | None, is_text: bool) -> str:
     """A value in a table; a text is never a formula."""
     if value is None:
         return ""
@@ -225,7 +214,7 @@ def write_parquet(
         path, schema, compression="zstd", **_choose_encodings(columns, channels)
     ) as writer:
         for rows in read_batches(source):
-            filled = {name: [read_value(row, name) for row in rows] for name in columns}
+            filled = {name: [filters.read_value(row, name) for row in rows] for name in columns}
             filled |= _read_noise(source, rows, channels) if channels else {}
             writer.write_table(table(filled, schema=schema))
             done += len(rows)
@@ -235,11 +224,13 @@ def write_parquet(
 def _choose_encodings(columns: tuple[str, ...], noise: tuple[str, ...]) -> dict[str, list[str]]:
     """How columns become bytes: texts that repeat once each, floats split into their bytes."""
     described = _describe(columns)
-    of = {kind: [each.name for each in described if each.kind is kind] for kind in ColumnKind}
+    of = {
+        kind: [each.name for each in described if each.kind is kind] for kind in filters.ColumnKind
+    }
     inside_lists = [f"{name}.list.element" for name in noise]
     return {
-        "use_dictionary": of[ColumnKind.TEXT],
-        "use_byte_stream_split": of[ColumnKind.NUMBER] + inside_lists,
+        "use_dictionary": of[filters.ColumnKind.TEXT],
+        "use_byte_stream_split": of[filters.ColumnKind.NUMBER] + inside_lists,
     }
 
 
@@ -248,10 +239,10 @@ def _make_schema(columns: tuple[str, ...], noise: tuple[str, ...], origin: Expor
     import pyarrow as pa
 
     types = {
-        ColumnKind.NUMBER: pa.float64(),
-        ColumnKind.WHOLE: pa.int64(),
-        ColumnKind.TEXT: pa.string(),
-        ColumnKind.FLAG: pa.bool_(),
+        filters.ColumnKind.NUMBER: pa.float64(),
+        filters.ColumnKind.WHOLE: pa.int64(),
+        filters.ColumnKind.TEXT: pa.string(),
+        filters.ColumnKind.FLAG: pa.bool_(),
     }
     fields = [
         pa.field(each.name, types[each.kind], metadata={"words": each.words})

@@ -14,22 +14,11 @@ from uuid import uuid4
 import msgspec
 import structlog
 
+from eigenfail import errors
 from eigenfail.addresses import is_sqlite_url, sqlite_path
-from eigenfail.errors import (
-    Conflict,
-    NotFound,
-    ServiceBusy,
-    ServiceError,
-    StoreUnavailable,
-    describe_error,
-)
 from eigenfail.files import make_private_folder, open_private
 from eigenfail.values.report import Export, ExportRequest, ExportState
-from eigenfail_services.export_formats import (
-    make_export_source,
-    require_pyarrow,
-    write_parquet,
-)
+from eigenfail_services import export_formats
 from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms
 
@@ -49,7 +38,7 @@ def restrict_folder(folder: Path) -> None:
         return
     if not stat.S_ISDIR(seen.st_mode) or seen.st_uid != os.geteuid():
         problem = f"Exports cannot be kept in {folder}: it is a link, or belongs to another user."
-        raise ServiceError(problem, "Remove it; the service makes a folder of its own.")
+        raise errors.ServiceError(problem, "Remove it; the service makes a folder of its own.")
     if stat.S_IMODE(seen.st_mode) != PRIVATE_MODE:
         folder.chmod(PRIVATE_MODE)
 
@@ -149,7 +138,7 @@ class ExportFolder:
         """
         home = self.home(export)
         if (asked := _read_bytes(home / REQUEST_FILE)) is None:
-            raise NotFound(
+            raise errors.NotFound(
                 f"Export {export} does not exist.",
                 f"The last {MAX_EXPORTS} are kept; create a new export.",
             )
@@ -187,7 +176,9 @@ class ExportFolder:
             ServiceBusy: too many exports are running.
         """
         if len(busy) >= MAX_EXPORTS:
-            raise ServiceBusy(f"{MAX_EXPORTS} exports are at work already.", "Try again soon.")
+            raise errors.ServiceBusy(
+                f"{MAX_EXPORTS} exports are at work already.", "Try again soon."
+            )
         restrict_folder(self._folder)
         if self._folder.exists():
             homes = [home for home in self._folder.iterdir() if home.name not in busy]
@@ -223,8 +214,8 @@ class ExportJobs:
             InvalidValue: the request is invalid, or pyarrow is not installed.
             ServiceError: too many exports are running, or the folder belongs to another user.
         """
-        make_export_source(self._store, campaign, request)
-        require_pyarrow()
+        export_formats.make_export_source(self._store, campaign, request)
+        export_formats.require_pyarrow()
         export = Export(
             id=uuid4().hex,
             campaign=campaign,
@@ -260,7 +251,7 @@ class ExportJobs:
             known = self._look(export)
             if known.state is not ExportState.DONE:
                 problem = f"Export {export} is {known.state}, not done. {known.problem}".strip()
-                raise Conflict(problem, "Ask for its state until it is done.")
+                raise errors.Conflict(problem, "Ask for its state until it is done.")
             return self._shelf.fetch(export)
 
     def _look(self, export: str) -> Export:
@@ -279,11 +270,11 @@ class ExportJobs:
         try:
             with self._one_at_a_time:
                 self._write(export)
-        except StoreUnavailable as error:  # the next request starts it again
+        except errors.StoreUnavailable as error:  # the next request starts it again
             log.warning("export interrupted", export=export.id, error=str(error))
         except Exception as error:
             log.exception("export failed", export=export.id)
-            self._shelf.fail(export.id, describe_error(error))
+            self._shelf.fail(export.id, errors.describe_error(error))
         finally:
             with self._changing:
                 del self._rows[export.id]
@@ -292,6 +283,6 @@ class ExportJobs:
         def report_progress(rows: int) -> None:
             self._rows[export.id] = rows
 
-        source = make_export_source(self._store, export.campaign, export.request)
+        source = export_formats.make_export_source(self._store, export.campaign, export.request)
         with open_draft(self._shelf.home(export.id) / EPISODES_FILE) as part:
-            write_parquet(part, source, report_progress, noise=export.request.noise)
+            export_formats.write_parquet(part, source, report_progress, noise=export.request.noise)

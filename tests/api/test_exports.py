@@ -203,7 +203,7 @@ def test_an_export_that_fails_says_why(http, filled, monkeypatch, problem):
     def refuse(*_, **__):
         raise OSError("no room")
 
-    monkeypatch.setattr("eigenfail_services.export_jobs.write_parquet", refuse)
+    monkeypatch.setattr("eigenfail_services.export_formats.write_parquet", refuse)
     address = http.post(f"{URL}/{filled}/exports", json={}).headers["location"]
     told = ready(http, address)
     assert (told["state"], told["problem"]) == ("failed", "OSError: no room")
@@ -224,7 +224,7 @@ def test_the_last_exports_are_kept(http, campaign, monkeypatch, problem):
 def test_more_exports_than_are_kept_are_not_begun(http, filled, monkeypatch, problem):
     gate = threading.Event()
     monkeypatch.setattr("eigenfail_services.export_jobs.MAX_EXPORTS", 2)
-    wait = "eigenfail_services.export_jobs.write_parquet"
+    wait = "eigenfail_services.export_formats.write_parquet"
     monkeypatch.setattr(wait, lambda path, *_, **__: gate.wait() and path.touch())
     at_work = threading.active_count()
     for _ in range(2):

@@ -171,7 +171,7 @@ def test_settings_that_do_not_go_together_are_refused_in_words(live, made):
 
 def test_measures_that_cannot_be_made_leave_the_page_as_it_was(visit, address, made, monkeypatch):
     # What is known already comes with the page.
-    monkeypatch.setattr(campaign_page, "is_prefetched", lambda begun: False)
+    monkeypatch.setattr(campaign_page.costs, "is_prefetched", lambda begun: False)
     page = visit("/")
     page.route("**/measures", lambda route: route.fulfill(status=500, body="{}"))
     page.goto(f"{address}/campaigns/{made.ast}")

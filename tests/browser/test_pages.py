@@ -119,7 +119,7 @@ def test_problems_are_pages(visit):
 
 def test_pages_can_be_read_before_any_script_runs(visit, made, monkeypatch):
     # What is known already comes with the page.
-    monkeypatch.setattr(campaign_page, "is_prefetched", lambda begun: False)
+    monkeypatch.setattr(campaign_page.costs, "is_prefetched", lambda begun: False)
     page = visit("/", java_script_enabled=False)
     expect(page.locator(f"#campaign-{made.ast}")).to_contain_text("160 of 300")
     page.locator("details.data summary").first.click()

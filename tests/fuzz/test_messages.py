@@ -82,7 +82,7 @@ def test_bent_answers_are_read_or_refused() -> None:
 
 def test_what_escapes_is_counted() -> None:
     planted = [RuntimeError("planted")] * 2
-    with patch.object(engine, "match_answer", wraps=engine.match_answer) as match:
+    with patch.object(engine.messages, "match_answer", wraps=engine.messages.match_answer) as match:
         match.side_effect = chain(planted, repeat(DEFAULT))
         assert at_the_engine(FEW // 100) == (("RuntimeError: planted",) * 2, True)
     with patch.object(WorkerSessions, "_handle_heartbeat", side_effect=RuntimeError("planted")):

@@ -8,15 +8,8 @@ from typing import Any
 
 from msgspec import structs
 
-from eigenfail import plugins
+from eigenfail import errors, plugins
 from eigenfail.contracts import Planner, Simulation
-from eigenfail.errors import (
-    EpisodeError,
-    InputError,
-    InvalidValue,
-    PlannerError,
-    SimulatorError,
-)
 from eigenfail.process_state import ProcessState
 from eigenfail.settings import read_settings
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
@@ -92,7 +85,7 @@ class Engine:
         recorder = Recorder(self._model, task.importance, self._setup.make_judge())
         try:
             result = self._run_to_end(task, recorder)
-        except (EpisodeError, InputError) as error:
+        except (errors.EpisodeError, errors.InputError) as error:
             self._discard()
             result = make_errored_result(task, recorder, make_fault(error))
         if changes := self._process_state.changes():
@@ -101,7 +94,9 @@ class Engine:
             )
         return structs.replace(result, wall_s=perf_counter() - began)
 
-    def _make_state_change_error(self, changes: list[str], result: EpisodeResult) -> EpisodeError:
+    def _make_state_change_error(
+        self, changes: list[str], result: EpisodeResult
+    ) -> errors.EpisodeError:
         """Return the error of an episode that has changed process-wide state.
 
         Which plug-in has done so is unknown: all that are not built in are named. Episodes of an
@@ -115,12 +110,12 @@ class Engine:
         }
         foreign = [used[group] for group in used if not plugins.is_built_in(group, used[group][1])]
         suspects = dict(foreign) or {"planner": setup.planner}
-        kind = PlannerError if "planner" in suspects else SimulatorError
+        kind = errors.PlannerError if "planner" in suspects else errors.SimulatorError
         named = " or ".join(f"the {part} '{name}'" for part, name in suspects.items())
         return make_state_change_error(kind, named, changes, result)
 
     def _run_to_end(self, task: EpisodeTask, recorder: Recorder) -> EpisodeResult:
-        with wrap_errors(SimulatorError, "The episode", "Look into simulator and scenario."):
+        with wrap_errors(errors.SimulatorError, "The episode", "Look into simulator and scenario."):
             noise, simulation = self._begin(task)
             driven = self._add_signals(simulation)
             run_episode(driven, task.seed, self._model, noise, recorder)
@@ -155,7 +150,7 @@ class Engine:
             self._parameters = parameters
         varies = self._variation.varied or self._variation.searched
         if varies and self._simulation.steps > self._horizon:
-            raise InvalidValue(
+            raise errors.InvalidValue(
                 "scenario_parameters",
                 f"{parameters} makes an episode of {self._simulation.steps} steps, which is longer "
                 f"than any at the ends of the distributions: {self._horizon}.",
@@ -168,7 +163,7 @@ class Engine:
         return self._variation.largest(lambda parameters: self._scenario(parameters, 0).steps)
 
     def _new_planner(self) -> Planner:
-        with wrap_errors(PlannerError, "Making the planner", "Look into the planner."):
+        with wrap_errors(errors.PlannerError, "Making the planner", "Look into the planner."):
             planner: Planner = self._planner_class(self._planner_settings)
             self._planner = planner
             return self._wrap_planner(planner) if self._wrap_planner else planner
@@ -177,8 +172,8 @@ class Engine:
         """Close the simulation after a fault."""
         # A broken simulator may fail again, which adds nothing.
         with (
-            suppress(EpisodeError, InputError),
-            wrap_errors(SimulatorError, "Closing", "Look into `close`."),
+            suppress(errors.EpisodeError, errors.InputError),
+            wrap_errors(errors.SimulatorError, "Closing", "Look into `close`."),
         ):
             self.close()
 

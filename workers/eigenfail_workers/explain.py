@@ -7,18 +7,9 @@ from math import isnan
 
 import msgspec
 
-from eigenfail import bridges
+from eigenfail import bridges, values
 from eigenfail.errors import InvalidValue
 from eigenfail.explanations import find_only_vehicle, measure_gap
-from eigenfail.values import (
-    EpisodeResult,
-    EpisodeSetup,
-    EpisodeTask,
-    ExplainedEpisode,
-    ExplainedStep,
-    Scene,
-    VehicleState,
-)
 from eigenfail.values.channels import GHOST, SWAPPED, split_name
 from eigenfail.worlds import resolve_disturbance, world_of
 from eigenfail_workers.accounts import RecordedStep, RecordingPlanner
@@ -32,7 +23,7 @@ from eigenfail_workers.measures.geometry import find_struck
 REPLAY = "Run it again with `eigenfail episode replay`."
 
 
-def explain(setup: EpisodeSetup, task: EpisodeTask) -> ExplainedEpisode:
+def explain(setup: values.EpisodeSetup, task: values.EpisodeTask) -> values.ExplainedEpisode:
     """Run an episode and record the planner's explanations; see `Explainer`.
 
     Raises:
@@ -47,19 +38,19 @@ def explain(setup: EpisodeSetup, task: EpisodeTask) -> ExplainedEpisode:
     channels = [split_name(each.name) for each in resolve_disturbance(setup).list_channels()]
     truth = TrueTraffic(result, [channel.quantity for channel in channels])
     steps = tuple([truth.explain_step(number, step) for number, step in enumerate(recorded)])
-    return ExplainedEpisode(result, steps, truth.find_struck())
+    return values.ExplainedEpisode(result, steps, truth.find_struck())
 
 
 def _run_here(
-    setup: EpisodeSetup, task: EpisodeTask, recorded: list[RecordedStep]
-) -> EpisodeResult:
+    setup: values.EpisodeSetup, task: values.EpisodeTask, recorded: list[RecordedStep]
+) -> values.EpisodeResult:
     with closing(Engine(setup, lambda planner: RecordingPlanner(planner, recorded))) as engine:
         return next(engine.run([task]))
 
 
 def _run_on_bridge(
-    setup: EpisodeSetup, task: EpisodeTask, recorded: list[RecordedStep]
-) -> EpisodeResult:
+    setup: values.EpisodeSetup, task: values.EpisodeTask, recorded: list[RecordedStep]
+) -> values.EpisodeResult:
     """Run an episode in a new session: a worker of this process may have another one."""
     address = os.environ.get(bridges.ADDRESS_VARIABLE)
     if not address:
@@ -83,16 +74,16 @@ class TrueTraffic:
         quantities: quantity of each channel of its noise.
     """
 
-    def __init__(self, result: EpisodeResult, quantities: Sequence[str]) -> None:
+    def __init__(self, result: values.EpisodeResult, quantities: Sequence[str]) -> None:
         self._result = result
         self._only = None if GHOST in quantities else find_only_vehicle(result.scene)
         self._swaps = [place for place, name in enumerate(quantities) if name == SWAPPED]
 
-    def explain_step(self, number: int, step: RecordedStep) -> ExplainedStep:
+    def explain_step(self, number: int, step: RecordedStep) -> values.ExplainedStep:
         """Return a step with the truth beside the planner's account."""
         result, vehicle = self._result, self._find_vehicle(number, step)
         gap_m, closing_mps = measure_gap(result.scene, number, vehicle)
-        return ExplainedStep(
+        return values.ExplainedStep(
             time_s=step.time_s,
             acceleration_mps2=step.control.acceleration_mps2,
             steering_rad=step.control.steering_rad,
@@ -135,11 +126,13 @@ class TrueTraffic:
         return list(others)[find_struck(ego, list(others.values()))]
 
 
-def _list_vehicles(scene: Scene, step: int) -> tuple[VehicleState, dict[int, VehicleState]]:
+def _list_vehicles(
+    scene: values.Scene, step: int
+) -> tuple[values.VehicleState, dict[int, values.VehicleState]]:
     """Return the ego after a step, and the others that are there by number."""
     poses = zip(scene.vehicles[step].tolist(), scene.sizes.tolist(), strict=True)
     there = {
-        number: VehicleState(*pose, *size)
+        number: values.VehicleState(*pose, *size)
         for number, (pose, size) in enumerate(poses)
         if not isnan(pose[0])
     }

@@ -15,39 +15,17 @@ from types import ModuleType
 import numpy as np
 from msgspec.structs import replace
 
+from eigenfail import functions, values
 from eigenfail.errors import EpisodeError, InputError, InvalidValue, SimulatorError, clean_text
-from eigenfail.functions import (
-    LIMIT_S,
-    FunctionParameters,
-    FunctionUnderTest,
-    Noise,
-    look_in_this_folder,
-    make_import_error,
-    refuse_unlisted,
-)
 from eigenfail.process_state import ProcessState
 from eigenfail.settings import read_settings
-from eigenfail.values import (
-    AXES,
-    DisturbanceModel,
-    EpisodeResult,
-    EpisodeSetup,
-    EpisodeTask,
-    Measures,
-    NoiseTrajectory,
-    Observation,
-    Outcome,
-    Policy,
-    VehicleState,
-    unrunnable,
-)
 from eigenfail.values.measures import MAX_MAGNITUDE
 from eigenfail_workers.faults import make_fault, make_state_change_error, wrap_errors
 from eigenfail_workers.noise import sources
 from eigenfail_workers.noise.deviations import to_float32
 from eigenfail_workers.noise.policy import store_policy
 
-NULL_VEHICLE = VehicleState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NULL_VEHICLE = values.VehicleState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """What an adversary observes of every vehicle, as a function has none."""
 
 NUMERIC_KINDS = frozenset("iuf")
@@ -74,93 +52,101 @@ class FunctionEngine:
 
     def __init__(
         self,
-        function: FunctionUnderTest,
+        function: functions.FunctionUnderTest,
         steps: int,
-        model: DisturbanceModel = DisturbanceModel(),  # noqa: B008 - it is frozen
-        limit_s: float = LIMIT_S,
-        channels: int = len(AXES),
+        model: values.DisturbanceModel = values.DisturbanceModel(),  # noqa: B008 - it is frozen
+        limit_s: float = functions.LIMIT_S,
+        channels: int = len(values.AXES),
     ) -> None:
         self._function = function
         self._steps = steps
         self._shape = model.shape
         self._sigma = np.full((steps, channels), to_float32(model.scale), np.float32)
         self._limit_s = limit_s
-        self._policies: dict[int, Policy] = {}
+        self._policies: dict[int, values.Policy] = {}
         self._process_state = ProcessState()
 
-    def add_policy(self, policy: Policy) -> None:
+    def add_policy(self, policy: values.Policy) -> None:
         """Store a copy of a policy version; the oldest versions are dropped."""
         store_policy(self._policies, policy)
 
-    def run(self, tasks: Sequence[EpisodeTask]) -> Iterator[EpisodeResult]:
+    def run(self, tasks: Sequence[values.EpisodeTask]) -> Iterator[values.EpisodeResult]:
         """Yield the results in the order of the tasks."""
         return map(self._run, tasks)
 
     def close(self) -> None:
         """Do nothing: the engine holds no resources."""
 
-    def _run(self, task: EpisodeTask) -> EpisodeResult:
+    def _run(self, task: values.EpisodeTask) -> values.EpisodeResult:
         began = perf_counter()
         try:
             with wrap_errors(SimulatorError, "The noise", "Look into its source."):
                 drawn = self._draw_noise(task)
             result = self._call_function(drawn)
         except (EpisodeError, InputError) as error:
-            result = unrunnable(task, make_fault(error))
+            result = values.unrunnable(task, make_fault(error))
         if changes := self._process_state.changes():
             culprit = f"the function '{getattr(self._function, '__name__', 'under test')}'"
             changed = make_state_change_error(SimulatorError, culprit, changes, result)
             result = replace(
                 result,
-                outcome=Outcome.ERRORED,
+                outcome=values.Outcome.ERRORED,
                 measures=None,
                 states=None,
                 fault=make_fault(changed),
             )
         return replace(result, wall_s=perf_counter() - began)
 
-    def _draw_noise(self, task: EpisodeTask) -> EpisodeResult:
+    def _draw_noise(self, task: values.EpisodeTask) -> values.EpisodeResult:
         """Return a result with the noise of the episode, before its outcome is known."""
         channels = self._sigma.shape[1]
         context = sources.NoiseContext(task.seed, self._steps, self._policies, channels)
         source = sources.begin(task.source, context)
-        seen = (Observation(step, NULL_VEHICLE, (NULL_VEHICLE,)) for step in range(self._steps))
+        seen = (
+            values.Observation(step, NULL_VEHICLE, (NULL_VEHICLE,)) for step in range(self._steps)
+        )
         z = np.array([source.draw(observation, NULL_VEHICLE) for observation in seen], np.float32)
-        return EpisodeResult(
+        return values.EpisodeResult(
             index=task.index,
             seed=task.seed,
-            outcome=Outcome.SAFE,
+            outcome=values.Outcome.SAFE,
             steps=self._steps,
-            noise=NoiseTrajectory(z, self._sigma, self._shape),
+            noise=values.NoiseTrajectory(z, self._sigma, self._shape),
             source=task.source_kind,
             states=source.states(),
         )
 
-    def _call_function(self, drawn: EpisodeResult) -> EpisodeResult:
+    def _call_function(self, drawn: values.EpisodeResult) -> values.EpisodeResult:
         """Return the result with its outcome; if the function fails, the noise stays for replay."""
         try:
             noise = drawn.noise.injected.copy()  # the function may change it
             robustness = _compute_robustness(self._function, noise, self._limit_s)
         except SimulatorError as error:
-            return replace(drawn, outcome=Outcome.ERRORED, states=None, fault=make_fault(error))
-        outcome = Outcome.SAFE if robustness > 0.0 else Outcome.COLLISION
-        return replace(drawn, outcome=outcome, measures=Measures(max(0.0, robustness)))
+            return replace(
+                drawn, outcome=values.Outcome.ERRORED, states=None, fault=make_fault(error)
+            )
+        outcome = values.Outcome.SAFE if robustness > 0.0 else values.Outcome.COLLISION
+        return replace(drawn, outcome=outcome, measures=values.Measures(max(0.0, robustness)))
 
 
-def make_function_engine(setup: EpisodeSetup) -> FunctionEngine:
+def make_function_engine(setup: values.EpisodeSetup) -> FunctionEngine:
     """Return the engine of a campaign on a function.
 
     Raises:
         UnknownName: a parameter does not exist.
         InvalidValue: a parameter is outside its bounds, or the function cannot be used.
     """
-    given = read_settings(FunctionParameters, setup.scenario_parameters, "scenario_parameters")
+    given = read_settings(
+        functions.FunctionParameters, setup.scenario_parameters, "scenario_parameters"
+    )
     function = find_function(setup.planner)
     channels = len(given.channels)
     return FunctionEngine(function, given.steps, setup.disturbance, given.limit_s, channels)
 
 
-def _compute_robustness(function: FunctionUnderTest, noise: Noise, limit_s: float) -> float:
+def _compute_robustness(
+    function: functions.FunctionUnderTest, noise: functions.Noise, limit_s: float
+) -> float:
     """Return the answer of the function to noise of shape (steps, channels) [sigma].
 
     Raises:
@@ -224,7 +210,7 @@ def _interrupt(*_: object) -> None:
     raise _CallTimeout
 
 
-def find_function(place: str) -> FunctionUnderTest:
+def find_function(place: str) -> functions.FunctionUnderTest:
     """Return the function at `module:function`.
 
     Only functions that their author has declared with `of_trajectory` or `of_batch` are called: a
@@ -234,20 +220,20 @@ def find_function(place: str) -> FunctionUnderTest:
         InvalidValue: the function is not allowed here, cannot be imported, does not exist, is not
             declared, or its file was changed after it was imported.
     """
-    refuse_unlisted(place)
+    functions.refuse_unlisted(place)
     name, attribute = place.split(":")
     found = getattr(_import_module(name, place), attribute, None)
     if found is None:
         problem = f"module '{name}' has no '{attribute}'."
         raise InvalidValue("planner", problem, "Correct the name behind the colon.")
-    if not isinstance(found, FunctionUnderTest):
+    if not isinstance(found, functions.FunctionUnderTest):
         remedy = "Put @of_trajectory or @of_batch of eigenfail.functions above it."
         raise InvalidValue("planner", f"'{place}' is not declared to be under test.", remedy)
     return found
 
 
 def _import_module(name: str, place: str) -> ModuleType:
-    look_in_this_folder()
+    functions.look_in_this_folder()
     invalidate_caches()
     try:
         _check_module(name, place)
@@ -255,7 +241,7 @@ def _import_module(name: str, place: str) -> ModuleType:
     except InvalidValue:
         raise
     except (Exception, SystemExit) as error:
-        raise make_import_error(place, _format_error(error)) from error
+        raise functions.make_import_error(place, _format_error(error)) from error
     written_ns = _find_write_time_ns(module)
     if vars(module).setdefault(IMPORT_TIME_KEY, written_ns) != written_ns:
         problem = f"the file of '{name}' was changed after this worker imported it."

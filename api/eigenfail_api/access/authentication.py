@@ -17,12 +17,7 @@ from eigenfail.wire.http import PREFIX
 from eigenfail_api.access.proxy import ProxySignIn
 from eigenfail_api.access.throttling import LoginThrottle, RateLimiter
 from eigenfail_api.settings import ApiSettings
-from eigenfail_services.access import (
-    authenticate_key,
-    make_invalid_key_error,
-    note_use,
-    require_valid,
-)
+from eigenfail_services import access
 from eigenfail_services.store import Store
 
 SAFE = frozenset({"GET", "HEAD", "OPTIONS"})
@@ -336,7 +331,7 @@ class Authenticator:
         at_ms, match = self.clock(), TOKEN.fullmatch(token)
         key_id = match["id"] if match else ""
         try:
-            key = authenticate_key(self._store, token, at_ms)
+            key = access.authenticate_key(self._store, token, at_ms)
         except Unauthorized:
             # The right token is accepted at any time: others must not be able to lock it out.
             self._throttle.refuse_too_many(address, key_id, at_ms)
@@ -348,11 +343,11 @@ class Authenticator:
         at_ms = self.clock()
         key_id = self.sessions.key_of(request.cookies.get(SESSION_COOKIE, ""), at_ms)
         if key_id is None:
-            raise make_invalid_key_error()
+            raise access.make_invalid_key_error()
         try:
-            key = require_valid(self._store.keys.find(key_id).key, at_ms)
+            key = access.require_valid(self._store.keys.find(key_id).key, at_ms)
         except NotFound:
-            raise make_invalid_key_error() from None
+            raise access.make_invalid_key_error() from None
         _refuse_without_origin(request)
         return caller_of_key(self._admit(key, at_ms), signed_in=True)
 
@@ -360,7 +355,7 @@ class Authenticator:
         self._per_key.take(key.id, at_ms)
         # Reading goes on where the database cannot be written.
         with suppress(EigenfailError):
-            note_use(self._store, key, at_ms)
+            access.note_use(self._store, key, at_ms)
         return key
 
 

@@ -22,15 +22,7 @@ from starlette.types import Scope as Asked
 from eigenfail.errors import EigenfailError, Forbidden, InvalidValue, Unauthorized
 from eigenfail.values.access import SECRET, Change, redact
 from eigenfail.wire.http import PREFIX, Problem, make_problem, make_untyped_problem
-from eigenfail_api.access.authentication import (
-    Authenticator,
-    Caller,
-    Rule,
-    act_as,
-    address_of,
-    is_change,
-    required_scope,
-)
+from eigenfail_api.access import authentication
 from eigenfail_api.access.change_details import read_details
 from eigenfail_api.dashboard.rendering import as_page, wants_page
 from eigenfail_api.middleware import holds
@@ -106,7 +98,11 @@ class AuthMiddleware:
     """
 
     def __init__(
-        self, app: ASGIApp, authenticator: Authenticator, store: Store, rules: Sequence[Rule]
+        self,
+        app: ASGIApp,
+        authenticator: authentication.Authenticator,
+        store: Store,
+        rules: Sequence[authentication.Rule],
     ) -> None:
         self._app = app
         self._authenticator = authenticator
@@ -125,17 +121,17 @@ class AuthMiddleware:
         except (EigenfailError, HTTPException) as error:
             app, caller = _refuse(request, error), None
         is_refused = app is not self._app
-        with act_as(caller):
-            changes = is_change(request.method, scope["path"], self._rules)
+        with authentication.act_as(caller):
+            changes = authentication.is_change(request.method, scope["path"], self._rules)
             if caller is None or not (is_refused or changes):
                 await app(scope, receive, send)
                 return
             async with _record_change(self._store, request, caller, send) as send_and_record:
                 await app(scope, receive, send_and_record)
 
-    async def _authorise(self, request: Request) -> tuple[ASGIApp, Caller | None]:
+    async def _authorise(self, request: Request) -> tuple[ASGIApp, authentication.Caller | None]:
         """Return what answers the request, and its caller where a key may be required."""
-        required = required_scope(request.method, request.scope["path"], self._rules)
+        required = authentication.required_scope(request.method, request.scope["path"], self._rules)
         if required is None:
             return self._app, None
         caller = self._authenticator.identify_anonymous(request)
@@ -194,7 +190,7 @@ def _format_address(request: Request) -> str:
 
 @asynccontextmanager
 async def _record_change(
-    store: Store, request: HTTPConnection, caller: Caller, send: Send
+    store: Store, request: HTTPConnection, caller: authentication.Caller, send: Send
 ) -> AsyncIterator[Send]:
     """Yield a `send` that appends to the audit log before the answer leaves.
 
@@ -221,7 +217,9 @@ async def _record_change(
         raise
 
 
-def describe_change(request: HTTPConnection, caller: Caller, subject: str, status: int) -> Change:
+def describe_change(
+    request: HTTPConnection, caller: authentication.Caller, subject: str, status: int
+) -> Change:
     """Return the entry of the audit log for a request and its answer; keys are taken out."""
     route = request.scope.get("route")
     return Change(
@@ -230,7 +228,7 @@ def describe_change(request: HTTPConnection, caller: Caller, subject: str, statu
         method=request.scope["method"],
         route=_redact(route.path if route else request.scope["path"]),
         subject=_redact(subject),
-        address=_redact(address_of(request)),
+        address=_redact(authentication.address_of(request)),
         status=status,
         details=read_details(request.scope),
     )

@@ -13,14 +13,7 @@ from eigenfail.values import (
     Moment,
     TrainingInterval,
 )
-from eigenfail_api.dashboard.charts import (
-    MOST_ROWS,
-    ChannelTable,
-    Chart,
-    describe_shown,
-    round_rows,
-    round_values,
-)
+from eigenfail_api.dashboard import charts
 
 MOST_POINTS = 5_000
 
@@ -28,13 +21,13 @@ TableParts = tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]
 """Columns and rows of a table."""
 
 
-def make_behaviour_charts(result: AnalysisResult) -> tuple[Chart, ...]:
+def make_behaviour_charts(result: AnalysisResult) -> tuple[charts.Chart, ...]:
     """Return the chart of the ego's acceleration in each mode; none where it is not known."""
     behaviour, noun = result.behaviour, result.cluster_noun
     if behaviour is None:
         return ()
     event = "collision" if behaviour.origin == "collision" else "start"
-    chart = Chart(
+    chart = charts.Chart(
         id="behaviour-chart",
         kind="behaviour",
         title="Acceleration of the ego",
@@ -45,7 +38,7 @@ def make_behaviour_charts(result: AnalysisResult) -> tuple[Chart, ...]:
             "event": event,
             "times": list_floats(behaviour.times_s),
             "modes": [
-                {"mean": list_floats(mode.mean), "members": round_rows(mode.members)}
+                {"mean": list_floats(mode.mean), "members": charts.round_rows(mode.members)}
                 for mode in behaviour.modes
             ],
         },
@@ -76,7 +69,7 @@ def rank_shown(result: AnalysisResult) -> tuple[list[int], list[int]]:
 
 def make_channel_table(
     result: AnalysisResult, make: Callable[[list[int]], TableParts]
-) -> ChannelTable | None:
+) -> charts.ChannelTable | None:
     """Return the table of all channels; None if all are in the table that is shown at first.
 
     Args:
@@ -84,10 +77,10 @@ def make_channel_table(
         make: makes columns and rows of the channels in these columns of the noise.
     """
     shown, ranked = rank_shown(result)
-    return ChannelTable(len(ranked), *make(ranked)) if len(shown) < len(ranked) else None
+    return charts.ChannelTable(len(ranked), *make(ranked)) if len(shown) < len(ranked) else None
 
 
-def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
+def make_eigenfailure_chart(result: AnalysisResult) -> charts.Chart:
     """Return the chart of each mode's eigenfailure with its band."""
     modes = [mode.eigenfailure for mode in result.modes]
     bands = [mode.band for mode in result.modes if mode.band is not None]
@@ -95,13 +88,13 @@ def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
     shown, ranked = rank_shown(result)
     make = partial(make_eigenfailure_table, result)
     columns, rows = make(shown)
-    return Chart(
+    return charts.Chart(
         id="eigenfailure-chart",
         kind="eigenfailures",
         title="Eigenfailures",
         caption=f"Centre of the noise of each {noun} over time [sigma], by channel."
         + (" Bands: from 10 to 90 % of the noise of its failures at each step." if bands else "")
-        + describe_shown(shown, channels, GREATEST),
+        + charts.describe_shown(shown, channels, GREATEST),
         data={
             "noun": noun,
             "channels": {channels[way]: [list_floats(z[:, way]) for z in modes] for way in ranked},
@@ -142,13 +135,13 @@ def name_band_columns(modes: Sequence[str], channels: Sequence[str]) -> Iterator
             yield from (f"{name} {channel} {share}" for channel in channels)
 
 
-def make_scores_chart(result: AnalysisResult, campaign: int) -> Chart:
+def make_scores_chart(result: AnalysisResult, campaign: int) -> charts.Chart:
     """Return the chart of failures in PCA space, of `campaign` unless the result names others."""
     chosen = pick_evenly(len(result.episodes), MOST_POINTS)
     second = 1 if result.scores.shape[1] > 1 else 0
     centres = np.stack([mode.centre for mode in result.modes])
     addresses = list_episode_names(result, campaign)
-    return Chart(
+    return charts.Chart(
         id="scores-chart",
         kind="scores",
         title="Failures in PCA space",
@@ -170,16 +163,16 @@ def make_scores_chart(result: AnalysisResult, campaign: int) -> Chart:
                 format_number(float(result.scores[row, 0])),
                 format_number(float(result.scores[row, second])),
             )
-            for row in chosen[:MOST_ROWS]
+            for row in chosen[: charts.MOST_ROWS]
         ),
-        note=f"The first {MOST_ROWS}." if len(chosen) > MOST_ROWS else "",
+        note=f"The first {charts.MOST_ROWS}." if len(chosen) > charts.MOST_ROWS else "",
     )
 
 
-def make_explained_chart(result: AnalysisResult) -> Chart:
+def make_explained_chart(result: AnalysisResult) -> charts.Chart:
     """Return the chart of the variance that each component explains."""
     cumulated = np.cumsum(result.explained)
-    return Chart(
+    return charts.Chart(
         id="explained-chart",
         kind="explained",
         title="Explained variance",
@@ -196,18 +189,18 @@ def make_explained_chart(result: AnalysisResult) -> Chart:
     )
 
 
-def make_influence_chart(result: AnalysisResult) -> Chart:
+def make_influence_chart(result: AnalysisResult) -> charts.Chart:
     """Return the chart of the influence of noise over time."""
     shown, ranked = rank_shown(result)
     make = partial(make_influence_table, result)
     columns, rows = make(shown)
-    return Chart(
+    return charts.Chart(
         id="influence-chart",
         kind="influence",
         title="Influence over time",
         caption="Where the noise of the failures differs, which is no cause: components weighted "
         "by explained variance. Marks: the moments of greatest influence."
-        + describe_shown(shown, result.channels, GREATEST),
+        + charts.describe_shown(shown, result.channels, GREATEST),
         data={
             "channels": {
                 result.channels[way]: list_floats(result.influence[:, way]) for way in ranked
@@ -255,7 +248,7 @@ def pick_evenly(count: int, most: int) -> list[int]:
 
 def list_floats(values: Iterable[np.floating]) -> list[float | None]:
     """Return an array as plain floats; None for values that are not finite."""
-    return round_values(float(value) for value in values)
+    return charts.round_values(float(value) for value in values)
 
 
 MOST_STEPS = 200
@@ -266,24 +259,25 @@ DIGITS = 3
 Lines = Callable[[TrainingInterval], Iterable[Floats]]
 
 
-def make_training_charts(result: AnalysisResult) -> tuple[Chart, ...]:
+def make_training_charts(result: AnalysisResult) -> tuple[charts.Chart, ...]:
     """Return the charts over the training; none for results of older releases."""
     if not result.training:
         return ()
     return (make_mean_chart(result), make_component_chart(result))
 
 
-def make_mean_chart(result: AnalysisResult) -> Chart:
+def make_mean_chart(result: AnalysisResult) -> charts.Chart:
     """Return the chart of the mean disturbance of the failures."""
     shown, ranked = rank_shown(result)
     make = partial(make_mean_table, result)
     columns, rows = make(shown)
-    return Chart(
+    return charts.Chart(
         id="training-mean-chart",
         kind="training",
         title="Mean disturbance during the search",
         caption="Mean noise of the failures of each tenth of the episodes, over their steps "
-        "[sigma]: the first tenth on top." + describe_shown(shown, result.channels, GREATEST),
+        "[sigma]: the first tenth on top."
+        + charts.describe_shown(shown, result.channels, GREATEST),
         data=make_ridges(result, ranked, ("mean",), lambda interval: [interval.mean], unit="sigma"),
         columns=columns,
         rows=rows,
@@ -300,18 +294,18 @@ def make_mean_table(result: AnalysisResult, ways: list[int]) -> TableParts:
     return columns, make_step_table(np.concatenate(means, axis=1))
 
 
-def make_component_chart(result: AnalysisResult) -> Chart:
+def make_component_chart(result: AnalysisResult) -> charts.Chart:
     """Return the chart of the components of each interval."""
     intervals = result.training
     count = max(len(each.components) for each in intervals)
     shown, ranked = rank_shown(result)
-    return Chart(
+    return charts.Chart(
         id="training-components-chart",
         kind="training",
         title="Components during the search",
         caption="The first components of the failures of each tenth alone, turned towards those "
         "of all; the legend shows the others. Likeness is |cosine| with the component of all "
-        "failures: 1 is the same." + describe_shown(shown, result.channels, GREATEST),
+        "failures: 1 is the same." + charts.describe_shown(shown, result.channels, GREATEST),
         data=make_ridges(
             result,
             ranked,
@@ -375,7 +369,7 @@ def format_span(interval: TrainingInterval) -> str:
     return f"{100.0 * interval.start:.0f} – {100.0 * interval.end:.0f} %"
 
 
-def make_mode_charts(result: AnalysisResult, campaign: int) -> tuple[Chart, ...]:
+def make_mode_charts(result: AnalysisResult, campaign: int) -> tuple[charts.Chart, ...]:
     """Return the charts that show how the modes of an analysis differ."""
     return (
         make_eigenfailure_chart(result),
@@ -384,7 +378,7 @@ def make_mode_charts(result: AnalysisResult, campaign: int) -> tuple[Chart, ...]
     )
 
 
-def make_detail_charts(result: AnalysisResult) -> tuple[Chart, ...]:
+def make_detail_charts(result: AnalysisResult) -> tuple[charts.Chart, ...]:
     """Return the charts of the components of an analysis, of influence and of training."""
     return (
         make_explained_chart(result),

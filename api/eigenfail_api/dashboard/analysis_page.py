@@ -7,47 +7,17 @@ import numpy as np
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
+from eigenfail import values
 from eigenfail.exchange import list_formats
 from eigenfail.exchange.recording import ANIMATION
-from eigenfail.presentation.analyses import (
-    describe_grouping,
-    tabulate_influence,
-    tabulate_moments,
-    tabulate_noise_within,
-    tabulate_sources,
-)
-from eigenfail.presentation.figures import (
-    UNKNOWN,
-    count_noun,
-    format_count,
-    format_interval,
-    format_number,
-    format_share,
-    put_minus_signs,
-)
+from eigenfail.presentation import analyses, figures
 from eigenfail.presentation.tables import Table
-from eigenfail.values import (
-    Analysis,
-    AnalysisResult,
-    AnalysisSettings,
-    Campaign,
-    Diversity,
-    FailureMode,
-    Mode,
-    Proof,
-    ProvenMode,
-)
 from eigenfail.values.analysis import propose_mode_names
 from eigenfail.values.triage import TriageState
 from eigenfail.worlds import find_robustness_unit, world_of
+from eigenfail_api.dashboard import episodes_page
 from eigenfail_api.dashboard.analysis_charts import make_detail_charts, make_mode_charts
 from eigenfail_api.dashboard.charts import Chart
-from eigenfail_api.dashboard.episodes_page import (
-    AnalysisChoices,
-    AnalysisLine,
-    list_analysis_choices,
-    make_analysis_line,
-)
 from eigenfail_api.dashboard.proof import ProofView, describe_reproduction, make_proof_view
 from eigenfail_api.dashboard.rendering import Tile, make_probability_tile, page
 from eigenfail_api.parameters import AnalysisId, Stored
@@ -57,34 +27,34 @@ from eigenfail_services.campaigns.proofs import summarise_proof
 Tiles = tuple[tuple[str, Tile], ...]
 
 
-def make_diversity_tiles(found: Diversity) -> Tiles:
+def make_diversity_tiles(found: values.Diversity) -> Tiles:
     """Return the tiles of how failures spread over modes that are distinct, each with its basis."""
-    of_all = (f"of {count_noun(found.failures, 'failure')}",)
-    modes = f"of {count_noun(found.modes, 'cluster')}, small ones included"
+    of_all = (f"of {figures.count_noun(found.failures, 'failure')}",)
+    modes = f"of {figures.count_noun(found.modes, 'cluster')}, small ones included"
     return (
-        ("Effective modes", Tile(format_number(found.effective_modes), (modes,))),
-        ("Largest mode", Tile(format_share(found.largest_share), of_all)),
+        ("Effective modes", Tile(figures.format_number(found.effective_modes), (modes,))),
+        ("Largest mode", Tile(figures.format_share(found.largest_share), of_all)),
     )
 
 
-def make_spread_tile(found: Diversity) -> Tile:
+def make_spread_tile(found: values.Diversity) -> Tile:
     """Return the tile of how much the noise of the failures differs."""
-    return Tile(format_number(found.spread), ("between failures; p(x) has 1",))
+    return Tile(figures.format_number(found.spread), ("between failures; p(x) has 1",))
 
 
-def make_coverage_tile(found: Diversity) -> Tile:
+def make_coverage_tile(found: values.Diversity) -> Tile:
     """Return the tile of the share of the campaign after which no new mode was found."""
     seen = ", ".join(map(str, found.coverage))
     return Tile(describe_last_new_mode(found), (f"of those analysed, by tenths: {seen}",))
 
 
-def describe_last_new_mode(found: Diversity) -> str:
+def describe_last_new_mode(found: values.Diversity) -> str:
     """Return the share of the campaign after which no new mode was found."""
     tenths = 1 + sum(seen < found.modes for seen in found.coverage)
     return f"{10 * tenths} %"
 
 
-def make_finding_tiles(result: AnalysisResult, *, is_whole: bool = True) -> Tiles:
+def make_finding_tiles(result: values.AnalysisResult, *, is_whole: bool = True) -> Tiles:
     """Return the tiles of an analysis's figures, each with its basis.
 
     Args:
@@ -96,7 +66,7 @@ def make_finding_tiles(result: AnalysisResult, *, is_whole: bool = True) -> Tile
     of_modes = found if result.distinct else None
     return (
         ("Failures analysed", count_failures(result)),
-        ("Grouped by", Tile(result.features, (describe_grouping(result),))),
+        ("Grouped by", Tile(result.features, (analyses.describe_grouping(result),))),
         ("Adjusted Rand index", make_stability_tile(result)),
         ("Variance explained", describe_variance(result)),
         *((("Near no mode", make_outlier_tile(result)),) if result.outliers else ()),
@@ -110,36 +80,38 @@ def make_finding_tiles(result: AnalysisResult, *, is_whole: bool = True) -> Tile
     )
 
 
-def count_failures(result: AnalysisResult) -> Tile:
+def count_failures(result: values.AnalysisResult) -> Tile:
     """How many failures, of what."""
-    count = format_count(len(result.episodes))
+    count = figures.format_count(len(result.episodes))
     episodes = sum(source.episodes for source in result.sources)
-    return Tile(count, (f"of {count_noun(episodes, 'episode')}",) if episodes else ())
+    return Tile(count, (f"of {figures.count_noun(episodes, 'episode')}",) if episodes else ())
 
 
-def make_stability_tile(result: AnalysisResult) -> Tile:
+def make_stability_tile(result: values.AnalysisResult) -> Tile:
     """Return the tile of the modes' stability when failures are resampled."""
     found = result.stability
     if found is None:
         why = "no bootstrap" if len(result.modes) > 1 else "a single group"
-        return Tile(UNKNOWN, (f"not tried: {why}",))
-    draws = f"{found.resamples} draws of {count_noun(found.rows, 'failure')}"
-    notes = (format_interval(found.interval), draws, "1: the same groups; 0: chance")
-    return Tile(format_number(found.median), notes)
+        return Tile(figures.UNKNOWN, (f"not tried: {why}",))
+    draws = f"{found.resamples} draws of {figures.count_noun(found.rows, 'failure')}"
+    notes = (figures.format_interval(found.interval), draws, "1: the same groups; 0: chance")
+    return Tile(figures.format_number(found.median), notes)
 
 
-def describe_variance(result: AnalysisResult) -> Tile:
+def describe_variance(result: values.AnalysisResult) -> Tile:
     """What the components keep."""
-    by = count_noun(len(result.explained), "component")
-    return Tile(format_share(float(np.sum(result.explained))), (f"by {by}",))
+    by = figures.count_noun(len(result.explained), "component")
+    return Tile(figures.format_share(float(np.sum(result.explained))), (f"by {by}",))
 
 
-def make_outlier_tile(result: AnalysisResult) -> Tile:
+def make_outlier_tile(result: values.AnalysisResult) -> Tile:
     """Return the tile of failures that were assigned to the mode of their nearest neighbour."""
-    return Tile(format_share(result.outliers), ("assigned to the mode of their nearest neighbour",))
+    return Tile(
+        figures.format_share(result.outliers), ("assigned to the mode of their nearest neighbour",)
+    )
 
 
-def list_tables(result: AnalysisResult, step_s: float | None = None) -> tuple[Table, ...]:
+def list_tables(result: values.AnalysisResult, step_s: float | None = None) -> tuple[Table, ...]:
     """Return the tables of noise within modes, moments, influence and sources that have rows.
 
     Args:
@@ -147,10 +119,10 @@ def list_tables(result: AnalysisResult, step_s: float | None = None) -> tuple[Ta
         step_s: as `tabulate_noise_within` takes it. [s]
     """
     found = (
-        tabulate_noise_within(result, step_s),
-        tabulate_moments(result),
-        tabulate_influence(result),
-        tabulate_sources(result),
+        analyses.tabulate_noise_within(result, step_s),
+        analyses.tabulate_moments(result),
+        analyses.tabulate_influence(result),
+        analyses.tabulate_sources(result),
     )
     return tuple(grid for grid in found if grid.rows)
 
@@ -193,7 +165,7 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
         triage: states of the modes that are not new, in words, by number.
     """
 
-    line: AnalysisLine
+    line: episodes_page.AnalysisLine
     campaign: int
     campaign_name: str
     is_open: bool
@@ -208,17 +180,17 @@ class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
     detail_charts: tuple[Chart, ...]
     has_animations: bool
     proof: ProofView | None
-    asked: AnalysisSettings
-    choices: AnalysisChoices
+    asked: values.AnalysisSettings
+    choices: episodes_page.AnalysisChoices
     names: Mapping[int, str]
     triage: Mapping[int, str]
 
 
 def make_analysis_view(
-    analysis: Analysis,
-    campaigns: Sequence[Campaign],
-    proof: Proof | None,
-    modes: Sequence[Mode],
+    analysis: values.Analysis,
+    campaigns: Sequence[values.Campaign],
+    proof: values.Proof | None,
+    modes: Sequence[values.Mode],
 ) -> AnalysisView:
     """Return the page of an analysis, with the results of the replays that have ended.
 
@@ -234,7 +206,7 @@ def make_analysis_view(
     channels, unit = world.channels(campaign.spec), find_robustness_unit(campaign.spec)
     step_s = world.step_s(campaign.spec) if analysis.settings.align == "collision" else None
     return AnalysisView(
-        line=make_analysis_line(analysis, channels),
+        line=episodes_page.make_analysis_line(analysis, channels),
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
         is_open=analysis.state in {"queued", "running"} or is_replaying(proof),
@@ -250,7 +222,7 @@ def make_analysis_view(
         has_animations=world.has_road and ANIMATION in list_formats(),
         proof=make_proof_view(proof, unit) if proof else None,
         asked=analysis.settings,
-        choices=list_analysis_choices(campaign.spec),
+        choices=episodes_page.list_analysis_choices(campaign.spec),
         names=find_given_names(result, modes) if result else {},
         triage={
             mode.number: mode.state.words for mode in modes if mode.state is not TriageState.NEW
@@ -258,18 +230,18 @@ def make_analysis_view(
     )
 
 
-def find_given_names(result: AnalysisResult, modes: Sequence[Mode]) -> dict[int, str]:
+def find_given_names(result: values.AnalysisResult, modes: Sequence[values.Mode]) -> dict[int, str]:
     """Return the names that were given to modes by number, without those that are proposed."""
     proposed = propose_mode_names(result.words or ("",) * len(result.modes))
     return {mode.number: mode.name for mode in modes if mode.name != proposed[mode.number - 1]}
 
 
-def is_replaying(proof: Proof | None) -> bool:
+def is_replaying(proof: values.Proof | None) -> bool:
     """Whether the proof has replays that have not ended."""
     return proof is not None and bool(proof.scenarios) and not proof.done
 
 
-def list_notes(result: AnalysisResult) -> Iterator[str]:
+def list_notes(result: values.AnalysisResult) -> Iterator[str]:
     """Return the remarks below the verdict."""
     yield from result.notes
     if result.diversity and result.diversity.collapse:
@@ -277,7 +249,7 @@ def list_notes(result: AnalysisResult) -> Iterator[str]:
 
 
 def make_mode_cards(
-    result: AnalysisResult, campaign: int, proof: Proof | None, unit: str
+    result: values.AnalysisResult, campaign: int, proof: values.Proof | None, unit: str
 ) -> tuple[ModeCard, ...]:
     """Return a card for each mode, with the result of its proof; robustness in a unit, or none."""
     proven = {each.mode: each for each in proof.modes} if proof and proof.scenarios else {}
@@ -289,7 +261,7 @@ def make_mode_cards(
 
 
 def make_mode_card(
-    place: int, result: AnalysisResult, campaign: int, proof: tuple[tuple[str, Tile], ...]
+    place: int, result: values.AnalysisResult, campaign: int, proof: tuple[tuple[str, Tile], ...]
 ) -> ModeCard:
     """Return the card of a mode, with the tiles of its proof."""
     mode = result.modes[place]
@@ -297,25 +269,25 @@ def make_mode_card(
     return ModeCard(
         number=place + 1,
         failures=mode.failures,
-        share=format_share(mode.failures / len(result.episodes)),
+        share=figures.format_share(mode.failures / len(result.episodes)),
         words=describe_mode_card(result, place),
         probability=make_probability_tile(mode.probability),
         medoid=mode.medoid,
         medoid_campaign=home,
         clip=f"/campaigns/{home}/episodes/{mode.medoid}/clip",
-        strength=format_number(float(np.sqrt(np.mean(np.square(mode.eigenfailure))))),
+        strength=figures.format_number(float(np.sqrt(np.mean(np.square(mode.eigenfailure))))),
         proof=proof,
     )
 
 
-def describe_mode_card(result: AnalysisResult, place: int) -> str:
+def describe_mode_card(result: values.AnalysisResult, place: int) -> str:
     """Return the description of a mode without its number, which the card's heading has."""
     if not result.words:
         return f"Strongest noise: {describe_peak(result.modes[place], result.channels)}."
-    return put_minus_signs(result.words[place].removeprefix(f"Mode {place + 1}: "))
+    return figures.put_minus_signs(result.words[place].removeprefix(f"Mode {place + 1}: "))
 
 
-def make_proof_tiles(proven: ProvenMode, unit: str) -> tuple[tuple[str, Tile], ...]:
+def make_proof_tiles(proven: values.ProvenMode, unit: str) -> tuple[tuple[str, Tile], ...]:
     """Return the tiles of the replays of a mode's two trajectories in all scenarios."""
     tiles = (
         ("Eigenfailure reproduced", describe_reproduction(proven.eigenfailure, unit)),
@@ -324,7 +296,7 @@ def make_proof_tiles(proven: ProvenMode, unit: str) -> tuple[tuple[str, Tile], .
     if proven.nearest is None:
         return tiles
     place, _, words = proven.nearest.words.partition(": ")
-    nearest = Tile(f"t = {format_number(proven.nearest.t)}", (words or place,))
+    nearest = Tile(f"t = {figures.format_number(proven.nearest.t)}", (words or place,))
     return (*tiles, ("Nearest failing point", nearest))
 
 
@@ -332,13 +304,13 @@ WAYS = {"longitudinal": ("ahead", "back"), "lateral": ("towards +y", "towards âˆ
 """Of positive and of negative noise of a position."""
 
 
-def describe_peak(mode: FailureMode, channels: Sequence[str]) -> str:
+def describe_peak(mode: values.FailureMode, channels: Sequence[str]) -> str:
     """Return the channel, strength and time of an eigenfailure's strongest noise."""
     z = mode.eigenfailure
     step, way = np.unravel_index(int(np.abs(z).argmax()), z.shape)
     value, channel = float(z[step, way]), channels[int(way)]
     signs = WAYS.get(channel, (f"of positive {channel}", f"of negative {channel}"))
-    return f"{format_number(abs(value), 2)} sigma {signs[value < 0.0]} at step {step}"
+    return f"{figures.format_number(abs(value), 2)} sigma {signs[value < 0.0]} at step {step}"
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)

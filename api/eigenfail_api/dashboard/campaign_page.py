@@ -11,17 +11,12 @@ from fastapi.responses import HTMLResponse
 from markupsafe import Markup
 from starlette.background import BackgroundTask
 
+from eigenfail import worlds
 from eigenfail.errors import Conflict
 from eigenfail.methods import NarrowCampaign, traits_of
+from eigenfail.presentation import figures
 from eigenfail.presentation.campaigns import list_labels
 from eigenfail.presentation.episodes import describe_minimal_failure
-from eigenfail.presentation.figures import (
-    UNKNOWN,
-    count_noun,
-    format_count,
-    format_duration,
-    format_number,
-)
 from eigenfail.values import (
     FINAL_STATES,
     Analysis,
@@ -45,13 +40,7 @@ from eigenfail.values.summary import EpisodeSample
 from eigenfail.values.variation import in_words
 from eigenfail.versions import describe_mixed
 from eigenfail.wire.http import PREFIX
-from eigenfail.worlds import (
-    describe_disturbance,
-    describe_requirements,
-    find_robustness_unit,
-    list_channels,
-    world_of,
-)
+from eigenfail_api.dashboard import episodes_page, rendering
 from eigenfail_api.dashboard.charts import (
     MOST_FAILURES,
     Chart,
@@ -61,34 +50,10 @@ from eigenfail_api.dashboard.charts import (
     make_robustness_chart,
 )
 from eigenfail_api.dashboard.cost_charts import REPLAY
-from eigenfail_api.dashboard.episodes_page import (
-    AnalysisChoices,
-    AnalysisLine,
-    EpisodeList,
-    find_failure_order,
-    list_analysis_choices,
-    make_analysis_line,
-    make_episode_address,
-    make_episode_list,
-    read_failures,
-)
 from eigenfail_api.dashboard.measures_page import read_measures
-from eigenfail_api.dashboard.rendering import (
-    WORKING,
-    StandingView,
-    Tile,
-    make_standing,
-    page,
-    write_time,
-)
 from eigenfail_api.parameters import CampaignId, Stored
 from eigenfail_api.routes import campaigns
-from eigenfail_services.campaigns.costs import (
-    is_prefetched,
-    prefetch_figures,
-    read_figures,
-    wait_for_figures,
-)
+from eigenfail_services.campaigns import costs
 from eigenfail_services.campaigns.minimal_failures import METHOD as MINIMAL
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
 from eigenfail_services.campaigns.summary import (
@@ -124,7 +89,7 @@ def make_replays_address(campaign: int) -> str:
     return f"/?{urlencode({'method': REPLAY, 'search': f'replay of {campaign}/'})}"
 
 
-Tiles = tuple[tuple[str, Tile], ...]
+Tiles = tuple[tuple[str, rendering.Tile], ...]
 
 
 def make_conflict_tiles(summary: Summary) -> Tiles:
@@ -132,24 +97,29 @@ def make_conflict_tiles(summary: Summary) -> Tiles:
     found, counts = summary.conflicts, summary.counts
     if not counts.completed:
         return ()
-    of_all = (f"of {format_count(counts.completed)}",)
-    of_collisions = (f"of {count_noun(found.collisions, 'collision')}",)
-    unclassified = Tile(format_count(found.unclassified), of_collisions)
+    of_all = (f"of {figures.format_count(counts.completed)}",)
+    of_collisions = (f"of {figures.count_noun(found.collisions, 'collision')}",)
+    unclassified = rendering.Tile(figures.format_count(found.unclassified), of_collisions)
     return (
-        ("Near misses", Tile(format_count(found.near_misses), of_all)),
-        ("Unavoidable", Tile(format_count(found.unavoidable), of_collisions)),
-        ("Planner failures", Tile(format_count(found.planner_failures), of_collisions)),
+        ("Near misses", rendering.Tile(figures.format_count(found.near_misses), of_all)),
+        ("Unavoidable", rendering.Tile(figures.format_count(found.unavoidable), of_collisions)),
+        (
+            "Planner failures",
+            rendering.Tile(figures.format_count(found.planner_failures), of_collisions),
+        ),
         *((("Not classified", unclassified),) if found.unclassified else ()),
         ("Lead time of MinTTC", make_mean_tile(found.ttc_lead)),
         ("Lead time of DRAC", make_mean_tile(found.drac_lead)),
     )
 
 
-def make_mean_tile(time: MeanTime) -> Tile:
+def make_mean_tile(time: MeanTime) -> rendering.Tile:
     """Return the tile of a mean with its basis."""
     if time.mean_s is None:
-        return Tile(UNKNOWN, ("no such collision",))
-    return Tile(f"{format_number(time.mean_s)} s", (f"mean of {format_count(time.n)}",))
+        return rendering.Tile(figures.UNKNOWN, ("no such collision",))
+    return rendering.Tile(
+        f"{figures.format_number(time.mean_s)} s", (f"mean of {figures.format_count(time.n)}",)
+    )
 
 
 SEARCHED = "search rate, not a failure probability under p(x)"
@@ -277,7 +247,7 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
         as_of: how far the campaign was when this was read; empty once it has ended.
     """
 
-    standing: StandingView
+    standing: rendering.StandingView
     next_steps: tuple[NextStep, ...]
     minimal: tuple[str, ...]
     minimal_address: str
@@ -290,13 +260,13 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
     left_out: tuple[str, ...]
     wishes: tuple[str, ...]
     questions: Mapping[str, str]
-    tiles: tuple[tuple[str, Tile], ...]
+    tiles: tuple[tuple[str, rendering.Tile], ...]
     conflicts: Tiles
     charts: tuple[Chart, ...]
-    failures: EpisodeList
-    analyses: tuple[AnalysisLine, ...]
+    failures: episodes_page.EpisodeList
+    analyses: tuple[episodes_page.AnalysisLine, ...]
     asked: AnalysisSettings
-    choices: AnalysisChoices
+    choices: episodes_page.AnalysisChoices
     events: tuple[Event, ...]
     times: tuple[tuple[str, str], ...]
     priorities: tuple[Priority, ...]
@@ -309,22 +279,24 @@ class CampaignView(msgspec.Struct, frozen=True, kw_only=True):
 def make_campaign_view(found: Findings) -> CampaignView:
     """Return the page of a campaign."""
     campaign = found.campaign
-    now = make_standing(campaign, found.summary)
-    channels = list_channels(campaign.spec)
+    now = rendering.make_standing(campaign, found.summary)
+    channels = worlds.list_channels(campaign.spec)
     return CampaignView(
         standing=now,
         next_steps=() if now.is_open else tuple(list_next_steps(found)),
         minimal=describe_minimal_failure(found.minimal) if found.minimal else (),
-        minimal_address=make_episode_address(found.minimal.campaign, found.minimal.index)
+        minimal_address=episodes_page.make_episode_address(
+            found.minimal.campaign, found.minimal.index
+        )
         if found.minimal
         else "",
         origin=find_origin(campaign.spec),
         replays=make_replays_address(campaign.id),
-        wants_workers=campaign.state in WORKING and not found.here,
+        wants_workers=campaign.state in rendering.WORKING and not found.here,
         stranded=found.stranded,
         narrow=found.narrow,
         mixed=describe_mixed(campaign),
-        left_out=world_of(campaign.spec.simulator).list_left_out(campaign.spec),
+        left_out=worlds.world_of(campaign.spec.simulator).list_left_out(campaign.spec),
         wishes=list_actions(campaign),
         questions=QUESTIONS,
         tiles=make_tiles(
@@ -333,13 +305,15 @@ def make_campaign_view(found: Findings) -> CampaignView:
             is_sampled=traits_of(campaign.spec.method).draws_from_prior,
         ),
         conflicts=make_conflict_tiles(found.summary)
-        if world_of(campaign.spec.simulator).has_road
+        if worlds.world_of(campaign.spec.simulator).has_road
         else (),
         charts=make_charts(found),
-        failures=make_episode_list(campaign, found.listed, find_failure_order(campaign)),
-        analyses=tuple(make_analysis_line(each, channels) for each in found.analyses),
+        failures=episodes_page.make_episode_list(
+            campaign, found.listed, episodes_page.find_failure_order(campaign)
+        ),
+        analyses=tuple(episodes_page.make_analysis_line(each, channels) for each in found.analyses),
         asked=AnalysisSettings(),
-        choices=list_analysis_choices(campaign.spec),
+        choices=episodes_page.list_analysis_choices(campaign.spec),
         events=found.events,
         times=list_times(campaign),
         priorities=list_priorities(campaign),
@@ -353,7 +327,7 @@ def make_campaign_view(found: Findings) -> CampaignView:
 def make_charts(found: Findings) -> tuple[Chart, ...]:
     """Return the charts for which there are data."""
     course, rows = found.course, found.rows
-    unit = find_robustness_unit(found.campaign.spec)
+    unit = worlds.find_robustness_unit(found.campaign.spec)
     drawn = (
         make_curve_chart(course, unit),
         make_robustness_chart(rows, course, found.campaign.counts.completed, unit),
@@ -384,8 +358,8 @@ def list_priorities(campaign: Campaign) -> tuple[Priority, ...]:
 
 
 def make_tiles(
-    now: StandingView, likelihood: Tile, *, is_sampled: bool
-) -> tuple[tuple[str, Tile], ...]:
+    now: rendering.StandingView, likelihood: rendering.Tile, *, is_sampled: bool
+) -> tuple[tuple[str, rendering.Tile], ...]:
     """Return the tiles at the top; a search's rate has the note that it is none under p(x)."""
     searched = () if is_sampled else (SEARCHED,)
     failures = msgspec.structs.replace(now.failures, notes=(*now.failures.notes, *searched))
@@ -400,27 +374,27 @@ def make_tiles(
     )
 
 
-def make_likelihood_tile(found: Findings) -> Tile:
+def make_likelihood_tile(found: Findings) -> rendering.Tile:
     """Return the tile of log p per step of the failures, and of noise drawn from p(x)."""
-    counted = count_noun(found.campaign.counts.failures, "failure")
-    value = format_number(found.summary.log_probability_per_step)
+    counted = figures.count_noun(found.campaign.counts.failures, "failure")
+    value = figures.format_number(found.summary.log_probability_per_step)
     if found.reference is None:
-        return Tile(value, (f"of {counted}",))
+        return rendering.Tile(value, (f"of {counted}",))
     typical, none = (
-        f"{format_number(each)} {words}"
+        f"{figures.format_number(each)} {words}"
         for each, words in (
             (found.reference.typical, "for typical noise of p(x)"),
             (found.reference.none, "without noise"),
         )
     )
-    basis = f"both over the steps of {count_noun(found.reference.failures, 'failure')}"
-    return Tile(value, (f"of {counted}", typical, none, basis))
+    basis = f"both over the steps of {figures.count_noun(found.reference.failures, 'failure')}"
+    return rendering.Tile(value, (f"of {counted}", typical, none, basis))
 
 
 def as_of(found: Findings) -> str:
     """How far the campaign was: its part below is worked out less often."""
-    completed = count_noun(found.campaign.counts.completed, "completed episode")
-    at = write_time(found.at_ms)
+    completed = figures.count_noun(found.campaign.counts.completed, "completed episode")
+    at = rendering.write_time(found.at_ms)
     words = Markup("As of {}, {}; means and charts may include later episodes.")
     return words.format(completed, at)
 
@@ -429,12 +403,12 @@ def list_times(campaign: Campaign) -> tuple[tuple[str, str], ...]:
     """Return the times of the campaign's changes of state, and its priority."""
     return (
         ("Priority", campaign.spec.priority),
-        ("Created", write_time(campaign.created_ms)),
-        ("Started", write_time(campaign.started_ms)),
-        ("Ended", write_time(campaign.ended_ms)),
-        ("Active", format_duration(campaign.active_s)),
-        ("Errored", count_noun(campaign.counts.errored, "episode")),
-        ("Duplicates", format_count(campaign.counts.duplicates)),
+        ("Created", rendering.write_time(campaign.created_ms)),
+        ("Started", rendering.write_time(campaign.started_ms)),
+        ("Ended", rendering.write_time(campaign.ended_ms)),
+        ("Active", figures.format_duration(campaign.active_s)),
+        ("Errored", figures.count_noun(campaign.counts.errored, "episode")),
+        ("Duplicates", figures.format_count(campaign.counts.duplicates)),
         *describe_training(campaign),
     )
 
@@ -442,7 +416,7 @@ def list_times(campaign: Campaign) -> tuple[tuple[str, str], ...]:
 def describe_training(campaign: Campaign) -> Iterator[tuple[str, str]]:
     """How many episodes its learner was trained with; nothing where the method does not say."""
     if campaign.trained_episodes is not None:
-        yield "Trained with", count_noun(campaign.trained_episodes, "episode")
+        yield "Trained with", figures.count_noun(campaign.trained_episodes, "episode")
 
 
 def group_settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str], ...]], ...]:
@@ -458,8 +432,12 @@ def group_settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str]
         (f"Method {spec.method}", list_pairs(spec.settings)),
         (f"Scenario {spec.scenario}", list_pairs(in_words(spec.scenario_parameters))),
         (f"Planner {spec.planner}", list_pairs(spec.planner_settings)),
-        ("Disturbance model", list_pairs(describe_disturbance(spec))),
-        *([("Requirements", list_pairs(named))] if (named := describe_requirements(spec)) else []),
+        ("Disturbance model", list_pairs(worlds.describe_disturbance(spec))),
+        *(
+            [("Requirements", list_pairs(named))]
+            if (named := worlds.describe_requirements(spec))
+            else []
+        ),
     )
 
 
@@ -493,8 +471,8 @@ def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> H
 
 
 def _serve_campaign(store: Store, seen: Campaign, latest: int, again: str | None) -> HTMLResponse:
-    begun = () if again else prefetch_figures(store, seen)
-    listed = read_failures(store, seen, find_failure_order(seen))
+    begun = () if again else costs.prefetch_figures(store, seen)
+    listed = episodes_page.read_failures(store, seen, episodes_page.find_failure_order(seen))
     first = [row.index for row in listed.items[:MOST_FAILURES]]
     here, lacking = count_present(store), list_unrunnable(store)
     found = Findings(
@@ -514,13 +492,15 @@ def _serve_campaign(store: Store, seen: Campaign, latest: int, again: str | None
         at_ms=now_ms(),
     )
     measures = (
-        read_measures(seen, read_figures(store, seen)) if begun and is_prefetched(begun) else None
+        read_measures(seen, costs.read_figures(store, seen))
+        if begun and costs.is_prefetched(begun)
+        else None
     )
     staffing = partial(make_staffing, store, len(here), lacking)
-    response = page(
+    response = rendering.page(
         "campaign.html", make_campaign_view(found), measures=measures, staffing=staffing
     )
-    response.background = BackgroundTask(wait_for_figures, begun)
+    response.background = BackgroundTask(costs.wait_for_figures, begun)
     return response
 
 

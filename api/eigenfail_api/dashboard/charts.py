@@ -8,15 +8,8 @@ import numpy as np
 
 from eigenfail.errors import NoisePruned
 from eigenfail.filters import Condition, Conditions, Operator, read_value
+from eigenfail.presentation import figures
 from eigenfail.presentation.analyses import MOST_CHANNELS
-from eigenfail.presentation.figures import (
-    UNKNOWN,
-    count_noun,
-    format_count,
-    format_number,
-    format_percent_interval,
-    format_share,
-)
 from eigenfail.presentation.rates import name_rates
 from eigenfail.values import Campaign, Course, CourseBlock, NoiseTrajectory, Rate
 from eigenfail.values.records import EpisodeRow
@@ -115,7 +108,7 @@ def make_curve_chart(course: Course, unit: str = "m") -> Chart:
         kind="curve",
         title=course.heading,
         caption=(
-            f"{what} by blocks of {count_noun(course.per, 'episode')}"
+            f"{what} by blocks of {figures.count_noun(course.per, 'episode')}"
             f"{name_bounds(blocks)}; the table holds likelihood and robustness, too."
         ),
         data={
@@ -127,18 +120,23 @@ def make_curve_chart(course: Course, unit: str = "m") -> Chart:
             "high": round_values(list_percent_ends(blocks, "high")),
         },
         columns=(
-            *("Episodes", "Failures", "Completed", what, "95 % interval"),
-            *("log p per step of the failures", add_unit("Median robustness", unit)),
+            "Episodes",
+            "Failures",
+            "Completed",
+            what,
+            "95 % interval",
+            "log p per step of the failures",
+            add_unit("Median robustness", unit),
         ),
         rows=tuple(
             (
                 format_span(block),
-                format_count(block.failure_rate.k),
-                format_count(block.failure_rate.n),
-                format_share(block.failure_rate.value),
+                figures.format_count(block.failure_rate.k),
+                figures.format_count(block.failure_rate.n),
+                figures.format_share(block.failure_rate.value),
                 format_bounds(block.failure_rate),
-                format_number(block.log_probability_per_step),
-                format_number(block.median_robustness_m),
+                figures.format_number(block.log_probability_per_step),
+                figures.format_number(block.median_robustness_m),
             )
             for block in blocks
         ),
@@ -166,7 +164,9 @@ def list_percent_ends(blocks: Sequence[CourseBlock], end: str) -> Iterator[float
 
 def format_bounds(rate: Rate) -> str:
     """Return the interval of a failure rate, or a dash for the episodes of a search."""
-    return UNKNOWN if rate.interval is None else format_percent_interval(rate.interval)
+    return (
+        figures.UNKNOWN if rate.interval is None else figures.format_percent_interval(rate.interval)
+    )
 
 
 def format_span(block: CourseBlock) -> str:
@@ -199,15 +199,16 @@ def make_robustness_chart(
             "unit": unit,
         },
         columns=(
-            *("Episodes", "Completed"),
+            "Episodes",
+            "Completed",
             *(add_unit(title, unit) for title in ("Smallest", "Median")),
         ),
         rows=tuple(
             (
                 format_span(block),
-                format_count(block.failure_rate.n),
-                format_number(block.smallest_robustness_m),
-                format_number(block.median_robustness_m),
+                figures.format_count(block.failure_rate.n),
+                figures.format_number(block.smallest_robustness_m),
+                figures.format_number(block.median_robustness_m),
             )
             for block in course.blocks
         ),
@@ -219,7 +220,7 @@ def describe_sample(rows: Sequence[object], of: int) -> str:
     """Return how many of the episodes are drawn."""
     if len(rows) >= of:
         return ""
-    return f"A sample of {format_count(len(rows))} of {format_count(of)}."
+    return f"A sample of {figures.format_count(len(rows))} of {figures.format_count(of)}."
 
 
 AXES = {
@@ -257,7 +258,10 @@ def make_parallel_chart(rows: Sequence[EpisodeRow], *, is_all: bool) -> Chart:
             (
                 str(row.index),
                 row.outcome.word,
-                *(format_number(value) for value in (read_number(row, name) for name in AXES)),
+                *(
+                    figures.format_number(value)
+                    for value in (read_number(row, name) for name in AXES)
+                ),
             )
             for row in rows[:MOST_ROWS]
         ),
@@ -274,8 +278,8 @@ def read_number(row: EpisodeRow, column: str) -> float | None:
 def describe_coverage(count: int, *, is_all: bool) -> str:
     """Whether all episodes of the filter are drawn."""
     if is_all:
-        return ONE if count == 1 else f"All {format_count(count)} episodes that match."
-    return f"A sample of {format_count(count)} of the episodes that match."
+        return ONE if count == 1 else f"All {figures.format_count(count)} episodes that match."
+    return f"A sample of {figures.format_count(count)} of the episodes that match."
 
 
 MOST = 5_000

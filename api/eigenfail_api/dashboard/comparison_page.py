@@ -9,6 +9,7 @@ from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import HTMLResponse
 from pydantic import Field
 
+from eigenfail import values
 from eigenfail.presentation.campaigns import tabulate_compared, tabulate_sides
 from eigenfail.presentation.figures import (
     UNKNOWN,
@@ -19,14 +20,6 @@ from eigenfail.presentation.figures import (
     put_minus_signs,
 )
 from eigenfail.presentation.tables import Table, transpose
-from eigenfail.values import (
-    Campaign,
-    CampaignCost,
-    CampaignSpec,
-    Comparison,
-    Distinction,
-    Side,
-)
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail_api.dashboard.charts import Chart, sample_episodes
 from eigenfail_api.dashboard.copying import Service, format_curl, read_service
@@ -34,19 +27,7 @@ from eigenfail_api.dashboard.overlays import Compared, make_bill_charts, make_ov
 from eigenfail_api.dashboard.rendering import Badge, make_campaign_badge, page
 from eigenfail_api.parameters import IDS, LARGEST, Stored
 from eigenfail_api.routes.analyses import COMPARISONS, parse_ids
-from eigenfail_services.campaigns.comparison import (
-    FEWEST,
-    MOST,
-    SettingValues,
-    against_first,
-    are_sampled,
-    compare,
-    compare_settings,
-    format_p_value,
-    group_by_seed,
-    is_beyond_chance,
-    pick_campaigns,
-)
+from eigenfail_services.campaigns import comparison
 from eigenfail_services.campaigns.costs import find_spending
 from eigenfail_services.campaigns.seeds import Group
 from eigenfail_services.campaigns.summary import find_course, summarise
@@ -94,17 +75,17 @@ class Chosen(msgspec.Struct, frozen=True, kw_only=True):
     without: str
 
 
-def make_picker(shown: Sequence[Campaign], ids: CampaignIds, wanted: str) -> Picker:
+def make_picker(shown: Sequence[values.Campaign], ids: CampaignIds, wanted: str) -> Picker:
     """Return the list of campaigns to choose from, with the chosen ones first in their order."""
     places = {each: place for place, each in enumerate(ids)}
     ordered = sorted(shown, key=lambda each: (places.get(each.id, len(ids)), -each.id))
-    words = f"{len(ids)} selected; {FEWEST} to {MOST} can be compared."
+    words = f"{len(ids)} selected; {comparison.FEWEST} to {comparison.MOST} can be compared."
     return Picker(
         choices=tuple(make_listed_choice(each, ids) for each in ordered), wanted=wanted, words=words
     )
 
 
-def make_listed_choice(campaign: Campaign, ids: CampaignIds) -> CampaignChoice:
+def make_listed_choice(campaign: values.Campaign, ids: CampaignIds) -> CampaignChoice:
     """Return a campaign of the list."""
     return CampaignChoice(
         id=campaign.id,
@@ -115,7 +96,9 @@ def make_listed_choice(campaign: Campaign, ids: CampaignIds) -> CampaignChoice:
     )
 
 
-def list_chosen(campaigns: Sequence[Campaign], only: bool, wanted: str) -> tuple[Chosen, ...]:
+def list_chosen(
+    campaigns: Sequence[values.Campaign], only: bool, wanted: str
+) -> tuple[Chosen, ...]:
     """Return the campaigns that are compared, on a page with these settings and this search."""
     ids = [each.id for each in campaigns]
     return tuple(
@@ -123,7 +106,9 @@ def list_chosen(campaigns: Sequence[Campaign], only: bool, wanted: str) -> tuple
     )
 
 
-def make_choice(campaign: Campaign, ids: CampaignIds, at: Callable[[CampaignIds], str]) -> Chosen:
+def make_choice(
+    campaign: values.Campaign, ids: CampaignIds, at: Callable[[CampaignIds], str]
+) -> Chosen:
     """One of them, with how to have it first and how to leave it out."""
     others = [each for each in ids if each != campaign.id]
     return Chosen(
@@ -135,12 +120,12 @@ def make_choice(campaign: Campaign, ids: CampaignIds, at: Callable[[CampaignIds]
     )
 
 
-def describe_spec(spec: CampaignSpec) -> str:
+def describe_spec(spec: values.CampaignSpec) -> str:
     """Return the method, planner, scenario and seed of a campaign, for lists of equal names."""
     return f"{spec.method}, {spec.planner} in {spec.scenario}, seed {spec.seed}"
 
 
-def name_column(campaign: Campaign) -> str:
+def name_column(campaign: values.Campaign) -> str:
     """As a column is headed."""
     return f"{campaign.id}: {campaign.spec.name}"
 
@@ -182,7 +167,7 @@ class ComparedView(msgspec.Struct, frozen=True, kw_only=True):
     chosen: tuple[Chosen, ...]
     names: tuple[str, ...]
     figures: Table | None
-    settings: tuple[SettingValues, ...]
+    settings: tuple[comparison.SettingValues, ...]
     only: bool
     other: str
     first: str
@@ -192,7 +177,7 @@ class ComparedView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def list_verdicts(
-    groups: Sequence[Group], found: Sequence[Comparison]
+    groups: Sequence[Group], found: Sequence[values.Comparison]
 ) -> tuple[ComparisonVerdict, ...]:
     """Return the comparison of every group with the first."""
     return tuple(
@@ -215,38 +200,38 @@ def group_name(group: Group) -> str:
     return "; ".join(map(name_column, group))
 
 
-def join_ids(side: Side) -> str:
+def join_ids(side: values.Side) -> str:
     """Return the ids of a side's campaigns as an address contains them."""
     return ",".join(map(str, side.campaigns))
 
 
-def describe_difference(found: Comparison) -> str:
+def describe_difference(found: values.Comparison) -> str:
     """Return the difference of the failure rates of two random samples as text."""
     if found.difference is None:
         return "no episode on a side"
-    if not are_sampled(found.a, found.b):
+    if not comparison.are_sampled(found.a, found.b):
         # The share of the episodes that a search chose estimates no failure rate under p(x), so
         # that its difference from a rate, or from the share of another search, estimates nothing.
         return f"{UNKNOWN} not comparable: the episodes of a search are no random sample"
     value = f"{format_signed(100.0 * found.difference.value)} %"
     interval = format_signed_interval(found.difference.interval, 100.0)
     basis = ", over pairs" if found.difference.is_paired else ""
-    verdict = ", differs" if is_beyond_chance(found.difference, found.pairs) else ""
+    verdict = ", differs" if comparison.is_beyond_chance(found.difference, found.pairs) else ""
     return f"{value} {interval}{basis}{verdict}"
 
 
-def describe_pairs(found: Comparison) -> str:
+def describe_pairs(found: values.Comparison) -> str:
     """Return the comparison of episodes with equal noise as text."""
     if found.pairs is None:
         return f"not paired: {found.unpaired_because}"
     seen = found.pairs
     return (
         f"{count_noun(seen.n, 'pair')}: {seen.only_b} only here, {seen.only_a} only in the "
-        f"baseline, {format_p_value(seen.p_value)}"
+        f"baseline, {comparison.format_p_value(seen.p_value)}"
     )
 
 
-def describe_effect(found: Comparison) -> str:
+def describe_effect(found: values.Comparison) -> str:
     """Return the effect over campaigns of several seeds as text."""
     if found.effect is None:
         return "needs four seeds per group"
@@ -267,17 +252,17 @@ class ComparisonView(msgspec.Struct, frozen=True, kw_only=True):
     warnings: tuple[str, ...]
     sides: Table
     charts: tuple[Chart, ...]
-    distinctions: tuple[Distinction, ...]
+    distinctions: tuple[values.Distinction, ...]
 
 
 class Bills(msgspec.Struct, frozen=True):
     """What each campaign of each side cost."""
 
-    a: tuple[CampaignCost, ...]
-    b: tuple[CampaignCost, ...]
+    a: tuple[values.CampaignCost, ...]
+    b: tuple[values.CampaignCost, ...]
 
 
-def make_comparison_view(found: Comparison, bills: Bills, a: str, b: str) -> ComparisonView:
+def make_comparison_view(found: values.Comparison, bills: Bills, a: str, b: str) -> ComparisonView:
     """Return the page of a comparison."""
     return ComparisonView(
         a=a,
@@ -335,7 +320,7 @@ def show_comparison(
 ) -> HTMLResponse:
     """Serve the comparison of two groups of campaigns, or of all selected ones."""
     if a and b and not wished.campaigns:
-        found = compare(store, parse_ids(a), parse_ids(b))
+        found = comparison.compare(store, parse_ids(a), parse_ids(b))
         bills = Bills(list_costs(store, found.a), list_costs(store, found.b))
         view = make_comparison_view(found, bills, a, b)
         return page("comparison.html", view, curl=make_curl(read_service(request), a, b))
@@ -347,7 +332,7 @@ def show_comparison(
     )
 
 
-def list_costs(store: Store, side: Side) -> tuple[CampaignCost, ...]:
+def list_costs(store: Store, side: values.Side) -> tuple[values.CampaignCost, ...]:
     """Return the cost of each campaign of a side."""
     return tuple(find_spending(store, store.campaigns.get(each)) for each in side.campaigns)
 
@@ -359,12 +344,12 @@ def make_compared_view(store: Store, wished: Wish, service: Service) -> Compared
         InvalidValue: too many were picked.
         NotFound: there is no such campaign.
     """
-    campaigns, only = pick_campaigns(wished.campaigns, store), wished.only
+    campaigns, only = comparison.pick_campaigns(wished.campaigns, store), wished.only
     ids = [each.id for each in campaigns]
     listed = make_picker([*campaigns, *find_matching(store, ids, wished.named)], ids, wished.named)
-    is_enough = len(campaigns) >= FEWEST
-    found = group_by_seed(campaigns) if is_enough else ()
-    every = compare_settings(campaigns) if is_enough else ()
+    is_enough = len(campaigns) >= comparison.FEWEST
+    found = comparison.group_by_seed(campaigns) if is_enough else ()
+    every = comparison.compare_settings(campaigns) if is_enough else ()
     compared = [read_compared(store, each) for each in campaigns] if is_enough else []
     summaries = [summarise(each, store.episodes.totals(each.id)) for each in campaigns]
     pair = [",".join(str(each.id) for each in group) for group in found[:2]]
@@ -377,9 +362,9 @@ def make_compared_view(store: Store, wished: Wish, service: Service) -> Compared
         only=only,
         other=make_address(ids, not only, wished.named),
         first=group_name(found[0]) if found else "",
-        verdicts=list_verdicts(found, against_first(store, found)) if found else (),
+        verdicts=list_verdicts(found, comparison.against_first(store, found)) if found else (),
         charts=make_overlays(compared),
-        curl=make_curl(service, *pair) if len(found) >= FEWEST else "",
+        curl=make_curl(service, *pair) if len(found) >= comparison.FEWEST else "",
     )
 
 
@@ -388,7 +373,7 @@ def make_curl(service: Service, a: str, b: str) -> str:
     return format_curl(service, f"/comparisons?{urlencode({'a': a, 'b': b})}")
 
 
-def read_compared(store: Store, campaign: Campaign) -> Compared:
+def read_compared(store: Store, campaign: values.Campaign) -> Compared:
     """Read the figures of a campaign that the charts draw."""
     return Compared(
         campaign=campaign,
@@ -398,7 +383,7 @@ def read_compared(store: Store, campaign: Campaign) -> Compared:
     )
 
 
-def find_matching(store: Store, besides: Sequence[int], wanted: str) -> list[Campaign]:
+def find_matching(store: Store, besides: Sequence[int], wanted: str) -> list[values.Campaign]:
     """Return the newest campaigns whose name contains the text, or whose id it is."""
     found = (
         each
@@ -409,7 +394,7 @@ def find_matching(store: Store, besides: Sequence[int], wanted: str) -> list[Cam
     return [each for _, each in zip(range(LISTED), found, strict=False)]
 
 
-def iterate_newest(store: Store) -> Iterator[Campaign]:
+def iterate_newest(store: Store) -> Iterator[values.Campaign]:
     """Yield the newest campaigns, page by page."""
     before: int | None = None
     for _ in range(MAX_CAMPAIGNS_SEARCHED // 100):

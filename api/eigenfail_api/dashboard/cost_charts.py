@@ -5,15 +5,7 @@ from collections.abc import Mapping, Sequence
 import msgspec
 from msgspec.json import encode
 
-from eigenfail.presentation.figures import (
-    UNKNOWN,
-    count_noun,
-    format_count,
-    format_number,
-    format_percent_interval,
-    format_share,
-    format_upper_bound,
-)
+from eigenfail.presentation import figures
 from eigenfail.presentation.tables import OWN_EPISODES, format_cell
 from eigenfail.values import Cost, DisturbanceModel, Rate, Summary
 from eigenfail.values.campaign_spec import Settings
@@ -96,8 +88,8 @@ def make_cost_row(summary: Summary) -> tuple[str, ...]:
         f"{summary.campaign}: {summary.name}",
         summary.method,
         *format_cells(summary.cost),
-        format_count(summary.counts.failures),
-        format_count(summary.counts.completed),
+        figures.format_count(summary.counts.failures),
+        figures.format_count(summary.counts.completed),
     )
 
 
@@ -134,7 +126,7 @@ def list_notes(groups: Sequence[PeerCosts]) -> list[str]:
 
 def describe_omitted(count: int) -> tuple[str, ...]:
     """Return the note that further groups are left out."""
-    groups = count_noun(count, "older group")
+    groups = figures.count_noun(count, "older group")
     return (f"{groups} of campaigns not shown; see /api/v1/costs.",) if count > 0 else ()
 
 
@@ -160,8 +152,14 @@ def group_chart(place: int, group: PeerCosts, common: Sequence[str]) -> Chart:
         ),
         data={"campaigns": [make_method_point(each) for each in methods]},
         columns=(
-            *("Method", *COLUMNS, "Failures", "Episodes", "Rate"),
-            *("Spent [USD]", "Campaigns", "Seeds of the interval"),
+            "Method",
+            *COLUMNS,
+            "Failures",
+            "Episodes",
+            "Rate",
+            "Spent [USD]",
+            "Campaigns",
+            "Seeds of the interval",
         ),
         rows=tuple(map(make_method_row, methods)),
     )
@@ -217,23 +215,23 @@ def make_method_row(found: MethodCost) -> tuple[str, ...]:
     return (
         found.method,
         *format_cells(found.cost),
-        format_count(found.failures),
-        format_count(found.completed),
+        figures.format_count(found.failures),
+        figures.format_count(found.completed),
         rate_of(found.failure_rate),
-        format_number(found.cost.total_usd),
-        format_count(found.campaigns),
-        format_count(found.seeds or None),
+        figures.format_number(found.cost.total_usd),
+        figures.format_count(found.campaigns),
+        figures.format_count(found.seeds or None),
     )
 
 
 def rate_of(rate: Rate | None) -> str:
     """The pooled failure rate."""
     if rate is None:
-        return UNKNOWN
+        return figures.UNKNOWN
     if rate.interval is None:
-        return f"{format_share(rate.value)} {OWN_EPISODES}"
+        return f"{figures.format_share(rate.value)} {OWN_EPISODES}"
     if not rate.k:
-        return format_upper_bound(rate.interval.high)
+        return figures.format_upper_bound(rate.interval.high)
     if rate.value is None:
-        return format_percent_interval(rate.interval)
-    return f"{format_share(rate.value)} ({format_percent_interval(rate.interval)})"
+        return figures.format_percent_interval(rate.interval)
+    return f"{figures.format_share(rate.value)} ({figures.format_percent_interval(rate.interval)})"

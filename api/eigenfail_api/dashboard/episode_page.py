@@ -10,49 +10,18 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 
+from eigenfail import values
 from eigenfail.errors import EigenfailError, NotFound, ServiceBusy
 from eigenfail.exchange import list_formats
 from eigenfail.filters import BY_INDEX, parse_filter, parse_sort, write_failure_filter
-from eigenfail.presentation.episodes import (
-    format_event,
-    list_channel_likelihoods,
-    list_judged,
-    tabulate_thresholds,
-)
-from eigenfail.presentation.figures import (
-    UNKNOWN,
-    format_count,
-    format_duration,
-    format_number,
-    format_quantity,
-)
+from eigenfail.presentation import episodes, figures
 from eigenfail.presentation.tables import Table
-from eigenfail.values import (
-    MEASURES,
-    Assessment,
-    Campaign,
-    EpisodeResult,
-    Measure,
-    Measures,
-    Mission,
-    Mode,
-    assess,
-)
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.disturbance import find_channel_likelihoods
 from eigenfail.wire.http import PREFIX
 from eigenfail.worlds import drawn_for, placed_for, world_of
+from eigenfail_api.dashboard import episodes_page, rendering
 from eigenfail_api.dashboard.charts import Chart, make_reference
-from eigenfail_api.dashboard.episodes_page import (
-    EpisodeRequest,
-    make_address,
-    make_episode_address,
-)
-from eigenfail_api.dashboard.rendering import (
-    Badge,
-    make_outcome_badge,
-    page,
-)
 from eigenfail_api.dashboard.replay_page import ReplayVerdict, Run, find_source, judge_replay
 from eigenfail_api.dashboard.scene import (
     Jump,
@@ -76,31 +45,31 @@ NOT_CLASSIFIED = "not classified"
 
 
 def list_facts(
-    result: EpisodeResult, channels: Sequence[str], dt_s: float | None, *, has_road: bool
+    result: values.EpisodeResult, channels: Sequence[str], dt_s: float | None, *, has_road: bool
 ) -> Facts:
     """Return the facts on an episode: its outcome, origin and versions.
 
     Of a function robustness alone was measured, which has no unit.
     """
     measures, steps = result.measures, result.steps
-    lasted = f" ({format_number(steps * dt_s)} s)" if dt_s else ""
-    assessed = assess(result.outcome, measures)
+    lasted = f" ({figures.format_number(steps * dt_s)} s)" if dt_s else ""
+    assessed = values.assess(result.outcome, measures)
     return (
         ("Steps", f"{steps}{lasted}"),
         *(list_danger(measures, assessed) if measures and has_road else ()),
         *(
-            [("Robustness", format_number(measures.robustness_m))]
+            [("Robustness", figures.format_number(measures.robustness_m))]
             if measures and not has_road
             else []
         ),
         *list_likelihood(result, channels),
         ("Disturbance source", result.source),
         ("Seed", str(result.seed)),
-        ("Computed in", format_duration(result.wall_s)),
+        ("Computed in", figures.format_duration(result.wall_s)),
     )
 
 
-def list_likelihood(result: EpisodeResult, channels: Sequence[str]) -> Facts:
+def list_likelihood(result: values.EpisodeResult, channels: Sequence[str]) -> Facts:
     """Return log p of the noise, of each channel and of typical noise; nothing without a step."""
     held_against = make_reference([result.noise])
     if held_against is None:
@@ -108,23 +77,25 @@ def list_likelihood(result: EpisodeResult, channels: Sequence[str]) -> Facts:
     total, steps = result.noise.log_probability, result.steps
     typical, none = held_against.typical, held_against.none
     return (
-        ("log p", f"{format_number(total, 5)} nats"),
-        ("log p per step", f"{format_number(total / steps)} nats"),
+        ("log p", f"{figures.format_number(total, 5)} nats"),
+        ("log p per step", f"{figures.format_number(total / steps)} nats"),
         (
             "Typical log p per step",
-            f"{format_number(typical)} nats, {format_number(none)} without noise",
+            f"{figures.format_number(typical)} nats, {figures.format_number(none)} without noise",
         ),
-        *list_channel_likelihoods(find_channel_likelihoods(result.noise, channels)),
+        *episodes.list_channel_likelihoods(find_channel_likelihoods(result.noise, channels)),
     )
 
 
-def list_danger(measures: Measures, assessed: Assessment) -> Facts:
+def list_danger(measures: values.Measures, assessed: values.Assessment) -> Facts:
     """Return the measures of how near the episode came to a collision."""
     return (
         ("Class", assessed.words or NOT_CLASSIFIED),
         (
             "Robustness",
-            format_quantity(measures.robustness_m, "m" if measures.nearest_m is None else ""),
+            figures.format_quantity(
+                measures.robustness_m, "m" if measures.nearest_m is None else ""
+            ),
         ),
         ("Severity", format_severity(measures.severity)),
         *([("Cause", measures.cause)] if measures.cause else []),
@@ -133,38 +104,48 @@ def list_danger(measures: Measures, assessed: Assessment) -> Facts:
 
 IN_OTHER_PLACES = frozenset(
     {
-        *("robustness_m", "severity", "min_ttc_s", "max_drac_mps2", "ttc_violated_s", "collided_s"),
-        *("drac_violated_s", "drac_at_warning_mps2", "final_drac_mps2", "nearest_m", "violated"),
+        "robustness_m",
+        "severity",
+        "min_ttc_s",
+        "max_drac_mps2",
+        "ttc_violated_s",
+        "collided_s",
+        "drac_violated_s",
+        "drac_at_warning_mps2",
+        "final_drac_mps2",
+        "nearest_m",
+        "violated",
     }
 )
 """Measures that stand among the facts of the episode, its requirements, or the thresholds."""
 
 
-def list_ride(result: EpisodeResult) -> Facts:
+def list_ride(result: values.EpisodeResult) -> Facts:
     """Return all further measures; none where the release that ran the episode had none of them."""
     measures = result.measures
     if measures is None or measures.clipped_steps is None:
         return ()
     return tuple(
         _format_measure(measure, getattr(measures, name))
-        for name, measure in MEASURES.items()
+        for name, measure in values.MEASURES.items()
         if name not in IN_OTHER_PLACES and not measure.is_text
     )
 
 
-def _format_measure(measure: Measure, value: Any) -> tuple[str, str]:
+def _format_measure(measure: values.Measure, value: Any) -> tuple[str, str]:
     if measure.event:
-        return measure.event.capitalize(), format_event(value)
+        return measure.event.capitalize(), episodes.format_event(value)
     if measure.is_count:
-        return measure.label.capitalize(), format_count(value)
-    return measure.label.capitalize(), format_quantity(value, measure.unit)
+        return measure.label.capitalize(), figures.format_count(value)
+    return measure.label.capitalize(), figures.format_quantity(value, measure.unit)
 
 
 def format_severity(value: float | None) -> str:
     """Return severity and the relative speed of which it is the square, as text."""
     if value is None:
-        return UNKNOWN
-    return f"{format_number(value)} m²/s² (relative speed {format_number(sqrt(value))} m/s)"
+        return figures.UNKNOWN
+    speed = figures.format_number(sqrt(value))
+    return f"{figures.format_number(value)} m²/s² (relative speed {speed} m/s)"
 
 
 class Neighbours(msgspec.Struct, frozen=True):
@@ -210,7 +191,7 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
     campaign: int
     campaign_name: str
     index: int
-    badge: Badge
+    badge: rendering.Badge
     facts: Facts
     varied: Facts
     ride: Facts
@@ -232,7 +213,7 @@ class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
     neighbours: Neighbours
     replayed: tuple[int, int] | None
     verdict: ReplayVerdict | None
-    mode: Mode | None
+    mode: values.Mode | None
     left_out_by: int | None
 
 
@@ -242,12 +223,15 @@ class EpisodeContext(NamedTuple):
     neighbours: Neighbours
     shrunk_by: int | None
     verdict: ReplayVerdict | None
-    mode: Mode | None
+    mode: values.Mode | None
     left_out_by: int | None
 
 
 def make_episode_view(
-    campaign: Campaign, result: EpisodeResult, mission: Mission | None, context: EpisodeContext
+    campaign: values.Campaign,
+    result: values.EpisodeResult,
+    mission: values.Mission | None,
+    context: EpisodeContext,
 ) -> EpisodeView:
     """Return the page of an episode; the mission, where the scenario has one, gives the lanes."""
     fault, scene, measures = result.fault, result.scene, result.measures
@@ -258,14 +242,14 @@ def make_episode_view(
         campaign=campaign.id,
         campaign_name=campaign.spec.name,
         index=result.index,
-        badge=make_outcome_badge(
-            result.outcome, is_unresolved=assess(result.outcome, measures).unresolved
+        badge=rendering.make_outcome_badge(
+            result.outcome, is_unresolved=values.assess(result.outcome, measures).unresolved
         ),
         facts=list_facts(result, channels, dt_s, has_road=has_road),
         varied=list_drawn_parameters(campaign, result),
         ride=list_ride(result) if has_road else (),
-        requirements=tuple(list_judged(campaign.spec, result.requirements)),
-        thresholds=tabulate_thresholds(measures, assess(result.outcome, measures))
+        requirements=tuple(episodes.list_judged(campaign.spec, result.requirements)),
+        thresholds=episodes.tabulate_thresholds(measures, values.assess(result.outcome, measures))
         if measures and has_road
         else None,
         problem=f"{fault.kind}: {fault.message}" if fault else "",
@@ -294,21 +278,21 @@ def list_recordings(campaign: int, index: int) -> tuple[tuple[str, str], ...]:
     return tuple((form.title, f"{address}?{urlencode({'format': name})}") for name, form in forms)
 
 
-def explain_missing_scene(campaign: Campaign, result: EpisodeResult) -> str:
+def explain_missing_scene(campaign: values.Campaign, result: values.EpisodeResult) -> str:
     """Return the reason why there is no scene to play."""
     if not result.steps:
         return "The episode ended before its first step: there is no scene."
     if not world_of(campaign.spec.simulator).has_road:
         return "The system under test is a function of the noise: it has no scene and no planner."
     every = campaign.spec.scene_every
-    sample = "" if every == 1 else f" and every {format_count(every)}th of the others"
+    sample = "" if every == 1 else f" and every {figures.format_count(every)}th of the others"
     return (
         "The scene of this episode was not kept: campaigns keep those of all failures"
         f"{sample}. Its noise was, so that it can be run again."
     )
 
 
-def list_drawn_parameters(campaign: Campaign, result: EpisodeResult) -> Facts:
+def list_drawn_parameters(campaign: values.Campaign, result: values.EpisodeResult) -> Facts:
     """The scenario parameters that the episode drew from its own seed, or that its noise chose."""
     spec = campaign.spec
     drawn = drawn_for(spec, result.seed) | placed_for(spec, result.noise)
@@ -322,16 +306,20 @@ Conditions = Annotated[str | None, Query(alias="filter")]
 Moment = Annotated[float | None, Query(ge=0.0, le=LONGEST_S)]
 
 
-def read_list(conditions: Conditions = None, sort: str = str(BY_INDEX)) -> EpisodeRequest | None:
+def read_list(
+    conditions: Conditions = None, sort: str = str(BY_INDEX)
+) -> episodes_page.EpisodeRequest | None:
     """Return the list that an episode was reached from, as its address has it.
 
     Raises:
         UnknownName: the list has no such order.
     """
-    return None if conditions is None else EpisodeRequest(conditions, parse_sort(sort))
+    return (
+        None if conditions is None else episodes_page.EpisodeRequest(conditions, parse_sort(sort))
+    )
 
 
-Listed = Annotated[EpisodeRequest | None, Depends(read_list)]
+Listed = Annotated[episodes_page.EpisodeRequest | None, Depends(read_list)]
 
 
 @router.get("/campaigns/{campaign}/episodes/{index}")
@@ -355,7 +343,7 @@ def show_episode(
         modes[0] if modes else None,
         newest if is_left_out else None,
     )
-    return page("episode.html", make_episode_view(seen, result, mission, context))
+    return rendering.page("episode.html", make_episode_view(seen, result, mission, context))
 
 
 @router.get("/campaigns/{campaign}/episodes/{index}/account")
@@ -367,12 +355,12 @@ async def show_account(store: Stored, campaign: CampaignId, index: EpisodeIndex)
     except (NotFound, ServiceBusy):
         raise
     except EigenfailError as error:
-        return page(
+        return rendering.page(
             "account.html", make_missing_account_view(campaign, seen.spec.name, index, error)
         )
     stored = await run_sync(store.episodes.get, campaign, index)
     mission = await run_sync(find_mission, seen.spec, stored)
-    return page(
+    return rendering.page(
         "account.html", make_account_view(campaign, seen.spec.name, index, explanation, mission)
     )
 
@@ -382,7 +370,9 @@ def show_clip(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> HTMLR
     """A small player of an episode: other pages ask for it when it is opened."""
     seen = store.campaigns.get(campaign)
     result = store.episodes.get(campaign, index)
-    return page("clip.html", make_clip_view(seen, result, find_mission(seen.spec, result)))
+    return rendering.page(
+        "clip.html", make_clip_view(seen, result, find_mission(seen.spec, result))
+    )
 
 
 def find_shrinking(store: Store, campaign: int, index: int) -> int | None:
@@ -397,23 +387,25 @@ MOST_SHRINKING = 10
 
 
 def find_neighbours(
-    store: Store, campaign: Campaign, index: int, listed: EpisodeRequest | None
+    store: Store, campaign: values.Campaign, index: int, listed: episodes_page.EpisodeRequest | None
 ) -> Neighbours:
     """Return the neighbours of an episode in the list that it was reached from.
 
     Raises:
         InvalidValue, UnknownName: the list has no such filter or order.
     """
-    asked = listed or EpisodeRequest(write_failure_filter(campaign.spec), BY_INDEX)
+    asked = listed or episodes_page.EpisodeRequest(write_failure_filter(campaign.spec), BY_INDEX)
     where, sort = parse_filter(asked.filter), asked.sort
     following = store.episodes.page(campaign.id, 1, index, where, sort).items
 
     def link(found: int) -> tuple[int, str]:
-        return found, make_episode_address(campaign.id, found, listed)
+        return found, episodes_page.make_episode_address(campaign.id, found, listed)
 
     preceding = store.episodes.find_preceding(campaign.id, index, where, sort)
     return Neighbours(
-        make_address(campaign.id, listed.filter, str(listed.sort)) if listed else None,
+        episodes_page.make_address(campaign.id, listed.filter, str(listed.sort))
+        if listed
+        else None,
         "episode" if listed else "failure",
         None if preceding is None else link(preceding),
         link(following[0].index) if following else None,

@@ -10,30 +10,10 @@ import msgspec
 from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 
+from eigenfail import filters, values
 from eigenfail.errors import InputError
-from eigenfail.filters import (
-    BY_INDEX,
-    COLUMNS,
-    LONGEST,
-    Column,
-    SortOrder,
-    Value,
-    parse_filter,
-    parse_sort,
-    read_value,
-    write_failure_filter,
-)
 from eigenfail.presentation.analyses import choose_channel_words
 from eigenfail.presentation.figures import count_noun, format_number
-from eigenfail.values import (
-    Analysis,
-    AnalysisSettings,
-    AnalysisState,
-    Campaign,
-    CampaignSpec,
-    ConflictClass,
-    Page,
-)
 from eigenfail.values.analysis import JOINT
 from eigenfail.values.records import EpisodeRow
 from eigenfail.wire.http import PREFIX
@@ -69,7 +49,7 @@ class EpisodeRequest(msgspec.Struct, frozen=True):
     """A list of episodes, as the address of its page has it."""
 
     filter: str
-    sort: SortOrder
+    sort: filters.SortOrder
     after: int | None = None
 
 
@@ -148,10 +128,13 @@ class AnalysisLine(msgspec.Struct, frozen=True):
 
 
 def make_episode_list(
-    campaign: Campaign, page: Page[EpisodeRow], sort: SortOrder, after: int | None = None
+    campaign: values.Campaign,
+    page: values.Page[EpisodeRow],
+    sort: filters.SortOrder,
+    after: int | None = None,
 ) -> EpisodeList:
     """Return the list of failures that begins after a cursor in an order."""
-    failures = write_failure_filter(campaign.spec)
+    failures = filters.write_failure_filter(campaign.spec)
     return EpisodeList(
         campaign=campaign.id,
         every=make_address(campaign.id, failures),
@@ -166,14 +149,18 @@ def make_episode_list(
     )
 
 
-def find_failure_order(campaign: Campaign) -> SortOrder:
+def find_failure_order(campaign: values.Campaign) -> filters.SortOrder:
     """Return the order of the list of failures: the worst first, once no more can come."""
     # New failures are added at the end of a list that stands by index; in another order they would
     # have to move what is being read.
-    return BY_INDEX if may_grow(campaign) else parse_sort(find_worst_order(campaign.spec))
+    return (
+        filters.BY_INDEX
+        if may_grow(campaign)
+        else filters.parse_sort(find_worst_order(campaign.spec))
+    )
 
 
-def may_grow(campaign: Campaign) -> bool:
+def may_grow(campaign: values.Campaign) -> bool:
     """Whether results may still arrive."""
     return campaign.ended_ms is None and campaign.counts.open > 0
 
@@ -194,17 +181,17 @@ def make_episode_line(row: EpisodeRow, asked: EpisodeRequest | None = None) -> E
 def describe_conflict(row: EpisodeRow) -> str:
     """Return the conflict class where it says more than the outcome."""
     known = row.assessed.conflict
-    words = "" if known in {None, ConflictClass.NONE} else str(known).replace("_", " ")
+    words = "" if known in {None, values.ConflictClass.NONE} else str(known).replace("_", " ")
     return row.assessed.beside(words)
 
 
 def format_cell(row: EpisodeRow, column: str) -> str:
     """Return a figure of an episode as text."""
-    value = read_value(row, column)
+    value = filters.read_value(row, column)
     return str(value) if isinstance(value, int) else format_number(measure(value))
 
 
-def measure(value: Value | None) -> float | None:
+def measure(value: filters.Value | None) -> float | None:
     """A value that is one."""
     return value if isinstance(value, float) else None
 
@@ -228,14 +215,14 @@ def make_episode_address(campaign: int, index: int, asked: EpisodeRequest | None
     return f"{path}?{urlencode({'filter': asked.filter, 'sort': str(asked.sort)})}"
 
 
-def find_worst_order(spec: CampaignSpec) -> str:
+def find_worst_order(spec: values.CampaignSpec) -> str:
     """Return the order that has the worst failures of a campaign first."""
     # A violation without a collision has no severity.
     return "robustness_m" if spec.named_requirements else "-severity"
 
 
 def make_headings(
-    spec: CampaignSpec, find_address: Callable[[str], str], now: SortOrder | None
+    spec: values.CampaignSpec, find_address: Callable[[str], str], now: filters.SortOrder | None
 ) -> tuple[Heading, ...]:
     """Return the column heads; the one that sorts the list links to the reverse order.
 
@@ -252,19 +239,19 @@ def make_headings(
             label=label,
             unit=unit if column != "robustness_m" else find_robustness_unit(spec),
             is_minor=is_minor,
-            address=find_address(str(turn_order(SortOrder(column, first), now))),
+            address=find_address(str(turn_order(filters.SortOrder(column, first), now))),
             order=order(now) if now and now.column == column else "",
         )
         for column, label, unit, is_minor, first in FIGURES
     )
 
 
-def turn_order(first: SortOrder, now: SortOrder | None) -> SortOrder:
+def turn_order(first: filters.SortOrder, now: filters.SortOrder | None) -> filters.SortOrder:
     """The order to offer: the more interesting end first, or the other one if it is first now."""
-    return SortOrder(first.column, not first.descending) if first == now else first
+    return filters.SortOrder(first.column, not first.descending) if first == now else first
 
 
-def order(sort: SortOrder) -> str:
+def order(sort: filters.SortOrder) -> str:
     """In the words of aria-sort."""
     return "descending" if sort.descending else "ascending"
 
@@ -283,7 +270,7 @@ class AnalysisChoices(msgspec.Struct, frozen=True):
     alignments: Mapping[str, str]
 
 
-def list_analysis_choices(spec: CampaignSpec) -> AnalysisChoices:
+def list_analysis_choices(spec: values.CampaignSpec) -> AnalysisChoices:
     """Return the choices for analyses of a campaign."""
     world = world_of(spec.simulator)
     channels = world.channels(spec)
@@ -294,11 +281,11 @@ def list_analysis_choices(spec: CampaignSpec) -> AnalysisChoices:
     return AnalysisChoices(words.several.capitalize(), axes, alignments)
 
 
-def make_analysis_line(analysis: Analysis, channels: Sequence[str]) -> AnalysisLine:
+def make_analysis_line(analysis: values.Analysis, channels: Sequence[str]) -> AnalysisLine:
     """Return the line of an analysis of noise of these channels."""
     return AnalysisLine(
         id=analysis.id,
-        is_done=analysis.state is AnalysisState.DONE,
+        is_done=analysis.state is values.AnalysisState.DONE,
         badge=ANALYSIS_BADGES[analysis.state],
         settings=", ".join(describe_settings(analysis.settings, channels)),
         created=write_time(analysis.created_ms),
@@ -306,7 +293,7 @@ def make_analysis_line(analysis: Analysis, channels: Sequence[str]) -> AnalysisL
     )
 
 
-def describe_settings(settings: AnalysisSettings, channels: Sequence[str]) -> Iterator[str]:
+def describe_settings(settings: values.AnalysisSettings, channels: Sequence[str]) -> Iterator[str]:
     """How failures are analysed, in words."""
     words = choose_channel_words(channels)
     together = f"{words.together} {words.several}"
@@ -360,10 +347,10 @@ class FoundView(msgspec.Struct, frozen=True, kw_only=True):
     filter: str
     sort: str
     sorted: str
-    longest: int = LONGEST
+    longest: int = filters.LONGEST
     problem: str = ""
     examples: tuple[Example, ...]
-    columns: tuple[Column, ...]
+    columns: tuple[filters.Column, ...]
     chart: Chart | None = None
     title: str
     command: str = ""
@@ -377,9 +364,9 @@ class FoundView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def make_found_view(
-    campaign: Campaign,
+    campaign: values.Campaign,
     asked: EpisodeRequest,
-    page: Page[EpisodeRow],
+    page: values.Page[EpisodeRow],
     chart: Chart | None,
 ) -> FoundView:
     """Return the page with the results of a search for episodes."""
@@ -399,14 +386,14 @@ def make_found_view(
     )
 
 
-def make_refused_view(campaign: Campaign, asked: EpisodeRequest, problem: str) -> FoundView:
+def make_refused_view(campaign: values.Campaign, asked: EpisodeRequest, problem: str) -> FoundView:
     """Return the page with the problem of an invalid filter."""
     empty = "The filter is invalid: no episodes were searched."
     blank = make_blank_view(campaign, asked)
     return msgspec.structs.replace(blank, problem=problem, empty=empty)
 
 
-def make_blank_view(campaign: Campaign, asked: EpisodeRequest) -> FoundView:
+def make_blank_view(campaign: values.Campaign, asked: EpisodeRequest) -> FoundView:
     """Return the page before the first search."""
     return FoundView(
         campaign=campaign.id,
@@ -418,12 +405,12 @@ def make_blank_view(campaign: Campaign, asked: EpisodeRequest) -> FoundView:
             Example(text, make_address(campaign.id, text), words)
             for text, words in EXAMPLES.items()
         ),
-        columns=tuple(COLUMNS.values()),
+        columns=tuple(filters.COLUMNS.values()),
         title="Episodes",
     )
 
 
-def make_title(page: Page[EpisodeRow], asked: EpisodeRequest) -> str:
+def make_title(page: values.Page[EpisodeRow], asked: EpisodeRequest) -> str:
     """Return the number of episodes shown, and whether these are all."""
     shown = len(page.items)
     if page.next is None and asked.after is None:
@@ -433,7 +420,7 @@ def make_title(page: Page[EpisodeRow], asked: EpisodeRequest) -> str:
     return f"The first {shown} episodes"
 
 
-def explain_empty_list(campaign: Campaign, asked: EpisodeRequest) -> str:
+def explain_empty_list(campaign: values.Campaign, asked: EpisodeRequest) -> str:
     """Return the reason why the list is empty."""
     if asked.after is not None:
         return "There are no further episodes."
@@ -453,7 +440,7 @@ def format_export_command(campaign: int, asked: EpisodeRequest) -> str:
     """Return the command that writes the same episodes as Parquet."""
     words = ["eigenfail", "episode", "export", str(campaign), "-o", "episodes.parquet"]
     words += ["--filter", asked.filter] if asked.filter else []
-    words += ["--sort", str(asked.sort)] if asked.sort != BY_INDEX else []
+    words += ["--sort", str(asked.sort)] if asked.sort != filters.BY_INDEX else []
     return shlex.join(words)
 
 
@@ -468,11 +455,11 @@ Filter = Annotated[str, Query(alias="filter")]
 
 async def parse_request(
     conditions: Filter = "",
-    sort: str = str(BY_INDEX),
+    sort: str = str(filters.BY_INDEX),
     after: After = None,
 ) -> EpisodeRequest:
     """Return what an address asks for; the filter is parsed later."""
-    return EpisodeRequest(conditions.strip(), parse_sort(sort), after)
+    return EpisodeRequest(conditions.strip(), filters.parse_sort(sort), after)
 
 
 @router.get("/campaigns/{campaign}/episodes")
@@ -484,7 +471,7 @@ def show_episodes(
     """Episodes that fulfil a filter, sorted, and all of their measures at once."""
     seen, after = store.campaigns.get(campaign), asked.after
     try:
-        where = parse_filter(asked.filter)
+        where = filters.parse_filter(asked.filter)
     except InputError as error:
         refused = make_refused_view(seen, asked, str(error))
         return page("episodes.html", refused, error.http_status)
@@ -496,20 +483,20 @@ def show_episodes(
 
 @router.get("/campaigns/{campaign}/failures")
 def show_failures(
-    store: Stored, campaign: CampaignId, sort: str = str(BY_INDEX), after: After = None
+    store: Stored, campaign: CampaignId, sort: str = str(filters.BY_INDEX), after: After = None
 ) -> HTMLResponse:
     """Rows of the list of failures: a piece of a page."""
-    seen, order = store.campaigns.get(campaign), parse_sort(sort)
+    seen, order = store.campaigns.get(campaign), filters.parse_sort(sort)
     view = make_episode_list(seen, read_failures(store, seen, order, after), order, after)
     return page("failures.html", view)
 
 
 def read_failures(
     store: Store,
-    campaign: Campaign,
-    sort: SortOrder,
+    campaign: values.Campaign,
+    sort: filters.SortOrder,
     after: int | None = None,
-) -> Page[EpisodeRow]:
+) -> values.Page[EpisodeRow]:
     """Return the next page of the list of failures."""
-    wanted = parse_filter(write_failure_filter(campaign.spec))
+    wanted = filters.parse_filter(filters.write_failure_filter(campaign.spec))
     return store.episodes.page(campaign.id, FAILURES_ON_A_PAGE, after, wanted, sort)

@@ -13,15 +13,7 @@ from eigenfail.filters import SortOrder, parse_sort, write_failure_filter
 from eigenfail.values import Campaign, Page
 from eigenfail.values.failures import MOST_SEVERE_FIRST, FailureFilter, parse_failure_sort
 from eigenfail.values.records import EpisodeRow
-from eigenfail_api.dashboard.episodes_page import (
-    EpisodeLine,
-    EpisodeRequest,
-    Heading,
-    find_worst_order,
-    format_cell,
-    make_episode_line,
-    order,
-)
+from eigenfail_api.dashboard import episodes_page
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.parameters import Stored
 from eigenfail_api.routes.failures import After, parse_failures
@@ -60,7 +52,7 @@ class FailureLine(msgspec.Struct, frozen=True):
         severity, log_p, steps: figures as text.
     """
 
-    episode: EpisodeLine
+    episode: episodes_page.EpisodeLine
     name: str
     planner: str
     severity: str
@@ -82,7 +74,7 @@ class FailuresView(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     query: Mapping[str, str]
-    severity: Heading
+    severity: episodes_page.Heading
     lines: tuple[FailureLine, ...]
     first: str
     next: str
@@ -171,20 +163,24 @@ def _read_page(
 def make_failure_line(row: EpisodeRow, campaign: Campaign) -> FailureLine:
     """Return the line of a failure of a campaign."""
     spec = campaign.spec
-    listed = EpisodeRequest(write_failure_filter(spec), parse_sort(find_worst_order(spec)))
+    listed = episodes_page.EpisodeRequest(
+        write_failure_filter(spec), parse_sort(episodes_page.find_worst_order(spec))
+    )
     version = f" {spec.version}" if spec.version else ""
     return FailureLine(
-        make_episode_line(row, listed),
+        episodes_page.make_episode_line(row, listed),
         spec.name,
         f"{spec.planner}{version}",
-        *(format_cell(row, column) for column in COLUMNS),
+        *(episodes_page.format_cell(row, column) for column in COLUMNS),
     )
 
 
-def _make_heading(asked: FailureQuery, now: SortOrder) -> Heading:
+def _make_heading(asked: FailureQuery, now: SortOrder) -> episodes_page.Heading:
     turned = SortOrder("severity", not now.descending)
     address = _write_address(asked.query, sort=str(turned))
-    return Heading("severity", "Severity", "m²/s²", False, address, order(now))
+    return episodes_page.Heading(
+        "severity", "Severity", "m²/s²", False, address, episodes_page.order(now)
+    )
 
 
 def _describe_archive(asked: FailureQuery) -> tuple[str, str]:

@@ -14,16 +14,7 @@ from markupsafe import Markup
 from eigenfail.errors import Unauthorized
 from eigenfail.values import Page
 from eigenfail.values.access import ApiKey, AuditEntry, Quotas, Scope, Usage
-from eigenfail_api.access.authentication import (
-    SESSION_COOKIE,
-    SESSION_S,
-    Authenticator,
-    address_of,
-    authenticator_of,
-    caller_of_key,
-    find_caller_without,
-    get_signed_in_caller,
-)
+from eigenfail_api.access import authentication
 from eigenfail_api.access.middleware import append_change, describe_change
 from eigenfail_api.dashboard.copying import format_curl, read_service
 from eigenfail_api.dashboard.rendering import TEMPLATES, Badge, Pager, make_pager, page, write_time
@@ -180,7 +171,9 @@ CHANGES_ON_A_PAGE = 100
 def show_keys(
     request: Request,
     store: Stored,
-    authenticator: Annotated[Authenticator, Depends(authenticator_of)],
+    authenticator: Annotated[
+        authentication.Authenticator, Depends(authentication.authenticator_of)
+    ],
     before: Before = None,
 ) -> HTMLResponse:
     """Keys, the form for a new one, and a button that revokes each."""
@@ -219,12 +212,12 @@ MOST_FIELDS = 10
 
 
 Wanted = Annotated[str, Query(alias="next", max_length=2_000)]
-TheAuthenticator = Annotated[Authenticator, Depends(authenticator_of)]
+TheAuthenticator = Annotated[authentication.Authenticator, Depends(authentication.authenticator_of)]
 
 
 def disable_without_scope(needed: str) -> Markup:
     """Return the attributes that disable a button if the key's scope is too low."""
-    caller = find_caller_without(Scope(needed))
+    caller = authentication.find_caller_without(Scope(needed))
     if caller is None:
         return Markup()
     why = (
@@ -234,7 +227,10 @@ def disable_without_scope(needed: str) -> Markup:
 
 
 # The line at the head of every page: who is signed in, and which actions their scope lacks.
-TEMPLATES.globals |= {"signed_in": get_signed_in_caller, "withheld": disable_without_scope}
+TEMPLATES.globals |= {
+    "signed_in": authentication.get_signed_in_caller,
+    "withheld": disable_without_scope,
+}
 
 
 @router.get(LOGIN)
@@ -251,12 +247,12 @@ async def sign_in(request: Request, store: Stored, authenticator: TheAuthenticat
     fields = read_form(await read_within(request))
     wanted, token = keep_own_address(fields.get("next", HOME)), fields.get("key", "").strip()
     try:
-        key = await run_sync(authenticator.verify_token, token, address_of(request))
+        key = await run_sync(authenticator.verify_token, token, authentication.address_of(request))
     except Unauthorized:
         return page("login.html", LoginView(wanted, problem="Invalid key."), 401)
     response = RedirectResponse(wanted, 303)
     set_cookie(request, response, authenticator.sessions.open(key.id, authenticator.clock()))
-    change = describe_change(request, caller_of_key(key), LOGIN, 303)
+    change = describe_change(request, authentication.caller_of_key(key), LOGIN, 303)
     await run_sync(append_change, store, change)
     return response
 
@@ -265,16 +261,21 @@ def set_cookie(request: Request, response: Response, word: str) -> None:
     """No script can read it, and no other site can have it sent."""
     secure = request.url.scheme == "https"
     response.set_cookie(
-        SESSION_COOKIE, word, max_age=SESSION_S, httponly=True, samesite="strict", secure=secure
+        authentication.SESSION_COOKIE,
+        word,
+        max_age=authentication.SESSION_S,
+        httponly=True,
+        samesite="strict",
+        secure=secure,
     )
 
 
 @router.post("/logout")
 async def sign_out(request: Request, authenticator: TheAuthenticator) -> Response:
     """The cookie stands for nothing any more."""
-    authenticator.sessions.close(request.cookies.get(SESSION_COOKIE, ""))
+    authenticator.sessions.close(request.cookies.get(authentication.SESSION_COOKIE, ""))
     response = RedirectResponse(LOGIN, 303)
-    response.delete_cookie(SESSION_COOKIE, httponly=True, samesite="strict")
+    response.delete_cookie(authentication.SESSION_COOKIE, httponly=True, samesite="strict")
     return response
 
 

@@ -12,13 +12,7 @@ from eigenfail.values import CampaignSpec
 from eigenfail.values.campaign_spec import SPEC_FIELDS, Section
 from eigenfail.wire.http import PluginInfo
 from eigenfail.worlds import list_simulators
-from eigenfail_api.dashboard.launch_fields import (
-    LaunchField,
-    LaunchGroup,
-    Texts,
-    group_of,
-    make_field,
-)
+from eigenfail_api.dashboard import launch_fields
 from eigenfail_api.routes.plugins import describe_plugin, parameters_of, settings_of
 
 SPEC = msgspec.json.schema(CampaignSpec)
@@ -57,13 +51,13 @@ class LaunchPart(msgspec.Struct, frozen=True, kw_only=True):
 
     id: str
     title: str
-    fields: tuple[LaunchField, ...]
+    fields: tuple[launch_fields.LaunchField, ...]
     summary: str = ""
     problem: str = ""
-    settings: LaunchGroup | None = None
+    settings: launch_fields.LaunchGroup | None = None
 
 
-def make_layout(texts: Texts) -> tuple[LaunchPart, ...]:
+def make_layout(texts: launch_fields.Texts) -> tuple[LaunchPart, ...]:
     """Return all parts of the form for the present choices."""
     return (
         LaunchPart(
@@ -96,7 +90,7 @@ def _list_fields(section: Section) -> Iterator[str]:
     return (name for name, field in SPEC_FIELDS.items() if field.section is section)
 
 
-def make_world_parts(texts: Texts) -> tuple[LaunchPart, ...]:
+def make_world_parts(texts: launch_fields.Texts) -> tuple[LaunchPart, ...]:
     """Return the parts for scenario and planner; a function under test is both in one."""
     simulator = choose_plugin(texts, "simulator", PROPERTIES["simulator"]["default"])
     known = tuple(dict.fromkeys((*list_simulators(), simulator)))
@@ -114,10 +108,10 @@ def make_world_parts(texts: Texts) -> tuple[LaunchPart, ...]:
 WORLD = ("scenario", "planner")
 
 
-def make_function_parts(swapping: LaunchField) -> tuple[LaunchPart, ...]:
+def make_function_parts(swapping: launch_fields.LaunchField) -> tuple[LaunchPart, ...]:
     """Return the part for a function of a noise trajectory."""
     schema = msgspec.json.schema(functions.FunctionParameters)
-    parameters = group_of(schema, "scenario_parameters", "Parameters")
+    parameters = launch_fields.group_of(schema, "scenario_parameters", "Parameters")
     only = make_choice_field("scenario", (functions.SCENARIO,), functions.SCENARIO)
     planner = replace(
         make_own_fields("planner")[0], default="", help=FUNCTION_PLANNER, required=True
@@ -128,7 +122,7 @@ def make_function_parts(swapping: LaunchField) -> tuple[LaunchPart, ...]:
     )
 
 
-def make_bridge_parts(swapping: LaunchField) -> tuple[LaunchPart, ...]:
+def make_bridge_parts(swapping: launch_fields.LaunchField) -> tuple[LaunchPart, ...]:
     """Return the part for a bridge, whose parameters and settings are known only to itself."""
     scenario, planner = (
         replace(make_own_fields(name)[0], default="", help=BRIDGE_NAME, required=True)
@@ -146,7 +140,9 @@ def make_bridge_parts(swapping: LaunchField) -> tuple[LaunchPart, ...]:
     )
 
 
-PARTS_WITHOUT_PLUGINS: Mapping[str, Callable[[LaunchField], tuple[LaunchPart, ...]]] = {
+PARTS_WITHOUT_PLUGINS: Mapping[
+    str, Callable[[launch_fields.LaunchField], tuple[LaunchPart, ...]]
+] = {
     functions.SIMULATOR: make_function_parts,
     bridges.SIMULATOR: make_bridge_parts,
 }
@@ -167,7 +163,7 @@ def make_plugin_part(
         fields=(make_choice_field(name, tuple(dict.fromkeys((*known, wanted))), wanted),),
         summary=found.summary,
         problem=found.problem,
-        settings=group_of(found.settings, field, title, varied=name == "scenario")
+        settings=launch_fields.group_of(found.settings, field, title, varied=name == "scenario")
         if found.settings
         else None,
     )
@@ -176,22 +172,24 @@ def make_plugin_part(
 SETTINGS = {"method": "settings", "planner": "planner_settings"}
 
 
-def choose_plugin(texts: Texts, name: str, default: str) -> str:
+def choose_plugin(texts: launch_fields.Texts, name: str, default: str) -> str:
     """The plug-in that is chosen; a file may hold anything in its place."""
     given = texts.base.get(name, "")
     return texts.typed.get(name, "") or (given if isinstance(given, str) else "") or default
 
 
-def make_choice_field(name: str, options: tuple[str, ...], wanted: str) -> LaunchField:
+def make_choice_field(
+    name: str, options: tuple[str, ...], wanted: str
+) -> launch_fields.LaunchField:
     """Return a field of the spec with a list of options."""
     return replace(make_own_fields(name)[0], kind="choice", options=options, default=wanted)
 
 
-def make_own_fields(*names: str) -> tuple[LaunchField, ...]:
+def make_own_fields(*names: str) -> tuple[launch_fields.LaunchField, ...]:
     """Return the fields of the spec itself."""
     required = SPEC["$defs"]["CampaignSpec"]["required"]
     return tuple(
-        make_field(
+        launch_fields.make_field(
             name,
             {"description": SPEC_FIELDS[name].help, **PROPERTIES[name]},
             SPEC,
@@ -201,12 +199,12 @@ def make_own_fields(*names: str) -> tuple[LaunchField, ...]:
     )
 
 
-def group(kind: str, name: str, title: str) -> LaunchGroup:
+def group(kind: str, name: str, title: str) -> launch_fields.LaunchGroup:
     """The fields of a struct inside the spec."""
-    return group_of({"$ref": f"#/$defs/{kind}", "$defs": SPEC["$defs"]}, name, title)
+    return launch_fields.group_of({"$ref": f"#/$defs/{kind}", "$defs": SPEC["$defs"]}, name, title)
 
 
-def make_disturbance_group(texts: Texts) -> LaunchGroup:
+def make_disturbance_group(texts: launch_fields.Texts) -> launch_fields.LaunchGroup:
     """Return the disturbance model with the settings of the chosen shape."""
     kind = f"{SHAPE}.kind"
     base = read_path(dict(texts.base), ("disturbance", "shape", "kind"))
@@ -216,7 +214,9 @@ def make_disturbance_group(texts: Texts) -> LaunchGroup:
     shape = group(SHAPES.get(wanted, SHAPES["white"]).rpartition("/")[2], SHAPE, "")
     names = tuple(dict.fromkeys((*SHAPES, wanted)))
     help_text = next((each.help for each in whole.fields if each.name == SHAPE), "")
-    select = LaunchField(name=kind, label="shape", kind="choice", options=names, help=help_text)
+    select = launch_fields.LaunchField(
+        name=kind, label="shape", kind="choice", options=names, help=help_text
+    )
     plain = tuple(each for each in whole.fields if each.name != SHAPE)
     rest = tuple(each for each in shape.fields if each.name != kind)
     about = f"{whole.about}\n\n{shape.about}"

@@ -16,28 +16,12 @@ from eigenfail.presentation.figures import count_noun, format_count, format_dura
 from eigenfail.suites import describes_suite
 from eigenfail.values import Campaign, CampaignSpec, CampaignState
 from eigenfail.values.campaign import CampaignFilter
+from eigenfail_api.dashboard import launch_fields
 from eigenfail_api.dashboard.copying import Service, format_curl, read_service
-from eigenfail_api.dashboard.launch_fields import (
-    LaunchEntry,
-    LaunchField,
-    LaunchGroup,
-    Texts,
-    format_entry,
-    make_body,
-)
 from eigenfail_api.dashboard.launch_layout import LaunchPart, make_layout
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.parameters import LARGEST, Stored, read_within
-from eigenfail_services.campaigns.drafts import (
-    COMPANIONS,
-    change_fields,
-    describe_repetition,
-    fill_defaults,
-    find_path,
-    find_problems,
-    list_continuations,
-    read_draft,
-)
+from eigenfail_services.campaigns import drafts
 from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.store import Store
 
@@ -48,7 +32,7 @@ class LaunchTrouble(msgspec.Struct, frozen=True):
     """A problem in words, and the field that it is of; None where it is of no field."""
 
     words: str
-    field: LaunchField | None = None
+    field: launch_fields.LaunchField | None = None
 
 
 class LaunchPage(msgspec.Struct, frozen=True, kw_only=True):
@@ -60,8 +44,8 @@ class LaunchPage(msgspec.Struct, frozen=True, kw_only=True):
         swaps: whether other fields depend on it.
     """
 
-    field: LaunchField
-    entry: LaunchEntry
+    field: launch_fields.LaunchField
+    entry: launch_fields.LaunchEntry
     problem: str
     before: str | None
     swaps: bool
@@ -123,22 +107,22 @@ class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
         """How many problems there are."""
         return count_noun(len(self.troubles), "problem")
 
-    def opens(self, group: LaunchGroup) -> bool:
+    def opens(self, group: launch_fields.LaunchGroup) -> bool:
         """Whether something in a group is given, or wrong, or differs."""
         return self.count_given(group) > 0
 
-    def count_given(self, group: LaunchGroup) -> int:
+    def count_given(self, group: launch_fields.LaunchGroup) -> int:
         """How many fields of a group hold more than their default."""
         return sum(is_told(self.shown[field.name]) for field in group.all_fields())
 
-    def describe_group(self, group: LaunchGroup) -> str:
+    def describe_group(self, group: launch_fields.LaunchGroup) -> str:
         """How many fields a group has, and how many of them hold more than their default."""
         given = self.count_given(group)
         told = f"{format_count(given)} changed" if given else "all at their defaults"
         return f"{format_count(sum(1 for _ in group.all_fields()))}, {told}"
 
 
-def list_fields(parts: Sequence[LaunchPart]) -> tuple[LaunchField, ...]:
+def list_fields(parts: Sequence[LaunchPart]) -> tuple[launch_fields.LaunchField, ...]:
     """Return all fields of the form, in its order."""
     return tuple(
         field
@@ -148,19 +132,19 @@ def list_fields(parts: Sequence[LaunchPart]) -> tuple[LaunchField, ...]:
 
 
 def list_troubles(
-    problems: Sequence[InputError], fields: Sequence[LaunchField]
+    problems: Sequence[InputError], fields: Sequence[launch_fields.LaunchField]
 ) -> tuple[LaunchTrouble, ...]:
     """Return each problem with its field: the field of its path, or the nearest above it."""
     by_name = {field.name: field for field in fields}
     return tuple(
-        LaunchTrouble(describe_error(each), find_nearest_field(by_name, find_path(each)))
+        LaunchTrouble(describe_error(each), find_nearest_field(by_name, drafts.find_path(each)))
         for each in problems
     )
 
 
 def find_nearest_field(
-    by_name: Mapping[str, LaunchField], path: tuple[str, ...]
-) -> LaunchField | None:
+    by_name: Mapping[str, launch_fields.LaunchField], path: tuple[str, ...]
+) -> launch_fields.LaunchField | None:
     """Return the field at a path, or at the longest part of the path that has one."""
     for length in range(len(path), 0, -1):
         if found := by_name.get(".".join(path[:length])):
@@ -175,13 +159,13 @@ def describe_error(error: InputError) -> str:
 
 
 def make_shown_fields(
-    fields: Sequence[LaunchField],
-    texts: Texts,
+    fields: Sequence[launch_fields.LaunchField],
+    texts: launch_fields.Texts,
     troubles: Sequence[LaunchTrouble],
     origin: Campaign | None,
 ) -> dict[str, LaunchPage]:
     """Return every field with its text and its error."""
-    began = Texts({}, msgspec.to_builtins(origin.spec)) if origin else None
+    began = launch_fields.Texts({}, msgspec.to_builtins(origin.spec)) if origin else None
     words: dict[str, str] = {}
     for trouble in troubles:
         if trouble.field:
@@ -199,15 +183,20 @@ def make_shown_fields(
     }
 
 
-def find_changed_text(field: LaunchField, texts: Texts, began: Texts | None) -> str | None:
+def find_changed_text(
+    field: launch_fields.LaunchField, texts: launch_fields.Texts, began: launch_fields.Texts | None
+) -> str | None:
     """Return the earlier campaign's text in a field; None if it is the same."""
     if began is None:
         return None
-    now, before = format_entry(texts.entry(field)), format_entry(began.entry(field))
+    now, before = (
+        launch_fields.format_entry(texts.entry(field)),
+        launch_fields.format_entry(began.entry(field)),
+    )
     return None if now == before else before or f"its default{describe_default(field)}"
 
 
-def describe_default(field: LaunchField) -> str:
+def describe_default(field: launch_fields.LaunchField) -> str:
     """Return the default in brackets, if there is one."""
     return f" ({field.default})" if field.default else ""
 
@@ -219,13 +208,13 @@ def make_origin(campaign: Campaign, body: Mapping[str, Any]) -> LaunchOrigin:
     budget = {"episodes": episodes} if extends else {}
     links = (
         LaunchLink(each.words, make_address(campaign.id, {**budget, **each.changes}))
-        for each in list_continuations(campaign)
+        for each in drafts.list_continuations(campaign)
     )
     return LaunchOrigin(
         id=campaign.id,
         name=campaign.spec.name,
         extends=extends,
-        repeats=describe_repetition(campaign.spec),
+        repeats=drafts.describe_repetition(campaign.spec),
         links=tuple(links),
         is_open=campaign.ended_ms is None,
     )
@@ -243,7 +232,7 @@ def describe_checked(body: Mapping[str, Any]) -> str:
 
 def is_told(one: LaunchPage) -> bool:
     """Whether a field holds more than its default."""
-    return bool(format_entry(one.entry) or one.problem or one.before)
+    return bool(launch_fields.format_entry(one.entry) or one.problem or one.before)
 
 
 MOST_PRECEDENTS = 100
@@ -345,12 +334,16 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> Lau
     wish = typed.get(WISH, "")
     table, refused = read_imported(typed.get(TOML, "")) if wish == IMPORT else ({}, ())
     origin = None if wish == IMPORT else find_origin(store, typed)
-    texts = Texts({}, table) if wish == IMPORT else Texts(typed, make_base(origin, typed))
+    texts = (
+        launch_fields.Texts({}, table)
+        if wish == IMPORT
+        else launch_fields.Texts(typed, make_base(origin, typed))
+    )
     parts = make_layout(texts)
     fields = list_fields(parts)
-    body = make_body(fields, texts)
+    body = launch_fields.make_body(fields, texts)
     # A file may hold fields that the form does not have.
-    problems = refused or (find_problems(table or body, store) if wish else ())
+    problems = refused or (drafts.find_problems(table or body, store) if wish else ())
     troubles = list_troubles(problems, fields)
     in_order = wish != "" and not problems
     token = typed.get(TOKEN, "") or str(uuid4())
@@ -361,7 +354,7 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> Lau
         origin=make_origin(origin, body) if origin else None,
         body=body,
         checked=describe_checked(body) if in_order else "",
-        estimate=describe_estimate(store, read_draft(body, store).spec) if in_order else "",
+        estimate=describe_estimate(store, drafts.read_draft(body, store).spec) if in_order else "",
         completed=list_full_spec(body, store) if in_order else (),
         key=make_key(token, body) if in_order else "",
         token=token,
@@ -408,13 +401,17 @@ def make_base(origin: Campaign | None, typed: Mapping[str, str]) -> dict[str, An
     """Return the fields that the form begins with; settings of a replaced plug-in are dropped."""
     if origin is None:
         return {}
-    chosen = {name: typed[name] for name in COMPANIONS if typed.get(name)}
-    return change_fields(msgspec.to_builtins(origin.spec), chosen)
+    chosen = {name: typed[name] for name in drafts.COMPANIONS if typed.get(name)}
+    return drafts.change_fields(msgspec.to_builtins(origin.spec), chosen)
 
 
 def list_full_spec(body: Mapping[str, Any], store: Store) -> tuple[tuple[str, str], ...]:
     """Return the full specification of a campaign, including defaults, by path."""
-    return tuple(iterate_leaves(msgspec.to_builtins(fill_defaults(read_draft(body, store).spec))))
+    return tuple(
+        iterate_leaves(
+            msgspec.to_builtins(drafts.fill_defaults(drafts.read_draft(body, store).spec))
+        )
+    )
 
 
 def make_key(token: str, body: Mapping[str, Any]) -> str:

@@ -4,11 +4,7 @@ import msgspec
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
-from eigenfail.presentation.campaigns import (
-    list_severity,
-    tabulate_safety_measures,
-    tabulate_workers,
-)
+from eigenfail.presentation import campaigns
 from eigenfail.presentation.figures import (
     UNKNOWN,
     count_noun,
@@ -52,8 +48,8 @@ def make_safety_view(found: Safety) -> SafetyView:
     """Return the view of the safety measures: table, severity and notes."""
     remarks = (found.severity.problem, *found.notes)
     return SafetyView(
-        table=tabulate_safety_measures(found),
-        severity=list_severity(found) if found.severity.n else (),
+        table=campaigns.tabulate_safety_measures(found),
+        severity=campaigns.list_severity(found) if found.severity.n else (),
         remarks=tuple(filter(None, remarks)),
     )
 
@@ -305,5 +301,5 @@ def _make_time_cell(at_ms: int) -> FormattedCell:
 
 def read_measures(campaign: Campaign, found: CampaignFigures) -> MeasuresView:
     """Return safety, cost and workers of a campaign."""
-    workers = tabulate_workers(found.workers, _make_time_cell, MOST_LINES)
+    workers = campaigns.tabulate_workers(found.workers, _make_time_cell, MOST_LINES)
     return make_measures_view(campaign, found.safety, found.cost, workers)

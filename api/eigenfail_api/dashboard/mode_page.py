@@ -9,25 +9,13 @@ from fastapi.responses import HTMLResponse
 from eigenfail.exchange import list_formats
 from eigenfail.exchange.recording import ANIMATION
 from eigenfail.filters import SortOrder, parse_sort
-from eigenfail.presentation.figures import (
-    count_noun,
-    format_amount,
-    format_count,
-    format_usd,
-)
+from eigenfail.presentation import figures
 from eigenfail.values import Analysis, AnalysisResult, Campaign, Mode, Proof
 from eigenfail.values.analysis import LONGEST_MODE_NAME
 from eigenfail.values.records import EpisodeRow
 from eigenfail.worlds import find_robustness_unit, world_of
+from eigenfail_api.dashboard import episodes_page
 from eigenfail_api.dashboard.analysis_page import ModeCard, make_mode_cards
-from eigenfail_api.dashboard.episodes_page import (
-    EpisodeLine,
-    Heading,
-    find_worst_order,
-    make_address,
-    make_episode_line,
-    make_headings,
-)
 from eigenfail_api.dashboard.rendering import Tile, page
 from eigenfail_api.dashboard.triage_forms import TriageView, make_triage_view
 from eigenfail_api.parameters import AnalysisId, ModeNumber, Stored
@@ -67,8 +55,8 @@ class ModeView(msgspec.Struct, frozen=True, kw_only=True):
     card: ModeCard
     is_distinct: bool
     tiles: tuple[tuple[str, Tile], ...]
-    headings: tuple[Heading, ...]
-    lines: tuple[EpisodeLine, ...]
+    headings: tuple[episodes_page.Heading, ...]
+    lines: tuple[episodes_page.EpisodeLine, ...]
     films: tuple[str, ...]
     every: str
     newer: int | None
@@ -96,12 +84,12 @@ def make_mode_view(
         card=card,
         is_distinct=result.distinct,
         tiles=list_mode_tiles(card, mode, [campaign, *others], len(result.episodes)),
-        headings=make_headings(
+        headings=episodes_page.make_headings(
             campaign.spec,
             lambda order: f"/analyses/{analysis.id}/modes/{mode.number}?sort={order}",
             sort,
         ),
-        lines=tuple(map(make_episode_line, rows)),
+        lines=tuple(map(episodes_page.make_episode_line, rows)),
         films=tuple(list_films(card, rows)) if world.has_road else (),
         every=find_search_address(analysis, result, mode.number) if newest == analysis.id else "",
         newer=None if newest == analysis.id else newest,
@@ -116,16 +104,24 @@ def list_mode_tiles(
 ) -> tuple[tuple[str, Tile], ...]:
     """Return the tiles of a mode's figures, each with its basis."""
     total_usd = sum(find_cost(each).total_usd for each in campaigns)
-    basis = f"{format_usd(total_usd)} USD of its campaigns ÷ {count_noun(mode.failures, 'failure')}"
+    found = figures.count_noun(mode.failures, "failure")
+    basis = f"{figures.format_usd(total_usd)} USD of its campaigns ÷ {found}"
     skipped = sum(each.counts.failures for each in campaigns) - analysed
-    more = (f"{count_noun(skipped, 'failure')} not analysed: an upper bound",) if skipped else ()
+    more = (
+        (f"{figures.count_noun(skipped, 'failure')} not analysed: an upper bound",)
+        if skipped
+        else ()
+    )
     probability = (("Probability under p(x)", card.probability),) if card.probability else ()
     return (
-        ("Failures", Tile(format_count(mode.failures), (f"{card.share} of those analysed",))),
+        (
+            "Failures",
+            Tile(figures.format_count(mode.failures), (f"{card.share} of those analysed",)),
+        ),
         *probability,
         (
             "Cost per failure of the mode",
-            Tile(format_amount(total_usd / mode.failures), (basis, *more)),
+            Tile(figures.format_amount(total_usd / mode.failures), (basis, *more)),
         ),
         ("Eigenfailure, root mean square", Tile(f"{card.strength} sigma")),
         *card.proof,
@@ -149,7 +145,7 @@ def find_search_address(analysis: Analysis, result: AnalysisResult, number: int)
     Filters are of one campaign: empty if the failures are of several.
     """
     is_of_one = {*result.campaigns} <= {analysis.campaign}
-    return make_address(analysis.campaign, f"mode = {number}") if is_of_one else ""
+    return episodes_page.make_address(analysis.campaign, f"mode = {number}") if is_of_one else ""
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -164,7 +160,7 @@ def show_mode(
     """One failure mode."""
     seen = store.analyses.get(analysis)
     found = store.analyses.mode(analysis, mode)
-    usual = find_worst_order(store.campaigns.get(seen.campaign).spec)
+    usual = episodes_page.find_worst_order(store.campaigns.get(seen.campaign).spec)
     view = make_mode_view(
         store, seen, found, parse_sort(sort or usual), summarise_proof(store, seen)
     )

@@ -13,13 +13,7 @@ from eigenfail.presentation.figures import count_noun
 from eigenfail.suites import Suite, SuiteRequest
 from eigenfail.wire.http import read_body
 from eigenfail_api.concurrency import ConcurrencyLimit
-from eigenfail_api.dashboard.launch_page import (
-    TOML,
-    LaunchTrouble,
-    describe_error,
-    make_key,
-    read_form,
-)
+from eigenfail_api.dashboard import launch_page
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.dashboard.suites_page import make_suite_address
 from eigenfail_api.parameters import Stored
@@ -40,7 +34,7 @@ class NewSuiteView(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     text: str = ""
-    troubles: tuple[LaunchTrouble, ...] = ()
+    troubles: tuple[launch_page.LaunchTrouble, ...] = ()
     suite: Suite | None = None
     refused: frozenset[str] = frozenset()
     body: str = ""
@@ -78,8 +72,10 @@ FORMS = Depends(ConcurrencyLimit("forms of suites"), scope="function")
 @router.post(PATH, dependencies=[FORMS])
 async def preview_new_suite(request: Request, store: Stored) -> HTMLResponse:
     """Serve the preview of a file; nothing is launched."""
-    typed = await read_form(request)
-    return page("new_suite.html", await run_sync(make_new_suite, store, typed.get(TOML, "")))
+    typed = await launch_page.read_form(request)
+    return page(
+        "new_suite.html", await run_sync(make_new_suite, store, typed.get(launch_page.TOML, ""))
+    )
 
 
 def make_new_suite(store: Store, text: str) -> NewSuiteView:
@@ -89,14 +85,16 @@ def make_new_suite(store: Store, text: str) -> NewSuiteView:
         suite = read_suite(read_body(body, SuiteRequest))
         problems = check_suite(store, suite).problems
     except InputError as error:
-        return NewSuiteView(text=text, troubles=(LaunchTrouble(describe_problem(error)),))
+        return NewSuiteView(
+            text=text, troubles=(launch_page.LaunchTrouble(describe_problem(error)),)
+        )
     return NewSuiteView(
         text=text,
         troubles=tuple(list_member_troubles(problems)),
         suite=suite,
         refused=frozenset(problems),
         body=body.decode(),
-        key="" if problems else make_key("", msgspec.json.decode(body)),
+        key="" if problems else launch_page.make_key("", msgspec.json.decode(body)),
         address=make_suite_address(suite.name),
     )
 
@@ -119,17 +117,17 @@ def encode_suite(text: str) -> bytes:
     return body
 
 
-def list_member_troubles(problems: Mapping[str, InputError]) -> Iterator[LaunchTrouble]:
+def list_member_troubles(problems: Mapping[str, InputError]) -> Iterator[launch_page.LaunchTrouble]:
     """Yield each problem once, with the first member that has it and the number of others."""
     named: dict[str, list[str]] = {}
     for name, error in problems.items():
         named.setdefault(describe_problem(error), []).append(name)
     for words, names in named.items():
         more = f" and {count_noun(len(names) - 1, 'other')}" if len(names) > 1 else ""
-        yield LaunchTrouble(f"{names[0]}{more}: {words}")
+        yield launch_page.LaunchTrouble(f"{names[0]}{more}: {words}")
 
 
 def describe_problem(error: InputError) -> str:
     """Return a problem with its field and its remedy."""
     where = f"{error.field}: " if error.field else ""
-    return f"{where}{describe_error(error)}"
+    return f"{where}{launch_page.describe_error(error)}"

@@ -6,12 +6,7 @@ from collections.abc import Iterator, Sequence
 import msgspec
 import numpy as np
 
-from eigenfail.presentation.figures import (
-    UNKNOWN,
-    format_count,
-    format_number,
-    format_share,
-)
+from eigenfail.presentation import figures
 from eigenfail.presentation.rates import name_rates
 from eigenfail.values import Campaign, CampaignCost, CostPoint, Course
 from eigenfail.values.records import EpisodeRow
@@ -93,16 +88,16 @@ def iterate_bill_rows(find: str, lines: Sequence[Line]) -> Iterator[tuple[str, .
     most = max(line.cost.cost.total_usd for line in lines)
     for step in range(1, STEPS + 1):
         usd = most * step / STEPS
-        yield (format_number(usd), *(count_found(find, line.cost, usd) for line in lines))
+        yield (figures.format_number(usd), *(count_found(find, line.cost, usd) for line in lines))
 
 
 def count_found(find: str, cost: CampaignCost, usd: float) -> str:
     """Return the number that a campaign had found at a cost; a dash once nothing more was spent."""
     if usd > cost.cost.total_usd * (1.0 + ROUNDING):
-        return UNKNOWN
+        return figures.UNKNOWN
     spent = [point.usd for point in cost.curve]
     point: CostPoint = cost.curve[max(bisect_right(spent, usd * (1.0 + ROUNDING)) - 1, 0)]
-    return format_count(getattr(point, find))
+    return figures.format_count(getattr(point, find))
 
 
 MOST_POINTS = 600
@@ -159,7 +154,7 @@ def make_rate_chart(compared: Sequence[Compared]) -> Chart:
         (
             one.name,
             format_span(block),
-            format_share(block.failure_rate.value),
+            figures.format_share(block.failure_rate.value),
             format_bounds(block.failure_rate),
         )
         for one in compared
@@ -223,7 +218,10 @@ def iterate_cost_rows(known: Sequence[Compared]) -> Iterator[tuple[str, ...]]:
     most = max((one.cost.cost.total_usd for one in known), default=0.0)
     for step in range(1, STEPS + 1) if most else ():
         usd = most * step / STEPS
-        yield (format_number(usd), *(count_found("failures", one.cost, usd) for one in known))
+        yield (
+            figures.format_number(usd),
+            *(count_found("failures", one.cost, usd) for one in known),
+        )
 
 
 def make_severity_chart(compared: Sequence[Compared]) -> Chart:
@@ -261,7 +259,12 @@ def make_severity_row(one: Compared, found: Sequence[EpisodeRow]) -> tuple[str, 
     """Return the medians of a campaign's failures."""
     likely = float(np.median([row.log_probability / max(row.steps, 1) for row in found]))
     severe = float(np.median([row.severity or 0.0 for row in found]))
-    return one.name, format_count(len(found)), format_number(likely), format_number(severe)
+    return (
+        one.name,
+        figures.format_count(len(found)),
+        figures.format_number(likely),
+        figures.format_number(severe),
+    )
 
 
 def make_distance_chart(compared: Sequence[Compared]) -> Chart:
@@ -284,8 +287,8 @@ def make_distance_chart(compared: Sequence[Compared]) -> Chart:
         rows=tuple(
             (
                 one.name,
-                format_count(len(found)),
-                *(format_number(float(each)) for each in np.quantile(found, QUANTILES)),
+                figures.format_count(len(found)),
+                *(figures.format_number(float(each)) for each in np.quantile(found, QUANTILES)),
             )
             for one, found in known
         ),

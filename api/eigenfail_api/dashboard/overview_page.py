@@ -15,13 +15,8 @@ from eigenfail.values import Campaign, CampaignState, Event, Page, Summary
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.operations import ACTIVE_S, Presence, WorkerShare
+from eigenfail_api.dashboard import cost_charts
 from eigenfail_api.dashboard.charts import Chart
-from eigenfail_api.dashboard.cost_charts import (
-    REPLAY,
-    MethodCosts,
-    make_cost_chart,
-    make_method_costs,
-)
 from eigenfail_api.dashboard.episodes_page import Heading, order
 from eigenfail_api.dashboard.rendering import WORKING, StandingView, Tile, make_standing, page
 from eigenfail_api.parameters import Before, Stored
@@ -114,7 +109,7 @@ class Wanted(msgspec.Struct, frozen=True):
     @property
     def where(self) -> CampaignFilter:
         """The same in the words of the store."""
-        besides = None if self.method else REPLAY
+        besides = None if self.method else cost_charts.REPLAY
         only = None if self.archived else False
         labels = {name: getattr(self, name) for name in LABELS}
         return CampaignFilter(
@@ -188,7 +183,7 @@ class Overview(msgspec.Struct, frozen=True, kw_only=True):
     replays: tuple[str, str] | None
     lines: tuple[StandingView, ...]
     tiles: tuple[tuple[str, Tile], ...]
-    panel: MethodCosts
+    panel: cost_charts.MethodCosts
     costs: Chart | None
     is_open: bool
     wants_workers: bool
@@ -236,15 +231,15 @@ def make_overview(known: OverviewFacts, wanted: Wanted) -> Overview:
         newest=wanted.address(before=None) if wanted.before else None,
         older=wanted.address(before=known.page.next) if known.page.next else None,
         methods=tuple(known.methods),
-        any_method=f"any except {REPLAY}" if known.replays else "any",
+        any_method=f"any except {cost_charts.REPLAY}" if known.replays else "any",
         replays=fold_replays(known.replays, wanted),
         lines=lines,
         tiles=(
             *make_tiles(known.page.items, known.summaries),
             *make_worker_tiles(known.here, known.lately, known.within_s),
         ),
-        panel=make_method_costs(known.groups),
-        costs=make_cost_chart(known.summaries),
+        panel=cost_charts.make_method_costs(known.groups),
+        costs=cost_charts.make_cost_chart(known.summaries),
         is_open=any(line.is_open for line in lines),
         wants_workers=not known.here and any(c.state in WORKING for c in known.page.items),
         stranded=known.stranded,
@@ -265,7 +260,7 @@ def fold_replays(count: int, wanted: Wanted) -> tuple[str, str] | None:
         return None
     among = "matches among " if wanted.is_filtered else ""
     words = f"{among}{count_noun(count, 'replay')}"
-    return words, msgspec.structs.replace(wanted, method=REPLAY, before=None).address()
+    return words, msgspec.structs.replace(wanted, method=cost_charts.REPLAY, before=None).address()
 
 
 def make_tiles(
@@ -359,7 +354,7 @@ def read_overview(store: Store, wanted: Wanted) -> OverviewFacts:
         summaries=summaries_of(store, found.items),
         groups=compare_peers(pools),
         methods=list_methods(pools),
-        replays=sum(pool.campaigns for pool in pools if pool.method == REPLAY),
+        replays=sum(pool.campaigns for pool in pools if pool.method == cost_charts.REPLAY),
         here=count_present(store),
         lately=list_recent_workers(store, ACTIVE_S),
         within_s=ACTIVE_S,

@@ -4,26 +4,12 @@ from collections.abc import Iterator
 
 import msgspec
 
+from eigenfail import values
 from eigenfail.presentation.figures import UNKNOWN, format_number
-from eigenfail.values import (
-    CampaignState,
-    Outcome,
-    Proof,
-    ProvenScenario,
-    ReplayedNoise,
-    ReplayKind,
-    Reproduction,
-)
-from eigenfail_api.dashboard.rendering import (
-    CAMPAIGN_BADGES,
-    ERRORED_BADGE,
-    OUTCOME_BADGES,
-    Badge,
-    Tile,
-)
+from eigenfail_api.dashboard import rendering
 
-CAME_TO_NOTHING = frozenset({CampaignState.CANCELLED, CampaignState.DEAD})
-NOT_TRIED = Tile(UNKNOWN, ("no replay completed",))
+CAME_TO_NOTHING = frozenset({values.CampaignState.CANCELLED, values.CampaignState.DEAD})
+NOT_TRIED = rendering.Tile(UNKNOWN, ("no replay completed",))
 
 
 class ScenarioLine(msgspec.Struct, frozen=True, kw_only=True):
@@ -31,9 +17,9 @@ class ScenarioLine(msgspec.Struct, frozen=True, kw_only=True):
 
     words: str
     campaign: int
-    badge: Badge
-    eigenfailures: Tile
-    medoids: Tile
+    badge: rendering.Badge
+    eigenfailures: rendering.Tile
+    medoids: rendering.Tile
 
 
 class ReplayLine(msgspec.Struct, frozen=True, kw_only=True):
@@ -42,7 +28,7 @@ class ReplayLine(msgspec.Struct, frozen=True, kw_only=True):
     scenario: str
     mode: int
     what: str
-    badge: Badge | None
+    badge: rendering.Badge | None
     campaign: int
     index: int
     robustness: str
@@ -67,12 +53,12 @@ class ProofView(msgspec.Struct, frozen=True, kw_only=True):
     is_done: bool
     may_ask: bool
     asks_for_points: bool
-    tallies: tuple[tuple[str, Tile], ...]
+    tallies: tuple[tuple[str, rendering.Tile], ...]
     scenarios: tuple[ScenarioLine, ...]
     replays: tuple[ReplayLine, ...]
 
 
-def make_proof_view(found: Proof, unit: str) -> ProofView:
+def make_proof_view(found: values.Proof, unit: str) -> ProofView:
     """Return the view of an analysis's replays; robustness in a unit, or none."""
     replays = [replay for scenario in found.scenarios for replay in scenario.replays]
     cut_off = any(scenario.state in CAME_TO_NOTHING for scenario in found.scenarios)
@@ -88,7 +74,7 @@ def make_proof_view(found: Proof, unit: str) -> ProofView:
     )
 
 
-def make_tallies(found: Proof, unit: str) -> tuple[tuple[str, Tile], ...]:
+def make_tallies(found: values.Proof, unit: str) -> tuple[tuple[str, rendering.Tile], ...]:
     """Return the tiles of replays in the same scenario, and in all if there are several."""
     same = (("Eigenfailures, same scenario", describe_reproduction(found.reproduced, unit)),)
     count = len(found.scenarios)
@@ -101,7 +87,7 @@ def make_tallies(found: Proof, unit: str) -> tuple[tuple[str, Tile], ...]:
     )
 
 
-def describe_reproduction(found: Reproduction, unit: str) -> Tile:
+def describe_reproduction(found: values.Reproduction, unit: str) -> rendering.Tile:
     """Return how many replays failed again, of those tried, and how near they came if none did.
 
     Args:
@@ -113,10 +99,10 @@ def describe_reproduction(found: Reproduction, unit: str) -> Tile:
         return NOT_TRIED
     nearest = "\u00a0".join(filter(None, (format_number(found.smallest_robustness_m), unit)))
     lines = () if rate.k else (f"smallest robustness {nearest}",)
-    return Tile(f"{rate.k} of {rate.n}", lines)
+    return rendering.Tile(f"{rate.k} of {rate.n}", lines)
 
 
-def make_scenario_line(scenario: ProvenScenario, unit: str) -> ScenarioLine:
+def make_scenario_line(scenario: values.ProvenScenario, unit: str) -> ScenarioLine:
     """Return the line of a scenario."""
     return ScenarioLine(
         words=scenario.words,
@@ -127,26 +113,30 @@ def make_scenario_line(scenario: ProvenScenario, unit: str) -> ScenarioLine:
     )
 
 
-def make_scenario_badge(scenario: ProvenScenario) -> Badge:
+def make_scenario_badge(scenario: values.ProvenScenario) -> rendering.Badge:
     """Return the badge of the campaign that replays: errored if every replay of it errored."""
     ended = [replay.outcome for replay in scenario.replays if replay.outcome is not None]
-    is_errored = bool(ended) and all(outcome is Outcome.ERRORED for outcome in ended)
-    is_done = scenario.state is CampaignState.DONE
-    return ERRORED_BADGE if is_done and is_errored else CAMPAIGN_BADGES[scenario.state]
+    is_errored = bool(ended) and all(outcome is values.Outcome.ERRORED for outcome in ended)
+    is_done = scenario.state is values.CampaignState.DONE
+    return (
+        rendering.ERRORED_BADGE
+        if is_done and is_errored
+        else rendering.CAMPAIGN_BADGES[scenario.state]
+    )
 
 
-def replay_lines(scenario: ProvenScenario) -> Iterator[ReplayLine]:
+def replay_lines(scenario: values.ProvenScenario) -> Iterator[ReplayLine]:
     """Its replays."""
     return (replay_line(scenario.words, replay) for replay in scenario.replays)
 
 
-def replay_line(scenario: str, replay: ReplayedNoise) -> ReplayLine:
+def replay_line(scenario: str, replay: values.ReplayedNoise) -> ReplayLine:
     """One replay."""
     return ReplayLine(
         scenario=scenario,
         mode=replay.mode + 1,
-        what=ReplayKind(replay.what).value,
-        badge=OUTCOME_BADGES[replay.outcome] if replay.outcome else None,
+        what=values.ReplayKind(replay.what).value,
+        badge=rendering.OUTCOME_BADGES[replay.outcome] if replay.outcome else None,
         campaign=replay.campaign,
         index=replay.index,
         robustness=format_number(replay.robustness_m),

@@ -5,14 +5,7 @@ from anyio.to_thread import run_sync
 from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
-from eigenfail.presentation.figures import (
-    UNKNOWN,
-    count_noun,
-    format_count,
-    format_number,
-    format_percent_interval,
-    format_share,
-)
+from eigenfail.presentation import figures
 from eigenfail.presentation.tables import OWN_EPISODES
 from eigenfail.values import Box, Campaign, Rate, Region
 from eigenfail_api.dashboard.rendering import Tile, page
@@ -70,17 +63,17 @@ def make_region_view(campaign: Campaign, found: Region) -> RegionView:
         boxes=tuple(map(make_box_line, found.boxes)),
         problem=found.problem,
         warnings=found.warnings,
-        p_value="" if found.p_value is None else format_number(found.p_value, 2),
+        p_value="" if found.p_value is None else figures.format_number(found.p_value, 2),
     )
 
 
 def make_tiles(found: Region) -> tuple[tuple[str, Tile], ...]:
     """Return the tiles of the region's basis and of the sums over its boxes."""
-    episodes = f"of {count_noun(found.episodes, 'episode')}"
+    episodes = f"of {figures.count_noun(found.episodes, 'episode')}"
     names = ", ".join(found.parameters)
     shown = (
-        ("Failures", Tile(format_count(found.failures), (episodes,))),
-        ("Parameters varied", Tile(format_count(len(found.parameters)), (names,))),
+        ("Failures", Tile(figures.format_count(found.failures), (episodes,))),
+        ("Parameters varied", Tile(figures.format_count(len(found.parameters)), (names,))),
         ("Failure rate everywhere", make_share_tile(found.failure_rate)),
     )
     if not found.boxes:
@@ -105,10 +98,12 @@ def make_box_line(box: Box) -> BoxLine:
 def make_share_tile(found: Rate | None) -> Tile:
     """Return the tile of a share with its interval and its basis."""
     if found is None:
-        return Tile(UNKNOWN, ("no episodes in the counted half",))
-    counted = f"{format_count(found.k)} of {format_count(found.n)}"
-    bounds = OWN_EPISODES if found.interval is None else format_percent_interval(found.interval)
-    return Tile(format_share(found.value), (bounds, counted))
+        return Tile(figures.UNKNOWN, ("no episodes in the counted half",))
+    counted = f"{figures.format_count(found.k)} of {figures.format_count(found.n)}"
+    bounds = (
+        OWN_EPISODES if found.interval is None else figures.format_percent_interval(found.interval)
+    )
+    return Tile(figures.format_share(found.value), (bounds, counted))
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)

@@ -7,13 +7,8 @@ import msgspec
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
 
+from eigenfail.presentation import releases
 from eigenfail.presentation.figures import format_count
-from eigenfail.presentation.releases import (
-    CHANGES,
-    compare_newest,
-    format_code,
-    format_status,
-)
 from eigenfail.values.release import ModeSighting, ModeStatus, ReleaseQuestion, ReleaseTable
 from eigenfail.values.triage import TriageState
 from eigenfail_api.dashboard.rendering import page
@@ -136,7 +131,7 @@ class QuestionsView(msgspec.Struct, frozen=True, kw_only=True):
 
 def make_newest_part(table: ReleaseTable) -> NewestPart:
     """Return the newest version of a comparison against the one before it."""
-    asked, found = table.question, compare_newest(table)
+    asked, found = table.question, releases.compare_newest(table)
     return NewestPart(
         campaign=asked.campaign,
         title=f"{asked.planner} in {asked.scenario}",
@@ -144,7 +139,7 @@ def make_newest_part(table: ReleaseTable) -> NewestPart:
         words=found.words,
         changes=tuple(
             ModeChangeLine(
-                change=CHANGES[status].capitalize(),
+                change=releases.CHANGES[status].capitalize(),
                 mark=MARKS[status],
                 modes=tuple(
                     (each.name, f"/releases/{asked.campaign}#mode-{each.number}") for each in modes
@@ -163,7 +158,7 @@ def make_release_view(table: ReleaseTable) -> ReleaseView:
             campaigns=each.campaigns,
             episodes=format_count(each.episodes),
             failures=format_count(each.failures),
-            code=format_code(each),
+            code=releases.format_code(each),
             is_mixed=len(each.fingerprints) > 1,
             problem=each.problem,
         )
@@ -184,12 +179,12 @@ def make_release_view(table: ReleaseTable) -> ReleaseView:
 def make_cell(sighting: ModeSighting) -> SightingCell:
     """Return a failure mode in a version for a page."""
     if sighting.status is None:
-        status = format_status(sighting)
+        status = releases.format_status(sighting)
         return SightingCell(version=sighting.version, status=status, words=sighting.words)
     has_failures = sighting.analysis is not None
     return SightingCell(
         version=sighting.version,
-        status=format_status(sighting).capitalize(),
+        status=releases.format_status(sighting).capitalize(),
         mark="" if sighting.is_baseline else MARKS[sighting.status],
         words=sighting.words,
         address=f"/analyses/{sighting.analysis}/modes/{sighting.mode}" if has_failures else "",

@@ -10,44 +10,18 @@ from os import PathLike, stat_result
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import jinja2
 import msgspec
 from fastapi import Request
-from jinja2 import (
-    BaseLoader,
-    ChoiceLoader,
-    Environment,
-    FileSystemLoader,
-    PackageLoader,
-    PrefixLoader,
-    StrictUndefined,
-)
 from markupsafe import Markup
 from starlette.responses import FileResponse, HTMLResponse, Response
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from eigenfail import __version__, plugins
+from eigenfail import __version__, plugins, values
 from eigenfail.methods import traits_of
-from eigenfail.presentation.figures import (
-    UNKNOWN,
-    format_count,
-    format_duration,
-    format_number,
-    format_share,
-    format_usd,
-    format_utc,
-)
+from eigenfail.presentation import figures
 from eigenfail.presentation.tables import format_cell, format_cost
-from eigenfail.values import (
-    FINAL_STATES,
-    AnalysisState,
-    Campaign,
-    CampaignState,
-    Counts,
-    Estimate,
-    Outcome,
-    Summary,
-)
 from eigenfail.values.campaign import state_word
 from eigenfail.values.episode import ERRORED
 from eigenfail.wire import http
@@ -151,17 +125,17 @@ class Assets(StaticFiles):
 def write_time(at_ms: int | None) -> str:
     """Return a time in UTC as HTML, which scripts show in the time zone of the browser."""
     if at_ms is None:
-        return UNKNOWN
+        return figures.UNKNOWN
     moment = datetime.fromtimestamp(at_ms // 1_000, UTC).replace(tzinfo=None)
     marked = Markup('<time datetime="{}Z">{}</time>')
-    return marked.format(moment.isoformat(), format_utc(at_ms))
+    return marked.format(moment.isoformat(), figures.format_utc(at_ms))
 
 
 FILTERS = {
-    "integer": format_count,
-    "number": format_number,
-    "percent": format_share,
-    "duration": format_duration,
+    "integer": figures.format_count,
+    "number": figures.format_number,
+    "percent": figures.format_share,
+    "duration": figures.format_duration,
     "moment": write_time,
 }
 
@@ -228,7 +202,7 @@ class Navigation:
             _navigation.reset(before)
 
 
-FOREIGN_TEMPLATES: dict[str, BaseLoader] = {}
+FOREIGN_TEMPLATES: dict[str, jinja2.BaseLoader] = {}
 """Loaders of the templates of extensions, by package."""
 
 
@@ -241,17 +215,17 @@ def add_templates(package: str) -> None:
         ImportError: there is no such package.
         ValueError: it has no folder `templates`.
     """
-    FOREIGN_TEMPLATES.setdefault(package, PackageLoader(package))
+    FOREIGN_TEMPLATES.setdefault(package, jinja2.PackageLoader(package))
 
 
-def make_environment() -> Environment:
+def make_environment() -> jinja2.Environment:
     """Return the environment of the templates with its filters and functions."""
-    made = Environment(
-        loader=ChoiceLoader(
-            [FileSystemLoader(FOLDER / "templates"), PrefixLoader(FOREIGN_TEMPLATES)]
+    made = jinja2.Environment(
+        loader=jinja2.ChoiceLoader(
+            [jinja2.FileSystemLoader(FOLDER / "templates"), jinja2.PrefixLoader(FOREIGN_TEMPLATES)]
         ),
         autoescape=True,
-        undefined=StrictUndefined,
+        undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
@@ -319,7 +293,7 @@ def as_page(response: Response) -> Response:
     return shown_page
 
 
-S = CampaignState
+S = values.CampaignState
 
 
 WORKING = frozenset({S.QUEUED, S.RUNNING})
@@ -349,25 +323,25 @@ CAMPAIGN_BADGES = {
 ERRORED_BADGE = Badge(ERRORED, "!", "bad")
 
 
-def make_campaign_badge(state: CampaignState, counts: Counts) -> Badge:
+def make_campaign_badge(state: values.CampaignState, counts: values.Counts) -> Badge:
     """Return the badge of a campaign: red, and not green, if all of its episodes errored."""
     is_errored = state_word(state, counts) == ERRORED
     return ERRORED_BADGE if is_errored else CAMPAIGN_BADGES[state]
 
 
 ANALYSIS_BADGES = {
-    AnalysisState.QUEUED: Badge("queued", "○", "waiting"),
-    AnalysisState.RUNNING: Badge("running", "▶", "active"),
-    AnalysisState.DONE: Badge("done", "✓", "good"),
-    AnalysisState.FAILED: Badge("failed", "!", "bad"),
+    values.AnalysisState.QUEUED: Badge("queued", "○", "waiting"),
+    values.AnalysisState.RUNNING: Badge("running", "▶", "active"),
+    values.AnalysisState.DONE: Badge("done", "✓", "good"),
+    values.AnalysisState.FAILED: Badge("failed", "!", "bad"),
 }
 
 
 OUTCOME_BADGES = {
-    Outcome.COLLISION: Badge("collision", "◆", "bad"),
-    Outcome.VIOLATION: Badge("violation", "◇", "bad"),
-    Outcome.SAFE: Badge("safe", "○", "good"),
-    Outcome.ERRORED: Badge(ERRORED, "!", "waiting"),
+    values.Outcome.COLLISION: Badge("collision", "◆", "bad"),
+    values.Outcome.VIOLATION: Badge("violation", "◇", "bad"),
+    values.Outcome.SAFE: Badge("safe", "○", "good"),
+    values.Outcome.ERRORED: Badge(ERRORED, "!", "waiting"),
 }
 
 
@@ -375,9 +349,9 @@ UNRESOLVED_BADGE = Badge("unresolved", "◐", "waiting")
 """Of an episode without a collision that ended while braking could not avoid one any more."""
 
 
-def make_outcome_badge(outcome: Outcome, *, is_unresolved: bool | None) -> Badge:
+def make_outcome_badge(outcome: values.Outcome, *, is_unresolved: bool | None) -> Badge:
     """Return the badge of how an episode ended."""
-    if outcome is Outcome.SAFE and is_unresolved:
+    if outcome is values.Outcome.SAFE and is_unresolved:
         return UNRESOLVED_BADGE
     return OUTCOME_BADGES[outcome]
 
@@ -438,7 +412,7 @@ class StandingView(msgspec.Struct, frozen=True, kw_only=True):
     speed: Tile
 
 
-def make_standing(campaign: Campaign, summary: Summary) -> StandingView:
+def make_standing(campaign: values.Campaign, summary: values.Summary) -> StandingView:
     """Return a campaign and its summary as text."""
     spec, counts = campaign.spec, campaign.counts
     return StandingView(
@@ -449,7 +423,7 @@ def make_standing(campaign: Campaign, summary: Summary) -> StandingView:
         scenario=spec.scenario,
         simulator=spec.simulator,
         badge=make_campaign_badge(campaign.state, campaign.counts),
-        is_open=campaign.state not in FINAL_STATES,
+        is_open=campaign.state not in values.FINAL_STATES,
         because=campaign.stopped_because,
         ended=counts.completed + counts.errored,
         planned=counts.planned,
@@ -461,36 +435,39 @@ def make_standing(campaign: Campaign, summary: Summary) -> StandingView:
         probability=make_probability_tile(summary.estimate),
         cost=make_cost_tile(summary),
         total=make_total_tile(campaign, summary),
-        likelihood=Tile(format_number(summary.log_probability_per_step), ("of the failures",)),
-        severity=Tile(format_number(summary.mean_severity), ("of the failures",)),
+        likelihood=Tile(
+            figures.format_number(summary.log_probability_per_step), ("of the failures",)
+        ),
+        severity=Tile(figures.format_number(summary.mean_severity), ("of the failures",)),
         speed=Tile(
-            format_number(summary.episodes_per_s), (f"in {format_duration(campaign.active_s)}",)
+            figures.format_number(summary.episodes_per_s),
+            (f"in {figures.format_duration(campaign.active_s)}",),
         ),
     )
 
 
-def describe_remaining(campaign: Campaign, summary: Summary) -> str:
+def describe_remaining(campaign: values.Campaign, summary: values.Summary) -> str:
     """Return the remaining time at the speed so far, or the number of episodes left unrun."""
     if campaign.counts.cancelled:
-        return f"{format_count(campaign.counts.cancelled)} not run"
+        return f"{figures.format_count(campaign.counts.cancelled)} not run"
     if campaign.state != "running" or not summary.episodes_per_s:
         return ""
-    return f"about {format_duration(campaign.counts.open / summary.episodes_per_s)} left"
+    return f"about {figures.format_duration(campaign.counts.open / summary.episodes_per_s)} left"
 
 
-def make_failure_tile(summary: Summary) -> Tile:
+def make_failure_tile(summary: values.Summary) -> Tile:
     """Return the tile of the number and share of failures."""
     rate = summary.failure_rate
     if rate is None:
         nothing_yet = () if summary.rate_remark else NOTHING_YET
-        return Tile(UNKNOWN, nothing_yet, summary.rate_remark, *mark_of(summary))
+        return Tile(figures.UNKNOWN, nothing_yet, summary.rate_remark, *mark_of(summary))
     share = format_cell(rate)
     notes = (share.line,) if rate.k else (share.value, *share.basis)
-    value = f"{format_count(rate.k)} of {format_count(rate.n)}"
+    value = f"{figures.format_count(rate.k)} of {figures.format_count(rate.n)}"
     return Tile(value, notes, summary.rate_remark, *mark_of(summary))
 
 
-def mark_of(summary: Summary) -> tuple[str, str]:
+def mark_of(summary: values.Summary) -> tuple[str, str]:
     """Return the numbers of errored and unresolved episodes, and the label of the first kind."""
     unresolved = summary.unresolved
     counts = (
@@ -498,11 +475,11 @@ def mark_of(summary: Summary) -> tuple[str, str]:
         (unresolved.count, "unresolved", "Unresolved"),
         (unresolved.not_known, "perhaps unresolved", "Unresolved"),
     )
-    found = [(f"{format_count(n)} {words}", label) for n, words, label in counts if n]
+    found = [(f"{figures.format_count(n)} {words}", label) for n, words, label in counts if n]
     return ", ".join(words for words, _ in found), found[0][1] if found else ""
 
 
-def make_probability_tile(estimate: Estimate | None) -> Tile | None:
+def make_probability_tile(estimate: values.Estimate | None) -> Tile | None:
     """Return the failure probability or the reason why there is none; None for other methods."""
     if estimate is None:
         return None
@@ -510,19 +487,25 @@ def make_probability_tile(estimate: Estimate | None) -> Tile | None:
     return Tile(value, tuple(notes))
 
 
-def make_cost_tile(summary: Summary) -> Tile:
+def make_cost_tile(summary: values.Summary) -> Tile:
     """Return the tile of the cost per failure with its basis."""
     price, counts = format_cost(summary.cost), summary.counts
     n = "n = 0 in " if not counts.failures else "n = "
-    basis = (f"{n}{format_count(counts.failures or counts.completed)}",) if counts.completed else ()
+    basis = (
+        (f"{n}{figures.format_count(counts.failures or counts.completed)}",)
+        if counts.completed
+        else ()
+    )
     return Tile(price.value, (*basis, *price.notes))
 
 
-def make_total_tile(campaign: Campaign, summary: Summary) -> Tile:
+def make_total_tile(campaign: values.Campaign, summary: values.Summary) -> Tile:
     """Return the tile of the campaign's total cost."""
-    hours = format_number(summary.cost.instance_hours)
-    price = format_number(campaign.spec.price_usd_per_hour)
-    return Tile(f"{format_usd(summary.cost.total_usd)} USD", (f"{hours} h × {price} USD/h",))
+    hours = figures.format_number(summary.cost.instance_hours)
+    price = figures.format_number(campaign.spec.price_usd_per_hour)
+    return Tile(
+        f"{figures.format_usd(summary.cost.total_usd)} USD", (f"{hours} h × {price} USD/h",)
+    )
 
 
 class Pager(NamedTuple):

@@ -30,13 +30,7 @@ from eigenfail.values import (
     assess,
 )
 from eigenfail.values.scene import UNKNOWN_KIND
-from eigenfail_api.dashboard.charts import (
-    ChannelTable,
-    Chart,
-    describe_shown,
-    round_rows,
-    round_values,
-)
+from eigenfail_api.dashboard import charts
 from eigenfail_api.dashboard.rendering import Badge, make_outcome_badge
 from eigenfail_services.analysis.footprints import measure_clearances, measure_times_to_collision
 
@@ -75,7 +69,7 @@ CONVENTIONAL_LANE_M = 3.5
 
 def make_noise_chart(
     noise: NoiseTrajectory, dt_s: float | None, channels: Sequence[str] = AXES
-) -> Chart:
+) -> charts.Chart:
     """Return the chart of the noise of these channels, step by step."""
     standardised = noise.standardised
     times = [step * (dt_s or 1.0) for step in range(len(noise.z))]
@@ -85,22 +79,25 @@ def make_noise_chart(
     shown = pick_channels(weights)
     ranked = shown if len(shown) == len(channels) else rank_channels(weights)
     columns, rows = _make_noise_table(noise, times, axis, channels, shown)
-    every = ChannelTable(len(channels), *_make_noise_table(noise, times, axis, channels, ranked))
-    return Chart(
+    every = charts.ChannelTable(
+        len(channels), *_make_noise_table(noise, times, axis, channels, ranked)
+    )
+    return charts.Chart(
         id="noise-chart",
         kind="noise",
         title="Noise on the perceived position" if is_position else "Noise",
         caption=(
             "In standard deviations of the disturbance model "
             f"({noise.shape.in_words()}); the band is ±2 sigma."
-            + describe_shown(shown, channels, "the strongest noise")
+            + charts.describe_shown(shown, channels, "the strongest noise")
         ),
         data={
             "axis": axis,
             "end": len(times) * (dt_s or 1.0),
-            "time": round_values(times),
+            "time": charts.round_values(times),
             "channels": {
-                channels[way]: round_values(map(float, standardised[:, way])) for way in ranked
+                channels[way]: charts.round_values(map(float, standardised[:, way]))
+                for way in ranked
             },
         },
         columns=columns,
@@ -173,7 +170,7 @@ COURSE_CAPTIONS = {
 """Captions of the charts by the beginning of their ids."""
 
 
-def make_course_charts(scene: Scene) -> tuple[Chart, ...]:
+def make_course_charts(scene: Scene) -> tuple[charts.Chart, ...]:
     """Return the charts of distance, time to collision, speed and acceleration over time.
 
     The smallest distance is the robustness, and the smallest time to collision is MinTTC.
@@ -190,7 +187,7 @@ def make_course_charts(scene: Scene) -> tuple[Chart, ...]:
         ("Acceleration of the ego", "m/s²", accelerations, StripScale(-1.0, 1.0)),
     )
     return tuple(
-        Chart(
+        charts.Chart(
             id=f"{name}-chart",
             kind="course",
             title=title,
@@ -198,10 +195,10 @@ def make_course_charts(scene: Scene) -> tuple[Chart, ...]:
             data={
                 "axis": "Time [s]",
                 "end": end_s,
-                "time": round_values(dt_s * step for step in range(len(values))),
+                "time": charts.round_values(dt_s * step for step in range(len(values))),
                 "unit": unit,
                 "ticks": make_ticks(values, scale),
-                "values": round_values(
+                "values": charts.round_values(
                     float(value) if np.isfinite(value) else None for value in values
                 ),
             },
@@ -224,22 +221,22 @@ def find_nearest_moment(scene: Scene) -> float:
 
 def make_scene_chart(
     scene: Scene, mission: Mission | None, outcome: Outcome, name: str = "scene"
-) -> Chart:
+) -> charts.Chart:
     """Return the chart of the episode from above, with the moment at which it ended."""
     nearest = find_nearest_actors(scene)
     apart = measure_clearances(scene).min(axis=1)
-    return Chart(
+    return charts.Chart(
         id=name,
         kind="player",
         title="Scene from above",
         caption="Width and length have the same scale; the view follows the ego.",
         data={
             "dt": scene.dt_s,
-            "vehicles": [round_rows(vehicles) for vehicles in scene.vehicles],
-            "sizes": round_rows(scene.sizes),
-            "perceived": round_rows(scene.perceived),
+            "vehicles": [charts.round_rows(vehicles) for vehicles in scene.vehicles],
+            "sizes": charts.round_rows(scene.sizes),
+            "perceived": charts.round_rows(scene.perceived),
             "nearest": nearest,
-            "apart": round_values(map(float, apart)),
+            "apart": charts.round_values(map(float, apart)),
             "collides": outcome is Outcome.COLLISION,
             "lanes": mission.lanes if mission else 0,
             "lane": mission.lane_width_m if mission else CONVENTIONAL_LANE_M,
@@ -271,7 +268,7 @@ def _list_optional_values(scene: Scene) -> dict[str, object]:
     """
     shown: dict[str, object] = {}
     if not isinstance(scene.road, msgspec.UnsetType):
-        shown["road"] = [round_rows(border) for border in scene.road]
+        shown["road"] = [charts.round_rows(border) for border in scene.road]
     if not isinstance(scene.kinds, msgspec.UnsetType):
         shown["kinds"] = ["" if kind == UNKNOWN_KIND else kind for kind in scene.kinds]
     return shown
@@ -304,7 +301,7 @@ class ClipView(msgspec.Struct, frozen=True, kw_only=True):
     campaign_name: str
     index: int
     badge: Badge
-    scene: Chart | None
+    scene: charts.Chart | None
 
 
 def make_clip_view(campaign: Campaign, result: EpisodeResult, mission: Mission | None) -> ClipView:
@@ -348,8 +345,8 @@ class AccountView(msgspec.Struct, frozen=True, kw_only=True):
     story: tuple[str, ...] = ()
     jumps: tuple[Jump, ...] = ()
     steps: dict[str, object] | None = None
-    scene: Chart | None = None
-    courses: tuple[Chart, ...] = ()
+    scene: charts.Chart | None = None
+    courses: tuple[charts.Chart, ...] = ()
 
 
 def make_account_view(
@@ -387,12 +384,14 @@ def make_player_columns(steps: Sequence[ExplainedStep]) -> dict[str, object]:
         f"{word}, vehicle {step.vehicle}" if step.vehicle and word not in ("", "nobody") else word
         for word, step in zip(words["heeds"], steps, strict=True)
     ]
-    figures = {name: round_values(read_figure(step, name) for step in steps) for name in FIGURES}
-    truth = {
-        "true_gap_m": round_values(step.gap_m for step in steps),
-        "true_closing_mps": round_values(step.closing_mps for step in steps),
+    figures = {
+        name: charts.round_values(read_figure(step, name) for step in steps) for name in FIGURES
     }
-    paths = [round_values(value for point in step.path for value in point) for step in steps]
+    truth = {
+        "true_gap_m": charts.round_values(step.gap_m for step in steps),
+        "true_closing_mps": charts.round_values(step.closing_mps for step in steps),
+    }
+    paths = [charts.round_values(value for point in step.path for value in point) for step in steps]
     return {**words, **figures, **truth, "path": paths}
 
 

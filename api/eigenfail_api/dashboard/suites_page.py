@@ -10,14 +10,7 @@ from fastapi.responses import HTMLResponse
 from msgspec.structs import replace
 
 from eigenfail.intervals import bound_rate
-from eigenfail.presentation.figures import (
-    UNKNOWN,
-    count_noun,
-    format_count,
-    format_number,
-    format_usd,
-    put_unit,
-)
+from eigenfail.presentation import figures
 from eigenfail.presentation.seeds import label_spread, list_spread, tabulate_spreads
 from eigenfail.presentation.tables import Table, format_cell
 from eigenfail.suites import format_value
@@ -299,9 +292,9 @@ def make_heat_cell(members: Sequence[SuiteRow], rate: Rate | None, largest: floa
     address = f"/campaigns/{members[0].campaign}" if len(members) == 1 else ""
     if rate is None:
         return HeatCell(None, None, address)
-    counted = f"{format_count(rate.k)} of {format_count(rate.n)}"
+    counted = f"{figures.format_count(rate.k)} of {figures.format_count(rate.n)}"
     unresolved = sum(row.summary.unresolved.count for row in members)
-    more = (f"{format_count(unresolved)} unresolved",) if unresolved else ()
+    more = (f"{figures.format_count(unresolved)} unresolved",) if unresolved else ()
     if not rate.sampled:
         return HeatCell(Tile(counted, ("chosen by the search", *more)), None, address)
     told = format_cell(rate)
@@ -316,14 +309,14 @@ def make_tiles(table: SuiteTable) -> tuple[tuple[str, Tile], ...]:
     running = sum(row.state is CampaignState.RUNNING for row in table.members)
     spent = sum(row.summary.cost.total_usd for row in table.members)
     completed, planned, failures = (
-        format_count(sum(getattr(each, name) for each in counts))
+        figures.format_count(sum(getattr(each, name) for each in counts))
         for name in ("completed", "planned", "failures")
     )
     return (
-        ("Members", Tile(format_count(len(counts)), (f"{running} running",))),
+        ("Members", Tile(figures.format_count(len(counts)), (f"{running} running",))),
         ("Episodes", Tile(completed, (f"of {planned}",))),
         ("Failures", Tile(failures, ("collisions or violations",))),
-        ("Spent", Tile(f"{format_usd(spent)} USD", ("instance-hours × price",))),
+        ("Spent", Tile(f"{figures.format_usd(spent)} USD", ("instance-hours × price",))),
     )
 
 
@@ -331,7 +324,7 @@ def make_member_line(table: SuiteTable, row: SuiteRow) -> MemberLine:
     """Return the line of a member."""
     summary, counts = row.summary, row.summary.counts
     said = describe_settings(row)
-    left = f"{format_count(counts.cancelled)} not run" if counts.cancelled else ""
+    left = f"{figures.format_count(counts.cancelled)} not run" if counts.cancelled else ""
     return MemberLine(
         name=row.member,
         campaign=row.campaign,
@@ -344,8 +337,8 @@ def make_member_line(table: SuiteTable, row: SuiteRow) -> MemberLine:
         settings=tuple(said.get(column, DEFAULT) for column in table.columns),
         failures=rendering.make_failure_tile(summary),
         cost=rendering.make_cost_tile(summary),
-        likelihood=format_number(summary.log_probability_per_step),
-        severity=format_number(summary.mean_severity),
+        likelihood=figures.format_number(summary.log_probability_per_step),
+        severity=figures.format_number(summary.mean_severity),
         probability=rendering.make_probability_tile(summary.estimate),
         comparison=make_comparison_address(table, row),
     )
@@ -357,7 +350,7 @@ def make_mean_line(spread: SeedSpread, table: SuiteTable) -> MeanLine:
     return MeanLine(
         name=label_spread(spread, len(table.over_seeds) == 1),
         failures=Tile(share.value, share.notes),
-        cost=Tile(put_unit(cost.value, "USD"), cost.notes),
+        cost=Tile(figures.put_unit(cost.value, "USD"), cost.notes),
         likelihood=Tile(likelihood.value, likelihood.notes),
         severity=Tile(severity.value, severity.notes),
     )
@@ -367,7 +360,7 @@ def describe_settings(row: SuiteRow) -> dict[str, str]:
     """Return a member's settings as text, by column."""
     drawn = in_words({name: each for name, each in row.settings.items() if isinstance(each, dict)})
     return {
-        name: drawn.get(name) or (UNKNOWN if each is None else format_value(each))
+        name: drawn.get(name) or (figures.UNKNOWN if each is None else format_value(each))
         for name, each in row.settings.items()
     }
 
@@ -402,9 +395,10 @@ def list_notes(table: SuiteTable) -> Iterator[str]:
     if not table.columns and len(table.members) > 1:
         yield "The members differ only in their names."
     if table.earlier:
-        yield f"Left out: {count_noun(table.earlier, 'earlier campaign')} of the same names."
+        earlier = figures.count_noun(table.earlier, "earlier campaign")
+        yield f"Left out: {earlier} of the same names."
     if table.left_out:
-        yield f"Left out: {count_noun(table.left_out, 'member')} with older campaigns."
+        yield f"Left out: {figures.count_noun(table.left_out, 'member')} with older campaigns."
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)

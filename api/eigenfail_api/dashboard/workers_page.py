@@ -11,13 +11,7 @@ from eigenfail.presentation.workers import WorkerActivity, WorkerState, combine_
 from eigenfail.values.operations import ACTIVE_S, Event
 from eigenfail_api.dashboard.rendering import Badge, Tile, page, write_time
 from eigenfail_api.parameters import Stored
-from eigenfail_services.campaigns.summary import (
-    LATELY_S,
-    count_present,
-    list_recent_workers,
-    list_unrunnable,
-    make_staffing,
-)
+from eigenfail_services.campaigns import summary
 from eigenfail_services.store import Store
 
 STATE_BADGES = {
@@ -77,17 +71,17 @@ def show_workers(store: Stored) -> HTMLResponse:
 
 def make_workers_view(store: Store) -> WorkersView:
     """Return the page as things stand."""
-    here, lately = count_present(store), list_recent_workers(store, ACTIVE_S)
-    staffing = make_staffing(store, len(here), list_unrunnable(store))
+    here, lately = summary.count_present(store), summary.list_recent_workers(store, ACTIVE_S)
+    staffing = summary.make_staffing(store, len(here), summary.list_unrunnable(store))
     results = Counter[str]()
     for share in lately:
         results[share.worker] += share.episodes
-    found = combine_activity(here, list_recent_workers(store), lately)
+    found = combine_activity(here, summary.list_recent_workers(store), lately)
     workers = tuple(sorted(found, key=lambda each: each.state is WorkerState.GONE))
     return WorkersView(
         tiles=_make_tiles(workers, results.total()),
         lines=tuple(_make_line(each, results[each.worker]) for each in workers),
-        within=f"{LATELY_S // 60} min",
+        within=f"{summary.LATELY_S // 60} min",
         said="" if staffing.workers else staffing.said,
         stranded=staffing.stranded,
     )

@@ -6,19 +6,8 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Query, Response
 
+from eigenfail import values
 from eigenfail.errors import InvalidValue
-from eigenfail.values import (
-    Analysis,
-    AnalysisSettings,
-    CampaignCost,
-    Comparison,
-    FailureMode,
-    Mode,
-    Page,
-    Proof,
-    Region,
-    Safety,
-)
 from eigenfail.values.analysis import LONGEST_MODE_NAME
 from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.report import MOST_CAMPAIGNS, Report
@@ -26,23 +15,9 @@ from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.triage import TriageState
 from eigenfail.wire.http import PREFIX, ModeName, ProofRequest
+from eigenfail_api import parameters
 from eigenfail_api.concurrency import ConcurrencyLimit, SerialExecutor
 from eigenfail_api.openapi import JSON, document_route, problem_response, schema
-from eigenfail_api.parameters import (
-    IDS,
-    LARGEST,
-    LONGEST_IDS,
-    MANY_IDS,
-    AnalysisId,
-    Before,
-    CampaignId,
-    Json,
-    Limit,
-    MadeBy,
-    ModeNumber,
-    Stored,
-    body_of,
-)
 from eigenfail_services.campaigns.analysis_jobs import find_basis
 from eigenfail_services.campaigns.comparison import compare
 from eigenfail_services.campaigns.costs import compare_peers, find_spending
@@ -59,77 +34,87 @@ OnlyState = Annotated[TriageState | None, Query(description="Only modes in this 
 
 
 @router.post(
-    "/campaigns/{campaign}/analyses", **document_route(Analysis, 201, body=AnalysisSettings)
+    "/campaigns/{campaign}/analyses",
+    **document_route(values.Analysis, 201, body=values.AnalysisSettings),
 )
 def create_analysis(
-    store: Stored,
-    campaign: CampaignId,
-    settings: Annotated[AnalysisSettings, Depends(body_of(AnalysisSettings))],
-) -> Json:
+    store: parameters.Stored,
+    campaign: parameters.CampaignId,
+    settings: Annotated[
+        values.AnalysisSettings, Depends(parameters.body_of(values.AnalysisSettings))
+    ],
+) -> parameters.Json:
     """Queue an analysis of the failures of a campaign and of further campaigns."""
     find_basis(store, campaign, settings)
     analysis = store.analyses.create(campaign, settings)
-    return Json(analysis, 201, {"Location": f"{PREFIX}/analyses/{analysis.id}"})
+    return parameters.Json(analysis, 201, {"Location": f"{PREFIX}/analyses/{analysis.id}"})
 
 
-@router.get("/campaigns/{campaign}/analyses", **document_route(Page[Analysis]))
+@router.get("/campaigns/{campaign}/analyses", **document_route(values.Page[values.Analysis]))
 def list_analyses(
-    store: Stored, campaign: CampaignId, limit: Limit = 50, before: Before = None
-) -> Json:
+    store: parameters.Stored,
+    campaign: parameters.CampaignId,
+    limit: parameters.Limit = 50,
+    before: parameters.Before = None,
+) -> parameters.Json:
     """List the analyses of a campaign, newest first, without their results."""
     store.campaigns.get(campaign)
-    return Json(store.analyses.page(limit, before, campaign))
+    return parameters.Json(store.analyses.page(limit, before, campaign))
 
 
-@router.get("/analyses/{analysis}", **document_route(Analysis))
-def get_analysis(store: Stored, analysis: AnalysisId) -> Json:
+@router.get("/analyses/{analysis}", **document_route(values.Analysis))
+def get_analysis(store: parameters.Stored, analysis: parameters.AnalysisId) -> parameters.Json:
     """Get an analysis, with its result once it is done."""
-    return Json(store.analyses.get(analysis))
+    return parameters.Json(store.analyses.get(analysis))
 
 
-@router.get("/analyses/{analysis}/eigenfailures", **document_route(Page[FailureMode]))
-def list_eigenfailures(store: Stored, analysis: AnalysisId) -> Json:
+@router.get("/analyses/{analysis}/eigenfailures", **document_route(values.Page[values.FailureMode]))
+def list_eigenfailures(
+    store: parameters.Stored, analysis: parameters.AnalysisId
+) -> parameters.Json:
     """List the failure modes of an analysis, each with its eigenfailure."""
-    return Json(Page(read_result(store.analyses.get(analysis)).modes))
+    return parameters.Json(values.Page(read_result(store.analyses.get(analysis)).modes))
 
 
-@router.get("/analyses/{analysis}/modes", **document_route(Page[Mode]))
-def list_modes(store: Stored, analysis: AnalysisId, state: OnlyState = None) -> Json:
+@router.get("/analyses/{analysis}/modes", **document_route(values.Page[values.Mode]))
+def list_modes(
+    store: parameters.Stored, analysis: parameters.AnalysisId, state: OnlyState = None
+) -> parameters.Json:
     """List the failure modes of an analysis by number, with their names; none before it is done."""
-    return Json(Page(store.analyses.modes(analysis, state)))
+    return parameters.Json(values.Page(store.analyses.modes(analysis, state)))
 
 
-@router.put("/analyses/{analysis}/modes/{mode}/name", **document_route(Mode, body=ModeName))
+@router.put("/analyses/{analysis}/modes/{mode}/name", **document_route(values.Mode, body=ModeName))
 def rename_mode(
-    store: Stored,
-    analysis: AnalysisId,
-    mode: ModeNumber,
-    given: Annotated[ModeName, Depends(body_of(ModeName))],
-) -> Json:
+    store: parameters.Stored,
+    analysis: parameters.AnalysisId,
+    mode: parameters.ModeNumber,
+    given: Annotated[ModeName, Depends(parameters.body_of(ModeName))],
+) -> parameters.Json:
     """Give a failure mode a name."""
     name = " ".join(given.name.split())
     if not name or not name.isprintable():
         problem = "it is empty, or contains a character that cannot be printed."
         raise InvalidValue("name", problem, f"Write up to {LONGEST_MODE_NAME} characters.")
-    return Json(store.analyses.rename_mode(analysis, mode, name))
+    return parameters.Json(store.analyses.rename_mode(analysis, mode, name))
 
 
-@router.post("/analyses/{analysis}/proof", **document_route(Proof, 202, body=ProofRequest))
+@router.post("/analyses/{analysis}/proof", **document_route(values.Proof, 202, body=ProofRequest))
 def prove_analysis(
-    store: Stored,
-    analysis: AnalysisId,
-    request: Annotated[ProofRequest, Depends(body_of(ProofRequest))],
-    made_by: MadeBy,
-) -> Json:
+    store: parameters.Stored,
+    analysis: parameters.AnalysisId,
+    request: Annotated[ProofRequest, Depends(parameters.body_of(ProofRequest))],
+    made_by: parameters.MadeBy,
+) -> parameters.Json:
     """Queue replays of eigenfailures and medoids in each scenario that has none yet."""
     proven = launch_replays(store, store.analyses.get(analysis), request.variations, made_by)
-    return Json(proven, 202, {"Location": f"{PREFIX}/analyses/{analysis}/proof"})
+    return parameters.Json(proven, 202, {"Location": f"{PREFIX}/analyses/{analysis}/proof"})
 
 
-@router.get("/analyses/{analysis}/proof", **document_route(Proof))
-def get_proof(store: Stored, analysis: AnalysisId) -> Json:
+@router.get("/analyses/{analysis}/proof", **document_route(values.Proof))
+def get_proof(store: parameters.Stored, analysis: parameters.AnalysisId) -> parameters.Json:
     """Get the number of replays that failed again, by scenario, so far."""
-    return Json(summarise_proof(store, store.analyses.get(analysis)))
+    return parameters.Json(summarise_proof(store, store.analyses.get(analysis)))
 
 
 figures_router = APIRouter(prefix=PREFIX, tags=["campaigns"])
@@ -141,7 +126,7 @@ COMPARISONS = Depends(ConcurrencyLimit("comparisons"), scope="function")
 Ids = Annotated[
     str,
     Query(
-        pattern=IDS,
+        pattern=parameters.IDS,
         description="Ids of campaigns, one for each seed, comma-separated.",
         examples=["1"],
     ),
@@ -151,8 +136,8 @@ Ids = Annotated[
 SeedIds = Annotated[
     str,
     Query(
-        pattern=MANY_IDS,
-        max_length=LONGEST_IDS,
+        pattern=parameters.MANY_IDS,
+        max_length=parameters.LONGEST_IDS,
         description="Ids of campaigns, comma-separated; those that differ in more than the seed "
         "are several groups.",
         examples=["1,2"],
@@ -160,16 +145,16 @@ SeedIds = Annotated[
 ]
 
 
-@figures_router.get("/comparisons", dependencies=[COMPARISONS], **document_route(Comparison))
-def get_comparison(store: Stored, a: Ids, b: Ids) -> Json:
+@figures_router.get("/comparisons", dependencies=[COMPARISONS], **document_route(values.Comparison))
+def get_comparison(store: parameters.Stored, a: Ids, b: Ids) -> parameters.Json:
     """Compare failure rates, cost, likelihood and pairs of two campaigns, or of several seeds."""
-    return Json(compare(store, parse_ids(a), parse_ids(b)))
+    return parameters.Json(compare(store, parse_ids(a), parse_ids(b)))
 
 
-@figures_router.get("/seeds", **document_route(Page[SeedSpread]))
-def list_spreads(store: Stored, campaigns: SeedIds) -> Json:
+@figures_router.get("/seeds", **document_route(values.Page[SeedSpread]))
+def list_spreads(store: parameters.Stored, campaigns: SeedIds) -> parameters.Json:
     """List mean and spread over seeds of each group of campaigns that differ in their seeds."""
-    return Json(Page(find_spreads(store, parse_ids(campaigns))))
+    return parameters.Json(values.Page(find_spreads(store, parse_ids(campaigns))))
 
 
 def parse_ids(ids: str) -> tuple[int, ...]:
@@ -180,18 +165,18 @@ def parse_ids(ids: str) -> tuple[int, ...]:
 COSTS = Depends(ConcurrencyLimit("bills"), scope="function")
 
 
-@figures_router.get("/costs", dependencies=[COSTS], **document_route(Page[PeerCosts]))
-def list_costs(store: Stored) -> Json:
+@figures_router.get("/costs", dependencies=[COSTS], **document_route(values.Page[PeerCosts]))
+def list_costs(store: parameters.Stored) -> parameters.Json:
     """List the cost per failure by method, over all campaigns of one planner and scenario."""
-    return Json(Page(compare_peers(store.figures.pools(), store.campaigns.get)))
+    return parameters.Json(values.Page(compare_peers(store.figures.pools(), store.campaigns.get)))
 
 
 @figures_router.get(
-    "/campaigns/{campaign}/cost", dependencies=[COSTS], **document_route(CampaignCost)
+    "/campaigns/{campaign}/cost", dependencies=[COSTS], **document_route(values.CampaignCost)
 )
-def get_cost(store: Stored, campaign: CampaignId) -> Json:
+def get_cost(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Get the cost of a campaign's failures and modes over time, and how its time was spent."""
-    return Json(find_spending(store, store.campaigns.get(campaign)))
+    return parameters.Json(find_spending(store, store.campaigns.get(campaign)))
 
 
 REGIONS = SerialExecutor("region")
@@ -200,16 +185,18 @@ REGIONS = SerialExecutor("region")
 Level = Annotated[float, Query(gt=0.0, lt=1.0, description="Level of VaR and CVaR of severity.")]
 
 
-@figures_router.get("/campaigns/{campaign}/safety", **document_route(Safety))
-def get_safety(store: Stored, campaign: CampaignId, level: Level = TAIL_LEVEL) -> Json:
+@figures_router.get("/campaigns/{campaign}/safety", **document_route(values.Safety))
+def get_safety(
+    store: parameters.Stored, campaign: parameters.CampaignId, level: Level = TAIL_LEVEL
+) -> parameters.Json:
     """Get collisions, near misses, MinTTC, DRAC and severity of a campaign so far."""
-    return Json(find_safety(store, store.campaigns.get(campaign), level))
+    return parameters.Json(find_safety(store, store.campaigns.get(campaign), level))
 
 
-@figures_router.get("/campaigns/region", **document_route(Region))
-async def get_region(store: Stored, campaigns: Ids) -> Json:
+@figures_router.get("/campaigns/region", **document_route(values.Region))
+async def get_region(store: parameters.Stored, campaigns: Ids) -> parameters.Json:
     """Get the region of scenario parameters in which the episodes of campaigns fail."""
-    return Json(await REGIONS.do(find_region_in_process, store, parse_ids(campaigns)))
+    return parameters.Json(await REGIONS.do(find_region_in_process, store, parse_ids(campaigns)))
 
 
 REPORTS = Depends(ConcurrencyLimit("reports"), scope="function")
@@ -244,7 +231,7 @@ CONTENT: dict[str, Any] = {
 
 
 Campaigns = Annotated[
-    list[Annotated[int, Query(ge=1, le=LARGEST)]],
+    list[Annotated[int, Query(ge=1, le=parameters.LARGEST)]],
     Query(min_length=1, max_length=MOST_CAMPAIGNS, description="Id of a campaign; repeatable."),
 ]
 
@@ -261,7 +248,9 @@ AsFormat = Annotated[
     responses={200: {"content": CONTENT}, "default": problem_response()},
     dependencies=[REPORTS],
 )
-def get_report(store: Stored, campaign: Campaigns, format_: AsFormat = Form.HTML) -> Response:
+def get_report(
+    store: parameters.Stored, campaign: Campaigns, format_: AsFormat = Form.HTML
+) -> Response:
     """Get a report on campaigns as a self-contained file."""
     kind, write = WRITERS[format_]
     # A download is no page of this service: the report brings its own policy for scripts.

@@ -8,18 +8,10 @@ import msgspec
 from fastapi import APIRouter, Depends, Path, Query
 from msgspec.structs import replace
 
+from eigenfail import values
 from eigenfail.errors import IllegalTransition
 from eigenfail.filters import CAMPAIGN_ORDERS, NEWEST_FIRST, parse_campaign_sort
 from eigenfail.suites import SuiteRequest
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    Course,
-    MinimalFailure,
-    Page,
-    Summary,
-)
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.campaign_spec import PriorityChange
 from eigenfail.values.estimates import ChainMixing
@@ -27,47 +19,14 @@ from eigenfail.values.learning import Policy
 from eigenfail.values.operations import Pruning
 from eigenfail.values.suite import SuiteStanding, SuiteTable
 from eigenfail.wire.http import PREFIX, CampaignCheck, Digest, ShrinkRequest, make_problem
+from eigenfail_api import parameters
 from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.openapi import FIELDS, SPECS, document_plain_route, document_route
-from eigenfail_api.parameters import (
-    LARGEST,
-    Before,
-    CampaignId,
-    EpisodeIndex,
-    IdempotencyKey,
-    Json,
-    Limit,
-    MadeBy,
-    PageRequest,
-    Stored,
-    WithTotal,
-    body_of,
-    plain_body,
-)
+from eigenfail_services.campaigns import drafts, summary, validation
 from eigenfail_services.campaigns.chain_mixing import find_chain_mixing
-from eigenfail_services.campaigns.drafts import (
-    check_draft_offers,
-    clone,
-    fill_defaults,
-    find_problems,
-    read_draft,
-    read_drafts,
-)
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure, make_minimal_spec
 from eigenfail_services.campaigns.resolution import ResolvedCampaign
 from eigenfail_services.campaigns.suites import create_suite, make_suite_table, read_suite
-from eigenfail_services.campaigns.summary import (
-    find_course,
-    find_newest_policy,
-    summaries_of,
-    summarise,
-)
-from eigenfail_services.campaigns.validation import (
-    check_offers,
-    describe_stop_rules,
-    list_offers,
-    validate_campaign,
-)
 from eigenfail_services.store import Store
 
 STEERING_ATTEMPTS = 3
@@ -82,37 +41,37 @@ class SteeringAction(msgspec.Struct, frozen=True):
         participle: participle of the verb, for sentences.
     """
 
-    steps: Mapping[CampaignState, CampaignState]
-    done_in: frozenset[CampaignState]
+    steps: Mapping[values.CampaignState, values.CampaignState]
+    done_in: frozenset[values.CampaignState]
     participle: str
 
 
 PAUSE = SteeringAction(
     steps={
-        CampaignState.QUEUED: CampaignState.PAUSED,
-        CampaignState.RUNNING: CampaignState.PAUSING,
+        values.CampaignState.QUEUED: values.CampaignState.PAUSED,
+        values.CampaignState.RUNNING: values.CampaignState.PAUSING,
     },
-    done_in=frozenset({CampaignState.PAUSING, CampaignState.PAUSED}),
+    done_in=frozenset({values.CampaignState.PAUSING, values.CampaignState.PAUSED}),
     participle="paused",
 )
 RESUME = SteeringAction(
-    steps={CampaignState.PAUSED: CampaignState.QUEUED},
-    done_in=frozenset({CampaignState.QUEUED, CampaignState.RUNNING}),
+    steps={values.CampaignState.PAUSED: values.CampaignState.QUEUED},
+    done_in=frozenset({values.CampaignState.QUEUED, values.CampaignState.RUNNING}),
     participle="resumed",
 )
 CANCEL = SteeringAction(
     steps={
-        CampaignState.QUEUED: CampaignState.CANCELLED,
-        CampaignState.PAUSED: CampaignState.CANCELLED,
-        CampaignState.RUNNING: CampaignState.CANCELLING,
-        CampaignState.PAUSING: CampaignState.CANCELLING,
+        values.CampaignState.QUEUED: values.CampaignState.CANCELLED,
+        values.CampaignState.PAUSED: values.CampaignState.CANCELLED,
+        values.CampaignState.RUNNING: values.CampaignState.CANCELLING,
+        values.CampaignState.PAUSING: values.CampaignState.CANCELLING,
     },
-    done_in=frozenset({CampaignState.CANCELLING, CampaignState.CANCELLED}),
+    done_in=frozenset({values.CampaignState.CANCELLING, values.CampaignState.CANCELLED}),
     participle="cancelled",
 )
 
 
-def steer(store: Store, campaign: int, action: SteeringAction) -> Campaign:
+def steer(store: Store, campaign: int, action: SteeringAction) -> values.Campaign:
     """Take an action on a campaign, unless it was taken before; return the campaign.
 
     Raises:
@@ -128,7 +87,7 @@ def steer(store: Store, campaign: int, action: SteeringAction) -> Campaign:
     return _take_step(store, campaign, action)
 
 
-def _take_step(store: Store, campaign: int, action: SteeringAction) -> Campaign:
+def _take_step(store: Store, campaign: int, action: SteeringAction) -> values.Campaign:
     found = store.campaigns.get(campaign)
     if found.state in action.done_in:
         return found
@@ -145,14 +104,18 @@ router = APIRouter(prefix=f"{PREFIX}/campaigns", tags=["campaigns"])
 
 Per = Annotated[
     int | None,
-    Query(ge=1, le=LARGEST, description="Episodes in a block; the default depends on the budget."),
+    Query(
+        ge=1,
+        le=parameters.LARGEST,
+        description="Episodes in a block; the default depends on the budget.",
+    ),
 ]
 Search = Annotated[
     str | None,
     Query(description="Only campaigns whose name contains this text; case is ignored."),
 ]
 Archived = Annotated[bool, Query(description="Whether archived campaigns are listed, too.")]
-Fields = Annotated[dict[str, Any], Depends(plain_body(dict))]
+Fields = Annotated[dict[str, Any], Depends(parameters.plain_body(dict))]
 Sort = Annotated[
     str,
     Query(
@@ -160,7 +123,7 @@ Sort = Annotated[
         description=f"Order: {', '.join(CAMPAIGN_ORDERS)}; with a minus, the largest first.",
     ),
 ]
-Items = Annotated[list[Any], Depends(plain_body(list))]
+Items = Annotated[list[Any], Depends(parameters.plain_body(list))]
 
 
 def parse_labels(
@@ -181,7 +144,7 @@ Labels = Annotated[CampaignFilter, Depends(parse_labels)]
 
 def parse_query(
     labels: Labels,
-    state: Annotated[CampaignState | None, Query(description="Only in this state.")] = None,
+    state: Annotated[values.CampaignState | None, Query(description="Only in this state.")] = None,
     suite: Annotated[str | None, Query(description="Only campaigns of this suite.")] = None,
     method: Annotated[str | None, Query(description="Only campaigns of this method.")] = None,
     search: Search = None,
@@ -191,203 +154,220 @@ def parse_query(
 
 
 def read_page(
-    limit: Limit = 50, before: Before = None, with_total: WithTotal = False
-) -> PageRequest:
+    limit: parameters.Limit = 50,
+    before: parameters.Before = None,
+    with_total: parameters.WithTotal = False,
+) -> parameters.PageRequest:
     """Return the page that a request asks for."""
-    return PageRequest(limit, before, with_total)
+    return parameters.PageRequest(limit, before, with_total)
 
 
-def _launch(store: Store, wanted: ResolvedCampaign, key: str | None, made_by: int | None) -> Json:
+def _launch(
+    store: Store, wanted: ResolvedCampaign, key: str | None, made_by: int | None
+) -> parameters.Json:
     # A repeated request is answered as the first one was, whatever workers are connected now.
     if not store.campaigns.is_key_used(key):
-        check_offers(wanted, list_offers([wanted], store))
+        validation.check_offers(wanted, validation.list_offers([wanted], store))
     made = store.campaigns.create(wanted.spec, key, made_by)
-    return Json(made, 201, {"Location": f"{PREFIX}/campaigns/{made.id}"})
+    return parameters.Json(made, 201, {"Location": f"{PREFIX}/campaigns/{made.id}"})
 
 
-@router.post("", **document_route(Campaign, 201, body=CampaignSpec))
+@router.post("", **document_route(values.Campaign, 201, body=values.CampaignSpec))
 def create_campaign(
-    store: Stored,
-    spec: Annotated[CampaignSpec, Depends(body_of(CampaignSpec))],
-    made_by: MadeBy,
-    idempotency_key: IdempotencyKey = None,
-) -> Json:
+    store: parameters.Stored,
+    spec: Annotated[values.CampaignSpec, Depends(parameters.body_of(values.CampaignSpec))],
+    made_by: parameters.MadeBy,
+    idempotency_key: parameters.IdempotencyKey = None,
+) -> parameters.Json:
     """Queue a new campaign."""
-    return _launch(store, validate_campaign(spec, store), idempotency_key, made_by)
+    return _launch(store, validation.validate_campaign(spec, store), idempotency_key, made_by)
 
 
 @router.post("/check", **document_plain_route(CampaignCheck, 200, FIELDS))
-def check_campaign(store: Stored, fields: Fields) -> Json:
+def check_campaign(store: parameters.Stored, fields: Fields) -> parameters.Json:
     """Validate a new campaign: its full specification, or all its errors. Nothing is created."""
-    if problems := find_problems(fields, store):
-        return Json(CampaignCheck(None, tuple(map(make_problem, problems))))
-    campaign = read_draft(fields, store)
-    notes = tuple(describe_stop_rules(campaign))
-    return Json(CampaignCheck(fill_defaults(campaign.spec), notes=notes))
+    if problems := drafts.find_problems(fields, store):
+        return parameters.Json(CampaignCheck(None, tuple(map(make_problem, problems))))
+    campaign = drafts.read_draft(fields, store)
+    notes = tuple(validation.describe_stop_rules(campaign))
+    return parameters.Json(CampaignCheck(drafts.fill_defaults(campaign.spec), notes=notes))
 
 
-@router.post("/bulk", **document_plain_route(Page[Campaign], 201, SPECS))
+@router.post("/bulk", **document_plain_route(values.Page[values.Campaign], 201, SPECS))
 def create_campaigns(
-    store: Stored, specs: Items, made_by: MadeBy, idempotency_key: IdempotencyKey = None
-) -> Json:
+    store: parameters.Stored,
+    specs: Items,
+    made_by: parameters.MadeBy,
+    idempotency_key: parameters.IdempotencyKey = None,
+) -> parameters.Json:
     """Queue new campaigns in the order of the list: all of them, or none."""
-    wanted = read_drafts(specs, store)
+    wanted = drafts.read_drafts(specs, store)
     if not store.campaigns.is_list_key_used(idempotency_key):
-        check_draft_offers(wanted, store)
+        drafts.check_draft_offers(wanted, store)
     named = [each.spec for each in wanted]
-    return Json(Page(store.campaigns.create_many(named, idempotency_key, made_by)), 201)
+    return parameters.Json(
+        values.Page(store.campaigns.create_many(named, idempotency_key, made_by)), 201
+    )
 
 
-@router.get("", **document_route(Page[Campaign]))
+@router.get("", **document_route(values.Page[values.Campaign]))
 def list_campaigns(
-    store: Stored,
+    store: parameters.Stored,
     where: Annotated[CampaignFilter, Depends(parse_query)],
-    asked: Annotated[PageRequest, Depends(read_page)],
+    asked: Annotated[parameters.PageRequest, Depends(read_page)],
     sort: Sort = str(NEWEST_FIRST),
-) -> Json:
+) -> parameters.Json:
     """List campaigns in an order, by default newest first."""
     total = store.campaigns.count(where) if asked.with_total else msgspec.UNSET
     found = store.campaigns.page(asked.limit, asked.cursor, where, parse_campaign_sort(sort))
-    return Json(Page(found.items, found.next, total))
+    return parameters.Json(values.Page(found.items, found.next, total))
 
 
-@router.get("/summaries", **document_route(Page[Summary]))
+@router.get("/summaries", **document_route(values.Page[values.Summary]))
 def list_summaries(
-    store: Stored, limit: Limit = 50, before: Before = None, archived: Archived = False
-) -> Json:
+    store: parameters.Stored,
+    limit: parameters.Limit = 50,
+    before: parameters.Before = None,
+    archived: Archived = False,
+) -> parameters.Json:
     """List failures, failure rate, likelihood and cost of campaigns, newest first."""
     where = CampaignFilter(archived=None if archived else False)
     page = store.campaigns.page(limit, before, where)
-    return Json(Page(tuple(summaries_of(store, page.items)), page.next))
+    return parameters.Json(values.Page(tuple(summary.summaries_of(store, page.items)), page.next))
 
 
-@router.get("/{campaign}", **document_route(Campaign))
-def get_campaign(store: Stored, campaign: CampaignId) -> Json:
+@router.get("/{campaign}", **document_route(values.Campaign))
+def get_campaign(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Get a campaign in its current state."""
-    return Json(store.campaigns.get(campaign))
+    return parameters.Json(store.campaigns.get(campaign))
 
 
-@router.post("/{campaign}/clone", **document_plain_route(Campaign, 201, FIELDS))
+@router.post("/{campaign}/clone", **document_plain_route(values.Campaign, 201, FIELDS))
 def clone_campaign(
-    store: Stored,
-    campaign: CampaignId,
+    store: parameters.Stored,
+    campaign: parameters.CampaignId,
     changes: Fields,
-    made_by: MadeBy,
-    idempotency_key: IdempotencyKey = None,
-) -> Json:
+    made_by: parameters.MadeBy,
+    idempotency_key: parameters.IdempotencyKey = None,
+) -> parameters.Json:
     """Queue a copy of a campaign, with other values for some fields."""
-    wanted = clone(store.campaigns.get(campaign).spec, changes, store)
+    wanted = drafts.clone(store.campaigns.get(campaign).spec, changes, store)
     return _launch(store, wanted, idempotency_key, made_by)
 
 
 def draft_minimal_campaign(
-    store: Stored,
-    campaign: CampaignId,
-    index: EpisodeIndex,
-    request: Annotated[ShrinkRequest, Depends(body_of(ShrinkRequest))],
-) -> CampaignSpec:
+    store: parameters.Stored,
+    campaign: parameters.CampaignId,
+    index: parameters.EpisodeIndex,
+    request: Annotated[ShrinkRequest, Depends(parameters.body_of(ShrinkRequest))],
+) -> values.CampaignSpec:
     """Return the campaign that is to shrink an episode."""
     return make_minimal_spec(store, campaign, index, request.episodes)
 
 
 @router.post(
-    "/{campaign}/episodes/{index}/shrink", **document_route(Campaign, 201, body=ShrinkRequest)
+    "/{campaign}/episodes/{index}/shrink",
+    **document_route(values.Campaign, 201, body=ShrinkRequest),
 )
 def shrink_episode(
-    store: Stored,
-    wanted: Annotated[CampaignSpec, Depends(draft_minimal_campaign)],
-    made_by: MadeBy,
-    idempotency_key: IdempotencyKey = None,
-) -> Json:
+    store: parameters.Stored,
+    wanted: Annotated[values.CampaignSpec, Depends(draft_minimal_campaign)],
+    made_by: parameters.MadeBy,
+    idempotency_key: parameters.IdempotencyKey = None,
+) -> parameters.Json:
     """Queue a campaign that finds the least noise with which an episode still fails."""
-    return _launch(store, validate_campaign(wanted, store), idempotency_key, made_by)
+    return _launch(store, validation.validate_campaign(wanted, store), idempotency_key, made_by)
 
 
-@router.post("/{campaign}/pause", **document_route(Campaign))
-def pause_campaign(store: Stored, campaign: CampaignId) -> Json:
+@router.post("/{campaign}/pause", **document_route(values.Campaign))
+def pause_campaign(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Pause a campaign; its running episodes are finished and kept."""
-    return Json(steer(store, campaign, PAUSE))
+    return parameters.Json(steer(store, campaign, PAUSE))
 
 
-@router.post("/{campaign}/resume", **document_route(Campaign))
-def resume_campaign(store: Stored, campaign: CampaignId) -> Json:
+@router.post("/{campaign}/resume", **document_route(values.Campaign))
+def resume_campaign(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Resume a paused campaign."""
-    return Json(steer(store, campaign, RESUME))
+    return parameters.Json(steer(store, campaign, RESUME))
 
 
-@router.post("/{campaign}/cancel", **document_route(Campaign))
-def cancel_campaign(store: Stored, campaign: CampaignId) -> Json:
+@router.post("/{campaign}/cancel", **document_route(values.Campaign))
+def cancel_campaign(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Cancel a campaign; finished episodes are kept."""
-    return Json(steer(store, campaign, CANCEL))
+    return parameters.Json(steer(store, campaign, CANCEL))
 
 
-@router.post("/{campaign}/archive", **document_route(Campaign))
-def archive_campaign(store: Stored, campaign: CampaignId) -> Json:
+@router.post("/{campaign}/archive", **document_route(values.Campaign))
+def archive_campaign(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Archive a campaign that has ended: lists omit it, and nothing of it is deleted."""
-    return Json(store.campaigns.archive(campaign))
+    return parameters.Json(store.campaigns.archive(campaign))
 
 
-@router.post("/{campaign}/restore", **document_route(Campaign))
-def restore_campaign(store: Stored, campaign: CampaignId) -> Json:
+@router.post("/{campaign}/restore", **document_route(values.Campaign))
+def restore_campaign(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """List an archived campaign again."""
-    return Json(store.campaigns.restore(campaign))
+    return parameters.Json(store.campaigns.restore(campaign))
 
 
-@router.post("/{campaign}/priority", **document_route(Campaign, body=PriorityChange))
+@router.post("/{campaign}/priority", **document_route(values.Campaign, body=PriorityChange))
 def prioritise_campaign(
-    store: Stored,
-    campaign: CampaignId,
-    change: Annotated[PriorityChange, Depends(body_of(PriorityChange))],
-) -> Json:
+    store: parameters.Stored,
+    campaign: parameters.CampaignId,
+    change: Annotated[PriorityChange, Depends(parameters.body_of(PriorityChange))],
+) -> parameters.Json:
     """Change the priority of a campaign that has not ended."""
-    return Json(store.campaigns.prioritise(campaign, change.priority))
+    return parameters.Json(store.campaigns.prioritise(campaign, change.priority))
 
 
-@router.get("/{campaign}/summary", **document_route(Summary))
-def get_summary(store: Stored, campaign: CampaignId) -> Json:
+@router.get("/{campaign}/summary", **document_route(values.Summary))
+def get_summary(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Get failures, failure rate, likelihood and cost of a campaign so far."""
     seen = store.campaigns.get(campaign)
-    return Json(summarise(seen, store.episodes.totals(campaign)))
+    return parameters.Json(summary.summarise(seen, store.episodes.totals(campaign)))
 
 
-@router.get("/{campaign}/course", **document_route(Course))
-def get_course(store: Stored, campaign: CampaignId, per: Per = None) -> Json:
+@router.get("/{campaign}/course", **document_route(values.Course))
+def get_course(
+    store: parameters.Stored, campaign: parameters.CampaignId, per: Per = None
+) -> parameters.Json:
     """Get failures, likelihood and robustness over the episodes of a campaign so far."""
-    return Json(find_course(store, store.campaigns.get(campaign), per))
+    return parameters.Json(summary.find_course(store, store.campaigns.get(campaign), per))
 
 
-@router.get("/{campaign}/minimal", **document_route(MinimalFailure))
-def get_minimal_failure(store: Stored, campaign: CampaignId) -> Json:
+@router.get("/{campaign}/minimal", **document_route(values.MinimalFailure))
+def get_minimal_failure(
+    store: parameters.Stored, campaign: parameters.CampaignId
+) -> parameters.Json:
     """Get the smallest noise found to fail, of a campaign that minimises a failure."""
-    return Json(find_minimal_failure(store, store.campaigns.get(campaign)))
+    return parameters.Json(find_minimal_failure(store, store.campaigns.get(campaign)))
 
 
 @router.get("/{campaign}/mixing", **document_route(ChainMixing))
-def get_chain_mixing(store: Stored, campaign: CampaignId) -> Json:
+def get_chain_mixing(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Get how far the chains of a campaign have mixed, by R-hat and effective sample size."""
-    return Json(find_chain_mixing(store, store.campaigns.get(campaign)))
+    return parameters.Json(find_chain_mixing(store, store.campaigns.get(campaign)))
 
 
 @router.get("/{campaign}/digest", **document_route(Digest))
-def get_digest(store: Stored, campaign: CampaignId) -> Json:
+def get_digest(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Get the SHA-256 of a campaign's results, by which repeated campaigns are compared."""
     seen = store.campaigns.get(campaign)
     digest = seen.digest or store.episodes.digest(campaign)
     episodes = seen.counts.completed + seen.counts.errored
-    return Json(Digest(campaign, digest, episodes, final=seen.digest is not None))
+    return parameters.Json(Digest(campaign, digest, episodes, final=seen.digest is not None))
 
 
 @router.get("/{campaign}/policy", **document_route(Policy))
-def get_policy(store: Stored, campaign: CampaignId) -> Json:
+def get_policy(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """Get the newest policy that a campaign has trained: raw float32 weights, row by row."""
-    return Json(find_newest_policy(store, store.campaigns.get(campaign)))
+    return parameters.Json(summary.find_newest_policy(store, store.campaigns.get(campaign)))
 
 
-@router.get("/{campaign}/prunings", **document_route(Page[Pruning]))
-def list_prunings(store: Stored, campaign: CampaignId) -> Json:
+@router.get("/{campaign}/prunings", **document_route(values.Page[Pruning]))
+def list_prunings(store: parameters.Stored, campaign: parameters.CampaignId) -> parameters.Json:
     """List the deletions of a campaign's noise by rule, time, user and size, oldest first."""
     store.campaigns.get(campaign)
-    return Json(Page(store.retention.of(campaign)))
+    return parameters.Json(values.Page(store.retention.of(campaign)))
 
 
 suites_router = APIRouter(prefix=f"{PREFIX}/suites", tags=["suites"])
@@ -398,10 +378,12 @@ SuiteName = Annotated[
 ]
 
 
-@suites_router.get("", **document_route(Page[SuiteStanding]))
-def list_suites(store: Stored, limit: Limit = 50, before: Before = None) -> Json:
+@suites_router.get("", **document_route(values.Page[SuiteStanding]))
+def list_suites(
+    store: parameters.Stored, limit: parameters.Limit = 50, before: parameters.Before = None
+) -> parameters.Json:
     """List suites by their newest campaign, newest first; `before` is the id of a campaign."""
-    return Json(store.campaigns.suites(limit, before))
+    return parameters.Json(store.campaigns.suites(limit, before))
 
 
 SUITES = Depends(ConcurrencyLimit("suites"), scope="function")
@@ -409,17 +391,17 @@ SUITES = Depends(ConcurrencyLimit("suites"), scope="function")
 
 @suites_router.post("", dependencies=[SUITES], **document_route(SuiteTable, 201, body=SuiteRequest))
 def create_suite_campaigns(
-    store: Stored,
-    given: Annotated[SuiteRequest, Depends(body_of(SuiteRequest))],
-    made_by: MadeBy,
-) -> Json:
+    store: parameters.Stored,
+    given: Annotated[SuiteRequest, Depends(parameters.body_of(SuiteRequest))],
+    made_by: parameters.MadeBy,
+) -> parameters.Json:
     """Queue the campaigns of a suite that do not exist yet, all or none; get its table."""
     create_suite(store, read_suite(given), made_by)
     location = f"{PREFIX}/suites/{quote(given.name, safe='')}"
-    return Json(make_suite_table(store, given.name), 201, {"Location": location})
+    return parameters.Json(make_suite_table(store, given.name), 201, {"Location": location})
 
 
 @suites_router.get("/{suite:path}", **document_route(SuiteTable))
-def get_suite(store: Stored, suite: SuiteName) -> Json:
+def get_suite(store: parameters.Stored, suite: SuiteName) -> parameters.Json:
     """Get a suite as a table: the newest campaign of each member, and their differing settings."""
-    return Json(make_suite_table(store, suite))
+    return parameters.Json(make_suite_table(store, suite))

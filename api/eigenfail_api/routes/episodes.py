@@ -7,46 +7,19 @@ import msgspec
 from fastapi import APIRouter, Depends, Path, Query, Request, Response
 from fastapi.responses import FileResponse, StreamingResponse
 
-from eigenfail.filters import (
-    LONGEST,
-    Conditions,
-    SortOrder,
-    list_columns,
-    make_outcome_condition,
-    parse_fields,
-    parse_filter,
-    parse_sort,
-)
+from eigenfail import filters
 from eigenfail.values import Campaign, Explanation, Outcome, Page
 from eigenfail.values.operations import Presence
 from eigenfail.values.records import EpisodeDetail, EpisodeRow, make_episode_detail
 from eigenfail.values.report import Export, ExportRequest
 from eigenfail.wire.http import PREFIX, ReplayRequest
 from eigenfail.worlds import list_channels
+from eigenfail_api import parameters
 from eigenfail_api.concurrency import SerialExecutor
 from eigenfail_api.openapi import document_route, problem_response
-from eigenfail_api.parameters import (
-    EXPORT,
-    LARGEST,
-    CampaignId,
-    EpisodeIndex,
-    Json,
-    Limit,
-    MadeBy,
-    PageRequest,
-    Stored,
-    WithTotal,
-    body_of,
-)
+from eigenfail_services import export_formats
 from eigenfail_services.campaigns.explanations import Explanations, replay_episode, write_steps
 from eigenfail_services.campaigns.summary import find_worker
-from eigenfail_services.export_formats import (
-    ExportSource,
-    Selection,
-    pick_columns,
-    write_csv,
-    write_ndjson,
-)
 from eigenfail_services.export_jobs import ExportJobs
 from eigenfail_services.store import Store
 
@@ -58,7 +31,7 @@ After = Annotated[
     int | None,
     Query(
         ge=0,
-        le=LARGEST,
+        le=parameters.LARGEST,
         description="Only episodes after this index in the sort order (`next` of a page).",
     ),
 ]
@@ -73,7 +46,7 @@ Filter = Annotated[
     str,
     Query(
         alias="filter",
-        max_length=LONGEST,
+        max_length=filters.LONGEST,
         description="Conditions joined by and, such as `severity > 80 and min_ttc_s < 1.5`.",
     ),
 ]
@@ -96,8 +69,8 @@ Fields = Annotated[
 class EpisodeQuery(msgspec.Struct, frozen=True):
     """A filter of episodes, their order, and the columns to return; no columns stand for all."""
 
-    where: Conditions
-    sort: SortOrder
+    where: filters.Conditions
+    sort: filters.SortOrder
     columns: tuple[str, ...]
 
 
@@ -108,15 +81,15 @@ async def parse_query(
     fields: Fields = "",
 ) -> EpisodeQuery:
     """Return the query of a request."""
-    where = (*make_outcome_condition(outcome), *parse_filter(conditions))
-    return EpisodeQuery(where, parse_sort(sort), parse_fields(fields))
+    where = (*filters.make_outcome_condition(outcome), *filters.parse_filter(conditions))
+    return EpisodeQuery(where, filters.parse_sort(sort), filters.parse_fields(fields))
 
 
 def read_page(
-    limit: Limit = 100, after: After = None, with_total: WithTotal = False
-) -> PageRequest:
+    limit: parameters.Limit = 100, after: After = None, with_total: parameters.WithTotal = False
+) -> parameters.PageRequest:
     """Return the page that a request asks for."""
-    return PageRequest(limit, after, with_total)
+    return parameters.PageRequest(limit, after, with_total)
 
 
 def _find_channels(store: Store, campaign: int) -> tuple[str, ...]:
@@ -130,32 +103,36 @@ QueriedEpisodes = Annotated[EpisodeQuery, Depends(parse_query)]
 
 @router.get(EPISODES, **document_route(Page[EpisodeRow]))
 def list_episodes(
-    store: Stored,
-    campaign: CampaignId,
+    store: parameters.Stored,
+    campaign: parameters.CampaignId,
     query: QueriedEpisodes,
-    asked: Annotated[PageRequest, Depends(read_page)],
-) -> Json:
+    asked: Annotated[parameters.PageRequest, Depends(read_page)],
+) -> parameters.Json:
     """List finished episodes that match a filter, in index order or another."""
     store.campaigns.get(campaign)
     total = store.episodes.count(campaign, query.where) if asked.with_total else msgspec.UNSET
     found = store.episodes.page(campaign, asked.limit, asked.cursor, query.where, query.sort)
     if not query.columns:
-        return Json(Page(found.items, found.next, total))
-    items = tuple(pick_columns(row, query.columns) for row in found.items)
-    return Json(Page(items, found.next, total))
+        return parameters.Json(Page(found.items, found.next, total))
+    items = tuple(export_formats.pick_columns(row, query.columns) for row in found.items)
+    return parameters.Json(Page(items, found.next, total))
 
 
 @router.get(f"{EPISODES}/{{index}}", **document_route(EpisodeDetail))
-def get_episode(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Json:
+def get_episode(
+    store: parameters.Stored, campaign: parameters.CampaignId, index: parameters.EpisodeIndex
+) -> parameters.Json:
     """Get an episode with its class, noise and, where it was kept, its scene."""
     result = store.episodes.get(campaign, index)
-    return Json(make_episode_detail(campaign, result, _find_channels(store, campaign)))
+    return parameters.Json(make_episode_detail(campaign, result, _find_channels(store, campaign)))
 
 
 @router.get(f"{EPISODES}/{{index}}/worker", **document_route(Presence))
-def get_episode_worker(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Json:
+def get_episode_worker(
+    store: parameters.Stored, campaign: parameters.CampaignId, index: parameters.EpisodeIndex
+) -> parameters.Json:
     """Get the worker that ran an episode; a replay with other versions may differ."""
-    return Json(find_worker(store, campaign, index))
+    return parameters.Json(find_worker(store, campaign, index))
 
 
 EXPLAINING = SerialExecutor("explain")
@@ -165,22 +142,24 @@ STEPS_CSV = "text/csv; charset=utf-8"
 
 
 @router.get(f"{EPISODES}/{{index}}/explanation", **document_route(Explanation))
-async def get_explanation(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Json:
+async def get_explanation(
+    store: parameters.Stored, campaign: parameters.CampaignId, index: parameters.EpisodeIndex
+) -> parameters.Json:
     """Run an episode again from its noise, with the planner's account of each step."""
-    return Json(await EXPLAINING.do(EXPLANATIONS.of, store, campaign, index))
+    return parameters.Json(await EXPLAINING.do(EXPLANATIONS.of, store, campaign, index))
 
 
 @router.post(f"{EPISODES}/{{index}}/replay", **document_route(Campaign, 201, body=ReplayRequest))
 def create_replay(
-    store: Stored,
-    campaign: CampaignId,
-    index: EpisodeIndex,
-    request: Annotated[ReplayRequest, Depends(body_of(ReplayRequest))],
-    made_by: MadeBy,
-) -> Json:
+    store: parameters.Stored,
+    campaign: parameters.CampaignId,
+    index: parameters.EpisodeIndex,
+    request: Annotated[ReplayRequest, Depends(parameters.body_of(ReplayRequest))],
+    made_by: parameters.MadeBy,
+) -> parameters.Json:
     """Queue a campaign that injects an episode's noise again, unchanged or scaled."""
     made = replay_episode(store, campaign, index, request.scale, made_by)
-    return Json(made, 201, {"Location": f"{PREFIX}/campaigns/{made.id}"})
+    return parameters.Json(made, 201, {"Location": f"{PREFIX}/campaigns/{made.id}"})
 
 
 @router.get(
@@ -191,7 +170,9 @@ def create_replay(
         "default": problem_response(),
     },
 )
-def get_steps(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Response:
+def get_steps(
+    store: parameters.Stored, campaign: parameters.CampaignId, index: parameters.EpisodeIndex
+) -> Response:
     """Get the steps of an episode as CSV: noise and, where it was kept, the scene."""
     result = store.episodes.get(campaign, index)
     text = write_steps(result, _find_channels(store, campaign))
@@ -202,8 +183,8 @@ def get_steps(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> Respo
 CSV, NDJSON = "text/csv", "application/x-ndjson"
 PARQUET = "application/vnd.apache.parquet"
 
-ExportId = Annotated[str, Path(pattern=EXPORT, description="Id of an export.")]
-Lines = Callable[[ExportSource], Iterator[bytes]]
+ExportId = Annotated[str, Path(pattern=parameters.EXPORT, description="Id of an export.")]
+Lines = Callable[[export_formats.ExportSource], Iterator[bytes]]
 
 
 def _document_file(kind: str) -> dict[str, Any]:
@@ -223,9 +204,11 @@ Jobs = Annotated[ExportJobs, Depends(exports_of)]
 @router.get(
     "/campaigns/{campaign}/episodes.csv", response_class=StreamingResponse, **_document_file(CSV)
 )
-def stream_csv(store: Stored, campaign: CampaignId, query: QueriedEpisodes) -> StreamingResponse:
+def stream_csv(
+    store: parameters.Stored, campaign: parameters.CampaignId, query: QueriedEpisodes
+) -> StreamingResponse:
     """Get finished episodes as CSV; text that a spreadsheet would compute begins with a '."""
-    return _stream(store, campaign, query, write_csv, CSV)
+    return _stream(store, campaign, query, export_formats.write_csv, CSV)
 
 
 @router.get(
@@ -233,17 +216,21 @@ def stream_csv(store: Stored, campaign: CampaignId, query: QueriedEpisodes) -> S
     response_class=StreamingResponse,
     **_document_file(NDJSON),
 )
-def stream_ndjson(store: Stored, campaign: CampaignId, query: QueriedEpisodes) -> StreamingResponse:
+def stream_ndjson(
+    store: parameters.Stored, campaign: parameters.CampaignId, query: QueriedEpisodes
+) -> StreamingResponse:
     """Get finished episodes, one JSON object per line."""
-    return _stream(store, campaign, query, write_ndjson, NDJSON)
+    return _stream(store, campaign, query, export_formats.write_ndjson, NDJSON)
 
 
 def _stream(
     store: Store, campaign: int, query: EpisodeQuery, lines: Lines, kind: str
 ) -> StreamingResponse:
     spec = store.campaigns.get(campaign).spec
-    selection = Selection(query.where, query.sort, query.columns or list_columns(spec))
-    source = ExportSource(store, campaign, selection)
+    selection = export_formats.Selection(
+        query.where, query.sort, query.columns or filters.list_columns(spec)
+    )
+    source = export_formats.ExportSource(store, campaign, selection)
     suffix = {CSV: "csv", NDJSON: "ndjson"}[kind]
     named = {"Content-Disposition": f'attachment; filename="campaign-{campaign}.{suffix}"'}
     return StreamingResponse(lines(source), media_type=kind, headers=named)
@@ -252,18 +239,18 @@ def _stream(
 @router.post("/campaigns/{campaign}/exports", **document_route(Export, 202, body=ExportRequest))
 def create_export(
     jobs: Jobs,
-    campaign: CampaignId,
-    request: Annotated[ExportRequest, Depends(body_of(ExportRequest))],
-) -> Json:
+    campaign: parameters.CampaignId,
+    request: Annotated[ExportRequest, Depends(parameters.body_of(ExportRequest))],
+) -> parameters.Json:
     """Start an export of finished episodes to a Parquet file."""
     export = jobs.create(campaign, request)
-    return Json(export, 202, {"Location": f"{PREFIX}/exports/{export.id}"})
+    return parameters.Json(export, 202, {"Location": f"{PREFIX}/exports/{export.id}"})
 
 
 @router.get("/exports/{export}", **document_route(Export))
-def get_export(jobs: Jobs, export: ExportId) -> Json:
+def get_export(jobs: Jobs, export: ExportId) -> parameters.Json:
     """Get the progress of an export; one that a stopped service left unfinished starts again."""
-    return Json(jobs.get(export))
+    return parameters.Json(jobs.get(export))
 
 
 @router.get("/exports/{export}/file", response_class=FileResponse, **_document_file(PARQUET))

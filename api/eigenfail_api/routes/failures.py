@@ -6,14 +6,8 @@ from fastapi import APIRouter, Depends, Query
 
 from eigenfail import plugins
 from eigenfail.methods import traits_of
-from eigenfail.values import Page
+from eigenfail.values import Page, failures
 from eigenfail.values.campaign import CampaignFilter
-from eigenfail.values.failures import (
-    FAILURE_ORDERS,
-    MOST_SEVERE_FIRST,
-    FailureFilter,
-    parse_failure_sort,
-)
 from eigenfail.values.records import EpisodeRow
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.openapi import document_route
@@ -35,7 +29,9 @@ Method = Annotated[
     ),
 ]
 Archived = Annotated[bool, Query(description="Whether those of archived campaigns are listed.")]
-SortBy = Annotated[str, Query(alias="sort", description=f"Order: {', '.join(FAILURE_ORDERS)}.")]
+SortBy = Annotated[
+    str, Query(alias="sort", description=f"Order: {', '.join(failures.FAILURE_ORDERS)}.")
+]
 MaxFailures = Annotated[
     int, Query(ge=1, le=MOST_FAILURES, description="Maximum number of failures on a page.")
 ]
@@ -51,7 +47,7 @@ def parse_failures(
     planner_version: Version = None,
     method: Method = None,
     archived: Archived = False,
-) -> FailureFilter:
+) -> failures.FailureFilter:
     """Return the filter of a request: all its conditions hold."""
     campaign = CampaignFilter(
         method=method or None,
@@ -59,7 +55,9 @@ def parse_failures(
         planner_version=planner_version or None,
         archived=None if archived else False,
     )
-    return FailureFilter(campaign, planner or None, () if method else list_repeating_methods())
+    return failures.FailureFilter(
+        campaign, planner or None, () if method else list_repeating_methods()
+    )
 
 
 def list_repeating_methods() -> tuple[str, ...]:
@@ -71,11 +69,11 @@ def list_repeating_methods() -> tuple[str, ...]:
 @router.get("/failures", **document_route(Page[EpisodeRow]))
 def list_failures(
     store: Stored,
-    where: Annotated[FailureFilter, Depends(parse_failures)],
-    sort: SortBy = MOST_SEVERE_FIRST,
+    where: Annotated[failures.FailureFilter, Depends(parse_failures)],
+    sort: SortBy = failures.MOST_SEVERE_FIRST,
     limit: MaxFailures = 50,
     after: After = None,
 ) -> Json:
     """List the collisions of all campaigns by severity, by default the most severe first."""
-    descending = parse_failure_sort(sort)
+    descending = failures.parse_failure_sort(sort)
     return Json(store.failures.page(where, limit, after, most_severe_first=descending))

@@ -1,14 +1,8 @@
 """Routes for operators: liveness, readiness, and metrics for Prometheus."""
 
+import asyncio
 import socket
 import time
-from asyncio import (
-    AbstractEventLoop,
-    run_coroutine_threadsafe,
-    shield,
-    wait_for,
-    wrap_future,
-)
 from collections import Counter as Tally
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
@@ -18,14 +12,9 @@ from http import HTTPStatus
 from threading import BoundedSemaphore, Thread
 from typing import Annotated, NamedTuple
 
+import prometheus_client
 from fastapi import APIRouter, Depends, Query, Request
 from fastapi.responses import PlainTextResponse
-from prometheus_client import (
-    CONTENT_TYPE_LATEST,
-    CollectorRegistry,
-    Counter,
-    generate_latest,
-)
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 from starlette.responses import Response
@@ -39,14 +28,7 @@ from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.openapi import document_route
 from eigenfail_api.parameters import CampaignId, Json, Stored
 from eigenfail_api.problems import answer
-from eigenfail_services.campaigns.summary import (
-    LATELY_S,
-    count_present,
-    find_cost,
-    find_staffing,
-    find_worker_shares,
-    list_recent_workers,
-)
+from eigenfail_services.campaigns import summary
 from eigenfail_services.store import Store
 
 MAX_AGE_S = 1.0
@@ -92,7 +74,7 @@ class Readiness:
         """Raise StoreUnavailable if the store is not ready, or does not answer in time."""
         probe = self._current()
         try:
-            await wait_for(shield(wrap_future(probe)), PROBE_LIMIT_S)
+            await asyncio.wait_for(asyncio.shield(asyncio.wrap_future(probe)), PROBE_LIMIT_S)
         except TimeoutError:
             raise StoreUnavailable(
                 f"The database did not answer within {PROBE_LIMIT_S:g} s.",
@@ -133,11 +115,11 @@ class HealthServer:
         self._checks = {"/healthz": _beat, "/readyz": readiness.check}
         self._places = BoundedSemaphore(MOST_PROBES)
 
-    def start(self, loop: AbstractEventLoop) -> None:
+    def start(self, loop: asyncio.AbstractEventLoop) -> None:
         """Begin to answer, until the socket is closed; `loop` is the event loop of the API."""
         Thread(target=self._accept, args=(loop,), name="health", daemon=True).start()
 
-    def _accept(self, loop: AbstractEventLoop) -> None:
+    def _accept(self, loop: asyncio.AbstractEventLoop) -> None:
         while True:
             try:
                 connection, _ = self._listener.accept()
@@ -154,7 +136,7 @@ class HealthServer:
                 connection.close()
                 self._places.release()
 
-    def _serve(self, connection: socket.socket, loop: AbstractEventLoop) -> None:
+    def _serve(self, connection: socket.socket, loop: asyncio.AbstractEventLoop) -> None:
         """Answer one request; one that does not arrive in time gets no answer."""
         try:
             with connection, suppress(OSError):
@@ -163,11 +145,11 @@ class HealthServer:
         finally:
             self._places.release()
 
-    def _check(self, path: str, loop: AbstractEventLoop) -> Response:
+    def _check(self, path: str, loop: asyncio.AbstractEventLoop) -> Response:
         if path not in self._checks:
             known = f"This port has {' and '.join(self._checks)} alone."
             return answer(make_untyped_problem(404, known, path))
-        asked = run_coroutine_threadsafe(self._checks[path](), loop)
+        asked = asyncio.run_coroutine_threadsafe(self._checks[path](), loop)
         try:
             asked.result(PROBE_LIMIT_S + LOOP_LIMIT_S)
         except EigenfailError as error:
@@ -241,8 +223,8 @@ async def get_readiness(request: Request) -> Json:
 @router.get("/metrics", response_class=PlainTextResponse, dependencies=[SCRAPES])
 def get_metrics(request: Request) -> PlainTextResponse:
     """Get metrics for Prometheus."""
-    text = generate_latest(request.app.state.registry)
-    return PlainTextResponse(text, media_type=CONTENT_TYPE_LATEST)
+    text = prometheus_client.generate_latest(request.app.state.registry)
+    return PlainTextResponse(text, media_type=prometheus_client.CONTENT_TYPE_LATEST)
 
 
 METHODS = frozenset({"GET", "POST", "HEAD", "OPTIONS", "PUT", "PATCH", "DELETE"})
@@ -271,7 +253,7 @@ class CampaignCollector(Collector):
             states[campaign.state] += 1
             ends.update(completed=counts.completed, failed=counts.errored)
             failures[method] += counts.failures
-            bill = find_cost(campaign)
+            bill = summary.find_cost(campaign)
             hours[method] += bill.instance_hours
             usd[method] += bill.total_usd
         yield _make_family(GaugeMetricFamily, "campaigns", "Campaigns by state", "state", states)
@@ -307,9 +289,9 @@ def _iterate_campaigns(store: Store) -> Iterator[Campaign]:
 class RequestCounter:
     """Middleware: counts requests by method, route and status."""
 
-    def __init__(self, app: ASGIApp, registry: CollectorRegistry) -> None:
+    def __init__(self, app: ASGIApp, registry: prometheus_client.CollectorRegistry) -> None:
         self._app = app
-        self._counter = Counter(
+        self._counter = prometheus_client.Counter(
             "eigenfail_http_requests",
             "Requests answered",
             ["method", "route", "status"],
@@ -350,24 +332,24 @@ Within = Annotated[
 
 
 @workers_router.get("/workers", **document_route(Page[WorkerShare]))
-def list_workers(store: Stored, within_s: Within = LATELY_S) -> Json:
+def list_workers(store: Stored, within_s: Within = summary.LATELY_S) -> Json:
     """List workers with recent results, by campaign; only recent results are counted."""
-    return Json(Page(list_recent_workers(store, within_s)))
+    return Json(Page(summary.list_recent_workers(store, within_s)))
 
 
 @workers_router.get("/workers/present", **document_route(Page[Presence]))
 def list_present_workers(store: Stored) -> Json:
     """List connected workers, working or idle: host, start of the connection, versions."""
-    return Json(Page(count_present(store)))
+    return Json(Page(summary.count_present(store)))
 
 
 @workers_router.get("/workers/staffing", **document_route(Staffing))
 def get_staffing(store: Stored) -> Json:
     """Get the number of workers, and the last report of the services that start them."""
-    return Json(find_staffing(store))
+    return Json(summary.find_staffing(store))
 
 
 @workers_router.get("/campaigns/{campaign}/workers", **document_route(Page[WorkerShare]))
 def list_campaign_workers(store: Stored, campaign: CampaignId) -> Json:
     """List the workers that ran a campaign's episodes, most episodes first."""
-    return Json(Page(find_worker_shares(store, store.campaigns.get(campaign))))
+    return Json(Page(summary.find_worker_shares(store, store.campaigns.get(campaign))))

@@ -10,11 +10,7 @@ from eigenfail_api.concurrency import SerialExecutor
 from eigenfail_api.openapi import problem_response
 from eigenfail_api.parameters import AnalysisId, CampaignId, EpisodeIndex, ModeNumber, Stored
 from eigenfail_api.routes.episodes import EXPLANATIONS
-from eigenfail_services.campaigns.recordings import (
-    RecordingFile,
-    make_mode_animation,
-    make_recording_file,
-)
+from eigenfail_services.campaigns import recordings
 from eigenfail_services.store import Store
 
 router = APIRouter(prefix=PREFIX)
@@ -50,7 +46,7 @@ FILE: dict[str, Any] = {
 }
 
 
-def _make_download(file: RecordingFile, name: str) -> Response:
+def _make_download(file: recordings.RecordingFile, name: str) -> Response:
     headers = {"Content-Disposition": f'attachment; filename="{name}{file.form.suffix}"'}
     return Response(file.content, media_type=file.form.media_type, headers=headers)
 
@@ -65,7 +61,9 @@ async def get_recording(
 ) -> Response:
     """Get an episode as OpenSCENARIO, MCAP or GIF; one without a scene is run again."""
     episode = (campaign, index)
-    file = await RECORDING.do(make_recording_file, store, EXPLANATIONS, episode, form, ego)
+    file = await RECORDING.do(
+        recordings.make_recording_file, store, EXPLANATIONS, episode, form, ego
+    )
     return _make_download(file, f"episode-{campaign}-{index}")
 
 
@@ -78,5 +76,5 @@ async def get_mode_animation(
     return _make_download(file, f"analysis-{analysis}-mode-{mode}")
 
 
-def _animate_mode(store: Store, analysis: int, mode: int, form: str) -> RecordingFile:
-    return make_mode_animation(store, store.analyses.get(analysis), mode, form)
+def _animate_mode(store: Store, analysis: int, mode: int, form: str) -> recordings.RecordingFile:
+    return recordings.make_mode_animation(store, store.analyses.get(analysis), mode, form)

@@ -6,16 +6,8 @@ from fastapi import APIRouter, Depends
 
 from eigenfail.values.triage import Triage, TriageChange, check_change
 from eigenfail.wire.http import PREFIX
+from eigenfail_api import parameters
 from eigenfail_api.openapi import document_route
-from eigenfail_api.parameters import (
-    AnalysisId,
-    CallerName,
-    Json,
-    ModeNumber,
-    Precondition,
-    Stored,
-    body_of,
-)
 
 router = APIRouter(prefix=PREFIX, tags=["triage"])
 
@@ -23,26 +15,28 @@ ADDRESS = "/analyses/{analysis}/modes/{mode}/triage"
 
 
 async def read_change(
-    change: Annotated[TriageChange, Depends(body_of(TriageChange))],
+    change: Annotated[TriageChange, Depends(parameters.body_of(TriageChange))],
 ) -> TriageChange:
     """Return the change of a request, without white space around its texts."""
     return check_change(change)
 
 
 @router.get(ADDRESS, **document_route(Triage))
-def get_mode_triage(store: Stored, analysis: AnalysisId, mode: ModeNumber) -> Json:
+def get_mode_triage(
+    store: parameters.Stored, analysis: parameters.AnalysisId, mode: parameters.ModeNumber
+) -> parameters.Json:
     """Get the triage of a failure mode."""
-    return Json(store.triage.get(analysis, mode))
+    return parameters.Json(store.triage.get(analysis, mode))
 
 
 @router.post(ADDRESS, **document_route(Triage, body=TriageChange))
 def triage_mode(  # noqa: PLR0913, PLR0917 - FastAPI reads a request from the parameters
-    store: Stored,
-    analysis: AnalysisId,
-    mode: ModeNumber,
+    store: parameters.Stored,
+    analysis: parameters.AnalysisId,
+    mode: parameters.ModeNumber,
     change: Annotated[TriageChange, Depends(read_change)],
-    who: CallerName,
-    precondition: Precondition,
-) -> Json:
+    who: parameters.CallerName,
+    precondition: parameters.Precondition,
+) -> parameters.Json:
     """Change the triage of a failure mode; fields that are left out do not change."""
-    return Json(store.triage.change(analysis, mode, change, who, precondition))
+    return parameters.Json(store.triage.change(analysis, mode, change, who, precondition))

@@ -18,32 +18,14 @@ from figures import Figure
 from samples import COMMAND, share
 from targets import Target
 
-from eigenfail import __version__, plugins
-from eigenfail.values import (
-    Campaign,
-    CampaignSpec,
-    CampaignState,
-    Counts,
-    EpisodeTask,
-    PriorSource,
-    episode_seed,
-)
+from eigenfail import __version__, plugins, values
+from eigenfail_assurance.evidence import records
 from eigenfail_assurance.evidence.bundle import MANIFEST, EvidenceBundle, make_bundle, make_manifest
 from eigenfail_assurance.evidence.question import (
     Claim,
     EvidenceQuestion,
     ProbabilitySolution,
     SearchSolution,
-)
-from eigenfail_assurance.evidence.records import (
-    COLUMNS,
-    CampaignFacts,
-    CampaignRecord,
-    EvidenceRecords,
-    SolutionInput,
-    encode_canonical,
-    hash_episodes,
-    read_episodes,
 )
 from eigenfail_assurance.evidence.storage import write_bundle
 from eigenfail_assurance.evidence.verification import verify_bundle
@@ -91,12 +73,12 @@ def make_example_bundle(seed: int) -> EvidenceBundle:
     claim = Claim(text="The planner is safe.", argument="Over three claims.", claims=claims)
     question = EvidenceQuestion(name="Example", claim=claim)
     campaigns = {number: _run_campaign(number, seed + number) for number in (1, 2)}
-    inputs = tuple(SolutionInput(campaigns=((number,),)) for number in (1, 2))
-    return make_bundle(question, EvidenceRecords(campaigns, inputs), __version__)
+    inputs = tuple(records.SolutionInput(campaigns=((number,),)) for number in (1, 2))
+    return make_bundle(question, records.EvidenceRecords(campaigns, inputs), __version__)
 
 
-def _run_campaign(number: int, seed: int) -> CampaignRecord:
-    spec = CampaignSpec(
+def _run_campaign(number: int, seed: int) -> records.CampaignRecord:
+    spec = values.CampaignSpec(
         name=f"example {number}",
         method="monte_carlo",
         episodes=EPISODES,
@@ -106,11 +88,12 @@ def _run_campaign(number: int, seed: int) -> CampaignRecord:
     )
     engine = plugins.load(plugins.ENGINES, "default")(spec.setup())
     tasks = [
-        EpisodeTask(index, episode_seed(seed, index), PriorSource()) for index in range(EPISODES)
+        values.EpisodeTask(index, values.episode_seed(seed, index), values.PriorSource())
+        for index in range(EPISODES)
     ]
     results = sorted(engine.run(tasks), key=lambda each: each.index)
     engine.close()
-    rows = [",".join(COLUMNS)]
+    rows = [",".join(records.COLUMNS)]
     for each in results:
         severity = each.measures.severity if each.measures else None
         robustness = each.measures.robustness_m if each.measures else ""
@@ -120,15 +103,15 @@ def _run_campaign(number: int, seed: int) -> CampaignRecord:
         )
     table = ("\r\n".join(rows) + "\r\n").encode()
     failures = sum(each.is_failure for each in results)
-    campaign = Campaign(
+    campaign = values.Campaign(
         id=number,
         spec=spec,
-        state=CampaignState.DONE,
-        counts=Counts(planned=EPISODES, completed=EPISODES, failures=failures),
+        state=values.CampaignState.DONE,
+        counts=values.Counts(planned=EPISODES, completed=EPISODES, failures=failures),
         created_ms=0,
-        digest=hash_episodes(read_episodes(table, "example")),
+        digest=records.hash_episodes(records.read_episodes(table, "example")),
     )
-    return CampaignRecord(facts=CampaignFacts(campaign=campaign), table=table)
+    return records.CampaignRecord(facts=records.CampaignFacts(campaign=campaign), table=table)
 
 
 def _draw_change(
@@ -158,7 +141,7 @@ def _change_and_rehash(place: Path, bundle: EvidenceBundle, generator: np.random
     changed[name] = content
     forged = make_manifest(bundle.graph, changed, __version__)
     (place / name).write_bytes(content)
-    (place / MANIFEST).write_bytes(encode_canonical(forged))
+    (place / MANIFEST).write_bytes(records.encode_canonical(forged))
     checked = verify_bundle(place)
     (place / name).write_bytes(bundle.files[name])
     (place / MANIFEST).write_bytes(bundle.files[MANIFEST])

@@ -27,16 +27,7 @@ from targets import Target
 
 from eigenfail.intervals import Z
 from eigenfail.values import Estimate
-from eigenfail_assurance.risk.confidence import (
-    Confidence,
-    EventRate,
-    FailureShare,
-    RateBounds,
-    RiskTerm,
-    RunEstimate,
-    Stated,
-    bound_sum,
-)
+from eigenfail_assurance.risk import confidence
 from eigenfail_services.statistics.intervals import confidence_sequence, log_normal
 from eigenfail_services.statistics.stopped_trials import StoppedTrials
 
@@ -112,9 +103,9 @@ def check_suite(seed: int) -> SuiteCheck:
     """Return how a made-up suite does."""
     generator = np.random.default_rng([seed, 22])
     terms, truth = make_suite(generator)
-    whole = bound_sum(terms)
+    whole = confidence.bound_sum(terms)
     left_out = generator.permutation(len(terms))[:LEFT_OUT].tolist()
-    rests = [bound_sum(terms[:place] + terms[place + 1 :]) for place in left_out]
+    rests = [confidence.bound_sum(terms[:place] + terms[place + 1 :]) for place in left_out]
     return SuiteCheck(
         covered=whole.interval.low <= truth <= whole.interval.high,
         below_at_most=truth <= whole.at_most,
@@ -123,16 +114,20 @@ def check_suite(seed: int) -> SuiteCheck:
         zeros=sum(not term.probability.value for term in terms),
         ratio=whole.interval.high / truth,
         scenarios=len(terms),
-        renamed=_compare(whole, bound_sum([replace(each, name=f"{each.name}'") for each in terms])),
+        renamed=_compare(
+            whole, confidence.bound_sum([replace(each, name=f"{each.name}'") for each in terms])
+        ),
     )
 
 
-def _compare(one: RateBounds, other: RateBounds) -> float:
+def _compare(one: confidence.RateBounds, other: confidence.RateBounds) -> float:
     """Return the largest relative difference of the bounds that are not 0."""
     return max(abs(second / first - 1.0) for first, second in _pair(one, other) if first)
 
 
-def _pair(one: RateBounds, other: RateBounds) -> tuple[tuple[float, float], ...]:
+def _pair(
+    one: confidence.RateBounds, other: confidence.RateBounds
+) -> tuple[tuple[float, float], ...]:
     return (
         (one.at_least, other.at_least),
         (one.at_most, other.at_most),
@@ -141,21 +136,21 @@ def _pair(one: RateBounds, other: RateBounds) -> tuple[tuple[float, float], ...]
     )
 
 
-def _is_within(rest: RateBounds, whole: RateBounds) -> bool:
+def _is_within(rest: confidence.RateBounds, whole: confidence.RateBounds) -> bool:
     return all(one <= other * (1.0 + ROUNDING) for one, other in _pair(rest, whole))
 
 
-def make_suite(generator: np.random.Generator) -> tuple[list[RiskTerm], float]:
+def make_suite(generator: np.random.Generator) -> tuple[list[confidence.RiskTerm], float]:
     """Return the evidence on the scenarios of a made-up suite, and its true rate. [1/h]"""
     hours = draw_between(generator, HOURS)
     has_one_seed = bool(generator.integers(2))
     noise = generator.random(EPISODES[1])
-    terms, truth = list[RiskTerm](), 0.0
+    terms, truth = list[confidence.RiskTerm](), 0.0
     for place in range(int(draw_between(generator, (1.0, MOST_SCENARIOS + 1.0)))):
         rate, p = draw_between(generator, RATES), draw_between(generator, PROBABILITIES)
         truth += rate * p
         episodes = int(draw_between(generator, EPISODES))
-        known: Confidence
+        known: confidence.Confidence
         if generator.random() < 0.5:
             own = noise if has_one_seed else generator.random(episodes)
             known, name = count_failures(generator, own[:episodes] < p, p), "seed 1"
@@ -163,22 +158,24 @@ def make_suite(generator: np.random.Generator) -> tuple[list[RiskTerm], float]:
             known, name = estimate_by_runs(generator, p), f"seed {place + 2}"
         name = name if has_one_seed else f"seed {place + 2}"
         met = count_encounters(generator, rate, hours)
-        terms.append(RiskTerm(f"scenario {place}", met, known, name, episodes))
+        terms.append(confidence.RiskTerm(f"scenario {place}", met, known, name, episodes))
     return terms, truth
 
 
-def count_encounters(generator: np.random.Generator, rate: float, hours: float) -> Confidence:
+def count_encounters(
+    generator: np.random.Generator, rate: float, hours: float
+) -> confidence.Confidence:
     """Return the evidence on a true rate: a Poisson number, or a value with its interval."""
     if generator.random() < 0.5:
-        return EventRate(int(generator.poisson(rate * hours)), hours)
+        return confidence.EventRate(int(generator.poisson(rate * hours)), hours)
     width = draw_between(generator, WIDTHS)
     value = rate * exp(log(width) / Z * generator.standard_normal())
-    return Stated(value, value / width, value * width)
+    return confidence.Stated(value, value / width, value * width)
 
 
 def count_failures(
     generator: np.random.Generator, failed: NDArray[np.bool_], p: float
-) -> Confidence:
+) -> confidence.Confidence:
     """Return what a campaign of Monte Carlo states: of a fixed number, or with a stop rule."""
     counts, rule = np.cumsum(failed), generator.random()
     if rule < 1.0 / 3.0:
@@ -186,14 +183,14 @@ def count_failures(
         if counts[-1] >= limit:
             stopped = StoppedTrials(limit, int(np.searchsorted(counts, limit)), 1, 0)
             ends = stopped.find_bounds(limit)
-            return Stated(stopped.estimate(limit), ends.low, ends.high)
+            return confidence.Stated(stopped.estimate(limit), ends.low, ends.high)
     elif rule < 2.0 / 3.0:
         return stop_by_width(counts, draw_between(generator, HALF_WIDTHS) * p)
     k = int(counts[-1])
-    return FailureShare(k, 0, len(failed), k / len(failed))
+    return confidence.FailureShare(k, 0, len(failed), k / len(failed))
 
 
-def stop_by_width(counts: NDArray[np.int64], half_width: float) -> Stated:
+def stop_by_width(counts: NDArray[np.int64], half_width: float) -> confidence.Stated:
     """Return the share of failures with its confidence sequence, once that is narrow enough."""
     trials = 0
     while trials < len(counts):
@@ -202,10 +199,10 @@ def stop_by_width(counts: NDArray[np.int64], half_width: float) -> Stated:
         ends = confidence_sequence(k, trials)
         if ends.high - ends.low <= 2.0 * half_width:
             break
-    return Stated(k / trials, ends.low, ends.high)
+    return confidence.Stated(k / trials, ends.low, ends.high)
 
 
-def estimate_by_runs(generator: np.random.Generator, p: float) -> RunEstimate:
+def estimate_by_runs(generator: np.random.Generator, p: float) -> confidence.RunEstimate:
     """Return the mean of independent runs without bias, with its error as found between them."""
     runs = int(generator.integers(RUNS[0], RUNS[1] + 1))
     spread = draw_between(generator, RUN_ERRORS)
@@ -214,7 +211,7 @@ def estimate_by_runs(generator: np.random.Generator, p: float) -> RunEstimate:
     cv = float(found.std(ddof=1)) / sqrt(runs) / value
     interval = log_normal(value, cv, float(runs))
     made = Estimate(by="runs", episodes=runs, probability=value, cv=cv, interval=interval)
-    known = RunEstimate.of(made)
+    known = confidence.RunEstimate.of(made)
     assert known is not None
     return known
 

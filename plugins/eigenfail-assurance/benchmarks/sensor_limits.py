@@ -30,21 +30,8 @@ from eigenfail.values import (
     Estimate,
     Interval,
 )
-from eigenfail_assurance.sensor.anchors import (
-    find_fewest_failures,
-    find_lower_bound,
-    find_upper_bound,
-    judge_bounds,
-    read_anchor,
-)
+from eigenfail_assurance.sensor import anchors, search
 from eigenfail_assurance.sensor.scaling import Multiples, scale_model
-from eigenfail_assurance.sensor.search import (
-    Anchor,
-    ErrorLimit,
-    RequirementAnswer,
-    RequirementQuestion,
-    find_limits,
-)
 from eigenfail_services.statistics.intervals import rate
 from eigenfail_services.statistics.pooled_estimate import estimate_ended
 from eigenfail_services.statistics.subset_simulation import SubsetSettings, simulate_subsets
@@ -109,9 +96,9 @@ def search_toy(toy: Toy, seed: int) -> float:
     """Return the largest ratio of a stated limit to the true one; 0 where none is stated."""
     limit = float(np.random.default_rng([seed, 1]).uniform(0.8, 1.3))
     border = -limit * NormalDist().inv_cdf(toy.target)
-    question = RequirementQuestion(target=toy.target, channels=toy.channels)
+    question = search.RequirementQuestion(target=toy.target, channels=toy.channels)
 
-    def measure(multiples: Multiples, error: float) -> Anchor:
+    def measure(multiples: Multiples, error: float) -> search.Anchor:
         sizes = np.array([multiples.get("scale", multiples.get(each, 1.0)) for each in CHANNELS])
 
         def robustness(z: Array) -> Array:
@@ -122,14 +109,14 @@ def search_toy(toy: Toy, seed: int) -> float:
         counts = campaign.counts
         summary = SimpleNamespace(failure_rate=rate(counts.failures, counts.completed))
         client: Any = SimpleNamespace(campaigns=SimpleNamespace(summary=lambda _id: summary))
-        return read_anchor(client, campaign, multiples, toy.target, error)
+        return anchors.read_anchor(client, campaign, multiples, toy.target, error)
 
-    answer = find_limits(question, measure)
+    answer = search.find_limits(question, measure)
     found = (compare(each, limit) for each in (*answer.limits, *answer.frontier))
     return max(found)
 
 
-def compare(found: ErrorLimit, limit: float) -> float:
+def compare(found: search.ErrorLimit, limit: float) -> float:
     """Return a stated limit ÷ the true one, of the size of all noise; 0 where none is stated."""
     if found.largest is None:
         return 0.0
@@ -176,7 +163,7 @@ RUNS: dict[str, Callable[[Toy, Robustness, int], Run]] = {
 }
 
 
-ASKED = RequirementQuestion(target=1e-2, channels=CHANNELS, points=3)
+ASKED = search.RequirementQuestion(target=1e-2, channels=CHANNELS, points=3)
 ANCHOR_EPISODES, CONFIRMING = 3_000, 20_000
 BATCH = 100
 
@@ -210,27 +197,27 @@ def find_frontier(pool: EpisodePool, seed: int) -> Iterator[tuple[str, Figure]]:
     yield "requirement.cut_in.confirmed", count_share(confirmed, note)
 
 
-def search_frontier(pool: EpisodePool, setup: EpisodeSetup, seed: int) -> RequirementAnswer:
+def search_frontier(pool: EpisodePool, setup: EpisodeSetup, seed: int) -> search.RequirementAnswer:
     """Return the answer by Monte Carlo, without a service."""
 
-    def measure(multiples: Multiples, error: float) -> Anchor:
-        most = find_fewest_failures(ASKED.target, ANCHOR_EPISODES, error) or inf
+    def measure(multiples: Multiples, error: float) -> search.Anchor:
+        most = anchors.find_fewest_failures(ASKED.target, ANCHOR_EPISODES, error) or inf
         k = count_failures(pool, scale_setup(setup, multiples), seed, ANCHOR_EPISODES, most)
         bounds = Interval(
-            find_lower_bound(k, ANCHOR_EPISODES, error),
-            1.0 if k >= most else find_upper_bound(k, ANCHOR_EPISODES, error),
+            anchors.intervals.find_lower_bound(k, ANCHOR_EPISODES, error),
+            1.0 if k >= most else anchors.intervals.find_upper_bound(k, ANCHOR_EPISODES, error),
         )
-        return Anchor(
+        return search.Anchor(
             multiples=dict(multiples),
             campaign=0,
             episodes=ANCHOR_EPISODES,
             failures=k,
             probability=k / ANCHOR_EPISODES,
             bounds=bounds,
-            verdict=judge_bounds(bounds, ASKED.target),
+            verdict=anchors.judge_bounds(bounds, ASKED.target),
         )
 
-    return find_limits(ASKED, measure)
+    return search.find_limits(ASKED, measure)
 
 
 def scale_setup(setup: EpisodeSetup, multiples: Multiples) -> EpisodeSetup:

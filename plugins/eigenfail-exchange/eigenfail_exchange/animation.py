@@ -163,8 +163,16 @@ def _make_palette() -> Image.Image:
     """Return the colours of all frames and mixtures of any two, since edges are smooth."""
     colours = np.array(
         [
-            *(_PAPER, _ASPHALT, _PAINT, _INK, _EGO, _EGO_OF_OTHERS),
-            *(_ACTOR, _ACTOR_OF_OTHERS, _SEEN, _BAD),
+            _PAPER,
+            _ASPHALT,
+            _PAINT,
+            _INK,
+            _EGO,
+            _EGO_OF_OTHERS,
+            _ACTOR,
+            _ACTOR_OF_OTHERS,
+            _SEEN,
+            _BAD,
         ],
         np.float64,
     )

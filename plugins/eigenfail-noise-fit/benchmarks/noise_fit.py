@@ -39,14 +39,8 @@ from eigenfail.values import (
 from eigenfail.values.channels import GHOST, MISSED, Channel
 from eigenfail.values.shapes import MOST_LIKELY, ChannelShape
 from eigenfail.values.student_t import NORMAL
+from eigenfail_noise_fit import fitting
 from eigenfail_noise_fit.checks import check_position
-from eigenfail_noise_fit.fitting import (
-    Fit,
-    Parameter,
-    choose_fit,
-    find_parameters,
-    fit_shapes,
-)
 from eigenfail_noise_fit.report import fit_log
 from eigenfail_noise_fit.sensor_log import AXES, Row, SensorLog, make_log
 
@@ -148,16 +142,18 @@ def judge_log(seed: int) -> tuple[list[bool], bool, bool]:
     log = draw_log(model, random)
     best = choose_position(log)
     is_right = type(best.model.shape) is type(model.shape)
-    found = find_parameters(best, log.select(*AXES)) if is_right else ()
+    found = fitting.find_parameters(best, log.select(*AXES)) if is_right else ()
     return list_covered(model, found), is_right, has_alarm(log, best)
 
 
-def choose_position(log: SensorLog) -> Fit:
+def choose_position(log: SensorLog) -> fitting.Fit:
     """Return the fit to the positions of a log."""
-    return choose_fit(fit_shapes(log.select(*AXES)))
+    return fitting.choose_fit(fitting.fit_shapes(log.select(*AXES)))
 
 
-def list_covered(model: DisturbanceModel, found: Sequence[Parameter]) -> list[bool]:
+def list_covered(
+    model: DisturbanceModel, found: Sequence[fitting.jackknife.Parameter]
+) -> list[bool]:
     """Return for each parameter whether its interval holds the planted value."""
     return [
         one.interval.low <= find_parameter(model, one.name) <= one.interval.high for one in found
@@ -176,7 +172,7 @@ def judge_bent_log(seed: int, name: str) -> bool:
     return has_alarm(log, choose_position(log))
 
 
-def has_alarm(log: SensorLog, fit: Fit) -> bool:
+def has_alarm(log: SensorLog, fit: fitting.Fit) -> bool:
     """Whether a check does not hold."""
     return any(not check.holds for check in check_position(log, fit))
 

@@ -12,14 +12,9 @@ from scipy import special, stats
 
 from eigenfail.values import AXES, Interval
 from eigenfail.values.channels import MISSED
+from eigenfail_noise_fit import jackknife
 from eigenfail_noise_fit.events import ChainFit
 from eigenfail_noise_fit.fitting import Fit
-from eigenfail_noise_fit.jackknife import (
-    Array,
-    Integers,
-    find_ratio_interval,
-    widen_share,
-)
 from eigenfail_noise_fit.sensor_log import Booleans, ErrorSeries, EventSteps, SensorLog
 
 FAMILY_ERROR = 0.01
@@ -123,9 +118,9 @@ class _Property(NamedTuple):
     """
 
     name: str
-    values: Array
-    expected: float | Array
-    block: Integers
+    values: jackknife.Array
+    expected: float | jackknife.Array
+    block: jackknife.Integers
     remedy: str
     is_share: bool = False
 
@@ -146,7 +141,7 @@ def check_channels(
     """Return the checks of fits of single channels, and of events."""
     asked: list[_Property] = []
     causes: list[ModelCheck] = []
-    placed: dict[str, Array] = {}
+    placed: dict[str, jackknife.Array] = {}
     for fit in fits:
         errors = log.select(*fit.channels)
         z = fit.find_z(errors)
@@ -187,10 +182,10 @@ def _judge(asked: Sequence[_Property]) -> list[ModelCheck]:
         offset = np.where(counted, means - expected, 0.0)
         shifted = np.where(counted, one.values, 0.0) - offset
         sums = np.bincount(one.block, shifted, blocks).astype(float)
-        value, interval = find_ratio_interval(sums, counts, confidence)
+        value, interval = jackknife.find_ratio_interval(sums, counts, confidence)
         if one.is_share:
             k = int(one.values[counted].sum())
-            interval = widen_share(interval, k, int(counts.sum()), confidence)
+            interval = jackknife.widen_share(interval, k, int(counts.sum()), confidence)
         holds = interval.low <= expected <= interval.high
         advice = "" if holds else one.remedy
         checks.append(ModelCheck(one.name, value, interval, expected, holds, advice))
@@ -214,7 +209,7 @@ def _add_causes(causes: Sequence[ModelCheck], judged: Sequence[ModelCheck]) -> l
 SEE_CAUSE = "Mend what the first checks name, then fit again."
 
 
-def _list_causes(log: SensorLog, errors: ErrorSeries, z: Array) -> Iterator[ModelCheck]:
+def _list_causes(log: SensorLog, errors: ErrorSeries, z: jackknife.Array) -> Iterator[ModelCheck]:
     """Yield failed checks of what makes errors look heavy-tailed, with the cause."""
     for column, name in enumerate(errors.channels):
         own, place = errors.error[:, column], log.channels.index(name)
@@ -239,7 +234,7 @@ def _list_causes(log: SensorLog, errors: ErrorSeries, z: Array) -> Iterator[Mode
 
 def _make_cause(name: str, cases: int, count: int, expected: float, remedy: str) -> ModelCheck:
     share = cases / count
-    interval = widen_share(Interval(share, share), cases, count, 1.0 - CAUSE_ERROR)
+    interval = jackknife.widen_share(Interval(share, share), cases, count, 1.0 - CAUSE_ERROR)
     return ModelCheck(name, share, interval, expected, holds=False, remedy=remedy)
 
 
@@ -249,7 +244,7 @@ def _is_conspicuous(cases: int, beside: int, count: int) -> bool:
     return cases >= least and cases > MOST_EXPECTED * (beside + 1)
 
 
-def _find_turns(error: Array) -> tuple[list[ModelCheck], Booleans]:
+def _find_turns(error: jackknife.Array) -> tuple[list[ModelCheck], Booleans]:
     """Return shares of headings turned by half a turn or a quarter, and which these are."""
     size, count = np.abs(error), len(error)
     is_turned = np.zeros(count, bool)
@@ -310,8 +305,8 @@ def _list_units(log: SensorLog, errors: ErrorSeries) -> list[ModelCheck]:
 
 
 def _find_directions(
-    log: SensorLog, errors: ErrorSeries, heading: Array
-) -> tuple[Array, Array, float, str]:
+    log: SensorLog, errors: ErrorSeries, heading: jackknife.Array
+) -> tuple[jackknife.Array, jackknife.Array, float, str]:
     """Return the directions of motion and the mean headings over `WINDOW_S`, each of shape (n,).
 
     Also the ratio of their changes from which headings are in degrees, and what the directions are.
@@ -340,16 +335,18 @@ def _find_directions(
     return direction, mean, 1.0, f"the direction of motion at {SLOWEST_MPS:g} m/s"
 
 
-def _average(values: Array, errors: ErrorSeries) -> Array:
+def _average(values: jackknife.Array, errors: ErrorSeries) -> jackknife.Array:
     """Return the mean of each track, shape (tracks,); 0 where there are no values."""
     known = np.isfinite(values)
     counts = np.bincount(errors.track[known], minlength=errors.tracks)
     sums = np.bincount(errors.track[known], values[known], errors.tracks)
-    means: Array = sums / np.maximum(counts, 1)
+    means: jackknife.Array = sums / np.maximum(counts, 1)
     return means
 
 
-def _find_slope(x: Array, y: Array, errors: ErrorSeries) -> tuple[float, Interval] | None:
+def _find_slope(
+    x: jackknife.Array, y: jackknife.Array, errors: ErrorSeries
+) -> tuple[float, Interval] | None:
     """Return the slope of y over x within tracks, with its interval; None if x does not change."""
     both = np.isfinite(x) & np.isfinite(y)
     x, y = np.where(both, x, nan), np.where(both, y, nan)
@@ -361,10 +358,10 @@ def _find_slope(x: Array, y: Array, errors: ErrorSeries) -> tuple[float, Interva
     squares[squares < EXACT] = 0.0
     if np.count_nonzero(squares) < FEWEST_TRACKS:
         return None
-    return find_ratio_interval(products, squares, 1.0 - CAUSE_ERROR)
+    return jackknife.find_ratio_interval(products, squares, 1.0 - CAUSE_ERROR)
 
 
-def _list_unrelated(error: Array, is_named: Booleans) -> Iterator[ModelCheck]:
+def _list_unrelated(error: jackknife.Array, is_named: Booleans) -> Iterator[ModelCheck]:
     """Yield the share of headings that are no headings, beside those with another cause."""
     large = int(((np.abs(error) > LARGE_TURN_RAD) & ~is_named).sum())
     if large > MOST_LARGE_TURNS * len(error):
@@ -378,7 +375,7 @@ def _list_unrelated(error: Array, is_named: Booleans) -> Iterator[ModelCheck]:
         )
 
 
-def _list_ranges(sides: Mapping[str, Array]) -> list[ModelCheck]:
+def _list_ranges(sides: Mapping[str, jackknife.Array]) -> list[ModelCheck]:
     """Return failed checks of columns of headings, by name, that fill more than a turn."""
     found = []
     for words, heading in sides.items():
@@ -401,7 +398,7 @@ def _list_ranges(sides: Mapping[str, Array]) -> list[ModelCheck]:
     return found
 
 
-def _list_zeros(name: str, error: Array) -> Iterator[ModelCheck]:
+def _list_zeros(name: str, error: jackknife.Array) -> Iterator[ModelCheck]:
     """Yield the share of errors that are exactly 0, beyond what rounded values let expect."""
     size = np.abs(error)
     is_zero = size < EXACT
@@ -429,7 +426,11 @@ def _list_zeros(name: str, error: Array) -> Iterator[ModelCheck]:
 
 
 def _list_sentinels(
-    name: str, sides: Mapping[str, Array], error: Array, track: Integers, is_turned: Booleans
+    name: str,
+    sides: Mapping[str, jackknife.Array],
+    error: jackknife.Array,
+    track: jackknife.Integers,
+    is_turned: Booleans,
 ) -> Iterator[tuple[ModelCheck, Booleans]]:
     """Yield the share of rows with far values that are repeated exactly, and which rows these are.
 
@@ -483,7 +484,7 @@ def _list_sentinels(
         )
 
 
-def _find_far(error: Array, usual: Array) -> Booleans:
+def _find_far(error: jackknife.Array, usual: jackknife.Array) -> Booleans:
     """Return which errors are far beyond the usual ones."""
     middle = float(np.median(usual))
     size = np.abs(usual - middle)
@@ -495,7 +496,7 @@ def _find_far(error: Array, usual: Array) -> Booleans:
     return far
 
 
-def _find_repeated(cases: Array, unit: float) -> Array:
+def _find_repeated(cases: jackknife.Array, unit: float) -> jackknife.Array:
     """Return the values that are repeated more often than the values around them let expect.
 
     Args:
@@ -523,7 +524,7 @@ def _find_repeated(cases: Array, unit: float) -> Array:
 
 
 def _list_uneven_tracks(
-    name: str, errors: ErrorSeries, column: int, z: Array
+    name: str, errors: ErrorSeries, column: int, z: jackknife.Array
 ) -> Iterator[ModelCheck]:
     """Yield the variance of mean z² between tracks, if it is larger than the model's.
 
@@ -560,7 +561,9 @@ def _list_uneven_tracks(
     )
 
 
-def _list_error_properties(step_s: float, errors: ErrorSeries, z: Array) -> Iterator[_Property]:
+def _list_error_properties(
+    step_s: float, errors: ErrorSeries, z: jackknife.Array
+) -> Iterator[_Property]:
     for column, name in enumerate(errors.channels):
         own, distance = z[:, column], errors.distance_m[:, column]
         yield _Property(
@@ -598,7 +601,7 @@ def _list_error_properties(step_s: float, errors: ErrorSeries, z: Array) -> Iter
         )
 
 
-def _list_central_properties(errors: ErrorSeries, z: Array) -> Iterator[_Property]:
+def _list_central_properties(errors: ErrorSeries, z: jackknife.Array) -> Iterator[_Property]:
     for column, name in enumerate(errors.channels):
         yield _Property(
             f"{name}: share of |z| < {HALF_SIGMA:.3g}",
@@ -611,7 +614,7 @@ def _list_central_properties(errors: ErrorSeries, z: Array) -> Iterator[_Propert
 
 
 def _list_pairs(
-    log: SensorLog, pairs: dict[str, tuple[Integers, Array, Array]]
+    log: SensorLog, pairs: dict[str, tuple[jackknife.Integers, jackknife.Array, jackknife.Array]]
 ) -> Iterator[_Property]:
     """Yield the correlations between z of two channels, given by the rows of the log."""
     for names, (row, one, other) in pairs.items():
@@ -625,7 +628,7 @@ def _list_pairs(
         )
 
 
-def _list_clocks(log: SensorLog, errors: ErrorSeries, z: Array) -> Iterator[_Property]:
+def _list_clocks(log: SensorLog, errors: ErrorSeries, z: jackknife.Array) -> Iterator[_Property]:
     yield _Property(
         "correlation of longitudinal z with the rate of dx",
         z[:, 0] * _standardise(log.rate_mps[errors.row, 0]),
@@ -639,7 +642,9 @@ def _list_chain_properties(chain: ChainFit, steps: EventSteps) -> Iterator[_Prop
     expected = chain.compute_probability(steps)
     begins, absent = steps.now.astype(float), ~steps.before
 
-    def ask(name: str, happened: Array, mean: Array, counted: Booleans, remedy: str) -> _Property:
+    def ask(
+        name: str, happened: jackknife.Array, mean: jackknife.Array, counted: Booleans, remedy: str
+    ) -> _Property:
         values = np.where(counted, happened, nan)
         return _Property(f"{chain.name}: {name}", values, mean, steps.block, remedy, is_share=True)
 
@@ -672,7 +677,7 @@ def _list_chain_properties(chain: ChainFit, steps: EventSteps) -> Iterator[_Prop
         )
 
 
-def shift(values: Array, errors: ErrorSeries, lag: int) -> Array:
+def shift(values: jackknife.Array, errors: ErrorSeries, lag: int) -> jackknife.Array:
     """Return each measurement's value `lag` steps earlier; NaN where a step between was missed."""
     found = np.full(len(values), nan)
     found[lag:] = values[:-lag]
@@ -683,10 +688,10 @@ def shift(values: Array, errors: ErrorSeries, lag: int) -> Array:
     return np.where(unbroken, found, nan)
 
 
-def _standardise(values: Array) -> Array:
+def _standardise(values: jackknife.Array) -> jackknife.Array:
     """Return values less their mean, by their standard deviation; NaN where all are equal."""
     spread = float(np.nanstd(values)) if np.isfinite(values).any() else 0.0
     if spread == 0.0:
         return np.full(len(values), nan)
-    standardised: Array = (values - np.nanmean(values)) / spread
+    standardised: jackknife.Array = (values - np.nanmean(values)) / spread
     return standardised

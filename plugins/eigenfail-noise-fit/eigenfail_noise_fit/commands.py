@@ -14,14 +14,7 @@ from eigenfail.cli.specs import read_spec
 from eigenfail.errors import InvalidValue
 from eigenfail.files import read_toml, write_new
 from eigenfail.hosting.service import require_installed
-from eigenfail.presentation.figures import (
-    format_interval,
-    format_number,
-    format_percent_interval,
-    format_share,
-    format_signed,
-    format_signed_interval,
-)
+from eigenfail.presentation import figures
 from eigenfail.presentation.tables import Block, FactTable, Table, TableColumn
 from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
@@ -270,7 +263,7 @@ def _draw_parameters(report: FitReport) -> Table:
             TableColumn("95 % interval"),
         ),
         tuple(
-            (one.name, format_number(one.value), format_interval(one.interval))
+            (one.name, figures.format_number(one.value), figures.format_interval(one.interval))
             for one in report.parameters
         ),
         (note,),
@@ -293,7 +286,7 @@ def _draw_shapes(report: FitReport) -> Table:
             (
                 *([str(one.channel)] if by_channel else []),
                 one.kind,
-                format_number(one.held_out, 4),
+                figures.format_number(one.held_out, 4),
                 _format_gain(one),
             )
             for one in report.shapes
@@ -305,7 +298,7 @@ def _draw_shapes(report: FitReport) -> Table:
 def _format_gain(one: CandidateScore) -> str:
     if one.gain is None or one.interval is None:
         return ""
-    return f"{format_signed(one.gain)} {format_signed_interval(one.interval)}"
+    return f"{figures.format_signed(one.gain)} {figures.format_signed_interval(one.interval)}"
 
 
 def _draw_bands(bands: Sequence[MissBand]) -> Table:
@@ -323,8 +316,8 @@ def _draw_bands(bands: Sequence[MissBand]) -> Table:
             (
                 f"{band.distance_m[0]:.3g} to {band.distance_m[1]:.3g}",
                 band.steps,
-                format_share(band.share),
-                format_percent_interval(band.interval),
+                figures.format_share(band.share),
+                figures.format_percent_interval(band.interval),
                 band.begun,
                 band.mean_steps,
             )
@@ -347,9 +340,9 @@ def _draw_checks(report: FitReport) -> Table:
         tuple(
             (
                 check.name,
-                format_number(check.value),
-                format_interval(check.interval),
-                format_number(check.expected),
+                figures.format_number(check.value),
+                figures.format_interval(check.interval),
+                figures.format_number(check.expected),
                 "holds" if check.holds else f"does not hold. {check.remedy}",
             )
             for check in report.checks

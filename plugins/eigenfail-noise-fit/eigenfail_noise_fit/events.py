@@ -15,18 +15,7 @@ from eigenfail.errors import InvalidValue
 from eigenfail.values import Interval, Markov
 from eigenfail.values.channels import GHOST
 from eigenfail.values.shapes import MOST_LIKELY
-from eigenfail_noise_fit.jackknife import (
-    Array,
-    FreeParameter,
-    Likelihood,
-    Parameter,
-    ShapeScore,
-    compare_candidates,
-    estimate_parameters,
-    find_ratio_interval,
-    maximize_likelihood,
-    widen_share,
-)
+from eigenfail_noise_fit import jackknife
 from eigenfail_noise_fit.sensor_log import Booleans, EventSteps
 
 CONSTANT, GROWING = "constant", "with distance"
@@ -65,8 +54,8 @@ class ChainFit(msgspec.Struct, frozen=True, eq=False):
 
     kind: str
     name: str
-    best: Array
-    score: ShapeScore
+    best: jackknife.Array
+    score: jackknife.ShapeScore
 
     @property
     def shape(self) -> Markov:
@@ -75,7 +64,7 @@ class ChainFit(msgspec.Struct, frozen=True, eq=False):
         duration = 1.0 / ends
         return Markov(rate, duration, *growth)
 
-    def compute_probability(self, steps: EventSteps) -> Array:
+    def compute_probability(self, steps: EventSteps) -> jackknife.Array:
         """Return the probability that the event lasts at each step, given the one before."""
         return _compute_probability(steps, self.best)
 
@@ -95,9 +84,9 @@ def fit_chains(name: str, steps: EventSteps, *, by_distance: bool) -> list[Chain
     _refuse_endless(name, steps)
     kinds = (CONSTANT, GROWING) if by_distance else (CONSTANT,)
     likelihoods = [_make_likelihood(kind, name, steps) for kind in kinds]
-    scores = compare_candidates(likelihoods)
+    scores = jackknife.compare_candidates(likelihoods)
     return [
-        ChainFit(kind, name, maximize_likelihood(likelihood), score)
+        ChainFit(kind, name, jackknife.maximize_likelihood(likelihood), score)
         for kind, likelihood, score in zip(kinds, likelihoods, scores, strict=True)
     ]
 
@@ -107,7 +96,7 @@ def choose_chain(fits: Sequence[ChainFit]) -> ChainFit:
     return [fit for fit in fits if fit is fits[0] or fit.score.is_better][-1]
 
 
-def find_chain_parameters(fit: ChainFit, steps: EventSteps) -> tuple[Parameter, ...]:
+def find_chain_parameters(fit: ChainFit, steps: EventSteps) -> tuple[jackknife.Parameter, ...]:
     """Return the parameters with the intervals of the jackknife over blocks.
 
     The interval of a probability that is the same at all steps includes the exact one for
@@ -116,7 +105,9 @@ def find_chain_parameters(fit: ChainFit, steps: EventSteps) -> tuple[Parameter, 
     Raises:
         InvalidValue: the log does not determine all parameters.
     """
-    found = list(estimate_parameters(_make_likelihood(fit.kind, fit.name, steps), fit.best))
+    found = list(
+        jackknife.estimate_parameters(_make_likelihood(fit.kind, fit.name, steps), fit.best)
+    )
     if fit.kind == CONSTANT:
         found[RATE] = _widen(found[RATE], steps.now[~steps.before], MOST_LIKELY)
     ends = _widen(_invert(found[DURATION]), ~steps.now[steps.before], 1.0)
@@ -124,14 +115,14 @@ def find_chain_parameters(fit: ChainFit, steps: EventSteps) -> tuple[Parameter, 
     return tuple(found)
 
 
-def _invert(one: Parameter) -> Parameter:
+def _invert(one: jackknife.Parameter) -> jackknife.Parameter:
     low, high = one.interval.low, one.interval.high
-    return Parameter(one.name, 1.0 / one.value, Interval(1.0 / high, 1.0 / low))
+    return jackknife.Parameter(one.name, 1.0 / one.value, Interval(1.0 / high, 1.0 / low))
 
 
-def _widen(one: Parameter, happened: Booleans, most: float) -> Parameter:
+def _widen(one: jackknife.Parameter, happened: Booleans, most: float) -> jackknife.Parameter:
     """Return a probability with at least the interval of independent steps."""
-    wide = widen_share(one.interval, int(happened.sum()), len(happened))
+    wide = jackknife.widen_share(one.interval, int(happened.sum()), len(happened))
     interval = Interval(max(wide.low, LEAST_RATE), min(wide.high, most))
     return msgspec.structs.replace(one, interval=interval)
 
@@ -157,13 +148,13 @@ def _refuse_endless(name: str, steps: EventSteps) -> None:
         )
 
 
-def _make_likelihood(kind: str, name: str, steps: EventSteps) -> Likelihood:
+def _make_likelihood(kind: str, name: str, steps: EventSteps) -> jackknife.Likelihood:
     absent, lasting = ~steps.before, steps.before
     rate = float(steps.now[absent].mean())
     ends = float((~steps.now[lasting]).mean())
     unit = min(max(rate, LEAST_RATE), MOST_LIKELY)
     parameters = [
-        FreeParameter(
+        jackknife.FreeParameter(
             f"{name}.rate",
             (LEAST_RATE, MOST_LIKELY),
             unit if kind == CONSTANT else 0.5 * unit,
@@ -171,7 +162,7 @@ def _make_likelihood(kind: str, name: str, steps: EventSteps) -> Likelihood:
             is_scale=kind == CONSTANT,
             least_scale=unit,
         ),
-        FreeParameter(
+        jackknife.FreeParameter(
             f"{name}.mean_steps",
             (1.0 / LONGEST_STEPS, MOST_ENDING),
             min(max(ends, 1.0 / LONGEST_STEPS), MOST_ENDING),
@@ -181,11 +172,11 @@ def _make_likelihood(kind: str, name: str, steps: EventSteps) -> Likelihood:
     ]
     if kind == GROWING:
         slope = unit / max(float(steps.distance_m.mean()), 1.0)
-        growth = FreeParameter(
+        growth = jackknife.FreeParameter(
             f"{name}.rate_per_m", (0.0, MOST_LIKELY), 0.5 * slope, slope, least_scale=slope
         )
         parameters.append(growth)
-    return Likelihood(
+    return jackknife.Likelihood(
         tuple(parameters),
         partial(_compute_density, steps),
         steps.block,
@@ -194,17 +185,17 @@ def _make_likelihood(kind: str, name: str, steps: EventSteps) -> Likelihood:
     )
 
 
-def _compute_density(steps: EventSteps, parameters: Array) -> Array:
+def _compute_density(steps: EventSteps, parameters: jackknife.Array) -> jackknife.Array:
     """Return the log probability of each step given the one before, shape (n,)."""
     p = _compute_probability(steps, parameters)
-    density: Array = special.xlogy(steps.now, p) + special.xlog1py(~steps.now, -p)
+    density: jackknife.Array = special.xlogy(steps.now, p) + special.xlog1py(~steps.now, -p)
     return density
 
 
-def _compute_probability(steps: EventSteps, parameters: Array) -> Array:
+def _compute_probability(steps: EventSteps, parameters: jackknife.Array) -> jackknife.Array:
     growth = parameters[GROWTH] if len(parameters) > GROWTH else 0.0
     begins = np.minimum(parameters[RATE] + growth * steps.distance_m, MOST_LIKELY)
-    p: Array = np.where(steps.before, 1.0 - parameters[DURATION], begins)
+    p: jackknife.Array = np.where(steps.before, 1.0 - parameters[DURATION], begins)
     return p
 
 
@@ -240,11 +231,11 @@ def _measure_band(steps: EventSteps, inside: Booleans) -> MissBand:
     distance = steps.distance_m[inside]
     counts = np.bincount(steps.block, inside, steps.blocks).astype(float)
     sums = np.bincount(steps.block, inside & steps.now, steps.blocks).astype(float)
-    share, interval = find_ratio_interval(sums, counts)
+    share, interval = jackknife.find_ratio_interval(sums, counts)
     missed, n = int(sums.sum()), int(counts.sum())
     ended = int((inside & steps.before & ~steps.now).sum())
     lasted = int((inside & steps.before).sum())
-    wide = widen_share(interval, missed, n)
+    wide = jackknife.widen_share(interval, missed, n)
     return MissBand(
         distance_m=(float(distance.min()), float(distance.max())),
         steps=n,

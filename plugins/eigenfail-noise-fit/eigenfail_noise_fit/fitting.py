@@ -13,25 +13,10 @@ import msgspec
 import numpy as np
 from scipy import special
 
-from eigenfail.values import (
-    Autoregressive,
-    Correlated,
-    DisturbanceModel,
-    HeavyTailed,
-    White,
-)
+from eigenfail import values
 from eigenfail.values.channels import QUANTITIES, Channel
 from eigenfail.values.shapes import ChannelShape, Shape
-from eigenfail_noise_fit.jackknife import (
-    Array,
-    FreeParameter,
-    Likelihood,
-    Parameter,
-    ShapeScore,
-    compare_candidates,
-    estimate_parameters,
-    maximize_likelihood,
-)
+from eigenfail_noise_fit import jackknife
 from eigenfail_noise_fit.sensor_log import ErrorSeries
 
 MOST_CORRELATION = 0.999
@@ -62,73 +47,85 @@ class Candidate(NamedTuple):
     """
 
     kind: str
-    own: Callable[[tuple[str, ...]], tuple[FreeParameter, ...]]
-    find_density: Callable[[ErrorSeries, Array, Array], Array]
-    find_z: Callable[[ErrorSeries, Array, Array], Array]
+    own: Callable[[tuple[str, ...]], tuple[jackknife.FreeParameter, ...]]
+    find_density: Callable[[ErrorSeries, jackknife.Array, jackknife.Array], jackknife.Array]
+    find_z: Callable[[ErrorSeries, jackknife.Array, jackknife.Array], jackknife.Array]
     make_shape: Callable[..., ChannelShape]
     make_joint_shape: Callable[..., Shape]
 
 
-def find_white_z(_errors: ErrorSeries, u: Array, _own: Array) -> Array:
+def find_white_z(
+    _errors: ErrorSeries, u: jackknife.Array, _own: jackknife.Array
+) -> jackknife.Array:
     """Return u, which is z."""
     return u
 
 
-def find_white_density(_errors: ErrorSeries, u: Array, _own: Array) -> Array:
+def find_white_density(
+    _errors: ErrorSeries, u: jackknife.Array, _own: jackknife.Array
+) -> jackknife.Array:
     """Log N(u; 0, 1)."""
     return _log_normal_density(u)
 
 
-def find_correlated_z(errors: ErrorSeries, u: Array, phi: Array) -> Array:
+def find_correlated_z(
+    errors: ErrorSeries, u: jackknife.Array, phi: jackknife.Array
+) -> jackknife.Array:
     """z_t = (u_t − phi · u_{t−1}) / sqrt(1 − phi²); u_t where the step before was missed."""
     expected = np.where(errors.follows[:, None], phi * np.roll(u, 1, axis=0), 0.0)
-    z: Array = (u - expected) / _find_new_spread(errors, phi)
+    z: jackknife.Array = (u - expected) / _find_new_spread(errors, phi)
     return z
 
 
-def find_correlated_density(errors: ErrorSeries, u: Array, phi: Array) -> Array:
+def find_correlated_density(
+    errors: ErrorSeries, u: jackknife.Array, phi: jackknife.Array
+) -> jackknife.Array:
     """Log N(u_t; phi · u_{t−1}, 1 − phi²); log N(u_t; 0, 1) where the step before was missed."""
     spread = np.log(_find_new_spread(errors, phi)).sum(axis=1)
-    density: Array = _log_normal_density(find_correlated_z(errors, u, phi)) - spread
+    density: jackknife.Array = _log_normal_density(find_correlated_z(errors, u, phi)) - spread
     return density
 
 
-def _find_new_spread(errors: ErrorSeries, phi: Array) -> Array:
+def _find_new_spread(errors: ErrorSeries, phi: jackknife.Array) -> jackknife.Array:
     """Return the standard deviation of u_t given the step before, shape (n, channels)."""
-    spread: Array = np.where(errors.follows[:, None], np.sqrt(1.0 - phi**2), 1.0)
+    spread: jackknife.Array = np.where(errors.follows[:, None], np.sqrt(1.0 - phi**2), 1.0)
     return spread
 
 
-def find_heavy_tailed_z(_errors: ErrorSeries, u: Array, inverse_freedom: Array) -> Array:
+def find_heavy_tailed_z(
+    _errors: ErrorSeries, u: jackknife.Array, inverse_freedom: jackknife.Array
+) -> jackknife.Array:
     """Z = Φ⁻¹(T(t)), t = u / sqrt((nu − 2) / nu)."""
     nu = 1.0 / float(inverse_freedom[0])
     t = u / sqrt((nu - 2.0) / nu)
     tail = special.stdtr(nu, -np.abs(t))
-    z: Array = -np.sign(t) * special.ndtri(np.maximum(tail, np.finfo(float).tiny))
+    z: jackknife.Array = -np.sign(t) * special.ndtri(np.maximum(tail, np.finfo(float).tiny))
     return z
 
 
-def find_heavy_tailed_density(_errors: ErrorSeries, u: Array, inverse_freedom: Array) -> Array:
+def find_heavy_tailed_density(
+    _errors: ErrorSeries, u: jackknife.Array, inverse_freedom: jackknife.Array
+) -> jackknife.Array:
     """Log density of Student's t in unit variance (Abramowitz and Stegun, 26.7.1)."""
     nu = 1.0 / float(inverse_freedom[0])
     norm = lgamma(0.5 * (nu + 1.0)) - lgamma(0.5 * nu) - 0.5 * log((nu - 2.0) * pi)
-    density: Array = (norm - 0.5 * (nu + 1.0) * np.log1p(u * u / (nu - 2.0))).sum(axis=1)
+    density: jackknife.Array = (norm - 0.5 * (nu + 1.0) * np.log1p(u * u / (nu - 2.0))).sum(axis=1)
     return density
 
 
-def _log_normal_density(z: Array) -> Array:
-    density: Array = -0.5 * np.square(z).sum(axis=1) - 0.5 * z.shape[1] * log(2.0 * pi)
+def _log_normal_density(z: jackknife.Array) -> jackknife.Array:
+    density: jackknife.Array = -0.5 * np.square(z).sum(axis=1) - 0.5 * z.shape[1] * log(2.0 * pi)
     return density
 
 
-def _list_no_parameters(_channels: tuple[str, ...]) -> tuple[FreeParameter, ...]:
+def _list_no_parameters(_channels: tuple[str, ...]) -> tuple[jackknife.FreeParameter, ...]:
     return ()
 
 
-def _list_correlations(channels: tuple[str, ...]) -> tuple[FreeParameter, ...]:
+def _list_correlations(channels: tuple[str, ...]) -> tuple[jackknife.FreeParameter, ...]:
     joint = len(channels) > 1
     return tuple(
-        FreeParameter(
+        jackknife.FreeParameter(
             f"{name}_correlation" if joint else f"{name}.correlation",
             (0.0, MOST_CORRELATION),
             0.5,
@@ -137,24 +134,30 @@ def _list_correlations(channels: tuple[str, ...]) -> tuple[FreeParameter, ...]:
     )
 
 
-def _list_freedom(channels: tuple[str, ...]) -> tuple[FreeParameter, ...]:
+def _list_freedom(channels: tuple[str, ...]) -> tuple[jackknife.FreeParameter, ...]:
     name = "degrees_of_freedom" if len(channels) > 1 else f"{channels[0]}.degrees_of_freedom"
-    return (FreeParameter(name, (1.0 / MOST_FREEDOM, 1.0 / LEAST_FREEDOM), 0.2, is_inverse=True),)
+    return (
+        jackknife.FreeParameter(
+            name, (1.0 / MOST_FREEDOM, 1.0 / LEAST_FREEDOM), 0.2, is_inverse=True
+        ),
+    )
 
 
-def _make_heavy_tailed(inverse_freedom: float) -> HeavyTailed:
-    return HeavyTailed(1.0 / inverse_freedom)
+def _make_heavy_tailed(inverse_freedom: float) -> values.HeavyTailed:
+    return values.HeavyTailed(1.0 / inverse_freedom)
 
 
 CANDIDATES = (
-    Candidate("white", _list_no_parameters, find_white_density, find_white_z, White, White),
+    Candidate(
+        "white", _list_no_parameters, find_white_density, find_white_z, values.White, values.White
+    ),
     Candidate(
         "ar1",
         _list_correlations,
         find_correlated_density,
         find_correlated_z,
-        Autoregressive,
-        Correlated,
+        values.Autoregressive,
+        values.Correlated,
     ),
     Candidate(
         "student_t",
@@ -180,15 +183,15 @@ class Fit(msgspec.Struct, frozen=True, eq=False):
 
     candidate: Candidate
     channels: tuple[str, ...]
-    best: Array
-    score: ShapeScore
+    best: jackknife.Array
+    score: jackknife.ShapeScore
 
     @property
-    def model(self) -> DisturbanceModel:
+    def model(self) -> values.DisturbanceModel:
         """The disturbance model of a position with these parameters."""
         shape = self.candidate.make_joint_shape(*self._own.tolist())
         along, along_base, across, across_base = self.best[:4].tolist()
-        return DisturbanceModel(along, along_base, across, across_base, shape=shape)
+        return values.DisturbanceModel(along, along_base, across, across_base, shape=shape)
 
     @property
     def channel(self) -> Channel:
@@ -197,10 +200,10 @@ class Fit(msgspec.Struct, frozen=True, eq=False):
         return Channel(name, base, slope, self.candidate.make_shape(*self._own.tolist()))
 
     @property
-    def _own(self) -> Array:
+    def _own(self) -> jackknife.Array:
         return self.best[2 * len(self.channels) :]
 
-    def find_z(self, errors: ErrorSeries) -> Array:
+    def find_z(self, errors: ErrorSeries) -> jackknife.Array:
         """Return what the model makes of the errors, (n, channels): standard normal if it holds."""
         u = errors.error / compute_sigma(errors, self.best)
         return self.candidate.find_z(errors, u, self._own)
@@ -209,9 +212,9 @@ class Fit(msgspec.Struct, frozen=True, eq=False):
 def fit_shapes(errors: ErrorSeries) -> list[Fit]:
     """Return the fits of all shapes; white noise is the first."""
     likelihoods = [make_likelihood(candidate, errors) for candidate in CANDIDATES]
-    scores = compare_candidates(likelihoods)
+    scores = jackknife.compare_candidates(likelihoods)
     return [
-        Fit(candidate, errors.channels, maximize_likelihood(likelihood), score)
+        Fit(candidate, errors.channels, jackknife.maximize_likelihood(likelihood), score)
         for candidate, likelihood, score in zip(CANDIDATES, likelihoods, scores, strict=True)
     ]
 
@@ -225,18 +228,18 @@ def choose_fit(fits: Sequence[Fit]) -> Fit:
     return max(better, key=lambda fit: fit.score.held_out, default=fits[0])
 
 
-def find_parameters(fit: Fit, errors: ErrorSeries) -> tuple[Parameter, ...]:
+def find_parameters(fit: Fit, errors: ErrorSeries) -> tuple[jackknife.Parameter, ...]:
     """Return the parameters of a fit with the intervals of the jackknife over tracks.
 
     Raises:
         InvalidValue: the log does not determine all parameters.
     """
-    return estimate_parameters(make_likelihood(fit.candidate, errors), fit.best)
+    return jackknife.estimate_parameters(make_likelihood(fit.candidate, errors), fit.best)
 
 
-def make_likelihood(candidate: Candidate, errors: ErrorSeries) -> Likelihood:
+def make_likelihood(candidate: Candidate, errors: ErrorSeries) -> jackknife.Likelihood:
     """Return the likelihood of the errors under a shape: slopes and bases, then the shape's own."""
-    return Likelihood(
+    return jackknife.Likelihood(
         (*_list_sigmas(errors), *candidate.own(errors.channels)),
         partial(compute_density, candidate, errors),
         errors.track,
@@ -245,7 +248,7 @@ def make_likelihood(candidate: Candidate, errors: ErrorSeries) -> Likelihood:
     )
 
 
-def _list_sigmas(errors: ErrorSeries) -> list[FreeParameter]:
+def _list_sigmas(errors: ErrorSeries) -> list[jackknife.FreeParameter]:
     """Return the slope and the base of each channel, by their names in the model."""
     spread = np.sqrt(np.mean(np.square(errors.error), axis=0))
     joint = len(errors.channels) > 1
@@ -257,9 +260,9 @@ def _list_sigmas(errors: ErrorSeries) -> list[FreeParameter]:
             slope, base = f"{name}_slope", f"{name}_base_m"
         start = float(np.clip(sigma, 1e-3 * unit, MOST_BASE))
         listed += [
-            FreeParameter(slope, (0.0, MOST_SLOPE), 0.0, unit, least_scale=1e-2 * unit),
+            jackknife.FreeParameter(slope, (0.0, MOST_SLOPE), 0.0, unit, least_scale=1e-2 * unit),
             # Of a scale the logarithm is nearer to normal than the scale itself.
-            FreeParameter(
+            jackknife.FreeParameter(
                 base,
                 (LEAST_BASE * unit, MOST_BASE),
                 start,
@@ -271,17 +274,19 @@ def _list_sigmas(errors: ErrorSeries) -> list[FreeParameter]:
     return listed
 
 
-def compute_density(candidate: Candidate, errors: ErrorSeries, parameters: Array) -> Array:
+def compute_density(
+    candidate: Candidate, errors: ErrorSeries, parameters: jackknife.Array
+) -> jackknife.Array:
     """Return the log density of each measurement's errors under some parameters, shape (n,)."""
     sigma = compute_sigma(errors, parameters)
     own = parameters[2 * len(errors.channels) :]
     found = candidate.find_density(errors, errors.error / sigma, own)
-    density: Array = found - np.log(sigma).sum(axis=1)
+    density: jackknife.Array = found - np.log(sigma).sum(axis=1)
     return density
 
 
-def compute_sigma(errors: ErrorSeries, parameters: Array) -> Array:
+def compute_sigma(errors: ErrorSeries, parameters: jackknife.Array) -> jackknife.Array:
     """Return sigma of each measurement, shape (n, channels), in the units of the errors."""
     count = 2 * len(errors.channels)
-    sigma: Array = parameters[0:count:2] * errors.distance_m + parameters[1:count:2]
+    sigma: jackknife.Array = parameters[0:count:2] * errors.distance_m + parameters[1:count:2]
     return sigma

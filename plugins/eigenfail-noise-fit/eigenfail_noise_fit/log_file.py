@@ -6,19 +6,14 @@ from pathlib import Path
 
 from eigenfail.errors import InvalidValue
 from eigenfail.files import DataTable, TableColumns, read_table
-from eigenfail_noise_fit.sensor_log import (
-    MEASURED,
-    POSITION_COLUMNS,
-    SEEN,
-    TRUE,
-    Row,
-    SensorLog,
-    make_log,
-    name_columns,
-)
+from eigenfail_noise_fit import sensor_log
 
-NUMBERS = ("time_s", *POSITION_COLUMNS, *(f"seen_{column}" for column in POSITION_COLUMNS))
-PAIRS = {quantity: name_columns(quantity) for quantity in MEASURED}
+NUMBERS = (
+    "time_s",
+    *sensor_log.POSITION_COLUMNS,
+    *(f"seen_{column}" for column in sensor_log.POSITION_COLUMNS),
+)
+PAIRS = {quantity: sensor_log.name_columns(quantity) for quantity in sensor_log.MEASURED}
 
 COLUMNS = TableColumns(
     "track",
@@ -35,7 +30,7 @@ MOST_DEGREES = 360.5
 """Directions are within a turn."""
 
 
-def read_log(file: Path, step_s: float) -> SensorLog:
+def read_log(file: Path, step_s: float) -> sensor_log.SensorLog:
     """Read a log of CSV, or of Parquet where pyarrow is installed.
 
     Args:
@@ -60,9 +55,9 @@ def read_log(file: Path, step_s: float) -> SensorLog:
         others = tuple(columns[name][place] for name in used)
         time_s = columns["time_s"][place]
         _refuse_partial(where, time_s, positions, dict(zip(used, others, strict=True)))
-        rows.append(Row(table.texts[track], time_s, positions, others))
+        rows.append(sensor_log.Row(table.texts[track], time_s, positions, others))
     _refuse_degrees(table, file.name)
-    return make_log(rows, step_s, quantities, table.unread)
+    return sensor_log.make_log(rows, step_s, quantities, table.unread)
 
 
 def _refuse_partial(
@@ -73,7 +68,7 @@ def _refuse_partial(
     Raises:
         InvalidValue: it is such a row.
     """
-    for one in (TRUE, SEEN):
+    for one in (sensor_log.TRUE, sensor_log.SEEN):
         if isnan(positions[one][0]) != isnan(positions[one][1]):
             raise InvalidValue(
                 where,

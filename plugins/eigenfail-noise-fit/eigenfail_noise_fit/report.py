@@ -9,6 +9,7 @@ import numpy as np
 from eigenfail.presentation.figures import count_noun, format_number, format_share
 from eigenfail.values import AXES, DisturbanceModel, Interval
 from eigenfail.values.channels import GHOST, MISSED, Channel
+from eigenfail_noise_fit import fitting
 from eigenfail_noise_fit.checks import (
     MAD_SIGMAS,
     ModelCheck,
@@ -22,13 +23,6 @@ from eigenfail_noise_fit.events import (
     find_chain_parameters,
     fit_chains,
     list_bands,
-)
-from eigenfail_noise_fit.fitting import (
-    Fit,
-    choose_fit,
-    find_parameters,
-    fit_shapes,
-    make_likelihood,
 )
 from eigenfail_noise_fit.jackknife import Parameter, ShapeScore, list_bounded
 from eigenfail_noise_fit.sensor_log import EventSteps, SensorLog
@@ -109,7 +103,7 @@ class FittedLog(NamedTuple):
     """
 
     log: SensorLog
-    fits: tuple[Fit, ...]
+    fits: tuple[fitting.Fit, ...]
     chains: tuple[tuple[ChainFit, EventSteps], ...]
 
 
@@ -126,12 +120,12 @@ def fit_log(log: SensorLog) -> tuple[FittedLog, FitReport]:
 
 def _fit_position(log: SensorLog) -> tuple[FittedLog, FitReport]:
     errors = log.select(*AXES)
-    fits = fit_shapes(errors)
-    best = choose_fit(fits)
+    fits = fitting.fit_shapes(errors)
+    best = fitting.choose_fit(fits)
     remarks = _list_fit_remarks(log, (best,))
     report = FitReport(
         model=best.model,
-        parameters=find_parameters(best, errors),
+        parameters=fitting.find_parameters(best, errors),
         shapes=tuple(_describe_score(fit.candidate.kind, fit.score) for fit in fits),
         checks=tuple(check_position(log, best)),
         misses=_count_misses(log),
@@ -145,15 +139,15 @@ def _fit_position(log: SensorLog) -> tuple[FittedLog, FitReport]:
 
 
 def _fit_channels(log: SensorLog) -> tuple[FittedLog, FitReport]:
-    tried = {name: fit_shapes(log.select(name)) for name in log.channels}
+    tried = {name: fitting.fit_shapes(log.select(name)) for name in log.channels}
     events = _list_events(log)
     tried_chains = {
         name: fit_chains(name, steps, by_distance=name == MISSED) for name, steps in events.items()
     }
-    fits = tuple(map(choose_fit, tried.values()))
+    fits = tuple(map(fitting.choose_fit, tried.values()))
     chains = tuple((choose_chain(tried_chains[name]), steps) for name, steps in events.items())
     parameters = [
-        *(find_parameters(fit, log.select(*fit.channels)) for fit in fits),
+        *(fitting.find_parameters(fit, log.select(*fit.channels)) for fit in fits),
         *(find_chain_parameters(*chain) for chain in chains),
     ]
     scores = [
@@ -196,7 +190,7 @@ def _list_events(log: SensorLog) -> dict[str, EventSteps]:
 
 
 def _list_channels(
-    log: SensorLog, fits: Sequence[Fit], chains: Sequence[tuple[ChainFit, EventSteps]]
+    log: SensorLog, fits: Sequence[fitting.Fit], chains: Sequence[tuple[ChainFit, EventSteps]]
 ) -> tuple[Channel, ...]:
     """Return the channels of the model; a ghost is first seen at the median distance."""
     events = []
@@ -231,13 +225,13 @@ def _find_distances(log: SensorLog) -> dict[str, tuple[float, float]]:
     }
 
 
-def _list_fit_remarks(log: SensorLog, fits: Sequence[Fit]) -> list[str]:
+def _list_fit_remarks(log: SensorLog, fits: Sequence[fitting.Fit]) -> list[str]:
     """Return parameters on their bounds, the unit of large heading errors, and unread columns."""
     remarks = [
         f"{said}: the model does not describe the errors, or the log is too short."
         for fit in fits
         for said in list_bounded(
-            make_likelihood(fit.candidate, log.select(*fit.channels)), fit.best
+            fitting.make_likelihood(fit.candidate, log.select(*fit.channels)), fit.best
         )
     ]
     if "heading" in log.channels:

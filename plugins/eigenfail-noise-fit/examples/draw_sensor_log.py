@@ -17,8 +17,14 @@ SLOPES, BASES = np.array([0.03, 0.01, 0.005]), np.array([0.6, 0.15, 0.3])
 MISSES, MISSES_PER_M, MISSED_STEPS = 0.005, 0.0004, 4.0
 GHOSTS, GHOST_STEPS, GHOST_AHEAD_M = 0.01, 3.0, 35.0
 COLUMNS = (
-    *("track", "time_s", "dx_m", "dy_m", "seen_dx_m", "seen_dy_m"),
-    *("speed_mps", "seen_speed_mps"),
+    "track",
+    "time_s",
+    "dx_m",
+    "dy_m",
+    "seen_dx_m",
+    "seen_dy_m",
+    "speed_mps",
+    "seen_speed_mps",
 )
 
 

@@ -34,8 +34,14 @@ FOLDER = "reproduction"
 PREFIXES = tuple(
     f"paper.{table}."
     for table in (
-        *("planners", "sweep", "training", "evaluation", "generalisation"),
-        *("safety", "components", "eigenfailures"),
+        "planners",
+        "sweep",
+        "training",
+        "evaluation",
+        "generalisation",
+        "safety",
+        "components",
+        "eigenfailures",
     )
 )
 """Of the names of figures: the tables."""

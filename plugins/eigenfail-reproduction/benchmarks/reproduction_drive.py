@@ -22,16 +22,11 @@ from samples import COMMAND, share
 from eigenfail.client import Client
 from eigenfail.hosting.service import Plan, local_service
 from eigenfail.values import Interval
+from eigenfail_reproduction import seeds
 from eigenfail_reproduction.page import PREFIXES as NAMES
 from eigenfail_reproduction.page import format_our_number, format_tables
 from eigenfail_reproduction.paper import PaperNumber, PaperReproduction, PaperTable
 from eigenfail_reproduction.programme import LEARNERS, build_suite
-from eigenfail_reproduction.seeds import (
-    JudgedStatement,
-    SeedVerdict,
-    count_asked,
-    judge_over_seeds,
-)
 from eigenfail_reproduction.statements import build_reproduction
 from eigenfail_reproduction.tables import FAILURE_RATE
 
@@ -79,9 +74,12 @@ def run_seeds(client: Client, seed: int) -> Iterator[PaperReproduction]:
 def list_figures(found: Sequence[PaperReproduction]) -> Iterator[tuple[str, Figure]]:
     """Every number of the first seed, counts of verdicts, and failure rates over the seeds."""
     yield from reproduction.figures(found[0])
-    judged = judge_over_seeds(found)
-    yield "paper.asked", count(count_asked(judged), judged)
-    for name, verdict in (("holds", SeedVerdict.HOLDS), ("refuted", SeedVerdict.DOES_NOT_HOLD)):
+    judged = seeds.judge_over_seeds(found)
+    yield "paper.asked", count(seeds.count_asked(judged), judged)
+    for name, verdict in (
+        ("holds", seeds.SeedVerdict.HOLDS),
+        ("refuted", seeds.SeedVerdict.DOES_NOT_HOLD),
+    ):
         of = [one for one in judged if one.verdict is verdict and one.is_shown]
         yield f"paper.drive.{name}", count(len(of), judged)
     unshown = [one for one in judged if is_undecided(one)]
@@ -95,12 +93,12 @@ def list_figures(found: Sequence[PaperReproduction]) -> Iterator[tuple[str, Figu
         yield f"paper.{learner}.train300.failure_rate", figure
 
 
-def is_undecided(judged: JudgedStatement) -> bool:
+def is_undecided(judged: seeds.JudgedStatement) -> bool:
     """Whether a statement was asked, and its verdict rests on seeds that are undecided."""
-    return judged.verdict is not SeedVerdict.CANNOT_BE_ASKED and not judged.is_shown
+    return judged.verdict is not seeds.SeedVerdict.CANNOT_BE_ASKED and not judged.is_shown
 
 
-def count(value: int, judged: Sequence[JudgedStatement]) -> Figure:
+def count(value: int, judged: Sequence[seeds.JudgedStatement]) -> Figure:
     """A number of statements, of all."""
     note = f"of {len(judged)} statements, over the seeds of {SCENARIO}"
     return Figure(value=float(value), unit="statements", n=len(judged), command=COMMAND, note=note)
@@ -199,7 +197,7 @@ setting without an effect.
 def format_page(found: Sequence[PaperReproduction]) -> str:
     """The page in Markdown."""
     figures = dict(list_figures(found))
-    judged = judge_over_seeds(found)
+    judged = seeds.judge_over_seeds(found)
     opening = OPENING.format(
         first=found[0].seed,
         last=found[-1].seed,
@@ -221,7 +219,7 @@ asked. A statement with one seed is about campaigns of the first one alone.
 
 
 def format_verdicts(
-    found: Sequence[PaperReproduction], judged: Sequence[JudgedStatement]
+    found: Sequence[PaperReproduction], judged: Sequence[seeds.JudgedStatement]
 ) -> Iterator[str]:
     """The table of verdicts, and that of the rules with the numbers of the first seed."""
     yield "## Verdicts over the seeds\n"

@@ -22,13 +22,7 @@ from eigenfail.hosting.service import Plan
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.progress import announce
 from eigenfail.suites import Suite
-from eigenfail_reproduction.page import (
-    format_heading,
-    format_our_number,
-    format_paper_number,
-    format_verdict,
-    list_files,
-)
+from eigenfail_reproduction import page
 from eigenfail_reproduction.paper import PaperReproduction, PaperTable
 from eigenfail_reproduction.programme import PROGRAMMES, build_suite
 from eigenfail_reproduction.statements import build_reproduction
@@ -49,18 +43,20 @@ def _draw_parts(found: PaperReproduction) -> Iterator[RenderableType]:
     yield Text("\nWhat the paper says", style="bold")
     for statement in found.statements:
         yield Text(
-            f"{format_verdict(statement)}: {statement.paper}\n  Holds if: {statement.rule}\n"
+            f"{page.format_verdict(statement)}: {statement.paper}\n  Holds if: {statement.rule}\n"
             f"  {statement.figures}"
         )
 
 
 def _draw_table(of: PaperTable) -> Table:
     """Our numbers, and the paper's in brackets behind them."""
-    titles = [format_heading(column) for column in of.columns]
+    titles = [page.format_heading(column) for column in of.columns]
     drawn = start_grid("", *titles, right=titles)
     for row in of.rows:
         numbers = zip(of.columns, row.numbers, strict=True)
-        cells = (f"{format_our_number(c, n)}{format_paper_number(c, n)}" for c, n in numbers)
+        cells = (
+            f"{page.format_our_number(c, n)}{page.format_paper_number(c, n)}" for c, n in numbers
+        )
         drawn.add_row(escape(row.name), *map(escape, cells))
     return drawn
 
@@ -77,9 +73,18 @@ class Scale(StrEnum):
 
 
 REPORTED = (
-    *("monte_carlo rulebook", "monte_carlo idm", "ast", "ast evaluation", "ast_paper evaluation"),
-    *("ast plus5", "ast minus5", "difs", "difs evaluation", "difs_paper evaluation"),
-    *("ast farther", "ast nearer"),
+    "monte_carlo rulebook",
+    "monte_carlo idm",
+    "ast",
+    "ast evaluation",
+    "ast_paper evaluation",
+    "ast plus5",
+    "ast minus5",
+    "difs",
+    "difs evaluation",
+    "difs_paper evaluation",
+    "ast farther",
+    "ast nearer",
 )
 """Members that the report covers; the paper's tables cover all."""
 
@@ -97,7 +102,8 @@ Seed = Annotated[
 Output = Annotated[
     Path | None,
     typer.Option(
-        *("--output", "-o"),
+        "--output",
+        "-o",
         metavar="FOLDER",
         help="Folder for the report, the paper's tables and the data.",
     ),
@@ -132,7 +138,7 @@ def reproduce(  # noqa: PLR0913, PLR0917 - typer makes an option of each argumen
             if output is not None:
                 begin("Writing the report")
                 reported = _list_reported_campaigns(client, suite)
-                client.report(reported, output, force, list_files(found))
+                client.report(reported, output, force, page.list_files(found))
     show(found, as_json, lambda: draw_reproduction(found))
 
 

@@ -6,61 +6,40 @@ from functools import partial
 
 import msgspec
 
+from eigenfail import values
 from eigenfail.client import Client
 from eigenfail.errors import Conflict
 from eigenfail.presentation.figures import format_count, format_number
 from eigenfail.suites import Suite
-from eigenfail.values import (
-    AnalysisResult,
-    AnalysisSettings,
-    AnalysisState,
-    Campaign,
-    CampaignState,
-    Comparison,
-    Outcome,
-    Proof,
-    Safety,
-    Summary,
-)
+from eigenfail_reproduction import judgements, tables
 from eigenfail_reproduction.causes import Causes, judge_causes, leave_causes_open
-from eigenfail_reproduction.judgements import (
-    FEWEST_FAILURES,
-    Judgement,
-    agree,
-    combine,
-    fails_more_often,
-    has_enough,
-    is_above_half,
-    is_likelier,
-    is_more_severe,
-    is_rarer,
-)
 from eigenfail_reproduction.paper import PaperReproduction, PaperStatement, PaperTable
 from eigenfail_reproduction.programme import SWEPT, ScenarioProgramme, find_programme
-from eigenfail_reproduction.tables import (
-    Analyses,
-    build_campaign_tables,
-    build_component_table,
-    build_replay_table,
-    build_safety_table,
-    list_readings,
-)
 
-Summaries = Mapping[str, Summary]
+Summaries = Mapping[str, values.Summary]
 
 
-Safeties = Mapping[str, Safety]
+Safeties = Mapping[str, values.Safety]
 
 
-Compare = Callable[[str, str], Comparison]
+Compare = Callable[[str, str], values.Comparison]
 """From the names of two members A and B to the comparison of B with A."""
 
 
 NEEDED = (
-    *("sweep base", "sweep alpha=500", "sweep c_dist=100", "sweep c_dist=5000"),
-    *("sweep batch_size=16", "sweep batch_size=256"),
-    *("sweep tau=0.001", "sweep tau=0.01", "sweep buffer_size=10000"),
-    *("ast evaluation", "ast_paper evaluation", "difs evaluation", "difs_paper evaluation"),
+    "sweep base",
+    "sweep alpha=500",
+    "sweep c_dist=100",
+    "sweep c_dist=5000",
+    "sweep batch_size=16",
+    "sweep batch_size=256",
+    "sweep tau=0.001",
+    "sweep tau=0.01",
+    "sweep buffer_size=10000",
+    "ast evaluation",
+    "ast_paper evaluation",
+    "difs evaluation",
+    "difs_paper evaluation",
 )
 """Members whose failures are compared one by one, where the programme has them."""
 
@@ -77,7 +56,7 @@ SUFFIXES = ("", "_paper")
 
 
 REVERSED = "In this run the order is reversed."
-TOO_FEW = f"There are fewer than {FEWEST_FAILURES} failures of one of them."
+TOO_FEW = f"There are fewer than {judgements.FEWEST_FAILURES} failures of one of them."
 UNCERTAIN = "The difference is uncertain."
 NOT_TESTED = "The cause was not tested."
 NO_EFFECT = "The setting has no effect in these runs: the campaigns have the same failures."
@@ -137,7 +116,7 @@ def _judge_sweep(
 
 def _judge_planners(summaries: Summaries) -> PaperStatement:
     ours, idm = (summaries[f"monte_carlo {name}"] for name in ("rulebook", "idm"))
-    holds = is_rarer(ours.failure_rate, idm.failure_rate)
+    holds = judgements.is_rarer(ours.failure_rate, idm.failure_rate)
     return PaperStatement(
         "Under Monte Carlo the planner fails less often than IDM.",
         holds,
@@ -171,20 +150,20 @@ def _judge_monte_carlo(suffix: str, summaries: Summaries) -> PaperStatement:
 def _judge_batch_size(summaries: Summaries, safeties: Safeties, compare: Compare) -> PaperStatement:
     small, others = "sweep batch_size=16", ("sweep base", "sweep batch_size=256")
     comparisons = [
-        combine(
-            fails_more_often(compare(other, small)),
+        judgements.combine(
+            judgements.fails_more_often(compare(other, small)),
             _is_likelier_in_both(summaries, safeties, other, small),
-            is_more_severe(safeties[other], safeties[small]),
+            judgements.is_more_severe(safeties[other], safeties[small]),
         )
         for other in others
     ]
     return PaperStatement(
         "A small batch improves failure rate, log p and severity.",
-        agree(comparisons),
+        judgements.agree(comparisons),
         f"{_list_figures(summaries, (small, *others), Means.LOG_P, Means.SEVERITY)} (the base has "
         f"a batch of {SWEPT['batch_size']:,})",
         rule="16 against the base and against 256: more failures, likelier, more severe",
-        asked=has_enough(*(safeties[name] for name in (small, *others))),
+        asked=judgements.has_enough(*(safeties[name] for name in (small, *others))),
     )
 
 
@@ -192,33 +171,33 @@ def _judge_alpha(summaries: Summaries, safeties: Safeties, compare: Compare) -> 
     base, small = names = ("sweep base", "sweep alpha=500")
     return PaperStatement(
         "A small alpha makes failures likelier and fewer.",
-        combine(
-            fails_more_often(compare(small, base)),
+        judgements.combine(
+            judgements.fails_more_often(compare(small, base)),
             _is_likelier_in_both(summaries, safeties, base, small),
         ),
         f"{_list_figures(summaries, names, Means.LOG_P)} (the base has an alpha of "
         f"{SWEPT['alpha']:,})",
         rule="The smallest against the base, which is the largest: likelier, fewer",
-        asked=has_enough(*(safeties[name] for name in names)),
+        asked=judgements.has_enough(*(safeties[name] for name in names)),
     )
 
 
 def _judge_c_dist(summaries: Summaries, safeties: Safeties, compare: Compare) -> PaperStatement:
     large, others = "sweep c_dist=5000", ("sweep base", "sweep c_dist=100")
     comparisons = [
-        combine(
-            fails_more_often(compare(other, large)),
-            is_more_severe(safeties[other], safeties[large]),
+        judgements.combine(
+            judgements.fails_more_often(compare(other, large)),
+            judgements.is_more_severe(safeties[other], safeties[large]),
         )
         for other in others
     ]
     return PaperStatement(
         "A large c_dist makes failures more frequent and more severe.",
-        agree(comparisons),
+        judgements.agree(comparisons),
         f"{_list_figures(summaries, (large, *others), Means.SEVERITY)} (the base has a c_dist of "
         f"{SWEPT['c_dist']:,})",
         rule="5,000 against the base and against 100: more failures, more severe",
-        asked=has_enough(*(safeties[name] for name in (large, *others))),
+        asked=judgements.has_enough(*(safeties[name] for name in (large, *others))),
     )
 
 
@@ -247,12 +226,14 @@ def _judge_likelihood(
 ) -> PaperStatement:
     """Judge whether the failures of the first campaign are likelier than those of the others."""
     one, *others = names
-    enough = has_enough(*(safeties[name] for name in names))
+    enough = judgements.has_enough(*(safeties[name] for name in names))
     points = safeties[one].scatter.points
     equal = all(safeties[name].scatter.points == points for name in others)
     return PaperStatement(
         paper,
-        agree([_is_likelier_in_both(summaries, safeties, other, one) for other in others]),
+        judgements.agree(
+            [_is_likelier_in_both(summaries, safeties, other, one) for other in others]
+        ),
         _list_figures(summaries, names, Means.LOG_P),
         NO_EFFECT if equal else NOT_TESTED if enough else TOO_FEW,
         rule,
@@ -284,14 +265,16 @@ def _judge_difs(suffix: str, summaries: Summaries, safeties: Safeties) -> PaperS
         _explain_likelihood(holds, safeties, names),
         "Evaluations: the failures of DiFS are likelier (does not hold: less likely)",
         subject=f"ast{suffix}, difs{suffix}",
-        asked=has_enough(safeties[a], safeties[b]),
+        asked=judgements.has_enough(safeties[a], safeties[b]),
     )
 
 
-def _explain_likelihood(holds: Judgement, safeties: Safeties, names: Sequence[str]) -> str:
+def _explain_likelihood(
+    holds: judgements.Judgement, safeties: Safeties, names: Sequence[str]
+) -> str:
     for name in names:
-        if len(safeties[name].scatter.points) < FEWEST_FAILURES:
-            return f"{name}: too few failures (fewer than {FEWEST_FAILURES}) for a mean."
+        if len(safeties[name].scatter.points) < judgements.FEWEST_FAILURES:
+            return f"{name}: too few failures (fewer than {judgements.FEWEST_FAILURES}) for a mean."
     return UNCERTAIN if holds is None else REVERSED
 
 
@@ -299,7 +282,9 @@ def _judge_moves(suffix: str, summaries: Summaries, programme: ScenarioProgramme
     names = tuple(f"ast{suffix} {place}" for place in ("evaluation", *programme.moved))
     return PaperStatement(
         "AST's policy fails the planner at other distances of the cut-in, too.",
-        combine(*(is_above_half(summaries[name].failure_rate) for name in names)),
+        judgements.combine(
+            *(judgements.is_above_half(summaries[name].failure_rate) for name in names)
+        ),
         _list_figures(summaries, names),
         "The policy was trained at one place of the scenario only.",
         "Where it was trained and in both similar scenarios the interval of the failure rate lies "
@@ -308,14 +293,16 @@ def _judge_moves(suffix: str, summaries: Summaries, programme: ScenarioProgramme
     )
 
 
-def _is_likelier_in_both(summaries: Summaries, safeties: Safeties, a: str, b: str) -> Judgement:
+def _is_likelier_in_both(
+    summaries: Summaries, safeties: Safeties, a: str, b: str
+) -> judgements.Judgement:
     """Whether B's failures are likelier per step; None also if their sums have another order.
 
     The paper sums over the steps; an episode ends at its collision, so that sums are over different
     numbers of steps.
     """
     one, other = (summaries[name].mean_log_probability for name in (a, b))
-    per_step = is_likelier(safeties[a], safeties[b])
+    per_step = judgements.is_likelier(safeties[a], safeties[b])
     if per_step is None or one is None or other is None:
         return None
     return per_step if (other > one) is per_step else None
@@ -325,12 +312,12 @@ def _list_figures(summaries: Summaries, names: Sequence[str], *means: Means) -> 
     return "; ".join(f"{name}: {_describe(summaries[name], means)}" for name in names)
 
 
-def _count(summary: Summary) -> str:
+def _count(summary: values.Summary) -> str:
     counts = summary.counts
     return f"{format_count(counts.failures)} of {format_count(counts.completed)} failed"
 
 
-def _describe(summary: Summary, means: Collection[Means]) -> str:
+def _describe(summary: values.Summary, means: Collection[Means]) -> str:
     words = [_count(summary)]
     if Means.LOG_P in means and summary.log_probability_per_step is not None:
         total = format_number(summary.mean_log_probability)
@@ -354,10 +341,10 @@ CORRELATED = ("ast evaluation", "ast_paper evaluation", "difs evaluation", "difs
 class Evidence(msgspec.Struct, frozen=True):
     """Results by the name of the member; analyses by name and axis, causes by name and episode."""
 
-    summaries: Mapping[str, Summary]
-    safeties: Mapping[str, Safety]
-    analyses: Analyses
-    proofs: Mapping[str, Proof]
+    summaries: Mapping[str, values.Summary]
+    safeties: Mapping[str, values.Safety]
+    analyses: tables.Analyses
+    proofs: Mapping[str, values.Proof]
     causes: Causes
 
 
@@ -404,14 +391,14 @@ def build_reproduction(
     )
 
 
-def _require_done(suite: Suite, campaigns: Sequence[Campaign | None]) -> None:
+def _require_done(suite: Suite, campaigns: Sequence[values.Campaign | None]) -> None:
     """Refuse a programme that is not done.
 
     Raises:
         Conflict: a campaign is missing, or ended otherwise.
     """
     for member, campaign in zip(suite.members, campaigns, strict=True):
-        if campaign is None or campaign.state is not CampaignState.DONE:
+        if campaign is None or campaign.state is not values.CampaignState.DONE:
             state = campaign.state if campaign else "not there"
             raise Conflict(
                 f"The campaign '{member.spec.name}' is {state}, so that its tables would be wrong.",
@@ -426,10 +413,10 @@ def _gather_evidence(
     summaries = {member.name: summary for member, summary in found if summary is not None}
     ids = {name: one.campaign for name, one in summaries.items() if one.counts.failures}
     diagnosed = {name: ids[name] for name in ANALYSED if name in ids}
-    readings = list_readings(programme)
+    readings = tables.list_readings(programme)
     causes: dict[str, Mapping[int, str]] = {}
-    analyses: dict[tuple[str, str, str], AnalysisResult] = {}
-    proofs: dict[str, Proof] = {}
+    analyses: dict[tuple[str, str, str], values.AnalysisResult] = {}
+    proofs: dict[str, values.Proof] = {}
     for name, campaign in diagnosed.items():
         who = f"of campaign {campaign} ({name})"
         begin(f"Reading the failures {who}")
@@ -451,11 +438,11 @@ def _gather_evidence(
 
 def _list_causes(client: Client, campaign: int) -> Mapping[int, str]:
     """Return the cause of each failure, by episode; nothing where the scenario names none."""
-    failures = client.episodes.list(campaign, Outcome.COLLISION)
+    failures = client.episodes.list(campaign, values.Outcome.COLLISION)
     return {each.index: each.cause for each in failures if each.cause is not None}
 
 
-def _prove(client: Client, campaign: int, settings: AnalysisSettings) -> Proof:
+def _prove(client: Client, campaign: int, settings: values.AnalysisSettings) -> values.Proof:
     """Return the replays of a campaign's eigenfailures in its scenario and in similar ones."""
     analysis, _ = _analyze(client, campaign, settings)
     # Asked for again after their end, they are followed by a search that no statement needs.
@@ -465,15 +452,15 @@ def _prove(client: Client, campaign: int, settings: AnalysisSettings) -> Proof:
 
 
 def _analyze(
-    client: Client, campaign: int, settings: AnalysisSettings
-) -> tuple[int, AnalysisResult]:
+    client: Client, campaign: int, settings: values.AnalysisSettings
+) -> tuple[int, values.AnalysisResult]:
     """Return id and result of the analysis with these settings; run it if there is none.
 
     Raises:
         Conflict: the failures cannot be analysed.
     """
     known = (one for one in client.analyses.list(campaign) if one.settings == settings)
-    done = next((one for one in known if one.state is AnalysisState.DONE), None)
+    done = next((one for one in known if one.state is values.AnalysisState.DONE), None)
     found = client.analyses.wait((done or client.analyses.create(campaign, settings)).id)
     if found.result is None:
         raise Conflict(f"The failures of campaign {campaign} were not analysed: {found.problem}")
@@ -481,10 +468,10 @@ def _analyze(
 
 
 def _build_tables(evidence: Evidence, programme: ScenarioProgramme) -> Iterator[PaperTable]:
-    yield from build_campaign_tables(evidence.summaries, programme)
-    yield build_safety_table({name: evidence.safeties[name] for name in MEASURED})
-    yield build_component_table(evidence.analyses, programme)
-    yield build_replay_table(evidence.proofs, programme)
+    yield from tables.build_campaign_tables(evidence.summaries, programme)
+    yield tables.build_safety_table({name: evidence.safeties[name] for name in MEASURED})
+    yield tables.build_component_table(evidence.analyses, programme)
+    yield tables.build_replay_table(evidence.proofs, programme)
 
 
 def _judge_statements(
@@ -501,6 +488,6 @@ def _judge_statements(
             yield from leave_causes_open(name)
 
 
-def _compare(client: Client, evidence: Evidence, a: str, b: str) -> Comparison:
+def _compare(client: Client, evidence: Evidence, a: str, b: str) -> values.Comparison:
     one, other = (evidence.summaries[name].campaign for name in (a, b))
     return client.campaigns.compare(one, other)

@@ -6,15 +6,8 @@ from typing import Any, NamedTuple
 
 import msgspec
 
+from eigenfail import values
 from eigenfail.intervals import bound_rate
-from eigenfail.values import (
-    AnalysisResult,
-    AnalysisSettings,
-    Proof,
-    Rate,
-    Safety,
-    Summary,
-)
 from eigenfail.values.disturbance import AXES
 from eigenfail.values.proof import ProvenScenario
 from eigenfail.values.safety import Violations
@@ -51,36 +44,36 @@ from eigenfail_reproduction.paper import (
 )
 from eigenfail_reproduction.programme import LEARNERS, ScenarioProgramme
 
-Summaries = Mapping[str, Summary]
-Read = Callable[[Summary], PaperNumber]
+Summaries = Mapping[str, values.Summary]
+Read = Callable[[values.Summary], PaperNumber]
 
 
-def _read_rate(of: Summary) -> PaperNumber:
+def _read_rate(of: values.Summary) -> PaperNumber:
     if of.failure_rate is None:
         return PaperNumber(None, 0)
     return PaperNumber(of.failure_rate.value, of.failure_rate.n, of.failure_rate.interval)
 
 
-def _read_draws(of: Summary) -> PaperNumber:
+def _read_draws(of: values.Summary) -> PaperNumber:
     """Return the failure rate of independent draws, from p(x) or from one trained searcher."""
     return _count_draws(of.failure_rate)
 
 
-def _count_draws(rate: Rate | None, paper: float | None = None) -> PaperNumber:
+def _count_draws(rate: values.Rate | None, paper: float | None = None) -> PaperNumber:
     if rate is None:
         return PaperNumber(None, 0, paper=paper)
     return PaperNumber(rate.value, rate.n, bound_rate(rate), paper)
 
 
-def _read_mean(value: Callable[[Summary], float | None]) -> Read:
+def _read_mean(value: Callable[[values.Summary], float | None]) -> Read:
     return lambda of: PaperNumber(value(of), of.counts.failures)
 
 
-def _read_cost(of: Summary) -> PaperNumber:
+def _read_cost(of: values.Summary) -> PaperNumber:
     return PaperNumber(of.cost.per_failure_usd, of.counts.failures, of.cost.interval_usd)
 
 
-def _read_hours(of: Summary) -> PaperNumber:
+def _read_hours(of: values.Summary) -> PaperNumber:
     return PaperNumber(of.cost.instance_hours, of.counts.completed)
 
 
@@ -178,7 +171,7 @@ def build_campaign_tables(found: Summaries, programme: ScenarioProgramme) -> Ite
             yield PaperTable(layout.name, layout.title, columns, rows, layout.note)
 
 
-def _build_row(name: str, of: Summary, layout: TableLayout) -> PaperRow:
+def _build_row(name: str, of: values.Summary, layout: TableLayout) -> PaperRow:
     paper = layout.rows[name]
     numbers = ((column, read(of)) for column, read in layout.columns)
     beside = (
@@ -187,12 +180,12 @@ def _build_row(name: str, of: Summary, layout: TableLayout) -> PaperRow:
     return PaperRow(name, tuple(beside), of.campaign)
 
 
-def _group_by_noise(**changes: Any) -> AnalysisSettings:
+def _group_by_noise(**changes: Any) -> values.AnalysisSettings:
     """Return settings of an analysis that finds modes as the paper does."""
-    return AnalysisSettings(features="noise", **changes)
+    return values.AnalysisSettings(features="noise", **changes)
 
 
-READINGS: Mapping[tuple[str, str], AnalysisSettings] = MappingProxyType(
+READINGS: Mapping[tuple[str, str], values.AnalysisSettings] = MappingProxyType(
     {
         ("longitudinal", "collision"): _group_by_noise(axes="longitudinal", align="collision"),
         ("lateral", "collision"): _group_by_noise(axes="lateral", align="collision"),
@@ -206,7 +199,9 @@ READINGS: Mapping[tuple[str, str], AnalysisSettings] = MappingProxyType(
 """Analyses by axes and alignment: the paper leaves both open."""
 
 
-def list_readings(programme: ScenarioProgramme) -> Mapping[tuple[str, str], AnalysisSettings]:
+def list_readings(
+    programme: ScenarioProgramme,
+) -> Mapping[tuple[str, str], values.AnalysisSettings]:
     """Return the settings of the analyses of a programme, by axes and alignment.
 
     Where the noise is on every vehicle, an axis is that of all vehicles, and all analyses but that
@@ -225,7 +220,7 @@ def list_readings(programme: ScenarioProgramme) -> Mapping[tuple[str, str], Anal
 TABLED = (("longitudinal", "collision"), ("lateral", "collision"))
 """Those of the table of components."""
 
-Analyses = Mapping[tuple[str, str, str], AnalysisResult]
+Analyses = Mapping[tuple[str, str, str], values.AnalysisResult]
 """Of the failures of an evaluation, by the name of its member, axes and alignment."""
 
 MEASURES = (
@@ -246,13 +241,13 @@ REPLAYS = (
 )
 
 
-def build_safety_table(found: Mapping[str, Safety]) -> PaperTable:
+def build_safety_table(found: Mapping[str, values.Safety]) -> PaperTable:
     """Build the table of collisions, MinTTC and DRAC of evaluations."""
     rows = (row for name, safety in found.items() for row in _build_safety_rows(name, safety))
     return PaperTable("safety", "Safety measures", MEASURES, tuple(rows), OF_SAFETY)
 
 
-def _build_safety_rows(name: str, safety: Safety) -> Iterator[PaperRow]:
+def _build_safety_rows(name: str, safety: values.Safety) -> Iterator[PaperRow]:
     # The paper has these measures of DiFS alone.
     paper = SAFETY if name.startswith("difs") else {}
     collisions = (
@@ -298,7 +293,7 @@ def build_component_table(found: Analyses, programme: ScenarioProgramme) -> Pape
     )
 
 
-def _read_components(axis: str, result: AnalysisResult) -> tuple[PaperNumber, ...]:
+def _read_components(axis: str, result: values.AnalysisResult) -> tuple[PaperNumber, ...]:
     n = len(result.episodes)
     return (
         PaperNumber(float(result.explained.sum()), n, paper=EXPLAINED_BY_THREE.get(axis)),
@@ -309,7 +304,7 @@ def _read_components(axis: str, result: AnalysisResult) -> tuple[PaperNumber, ..
     )
 
 
-def _read_stability(result: AnalysisResult) -> PaperNumber:
+def _read_stability(result: values.AnalysisResult) -> PaperNumber:
     if result.stability is None:
         return PaperNumber(None, 0)
     return PaperNumber(
@@ -317,7 +312,9 @@ def _read_stability(result: AnalysisResult) -> PaperNumber:
     )
 
 
-def build_replay_table(found: Mapping[str, Proof], programme: ScenarioProgramme) -> PaperTable:
+def build_replay_table(
+    found: Mapping[str, values.Proof], programme: ScenarioProgramme
+) -> PaperTable:
     """Build the table of replays of eigenfailures and medoids, by scenario."""
     rows = (
         PaperRow(f"{name}: {_name_scenario(scenario)}", _read_replays(scenario), scenario.campaign)
@@ -333,7 +330,7 @@ def _read_replays(scenario: ProvenScenario) -> tuple[PaperNumber, ...]:
     return (_read_share(scenario.eigenfailures.rate, 1.0), _read_share(scenario.medoids.rate))
 
 
-def _read_share(rate: Rate | None, paper: float | None = None) -> PaperNumber:
+def _read_share(rate: values.Rate | None, paper: float | None = None) -> PaperNumber:
     if rate is None:
         return PaperNumber(None, 0, paper=paper)
     return PaperNumber(rate.value, rate.n, paper=paper)

@@ -14,12 +14,7 @@ from eigenfail.client import Client
 from eigenfail.errors import Conflict, InvalidValue, ServiceError
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.processes import interruptible
-from eigenfail.presentation.analyses import (
-    describe_findings,
-    describe_modes,
-    describe_proof,
-    list_mode_words,
-)
+from eigenfail.presentation import analyses
 from eigenfail.presentation.tables import Block
 from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
@@ -153,8 +148,11 @@ def analyze(
             typer.echo(to_json({"analysis": analysis, "proof": proof}))
         elif analysis.result:
             result = analysis.result
-            found = (*describe_modes(campaign, result), *describe_findings(result))
-            words = (*list_mode_words(result), describe_place(analysis))
+            found = (
+                *analyses.describe_modes(campaign, result),
+                *analyses.describe_findings(result),
+            )
+            words = (*analyses.list_mode_words(result), describe_place(analysis))
             make_console().print(render(*found, *words, *proven))
         # The result is printed first: it is not lost where an animation cannot be made.
         if animations is not None:
@@ -165,7 +163,7 @@ def tabulate_proof(client: Client, analysis: Analysis, proof: Proof) -> tuple[Bl
     """Return the proof of an analysis, in the units of its campaign's world."""
     spec = client.campaigns.get(analysis.campaign).spec
     noun = analysis.result.cluster_noun if analysis.result else "mode"
-    return describe_proof(proof, noun, find_robustness_unit(spec))
+    return analyses.describe_proof(proof, noun, find_robustness_unit(spec))
 
 
 def describe_place(analysis: Analysis) -> str:

@@ -5,21 +5,8 @@ from typing import Annotated
 
 import typer
 
-from eigenfail.cli import completion
+from eigenfail.cli import completion, options
 from eigenfail.cli.connection import connect_to
-from eigenfail.cli.options import (
-    AsJson,
-    CampaignId,
-    Changed,
-    Episodes,
-    Gate,
-    Limit,
-    Seed,
-    SpecFile,
-    Urgency,
-    Url,
-    Watched,
-)
 from eigenfail.cli.render import (
     TerminalView,
     describe_method_result,
@@ -61,14 +48,14 @@ QuietCheck = Annotated[
 
 def create(
     context: typer.Context,
-    file: SpecFile,
-    url: Url = DEFAULT_URL,
-    episodes: Episodes = None,
-    seed: Seed = None,
-    priority: Urgency = None,
-    values: Changed = None,
+    file: options.SpecFile,
+    url: options.Url = DEFAULT_URL,
+    episodes: options.Episodes = None,
+    seed: options.Seed = None,
+    priority: options.Urgency = None,
+    values: options.Changed = None,
     quiet: Quiet = False,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Launch the campaign that a TOML file describes, and print it."""
     spec = read_spec(file, changes=values, episodes=episodes, seed=seed, priority=priority)
@@ -78,14 +65,14 @@ def create(
 
 def check(
     context: typer.Context,
-    file: SpecFile,
-    url: Url = DEFAULT_URL,
-    episodes: Episodes = None,
-    seed: Seed = None,
-    priority: Urgency = None,
-    values: Changed = None,
+    file: options.SpecFile,
+    url: options.Url = DEFAULT_URL,
+    episodes: options.Episodes = None,
+    seed: options.Seed = None,
+    priority: options.Urgency = None,
+    values: options.Changed = None,
     quiet: QuietCheck = False,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Print the full specification of the campaign in a TOML file without launching it.
 
@@ -102,16 +89,16 @@ def check(
 
 def clone(
     context: typer.Context,
-    campaign: CampaignId,
-    url: Url = DEFAULT_URL,
+    campaign: options.CampaignId,
+    url: options.Url = DEFAULT_URL,
     name: Annotated[str | None, typer.Option(help="Name of the new campaign.")] = None,
     episodes: Annotated[
         int | None, typer.Option(min=1, help="Budget of the new campaign. [episodes]")
     ] = None,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the new campaign.")] = None,
-    values: Changed = None,
+    values: options.Changed = None,
     quiet: Quiet = False,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Launch a copy of an earlier campaign with changed values, and print it."""
     given = {"name": name, "episodes": episodes, "seed": seed}
@@ -155,9 +142,9 @@ def _make_command(act: Act) -> Callable[..., None]:
 
     def command(
         context: typer.Context,
-        campaign: CampaignId,
-        url: Url = DEFAULT_URL,
-        as_json: AsJson = False,
+        campaign: options.CampaignId,
+        url: options.Url = DEFAULT_URL,
+        as_json: options.AsJson = False,
     ) -> None:
         with connect_to(context, url) as client:
             found = act(client.campaigns, campaign)
@@ -168,10 +155,10 @@ def _make_command(act: Act) -> Callable[..., None]:
 
 def priority(
     context: typer.Context,
-    campaign: CampaignId,
+    campaign: options.CampaignId,
     wanted: Annotated[Priority, typer.Argument(metavar="PRIORITY", help="low, normal or high.")],
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
+    url: options.Url = DEFAULT_URL,
+    as_json: options.AsJson = False,
 ) -> None:
     """Change the priority of a campaign: its share of the workers and its place in the queue."""
     with connect_to(context, url) as client:
@@ -229,7 +216,7 @@ _add_launching(app)
 @app.command("list")
 def list_campaigns(
     context: typer.Context,
-    url: Url = DEFAULT_URL,
+    url: options.Url = DEFAULT_URL,
     state: State = None,
     method: Method = None,
     search: Search = None,
@@ -238,9 +225,9 @@ def list_campaigns(
     planner_version: PlannerVersion = None,
     sort: Sort = str(NEWEST_FIRST),
     archived: Archived = False,
-    limit: Limit = 20,
-    watched: Watched = False,
-    as_json: AsJson = False,
+    limit: options.Limit = 20,
+    watched: options.Watched = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """List campaigns, by default newest first."""
     with interruptible(), connect_to(context, url) as client:
@@ -266,10 +253,10 @@ def list_campaigns(
 @app.command("show")
 def show_campaign(
     context: typer.Context,
-    campaign: CampaignId,
-    url: Url = DEFAULT_URL,
-    watched: Watched = False,
-    as_json: AsJson = False,
+    campaign: options.CampaignId,
+    url: options.Url = DEFAULT_URL,
+    watched: options.Watched = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Show the settings, progress and results of a campaign."""
     with interruptible(), connect_to(context, url) as client:
@@ -289,10 +276,10 @@ def show_campaign(
 @app.command()
 def course(
     context: typer.Context,
-    campaign: CampaignId,
+    campaign: options.CampaignId,
     per: Annotated[int | None, typer.Option(min=1, help="Number of episodes in a block.")] = None,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
+    url: options.Url = DEFAULT_URL,
+    as_json: options.AsJson = False,
 ) -> None:
     """Show how failure rate, likelihood and robustness moved: the learning curve."""
     with connect_to(context, url) as client, announce("Reading the episodes"):
@@ -307,9 +294,9 @@ _add_steering(app)
 @app.command()
 def digest(
     context: typer.Context,
-    campaign: CampaignId,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
+    campaign: options.CampaignId,
+    url: options.Url = DEFAULT_URL,
+    as_json: options.AsJson = False,
 ) -> None:
     """Print the digest over all results.
 
@@ -323,10 +310,10 @@ def digest(
 @app.command()
 def watch(
     context: typer.Context,
-    campaign: CampaignId,
-    url: Url = DEFAULT_URL,
-    gate: Gate = False,
-    as_json: AsJson = False,
+    campaign: options.CampaignId,
+    url: options.Url = DEFAULT_URL,
+    gate: options.Gate = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Follow a campaign to its end, and print its results; Ctrl-C leaves it running."""
     with interruptible(), connect_to(context, url) as client:
@@ -340,10 +327,10 @@ def watch(
 @app.command()
 def safety(
     context: typer.Context,
-    campaign: CampaignId,
+    campaign: options.CampaignId,
     level: Level = TAIL_LEVEL,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
+    url: options.Url = DEFAULT_URL,
+    as_json: options.AsJson = False,
 ) -> None:
     """Show collisions, near misses, MinTTC, DRAC and severity of a campaign's episodes."""
     with connect_to(context, url) as client, announce("Reading the measures"):
@@ -353,7 +340,10 @@ def safety(
 
 @app.command()
 def region(
-    context: typer.Context, campaigns: VariedIds, url: Url = DEFAULT_URL, as_json: AsJson = False
+    context: typer.Context,
+    campaigns: VariedIds,
+    url: options.Url = DEFAULT_URL,
+    as_json: options.AsJson = False,
 ) -> None:
     """Show where among the scenario's parameters the episodes of campaigns fail."""
     with connect_to(context, url) as client, announce("Searching for the failing region"):
@@ -363,7 +353,10 @@ def region(
 
 @app.command()
 def cost(
-    context: typer.Context, campaigns: Ids, url: Url = DEFAULT_URL, as_json: AsJson = False
+    context: typer.Context,
+    campaigns: Ids,
+    url: options.Url = DEFAULT_URL,
+    as_json: options.AsJson = False,
 ) -> None:
     """Show cost per failure and per failure mode, cost over time, and the use of time.
 
@@ -377,9 +370,9 @@ def cost(
 @app.command()
 def workers(
     context: typer.Context,
-    campaign: CampaignId,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
+    campaign: options.CampaignId,
+    url: options.Url = DEFAULT_URL,
+    as_json: options.AsJson = False,
 ) -> None:
     """Show the workers that ran a campaign's episodes, with their number and speed."""
     with connect_to(context, url) as client:

@@ -9,16 +9,9 @@ import msgspec
 import typer
 from msgspec.structs import replace
 
+from eigenfail.cli import options
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.failures import list_failures
-from eigenfail.cli.options import (
-    AsJson,
-    CampaignId,
-    EpisodeId,
-    Limit,
-    Url,
-    parse_episode_id,
-)
 from eigenfail.cli.render import follow, judge, show, show_rows, to_json
 from eigenfail.errors import InvalidValue, NoisePruned, NotFound
 from eigenfail.exchange import KNOWN
@@ -28,13 +21,7 @@ from eigenfail.filters import parse_fields
 from eigenfail.fingerprints import CODE, fingerprint_plugins, select_code
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.processes import interruptible
-from eigenfail.presentation.episodes import (
-    describe_explanation,
-    describe_minimal_failure,
-    list_episode_facts,
-    tabulate_episodes,
-    tabulate_fields,
-)
+from eigenfail.presentation import episodes
 from eigenfail.presentation.tables import FactTable
 from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
@@ -63,9 +50,9 @@ Replays = Annotated[int, typer.Option("--episodes", min=1, help="Budget of repla
 
 def replay(
     context: typer.Context,
-    episode: EpisodeId,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
+    episode: options.EpisodeId,
+    url: options.Url = DEFAULT_URL,
+    as_json: options.AsJson = False,
 ) -> None:
     """Replay a stored episode on this machine; exit with 1 if the result differs.
 
@@ -84,7 +71,7 @@ def _run_again(context: typer.Context, url: str, episode: str) -> Replayed:
     try:
         stored, spec = find_stored_episode(context, url, episode)
     except NoisePruned:
-        campaign, index = parse_episode_id(episode)
+        campaign, index = options.parse_episode_id(episode)
         with connect_to(context, url) as client:
             only = f"index = {index}"
             row = next(iter(client.episodes.list(campaign, filter=only)))
@@ -95,13 +82,13 @@ def _run_again(context: typer.Context, url: str, episode: str) -> Replayed:
 
 def explain(
     context: typer.Context,
-    episode: EpisodeId,
-    url: Url = DEFAULT_URL,
+    episode: options.EpisodeId,
+    url: options.Url = DEFAULT_URL,
     steps: WithSteps = False,
     every: Every = ALL_STEPS.every,
     since_s: From = ALL_STEPS.since_s,
     until_s: To = ALL_STEPS.until_s,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Replay a stored episode, and print what happened, from the planner's own account.
 
@@ -114,7 +101,7 @@ def explain(
     with announce(f"Running episode {episode} again"):
         replayed, explained = explain_episode(spec, stored)
     explanation = build_explanation(episode, spec.planner, replayed, explained, window)
-    drawn = partial(describe_explanation, explanation, with_steps=with_steps)
+    drawn = partial(episodes.describe_explanation, explanation, with_steps=with_steps)
     show(explanation, as_json, lambda: render(*drawn()))
     if not replayed.same:
         raise typer.Exit(DIFFERENT)
@@ -122,32 +109,32 @@ def explain(
 
 def shrink(
     context: typer.Context,
-    episode: EpisodeId,
-    url: Url = DEFAULT_URL,
+    episode: options.EpisodeId,
+    url: options.Url = DEFAULT_URL,
     replays: Replays = SHRINK_WITHIN,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Reduce the noise of a failure as long as it still fails, by a campaign of replays."""
-    campaign, index = parse_episode_id(episode)
+    campaign, index = options.parse_episode_id(episode)
     with interruptible(), connect_to(context, url) as client:
         ended = follow(client, client.campaigns.shrink(campaign, index, replays).id)
         judge(ended, gate=False)
         found = client.campaigns.minimal(ended.id)
-    show(found, as_json, lambda: render(*describe_minimal_failure(found)))
+    show(found, as_json, lambda: render(*episodes.describe_minimal_failure(found)))
 
 
 def find_stored_episode(
     context: typer.Context, url: str, episode: str
 ) -> tuple[EpisodeDetail, CampaignSpec]:
     """Return the episode named CAMPAIGN/INDEX, and the spec of its campaign."""
-    campaign, index = parse_episode_id(episode)
+    campaign, index = options.parse_episode_id(episode)
     with connect_to(context, url) as client:
         return client.episodes.get(campaign, index), client.campaigns.get(campaign).spec
 
 
 def _list_differences(context: typer.Context, url: str, episode: str) -> tuple[str, ...] | None:
     """The versions that are not what they were when it was run; None if those are not known."""
-    campaign, index = parse_episode_id(episode)
+    campaign, index = options.parse_episode_id(episode)
     with connect_to(context, url) as client:
         try:
             then = client.episodes.worker(campaign, index).versions
@@ -257,14 +244,14 @@ Noise = Annotated[
 @app.command("list")
 def list_episodes(
     context: typer.Context,
-    campaign: CampaignId,
-    url: Url = DEFAULT_URL,
+    campaign: options.CampaignId,
+    url: options.Url = DEFAULT_URL,
     outcome: OnlyOutcome = None,
     conditions: Filter = "",
     sort: Sort = "index",
     fields: Fields = "",
-    limit: Limit = 20,
-    as_json: AsJson = False,
+    limit: options.Limit = 20,
+    as_json: options.AsJson = False,
 ) -> None:
     """List the episodes of a campaign."""
     columns = parse_fields(fields)
@@ -273,10 +260,12 @@ def list_episodes(
             picked = client.episodes.list(
                 campaign, outcome, filter=conditions, sort=sort, fields=columns
             )
-            show_rows(picked, limit, as_json, lambda rows: render(tabulate_fields(columns, rows)))
+            show_rows(
+                picked, limit, as_json, lambda rows: render(episodes.tabulate_fields(columns, rows))
+            )
             return
         found = client.episodes.list(campaign, outcome, filter=conditions, sort=sort)
-        show_rows(found, limit, as_json, lambda rows: render(tabulate_episodes(rows)))
+        show_rows(found, limit, as_json, lambda rows: render(episodes.tabulate_episodes(rows)))
 
 
 @app.command()
@@ -284,14 +273,14 @@ def export(
     context: typer.Context,
     exported: Exported,
     output: Output,
-    url: Url = DEFAULT_URL,
+    url: options.Url = DEFAULT_URL,
     form: Format = None,
     conditions: Filter = "",
     sort: Sort = "index",
     fields: Fields = "",
     noise: Noise = False,
     ego: Ego = None,
-    as_json: AsJson = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Write episodes of a campaign as a table, or one episode for other tools, to a file.
 
@@ -301,7 +290,7 @@ def export(
     with interruptible(), connect_to(context, url) as client, announce(f"Writing {output}"):
         if "/" in exported:
             _refuse_options(wanted)
-            episode = parse_episode_id(exported)
+            episode = options.parse_episode_id(exported)
             client.episodes.export_recording(*episode, output, form, ego or EgoControl.RECORDED)
         else:
             _refuse_ego(ego)
@@ -338,18 +327,18 @@ def _parse_campaign_id(text: str) -> int:
 @app.command("show")
 def show_episode(
     context: typer.Context,
-    episode: EpisodeId,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
+    episode: options.EpisodeId,
+    url: options.Url = DEFAULT_URL,
+    as_json: options.AsJson = False,
 ) -> None:
     """Show one episode; with --json its noise and scene, too."""
     found, spec = find_stored_episode(context, url, episode)
     drawn_here = drawn_for(spec, found.seed) | placed_for(spec, found.noise)
-    campaign, _ = parse_episode_id(episode)
+    campaign, _ = options.parse_episode_id(episode)
     show(
         found,
         as_json,
-        lambda: render(list_episode_facts(campaign, spec, found, drawn_here)),
+        lambda: render(episodes.list_episode_facts(campaign, spec, found, drawn_here)),
     )
 
 

@@ -12,14 +12,7 @@ from eigenfail.client import Client
 from eigenfail.client.analyses import OVER
 from eigenfail.client.link import wait_until
 from eigenfail.errors import Conflict, EigenfailError, InvalidValue, ServiceError
-from eigenfail.gate.baselines import (
-    Resolve,
-    check_baseline,
-    find_counterpart,
-    find_run,
-    name_run,
-    select_version,
-)
+from eigenfail.gate import baselines
 from eigenfail.gate.known import (
     KnownReplay,
     RunSettings,
@@ -132,7 +125,7 @@ def find_baseline(client: Client, suite: Suite, gate: GateRun) -> Found:
     if IDS.fullmatch(run):
         return _find_by_ids(client, suite, map(int, run.split(",")))
     return _find_by_version(client, suite, run) or _find_by_version(
-        client, suite, name_run(gate.suite, run)
+        client, suite, baselines.name_run(gate.suite, run)
     )
 
 
@@ -147,7 +140,7 @@ def _find_by_ids(client: Client, suite: Suite, ids: Iterable[int]) -> Found:
     """Campaigns that were named one by one."""
     campaigns = [client.campaigns.get(campaign) for campaign in ids]
     found = {
-        member.name: find_counterpart(member, campaigns, make_resolver(client))
+        member.name: baselines.find_counterpart(member, campaigns, make_resolver(client))
         for member in suite.members
     }
     return {name: campaign for name, campaign in found.items() if campaign}
@@ -165,7 +158,7 @@ def _find_by_version(client: Client, suite: Suite, run: str) -> Found:
     return found
 
 
-def make_resolver(client: Client) -> Resolve:
+def make_resolver(client: Client) -> baselines.Resolve:
     """Return what has the service write out the defaults of a spec, which it knows by its plug-ins.
 
     A spec that the service would refuse today is not changed.
@@ -225,7 +218,7 @@ class KnownFailures:
             return BaselineFailures(notes=(f"Known failures are not replayed: {problem}",))
         analysis = analyze_campaign(self._client, self._place, before.id)
         new = RunSettings(run, member)
-        old = RunSettings(find_run(before, member), SuiteMember(member.name, before.spec))
+        old = RunSettings(baselines.find_run(before, member), SuiteMember(member.name, before.spec))
         shrunk = [*self._shrunk(before, analysis)]
         replays = zip(
             _list_replays(new, before, analysis, shrunk),
@@ -305,11 +298,13 @@ class Runner:
             Conflict: it is not done.
             ServiceError: a campaign came to nothing.
         """
-        gated = select_version(suite, gate.version)
+        gated = baselines.select_version(suite, gate.version)
         if not gate.baseline:
             self._together(gated)
         before = find_baseline(self._client, gated, gate)
-        check_baseline(gated, before, gate.baseline or gate.run, make_resolver(self._client))
+        baselines.check_baseline(
+            gated, before, gate.baseline or gate.run, make_resolver(self._client)
+        )
         judged = tuple(member for member in gated.members if member.name in before)
         known = {each.name: self._known.of(gate.run, each, before[each.name]) for each in judged}
         replays = [replay.now.member for each in known.values() for replay in each.replays]

@@ -19,7 +19,8 @@ CampaignIds = Annotated[
 Output = Annotated[
     Path,
     typer.Option(
-        *("--output", "-o"),
+        "--output",
+        "-o",
         metavar="FOLDER",
         help="Folder of the report; created if it does not exist.",
     ),

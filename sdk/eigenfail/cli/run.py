@@ -2,24 +2,8 @@
 
 import typer
 
+from eigenfail.cli import options
 from eigenfail.cli.connection import MaybeUrl, Place, connect_for_campaign, this_command
-from eigenfail.cli.options import (
-    AsJson,
-    Changed,
-    Data,
-    Episodes,
-    Gate,
-    Seed,
-    Seeds,
-    SpecFile,
-    StopCost,
-    StopCv,
-    StopFailures,
-    StopHalfWidth,
-    StopWall,
-    Urgency,
-    Workers,
-)
 from eigenfail.cli.render import describe_method_result, follow_or_pause, judge, show
 from eigenfail.cli.specs import read_spec
 from eigenfail.cli.suite import judge_all, run_and_show
@@ -35,22 +19,22 @@ app = typer.Typer(add_completion=False)
 @app.command()
 def run(
     context: typer.Context,
-    file: SpecFile,
+    file: options.SpecFile,
     url: MaybeUrl = None,
-    data: Data = DEFAULT_DATA,
-    workers: Workers = 0,
-    episodes: Episodes = None,
-    seed: Seed = None,
-    seeds: Seeds = None,
-    priority: Urgency = None,
-    values: Changed = None,
-    stop_failures: StopFailures = None,
-    stop_half_width: StopHalfWidth = None,
-    stop_cv: StopCv = None,
-    stop_wall_s: StopWall = None,
-    stop_cost_usd: StopCost = None,
-    gate: Gate = False,
-    as_json: AsJson = False,
+    data: options.Data = DEFAULT_DATA,
+    workers: options.Workers = 0,
+    episodes: options.Episodes = None,
+    seed: options.Seed = None,
+    seeds: options.Seeds = None,
+    priority: options.Urgency = None,
+    values: options.Changed = None,
+    stop_failures: options.StopFailures = None,
+    stop_half_width: options.StopHalfWidth = None,
+    stop_cv: options.StopCv = None,
+    stop_wall_s: options.StopWall = None,
+    stop_cost_usd: options.StopCost = None,
+    gate: options.Gate = False,
+    as_json: options.AsJson = False,
 ) -> None:
     """Run the campaign that a TOML file describes, and print its results.
 

@@ -12,15 +12,7 @@ from eigenfail.client import Client
 from eigenfail.errors import ServiceError
 from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL
 from eigenfail.hosting.service import Plan
-from eigenfail.presentation.suites import (
-    MemberResult,
-    SuitePlan,
-    SuiteResult,
-    describe_suite,
-    describe_suite_result,
-    tabulate_plan,
-    tabulate_suites,
-)
+from eigenfail.presentation import suites
 from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
 from eigenfail.suites import Suite
@@ -64,8 +56,8 @@ def run(
     """
     suite = Suite.read(file)
     if dry_run:
-        plan = SuitePlan(suite.name, len(suite.members), suite.episodes, suite.members)
-        show(plan, as_json, lambda: render(tabulate_plan(plan)))
+        plan = suites.SuitePlan(suite.name, len(suite.members), suite.episodes, suite.members)
+        show(plan, as_json, lambda: render(suites.tabulate_plan(plan)))
         raise typer.Exit
     command, place = f"eigenfail suite run {file}", Plan(data, 0, workers)
     ended, result, _ = run_and_show(context, suite, url, place, command, as_json)
@@ -74,7 +66,7 @@ def run(
 
 def run_and_show(
     context: typer.Context, suite: Suite, url: str | None, plan: Plan, command: str, as_json: bool
-) -> tuple[tuple[Campaign, ...], SuiteResult, Place]:
+) -> tuple[tuple[Campaign, ...], suites.SuiteResult, Place]:
     """Run the missing campaigns of a suite, print its results, and return both with the service.
 
     Args:
@@ -88,7 +80,7 @@ def run_and_show(
     with connect_for_suite(context, suite, url, plan) as (client, place):
         ended = run_suite(client, suite, place.check, command)
         result = summarize_suite(client, suite)
-    show(result, as_json, lambda: render(*describe_suite_result(result)))
+    show(result, as_json, lambda: render(*suites.describe_suite_result(result)))
     return ended, result, place
 
 
@@ -99,7 +91,7 @@ def list_suites(
     """List the suites that a service knows, those with the newest campaigns first."""
     with connect_to(context, url) as client:
         found = client.suites.list()
-        show_rows(found, limit, as_json, lambda rows: render(tabulate_suites(rows)))
+        show_rows(found, limit, as_json, lambda rows: render(suites.tabulate_suites(rows)))
 
 
 @app.command("show")
@@ -117,11 +109,11 @@ def show_suite(
     with connect_to(context, url) as client:
         if _is_file(suite):
             result = summarize_suite(client, Suite.read(suite))
-            show(result, as_json, lambda: render(*describe_suite_result(result)))
+            show(result, as_json, lambda: render(*suites.describe_suite_result(result)))
         else:
             with announce(f"Reading the results of {suite}"):
                 found = client.suites.table(suite)
-            show(found, as_json, lambda: render(*describe_suite(found)))
+            show(found, as_json, lambda: render(*suites.describe_suite(found)))
 
 
 def _is_file(suite: str) -> bool:
@@ -129,21 +121,21 @@ def _is_file(suite: str) -> bool:
     return suite.endswith(".toml") or Path(suite).is_file()
 
 
-def summarize_suite(client: Client, suite: Suite) -> SuiteResult:
+def summarize_suite(client: Client, suite: Suite) -> suites.SuiteResult:
     """Return the results of the members of a suite so far, in order."""
     with announce(f"Reading the results of {suite.name}"):
         campaigns, summaries = client.suites.find(suite), client.suites.summaries(suite)
         over_seeds = client.suites.over_seeds(suite)
     members = tuple(
-        MemberResult(member.name, campaign.state, campaign.stopped_because, summary)
+        suites.MemberResult(member.name, campaign.state, campaign.stopped_because, summary)
         if campaign
-        else MemberResult(member.name)
+        else suites.MemberResult(member.name)
         for member, campaign, summary in zip(suite.members, campaigns, summaries, strict=True)
     )
-    return SuiteResult(suite.name, suite.episodes, members, over_seeds)
+    return suites.SuiteResult(suite.name, suite.episodes, members, over_seeds)
 
 
-def judge_all(campaigns: tuple[Campaign, ...], gate: bool, result: SuiteResult) -> None:
+def judge_all(campaigns: tuple[Campaign, ...], gate: bool, result: suites.SuiteResult) -> None:
     """Exit with 1 if a gate was asked for and any campaign found failures.
 
     Raises:

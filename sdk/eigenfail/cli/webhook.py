@@ -16,14 +16,7 @@ from eigenfail.errors import ServiceError
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.presentation.figures import UNKNOWN, format_utc
 from eigenfail.presentation.terminal import start_grid
-from eigenfail.values.webhooks import (
-    EVERY_EVENT,
-    DeliveryState,
-    NewWebhook,
-    Webhook,
-    WebhookDelivery,
-    WebhookEvent,
-)
+from eigenfail.values import webhooks
 
 POLL_S = 0.3
 WAIT_S = 30.0
@@ -41,7 +34,7 @@ Address = Annotated[
     str, typer.Argument(metavar="URL", help="Address to which events are sent, https or http.")
 ]
 Events = Annotated[
-    list[WebhookEvent] | None,
+    list[webhooks.WebhookEvent] | None,
     typer.Option(
         "--event", metavar="EVENT", help="Kind of event to send; may be repeated. [default: all]"
     ),
@@ -58,7 +51,7 @@ def add(
 ) -> None:
     """Add a webhook and print its secret. It is shown only once."""
     with connect_to(context, url) as client:
-        made = client.webhooks.create(address, event or EVERY_EVENT)
+        made = client.webhooks.create(address, event or webhooks.EVERY_EVENT)
     typer.echo(to_json(made) if as_json else _describe_new_webhook(made))
 
 
@@ -91,24 +84,24 @@ def send_test(
     with connect_to(context, url) as client:
         queued = client.webhooks.test(webhook)
 
-        def look() -> WebhookDelivery:
+        def look() -> webhooks.WebhookDelivery:
             found = client.webhooks.get(webhook).deliveries
             return next((each for each in found if each.id == queued.id), queued)
 
         found = wait_until(look, _is_attempted, POLL_S, WAIT_S)
     show(found, as_json, lambda: _draw_deliveries([(webhook, found)]))
-    if found.state is not DeliveryState.DELIVERED:
+    if found.state is not webhooks.DeliveryState.DELIVERED:
         raise ServiceError(
             f"The test event was not delivered. {found.problem}",
             "`eigenfail webhook list` shows further attempts.",
         )
 
 
-def _is_attempted(delivery: WebhookDelivery) -> bool:
-    return delivery.state is not DeliveryState.PENDING or bool(delivery.problem)
+def _is_attempted(delivery: webhooks.WebhookDelivery) -> bool:
+    return delivery.state is not webhooks.DeliveryState.PENDING or bool(delivery.problem)
 
 
-def _describe_new_webhook(made: NewWebhook) -> str:
+def _describe_new_webhook(made: webhooks.NewWebhook) -> str:
     webhook = made.webhook
     return (
         f"Webhook {webhook.id} to {webhook.url}, for {', '.join(webhook.events)}.\n"
@@ -117,7 +110,7 @@ def _describe_new_webhook(made: NewWebhook) -> str:
     )
 
 
-def _draw_webhooks(found: Sequence[Webhook]) -> Group:
+def _draw_webhooks(found: Sequence[webhooks.Webhook]) -> Group:
     """A row for each webhook, and below one for each of the last deliveries; times in UTC."""
     grid = start_grid("id", "url", "events", "state", "created", right=("id",))
     for webhook in found:
@@ -128,12 +121,12 @@ def _draw_webhooks(found: Sequence[Webhook]) -> Group:
     return Group(grid, _draw_deliveries(sent)) if sent else Group(grid)
 
 
-def _draw_deliveries(found: Iterable[tuple[int, WebhookDelivery]]) -> Table:
+def _draw_deliveries(found: Iterable[tuple[int, webhooks.WebhookDelivery]]) -> Table:
     """A row for each delivery of a webhook, given by its id."""
     names = ("webhook", "event", "when", "state", "attempts", "status", "next attempt", "error")
     grid = start_grid(*names, right=("webhook", "attempts", "status"))
     for webhook, each in found:
-        is_pending = each.state is DeliveryState.PENDING
+        is_pending = each.state is webhooks.DeliveryState.PENDING
         cells = (
             each.kind,
             format_utc(each.created_ms),

@@ -294,8 +294,14 @@ MAX_BYTES = 1 << 28
 
 
 DAMAGED = (
-    *(BadZipFile, zlib.error, lzma.LZMAError, EOFError, OSError),
-    *(RuntimeError, NotImplementedError, ValueError),  # encrypted, or packed in another way
+    BadZipFile,
+    zlib.error,
+    lzma.LZMAError,
+    EOFError,
+    OSError,
+    RuntimeError,
+    NotImplementedError,
+    ValueError,  # encrypted, or packed in another way
 )
 
 

@@ -38,14 +38,7 @@ from eigenfail.values.estimates import ChainMixing
 from eigenfail.values.operations import Pruning, WorkerShare
 from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.values.seeds import SeedSpread
-from eigenfail.wire.http import (
-    SHRINK_WITHIN,
-    CampaignCheck,
-    Digest,
-    ShrinkRequest,
-    make_plain,
-    read_fields,
-)
+from eigenfail.wire import http
 
 AT_REST = FINAL_STATES | {CampaignState.PAUSED}
 
@@ -77,7 +70,7 @@ class Campaigns:
             InvalidValue: a value outside its bounds, or fields beside a whole specification.
         """
         refuse_fields_beside("spec", spec, fields)
-        wanted = spec or read_fields(fields, CampaignSpec)
+        wanted = spec or http.read_fields(fields, CampaignSpec)
         return self._link.post_once_only("/campaigns", Campaign, wanted)
 
     def create_many(
@@ -94,14 +87,14 @@ class Campaigns:
             InvalidValue: one has a value that cannot be; or there are none, or too many.
         """
         wanted = [
-            make_plain(spec, f"[{place}].") if isinstance(spec, Mapping) else spec
+            http.make_plain(spec, f"[{place}].") if isinstance(spec, Mapping) else spec
             for place, spec in enumerate(specs)
         ]
         return self._link.post_once_only("/campaigns/bulk", Page[Campaign], wanted, key).items
 
     def check(
         self, spec: CampaignSpec | None = None, **fields: Unpack[CampaignChanges]
-    ) -> CampaignCheck:
+    ) -> http.CampaignCheck:
         """What a campaign would be, or everything that is wrong with it; nothing is launched.
 
         Args:
@@ -112,7 +105,9 @@ class Campaigns:
             InvalidValue: fields are given beside a whole specification.
         """
         refuse_fields_beside("spec", spec, fields)
-        return self._link.post("/campaigns/check", CampaignCheck, spec or make_plain(fields))
+        return self._link.post(
+            "/campaigns/check", http.CampaignCheck, spec or http.make_plain(fields)
+        )
 
     def clone(self, campaign: CampaignLike, **changes: Unpack[CampaignChanges]) -> Campaign:
         """A new campaign like an earlier one, queued.
@@ -128,14 +123,14 @@ class Campaigns:
             InvalidValue: a value outside its bounds.
         """
         return self._link.post_once_only(
-            f"{locate_campaign(campaign)}/clone", Campaign, make_plain(changes)
+            f"{locate_campaign(campaign)}/clone", Campaign, http.make_plain(changes)
         )
 
     def shrink(
         self,
         campaign: CampaignLike,
         episode: EpisodeLike | None = None,
-        episodes: int = SHRINK_WITHIN,
+        episodes: int = http.SHRINK_WITHIN,
     ) -> Campaign:
         """A new campaign that finds out how little noise a failure needs; see `minimal`.
 
@@ -151,7 +146,7 @@ class Campaigns:
             InvalidValue: the episode did not end in a collision.
         """
         path = f"{locate_episode(*find_episode_id(campaign, episode))}/shrink"
-        return self._link.post_once_only(path, Campaign, ShrinkRequest(episodes))
+        return self._link.post_once_only(path, Campaign, http.ShrinkRequest(episodes))
 
     def get(self, campaign: CampaignLike) -> Campaign:
         """The campaign as it stands.
@@ -259,7 +254,7 @@ class Campaigns:
             IllegalTransition: it has ended.
             InvalidValue: there is no such priority.
         """
-        change = read_fields({"priority": priority}, PriorityChange)
+        change = http.read_fields({"priority": priority}, PriorityChange)
         return self._link.post(f"{locate_campaign(campaign)}/priority", Campaign, change)
 
     def wait(
@@ -431,7 +426,7 @@ class Campaigns:
         Raises:
             NotFound: no such campaign.
         """
-        return self._link.get(f"{locate_campaign(campaign)}/digest", Digest).digest
+        return self._link.get(f"{locate_campaign(campaign)}/digest", http.Digest).digest
 
 
 def _describe_progress(campaign: Campaign) -> str:

@@ -28,18 +28,7 @@ from eigenfail.client.triage import TriageRecords
 from eigenfail.client.webhooks import Webhooks
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.frames import Rows
-from eigenfail.values import Event, Page
-from eigenfail.values.access import (
-    TOKEN,
-    UNLIMITED,
-    ApiKey,
-    AuditEntry,
-    KeyRequest,
-    NewKey,
-    Quotas,
-    Scope,
-    Usage,
-)
+from eigenfail.values import Event, Page, access
 from eigenfail.values.operations import Presence, Staffing, WorkerShare
 from eigenfail.values.report import Report
 from eigenfail.wire import http
@@ -197,10 +186,10 @@ class Keys:
     def create(
         self,
         name: str,
-        scope: Scope | str = Scope.VIEWER,
+        scope: access.Scope | str = access.Scope.VIEWER,
         expires_s: int | None = None,
-        quotas: Quotas = UNLIMITED,
-    ) -> NewKey:
+        quotas: access.Quotas = access.UNLIMITED,
+    ) -> access.NewKey:
         """Make a key; its token is in the answer, and can never be read again.
 
         Args:
@@ -213,47 +202,47 @@ class Keys:
             InvalidValue: a value outside its bounds; or a first key that is no administrator's.
         """
         wanted = {"name": name, "scope": scope, "expires_s": expires_s, "quotas": quotas}
-        return self._link.post("/keys", NewKey, read_fields(wanted, KeyRequest))
+        return self._link.post("/keys", access.NewKey, read_fields(wanted, access.KeyRequest))
 
-    def list(self) -> Rows[ApiKey]:
+    def list(self) -> Rows[access.ApiKey]:
         """All keys, newest first; those that are no longer valid, too."""
-        return self._link.pages("/keys", Page[ApiKey], "before")
+        return self._link.pages("/keys", Page[access.ApiKey], "before")
 
-    def get(self, key: KeyLike) -> ApiKey:
+    def get(self, key: KeyLike) -> access.ApiKey:
         """A key, without its secret.
 
         Raises:
             NotFound: no such key.
         """
-        return self._link.get(locate_key(key), ApiKey)
+        return self._link.get(locate_key(key), access.ApiKey)
 
-    def usage(self, key: KeyLike) -> Usage:
+    def usage(self, key: KeyLike) -> access.Usage:
         """What the campaigns of a key use of its quotas now.
 
         Raises:
             NotFound: no such key.
         """
-        return self._link.get(f"{locate_key(key)}/usage", Usage)
+        return self._link.get(f"{locate_key(key)}/usage", access.Usage)
 
-    def limit(self, key: KeyLike, quotas: Quotas) -> ApiKey:
+    def limit(self, key: KeyLike, quotas: access.Quotas) -> access.ApiKey:
         """Set the quotas of a key from now on; its earlier campaigns stay, and count.
 
         Raises:
             NotFound: no such key.
         """
-        return self._link.post(f"{locate_key(key)}/quotas", ApiKey, quotas)
+        return self._link.post(f"{locate_key(key)}/quotas", access.ApiKey, quotas)
 
-    def revoke(self, key: KeyLike) -> ApiKey:
+    def revoke(self, key: KeyLike) -> access.ApiKey:
         """Revoke a key, for good.
 
         Raises:
             NotFound: no such key.
         """
-        return self._link.delete(locate_key(key), ApiKey)
+        return self._link.delete(locate_key(key), access.ApiKey)
 
-    def audit(self) -> Rows[AuditEntry]:
+    def audit(self) -> Rows[access.AuditEntry]:
         """Who changed what, newest first."""
-        return self._link.pages("/audit", Page[AuditEntry], "before")
+        return self._link.pages("/audit", Page[access.AuditEntry], "before")
 
 
 class Events:
@@ -302,7 +291,7 @@ def find_token(given: str | None) -> str | None:
         InvalidValue: it does not look like one; what was given is not repeated.
     """
     token = (os.environ.get(KEY_VARIABLE, "") if given is None else given).strip()
-    if token and TOKEN.fullmatch(token) is None:
+    if token and access.TOKEN.fullmatch(token) is None:
         raise InvalidValue(
             "key",
             "the value is not of the form ef_ID_SECRET.",

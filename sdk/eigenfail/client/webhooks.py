@@ -4,15 +4,7 @@ from collections.abc import Sequence
 
 from eigenfail.client.link import Link
 from eigenfail.frames import Rows
-from eigenfail.values import Page
-from eigenfail.values.webhooks import (
-    EVERY_EVENT,
-    NewWebhook,
-    Webhook,
-    WebhookDelivery,
-    WebhookEvent,
-    WebhookRequest,
-)
+from eigenfail.values import Page, webhooks
 from eigenfail.wire.http import read_fields
 
 
@@ -26,7 +18,9 @@ class Webhooks:
     def __init__(self, link: Link) -> None:
         self._link = link
 
-    def create(self, url: str, events: Sequence[WebhookEvent | str] = EVERY_EVENT) -> NewWebhook:
+    def create(
+        self, url: str, events: Sequence[webhooks.WebhookEvent | str] = webhooks.EVERY_EVENT
+    ) -> webhooks.NewWebhook:
         """Create a webhook; its secret is in the answer, and can never be read again.
 
         Args:
@@ -37,33 +31,33 @@ class Webhooks:
             InvalidValue: the address is not a URL of a host, or a kind of event is unknown.
             Conflict: the service has as many webhooks as it may have.
         """
-        wanted = read_fields({"url": url, "events": list(events)}, WebhookRequest)
-        return self._link.post("/webhooks", NewWebhook, wanted)
+        wanted = read_fields({"url": url, "events": list(events)}, webhooks.WebhookRequest)
+        return self._link.post("/webhooks", webhooks.NewWebhook, wanted)
 
-    def list(self) -> Rows[Webhook]:
+    def list(self) -> Rows[webhooks.Webhook]:
         """All webhooks with their last deliveries, newest first, without their secrets."""
-        return self._link.pages("/webhooks", Page[Webhook], "before")
+        return self._link.pages("/webhooks", Page[webhooks.Webhook], "before")
 
-    def get(self, webhook: int) -> Webhook:
+    def get(self, webhook: int) -> webhooks.Webhook:
         """A webhook with its last deliveries, without its secret.
 
         Raises:
             NotFound: no such webhook.
         """
-        return self._link.get(f"/webhooks/{webhook}", Webhook)
+        return self._link.get(f"/webhooks/{webhook}", webhooks.Webhook)
 
-    def delete(self, webhook: int) -> Webhook:
+    def delete(self, webhook: int) -> webhooks.Webhook:
         """Delete a webhook, with its secret and its deliveries; returns it as it was.
 
         Raises:
             NotFound: no such webhook.
         """
-        return self._link.delete(f"/webhooks/{webhook}", Webhook)
+        return self._link.delete(f"/webhooks/{webhook}", webhooks.Webhook)
 
-    def test(self, webhook: int) -> WebhookDelivery:
+    def test(self, webhook: int) -> webhooks.WebhookDelivery:
         """Queue a test event for a webhook; its `deliveries` say what became of it.
 
         Raises:
             NotFound: no such webhook.
         """
-        return self._link.post(f"/webhooks/{webhook}/test", WebhookDelivery)
+        return self._link.post(f"/webhooks/{webhook}/test", webhooks.WebhookDelivery)

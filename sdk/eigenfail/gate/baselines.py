@@ -11,7 +11,8 @@ from eigenfail.values.campaign_spec import SPEC_FIELDS
 
 MAY_DIFFER = frozenset(
     {
-        *("planner", "planner_settings"),
+        "planner",
+        "planner_settings",
         *(name for name, field in SPEC_FIELDS.items() if not field.changes_episodes),
     }
 )

@@ -8,14 +8,7 @@ import msgspec
 import numpy as np
 from msgspec.structs import replace
 
-from eigenfail.gate.reruns import (
-    GateFinding,
-    JudgedBy,
-    Rerun,
-    RerunFigures,
-    RerunSide,
-    make_finding,
-)
+from eigenfail.gate import reruns
 from eigenfail.gate.verdicts import GateVerdict, judge_outcome
 from eigenfail.suites import SuiteMember
 from eigenfail.values import (
@@ -147,7 +140,7 @@ def drop_unproven(replay: KnownReplay, outcomes: Mapping[int, Outcome]) -> Known
 
 def make_known_findings(
     replay: KnownReplay, rows: Mapping[int, EpisodeRow], pages: str
-) -> tuple[GateFinding, ...]:
+) -> tuple[reruns.GateFinding, ...]:
     """What became of each known failure of a replay.
 
     Args:
@@ -159,7 +152,7 @@ def make_known_findings(
     for index, known in replay.known.items():
         row = rows.get(index)
         became = judge_outcome(known.before, row.outcome if row else None)
-        finding = make_finding(became, known.what, known.was, row, pages)
+        finding = reruns.make_finding(became, known.what, known.was, row, pages)
         found.append(replace(finding, mode=known.mode))
     return tuple(found)
 
@@ -283,13 +276,15 @@ class NewMode(NamedTuple):
         )
 
 
-def needs_modes(judged: Rerun) -> bool:
+def needs_modes(judged: reruns.Rerun) -> bool:
     """Return whether new modes matter: for methods whose rate does not reveal new failures."""
     failed = judged.before.failures and judged.now.failures
-    return bool(judged.by is JudgedBy.RATE and judged.verdict in ASKING and failed)
+    return bool(judged.by is reruns.JudgedBy.RATE and judged.verdict in ASKING and failed)
 
 
-def add_modes(judged: Rerun, together: Analysis, now: RerunSide, pages: str) -> Rerun:
+def add_modes(
+    judged: reruns.Rerun, together: Analysis, now: reruns.RerunSide, pages: str
+) -> reruns.Rerun:
     """A rerun with the failure modes that are new in it; if they count, it is new itself.
 
     Args:
@@ -316,12 +311,14 @@ def add_modes(judged: Rerun, together: Analysis, now: RerunSide, pages: str) -> 
         judged,
         verdict=GateVerdict.NEW if counts else judged.verdict,
         modes=sentence if counts else f"{sentence} {NOT_JUDGED.format(judged.method)}",
-        new_modes=tuple(make_finding(became, words, "", row, pages) for words, row in described),
+        new_modes=tuple(
+            reruns.make_finding(became, words, "", row, pages) for words, row in described
+        ),
     )
 
 
 def find_new_modes(
-    result: AnalysisResult, before: RerunFigures, now: RerunFigures
+    result: AnalysisResult, before: reruns.RerunFigures, now: reruns.RerunFigures
 ) -> Iterator[NewMode]:
     """The modes that hold more of one campaign's failures than chance and the other's explain.
 

@@ -22,15 +22,8 @@ from eigenfail import plugins
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, PortTaken, ServiceError
 from eigenfail.files import make_private_folder, open_private
+from eigenfail.hosting import processes
 from eigenfail.hosting.folder import HOST, Address, DataFolder
-from eigenfail.hosting.processes import (
-    POLL_S,
-    ServicePart,
-    guard_owner,
-    kill_marked,
-    rotate_regularly,
-    stop_parts,
-)
 from eigenfail.progress import announce
 
 IDLE_S = 60.0
@@ -185,7 +178,7 @@ class LocalService:
     """A service that runs."""
 
     address: Address
-    parts: tuple[ServicePart, ...]
+    parts: tuple[processes.ServicePart, ...]
 
     def check(self) -> None:
         """Raises ServiceError if one of its processes has ended."""
@@ -207,20 +200,20 @@ def local_service(plan: Plan) -> Iterator[LocalService]:
     owner = str(folder.path)
     if folder.address() is None:
         choose_ports(plan)  # a port that is taken is said before the folder is made
-    with folder.claimed(), guard_owner(owner):
-        kill_marked(owner)  # those that remain where the guard was killed, too
+    with folder.claimed(), processes.guard_owner(owner):
+        processes.kill_marked(owner)  # those that remain where the guard was killed, too
         port, hub_port = choose_ports(plan)
-        parts: list[ServicePart] = []
+        parts: list[processes.ServicePart] = []
         try:
             for name, command in make_commands(plan, folder.database, port, hub_port).items():
                 found = _extend_python_path(plan.path)
-                parts.append(ServicePart(name, command, folder.log(name), owner, found))
+                parts.append(processes.ServicePart(name, command, folder.log(name), owner, found))
             service = LocalService(wait_until_ready(parts, port), tuple(parts))
             folder.publish(service.address)
-            with rotate_regularly([part.rotate for part in parts]):
+            with processes.rotate_regularly([part.rotate for part in parts]):
                 yield service
         finally:
-            stop_parts(parts, owner)
+            processes.stop_parts(parts, owner)
 
 
 def make_commands(plan: Plan, database: str, port: int, hub_port: int) -> dict[str, list[str]]:
@@ -285,7 +278,7 @@ def load_database_tool(name: str) -> Any:
     return plugins.load(plugins.DATABASE_TOOLS, name)
 
 
-def wait_until_ready(parts: Sequence[ServicePart], port: int) -> Address:
+def wait_until_ready(parts: Sequence[processes.ServicePart], port: int) -> Address:
     """Wait until the controller answers and the services say that they serve.
 
     Raises:
@@ -301,7 +294,7 @@ def wait_until_ready(parts: Sequence[ServicePart], port: int) -> Address:
             ready = find_ready_line(services.said())
             if ready and client.health():
                 return Address(url, ready.hub)
-            time.sleep(POLL_S)
+            time.sleep(processes.POLL_S)
     raise ServiceError(
         f"The service was not ready after {READY_WITHIN_S:.0f} s.",
         f"Check {controller.log} and {services.log}.",

@@ -5,25 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eigenfail.presentation.figures import (
-    count_noun,
-    format_count,
-    format_interval,
-    format_number,
-    format_share,
-    format_signed,
-)
-from eigenfail.presentation.tables import (
-    Block,
-    Cell,
-    FactTable,
-    FormattedCell,
-    Table,
-    TableColumn,
-    count_columns,
-    format_cell,
-    name_columns,
-)
+from eigenfail.presentation import figures, tables
 from eigenfail.values import (
     AXES,
     Analysis,
@@ -95,93 +77,102 @@ def choose_channel_words(channels: Sequence[str]) -> ChannelWords:
     return ChannelWords("channel", "channels", "all")
 
 
-def tabulate_modes(campaign: int, result: AnalysisResult) -> Table:
+def tabulate_modes(campaign: int, result: AnalysisResult) -> tables.Table:
     """Return the failure modes of a campaign, counted from 1; disturbances in sigma.
 
     Where they are not distinct they are called groups. Of more than `MOST_CHANNELS` channels a row
     has the strongest of its eigenfailure.
     """
     has_probability = any(mode.probability for mode in result.modes)
-    list_disturbances: Callable[[FailureMode, Sequence[str]], Iterator[Cell]] = _list_disturbances
+    list_disturbances: Callable[[FailureMode, Sequence[str]], Iterator[tables.Cell]] = (
+        _list_disturbances
+    )
     disturbances = (
-        *(TableColumn(f"Mean {channel}", "sigma") for channel in result.channels),
-        *name_columns(*(f"Peak {channel}" for channel in result.channels)),
+        *(tables.TableColumn(f"Mean {channel}", "sigma") for channel in result.channels),
+        *tables.name_columns(*(f"Peak {channel}" for channel in result.channels)),
     )
     if len(result.channels) > MOST_CHANNELS:
         list_disturbances = _list_strongest
-        disturbances = (*name_columns("Strongest channel", "Peak"),)
+        disturbances = (*tables.name_columns("Strongest channel", "Peak"),)
     columns = (
-        *count_columns(result.cluster_noun.capitalize(), "Failures"),
-        TableColumn("Share", "share"),
+        *tables.count_columns(result.cluster_noun.capitalize(), "Failures"),
+        tables.TableColumn("Share", "share"),
         *disturbances,
-        *name_columns("Medoid"),
-        *([TableColumn("Probability")] if has_probability else []),
+        *tables.name_columns("Medoid"),
+        *([tables.TableColumn("Probability")] if has_probability else []),
     )
     rows = tuple(
         (
-            *(str(place), mode.failures, mode.failures / len(result.episodes)),
+            str(place),
+            mode.failures,
+            mode.failures / len(result.episodes),
             *list_disturbances(mode, result.channels),
             f"{mode.medoid_campaign or campaign}/{mode.medoid}",
             *([mode.probability] if has_probability else []),
         )
         for place, mode in enumerate(result.modes, start=1)
     )
-    return Table("Failure modes" if result.distinct else "Groups of failures", columns, rows)
+    return tables.Table("Failure modes" if result.distinct else "Groups of failures", columns, rows)
 
 
-def _list_strongest(mode: FailureMode, channels: Sequence[str]) -> Iterator[Cell]:
+def _list_strongest(mode: FailureMode, channels: Sequence[str]) -> Iterator[tables.Cell]:
     strongest = int(np.argmax(np.square(mode.eigenfailure).sum(axis=0)))
     yield channels[strongest]
     yield format_peak(mode.eigenfailure[:, strongest])
 
 
-def _list_disturbances(mode: FailureMode, _channels: Sequence[str]) -> Iterator[Cell]:
+def _list_disturbances(mode: FailureMode, _channels: Sequence[str]) -> Iterator[tables.Cell]:
     noises = mode.eigenfailure.T
-    yield from (FormattedCell(format_signed(float(noise.mean()))) for noise in noises)
+    yield from (
+        tables.FormattedCell(figures.format_signed(float(noise.mean()))) for noise in noises
+    )
     yield from map(format_peak, noises)
 
 
-def list_mode_facts(mode: FailureMode) -> FactTable:
+def list_mode_facts(mode: FailureMode) -> tables.FactTable:
     """Return one failure mode by itself: its size, its medoid and its strongest noise."""
     place = "" if mode.medoid_campaign is None else f" of campaign {mode.medoid_campaign}"
     steps, channels = mode.eigenfailure.shape
     peaks = map(format_peak, mode.eigenfailure.T) if steps else ()
     rows = (
         *([("number", str(mode.number))] if mode.number else []),
-        ("failures", format_count(mode.failures)),
+        ("failures", figures.format_count(mode.failures)),
         ("medoid", f"episode {mode.medoid}{place}"),
-        ("eigenfailure", f"{count_noun(steps, 'step')}, {count_noun(channels, 'channel')}"),
+        (
+            "eigenfailure",
+            f"{figures.count_noun(steps, 'step')}, {figures.count_noun(channels, 'channel')}",
+        ),
         *(
             (f"peak of {name} [sigma]", peak)
             for name, peak in zip(number_channels(channels), peaks, strict=False)
         ),
         *_list_probability(mode),
     )
-    return FactTable("Failure mode", rows)
+    return tables.FactTable("Failure mode", rows)
 
 
 def _list_probability(mode: FailureMode) -> Iterator[tuple[str, str]]:
     if mode.probability is not None:
-        yield "probability under p(x)", format_cell(mode.probability).line
+        yield "probability under p(x)", tables.format_cell(mode.probability).line
 
 
 def format_peak(noise: Floats) -> str:
     """Return the largest disturbance of one channel, and its step."""
     step = int(np.argmax(np.abs(noise)))
-    return f"{format_signed(float(noise[step]))} at step {step}"
+    return f"{figures.format_signed(float(noise[step]))} at step {step}"
 
 
-def describe_analysis(analysis: Analysis) -> tuple[Block, ...]:
+def describe_analysis(analysis: Analysis) -> tuple[tables.Block, ...]:
     """Return the modes of an analysis, or why it has none."""
     words = f"of campaign {analysis.campaign}: {analysis.state}"
-    heading = FactTable("Analysis", ((f"analysis {analysis.id}", words),))
+    heading = tables.FactTable("Analysis", ((f"analysis {analysis.id}", words),))
     if analysis.result is None:
         return (heading, analysis.problem)
     modes = describe_modes(analysis.campaign, analysis.result)
     return (heading, *modes, *list_mode_words(analysis.result))
 
 
-def describe_modes(campaign: int, result: AnalysisResult) -> tuple[Block, ...]:
+def describe_modes(campaign: int, result: AnalysisResult) -> tuple[tables.Block, ...]:
     """Return the failure modes, the variance explained, and whether the modes are distinct."""
     verdict = result.diversity.verdict if result.diversity else result.verdict
     words = f"{verdict} {result.caution}".rstrip()
@@ -216,8 +207,8 @@ def describe_grouping(result: AnalysisResult) -> str:
 def describe_components(result: AnalysisResult) -> str:
     """Return the share of the variance that the components explain."""
     share, count = float(np.sum(result.explained)), len(result.explained)
-    words = f"{count} components explain {format_share(share)} of their variance."
-    words = f"{format_count(len(result.episodes))} failures; {words}"
+    words = f"{count} components explain {figures.format_share(share)} of their variance."
+    words = f"{figures.format_count(len(result.episodes))} failures; {words}"
     return words if share >= LEAST_EXPLAINED else f"{words} {TOO_FEW}"
 
 
@@ -249,8 +240,8 @@ def describe_diversity(result: AnalysisResult) -> Iterator[str]:
     if found is None:
         return
     yield (
-        f"The noise of the {format_count(found.failures)} failures has a standard deviation of "
-        f"{format_number(found.spread)} sigma about its mean; that of p(x) has 1."
+        f"The noise of the {figures.format_count(found.failures)} failures has a standard "
+        f"deviation of {figures.format_number(found.spread)} sigma about its mean; that of p(x) has 1."
     )
     if found.modes > 1:
         seen = ", ".join(map(str, found.coverage))
@@ -262,20 +253,20 @@ def describe_diversity(result: AnalysisResult) -> Iterator[str]:
 def _describe_stability(result: AnalysisResult) -> Iterator[str]:
     found, noun = result.stability, result.cluster_noun
     if found is not None:
-        index = f"{format_number(found.median)} {format_interval(found.interval)}"
+        index = f"{figures.format_number(found.median)} {figures.format_interval(found.interval)}"
         yield (
             f"Drawn again {found.resamples} times, the {noun}s have an adjusted Rand index of "
             f"{index}; 1 is the same {noun}s, 0 is chance."
         )
     if result.outliers:
-        yield f"{format_share(result.outliers)} of the failures were near no {noun}."
+        yield f"{figures.format_share(result.outliers)} of the failures were near no {noun}."
 
 
 def format_moment(found: Moment) -> str:
     """Return a moment, in seconds if steps have a duration."""
     if found.before_collision_s is None:
         return f"at step {found.step}"
-    return f"{format_number(found.before_collision_s)} s before the collision"
+    return f"{figures.format_number(found.before_collision_s)} s before the collision"
 
 
 def describe_influence(found: InfluenceShare, channels: Sequence[str]) -> str:
@@ -283,41 +274,49 @@ def describe_influence(found: InfluenceShare, channels: Sequence[str]) -> str:
     if found.both is None:
         return f"Failures differ in no step of the last {found.seconds:g} s or before."
     parts = zip(channels, found.by_channel, strict=True)
-    apart = ", ".join(f"{channel} {format_share(share)}" for channel, share in parts if share)
+    apart = ", ".join(
+        f"{channel} {figures.format_share(share)}" for channel, share in parts if share
+    )
     return (
-        f"The last {found.seconds:g} s before the collision, {format_share(found.time)} of the "
-        f"time, hold {format_share(found.both)} of the influence ({apart})."
+        f"The last {found.seconds:g} s before the collision, {figures.format_share(found.time)} of "
+        f"the time, hold {figures.format_share(found.both)} of the influence ({apart})."
     )
 
 
-def tabulate_moments(result: AnalysisResult) -> Table:
+def tabulate_moments(result: AnalysisResult) -> tables.Table:
     """Return the moments of greatest influence."""
     words = choose_channel_words(result.channels)
     rows = tuple(
         (each.axis.capitalize(), format_moment(each), each.influence) for each in result.moments
     )
-    columns = (*name_columns(words.one.capitalize(), "When"), TableColumn("Influence"))
+    columns = (
+        *tables.name_columns(words.one.capitalize(), "When"),
+        tables.TableColumn("Influence"),
+    )
     note = (
         "Influence: components weighted by explained variance. It says where the noise of the "
         "failures differs, not what causes them."
     )
-    return Table("Moments of greatest influence", columns, rows, (note,))
+    return tables.Table("Moments of greatest influence", columns, rows, (note,))
 
 
-def tabulate_influence(result: AnalysisResult) -> Table:
+def tabulate_influence(result: AnalysisResult) -> tables.Table:
     """Return the share of the influence that lies in the last seconds before the collision."""
     together = choose_channel_words(result.channels).together
     titles = ("Of the time", *map(str.capitalize, (*result.channels, together)))
-    columns = (*name_columns("Time"), *(TableColumn(title, "share") for title in titles))
+    columns = (
+        *tables.name_columns("Time"),
+        *(tables.TableColumn(title, "share") for title in titles),
+    )
     rows = tuple(
         (f"Last {each.seconds:g} s", each.time, *each.by_channel, each.both)
         for each in result.before_collision
     )
     note = "The shares would equal that of the time if the failures differed alike at all moments."
-    return Table("Influence before the collision", columns, rows, (note,))
+    return tables.Table("Influence before the collision", columns, rows, (note,))
 
 
-def tabulate_noise_within(result: AnalysisResult, step_s: float | None = None) -> Table:
+def tabulate_noise_within(result: AnalysisResult, step_s: float | None = None) -> tables.Table:
     """Return how the noise differs among the failures of each mode, where behaviour groups them.
 
     Args:
@@ -327,20 +326,22 @@ def tabulate_noise_within(result: AnalysisResult, step_s: float | None = None) -
     """
     noun = result.cluster_noun
     columns = (
-        *count_columns(noun.capitalize(), "Failures"),
-        TableColumn("Variance explained", "share"),
-        *name_columns("Noise differs most"),
+        *tables.count_columns(noun.capitalize(), "Failures"),
+        tables.TableColumn("Variance explained", "share"),
+        *tables.name_columns("Noise differs most"),
     )
     rows = tuple(
         (
-            *(str(place), mode.failures, float(np.sum(mode.explained))),
+            str(place),
+            mode.failures,
+            float(np.sum(mode.explained)),
             _find_difference(mode.components, mode.explained, result.channels, step_s),
         )
         for place, mode in enumerate(result.modes, start=1)
         if mode.components is not None and mode.explained is not None and len(mode.explained)
     )
     note = f"By the principal components of the noise of each {noun} alone."
-    return Table(f"Noise within {noun}s", columns, rows, (note,))
+    return tables.Table(f"Noise within {noun}s", columns, rows, (note,))
 
 
 def _find_difference(
@@ -353,20 +354,22 @@ def _find_difference(
     return f"{moment.axis} {format_moment(moment)}"
 
 
-def tabulate_sources(result: AnalysisResult) -> Table:
+def tabulate_sources(result: AnalysisResult) -> tables.Table:
     """Return the campaigns that were analysed, as they stood then."""
-    columns = (*name_columns("Campaign"), *count_columns("Failures", "Episodes"))
+    columns = (*tables.name_columns("Campaign"), *tables.count_columns("Failures", "Episodes"))
     rows = tuple(
         (
-            *(str(source.campaign), source.failures, source.episodes),
+            str(source.campaign),
+            source.failures,
+            source.episodes,
             "running: a snapshot" if source.running else "ended",
         )
         for source in result.sources
     )
-    return Table("Analysed campaigns", (*columns, *name_columns("State then")), rows)
+    return tables.Table("Analysed campaigns", (*columns, *tables.name_columns("State then")), rows)
 
 
-def describe_proof(proof: Proof, noun: str = "mode", unit: str = "m") -> tuple[Block, ...]:
+def describe_proof(proof: Proof, noun: str = "mode", unit: str = "m") -> tuple[tables.Block, ...]:
     """Return the replays of a proof, and how many of them failed again.
 
     Args:
@@ -378,15 +381,15 @@ def describe_proof(proof: Proof, noun: str = "mode", unit: str = "m") -> tuple[B
     return (replays, *count_reproductions(proof, noun, unit))
 
 
-def tabulate_replays(proof: Proof, noun: str = "mode", unit: str = "m") -> Table:
+def tabulate_replays(proof: Proof, noun: str = "mode", unit: str = "m") -> tables.Table:
     """Return the replays, one a row, with log p of each and the expected log p of noise of p(x)."""
     columns = (
-        *name_columns("Scenario", noun.capitalize(), "Replayed", "Outcome"),
-        TableColumn("Robustness", unit),
-        TableColumn("log p", "nats", digits=5),
-        TableColumn("log p/step", "nats"),
-        TableColumn("log p of p(x)", "nats", digits=5),
-        TableColumn("Episode"),
+        *tables.name_columns("Scenario", noun.capitalize(), "Replayed", "Outcome"),
+        tables.TableColumn("Robustness", unit),
+        tables.TableColumn("log p", "nats", digits=5),
+        tables.TableColumn("log p/step", "nats"),
+        tables.TableColumn("log p of p(x)", "nats", digits=5),
+        tables.TableColumn("Episode"),
     )
     rows = tuple(
         (scenario.words, str(replay.mode + 1), replay.what, *_list_replay(replay))
@@ -394,14 +397,15 @@ def tabulate_replays(proof: Proof, noun: str = "mode", unit: str = "m") -> Table
         for replay in scenario.replays
     )
     density = f" [1/{unit}²]" if unit else ""
-    return Table("Replays", columns, rows, (LIKELIHOODS.format(unit=density),))
+    return tables.Table("Replays", columns, rows, (LIKELIHOODS.format(unit=density),))
 
 
-def _list_replay(replay: ReplayedNoise) -> tuple[Cell, ...]:
+def _list_replay(replay: ReplayedNoise) -> tuple[tables.Cell, ...]:
     return (
         replay.outcome.word if replay.outcome else None,
         replay.robustness_m,
-        *(replay.log_probability, replay.log_probability_per_step),
+        replay.log_probability,
+        replay.log_probability_per_step,
         replay.expected_log_probability,
         f"{replay.campaign}/{replay.index}",
     )
@@ -433,7 +437,8 @@ def _count_failed_again(found: Reproduction, replayed: str, unit: str) -> str:
 
 
 def _format_nearest(found: Reproduction, unit: str) -> str:
-    return f"(nearest {' '.join(filter(None, (format_number(found.smallest_robustness_m), unit)))})"
+    nearest = figures.format_number(found.smallest_robustness_m)
+    return f"(nearest {' '.join(filter(None, (nearest, unit)))})"
 
 
 def format_reproduction(found: Reproduction, unit: str) -> str:
@@ -444,11 +449,11 @@ def format_reproduction(found: Reproduction, unit: str) -> str:
     return words if found.rate.k else f"{words} {_format_nearest(found, unit)}"
 
 
-def describe_chain_mixing(found: ChainMixing) -> tuple[Block, ...]:
+def describe_chain_mixing(found: ChainMixing) -> tuple[tables.Block, ...]:
     """Return the verdict on the chains of a campaign, and its reasons by projection."""
-    share = format_share(found.accepted / found.moves if found.moves else None)
+    share = figures.format_share(found.accepted / found.moves if found.moves else None)
     others = "" if found.started == found.chains else " The others began where these did."
-    accepted = f"{format_count(found.accepted)} of {format_count(found.moves)}"
+    accepted = f"{figures.format_count(found.accepted)} of {figures.format_count(found.moves)}"
     first = f"{found.campaign}/{found.first_sample}"
     sentences = (
         f"Chains: the starts of {found.started} of {found.chains} failed.{others}",
@@ -458,12 +463,12 @@ def describe_chain_mixing(found: ChainMixing) -> tuple[Block, ...]:
     )
     if not found.projections:
         return sentences
-    table = Table(
+    table = tables.Table(
         "Mixing",
         (
-            TableColumn("Projection", is_figure=False),
-            TableColumn("R-hat"),
-            TableColumn("Effective samples"),
+            tables.TableColumn("Projection", is_figure=False),
+            tables.TableColumn("R-hat"),
+            tables.TableColumn("Effective samples"),
         ),
         tuple((one.name, one.r_hat, one.effective) for one in found.projections),
     )

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from msgspec import UnsetType
 
+from eigenfail.presentation import tables
 from eigenfail.presentation.figures import (
     UNKNOWN,
     count_noun,
@@ -16,19 +17,6 @@ from eigenfail.presentation.figures import (
     format_share,
 )
 from eigenfail.presentation.rates import name_rates
-from eigenfail.presentation.tables import (
-    Block,
-    Cell,
-    FactTable,
-    FormattedCell,
-    Table,
-    TableColumn,
-    count_columns,
-    format_cell,
-    format_line,
-    list_notes,
-    name_columns,
-)
 from eigenfail.values import (
     Campaign,
     CampaignCost,
@@ -51,17 +39,21 @@ from eigenfail.values.variation import in_words
 from eigenfail.versions import describe_mixed
 from eigenfail.worlds import describe_disturbance, describe_requirements, world_of
 
-ID = TableColumn("Id")
-RATE = TableColumn("Failed [95 %]")
-LIKELIHOOD = TableColumn("log p/step", "nats")
-SEVERITY = TableColumn("Severity", "m²/s²")
-COST = TableColumn("USD/failure [95 %]")
-PROBABILITY = TableColumn("P(failure) [95 %]")
+ID = tables.TableColumn("Id")
+RATE = tables.TableColumn("Failed [95 %]")
+LIKELIHOOD = tables.TableColumn("log p/step", "nats")
+SEVERITY = tables.TableColumn("Severity", "m²/s²")
+COST = tables.TableColumn("USD/failure [95 %]")
+PROBABILITY = tables.TableColumn("P(failure) [95 %]")
 """A column that tables have where a campaign has an estimate."""
 
 RESULTS = (
-    *count_columns("Episodes", "Failures"),
-    *(RATE, LIKELIHOOD, SEVERITY, TableColumn("Episodes/s"), COST),
+    *tables.count_columns("Episodes", "Failures"),
+    RATE,
+    LIKELIHOOD,
+    SEVERITY,
+    tables.TableColumn("Episodes/s"),
+    COST,
 )
 PARTS_OF_TIME = {
     "simulation_s": "simulation",
@@ -78,7 +70,7 @@ STEPS_OF_COST = 10
 """Number of rows of the table of failures by cost."""
 
 
-def list_results(summary: Summary) -> tuple[Cell, ...]:
+def list_results(summary: Summary) -> tuple[tables.Cell, ...]:
     """Return the cells of a campaign in the columns `RESULTS`."""
     return (
         summary.counts.completed,
@@ -91,16 +83,18 @@ def list_results(summary: Summary) -> tuple[Cell, ...]:
     )
 
 
-def tabulate_results(summaries: Iterable[Summary]) -> Table:
+def tabulate_results(summaries: Iterable[Summary]) -> tables.Table:
     """Return what campaigns found and what it cost, one a row, with remarks on their rates."""
     found = list(summaries)
     last = PROBABILITY if any(summary.estimate for summary in found) else None
-    return Table(
+    return tables.Table(
         "Results",
-        (ID, TableColumn("Method", is_figure=False), *RESULTS, *([last] if last else [])),
+        (ID, tables.TableColumn("Method", is_figure=False), *RESULTS, *([last] if last else [])),
         tuple(
             (
-                *(str(each.campaign), each.method, *list_results(each)),
+                str(each.campaign),
+                each.method,
+                *list_results(each),
                 *([each.estimate] if last else []),
             )
             for each in found
@@ -121,21 +115,26 @@ def note_results(summaries: Iterable[Summary]) -> tuple[str, ...]:
     )
 
 
-def tabulate_campaigns(campaigns: Iterable[Campaign]) -> Table:
+def tabulate_campaigns(campaigns: Iterable[Campaign]) -> tables.Table:
     """Return a list of campaigns."""
     found = list(campaigns)
     last = [PROBABILITY] if any(campaign.estimate for campaign in found) else []
-    names = name_columns("Name", "State", "Method", "Scenario", "Planner")
-    created = TableColumn("Created", is_figure=False)
-    return Table(
+    names = tables.name_columns("Name", "State", "Method", "Scenario", "Planner")
+    created = tables.TableColumn("Created", is_figure=False)
+    return tables.Table(
         "Campaigns",
-        (ID, *names, *count_columns("Done", "Failures"), *last, created),
+        (ID, *names, *tables.count_columns("Done", "Failures"), *last, created),
         tuple(
             (
-                *(str(each.id), each.spec.name, each.state_word, each.spec.method),
-                *(each.spec.scenario, each.spec.planner),
+                str(each.id),
+                each.spec.name,
+                each.state_word,
+                each.spec.method,
+                each.spec.scenario,
+                each.spec.planner,
                 _format_progress(each),
-                *(each.counts.failures, *([each.estimate] if last else [])),
+                each.counts.failures,
+                *([each.estimate] if last else []),
                 format_local_time(each.created_ms),
             )
             for each in found
@@ -148,7 +147,7 @@ def _format_progress(campaign: Campaign) -> str:
     return f"{format_count(counts.completed + counts.errored)}/{format_count(counts.planned)}"
 
 
-def list_campaign_facts(campaign: Campaign) -> FactTable:
+def list_campaign_facts(campaign: Campaign) -> tables.FactTable:
     """Return the specification of a campaign, and its progress."""
     spec, counts = campaign.spec, campaign.counts
     rows = [
@@ -173,7 +172,7 @@ def list_campaign_facts(campaign: Campaign) -> FactTable:
         ("digest", campaign.digest or UNKNOWN),
         *(("versions", sentence) for sentence in describe_mixed(campaign)),
     ]
-    return FactTable("Campaign", tuple(rows))
+    return tables.FactTable("Campaign", tuple(rows))
 
 
 def list_labels(spec: CampaignSpec) -> Iterator[tuple[str, str]]:
@@ -199,7 +198,7 @@ def _format_parameters(spec: CampaignSpec) -> str:
 def _list_estimate(estimate: Estimate | None) -> Iterator[tuple[str, str]]:
     if estimate is None:
         return
-    known = "unknown" if estimate.probability is None else format_line(estimate)
+    known = "unknown" if estimate.probability is None else tables.format_line(estimate)
     # Beside a lower bound a small cv would look like certainty about the probability itself.
     has_cv = estimate.cv is not None and not estimate.bound
     certainty = f", cv {format_number(estimate.cv)}" if has_cv else ""
@@ -226,18 +225,18 @@ def _list_ended(campaign: Campaign) -> Iterator[str]:
         yield f"{format_count(counts.cancelled)} not run"
 
 
-def describe_campaign(campaign: Campaign, summary: Summary) -> tuple[Block, ...]:
+def describe_campaign(campaign: Campaign, summary: Summary) -> tuple[tables.Block, ...]:
     """Return specification and results of a campaign, and its collisions by class."""
     has_road = world_of(campaign.spec.simulator).has_road
     conflicts = [_list_conflicts(campaign, summary.conflicts)] if has_road else []
     return (list_campaign_facts(campaign), _list_findings(summary), *conflicts)
 
 
-def _list_findings(summary: Summary) -> FactTable:
+def _list_findings(summary: Summary) -> tables.FactTable:
     n = f"n = {format_count(summary.counts.failures)}"
     collisions = summary.conflicts.collisions
     severe = "failures" if collisions == summary.counts.failures else "collisions"
-    rate = format_line(summary.failure_rate)
+    rate = tables.format_line(summary.failure_rate)
     searched = summary.failure_rate is not None and not summary.failure_rate.sampled
     chosen = ", chosen by the method" if searched else ""
     rows = (
@@ -251,23 +250,23 @@ def _list_findings(summary: Summary) -> FactTable:
             "severity",
             f"{format_number(summary.mean_severity)} m²/s², mean of {severe} (n = {collisions:,})",
         ),
-        ("cost per failure", f"{format_line(summary.cost)} USD ({n})"),
+        ("cost per failure", f"{tables.format_line(summary.cost)} USD ({n})"),
     )
-    return FactTable("Findings", rows)
+    return tables.FactTable("Findings", rows)
 
 
-def _list_conflicts(campaign: Campaign, conflicts: Conflicts) -> FactTable:
+def _list_conflicts(campaign: Campaign, conflicts: Conflicts) -> tables.FactTable:
     counts = campaign.counts
     found = f"{format_count(conflicts.collisions)} of {format_count(counts.completed)}"
     alone = counts.failures - conflicts.collisions
-    leads = (format_line(conflicts.ttc_lead), format_line(conflicts.drac_lead))
+    leads = (tables.format_line(conflicts.ttc_lead), tables.format_line(conflicts.drac_lead))
     rows = (
         ("collisions", f"{found}: {describe_classes(conflicts)}"),
         *([("violations", f"{format_count(alone)} without a collision")] if alone else []),
         ("near misses", f"{format_count(conflicts.near_misses)} with MinTTC < 1.5 s"),
         ("mean lead time", f"{leads[0]} MinTTC, {leads[1]} DRAC"),
     )
-    return FactTable("Conflicts", rows)
+    return tables.FactTable("Conflicts", rows)
 
 
 def describe_classes(conflicts: Conflicts) -> str:
@@ -280,50 +279,59 @@ def describe_classes(conflicts: Conflicts) -> str:
     return ", ".join(f"{format_count(count)} {words}" for count, words in classes)
 
 
-def tabulate_course(course: Course, unit: str = "m") -> tuple[Block, ...]:
+def tabulate_course(course: Course, unit: str = "m") -> tuple[tables.Block, ...]:
     """Return the blocks of a course, one a row, under what it shows.
 
     Args:
         course: blocks of its episodes.
         unit: unit of robustness; empty for a function.
     """
-    robustness = TableColumn("Median robustness", unit)
-    counts = count_columns("Completed", "Failures")
-    columns = (*name_columns("Episodes"), *counts, RATE, LIKELIHOOD, robustness)
+    robustness = tables.TableColumn("Median robustness", unit)
+    counts = tables.count_columns("Completed", "Failures")
+    columns = (*tables.name_columns("Episodes"), *counts, RATE, LIKELIHOOD, robustness)
     rows = tuple(
         (
             f"{block.first}–{block.last}",
-            *(block.failure_rate.n, block.failure_rate.k, block.failure_rate),
-            *(block.log_probability_per_step, block.median_robustness_m),
+            block.failure_rate.n,
+            block.failure_rate.k,
+            block.failure_rate,
+            block.log_probability_per_step,
+            block.median_robustness_m,
         )
         for block in course.blocks
     )
     heading = f"{course.heading} of campaign {course.campaign} ({course.method})"
     searched = any(not block.failure_rate.sampled for block in course.blocks)
-    return (heading, Table(course.heading, columns, rows, (SEARCHES,) if searched else ()))
+    return (heading, tables.Table(course.heading, columns, rows, (SEARCHES,) if searched else ()))
 
 
-def tabulate_safety_measures(found: Safety) -> Table:
+def tabulate_safety_measures(found: Safety) -> tables.Table:
     """Return the number of episodes beyond each threshold, the medians and the worst cases.
 
     Of a function, only the number of failures.
     """
     ttc, drac = found.ttc, found.drac
-    counts = (TableColumn("Episodes"), TableColumn("Share [95 %]"))
+    counts = (tables.TableColumn("Episodes"), tables.TableColumn("Share [95 %]"))
     if not found.measures_traffic:
         failures = ("Failure", *_count_rate(found.failures))
-        return Table("Safety measures", (*name_columns("Measure"), *counts), (failures,))
-    columns = (*name_columns("Measure"), *counts, *count_columns("Median", "Worst", "n"))
+        return tables.Table(
+            "Safety measures", (*tables.name_columns("Measure"), *counts), (failures,)
+        )
+    columns = (
+        *tables.name_columns("Measure"),
+        *counts,
+        *tables.count_columns("Median", "Worst", "n"),
+    )
     rows = (
         *_list_failures(found),
         ("Near miss", *_count_rate(found.near_misses), None, None, None),
         (f"MinTTC below {ttc.threshold:g} s", *_list_violations(ttc, "s")),
         (f"DRAC above {drac.threshold:g} m/s²", *_list_violations(drac, "m/s²")),
     )
-    return Table("Safety measures", columns, rows)
+    return tables.Table("Safety measures", columns, rows)
 
 
-def _list_failures(found: Safety) -> Iterator[tuple[Cell, ...]]:
+def _list_failures(found: Safety) -> Iterator[tuple[tables.Cell, ...]]:
     """Yield the row of the failures, and one for each requirement that is named."""
     if found.requirements:
         yield ("Failure", *_count_rate(found.failures), None, None, None)
@@ -334,16 +342,16 @@ def _list_failures(found: Safety) -> Iterator[tuple[Cell, ...]]:
         yield (f"Violates {each.name}", *_count_rate(rate), None, robustness, rate and rate.n)
 
 
-def _count_rate(rate: Rate | None) -> tuple[Cell, Cell]:
+def _count_rate(rate: Rate | None) -> tuple[tables.Cell, tables.Cell]:
     return (None if rate is None else rate.k), rate
 
 
-def _list_violations(found: Violations, unit: str) -> tuple[Cell, ...]:
+def _list_violations(found: Violations, unit: str) -> tuple[tables.Cell, ...]:
     extremes = (format_quantity(found.median, unit), format_quantity(found.worst, unit))
     return (*_count_rate(found.beyond), *extremes, found.n)
 
 
-def list_severity(found: Safety) -> tuple[tuple[str, FormattedCell], ...]:
+def list_severity(found: Safety) -> tuple[tuple[str, tables.FormattedCell], ...]:
     """Return mean, VaR and CVaR of the severity of the failures, and its rank correlation."""
     risk, scatter = found.severity, found.scatter
     level = f"{100.0 * risk.level:g} %"
@@ -359,14 +367,14 @@ def list_severity(found: Safety) -> tuple[tuple[str, FormattedCell], ...]:
     return tuple((name, _explain_figure(value, basis)) for name, value, basis in figures)
 
 
-def _explain_figure(value: Figure | None, basis: str) -> FormattedCell:
+def _explain_figure(value: Figure | None, basis: str) -> tables.FormattedCell:
     if value is None:
-        return FormattedCell(UNKNOWN, basis=("too few failures", basis))
+        return tables.FormattedCell(UNKNOWN, basis=("too few failures", basis))
     missing = () if value.interval else ("no interval",)
-    return format_cell(value)._replace(basis=(*missing, basis))
+    return tables.format_cell(value)._replace(basis=(*missing, basis))
 
 
-def describe_safety(found: Safety) -> tuple[Block, ...]:
+def describe_safety(found: Safety) -> tuple[tables.Block, ...]:
     """Return the safety measures of a campaign, the classes and the severity of its collisions.
 
     Those of a function have neither; its notes say so.
@@ -374,11 +382,11 @@ def describe_safety(found: Safety) -> tuple[Block, ...]:
     title = f"Safety measures of campaign {found.campaign}, {found.name} ({found.method}): "
     heading = f"{title}{format_count(found.completed)} episodes"
     measures = tabulate_safety_measures(found)
-    notes = list_notes([(found.severity.problem, *found.notes)])
+    notes = tables.list_notes([(found.severity.problem, *found.notes)])
     if not found.measures_traffic:
         return (heading, measures, "", *notes)
     conflicts, severity = found.conflicts, list_severity(found)
-    leads = (format_line(conflicts.ttc_lead), format_line(conflicts.drac_lead))
+    leads = (tables.format_line(conflicts.ttc_lead), tables.format_line(conflicts.drac_lead))
     rows = (
         ("collisions", describe_classes(conflicts)),
         ("mean lead time", f"{leads[0]} MinTTC, {leads[1]} DRAC"),
@@ -388,12 +396,12 @@ def describe_safety(found: Safety) -> tuple[Block, ...]:
         heading,
         measures,
         "",
-        FactTable("Collisions", rows),
+        tables.FactTable("Collisions", rows),
         *notes,
     )
 
 
-def describe_costs(found: Sequence[CampaignCost]) -> tuple[Block, ...]:
+def describe_costs(found: Sequence[CampaignCost]) -> tuple[tables.Block, ...]:
     """Return the costs of campaigns, how their time was spent, and failures over cost."""
     notes = ((*each.notes, each.time.problem) for each in found)
     return (
@@ -403,34 +411,46 @@ def describe_costs(found: Sequence[CampaignCost]) -> tuple[Block, ...]:
         "",
         _tabulate_purchases(found),
         *(f"Campaign {each.campaign}: {each.modes_in_words}" for each in found),
-        *list_notes(notes),
+        *tables.list_notes(notes),
     )
 
 
-def tabulate_bill(found: Sequence[CampaignCost]) -> Table:
+def tabulate_bill(found: Sequence[CampaignCost]) -> tables.Table:
     """Return what each campaign cost, and what that bought."""
-    counts = count_columns("Episodes", "Failures")
-    bought = (COST, *count_columns("Modes"), TableColumn("USD/mode", "USD"))
-    columns = (*name_columns("Name", "Method"), *counts, TableColumn("USD", "USD"), *bought)
+    counts = tables.count_columns("Episodes", "Failures")
+    bought = (COST, *tables.count_columns("Modes"), tables.TableColumn("USD/mode", "USD"))
+    columns = (
+        *tables.name_columns("Name", "Method"),
+        *counts,
+        tables.TableColumn("USD", "USD"),
+        *bought,
+    )
     rows = tuple(
         (
-            *(str(each.campaign), each.name, each.method, each.completed, each.failures),
-            *(each.cost.total_usd, each.cost, each.modes, each.per_mode_usd),
+            str(each.campaign),
+            each.name,
+            each.method,
+            each.completed,
+            each.failures,
+            each.cost.total_usd,
+            each.cost,
+            each.modes,
+            each.per_mode_usd,
         )
         for each in found
     )
-    return Table("Cost", (ID, *columns), rows)
+    return tables.Table("Cost", (ID, *columns), rows)
 
 
-def tabulate_time(found: Sequence[CampaignCost]) -> Table:
+def tabulate_time(found: Sequence[CampaignCost]) -> tables.Table:
     """Return what the time went into that each campaign was billed for."""
-    parts = [TableColumn(words.capitalize(), "share") for words in PARTS_OF_TIME.values()]
-    columns = (ID, *name_columns("Method"), TableColumn("Active", "s"), *parts)
+    parts = [tables.TableColumn(words.capitalize(), "share") for words in PARTS_OF_TIME.values()]
+    columns = (ID, *tables.name_columns("Method"), tables.TableColumn("Active", "s"), *parts)
     rows = tuple((str(each.campaign), each.method, *_list_time(each)) for each in found)
-    return Table("Time breakdown", columns, rows)
+    return tables.Table("Time breakdown", columns, rows)
 
 
-def _list_time(found: CampaignCost) -> Iterator[Cell]:
+def _list_time(found: CampaignCost) -> Iterator[tables.Cell]:
     time = found.time
     yield format_quantity(time.active_s, "s")
     for name in PARTS_OF_TIME:
@@ -438,13 +458,13 @@ def _list_time(found: CampaignCost) -> Iterator[Cell]:
         yield None if part_s is None or not time.active_s else part_s / time.active_s
 
 
-def _tabulate_purchases(found: Sequence[CampaignCost]) -> Table:
+def _tabulate_purchases(found: Sequence[CampaignCost]) -> tables.Table:
     most = max(each.cost.total_usd for each in found)
     amounts = [most * step / STEPS_OF_COST for step in range(1, STEPS_OF_COST + 1)]
-    names = (TableColumn(f"{each.campaign} {each.method}") for each in found)
-    return Table(
+    names = (tables.TableColumn(f"{each.campaign} {each.method}") for each in found)
+    return tables.Table(
         "Failures by cost",
-        (TableColumn("USD", "USD"), *names),
+        (tables.TableColumn("USD", "USD"), *names),
         tuple((spent, *(_describe_purchase(each, spent) for each in found)) for spent in amounts),
     )
 
@@ -460,14 +480,14 @@ def _describe_purchase(found: CampaignCost, spent: float) -> str:
 
 
 BILLS = (
-    TableColumn("Spent", "USD"),
-    TableColumn("Cost per distinct mode", "USD"),
-    *count_columns(*(f"Time: {words}" for words in PARTS_OF_TIME.values())),
+    tables.TableColumn("Spent", "USD"),
+    tables.TableColumn("Cost per distinct mode", "USD"),
+    *tables.count_columns(*(f"Time: {words}" for words in PARTS_OF_TIME.values())),
 )
-SIDES = (*count_columns("Episodes", "Failures"), RATE, LIKELIHOOD, SEVERITY, COST)
+SIDES = (*tables.count_columns("Episodes", "Failures"), RATE, LIKELIHOOD, SEVERITY, COST)
 
 
-def tabulate_sides(found: Comparison, bills: Sequence[Sequence[CampaignCost]] = ()) -> Table:
+def tabulate_sides(found: Comparison, bills: Sequence[Sequence[CampaignCost]] = ()) -> tables.Table:
     """Return the figures of the two sides of a comparison, one a row.
 
     Args:
@@ -475,41 +495,47 @@ def tabulate_sides(found: Comparison, bills: Sequence[Sequence[CampaignCost]] = 
         bills: bills of the campaigns of each side, where what they cost is shown, too.
     """
     figures = (("A", *_list_side(found.a)), ("B", *_list_side(found.b)))
-    columns = (*name_columns("", "Campaigns"), *SIDES)
+    columns = (*tables.name_columns("", "Campaigns"), *SIDES)
     if not bills:
-        return Table("Figures", columns, figures)
+        return tables.Table("Figures", columns, figures)
     rows = tuple((*side, *_list_bill(bill)) for side, bill in zip(figures, bills, strict=True))
-    return Table("Figures", (*columns, *BILLS), rows)
+    return tables.Table("Figures", (*columns, *BILLS), rows)
 
 
-def _list_bill(costs: Sequence[CampaignCost]) -> tuple[Cell, ...]:
+def _list_bill(costs: Sequence[CampaignCost]) -> tuple[tables.Cell, ...]:
     """Of the modes of several campaigns some may be the same: only those of one have a price."""
     spent = sum(cost.cost.total_usd for cost in costs)
     per_mode = costs[0].per_mode_usd if len(costs) == 1 else "of one campaign at a time"
     return (spent, per_mode, *(_share_time(costs, part) for part in PARTS_OF_TIME))
 
 
-def _share_time(costs: Sequence[CampaignCost], part: str) -> Cell:
+def _share_time(costs: Sequence[CampaignCost], part: str) -> tables.Cell:
     """A part of the time of all campaigns; a dash where one of them did not measure it."""
     active_s = sum(cost.time.active_s for cost in costs)
     known = [part_s for cost in costs if (part_s := getattr(cost.time, part)) is not None]
     if len(known) < len(costs) or active_s <= 0.0:
         return None
-    return FormattedCell(format_share(sum(known) / active_s), sample=format_duration(sum(known)))
-
-
-def _list_side(side: Side) -> tuple[Cell, ...]:
-    return (
-        ", ".join(map(str, side.campaigns)),
-        *(side.completed, side.failures, side.failure_rate),
-        *(side.log_probability_per_step, side.mean_severity, side.cost),
+    return tables.FormattedCell(
+        format_share(sum(known) / active_s), sample=format_duration(sum(known))
     )
 
 
-def describe_comparison(found: Comparison) -> tuple[Block, ...]:
+def _list_side(side: Side) -> tuple[tables.Cell, ...]:
+    return (
+        ", ".join(map(str, side.campaigns)),
+        side.completed,
+        side.failures,
+        side.failure_rate,
+        side.log_probability_per_step,
+        side.mean_severity,
+        side.cost,
+    )
+
+
+def describe_comparison(found: Comparison) -> tuple[tables.Block, ...]:
     """Return the figures of two sides, what they say, and what speaks against it."""
     differences = tuple((each.thing, each.a, each.b) for each in found.distinctions)
-    table = Table("Settings", name_columns("Differs in", "A", "B"), differences)
+    table = tables.Table("Settings", tables.name_columns("Differs in", "A", "B"), differences)
     return (
         tabulate_sides(found),
         *found.sentences,
@@ -518,13 +544,13 @@ def describe_comparison(found: Comparison) -> tuple[Block, ...]:
     )
 
 
-def describe_region(found: Region) -> tuple[Block, ...]:
+def describe_region(found: Region) -> tuple[tables.Block, ...]:
     """Return where among the parameters of a scenario the episodes of campaigns fail."""
     ids = ", ".join(map(str, found.campaigns))
     varied = ", ".join(found.parameters) or "nothing"
     counts = f"{format_count(found.failures)} of {format_count(found.episodes)} episodes failed"
     heading = f"Failing region of {found.scenario}, campaigns {ids}: {counts}; {varied} varied"
-    remarks = list_notes([(found.problem, *(f"Warning: {each}" for each in found.warnings))])
+    remarks = tables.list_notes([(found.problem, *(f"Warning: {each}" for each in found.warnings))])
     if not found.boxes:
         return (heading, *remarks)
     return (heading, tabulate_boxes(found), _describe_chance(found), *remarks)
@@ -532,12 +558,13 @@ def describe_region(found: Region) -> tuple[Block, ...]:
 
 def _describe_chance(found: Region) -> str:
     return (
-        f"Found on half of the episodes, counted on the others: {format_line(found.failure_rate)} "
-        f"of these fail. By chance alone: p = {format_number(found.p_value)}."
+        f"Found on half of the episodes, counted on the others: "
+        f"{tables.format_line(found.failure_rate)} of these fail. By chance alone: "
+        f"p = {format_number(found.p_value)}."
     )
 
 
-def tabulate_boxes(found: Region) -> Table:
+def tabulate_boxes(found: Region) -> tables.Table:
     """Return the boxes of a failing region, one a row, and all of them together."""
     shares = ("Share of all failures [95 %]", "Failure rate inside [95 %]")
     boxes = [(box.words, box.coverage, box.precision) for box in found.boxes]
@@ -547,15 +574,15 @@ def tabulate_boxes(found: Region) -> Table:
         (words, coverage, precision, *((precision.k, precision.n) if precision else (None, None)))
         for words, coverage, precision in boxes
     )
-    columns = (*name_columns("Where"), *count_columns(*shares, "Failed", "Episodes"))
-    return Table("Failing region", columns, rows)
+    columns = (*tables.name_columns("Where"), *tables.count_columns(*shares, "Failed", "Episodes"))
+    return tables.Table("Failing region", columns, rows)
 
 
 def tabulate_workers(
     shares: Sequence[WorkerShare],
-    format_time: Callable[[int], Cell] = format_local_time,
+    format_time: Callable[[int], tables.Cell] = format_local_time,
     most: int | None = None,
-) -> Table:
+) -> tables.Table:
     """Return the workers that ran the episodes of a campaign, the busiest first.
 
     Args:
@@ -564,31 +591,44 @@ def tabulate_workers(
         most: how many are shown; None shows all.
     """
     total = sum(share.episodes for share in shares)
-    counts = (*count_columns("Episodes"), TableColumn("Share", "share"))
-    columns = (*counts, *count_columns("Failures", "Errored"), TableColumn("Time/episode", "s"))
+    counts = (*tables.count_columns("Episodes"), tables.TableColumn("Share", "share"))
+    columns = (
+        *counts,
+        *tables.count_columns("Failures", "Errored"),
+        tables.TableColumn("Time/episode", "s"),
+    )
     rows = tuple(
         (
-            *(share.worker, share.episodes, share.episodes / total if total else None),
-            *(share.failures, share.errored, share.wall_s / share.episodes),
+            share.worker,
+            share.episodes,
+            share.episodes / total if total else None,
+            share.failures,
+            share.errored,
+            share.wall_s / share.episodes,
             format_time(share.last_ms),
         )
         for share in shares[:most]
     )
     left = f"In the API, with fewer episodes: {count_noun(len(shares) - len(rows), 'worker')}."
     notes = (left,) if len(rows) < len(shares) else ()
-    titles = (*name_columns("Worker"), *columns, *name_columns("Last result"))
-    return Table("Workers", titles, rows, notes)
+    titles = (*tables.name_columns("Worker"), *columns, *tables.name_columns("Last result"))
+    return tables.Table("Workers", titles, rows, notes)
 
 
-def tabulate_compared(campaigns: Sequence[Campaign], summaries: Sequence[Summary]) -> Table:
+def tabulate_compared(campaigns: Sequence[Campaign], summaries: Sequence[Summary]) -> tables.Table:
     """Return the results of campaigns that are compared, one a row."""
     rows = tuple(
         (
-            *(f"{campaign.id}: {campaign.spec.name}", campaign.state_word),
+            f"{campaign.id}: {campaign.spec.name}",
+            campaign.state_word,
             *list_results(summary),
             summary.cost.total_usd,
         )
         for campaign, summary in zip(campaigns, summaries, strict=True)
     )
-    columns = (*name_columns("Campaign", "State"), *RESULTS, TableColumn("Spent", "USD"))
-    return Table("Figures", columns, rows)
+    columns = (
+        *tables.name_columns("Campaign", "State"),
+        *RESULTS,
+        tables.TableColumn("Spent", "USD"),
+    )
+    return tables.Table("Figures", columns, rows)

@@ -4,23 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from eigenfail.filters import Value, find_column
-from eigenfail.presentation.figures import (
-    UNKNOWN,
-    format_count,
-    format_number,
-    format_quantity,
-    format_share,
-    format_signed,
-)
-from eigenfail.presentation.tables import (
-    Block,
-    Cell,
-    FactTable,
-    Table,
-    TableColumn,
-    count_columns,
-    name_columns,
-)
+from eigenfail.presentation import figures, tables
 from eigenfail.values import (
     MEASURES,
     Assessment,
@@ -43,74 +27,97 @@ LOG_P_DIGITS = 5
 """Significant digits of log p over an episode, whose differences count, not its size."""
 
 
-def tabulate_episodes(rows: Iterable[EpisodeRow]) -> Table:
+def tabulate_episodes(rows: Iterable[EpisodeRow]) -> tables.Table:
     """Return a list of episodes."""
     columns = (
-        *(TableColumn("Episode"), *name_columns("Outcome", "Class"), TableColumn("Steps")),
-        *(TableColumn("Robustness", "m"), TableColumn("log p", "nats", digits=LOG_P_DIGITS)),
-        *(TableColumn("Severity", "m²/s²"), TableColumn("Min TTC", "s")),
-        *(TableColumn("Max DRAC", "m/s²"), TableColumn("TTC lead", "s")),
-        *(TableColumn("DRAC lead", "s"), *name_columns("Source", "Worker")),
+        tables.TableColumn("Episode"),
+        *tables.name_columns("Outcome", "Class"),
+        tables.TableColumn("Steps"),
+        tables.TableColumn("Robustness", "m"),
+        tables.TableColumn("log p", "nats", digits=LOG_P_DIGITS),
+        tables.TableColumn("Severity", "m²/s²"),
+        tables.TableColumn("Min TTC", "s"),
+        tables.TableColumn("Max DRAC", "m/s²"),
+        tables.TableColumn("TTC lead", "s"),
+        tables.TableColumn("DRAC lead", "s"),
+        *tables.name_columns("Source", "Worker"),
     )
-    return Table("Episodes", columns, tuple(map(_list_episode, rows)))
+    return tables.Table("Episodes", columns, tuple(map(_list_episode, rows)))
 
 
-def _list_episode(row: EpisodeRow) -> tuple[Cell, ...]:
+def _list_episode(row: EpisodeRow) -> tuple[tables.Cell, ...]:
     return (
-        *(f"{row.campaign}/{row.index}", row.outcome.word, format_class(row.assessed)),
-        *(row.steps, row.robustness_m, row.log_probability, row.severity, row.min_ttc_s),
-        *(row.max_drac_mps2, row.assessed.ttc_lead_s, row.assessed.drac_lead_s),
-        *(row.source, row.worker),
+        f"{row.campaign}/{row.index}",
+        row.outcome.word,
+        format_class(row.assessed),
+        row.steps,
+        row.robustness_m,
+        row.log_probability,
+        row.severity,
+        row.min_ttc_s,
+        row.max_drac_mps2,
+        row.assessed.ttc_lead_s,
+        row.assessed.drac_lead_s,
+        row.source,
+        row.worker,
     )
 
 
-def tabulate_failures(rows: Iterable[EpisodeRow]) -> Table:
+def tabulate_failures(rows: Iterable[EpisodeRow]) -> tables.Table:
     """Return a list of failures of several campaigns."""
     columns = (
-        *(TableColumn("Episode"), TableColumn("Severity", "m²/s²"), *name_columns("Class")),
-        *(TableColumn("log p", "nats", digits=LOG_P_DIGITS), TableColumn("Steps")),
+        tables.TableColumn("Episode"),
+        tables.TableColumn("Severity", "m²/s²"),
+        *tables.name_columns("Class"),
+        tables.TableColumn("log p", "nats", digits=LOG_P_DIGITS),
+        tables.TableColumn("Steps"),
     )
-    return Table("Failures", columns, tuple(map(_list_failure, rows)))
+    return tables.Table("Failures", columns, tuple(map(_list_failure, rows)))
 
 
-def _list_failure(row: EpisodeRow) -> tuple[Cell, ...]:
+def _list_failure(row: EpisodeRow) -> tuple[tables.Cell, ...]:
     return (
-        *(f"{row.campaign}/{row.index}", row.severity, format_class(row.assessed)),
-        *(row.log_probability, row.steps),
+        f"{row.campaign}/{row.index}",
+        row.severity,
+        format_class(row.assessed),
+        row.log_probability,
+        row.steps,
     )
 
 
-def tabulate_fields(names: Sequence[str], rows: Iterable[Mapping[str, Value | None]]) -> Table:
+def tabulate_fields(
+    names: Sequence[str], rows: Iterable[Mapping[str, Value | None]]
+) -> tables.Table:
     """Return some columns of episodes, under the names that filters have for them."""
     described = (find_column(name, "fields") for name in names)
-    columns = tuple(TableColumn(each.name, is_figure=each.is_ordered) for each in described)
+    columns = tuple(tables.TableColumn(each.name, is_figure=each.is_ordered) for each in described)
     cells = tuple(tuple(_read_field(row[name]) for name in names) for row in rows)
-    return Table("Episodes", columns, cells)
+    return tables.Table("Episodes", columns, cells)
 
 
-def _read_field(value: Value | None) -> Cell:
+def _read_field(value: Value | None) -> tables.Cell:
     # A seed or a number of an episode is a name, whose digits stand together.
     return value if value is None or isinstance(value, float) else str(value)
 
 
 def format_class(assessed: Assessment) -> str:
     """Return the conflict class of an outcome as text."""
-    return assessed.beside((assessed.conflict or UNKNOWN).replace("_", " "))
+    return assessed.beside((assessed.conflict or figures.UNKNOWN).replace("_", " "))
 
 
 def list_episode_facts(
     campaign: int, spec: CampaignSpec, result: EpisodeDetail, drawn: Mapping[str, Any]
-) -> FactTable:
+) -> tables.FactTable:
     """Return one episode with the scenario parameters that it drew, and its measures.
 
     Of a function robustness alone was measured, which has no unit.
     """
     has_road = world_of(spec.simulator).has_road
-    likelihood = format_number(result.noise.log_probability, LOG_P_DIGITS)
+    likelihood = figures.format_number(result.noise.log_probability, LOG_P_DIGITS)
     rows = [
         ("episode", f"{campaign}/{result.index}, seed {result.seed}"),
         ("outcome", result.outcome.word),
-        *([("class", result.assessed.words or UNKNOWN)] if has_road else []),
+        *([("class", result.assessed.words or figures.UNKNOWN)] if has_road else []),
         ("steps", str(result.steps)),
         *(("scenario", f"{name} = {value}") for name, value in drawn.items()),
         ("disturbances", f"from {result.source}, log p {likelihood}"),
@@ -122,16 +129,16 @@ def list_episode_facts(
     ]
     if result.fault:
         rows.append(("problem", f"{result.fault.kind}: {result.fault.message}"))
-    return FactTable("Episode", tuple(rows))
+    return tables.FactTable("Episode", tuple(rows))
 
 
-def list_result_facts(result: EpisodeDetail) -> FactTable:
+def list_result_facts(result: EpisodeDetail) -> tables.FactTable:
     """Return the facts of one episode: its outcome, its noise and its measures."""
-    likelihood = format_number(result.noise.log_probability, LOG_P_DIGITS)
+    likelihood = figures.format_number(result.noise.log_probability, LOG_P_DIGITS)
     rows = (
         ("episode", f"{result.index}, seed {result.seed}"),
         ("outcome", result.outcome.word),
-        ("class", result.assessed.words or UNKNOWN),
+        ("class", result.assessed.words or figures.UNKNOWN),
         ("steps", str(result.steps)),
         ("disturbances", f"from {result.source}, log p {likelihood}"),
         *list_channel_likelihoods(result.likelihoods),
@@ -139,7 +146,7 @@ def list_result_facts(result: EpisodeDetail) -> FactTable:
         ("scene", "stored" if result.scene else "not stored"),
         *([("problem", f"{result.fault.kind}: {result.fault.message}")] if result.fault else []),
     )
-    return FactTable("Episode", rows)
+    return tables.FactTable("Episode", rows)
 
 
 def list_channel_likelihoods(
@@ -147,8 +154,8 @@ def list_channel_likelihoods(
 ) -> Iterator[tuple[str, str]]:
     """Return log p of the noise of each channel, and the same relative to that of z = 0."""
     for each in likelihoods:
-        of_channel = format_number(each.log_probability, LOG_P_DIGITS)
-        relative = format_number(each.relative, LOG_P_DIGITS)
+        of_channel = figures.format_number(each.log_probability, LOG_P_DIGITS)
+        relative = figures.format_number(each.relative, LOG_P_DIGITS)
         yield f"log p of {each.name}", f"{of_channel}, {relative} relative to z = 0"
 
 
@@ -158,7 +165,7 @@ def _list_measured(result: EpisodeDetail, *, has_road: bool) -> Iterator[tuple[s
     if has_road:
         yield from list_measures(result.measures, result.assessed)
     else:
-        yield "robustness", format_number(result.measures.robustness_m)
+        yield "robustness", figures.format_number(result.measures.robustness_m)
 
 
 OF_REQUIREMENTS = frozenset({"nearest_m", "violated"})
@@ -180,7 +187,11 @@ def list_measures(measures: Measures, assessed: Assessment) -> Iterator[tuple[st
 
 
 def _format_value(measure: Measure, value: Any) -> str:
-    return format_count(value) if measure.is_count else format_number(value, measure.digits)
+    return (
+        figures.format_count(value)
+        if measure.is_count
+        else figures.format_number(value, measure.digits)
+    )
 
 
 def list_judged(spec: CampaignSpec, values: Sequence[float | None]) -> Iterator[tuple[str, str]]:
@@ -195,16 +206,16 @@ def list_judged(spec: CampaignSpec, values: Sequence[float | None]) -> Iterator[
             yield each.label, f"not judged: the episode ended before. Demands: {each.in_words()}"
             continue
         state = "violated" if value <= 0.0 else "satisfied"
-        robustness = format_quantity(value, each.unit)
+        robustness = figures.format_quantity(value, each.unit)
         yield each.label, f"{state} with robustness {robustness}. Demands: {each.in_words()}"
 
 
 def format_event(at_s: float | None) -> str:
     """Return the time of an event, or that it never came."""
-    return "never" if at_s is None else format_quantity(at_s, "s")
+    return "never" if at_s is None else figures.format_quantity(at_s, "s")
 
 
-def tabulate_thresholds(measures: Measures, assessed: Assessment) -> Table:
+def tabulate_thresholds(measures: Measures, assessed: Assessment) -> tables.Table:
     """Return the safety measures of an episode, their thresholds, and when these were passed."""
     # Older releases, which did not count clipped steps, did not measure the times either.
     has_times = measures.clipped_steps is not None
@@ -214,31 +225,38 @@ def tabulate_thresholds(measures: Measures, assessed: Assessment) -> Table:
 
     rows = (
         (
-            *("MinTTC", format_quantity(measures.min_ttc_s, "s"), "< 1.5 s"),
+            "MinTTC",
+            figures.format_quantity(measures.min_ttc_s, "s"),
+            "< 1.5 s",
             format_passing(measures.ttc_violated_s),
-            format_quantity(assessed.ttc_lead_s, "s"),
+            figures.format_quantity(assessed.ttc_lead_s, "s"),
         ),
         (
-            *("DRAC, largest", format_quantity(measures.max_drac_mps2, "m/s²"), "> 7 m/s²"),
+            "DRAC, largest",
+            figures.format_quantity(measures.max_drac_mps2, "m/s²"),
+            "> 7 m/s²",
             format_passing(measures.drac_violated_s),
-            format_quantity(assessed.drac_lead_s, "s"),
+            figures.format_quantity(assessed.drac_lead_s, "s"),
         ),
         (
-            *("Footprints apart", format_quantity(measures.distance_m, "m"), "0 m"),
-            *(format_event(measures.collided_s), None),
+            "Footprints apart",
+            figures.format_quantity(measures.distance_m, "m"),
+            "0 m",
+            format_event(measures.collided_s),
+            None,
         ),
     )
-    columns = count_columns("Value", "Threshold", "Passed at", "Before the collision")
+    columns = tables.count_columns("Value", "Threshold", "Passed at", "Before the collision")
     notes = tuple(_describe_drac(measures))
-    return Table("Safety measures", (*name_columns("Measure"), *columns), rows, notes)
+    return tables.Table("Safety measures", (*tables.name_columns("Measure"), *columns), rows, notes)
 
 
 def _describe_drac(measures: Measures) -> Iterator[str]:
     if measures.drac_at_warning_mps2 is not None:
-        drac = format_quantity(measures.drac_at_warning_mps2, "m/s²")
+        drac = figures.format_quantity(measures.drac_at_warning_mps2, "m/s²")
         yield f"When the time to collision first fell below 1.5 s, DRAC was {drac}."
     if measures.final_drac_mps2:
-        drac = format_quantity(measures.final_drac_mps2, "m/s²")
+        drac = figures.format_quantity(measures.final_drac_mps2, "m/s²")
         yield f"At the last step DRAC was {drac}."
 
 
@@ -246,7 +264,7 @@ def describe_minimal_failure(found: MinimalFailure) -> tuple[str, ...]:
     """Return how much of the noise is needed, what it does, and why no more can be left out."""
     kept = found.energy / found.full_energy if found.full_energy else None
     likelihood, full = (
-        f"{format_number(total, LOG_P_DIGITS)} ({{}}{format_number(per_step)})"
+        f"{figures.format_number(total, LOG_P_DIGITS)} ({{}}{figures.format_number(per_step)})"
         for total, per_step in (
             (found.log_probability, found.log_probability_per_step),
             (found.full_log_probability, found.full_log_probability_per_step),
@@ -254,7 +272,7 @@ def describe_minimal_failure(found: MinimalFailure) -> tuple[str, ...]:
     )
     needed = (
         f"Minimal failure {found.campaign}/{found.index}: {found.needed} of {found.injected} "
-        f"values of noise are needed, {format_share(kept)} of their squares."
+        f"values of noise are needed, {figures.format_share(kept)} of their squares."
     )
     return (
         needed,
@@ -265,11 +283,11 @@ def describe_minimal_failure(found: MinimalFailure) -> tuple[str, ...]:
     )
 
 
-ReadStep = Callable[[ExplainedStep], Cell]
+ReadStep = Callable[[ExplainedStep], tables.Cell]
 
 
 def _read_account(name: str) -> ReadStep:
-    def read(step: ExplainedStep) -> Cell:
+    def read(step: ExplainedStep) -> tables.Cell:
         value = step.account.get(name)
         return (value or None) if isinstance(value, str) else value
 
@@ -277,7 +295,7 @@ def _read_account(name: str) -> ReadStep:
 
 
 def _format_disturbance(step: ExplainedStep) -> str:
-    return " ".join(format_signed(float(value)) for value in step.disturbance)
+    return " ".join(figures.format_signed(float(value)) for value in step.disturbance)
 
 
 WORDS: dict[str, ReadStep] = {
@@ -307,8 +325,18 @@ UNITS = (
 )
 SHOWN_ABOVE = frozenset(
     (
-        *("mode", "candidate", "rule", "override", "qp_status"),
-        *("heeds", "vehicle", "gap_m", "closing_mps", "tracks", "lost_tracks", "lost_vehicles"),
+        "mode",
+        "candidate",
+        "rule",
+        "override",
+        "qp_status",
+        "heeds",
+        "vehicle",
+        "gap_m",
+        "closing_mps",
+        "tracks",
+        "lost_tracks",
+        "lost_vehicles",
     )
 )
 
@@ -316,14 +344,14 @@ SHOWN_ABOVE = frozenset(
 SHOW_STEPS = "Show what the planner believed and decided in each step with --steps."
 
 
-def describe_explanation(explanation: Explanation, *, with_steps: bool) -> tuple[Block, ...]:
+def describe_explanation(explanation: Explanation, *, with_steps: bool) -> tuple[tables.Block, ...]:
     """Return an explained episode: remarks on the replay, the story, and its steps if wanted."""
     remarks = [line for line in (explanation.verdict, explanation.note) if line]
     steps = (tabulate_steps(explanation.steps),) if with_steps else (SHOW_STEPS,)
     return (*remarks, "", *explanation.story, "", *steps)
 
 
-def tabulate_steps(steps: Sequence[ExplainedStep]) -> Table:
+def tabulate_steps(steps: Sequence[ExplainedStep]) -> tables.Table:
     """Return the steps, one a row, without the columns that no step has a value for.
 
     Each additional value that a planner reports has a column of its own.
@@ -334,6 +362,6 @@ def tabulate_steps(steps: Sequence[ExplainedStep]) -> Table:
     values = {title: [read(step) for step in steps] for title, read in readings.items()}
     known = {title: cells for title, cells in values.items() if any(x is not None for x in cells)}
     columns = tuple(
-        TableColumn(title, is_figure=title not in {*WORDS, "Tracks"}) for title in known
+        tables.TableColumn(title, is_figure=title not in {*WORDS, "Tracks"}) for title in known
     )
-    return Table("Steps", columns, tuple(zip(*known.values(), strict=True)), (UNITS,))
+    return tables.Table("Steps", columns, tuple(zip(*known.values(), strict=True)), (UNITS,))

@@ -10,16 +10,8 @@ from itertools import chain
 from typing import Any
 
 from eigenfail.frames import SHOWN, Rows
+from eigenfail.presentation import campaigns
 from eigenfail.presentation.analyses import describe_analysis, describe_proof, list_mode_facts
-from eigenfail.presentation.campaigns import (
-    describe_comparison,
-    describe_costs,
-    describe_safety,
-    list_campaign_facts,
-    tabulate_campaigns,
-    tabulate_course,
-    tabulate_results,
-)
 from eigenfail.presentation.episodes import list_result_facts, tabulate_episodes
 from eigenfail.presentation.seeds import tabulate_spreads
 from eigenfail.presentation.suites import describe_suite, tabulate_suites
@@ -45,8 +37,8 @@ from eigenfail.values.suite import SuiteStanding, SuiteTable
 Blocks = tuple[Block, ...]
 
 LISTS: dict[type, Callable[[Any], Table]] = {
-    Campaign: tabulate_campaigns,
-    Summary: tabulate_results,
+    Campaign: campaigns.tabulate_campaigns,
+    Summary: campaigns.tabulate_results,
     EpisodeRow: tabulate_episodes,
     SuiteStanding: tabulate_suites,
 }
@@ -66,12 +58,12 @@ def describe(value: object) -> Blocks:
 
 @describe.register
 def _(value: Campaign) -> Blocks:
-    return (list_campaign_facts(value),)
+    return (campaigns.list_campaign_facts(value),)
 
 
 @describe.register
 def _(value: Summary) -> Blocks:
-    return (tabulate_results([value]),)
+    return (campaigns.tabulate_results([value]),)
 
 
 @describe.register
@@ -81,12 +73,12 @@ def _(value: SeedSpread) -> Blocks:
 
 @describe.register
 def _(value: CampaignCost) -> Blocks:
-    return describe_costs([value])
+    return campaigns.describe_costs([value])
 
 
-describe.register(Course, tabulate_course)
-describe.register(Safety, describe_safety)
-describe.register(Comparison, describe_comparison)
+describe.register(Course, campaigns.tabulate_course)
+describe.register(Safety, campaigns.describe_safety)
+describe.register(Comparison, campaigns.describe_comparison)
 describe.register(SuiteTable, describe_suite)
 describe.register(Proof, describe_proof)
 describe.register(Analysis, describe_analysis)

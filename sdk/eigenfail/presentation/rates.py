@@ -2,12 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 
-from eigenfail.presentation.figures import (
-    format_interval,
-    format_percent_interval,
-    format_share,
-    format_upper_bound,
-)
+from eigenfail.presentation import figures
 from eigenfail.values import Rate, RateDesign
 
 NO_ESTIMATE = (
@@ -62,16 +57,16 @@ def format_rate(rate: Rate) -> str:
     With the numbers of episodes see `format_counted_rate`.
     """
     if rate.interval is None:
-        return format_share(rate.value)
+        return figures.format_share(rate.value)
     if rate.value is None:
-        return format_percent_interval(rate.interval)
-    return f"{format_share(rate.value)} {format_interval(rate.interval, 100.0)}"
+        return figures.format_percent_interval(rate.interval)
+    return f"{figures.format_share(rate.value)} {figures.format_interval(rate.interval, 100.0)}"
 
 
 def format_counted_rate(rate: Rate) -> str:
     """Return a rate of a random sample with the episodes that it rests on."""
     if not rate.k and rate.interval is not None:
-        return f"{count_trials(rate)}: {format_upper_bound(rate.interval.high)}"
+        return f"{count_trials(rate)}: {figures.format_upper_bound(rate.interval.high)}"
     return f"{format_rate(rate)} of {count_completed(rate)}"
 
 

@@ -23,7 +23,11 @@ def tabulate_questions(questions: Iterable[ReleaseQuestion]) -> Table:
     """Return the scenarios in which versions of a planner were tested, one a row."""
     rows = tuple(
         (
-            *(each.campaign, each.planner, each.scenario, each.requirements, each.method),
+            each.campaign,
+            each.planner,
+            each.scenario,
+            each.requirements,
+            each.method,
             ", ".join(each.versions),
             each.campaigns,
         )

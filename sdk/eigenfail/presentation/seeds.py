@@ -2,23 +2,8 @@
 
 from collections.abc import Callable, Iterator, Sequence
 
-from eigenfail.presentation.figures import (
-    UNKNOWN,
-    count_noun,
-    format_count,
-    format_interval,
-    format_number,
-    format_share,
-)
+from eigenfail.presentation import figures, tables
 from eigenfail.presentation.rates import FAILED_SHARE
-from eigenfail.presentation.tables import (
-    Cell,
-    FormattedCell,
-    Table,
-    count_columns,
-    list_notes,
-    name_columns,
-)
 from eigenfail.values import Interval
 from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread
 
@@ -42,36 +27,42 @@ def label_spread(spread: SeedSpread, is_only: bool) -> str:
         is_only: whether there is no other group, from which its settings would distinguish it.
     """
     kind = "mean over" if spread.pooled is None else "rate of all episodes, means over"
-    words = f"{kind} {count_noun(len(spread.seeds), 'seed')}"
+    words = f"{kind} {figures.count_noun(len(spread.seeds), 'seed')}"
     return words if is_only else f"{spread.name}: {words}"
 
 
-def list_spread(spread: SeedSpread) -> tuple[Cell, ...]:
+def list_spread(spread: SeedSpread) -> tuple[tables.Cell, ...]:
     """Return the cells of means over seeds in the columns of a campaign's results."""
     return (
-        *(spread.completed, spread.failures),
+        spread.completed,
+        spread.failures,
         # The mean over seeds of a random sample has a wider interval, or none where all are equal.
-        spread.pooled or _format_mean(spread.share, format_share, _format_share_interval),
-        _format_mean(spread.log_probability_per_step, format_number, format_interval),
-        _format_mean(spread.mean_severity, format_number, format_interval),
-        *(None, spread.cost),
+        spread.pooled or _format_mean(spread.share, figures.format_share, _format_share_interval),
+        _format_mean(
+            spread.log_probability_per_step, figures.format_number, figures.format_interval
+        ),
+        _format_mean(spread.mean_severity, figures.format_number, figures.format_interval),
+        None,
+        spread.cost,
     )
 
 
-def tabulate_spreads(spreads: Sequence[SeedSpread]) -> Table:
+def tabulate_spreads(spreads: Sequence[SeedSpread]) -> tables.Table:
     """Return mean, spread, median and range of each figure, one a row, group by group.
 
     Beside the share of failures stands the seed that has the fewest.
     """
     is_only = len(spreads) == 1
-    over = count_noun(len(spreads[0].seeds), "seed") if is_only else "seeds"
+    over = figures.count_noun(len(spreads[0].seeds), "seed") if is_only else "seeds"
     columns = (
-        *name_columns(*([] if is_only else ["Group"]), OVER_SEEDS),
-        *count_columns(f"Mean over {over} [95 %]", "Std dev", "Smallest"),
-        *count_columns("Median", "Largest", "Seed with fewest"),
+        *tables.name_columns(*([] if is_only else ["Group"]), OVER_SEEDS),
+        *tables.count_columns(f"Mean over {over} [95 %]", "Std dev", "Smallest"),
+        *tables.count_columns("Median", "Largest", "Seed with fewest"),
     )
     rows = tuple(
-        row if is_only else (f"{spread.name}, {count_noun(len(spread.seeds), 'seed')}", *row)
+        row
+        if is_only
+        else (f"{spread.name}, {figures.count_noun(len(spread.seeds), 'seed')}", *row)
         for spread in spreads
         for row in _list_rows(spread)
     )
@@ -80,11 +71,11 @@ def tabulate_spreads(spreads: Sequence[SeedSpread]) -> Table:
         for spread in spreads
         for sentence in list_remarks(spread)
     )
-    shared = list_notes(
+    shared = tables.list_notes(
         spread.notes if is_only or spread.pooled is None else _name_group(spread)
         for spread in spreads
     )
-    return Table(OVER_SEEDS, columns, rows, (*remarks, *shared))
+    return tables.Table(OVER_SEEDS, columns, rows, (*remarks, *shared))
 
 
 def _name_group(spread: SeedSpread) -> tuple[str, ...]:
@@ -92,12 +83,14 @@ def _name_group(spread: SeedSpread) -> tuple[str, ...]:
     return tuple(f"{spread.name}: {note}" for note in spread.notes)
 
 
-def _list_rows(spread: SeedSpread) -> Iterator[tuple[Cell, ...]]:
-    worst = FormattedCell(f"{spread.worst.seed}", sample=format_share(spread.worst.value))
+def _list_rows(spread: SeedSpread) -> Iterator[tuple[tables.Cell, ...]]:
+    worst = tables.FormattedCell(
+        f"{spread.worst.seed}", sample=figures.format_share(spread.worst.value)
+    )
     yield (
         SHARE,
-        _format_mean(spread.share, format_share, _format_share_interval),
-        *_list_extremes(spread.share, format_share),
+        _format_mean(spread.share, figures.format_share, _format_share_interval),
+        *_list_extremes(spread.share, figures.format_share),
         None if spread.share.is_constant else worst,
     )
     for name, figure in (
@@ -106,43 +99,43 @@ def _list_rows(spread: SeedSpread) -> Iterator[tuple[Cell, ...]]:
     ):
         yield (
             name,
-            _format_mean(figure, format_number, format_interval),
-            *_list_extremes(figure, format_number),
+            _format_mean(figure, figures.format_number, figures.format_interval),
+            *_list_extremes(figure, figures.format_number),
             None,
         )
     yield ("Episodes to the first failure", None, None, None, *_list_first(spread.first))
     yield ("Cost per failure, total ÷ all [USD]", spread.cost, None, None, None, None, None)
 
 
-def _list_extremes(figure: SeedFigure | None, write: Format) -> tuple[Cell, ...]:
+def _list_extremes(figure: SeedFigure | None, write: Format) -> tuple[tables.Cell, ...]:
     if figure is None:
         return (None, None, None, None)
-    deviation = UNKNOWN if figure.deviation is None else write(figure.deviation)
+    deviation = figures.UNKNOWN if figure.deviation is None else write(figure.deviation)
     return (deviation, *map(write, (figure.least, figure.median, figure.most)))
 
 
-def _list_first(found: FirstFailures) -> tuple[Cell, ...]:
+def _list_first(found: FirstFailures) -> tuple[tables.Cell, ...]:
     """Return the median, the largest number, and the seed with it."""
-    none = f"none in {count_noun(found.within, 'episode')}"
-    largest = none if found.worst is None else format_count(found.worst)
-    median = UNKNOWN if found.median is None else f"{found.median:,g}"
-    return (median, largest, FormattedCell(str(found.worst_seed), sample="latest"))
+    none = f"none in {figures.count_noun(found.within, 'episode')}"
+    largest = none if found.worst is None else figures.format_count(found.worst)
+    median = figures.UNKNOWN if found.median is None else f"{found.median:,g}"
+    return (median, largest, tables.FormattedCell(str(found.worst_seed), sample="latest"))
 
 
 def _format_mean(
     figure: SeedFigure | None, write: Format, write_interval: Callable[[Interval], str]
-) -> FormattedCell:
+) -> tables.FormattedCell:
     if figure is None:
-        return FormattedCell(UNKNOWN)
+        return tables.FormattedCell(figures.UNKNOWN)
     value = write(figure.mean)
     if figure.interval is not None:
-        return FormattedCell(value, write_interval(figure.interval))
-    same = f"the same for {count_noun(figure.n, 'seed')}" if figure.is_constant else ""
-    return FormattedCell(value, sample=same)
+        return tables.FormattedCell(value, write_interval(figure.interval))
+    same = f"the same for {figures.count_noun(figure.n, 'seed')}" if figure.is_constant else ""
+    return tables.FormattedCell(value, sample=same)
 
 
 def _format_share_interval(interval: Interval) -> str:
-    return format_interval(interval, 100.0)
+    return figures.format_interval(interval, 100.0)
 
 
 def list_remarks(spread: SeedSpread) -> Iterator[str]:
@@ -159,19 +152,20 @@ def list_remarks(spread: SeedSpread) -> Iterator[str]:
 
 
 def _describe_share(spread: SeedSpread) -> str:
-    share, seeds = spread.share, count_noun(len(spread.seeds), "seed")
+    share, seeds = spread.share, figures.count_noun(len(spread.seeds), "seed")
     if share.interval is not None:
-        mean = _format_mean(share, format_share, _format_share_interval).line
+        mean = _format_mean(share, figures.format_share, _format_share_interval).line
         return (
-            f"{SHARE}, mean over {seeds} {MEAN_OF}: {mean}; median {format_share(share.median)}, "
-            f"fewest {format_share(spread.worst.value)}, with seed {spread.worst.seed}."
+            f"{SHARE}, mean over {seeds} {MEAN_OF}: {mean}; median "
+            f"{figures.format_share(share.median)}, fewest "
+            f"{figures.format_share(spread.worst.value)}, with seed {spread.worst.seed}."
         )
     if share.is_constant:
         return (
-            f"{SHARE}: {format_share(share.mean)} with each of {seeds}. Equal values show no "
-            "spread, so that there is no interval of the mean."
+            f"{SHARE}: {figures.format_share(share.mean)} with each of {seeds}. Equal values show "
+            "no spread, so that there is no interval of the mean."
         )
-    return f"{SHARE}: {format_share(share.mean)} with one seed, which shows no spread."
+    return f"{SHARE}: {figures.format_share(share.mean)} with one seed, which shows no spread."
 
 
 def _describe_cost(spread: SeedSpread) -> Iterator[str]:

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import msgspec
 
+from eigenfail.presentation import tables
 from eigenfail.presentation.campaigns import (
     COST,
     ID,
@@ -17,13 +18,6 @@ from eigenfail.presentation.campaigns import (
 )
 from eigenfail.presentation.figures import UNKNOWN, count_noun, format_count
 from eigenfail.presentation.seeds import label_spread, list_spread, tabulate_spreads
-from eigenfail.presentation.tables import (
-    Block,
-    Cell,
-    Table,
-    count_columns,
-    name_columns,
-)
 from eigenfail.suites import SuiteMember, format_value
 from eigenfail.values import CampaignState, Summary
 from eigenfail.values.campaign import state_word
@@ -69,48 +63,62 @@ class SuiteResult(msgspec.Struct, frozen=True):
     over_seeds: tuple[SeedSpread, ...] = ()
 
 
-def tabulate_plan(plan: SuitePlan) -> Table:
+def tabulate_plan(plan: SuitePlan) -> tables.Table:
     """Return the campaigns that would run, and their budget."""
     rows = tuple(
         (
-            *(member.name, member.spec.method, member.spec.scenario, member.spec.planner),
-            *(str(member.spec.seed), member.spec.episodes),
+            member.name,
+            member.spec.method,
+            member.spec.scenario,
+            member.spec.planner,
+            str(member.spec.seed),
+            member.spec.episodes,
         )
         for member in plan.members
     )
-    columns = name_columns("Member", "Method", "Scenario", "Planner")
+    columns = tables.name_columns("Member", "Method", "Scenario", "Planner")
     counts = f"{count_noun(plan.campaigns, 'campaign')}, {count_noun(plan.episodes, 'episode')}"
-    numbers = count_columns("Seed", "Episodes")
-    return Table(plan.suite, (*columns, *numbers), rows, (f"{plan.suite}: {counts} in all",))
+    numbers = tables.count_columns("Seed", "Episodes")
+    return tables.Table(plan.suite, (*columns, *numbers), rows, (f"{plan.suite}: {counts} in all",))
 
 
-def describe_suite_result(result: SuiteResult) -> tuple[Block, ...]:
+def describe_suite_result(result: SuiteResult) -> tuple[tables.Block, ...]:
     """Return the results of the members, one a row, and their means and spread over seeds."""
     return (_tabulate_members(result), *_describe_spreads(result.over_seeds))
 
 
-def _describe_spreads(spreads: Sequence[SeedSpread]) -> tuple[Block, ...]:
+def _describe_spreads(spreads: Sequence[SeedSpread]) -> tuple[tables.Block, ...]:
     return ("", tabulate_spreads(spreads)) if spreads else ()
 
 
-def _tabulate_members(result: SuiteResult) -> Table:
+def _tabulate_members(result: SuiteResult) -> tables.Table:
     found = [member.summary for member in result.members if member.summary]
     last = [PROBABILITY] if any(summary.estimate for summary in found) else []
-    columns = (*name_columns("Member", "State"), ID, *name_columns("Method"), *RESULTS, *last)
+    columns = (
+        *tables.name_columns("Member", "State"),
+        ID,
+        *tables.name_columns("Method"),
+        *RESULTS,
+        *last,
+    )
     rows = tuple(
         tuple(_list_member(member, has_probability=bool(last))) for member in result.members
     )
     means = tuple(
         (
-            *(label_spread(spread, len(result.over_seeds) == 1), "", "", spread.method),
-            *(*list_spread(spread), *([None] if last else [])),
+            label_spread(spread, len(result.over_seeds) == 1),
+            "",
+            "",
+            spread.method,
+            *list_spread(spread),
+            *([None] if last else []),
         )
         for spread in result.over_seeds
     )
-    return Table(result.suite, columns, (*rows, *means), note_results(found))
+    return tables.Table(result.suite, columns, (*rows, *means), note_results(found))
 
 
-def _list_member(member: MemberResult, *, has_probability: bool) -> Iterator[Cell]:
+def _list_member(member: MemberResult, *, has_probability: bool) -> Iterator[tables.Cell]:
     yield member.name
     summary = member.summary
     if member.state is None or summary is None:
@@ -123,11 +131,11 @@ def _list_member(member: MemberResult, *, has_probability: bool) -> Iterator[Cel
         yield summary.estimate if summary else None
 
 
-def tabulate_suites(suites: Iterable[SuiteStanding]) -> Table:
+def tabulate_suites(suites: Iterable[SuiteStanding]) -> tables.Table:
     """Return a list of suites."""
     columns = (
-        *name_columns("Suite", "States"),
-        *count_columns("Campaigns", "Episodes", "Failures"),
+        *tables.name_columns("Suite", "States"),
+        *tables.count_columns("Campaigns", "Episodes", "Failures"),
     )
     rows = tuple(
         (
@@ -139,41 +147,56 @@ def tabulate_suites(suites: Iterable[SuiteStanding]) -> Table:
         )
         for suite in suites
     )
-    return Table("Suites", columns, rows)
+    return tables.Table("Suites", columns, rows)
 
 
-def describe_suite(found: SuiteTable) -> tuple[Block, ...]:
+def describe_suite(found: SuiteTable) -> tuple[tables.Block, ...]:
     """Return the members of a suite, with the settings in which they differ."""
     summaries = [row.summary for row in found.members]
     last = [PROBABILITY] if any(summary.estimate for summary in summaries) else []
     columns = (
-        *name_columns("Member", "State", *found.columns),
-        *(ID, *count_columns("Episodes", "Failures"), RATE, LIKELIHOOD, SEVERITY, COST, *last),
+        *tables.name_columns("Member", "State", *found.columns),
+        ID,
+        *tables.count_columns("Episodes", "Failures"),
+        RATE,
+        LIKELIHOOD,
+        SEVERITY,
+        COST,
+        *last,
     )
     rows = tuple(
         (
-            *(row.member, state_word(row.state, row.summary.counts)),
+            row.member,
+            state_word(row.state, row.summary.counts),
             *format_settings(row, found.columns),
-            *(str(row.campaign), row.summary.counts.completed, row.summary.counts.failures),
-            *(row.summary.failure_rate, row.summary.log_probability_per_step),
-            *(row.summary.mean_severity, row.summary.cost),
+            str(row.campaign),
+            row.summary.counts.completed,
+            row.summary.counts.failures,
+            row.summary.failure_rate,
+            row.summary.log_probability_per_step,
+            row.summary.mean_severity,
+            row.summary.cost,
             *([row.summary.estimate] if last else []),
         )
         for row in found.members
     )
     means = tuple(
         (
-            *(label_spread(spread, len(found.over_seeds) == 1), "", *("" for _ in found.columns)),
-            *("", *_list_means(spread), *([None] if last else [])),
+            label_spread(spread, len(found.over_seeds) == 1),
+            "",
+            *("" for _ in found.columns),
+            "",
+            *_list_means(spread),
+            *([None] if last else []),
         )
         for spread in found.over_seeds
     )
     remarks = " ".join(note_omissions(found))
-    table = Table(found.suite, columns, (*rows, *means), note_results(summaries))
+    table = tables.Table(found.suite, columns, (*rows, *means), note_results(summaries))
     return (table, *([remarks] if remarks else []), *_describe_spreads(found.over_seeds))
 
 
-def _list_means(spread: SeedSpread) -> tuple[Cell, ...]:
+def _list_means(spread: SeedSpread) -> tuple[tables.Cell, ...]:
     """Return the cells of means over seeds in the columns of a suite that the service knows."""
     *figures, _, cost = list_spread(spread)
     return (*figures, cost)

@@ -13,10 +13,28 @@ from rich.text import Text
 from eigenfail.presentation.tables import Block, FactTable, Table
 
 LEAST_FIRST = (
-    *("created", "source", "worker", "seed", "digest", "log p of p(x)", "log p"),
-    *("peak lateral", "peak longitudinal", "episodes/s", "severity", "log p/step"),
-    *("simulator", "scenario", "planner", "modes", "USD/mode", "USD"),
-    *("P(failure) [95 %]", "name", "smallest", "largest"),
+    "created",
+    "source",
+    "worker",
+    "seed",
+    "digest",
+    "log p of p(x)",
+    "log p",
+    "peak lateral",
+    "peak longitudinal",
+    "episodes/s",
+    "severity",
+    "log p/step",
+    "simulator",
+    "scenario",
+    "planner",
+    "modes",
+    "USD/mode",
+    "USD",
+    "P(failure) [95 %]",
+    "name",
+    "smallest",
+    "largest",
 )
 """Columns in the order in which they are left out; all others go after them, the last one first."""
 

@@ -12,7 +12,15 @@ from eigenfail.values.showing import Brief
 UNKNOWN_KIND: Final = "unknown"
 
 VEHICLE_KINDS: Final = (
-    *("car", "van", "truck", "bus", "tram", "motorbike", "bicycle", "pedestrian", "animal"),
+    "car",
+    "van",
+    "truck",
+    "bus",
+    "tram",
+    "motorbike",
+    "bicycle",
+    "pedestrian",
+    "animal",
     UNKNOWN_KIND,
 )
 """What a vehicle may be: categories of vehicles and pedestrians of ASAM OpenSCENARIO XML 1.3."""

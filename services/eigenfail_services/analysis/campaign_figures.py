@@ -7,32 +7,9 @@ from typing import NamedTuple
 import numpy as np
 from msgspec.structs import replace
 
+from eigenfail import values
 from eigenfail.errors import InvalidValue
 from eigenfail.methods import traits_of
-from eigenfail.values import (
-    BlockTotals,
-    Campaign,
-    Conflicts,
-    Cost,
-    CostPoint,
-    Counts,
-    Course,
-    CourseBlock,
-    Figure,
-    Interval,
-    MeasureTotals,
-    Overhead,
-    Rate,
-    RequirementFigures,
-    Safety,
-    SafetyTotals,
-    Scatter,
-    SeverityRisk,
-    SpendingTotals,
-    TimeSplit,
-    Unresolved,
-    Violations,
-)
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
 from eigenfail.values.safety import TAIL_LEVEL, FailurePoint
 from eigenfail.values.summary import MOST_BLOCKS
@@ -46,7 +23,9 @@ FEWEST_BLOCKS = 10
 MOST_BLOCKS_SHOWN = 50
 
 
-def make_course(campaign: Campaign, per: int, totals: Sequence[BlockTotals]) -> Course:
+def make_course(
+    campaign: values.Campaign, per: int, totals: Sequence[values.BlockTotals]
+) -> values.Course:
     """Return the course of failures, their likelihood and robustness.
 
     Args:
@@ -54,7 +33,7 @@ def make_course(campaign: Campaign, per: int, totals: Sequence[BlockTotals]) -> 
         per: how many indices a block spans.
         totals: totals of the blocks that have a completed episode.
     """
-    return Course(
+    return values.Course(
         campaign=campaign.id,
         method=campaign.spec.method,
         heading=title_course(campaign.spec.method),
@@ -63,10 +42,12 @@ def make_course(campaign: Campaign, per: int, totals: Sequence[BlockTotals]) -> 
     )
 
 
-def _make_block(totals: BlockTotals, per: int, campaign: Campaign) -> CourseBlock:
+def _make_block(
+    totals: values.BlockTotals, per: int, campaign: values.Campaign
+) -> values.CourseBlock:
     """Return a block; the last of a campaign may be shorter."""
     steps = totals.steps
-    return CourseBlock(
+    return values.CourseBlock(
         first=totals.first,
         last=min(totals.first + per, campaign.counts.planned) - 1,
         failure_rate=SamplingDesign.of([campaign.spec]).make_rate(
@@ -78,7 +59,7 @@ def _make_block(totals: BlockTotals, per: int, campaign: Campaign) -> CourseBloc
     )
 
 
-def choose_block_length(counts: Counts, wanted: int | None = None) -> int:
+def choose_block_length(counts: values.Counts, wanted: int | None = None) -> int:
     """Return the number of indices of a block: 100, at most a tenth and at least a fiftieth of all.
 
     It depends on the budget, not on how many episodes have ended: blocks change only if a campaign
@@ -105,7 +86,9 @@ def title_course(method: str) -> str:
 SECONDS_PER_HOUR = 3600.0
 
 
-def price_failures(total_usd: float, instance_hours: float, failures: Rate | None) -> Cost:
+def price_failures(
+    total_usd: float, instance_hours: float, failures: values.Rate | None
+) -> values.Cost:
     """Return what failures cost: the total ÷ their number, with the rate's interval.
 
     The quotient is without bias where a number of failures ended the campaign, as the mean number
@@ -119,15 +102,17 @@ def price_failures(total_usd: float, instance_hours: float, failures: Rate | Non
         failures: collisions among the completed episodes; None before the first one.
     """
     if failures is None:
-        return Cost(total_usd, instance_hours, None, None, None)
+        return values.Cost(total_usd, instance_hours, None, None, None)
     per_failure_usd = total_usd / failures.k if failures.k else None
     if failures.interval is None:
-        return Cost(total_usd, instance_hours, per_failure_usd, None, None)
+        return values.Cost(total_usd, instance_hours, per_failure_usd, None, None)
     at_least_usd = total_usd / (failures.trials * failures.interval.high)
     if per_failure_usd is None:
-        return Cost(total_usd, instance_hours, None, None, at_least_usd)
-    interval_usd = Interval(at_least_usd, total_usd / (failures.trials * failures.interval.low))
-    return Cost(total_usd, instance_hours, per_failure_usd, interval_usd, at_least_usd)
+        return values.Cost(total_usd, instance_hours, None, None, at_least_usd)
+    interval_usd = values.Interval(
+        at_least_usd, total_usd / (failures.trials * failures.interval.low)
+    )
+    return values.Cost(total_usd, instance_hours, per_failure_usd, interval_usd, at_least_usd)
 
 
 NOT_MEASURED = "It was run by an older release that did not record the time breakdown."
@@ -160,27 +145,27 @@ class KnownModes(NamedTuple):
     words: str
 
 
-def sum_instance_hours(campaign: Campaign, active_s: float) -> float:
+def sum_instance_hours(campaign: values.Campaign, active_s: float) -> float:
     """Return the time of all instances while a campaign was active for `active_s`. [h]"""
     return campaign.spec.instances * active_s / SECONDS_PER_HOUR
 
 
-def bill_usd(campaign: Campaign, active_s: float) -> float:
+def bill_usd(campaign: values.Campaign, active_s: float) -> float:
     """Return price per instance-hour × instance-hours."""
     return campaign.spec.price_usd_per_hour * sum_instance_hours(campaign, active_s)
 
 
-def split_time(campaign: Campaign, totals: SpendingTotals) -> TimeSplit:
+def split_time(campaign: values.Campaign, totals: values.SpendingTotals) -> values.TimeSplit:
     """What the time that was billed went into; the parts sum to it."""
     worker_s, overhead = totals.completed_worker_s, campaign.overhead
     if overhead is None:
-        return TimeSplit(active_s=campaign.active_s, worker_s=worker_s, problem=NOT_MEASURED)
+        return values.TimeSplit(active_s=campaign.active_s, worker_s=worker_s, problem=NOT_MEASURED)
     lost_worker_s = totals.errored_worker_s + overhead.discarded_s
     learns = traits_of(campaign.spec.method).learns
     busy_s = max(campaign.active_s - overhead.learning_s - overhead.waiting_s, 0.0)
     lost_s = busy_s * _measure_discarded(worker_s, lost_worker_s)
     learning_s, waiting_s = _split_idle(campaign.active_s - busy_s, overhead)
-    return TimeSplit(
+    return values.TimeSplit(
         active_s=campaign.active_s,
         worker_s=worker_s,
         simulation_s=busy_s - lost_s,
@@ -197,15 +182,15 @@ def _measure_discarded(kept_s: float, lost_s: float) -> float:
     return lost_s / (kept_s + lost_s) if lost_s > 0.0 else 0.0
 
 
-def _split_idle(idle_s: float, overhead: Overhead) -> tuple[float, float]:
+def _split_idle(idle_s: float, overhead: values.Overhead) -> tuple[float, float]:
     """Split time without a running episode into learning and waiting. [s]"""
     learning_s = min(overhead.learning_s, idle_s)
     return learning_s, idle_s - learning_s
 
 
 def make_cost_curve(
-    campaign: Campaign, totals: SpendingTotals, modes: KnownModes
-) -> Iterator[CostPoint]:
+    campaign: values.Campaign, totals: values.SpendingTotals, modes: KnownModes
+) -> Iterator[values.CostPoint]:
     """From nothing spent to everything, point by point."""
     spent_s = _list_active_s(campaign, [each.at_ms for each in totals.progress])
     yield _make_point(campaign, 0.0, (0, 0), 0 if modes.found_ms is not None else None)
@@ -219,11 +204,11 @@ def make_cost_curve(
 
 
 def _make_point(
-    campaign: Campaign, active_s: float, found: tuple[int, int], modes: int | None
-) -> CostPoint:
+    campaign: values.Campaign, active_s: float, found: tuple[int, int], modes: int | None
+) -> values.CostPoint:
     """Return the numbers of episodes and failures up to an active time."""
     completed, failures = found
-    return CostPoint(
+    return values.CostPoint(
         usd=bill_usd(campaign, active_s),
         active_s=active_s,
         completed=completed,
@@ -237,7 +222,7 @@ def _count_modes(modes: KnownModes, at_ms: int) -> int | None:
     return None if modes.found_ms is None else sum(each <= at_ms for each in modes.found_ms)
 
 
-def _list_active_s(campaign: Campaign, at_ms: Sequence[int]) -> list[float]:
+def _list_active_s(campaign: values.Campaign, at_ms: Sequence[int]) -> list[float]:
     """The active time at which each result was stored, of results in that order. [s]
 
     The clock went on while the campaign was paused. Where the gaps between results sum to more
@@ -250,7 +235,7 @@ def _list_active_s(campaign: Campaign, at_ms: Sequence[int]) -> list[float]:
     return [float(each) for each in until_s]
 
 
-def was_cut(campaign: Campaign, at_ms: Sequence[int]) -> bool:
+def was_cut(campaign: values.Campaign, at_ms: Sequence[int]) -> bool:
     """Whether more time passed until the last result than was billed."""
     if not at_ms or campaign.started_ms is None:
         return False
@@ -278,12 +263,12 @@ NO_TRAFFIC = "Near misses, MinTTC, DRAC and conflict classes are not measured fo
 
 
 def make_safety(
-    campaign: Campaign,
-    totals: SafetyTotals,
-    conflicts: Conflicts,
-    unresolved: Unresolved,
+    campaign: values.Campaign,
+    totals: values.SafetyTotals,
+    conflicts: values.Conflicts,
+    unresolved: values.Unresolved,
     level: float = TAIL_LEVEL,
-) -> Safety:
+) -> values.Safety:
     """Return the safety table of a campaign, from the sums over its completed episodes.
 
     Of a function only the failures are counted: it has no traffic that could be measured.
@@ -311,7 +296,7 @@ def make_safety(
     if totals.failures and not len(totals.severities):
         severity = replace(severity, problem=NO_SEVERITY if has_road else NO_SEVERITY_OF_FUNCTION)
     measured = totals.completed if has_road else 0
-    return Safety(
+    return values.Safety(
         campaign=campaign.id,
         name=campaign.spec.name,
         method=method,
@@ -328,20 +313,22 @@ def make_safety(
         ttc=_count_violations(design, totals.ttc, NEAR_MISS_TTC_S, measured, errored),
         drac=_count_violations(design, totals.drac, PEAK_BRAKING_MPS2, measured, errored),
         severity=severity,
-        scatter=Scatter(totals.points, len(totals.severities), correlation),
+        scatter=values.Scatter(totals.points, len(totals.severities), correlation),
         unresolved=unresolved,
         requirements=tuple(_list_requirements(campaign, totals)),
         notes=tuple(_list_notes(campaign, totals, unresolved, conflicts)),
     )
 
 
-def _list_requirements(campaign: Campaign, totals: SafetyTotals) -> Iterator[RequirementFigures]:
+def _list_requirements(
+    campaign: values.Campaign, totals: values.SafetyTotals
+) -> Iterator[values.RequirementFigures]:
     """Yield the figures of each requirement that the campaign names."""
     design, errored = SamplingDesign.of([campaign.spec]), campaign.counts.errored
     named = campaign.spec.named_requirements
     for place, each in enumerate(named):
         found = totals.requirements[place] if place < len(totals.requirements) else None
-        yield RequirementFigures(
+        yield values.RequirementFigures(
             number=place + 1,
             name=each.label,
             words=each.in_words(),
@@ -351,7 +338,7 @@ def _list_requirements(campaign: Campaign, totals: SafetyTotals) -> Iterator[Req
         )
 
 
-def _drop_intervals(risk: SeverityRisk) -> SeverityRisk:
+def _drop_intervals(risk: values.SeverityRisk) -> values.SeverityRisk:
     """Return the severity of failures that a search chose: they are no random sample.
 
     What is missing for an interval is then no problem; what is missing for a number still is.
@@ -361,13 +348,13 @@ def _drop_intervals(risk: SeverityRisk) -> SeverityRisk:
     return replace(risk, mean=mean, var=var, cvar=cvar, problem=problem)
 
 
-def _drop_interval(figure: Figure | None) -> Figure | None:
-    return Figure(figure.value) if figure else None
+def _drop_interval(figure: values.Figure | None) -> values.Figure | None:
+    return values.Figure(figure.value) if figure else None
 
 
 def _make_share(
     design: SamplingDesign, k: int, n: int, errored: int, unresolved: int = 0
-) -> Rate | None:
+) -> values.Rate | None:
     if not n:
         return None
     # Totals and counts may have been read a few results apart.
@@ -376,10 +363,14 @@ def _make_share(
 
 
 def _count_violations(
-    design: SamplingDesign, totals: MeasureTotals, threshold: float, completed: int, errored: int
-) -> Violations:
+    design: SamplingDesign,
+    totals: values.MeasureTotals,
+    threshold: float,
+    completed: int,
+    errored: int,
+) -> values.Violations:
     """A row of the table."""
-    return Violations(
+    return values.Violations(
         threshold=threshold,
         beyond=_make_share(design, totals.violations, completed, errored),
         n=totals.n,
@@ -388,7 +379,7 @@ def _count_violations(
     )
 
 
-def _correlate(points: Sequence[FailurePoint]) -> Figure | None:
+def _correlate(points: Sequence[FailurePoint]) -> values.Figure | None:
     """Return the correlation of severity and likelihood over the points that are shown."""
     return rank_correlation(
         np.array([point.log_probability_per_step for point in points]),
@@ -397,7 +388,10 @@ def _correlate(points: Sequence[FailurePoint]) -> Figure | None:
 
 
 def _list_notes(
-    campaign: Campaign, totals: SafetyTotals, unresolved: Unresolved, conflicts: Conflicts
+    campaign: values.Campaign,
+    totals: values.SafetyTotals,
+    unresolved: values.Unresolved,
+    conflicts: values.Conflicts,
 ) -> Iterator[str]:
     """What the numbers cannot know."""
     if words := unresolved.words(totals.completed):

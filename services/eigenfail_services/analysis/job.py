@@ -13,25 +13,8 @@ from threadpoolctl import threadpool_limits
 from eigenfail.values import AXES, AnalysisResult, AnalysisSettings, InfluenceShare
 from eigenfail.values.arrays import encode_array
 from eigenfail.values.records import Failures
-from eigenfail_services.analysis.alignment import (
-    NONE_EARLY,
-    Aligned,
-    EarlyFailures,
-    FailureBatch,
-    check_clusterer,
-    find_moments,
-    gather_failures,
-    measure_before_collision,
-    median_steps,
-)
+from eigenfail_services.analysis import alignment, clusters
 from eigenfail_services.analysis.behaviour import GroupingFeatures, select_features
-from eigenfail_services.analysis.clusters import (
-    CLUSTERERS,
-    compute_noise_silhouette,
-    divide,
-    measure_stability,
-    order_by_size,
-)
 from eigenfail_services.analysis.components import (
     ComponentSpace,
     Spaces,
@@ -64,17 +47,19 @@ def analyse(
         InvalidValue: there is no failure, or one that does not fit the horizon and the channels; or
             a number of clusters that the clusterer takes none of.
     """
-    check_clusterer(settings)
-    gathered = gather_failures([FailureBatch(1, failures)], horizon, settings, channels)
+    alignment.check_clusterer(settings)
+    gathered = alignment.gather_failures(
+        [alignment.FailureBatch(1, failures)], horizon, settings, channels
+    )
     return analyse_gathered(gathered, settings, None, {})
 
 
 def analyse_gathered(
-    gathered: Aligned,
+    gathered: alignment.Aligned,
     settings: AnalysisSettings,
     step_s: float | None,
     episodes: Mapping[int, int],
-    early: EarlyFailures = NONE_EARLY,
+    early: alignment.EarlyFailures = alignment.NONE_EARLY,
 ) -> AnalysisResult:
     """PCA, clustering and the way back to noise; the same, bit for bit, whenever it is repeated.
 
@@ -105,21 +90,21 @@ def analyse_gathered(
 
 
 def _make_result(
-    failures: Aligned,
+    failures: alignment.Aligned,
     settings: AnalysisSettings,
     features: GroupingFeatures,
     space: ComponentSpace,
     step_s: float | None,
 ) -> AnalysisResult:
     """The result of failures that stand side by side, but for what depends on their episodes."""
-    clusterer = CLUSTERERS[settings.clusterer]
+    clusterer = clusters.CLUSTERERS[settings.clusterer]
     asked = replace(settings, components=features.components)
     grouping = space
     if features.name != "noise":
         grouping = fit_components(features.data, features.components)
     groups = grouping.scores, settings.clusters, clusterer, features.resolution
-    partition = divide(*groups)
-    labels = order_by_size(partition.labels, failures.episodes)
+    partition = clusters.divide(*groups)
+    labels = clusters.order_by_size(partition.labels, failures.episodes)
     components = failures.by_step(space.components)
     weighed = measure_influence(components, space.explained).astype(np.float32)
     single, order = partition.silhouette is None, failures.order
@@ -132,11 +117,11 @@ def _make_result(
         modes=describe_modes(failures, Spaces(space, grouping), labels, settings.centre),
         influence=weighed,
         silhouette=partition.silhouette,
-        noise_silhouette=None if single else compute_noise_silhouette(*groups),
+        noise_silhouette=None if single else clusters.compute_noise_silhouette(*groups),
         campaigns=tuple(failures.campaigns[order].tolist()),
-        stability=measure_stability(features.data, labels, asked, features.resolution),
+        stability=clusters.measure_stability(features.data, labels, asked, features.resolution),
         outliers=partition.outliers,
-        moments=find_moments(weighed, failures, step_s),
+        moments=alignment.find_moments(weighed, failures, step_s),
         before_collision=_measure_impending(failures, settings, step_s),
         channels=failures.channels,
         features=features.name,
@@ -145,14 +130,16 @@ def _make_result(
 
 
 def _measure_impending(
-    failures: Aligned, settings: AnalysisSettings, step_s: float | None
+    failures: alignment.Aligned, settings: AnalysisSettings, step_s: float | None
 ) -> tuple[InfluenceShare, ...]:
     """What share of the influence the last seconds have, in components of their own."""
     ending = failures.at_collision()
     space = fit_components(ending.data, settings.components)
     weighed = measure_influence(ending.by_step(space.components), space.explained)
-    steps = median_steps(failures.steps.tolist())
-    return measure_before_collision(weighed.astype(np.float32), steps, step_s, failures.channels)
+    steps = alignment.median_steps(failures.steps.tolist())
+    return alignment.measure_before_collision(
+        weighed.astype(np.float32), steps, step_s, failures.channels
+    )
 
 
 def hash_result(result: AnalysisResult) -> str:

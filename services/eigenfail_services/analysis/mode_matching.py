@@ -13,17 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.values.release import ModeStatus
-from eigenfail_services.analysis.mode_regions import (
-    FailureGroup,
-    ModeBehaviours,
-    ModeRegion,
-    Points,
-    find_region,
-    find_usual_radius,
-    list_clouds,
-    measure_spread,
-    separate_failures,
-)
+from eigenfail_services.analysis import mode_regions
 
 LEVEL = 0.05
 """Probability that anything in a release is called other than before though nothing changed."""
@@ -51,7 +41,7 @@ class ReleaseBehaviours(NamedTuple):
 
     episodes: int
     is_random: bool
-    modes: tuple[ModeBehaviours, ...]
+    modes: tuple[mode_regions.ModeBehaviours, ...]
     build: str = ""
     noise: str = ""
 
@@ -87,9 +77,9 @@ class _Known:
     ones: of these the newest counts.
     """
 
-    def __init__(self, points: Points, place: int) -> None:
+    def __init__(self, points: mode_regions.Points, place: int) -> None:
         self.points = points
-        self.spread = measure_spread(points)
+        self.spread = mode_regions.measure_spread(points)
         self.found_in = place
         self.sightings: list[Sighting] = []
         self.present: dict[str, tuple[float, int]] = {}
@@ -111,12 +101,12 @@ class _Known:
         """Number of episodes of the releases since then."""
         return sum(self.without.values())
 
-    def keep(self, points: Points) -> None:
+    def keep(self, points: mode_regions.Points) -> None:
         """Add failures; of more than `MOST_KEPT`, evenly spaced ones are kept."""
         merged = np.concatenate([self.points, points])
         kept = min(len(merged), MOST_KEPT)
         self.points = merged[np.arange(kept) * len(merged) // kept]
-        self.spread = measure_spread(self.points)
+        self.spread = mode_regions.measure_spread(self.points)
 
 
 def match_modes(releases: Sequence[ReleaseBehaviours], step_s: float) -> tuple[Sightings, ...]:
@@ -133,11 +123,15 @@ def match_modes(releases: Sequence[ReleaseBehaviours], step_s: float) -> tuple[S
     earlier: dict[str, int] = {}
     builds: dict[str, int] = {}
     for place, (release, clouds) in enumerate(
-        zip(releases, list_clouds([each.modes for each in releases], step_s), strict=True)
+        zip(
+            releases,
+            mode_regions.list_clouds([each.modes for each in releases], step_s),
+            strict=True,
+        )
     ):
         before = sum(earlier.values())
         _Comparison(place, release, known, before, builds.get(release.build)).run(
-            separate_failures(clouds, release.modes)
+            mode_regions.separate_failures(clouds, release.modes)
         )
         earlier[release.noise or f"release {place}"] = release.episodes
         if release.build:
@@ -171,16 +165,18 @@ class _Comparison:
         self._noise = release.noise or f"release {place}"
         self._same_as = same_as
 
-    def run(self, pieces: Sequence[FailureGroup]) -> None:
+    def run(self, pieces: Sequence[mode_regions.FailureGroup]) -> None:
         """Add a sighting to each mode, and the modes that no earlier release has."""
-        spreads = [measure_spread(each.points) for each in pieces]
-        usual = find_usual_radius([*(each.spread for each in self._known), *spreads])
-        regions = [find_region(each.points, each.spread, usual) for each in self._known]
+        spreads = [mode_regions.measure_spread(each.points) for each in pieces]
+        usual = mode_regions.find_usual_radius([*(each.spread for each in self._known), *spreads])
+        regions = [
+            mode_regions.find_region(each.points, each.spread, usual) for each in self._known
+        ]
         old = [*self._known]
         shares = np.zeros((len(pieces), len(old)))
-        left = list[FailureGroup]()
+        left = list[mode_regions.FailureGroup]()
         for row, (piece, spread) in enumerate(zip(pieces, spreads, strict=True)):
-            region = find_region(piece.points, spread, usual)
+            region = mode_regions.find_region(piece.points, spread, usual)
             owners = self._assign(piece.points, region, regions)
             if owners is None:
                 left.append(piece)
@@ -194,7 +190,10 @@ class _Comparison:
         self._known.extend(self._begin(piece, len(pieces)) for piece in left)
 
     def _assign(
-        self, points: Points, region: ModeRegion, regions: Sequence[ModeRegion]
+        self,
+        points: mode_regions.Points,
+        region: mode_regions.ModeRegion,
+        regions: Sequence[mode_regions.ModeRegion],
     ) -> NDArray[np.intp] | None:
         """Return the mode of earlier releases of each failure; None where the mode is another.
 
@@ -222,7 +221,9 @@ class _Comparison:
         stays = inside[:, main] | ~inside.any(axis=1)
         return np.where(stays, main, nearest)
 
-    def _see(self, mode: _Known, shares: Points, pieces: Sequence[FailureGroup]) -> Sighting:
+    def _see(
+        self, mode: _Known, shares: mode_regions.Points, pieces: Sequence[mode_regions.FailureGroup]
+    ) -> Sighting:
         failures = round(float(shares.sum()))
         if failures:
             return self._see_present(mode, failures, pieces[int(shares.argmax())].source)
@@ -263,7 +264,7 @@ class _Comparison:
         was_present = bool(mode.sightings[self._same_as].failures)
         return self._same_as if was_present != is_present else None
 
-    def _begin(self, piece: FailureGroup, together: int) -> _Known:
+    def _begin(self, piece: mode_regions.FailureGroup, together: int) -> _Known:
         failures, mode = round(piece.failures), _Known(piece.points, self._place)
         mode.present[self._noise] = failures, self._release.episodes
         mode.sightings = [Sighting(None)] * self._place

@@ -14,13 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from eigenfail.values import Floats
-from eigenfail_services.analysis.behaviour import (
-    FEWEST_STRUCK,
-    LEAST_STRUCK,
-    RESOLUTION_MPS2,
-    STRUCK_MPS2,
-    smooth_accelerations,
-)
+from eigenfail_services.analysis import behaviour
 
 Points = NDArray[np.float64]
 
@@ -102,7 +96,7 @@ def list_clouds(releases: Sequence[Sequence[ModeBehaviours]], step_s: float) -> 
 def _find_frequent(modes: Iterable[ModeBehaviours]) -> set[int]:
     """Return the vehicles that enough failures of a release struck; see `FEWEST_STRUCK`."""
     counts = Counter(vehicle for mode in modes for vehicle in mode.struck)
-    least = max(FEWEST_STRUCK, LEAST_STRUCK * counts.total())
+    least = max(behaviour.FEWEST_STRUCK, behaviour.LEAST_STRUCK * counts.total())
     return {vehicle for vehicle, count in counts.items() if count >= least}
 
 
@@ -112,12 +106,12 @@ def _make_points(
     # Accelerations end at the collision: a failure has none before its first step.
     missing = steps - mode.accelerations.shape[1]
     aligned = np.pad(mode.accelerations, ((0, 0), (missing, 0)))
-    smooth = smooth_accelerations(aligned, step_s).astype(np.float64)
+    smooth = behaviour.smooth_accelerations(aligned, step_s).astype(np.float64)
     struck = np.zeros((len(smooth), len(vehicles) + 1))
     for row, vehicle in enumerate(mode.struck):
         struck[row, vehicles.index(vehicle) if vehicle in vehicles else -1] = 1.0
     # In root mean square over the steps, as the resolution; see `STRUCK_MPS2`.
-    return np.hstack([smooth / sqrt(max(steps, 1)), STRUCK_MPS2 / sqrt(2.0) * struck])
+    return np.hstack([smooth / sqrt(max(steps, 1)), behaviour.STRUCK_MPS2 / sqrt(2.0) * struck])
 
 
 def separate_failures(
@@ -196,7 +190,7 @@ def _measure_gap(one: Points, other: Points) -> float:
     freedom = max(len(one) + len(other) - 2, 1)
     deviation = sqrt(sum(float(np.square(each).sum()) for each in along) / freedom)
     least = APART + APART_OF_FEW / (len(one) + len(other))
-    return distance / (least * max(deviation, RESOLUTION_MPS2 / APART))
+    return distance / (least * max(deviation, behaviour.RESOLUTION_MPS2 / APART))
 
 
 def measure_spread(points: Points) -> float:
@@ -224,7 +218,7 @@ def measure_spread(points: Points) -> float:
 def find_usual_radius(spreads: Sequence[float]) -> float:
     """Return the median of the spreads that are numbers, or else the resolution. [m/s²]"""
     radii = [each for each in spreads if isfinite(each)]
-    return max(RESOLUTION_MPS2, float(np.median(radii)) if radii else 0.0)
+    return max(behaviour.RESOLUTION_MPS2, float(np.median(radii)) if radii else 0.0)
 
 
 def find_region(points: Points, spread: float, usual: float) -> ModeRegion:
@@ -236,4 +230,4 @@ def find_region(points: Points, spread: float, usual: float) -> ModeRegion:
         usual: radius of a mode with too few failures for one of its own. [m/s²]
     """
     own = spread if isfinite(spread) else usual
-    return ModeRegion(points.mean(axis=0), max(RESOLUTION_MPS2, own))
+    return ModeRegion(points.mean(axis=0), max(behaviour.RESOLUTION_MPS2, own))

@@ -8,15 +8,7 @@ from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
 from eigenfail.intervals import difference, paired_difference
-from eigenfail.presentation.figures import (
-    format_amount,
-    format_interval,
-    format_number,
-    format_signed,
-    format_signed_interval,
-    format_usd_interval,
-    round_down,
-)
+from eigenfail.presentation import figures
 from eigenfail.presentation.rates import explain_design, format_counted_rate, format_rate
 from eigenfail.values import (
     FINAL_STATES,
@@ -32,11 +24,7 @@ from eigenfail.values import (
     Side,
 )
 from eigenfail.versions import describe_mixed
-from eigenfail_services.analysis.campaign_figures import (
-    bill_usd,
-    price_failures,
-    sum_instance_hours,
-)
+from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.pairing import (
     NOTHING,
@@ -50,12 +38,7 @@ from eigenfail_services.campaigns.pairing import (
 )
 from eigenfail_services.campaigns.seeds import Group, group_alike
 from eigenfail_services.campaigns.summary import count_doubtful, divide, find_failure_rate
-from eigenfail_services.statistics.comparison import (
-    SIGNIFICANCE,
-    can_distinguish,
-    effect_size,
-    mcnemar,
-)
+from eigenfail_services.statistics import comparison
 from eigenfail_services.store import Store
 
 SMALLEST_P = 1e-4
@@ -94,8 +77,8 @@ def are_sampled(*sides: Side) -> bool:
 
 
 def _compare_rates(found: Difference, pairs: McNemar | None) -> str:
-    size = f"{format_signed(100.0 * found.value)} %"
-    interval = format_signed_interval(found.interval, 100.0)
+    size = f"{figures.format_signed(100.0 * found.value)} %"
+    interval = figures.format_signed_interval(found.interval, 100.0)
     if found.interval.low <= 0.0 <= found.interval.high:
         basis = "The pairs" if found.is_paired else "The rates alone"
         return f"{basis} show no difference: B − A is {size} {interval} of the episodes."
@@ -106,8 +89,8 @@ def _compare_rates(found: Difference, pairs: McNemar | None) -> str:
         )
     word = "more" if found.value > 0.0 else "less"
     near, far = sorted((abs(found.interval.low), abs(found.interval.high)))
-    points = format_number(100.0 * abs(found.value))
-    interval = format_interval(Interval(near, far), 100.0)
+    points = figures.format_number(100.0 * abs(found.value))
+    interval = figures.format_interval(Interval(near, far), 100.0)
     return f"B fails {points} percentage points {interval} {word} often than A."
 
 
@@ -118,12 +101,18 @@ def is_beyond_chance(found: Difference, pairs: McNemar | None) -> bool:
     distinguishes the sides as well: with few pairs that differ the interval alone is too bold.
     """
     excludes_none = not found.interval.low <= 0.0 <= found.interval.high
-    is_exact = not found.is_paired or (pairs is not None and pairs.p_value < SIGNIFICANCE)
+    is_exact = not found.is_paired or (
+        pairs is not None and pairs.p_value < comparison.SIGNIFICANCE
+    )
     return excludes_none and is_exact
 
 
 def _describe_pairs(found: McNemar) -> str:
-    verdict = "distinguishes them" if found.p_value < SIGNIFICANCE else "does not distinguish them"
+    verdict = (
+        "distinguishes them"
+        if found.p_value < comparison.SIGNIFICANCE
+        else "does not distinguish them"
+    )
     return (
         f"Both saw the same noise in {found.n} pairs of episodes: {found.only_b} where only B "
         f"failed, {found.only_a} where only A did, {found.both} where both did; McNemar's exact "
@@ -205,12 +194,12 @@ def warn_of_unfinished(campaigns: Sequence[Campaign]) -> Iterator[str]:
 
 def _format_price(cost: Cost) -> str:
     if cost.per_failure_usd is not None and cost.interval_usd is not None:
-        interval = format_usd_interval(cost.interval_usd)
-        return f"{format_amount(cost.per_failure_usd)} {interval}"
+        interval = figures.format_usd_interval(cost.interval_usd)
+        return f"{figures.format_amount(cost.per_failure_usd)} {interval}"
     if cost.at_least_usd is not None:
-        return f"at least {format_amount(round_down(cost.at_least_usd))}"
+        return f"at least {figures.format_amount(figures.round_down(cost.at_least_usd))}"
     if cost.per_failure_usd is not None:
-        return format_amount(cost.per_failure_usd)
+        return figures.format_amount(cost.per_failure_usd)
     return "an unknown amount"
 
 
@@ -243,7 +232,7 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
         b=right,
         difference=_find_paired_difference(pairing, [*ones, *others])
         or _find_difference(left, right, ones, others),
-        pairs=mcnemar(pairing.totals) if pairing.totals else None,
+        pairs=comparison.mcnemar(pairing.totals) if pairing.totals else None,
         unpaired_because=pairing.because,
         effect=_find_effect(left, right),
         distinctions=find_distinctions(_list_specs(ones), _list_specs(others)),
@@ -317,9 +306,13 @@ def _summarise_side(store: Store, campaigns: Sequence[Campaign]) -> Side:
 
 
 def _sum_cost(campaigns: Sequence[Campaign], failures: Rate | None) -> Cost:
-    total_usd = sum(bill_usd(campaign, campaign.active_s) for campaign in campaigns)
-    hours = sum(sum_instance_hours(campaign, campaign.active_s) for campaign in campaigns)
-    return price_failures(total_usd, hours, failures)
+    total_usd = sum(
+        campaign_figures.bill_usd(campaign, campaign.active_s) for campaign in campaigns
+    )
+    hours = sum(
+        campaign_figures.sum_instance_hours(campaign, campaign.active_s) for campaign in campaigns
+    )
+    return campaign_figures.price_failures(total_usd, hours, failures)
 
 
 def _find_paired_difference(
@@ -356,7 +349,11 @@ def _bound_both_sides(rate: Rate, campaigns: Sequence[Campaign]) -> Rate:
 def _find_effect(a: Side, b: Side) -> EffectSize | None:
     """Return A12 over the campaigns; None where they are too few to show anything."""
     ones, others = (_list_known_rates(side) for side in (a, b))
-    return effect_size(ones, others) if can_distinguish(len(ones), len(others)) else None
+    return (
+        comparison.effect_size(ones, others)
+        if comparison.can_distinguish(len(ones), len(others))
+        else None
+    )
 
 
 def _list_known_rates(side: Side) -> list[float]:
@@ -366,7 +363,7 @@ def _list_known_rates(side: Side) -> list[float]:
 def _explain_no_effect(a: Side, b: Side) -> Iterator[str]:
     """Yield why there is no effect size over several seeds of each side."""
     n_a, n_b = (len(_list_known_rates(side)) for side in (a, b))
-    if min(n_a, n_b) > 1 and not can_distinguish(n_a, n_b):
+    if min(n_a, n_b) > 1 and not comparison.can_distinguish(n_a, n_b):
         yield (
             f"{n_a} and {n_b} campaigns show no effect over seeds: full separation would be chance "
             f"with p = {2.0 / comb(n_a + n_b, n_a):.2g}. Run four seeds of each, or more."

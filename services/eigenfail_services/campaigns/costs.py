@@ -8,61 +8,36 @@ from typing import Any, NamedTuple
 
 import msgspec
 
-from eigenfail import plugins
+from eigenfail import plugins, values
 from eigenfail.errors import EigenfailError
 from eigenfail.methods import traits_of
 from eigenfail.settings import defaults_of
-from eigenfail.values import (
-    Analysis,
-    AnalysisResult,
-    AnalysisState,
-    Campaign,
-    CampaignCost,
-    Rate,
-    Safety,
-    SpendingTotals,
-)
 from eigenfail.values.analysis import FEWEST_OF_MODE
 from eigenfail.values.campaign_spec import Settings
 from eigenfail.values.comparison import MethodCost, PeerCosts, Peers, Pool
 from eigenfail.values.operations import WorkerShare
 from eigenfail.values.requirements import COLLISION_ALONE
 from eigenfail.worlds import PluginField, world_of
-from eigenfail_services.analysis.campaign_figures import (
-    BY_CLOCK,
-    PAUSED,
-    KnownModes,
-    make_cost_curve,
-    price_failures,
-    split_time,
-    was_cut,
-)
+from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
+from eigenfail_services.campaigns import summary
 from eigenfail_services.campaigns.seeds import price_over_seeds
-from eigenfail_services.campaigns.summary import (
-    count_doubtful,
-    divide,
-    find_cost,
-    find_failure_rate,
-    find_safety,
-    find_worker_shares,
-)
 from eigenfail_services.statistics.seed_spread import PairSums
 from eigenfail_services.store import Store
 
-ReadCampaign = Callable[[int], Campaign]
+ReadCampaign = Callable[[int], values.Campaign]
 
 MAX_ANALYSES_SEARCHED = 100
 """Newest analyses among which a finished one is searched for."""
 
 
-def find_spending(store: Store, campaign: Campaign) -> CampaignCost:
+def find_spending(store: Store, campaign: values.Campaign) -> values.CampaignCost:
     """Return the cost of a campaign, of its failures and modes, and the use of its time, so far."""
     spec, totals = campaign.spec, store.episodes.spending(campaign.id)
-    rate = find_failure_rate(campaign, count_doubtful(store, campaign))
-    modes, cost = _find_known_modes(store, campaign), find_cost(campaign, rate)
+    rate = summary.find_failure_rate(campaign, summary.count_doubtful(store, campaign))
+    modes, cost = _find_known_modes(store, campaign), summary.find_cost(campaign, rate)
     count = None if modes.found_ms is None else len(modes.found_ms)
-    return CampaignCost(
+    return values.CampaignCost(
         campaign=campaign.id,
         name=spec.name,
         method=spec.method,
@@ -73,45 +48,47 @@ def find_spending(store: Store, campaign: Campaign) -> CampaignCost:
         cost=cost,
         analysis=modes.analysis,
         modes=count,
-        per_mode_usd=divide(cost.total_usd, count or 0),
+        per_mode_usd=summary.divide(cost.total_usd, count or 0),
         modes_in_words=modes.words,
-        curve=tuple(make_cost_curve(campaign, totals, modes)),
-        time=split_time(campaign, totals),
+        curve=tuple(campaign_figures.make_cost_curve(campaign, totals, modes)),
+        time=campaign_figures.split_time(campaign, totals),
         notes=tuple(_list_approximations(campaign, totals)),
     )
 
 
-def _list_approximations(campaign: Campaign, totals: SpendingTotals) -> Iterator[str]:
+def _list_approximations(campaign: values.Campaign, totals: values.SpendingTotals) -> Iterator[str]:
     if totals.progress:
-        yield BY_CLOCK
-    if was_cut(campaign, [each.at_ms for each in totals.progress]):
-        yield PAUSED
+        yield campaign_figures.BY_CLOCK
+    if campaign_figures.was_cut(campaign, [each.at_ms for each in totals.progress]):
+        yield campaign_figures.PAUSED
 
 
-def _find_known_modes(store: Store, campaign: Campaign) -> KnownModes:
+def _find_known_modes(store: Store, campaign: values.Campaign) -> campaign_figures.KnownModes:
     """Return the distinct modes that the newest finished analysis found among the failures."""
     found = find_newest(store, campaign)
     if found is None or found.result is None:
         words = f"No analysis is done: `eigenfail analyze {campaign.id}`, or Analyse on its page."
-        return KnownModes(None, None, words)
+        return campaign_figures.KnownModes(None, None, words)
     result = found.result
     if not result.distinct:
-        return KnownModes(found.id, None, result.verdict)
+        return campaign_figures.KnownModes(found.id, None, result.verdict)
     first = _find_first_failures(result, campaign.id)
     landed = (store.episodes.page(campaign.id, 1, after=index - 1).items for index in first)
     words = f"{result.verdict} {result.caution}".rstrip() + _describe_lag(result, campaign)
-    return KnownModes(found.id, tuple(sorted(rows[0].finished_ms for rows in landed)), words)
+    return campaign_figures.KnownModes(
+        found.id, tuple(sorted(rows[0].finished_ms for rows in landed)), words
+    )
 
 
-def find_newest(store: Store, campaign: Campaign) -> Analysis | None:
+def find_newest(store: Store, campaign: values.Campaign) -> values.Analysis | None:
     """Return the newest finished analysis of a campaign; None before there is one."""
     page = store.analyses.page(MAX_ANALYSES_SEARCHED, campaign=campaign.id)
-    done = (each.id for each in page.items if each.state is AnalysisState.DONE)
+    done = (each.id for each in page.items if each.state is values.AnalysisState.DONE)
     number = next(done, None)
     return None if number is None else store.analyses.get(number)
 
 
-def _find_first_failures(result: AnalysisResult, campaign: int) -> list[int]:
+def _find_first_failures(result: values.AnalysisResult, campaign: int) -> list[int]:
     """Return the lowest index among the campaign's failures of each mode.
 
     A mode with too few failures to show one is not counted, as in the verdict of the analysis.
@@ -124,7 +101,7 @@ def _find_first_failures(result: AnalysisResult, campaign: int) -> list[int]:
     return list(first.values())
 
 
-def _describe_lag(result: AnalysisResult, campaign: Campaign) -> str:
+def _describe_lag(result: values.AnalysisResult, campaign: values.Campaign) -> str:
     owners = result.campaigns or (campaign.id,) * len(result.episodes)
     known, now = owners.count(campaign.id), campaign.counts.failures
     return f" It knows {known} of {now} failures." if known < now else ""
@@ -255,12 +232,12 @@ def _make_method_cost(pool: Pool, read: ReadCampaign | None) -> MethodCost:
         failure_rate=found,
         cost=price_over_seeds(_sum_pairs(pool), pool.instance_hours, found)
         if seeds and found
-        else price_failures(pool.total_usd, pool.instance_hours, found),
+        else campaign_figures.price_failures(pool.total_usd, pool.instance_hours, found),
         seeds=seeds,
     )
 
 
-def _make_pooled_rate(pool: Pool, design: SamplingDesign) -> Rate | None:
+def _make_pooled_rate(pool: Pool, design: SamplingDesign) -> values.Rate | None:
     if not pool.completed:
         return None
     doubtful = min(pool.unresolved, pool.completed - pool.failures)
@@ -299,27 +276,27 @@ POOL = ThreadPoolExecutor(AT_A_TIME, thread_name_prefix="figures")
 class CampaignFigures(NamedTuple):
     """Safety, cost and workers of a campaign."""
 
-    safety: Safety
-    cost: CampaignCost
+    safety: values.Safety
+    cost: values.CampaignCost
     workers: tuple[WorkerShare, ...]
 
 
-def find_figures(store: Store, campaign: Campaign) -> CampaignFigures:
+def find_figures(store: Store, campaign: values.Campaign) -> CampaignFigures:
     """Return the figures of a campaign; the store's sums are computed side by side."""
     wait_for_figures(prefetch_figures(store, campaign))
     return read_figures(store, campaign)
 
 
-def read_figures(store: Store, campaign: Campaign) -> CampaignFigures:
+def read_figures(store: Store, campaign: values.Campaign) -> CampaignFigures:
     """Return the figures of a campaign whose sums the store has computed before."""
     return CampaignFigures(
-        find_safety(store, campaign),
+        summary.find_safety(store, campaign),
         find_spending(store, campaign),
-        find_worker_shares(store, campaign),
+        summary.find_worker_shares(store, campaign),
     )
 
 
-def prefetch_figures(store: Store, campaign: Campaign) -> Sequence[Future[Any]]:
+def prefetch_figures(store: Store, campaign: values.Campaign) -> Sequence[Future[Any]]:
     """Start computing the sums that `find_figures` needs; the store caches them."""
     asked = (store.episodes.safety, store.episodes.spending, store.figures.workers)
     with store.figures.as_of(campaign):

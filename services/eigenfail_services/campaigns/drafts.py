@@ -15,16 +15,7 @@ from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec
 from eigenfail.values.campaign_spec import MAX_EPISODES
 from eigenfail.wire.http import MAX_CAMPAIGNS_AT_ONCE, read_fields
 from eigenfail.worlds import world_of
-from eigenfail_services.campaigns.resolution import (
-    ResolvedCampaign,
-    check_has_knowledge,
-    resolve_method,
-)
-from eigenfail_services.campaigns.validation import (
-    check_offers,
-    list_offers,
-    validate_campaign,
-)
+from eigenfail_services.campaigns import resolution, validation
 from eigenfail_services.store import Store
 
 MOST_PROBLEMS = 100
@@ -46,9 +37,12 @@ COMPANIONS = {
 """What means nothing without the plug-in that is named beside it."""
 
 WHOLE = (
-    *(("scenario_parameters", 2), ("disturbance.shape", 2), ("disturbance.channels", 2)),
+    ("scenario_parameters", 2),
+    ("disturbance.shape", 2),
+    ("disturbance.channels", 2),
     ("disturbance.correlations", 2),
-    *(("requirements", 1), ("importance", 1)),
+    ("requirements", 1),
+    ("importance", 1),
 )
 """Fields, with a depth below which a value is taken out whole, as a part of it is not valid."""
 
@@ -60,7 +54,7 @@ BRACKETS = re.compile(r"\[[^\]]*\]")
 Fields = Mapping[str, Any]
 
 
-def read_draft(given: Fields, store: Store) -> ResolvedCampaign:
+def read_draft(given: Fields, store: Store) -> resolution.ResolvedCampaign:
     """Resolve a campaign, from its fields, as `validate_campaign` does.
 
     Raises:
@@ -68,10 +62,10 @@ def read_draft(given: Fields, store: Store) -> ResolvedCampaign:
         InvalidValue: a value of the wrong type, outside its bounds, or missing; or something is
             built upon that does not exist.
     """
-    return validate_campaign(read_fields(given, CampaignSpec), store)
+    return validation.validate_campaign(read_fields(given, CampaignSpec), store)
 
 
-def read_drafts(given: Sequence[Any], store: Store) -> list[ResolvedCampaign]:
+def read_drafts(given: Sequence[Any], store: Store) -> list[resolution.ResolvedCampaign]:
     """Resolve the campaigns that a list asks for, each from its fields.
 
     Raises:
@@ -85,24 +79,24 @@ def read_drafts(given: Sequence[Any], store: Store) -> list[ResolvedCampaign]:
     return [_read_item(item, f"[{place}]", store) for place, item in enumerate(given)]
 
 
-def _read_item(item: Any, where: str, store: Store) -> ResolvedCampaign:
+def _read_item(item: Any, where: str, store: Store) -> resolution.ResolvedCampaign:
     if not isinstance(item, dict):
         raise InvalidValue(where, "is not an object with the fields of a campaign.")
     with move_errors(where):
         return read_draft(item, store)
 
 
-def check_draft_offers(campaigns: Sequence[ResolvedCampaign], store: Store) -> None:
+def check_draft_offers(campaigns: Sequence[resolution.ResolvedCampaign], store: Store) -> None:
     """Check that the connected bridges offer what the campaigns of a list need.
 
     Raises:
         UnknownName: as `check_offers` does; the place of the campaign is named.
         InvalidValue: likewise.
     """
-    offers = list_offers(campaigns, store)
+    offers = validation.list_offers(campaigns, store)
     for place, campaign in enumerate(campaigns):
         with move_errors(f"[{place}]"):
-            check_offers(campaign, offers)
+            validation.check_offers(campaign, offers)
 
 
 @contextlib.contextmanager
@@ -151,9 +145,9 @@ def find_problems(given: Fields, store: Store) -> tuple[InputError, ...]:
     return tuple(found)
 
 
-def _find_misfits(campaign: ResolvedCampaign, store: Store) -> tuple[InputError, ...]:
+def _find_misfits(campaign: resolution.ResolvedCampaign, store: Store) -> tuple[InputError, ...]:
     try:
-        check_offers(campaign, list_offers([campaign], store))
+        validation.check_offers(campaign, validation.list_offers([campaign], store))
     except InputError as error:
         return (error,)
     return ()
@@ -213,11 +207,11 @@ def fill_defaults(spec: CampaignSpec) -> CampaignSpec:
 
 
 def _fill_method(spec: CampaignSpec) -> CampaignSpec:
-    settings = resolve_method(spec.method, spec.settings).settings
+    settings = resolution.resolve_method(spec.method, spec.settings).settings
     return replace(spec, settings=msgspec.to_builtins(settings))
 
 
-def clone(spec: CampaignSpec, changes: Fields, store: Store) -> ResolvedCampaign:
+def clone(spec: CampaignSpec, changes: Fields, store: Store) -> resolution.ResolvedCampaign:
     """Resolve a campaign like another, with some fields changed.
 
     Settings and parameters are put over the earlier ones; with another plug-in the earlier ones
@@ -286,7 +280,7 @@ def _list_references(method: str) -> Iterator[tuple[str, Reference]]:
 
 def _has_knowledge(campaign: Campaign) -> bool:
     try:
-        check_has_knowledge(campaign, "")
+        resolution.check_has_knowledge(campaign, "")
     except EigenfailError:
         return False
     return True

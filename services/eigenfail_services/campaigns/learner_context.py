@@ -6,21 +6,8 @@ from itertools import groupby
 import msgspec
 import numpy as np
 
-from eigenfail.values import (
-    Campaign,
-    EpisodeResult,
-    Experience,
-    Floats,
-    LearnerContext,
-    Outcome,
-    learner_seed,
-)
-from eigenfail_services.campaigns.resolution import (
-    ResolvedCampaign,
-    find_references,
-    read_trajectories,
-    resolve_campaign,
-)
+from eigenfail import values
+from eigenfail_services.campaigns import resolution
 from eigenfail_services.store import Store
 
 MOST_EPISODES = 10_000
@@ -38,7 +25,7 @@ class CompletedEpisode(msgspec.Struct, frozen=True, order=True):
     index: int
 
 
-def learner_context(campaign: Campaign, store: Store) -> LearnerContext:
+def learner_context(campaign: values.Campaign, store: Store) -> values.LearnerContext:
     """Return the context of a campaign's learner.
 
     Raises:
@@ -46,10 +33,10 @@ def learner_context(campaign: Campaign, store: Store) -> LearnerContext:
             trajectories, or campaigns to build upon, that do not exist or are of no use.
         NotFound: its settings name an analysis or episode that does not exist.
     """
-    resolved = find_references(resolve_campaign(campaign.spec), store)
-    trajectories = read_trajectories(resolved.searching, store)
-    return LearnerContext(
-        seed=learner_seed(campaign.spec.seed),
+    resolved = resolution.find_references(resolution.resolve_campaign(campaign.spec), store)
+    trajectories = resolution.read_trajectories(resolved.searching, store)
+    return values.LearnerContext(
+        seed=values.learner_seed(campaign.spec.seed),
         episodes=campaign.spec.episodes,
         horizon=resolved.horizon,
         trajectories=stack_noise(trajectories, resolved.horizon, len(resolved.channels)),
@@ -59,7 +46,9 @@ def learner_context(campaign: Campaign, store: Store) -> LearnerContext:
     )
 
 
-def read_experience(campaign: ResolvedCampaign, store: Store) -> Experience | None:
+def read_experience(
+    campaign: resolution.ResolvedCampaign, store: Store
+) -> values.Experience | None:
     """Return noise and robustness of the completed episodes that a campaign learns from.
 
     None where it names no campaigns to learn from.
@@ -75,7 +64,7 @@ def read_experience(campaign: ResolvedCampaign, store: Store) -> Experience | No
     kept = choose_episodes(completed, min(MOST_EPISODES, MOST_NUMBERS // (channels * horizon)))
     kept.sort(key=lambda one: (one.campaign, one.index))
     results = _read_results(kept, store)
-    return Experience(
+    return values.Experience(
         z=stack_noise([result.noise.z for result in results], horizon, channels),
         steps=np.array([result.steps for result in results], np.float32),
         robustness_m=np.array([one.robustness_m for one in kept], np.float32),
@@ -87,7 +76,7 @@ def _list_completed(campaign: int, store: Store) -> Iterator[CompletedEpisode]:
     while True:
         page = store.episodes.page(campaign, PAGE, after)
         for row in page.items:
-            if row.outcome is not Outcome.ERRORED and row.robustness_m is not None:
+            if row.outcome is not values.Outcome.ERRORED and row.robustness_m is not None:
                 yield CompletedEpisode(row.robustness_m, campaign, row.index)
         if (after := page.next) is None:
             return
@@ -102,7 +91,7 @@ def choose_episodes(completed: Sequence[CompletedEpisode], most: int) -> list[Co
     return [*least, *(others[place] for place in places)]
 
 
-def _read_results(episodes: Sequence[CompletedEpisode], store: Store) -> list[EpisodeResult]:
+def _read_results(episodes: Sequence[CompletedEpisode], store: Store) -> list[values.EpisodeResult]:
     return [
         result
         for campaign, ours in groupby(episodes, key=lambda one: one.campaign)
@@ -110,7 +99,7 @@ def _read_results(episodes: Sequence[CompletedEpisode], store: Store) -> list[Ep
     ]
 
 
-def stack_noise(noises: Sequence[Floats], steps: int, channels: int) -> Floats:
+def stack_noise(noises: Sequence[values.Floats], steps: int, channels: int) -> values.Floats:
     """Return trajectories of any length as one array, shape (n, steps, channels).
 
     They are padded with zeros; without a trajectory n is 0.

@@ -5,18 +5,9 @@ from collections.abc import Sequence
 import msgspec
 import numpy as np
 
+from eigenfail import values
 from eigenfail.errors import Conflict
 from eigenfail.presentation.analyses import choose_channel_words
-from eigenfail.values import (
-    FINAL_STATES,
-    Campaign,
-    CampaignSpec,
-    EpisodeResult,
-    Floats,
-    MinimalFailure,
-    Outcome,
-    StopRules,
-)
 from eigenfail.values.campaign_spec import LONGEST_NAME
 from eigenfail.worlds import drawn_for, list_channels
 from eigenfail_services.analysis.words import Clock, describe_needed
@@ -28,7 +19,9 @@ from eigenfail_services.store import Store
 METHOD = "minimal"
 
 
-def make_minimal_spec(store: Store, campaign: int, index: int, episodes: int) -> CampaignSpec:
+def make_minimal_spec(
+    store: Store, campaign: int, index: int, episodes: int
+) -> values.CampaignSpec:
     """Return the spec of a campaign that shrinks a failure, in the scenario that its episode drew.
 
     Raises:
@@ -41,12 +34,12 @@ def make_minimal_spec(store: Store, campaign: int, index: int, episodes: int) ->
         method=METHOD,
         settings={"campaign": campaign, "episode": index},
         episodes=episodes,
-        stop=StopRules(),
+        stop=values.StopRules(),
         scenario_parameters={**spec.scenario_parameters, **drawn_for(spec, failure.seed)},
     )
 
 
-def find_minimal_failure(store: Store, campaign: Campaign) -> MinimalFailure:
+def find_minimal_failure(store: Store, campaign: values.Campaign) -> values.MinimalFailure:
     """Return what a campaign of `minimal` has shrunk its failure to, so far.
 
     Raises:
@@ -58,10 +51,10 @@ def find_minimal_failure(store: Store, campaign: Campaign) -> MinimalFailure:
         raise _make_conflict(campaign)
     found = store.episodes.get(campaign.id, facts.best)
     full = _find_first_failure(store, campaign, facts.best)
-    end = "the impact" if found.outcome is Outcome.COLLISION else "the end"
+    end = "the impact" if found.outcome is values.Outcome.COLLISION else "the end"
     clock = Clock(found.steps, _find_step_s(found), end)
     channels = list_channels(campaign.spec)
-    return MinimalFailure(
+    return values.MinimalFailure(
         campaign=campaign.id,
         index=found.index,
         done=facts.phase is SearchPhase.OVER,
@@ -78,7 +71,7 @@ def find_minimal_failure(store: Store, campaign: Campaign) -> MinimalFailure:
     )
 
 
-def read_knowledge(store: Store, campaign: Campaign) -> tuple[MinimalFacts, Floats]:
+def read_knowledge(store: Store, campaign: values.Campaign) -> tuple[MinimalFacts, values.Floats]:
     """Return the facts and the noise of the campaign's learner after its last whole round.
 
     Raises:
@@ -96,32 +89,36 @@ def read_knowledge(store: Store, campaign: Campaign) -> tuple[MinimalFacts, Floa
     return read_state(read_checkpoint(checkpoint).learner)
 
 
-def _make_conflict(campaign: Campaign) -> Conflict:
+def _make_conflict(campaign: values.Campaign) -> Conflict:
     return Conflict(
         f"Campaign {campaign.id} is {campaign.state}, and no replay of it has failed. "
         f"{campaign.stopped_because}".strip(),
         "Wait for its first round."
-        if campaign.state not in FINAL_STATES
+        if campaign.state not in values.FINAL_STATES
         else "Shrink a failure in the scenario, and with the planner, of its own campaign.",
     )
 
 
-def _find_first_failure(store: Store, campaign: Campaign, best: int) -> EpisodeResult:
+def _find_first_failure(store: Store, campaign: values.Campaign, best: int) -> values.EpisodeResult:
     """Return the failure at full strength: the first replay that failed."""
     before = store.episodes.finished(campaign.id, range(best + 1))
     return next(result for result in before if result.is_failure)
 
 
-def _find_step_s(result: EpisodeResult) -> float | None:
+def _find_step_s(result: values.EpisodeResult) -> float | None:
     """Return the duration of a step; None of a function, whose steps have no duration. [s]"""
     return result.scene.dt_s if result.scene else None
 
 
 def _describe_progress(
-    facts: MinimalFacts, z: Floats, campaign: Campaign, channels: Sequence[str]
+    facts: MinimalFacts, z: values.Floats, campaign: values.Campaign, channels: Sequence[str]
 ) -> str:
     if facts.phase is not SearchPhase.OVER:
-        goes_on = "The search goes on" if campaign.state not in FINAL_STATES else "It was cut short"
+        goes_on = (
+            "The search goes on"
+            if campaign.state not in values.FINAL_STATES
+            else "It was cut short"
+        )
         return f"{goes_on} at blocks of {facts.width} steps: less noise may do."
     if not z.any():
         return "It fails without any noise."

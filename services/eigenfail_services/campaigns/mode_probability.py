@@ -7,30 +7,17 @@ from typing import Any, NamedTuple
 
 from msgspec.structs import replace
 
-from eigenfail import plugins
+from eigenfail import plugins, values
 from eigenfail.contracts import ModeProbability
 from eigenfail.errors import NoisePruned
 from eigenfail.methods import traits_of
 from eigenfail.presentation.rates import explain_design
 from eigenfail.settings import read_settings
-from eigenfail.values import (
-    FINAL_STATES,
-    AnalysisResult,
-    Campaign,
-    EpisodeResult,
-    Estimate,
-    Outcome,
-    Rate,
-)
 from eigenfail.values.records import EpisodeRow
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.learner_context import learner_context
 from eigenfail_services.campaigns.summary import count_doubtful
-from eigenfail_services.methods.subset import (
-    SubsetMethodSettings,
-    estimate_modes,
-    start_simulation,
-)
+from eigenfail_services.methods import subset
 from eigenfail_services.statistics import importance, pooled_estimate
 from eigenfail_services.statistics.importance import WeightedFailures
 from eigenfail_services.store import Store
@@ -47,12 +34,12 @@ UNDERWAY = (
     "Its campaign had not ended when the failures were read. Analyse it again once it has ended."
 )
 
-ModeEstimates = Sequence[Estimate | None]
+ModeEstimates = Sequence[values.Estimate | None]
 
 
 def add_probabilities(
-    store: Store, campaigns: Sequence[Campaign], result: AnalysisResult
-) -> AnalysisResult:
+    store: Store, campaigns: Sequence[values.Campaign], result: values.AnalysisResult
+) -> values.AnalysisResult:
     """Return the result with the probabilities of its modes.
 
     Modes that are not distinct have none, nor have modes of several campaigns: their episodes
@@ -74,35 +61,35 @@ def add_probabilities(
 
 
 def _estimate_modes(
-    teller: "ModeEstimator", store: Store, campaign: Campaign, result: AnalysisResult
+    teller: "ModeEstimator", store: Store, campaign: values.Campaign, result: values.AnalysisResult
 ) -> ModeEstimates:
     modes = len(result.modes)
-    if campaign.state not in FINAL_STATES:
-        return [Estimate(by=teller.by, episodes=0, problem=UNDERWAY)] * modes
+    if campaign.state not in values.FINAL_STATES:
+        return [values.Estimate(by=teller.by, episodes=0, problem=UNDERWAY)] * modes
     mode_of = dict(zip(result.episodes, result.labels, strict=True))
     errored = 0 if teller.by == COUNTING else campaign.counts.errored
     try:
         found = teller.estimate(store, campaign, mode_of, modes)
         return [each and each.bound_below(errored) for each in found]
     except NoisePruned as error:
-        return [Estimate(by=teller.by, episodes=0, problem=str(error))] * modes
+        return [values.Estimate(by=teller.by, episodes=0, problem=str(error))] * modes
 
 
 def estimate_by_levels(
-    store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
+    store: Store, campaign: values.Campaign, mode_of: Mapping[int, int], modes: int
 ) -> ModeEstimates:
     """Estimate each mode by the last level of a subset simulation."""
-    settings = read_settings(SubsetMethodSettings, campaign.spec.settings, "settings")
-    simulation = start_simulation(learner_context(campaign, store), settings)
+    settings = read_settings(subset.SubsetMethodSettings, campaign.spec.settings, "settings")
+    simulation = subset.start_simulation(learner_context(campaign, store), settings)
     robustness = [_read_robustness_m(row) for row in _list_rows(store, campaign.id)]
-    return estimate_modes(simulation, robustness, mode_of, modes) or [None] * modes
+    return subset.estimate_modes(simulation, robustness, mode_of, modes) or [None] * modes
 
 
 def _read_robustness_m(row: EpisodeRow) -> float:
     """Return the robustness; 0 of a failure, not a number where the episode errored. [m]"""
     if row.outcome.is_failure:
         return 0.0
-    ran = row.outcome is not Outcome.ERRORED and row.robustness_m is not None
+    ran = row.outcome is not values.Outcome.ERRORED and row.robustness_m is not None
     return float(row.robustness_m or 0.0) if ran else nan
 
 
@@ -115,7 +102,7 @@ def _list_rows(store: Store, campaign: int) -> Iterator[EpisodeRow]:
 
 
 def estimate_by_weights(
-    store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
+    store: Store, campaign: values.Campaign, mode_of: Mapping[int, int], modes: int
 ) -> ModeEstimates:
     """Estimate each mode by importance weights; the learner goes through all rounds again."""
     context = learner_context(campaign, store)
@@ -134,7 +121,9 @@ def estimate_by_weights(
     return [learner.tell(one, context.horizon) for one in sums]
 
 
-def _list_rounds(store: Store, campaign: Campaign, learner: Any) -> Iterator[list[EpisodeResult]]:
+def _list_rounds(
+    store: Store, campaign: values.Campaign, learner: Any
+) -> Iterator[list[values.EpisodeResult]]:
     """Return the completed rounds in order; the learner has to observe each before the next."""
     first, budget = 0, campaign.spec.episodes
     while first < budget:
@@ -147,11 +136,11 @@ def _list_rounds(store: Store, campaign: Campaign, learner: Any) -> Iterator[lis
 
 
 def _keep_mode(
-    results: Sequence[EpisodeResult], mode_of: Mapping[int, int], mode: int
-) -> list[EpisodeResult]:
+    results: Sequence[values.EpisodeResult], mode_of: Mapping[int, int], mode: int
+) -> list[values.EpisodeResult]:
     """Return the results with the failures of other modes as safe episodes."""
     return [
-        replace(result, outcome=Outcome.SAFE)
+        replace(result, outcome=values.Outcome.SAFE)
         if result.is_failure and mode_of.get(result.index) != mode
         else result
         for result in results
@@ -159,7 +148,7 @@ def _keep_mode(
 
 
 def estimate_by_known_proposal(
-    store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
+    store: Store, campaign: values.Campaign, mode_of: Mapping[int, int], modes: int
 ) -> ModeEstimates:
     """Estimate each mode by its own learner, which takes all other failures as safe.
 
@@ -178,7 +167,7 @@ def estimate_by_known_proposal(
 
 
 def _estimate_by_counts(
-    store: Store, campaign: Campaign, mode_of: Mapping[int, int], modes: int
+    store: Store, campaign: values.Campaign, mode_of: Mapping[int, int], modes: int
 ) -> ModeEstimates:
     counted, counts = Counter(mode_of.values()), campaign.counts
     design = SamplingDesign.of([campaign.spec])
@@ -191,9 +180,9 @@ def _estimate_by_counts(
     ]
 
 
-def estimate_share(found: Rate) -> Estimate:
+def estimate_share(found: values.Rate) -> values.Estimate:
     """Return the estimate from a number of failures among episodes that were drawn from p(x)."""
-    return Estimate(
+    return values.Estimate(
         by=COUNTING,
         episodes=found.n,
         probability=found.value,
@@ -203,11 +192,11 @@ def estimate_share(found: Rate) -> Estimate:
     )
 
 
-def _has_probability(_campaign: Campaign) -> bool:
+def _has_probability(_campaign: values.Campaign) -> bool:
     return True
 
 
-def _has_estimate(campaign: Campaign) -> bool:
+def _has_estimate(campaign: values.Campaign) -> bool:
     return campaign.estimate is not None
 
 
@@ -215,8 +204,8 @@ class ModeEstimator(NamedTuple):
     """A way to estimate the probability of each mode, its name, and the campaigns that it suits."""
 
     by: str
-    estimate: Callable[[Store, Campaign, Mapping[int, int], int], ModeEstimates]
-    can: Callable[[Campaign], bool] = _has_probability
+    estimate: Callable[[Store, values.Campaign, Mapping[int, int], int], ModeEstimates]
+    can: Callable[[values.Campaign], bool] = _has_probability
 
 
 ESTIMATORS: Mapping[ModeProbability, ModeEstimator] = {

@@ -14,14 +14,8 @@ from eigenfail.errors import ClusterUnavailable, Unauthorized
 from eigenfail.hosting.service import Span
 from eigenfail.processes import ONE_THREAD, as_parent, exit_status, kill_group
 from eigenfail.wire.keys import WORKER_KEY_VARIABLE, WorkerKey
+from eigenfail_services.campaigns import launcher
 from eigenfail_services.campaigns.analysis_jobs import DATABASE_VARIABLE
-from eigenfail_services.campaigns.launcher import (
-    NONE_MAY_START,
-    Notice,
-    WorkerNames,
-    WorkerPool,
-    never,
-)
 from eigenfail_services.hub.transport import KEYS_VARIABLE
 
 MODULE = "eigenfail_workers"
@@ -103,7 +97,7 @@ class WorkerProcess:
             with suppress(OSError), self.process.stdin as stream:
                 stream.write(self._key.text().encode() if self._key else b"")
 
-    def keep_running(self, now_s: float) -> Notice | None:
+    def keep_running(self, now_s: float) -> launcher.Notice | None:
         """Start another process once the last one has ended and its pause is over.
 
         Returns:
@@ -122,7 +116,9 @@ class WorkerProcess:
         except OSError as error:
             self._due_s = now_s + LONGEST_PAUSE_S
             problem = f"Worker {self.name} cannot be started: {error.strerror}."
-            return Notice(ASKED, f"{problem} It is tried again every {LONGEST_PAUSE_S:.0f} s.")
+            return launcher.Notice(
+                ASKED, f"{problem} It is tried again every {LONGEST_PAUSE_S:.0f} s."
+            )
         return None
 
     def leave(self, now_s: float, *, is_present: bool) -> None:
@@ -146,14 +142,14 @@ class WorkerProcess:
             kill_group(self.process)
             self.process = None
 
-    def _schedule(self, now_s: float, status: int | None) -> Notice | None:
+    def _schedule(self, now_s: float, status: int | None) -> launcher.Notice | None:
         if now_s - self._began_s >= LONGEST_PAUSE_S:
             self._pause_s, self._refusals = FIRST_PAUSE_S, 0
         self._refusals = self._refusals + 1 if status == Unauthorized.exit_code else 0
         if self._refusals == MOST_REFUSALS:
             self.has_given_up = True
             remedy = "The log of the services says why; correct it and restart the services."
-            return Notice(
+            return launcher.Notice(
                 REFUSED, f"Worker {self.name} gave up after {MOST_REFUSALS} tries. {remedy}"
             )
         self._due_s = now_s + self._pause_s
@@ -173,14 +169,14 @@ class ProcessLauncher:
     def __init__(self, span: Span, clock: Callable[[], float] = time.monotonic) -> None:
         self._span = span
         self._clock = clock
-        self._wanted = WorkerNames(span)
+        self._wanted = launcher.WorkerNames(span)
         self._workers: dict[str, WorkerProcess] = {}
         self._hub = ""
         self._key: WorkerKey | None = None
         self._told: set[str] = set()
 
     def start(
-        self, hub: str, key: WorkerKey | None = None, given_up: Callable[[], bool] = never
+        self, hub: str, key: WorkerKey | None = None, given_up: Callable[[], bool] = launcher.never
     ) -> None:
         """Start the workers that there are to be in any case, without waiting for them.
 
@@ -201,7 +197,7 @@ class ProcessLauncher:
                 "choose fewer workers: --workers.",
             ) from error
 
-    def poll(self, table: WorkerPool) -> Sequence[Notice]:
+    def poll(self, table: launcher.WorkerPool) -> Sequence[launcher.Notice]:
         """Start, restart and let go of workers by the work that there is."""
         now_s, demand = self._clock(), table.measure_demand()
         self._wanted.look(now_s, demand)
@@ -216,7 +212,7 @@ class ProcessLauncher:
         wanted = [self._workers[name] for name in self._wanted.names]
         notices = [notice for one in wanted if (notice := one.keep_running(now_s))]
         if self._span.most == 0 and demand.work.episodes:
-            notices.append(Notice(ASKED, NONE_MAY_START))
+            notices.append(launcher.Notice(ASKED, launcher.NONE_MAY_START))
         fresh = [one for one in notices if one.message not in self._told]
         self._told.update(one.message for one in fresh)
         return fresh

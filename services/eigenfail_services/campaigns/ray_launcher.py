@@ -11,19 +11,7 @@ import structlog
 from eigenfail.errors import ClusterUnavailable
 from eigenfail.hosting.service import Span
 from eigenfail.wire.keys import WorkerKey
-from eigenfail_services.campaigns.launcher import (
-    NONE_MAY_START,
-    Notice,
-    WorkerNames,
-    WorkerPool,
-    never,
-)
-from eigenfail_services.campaigns.ray_link import (
-    ClusterLost,
-    ClusterStatus,
-    RayLink,
-    StartRay,
-)
+from eigenfail_services.campaigns import launcher, ray_link
 
 UNPLACED_AFTER_S = 5.0
 """Where there is room for a worker it has its place sooner."""
@@ -38,9 +26,9 @@ class PlacementNotices:
     def __init__(self) -> None:
         self._unplaced_since_s: float | None = None
         self._said = ""
-        self._before = ClusterStatus()
+        self._before = ray_link.ClusterStatus()
 
-    def note(self, now_s: float, standing: ClusterStatus) -> list[Notice]:
+    def note(self, now_s: float, standing: ray_link.ClusterStatus) -> list[launcher.Notice]:
         """Return the notices of a new status.
 
         Args:
@@ -54,7 +42,7 @@ class PlacementNotices:
             *_list_losses(standing, before),
         ]
 
-    def _places(self, now_s: float, standing: ClusterStatus) -> list[Notice]:
+    def _places(self, now_s: float, standing: ray_link.ClusterStatus) -> list[launcher.Notice]:
         """Report only what lasts, and its end: every worker is without a place for a moment."""
         if not standing.unplaced:
             self._unplaced_since_s = None
@@ -66,10 +54,10 @@ class PlacementNotices:
         if message == self._said or not (lasts or self._said):
             return []
         self._said = message if lasts else ""
-        return [Notice(ASKED, message)]
+        return [launcher.Notice(ASKED, message)]
 
 
-def _describe_asked(standing: ClusterStatus) -> str:
+def _describe_asked(standing: ray_link.ClusterStatus) -> str:
     placed, n = len(standing.placed), len(standing.placed) + len(standing.unplaced)
     workers = f"{n} worker{'' if n == 1 else 's'} asked of Ray"
     if placed == n:
@@ -77,16 +65,20 @@ def _describe_asked(standing: ClusterStatus) -> str:
     return f"{workers}, {f'{placed} placed so far' if placed else 'none placed yet'}."
 
 
-def _list_refusals(standing: ClusterStatus, before: ClusterStatus) -> list[Notice]:
+def _list_refusals(
+    standing: ray_link.ClusterStatus, before: ray_link.ClusterStatus
+) -> list[launcher.Notice]:
     new = {name: why for name, why in standing.refused.items() if name not in before.refused}
-    return [Notice(REFUSED, f"Worker {name} gave up: {why}") for name, why in new.items()]
+    return [launcher.Notice(REFUSED, f"Worker {name} gave up: {why}") for name, why in new.items()]
 
 
-def _list_losses(standing: ClusterStatus, before: ClusterStatus) -> list[Notice]:
+def _list_losses(
+    standing: ray_link.ClusterStatus, before: ray_link.ClusterStatus
+) -> list[launcher.Notice]:
     if standing.machines >= before.machines:
         return []
     left = f"{before.machines} machines before, {standing.machines} now"
-    return [Notice(MACHINES, f"Ray's cluster has become smaller: {left}.")]
+    return [launcher.Notice(MACHINES, f"Ray's cluster has become smaller: {left}.")]
 
 
 LOST, BACK = "ray.lost", "ray.back"
@@ -117,23 +109,25 @@ class RayLauncher:
         self._span = span
         self._cluster = cluster
         self._clock = clock
-        self._roll = WorkerNames(span)
+        self._roll = launcher.WorkerNames(span)
         self._placement = PlacementNotices()
-        self._standing: ClusterStatus | None = None
-        self._link: RayLink | None = None
-        self._notices: deque[Notice] = deque()
+        self._standing: ray_link.ClusterStatus | None = None
+        self._link: ray_link.RayLink | None = None
+        self._notices: deque[launcher.Notice] = deque()
         self._again_s, self._since_s, self._pause_s = 0.0, 0.0, FIRST_PAUSE_S
         self._was_lost = self._said_none = False
 
     def start(
-        self, hub: str, key: WorkerKey | None = None, given_up: Callable[[], bool] = never
+        self, hub: str, key: WorkerKey | None = None, given_up: Callable[[], bool] = launcher.never
     ) -> None:
         """Connect to Ray, and ask it for the workers that there are to be in any case.
 
         Raises:
             ClusterUnavailable: Ray is not installed, or does not start.
         """
-        self._begin = StartRay(hub, key.text() if key else None, self._cluster, self._span.most)
+        self._begin = ray_link.StartRay(
+            hub, key.text() if key else None, self._cluster, self._span.most
+        )
         self._link = link = first_link(self._begin)
         link.want((*self._roll.names,))
         while self._standing is None:
@@ -145,7 +139,7 @@ class RayLauncher:
                 raise ClusterUnavailable(lost.problem, lost.remedy)
             time.sleep(LOOK_EVERY_S)
 
-    def poll(self, table: WorkerPool) -> Sequence[Notice]:
+    def poll(self, table: launcher.WorkerPool) -> Sequence[launcher.Notice]:
         """Read the state of Ray, restart it if it is lost, and request the needed workers."""
         if (link := self._link) is None:
             self._try_again()
@@ -162,19 +156,21 @@ class RayLauncher:
             self._link.stop()
             self._link = None
 
-    def _heard(self, link: RayLink) -> ClusterLost | None:
+    def _heard(self, link: ray_link.RayLink) -> ray_link.ClusterLost | None:
         """Process the reports of the Ray process; return whether Ray is lost."""
         with suppress(msgspec.DecodeError):
             for word in link.hear():
-                if isinstance(word, ClusterLost):
+                if isinstance(word, ray_link.ClusterLost):
                     return word
                 self._stands(word)
         problem = link.trouble()
         return (
-            ClusterLost(problem, "The log of the services has its last words.") if problem else None
+            ray_link.ClusterLost(problem, "The log of the services has its last words.")
+            if problem
+            else None
         )
 
-    def _stands(self, standing: ClusterStatus) -> None:
+    def _stands(self, standing: ray_link.ClusterStatus) -> None:
         if self._standing is None:
             self._since_s = self._clock()
         self._standing = standing
@@ -183,7 +179,7 @@ class RayLauncher:
             self._was_lost = False
             self._say(BACK, f"Ray is back (machines: {standing.machines}).")
 
-    def _lose(self, link: RayLink, lost: ClusterLost) -> None:
+    def _lose(self, link: ray_link.RayLink, lost: ray_link.ClusterLost) -> None:
         link.kill()
         if self._standing and self._clock() - self._since_s >= LONGEST_PAUSE_S:
             self._pause_s = FIRST_PAUSE_S
@@ -200,17 +196,17 @@ class RayLauncher:
         if self._clock() < self._again_s:
             return
         try:
-            self._link = RayLink(self._begin)
+            self._link = ray_link.RayLink(self._begin)
         except OSError as error:
             log.warning("ray process not started", problem=str(error))
             self._again_s = self._clock() + self._pause_s
 
-    def _staff(self, table: WorkerPool) -> None:
+    def _staff(self, table: launcher.WorkerPool) -> None:
         demand = table.measure_demand()
         self._roll.look(self._clock(), demand)
         if self._span.most == 0 and demand.work.episodes and not self._said_none:
             self._said_none = True
-            self._say(ASKED, NONE_MAY_START)
+            self._say(ASKED, launcher.NONE_MAY_START)
         if self._standing is not None:
             placed = {*self._standing.placed, *self._standing.unplaced}
             table.drain_workers(placed.difference(self._roll.names))
@@ -218,17 +214,17 @@ class RayLauncher:
             self._link.want((*self._roll.names,))
 
     def _say(self, kind: str, message: str) -> None:
-        self._notices.append(Notice(kind, message))
+        self._notices.append(launcher.Notice(kind, message))
 
 
-def first_link(begin: StartRay) -> RayLink:
+def first_link(begin: ray_link.StartRay) -> ray_link.RayLink:
     """The Ray process with which a service starts.
 
     Raises:
         ClusterUnavailable: the system has no room for it.
     """
     try:
-        return RayLink(begin)
+        return ray_link.RayLink(begin)
     except OSError as error:
         raise ClusterUnavailable(
             f"The process of Ray's driver cannot be started: {error.strerror}.",

@@ -19,14 +19,7 @@ from eigenfail import logs, plugins
 from eigenfail.errors import ClusterUnavailable
 from eigenfail.processes import die_with_parent, end_now
 from eigenfail.wire.keys import WorkerKey, read_worker_key
-from eigenfail_services.campaigns.ray_link import (
-    ClusterLost,
-    ClusterStatus,
-    PipeReader,
-    StartRay,
-    WantedWorkers,
-    encode_line,
-)
+from eigenfail_services.campaigns import ray_link
 
 ENVIRONMENT = {
     "RAY_AUTH_MODE": "token",
@@ -198,12 +191,12 @@ class RayWorkers:
             if worker.has_ended() or not worker.is_placed():
                 _end_actor(self._workers.pop(name))
 
-    def standing(self, machines: int) -> ClusterStatus:
+    def standing(self, machines: int) -> ray_link.ClusterStatus:
         """Return the workers with a place, without one, and those that gave up."""
         placed = {name for name, worker in self._workers.items() if worker.is_placed()}
         ended = {name for name in placed if self._workers[name].has_ended()}
         problems = {name: self._workers[name].problem() for name in ended}
-        return ClusterStatus(
+        return ray_link.ClusterStatus(
             machines=machines,
             placed=tuple(sorted(placed - ended)),
             unplaced=tuple(sorted(self._workers.keys() - placed)),
@@ -241,11 +234,15 @@ def main() -> NoReturn:
     logs.configure("services")
     say = _take_output()
     with open(sys.stdin.fileno(), "rb", buffering=0, closefd=False) as stream:
-        begin = msgspec.json.decode(stream.readline(), type=StartRay)
+        begin = msgspec.json.decode(stream.readline(), type=ray_link.StartRay)
     try:
-        serve(begin, PipeReader(sys.stdin.fileno(), msgspec.json.Decoder(WantedWorkers)), say)
+        serve(
+            begin,
+            ray_link.PipeReader(sys.stdin.fileno(), msgspec.json.Decoder(ray_link.WantedWorkers)),
+            say,
+        )
     except ClusterUnavailable as error:
-        say(ClusterLost(error.problem, error.remedy))
+        say(ray_link.ClusterLost(error.problem, error.remedy))
         end_now(ClusterUnavailable.exit_code)
     end_now(0)
 
@@ -256,12 +253,14 @@ def _take_output() -> Say:
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
 
     def say(word: msgspec.Struct) -> None:
-        os.write(words, encode_line(word))
+        os.write(words, ray_link.encode_line(word))
 
     return say
 
 
-def serve(begin: StartRay, wishes: PipeReader[WantedWorkers], say: Say) -> None:
+def serve(
+    begin: ray_link.StartRay, wishes: ray_link.PipeReader[ray_link.WantedWorkers], say: Say
+) -> None:
     """Keep the workers that were requested last.
 
     Raises:

@@ -11,41 +11,21 @@ from msgspec.structs import replace
 
 from eigenfail.errors import NotFound
 from eigenfail.methods import traits_of
-from eigenfail.values import Campaign, CampaignSpec, Mode
-from eigenfail.values.release import (
-    ModeSighting,
-    ReleaseMode,
-    ReleaseQuestion,
-    ReleaseTable,
-)
+from eigenfail.values import Campaign, CampaignSpec, Mode, release
 from eigenfail.values.triage import TriageState
 from eigenfail.worlds import describe_requirements
-from eigenfail_services.analysis.mode_matching import (
-    ReleaseBehaviours,
-    Sighting,
-    Sightings,
-    match_modes,
-)
+from eigenfail_services.analysis import mode_matching
+from eigenfail_services.campaigns import release_reading, release_words
 from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.drafts import fill_defaults
-from eigenfail_services.campaigns.release_reading import (
-    MOST_CAMPAIGNS,
-    ReadRelease,
-    read_release,
-)
-from eigenfail_services.campaigns.release_words import (
-    describe_fixed,
-    describe_sighting,
-    list_notes,
-)
 from eigenfail_services.store import Store
 
 NO_COLLISION = "no collision"
 
-_cached_matches = StoreCache[tuple[Sightings, ...]](100)
+_cached_matches = StoreCache[tuple[mode_matching.Sightings, ...]](100)
 
 
-def list_questions(store: Store, project: str | None = None) -> tuple[ReleaseQuestion, ...]:
+def list_questions(store: Store, project: str | None = None) -> tuple[release.ReleaseQuestion, ...]:
     """Return the scenarios in which versions of a planner were tested, the newest first.
 
     Args:
@@ -55,7 +35,9 @@ def list_questions(store: Store, project: str | None = None) -> tuple[ReleaseQue
     return tuple(map(_make_question, _group_campaigns(_list_campaigns(store).items, project)))
 
 
-def list_release_tables(store: Store, project: str | None, limit: int) -> tuple[ReleaseTable, ...]:
+def list_release_tables(
+    store: Store, project: str | None, limit: int
+) -> tuple[release.ReleaseTable, ...]:
     """Return the newest scenarios in which several versions were tested, with all their versions.
 
     Args:
@@ -81,7 +63,7 @@ def _group_campaigns(campaigns: Sequence[Campaign], project: str | None) -> list
     return [*found.values()]
 
 
-def make_release_table(store: Store, campaign: int) -> ReleaseTable:
+def make_release_table(store: Store, campaign: int) -> release.ReleaseTable:
     """Return the versions that were tested as in a campaign, with what became of failure modes.
 
     Raises:
@@ -101,7 +83,7 @@ def make_release_table(store: Store, campaign: int) -> ReleaseTable:
 
 def _make_table(
     store: Store, alike: Sequence[Campaign], read_notes: tuple[str, ...]
-) -> ReleaseTable:
+) -> release.ReleaseTable:
     """Return the versions of campaigns that ask the same question.
 
     Args:
@@ -112,18 +94,20 @@ def _make_table(
     versions: dict[str, list[Campaign]] = {}
     for each in reversed(alike):
         versions.setdefault(each.spec.version, []).append(each)
-    read = [read_release(store, version, used) for version, used in versions.items()]
+    read = [
+        release_reading.read_release(store, version, used) for version, used in versions.items()
+    ]
     known = _read_modes(store, read)
     modes = tuple(_name_modes(_compare_modes(store, read), known))
-    return ReleaseTable(
+    return release.ReleaseTable(
         question=_make_question(alike),
         releases=tuple(each.release for each in read),
         modes=modes,
-        notes=(*list_notes(read), *_list_fixed(modes, known), *read_notes),
+        notes=(*release_words.list_notes(read), *_list_fixed(modes, known), *read_notes),
     )
 
 
-def find_history(store: Store, analysis: int, mode: int) -> tuple[int, ReleaseMode] | None:
+def find_history(store: Store, analysis: int, mode: int) -> tuple[int, release.ReleaseMode] | None:
     """Return a mode of an analysis over the releases, with the campaign of its question.
 
     None where its campaign names no version, or where the mode is not the main one of a release.
@@ -150,14 +134,18 @@ class _VersionedCampaigns(NamedTuple):
 
 def _list_campaigns(store: Store) -> _VersionedCampaigns:
     """Return the newest campaigns that find failures of a version."""
-    found = store.campaigns.list_versioned(MOST_CAMPAIGNS + 1)
+    found = store.campaigns.list_versioned(release_reading.MOST_CAMPAIGNS + 1)
     cut = (
-        f"Only the newest {MOST_CAMPAIGNS:,} campaigns with a version are read: older versions "
-        "may be missing."
+        f"Only the newest {release_reading.MOST_CAMPAIGNS:,} campaigns with a version are read: "
+        "older versions may be missing."
     )
     return _VersionedCampaigns(
-        tuple(each for each in found[:MOST_CAMPAIGNS] if traits_of(each.spec.method).finds_new),
-        (cut,) if len(found) > MOST_CAMPAIGNS else (),
+        tuple(
+            each
+            for each in found[: release_reading.MOST_CAMPAIGNS]
+            if traits_of(each.spec.method).finds_new
+        ),
+        (cut,) if len(found) > release_reading.MOST_CAMPAIGNS else (),
     )
 
 
@@ -172,18 +160,18 @@ def _find_key(spec: CampaignSpec) -> str:
     return _write_key(msgspec.json.encode(asked, order="deterministic"))
 
 
-@lru_cache(maxsize=MOST_CAMPAIGNS)
+@lru_cache(maxsize=release_reading.MOST_CAMPAIGNS)
 def _write_key(asked: bytes) -> str:
     spec = fill_defaults(msgspec.json.decode(asked, type=CampaignSpec))
     same = replace(spec, settings={}, planner_settings={})
     return msgspec.json.encode(same, order="deterministic").decode()
 
 
-def _make_question(campaigns: Sequence[Campaign]) -> ReleaseQuestion:
+def _make_question(campaigns: Sequence[Campaign]) -> release.ReleaseQuestion:
     newest = campaigns[0]
     versions = dict.fromkeys(each.spec.version for each in reversed(campaigns))
     requirements = "; ".join(describe_requirements(newest.spec)) or NO_COLLISION
-    return ReleaseQuestion(
+    return release.ReleaseQuestion(
         campaign=newest.id,
         planner=newest.spec.planner,
         scenario=newest.spec.scenario,
@@ -194,7 +182,9 @@ def _make_question(campaigns: Sequence[Campaign]) -> ReleaseQuestion:
     )
 
 
-def _compare_modes(store: Store, read: Sequence[ReadRelease]) -> tuple[ReleaseMode, ...]:
+def _compare_modes(
+    store: Store, read: Sequence[release_reading.ReadRelease]
+) -> tuple[release.ReleaseMode, ...]:
     """Return the modes over all releases; those with a problem say nothing of a mode."""
     compared = [each for each in read if not each.release.problem]
     steps_s = {each.step_s for each in compared if each.step_s is not None}
@@ -203,14 +193,18 @@ def _compare_modes(store: Store, read: Sequence[ReadRelease]) -> tuple[ReleaseMo
     compare = partial(_match_releases, compared, steps_s.pop())
     matched = _cached_matches.get(store, tuple(each.identity for each in compared), None, compare)
     return tuple(
-        ReleaseMode(number=number, name="", sightings=tuple(_list_sightings(read, compared, found)))
+        release.ReleaseMode(
+            number=number, name="", sightings=tuple(_list_sightings(read, compared, found))
+        )
         for number, found in enumerate(matched, start=1)
     )
 
 
-def _match_releases(read: Sequence[ReadRelease], step_s: float) -> tuple[Sightings, ...]:
+def _match_releases(
+    read: Sequence[release_reading.ReadRelease], step_s: float
+) -> tuple[mode_matching.Sightings, ...]:
     behaviours = [
-        ReleaseBehaviours(
+        mode_matching.ReleaseBehaviours(
             each.release.episodes,
             each.release.is_random,
             tuple(source.behaviours for source in each.sources),
@@ -219,19 +213,21 @@ def _match_releases(read: Sequence[ReadRelease], step_s: float) -> tuple[Sightin
         )
         for each in read
     ]
-    return match_modes(behaviours, step_s)
+    return mode_matching.match_modes(behaviours, step_s)
 
 
 def _list_sightings(
-    read: Sequence[ReadRelease], compared: Sequence[ReadRelease], found: Sightings
-) -> Iterator[ModeSighting]:
+    read: Sequence[release_reading.ReadRelease],
+    compared: Sequence[release_reading.ReadRelease],
+    found: mode_matching.Sightings,
+) -> Iterator[release.ModeSighting]:
     """Yield what became of a mode in each release, also in those that are not compared."""
     left = iter(found)
     skipped: list[str] = []
     for each in read:
         if each.release.problem:
             skipped.append(each.release.version)
-            yield ModeSighting(version=each.release.version, words=each.release.problem)
+            yield release.ModeSighting(version=each.release.version, words=each.release.problem)
             continue
         sighting = _make_sighting(each, next(left), compared)
         if skipped and sighting.status is not None:
@@ -242,24 +238,26 @@ def _list_sightings(
 
 
 def _make_sighting(
-    read: ReadRelease, found: Sighting, compared: Sequence[ReadRelease]
-) -> ModeSighting:
+    read: release_reading.ReadRelease,
+    found: mode_matching.Sighting,
+    compared: Sequence[release_reading.ReadRelease],
+) -> release.ModeSighting:
     source = None if found.source is None else read.sources[found.source]
-    return ModeSighting(
+    return release.ModeSighting(
         version=read.release.version,
         status=found.status,
         failures=found.failures,
         chance=found.chance if read.release.is_random else None,
         analysis=source.analysis if source else None,
         mode=source.number if source else None,
-        words=describe_sighting(read, found, compared),
+        words=release_words.describe_sighting(read, found, compared),
     )
 
 
 _ModesByPlace = Mapping[tuple[int | None, int | None], Mode]
 
 
-def _read_modes(store: Store, read: Sequence[ReadRelease]) -> _ModesByPlace:
+def _read_modes(store: Store, read: Sequence[release_reading.ReadRelease]) -> _ModesByPlace:
     """Return the modes of all analyses of releases, as triage and names are now."""
     analyses = dict.fromkeys(source.analysis for each in read for source in each.sources)
     return {
@@ -269,7 +267,9 @@ def _read_modes(store: Store, read: Sequence[ReadRelease]) -> _ModesByPlace:
     }
 
 
-def _name_modes(modes: Sequence[ReleaseMode], known: _ModesByPlace) -> Iterator[ReleaseMode]:
+def _name_modes(
+    modes: Sequence[release.ReleaseMode], known: _ModesByPlace
+) -> Iterator[release.ReleaseMode]:
     """Yield modes with names and triage of their newest sightings."""
     newest = [
         next(
@@ -286,11 +286,11 @@ def _name_modes(modes: Sequence[ReleaseMode], known: _ModesByPlace) -> Iterator[
         yield replace(mode, name=name, state=each.state)
 
 
-def _list_fixed(modes: Sequence[ReleaseMode], known: _ModesByPlace) -> Iterator[str]:
+def _list_fixed(modes: Sequence[release.ReleaseMode], known: _ModesByPlace) -> Iterator[str]:
     """Yield which modes are marked fixed and are still there."""
     for mode in modes:
         for one in reversed(mode.sightings):
             place = one.analysis, one.mode
             if place in known and known[place].state is TriageState.FIXED:
-                yield from describe_fixed(mode, one)
+                yield from release_words.describe_fixed(mode, one)
                 break

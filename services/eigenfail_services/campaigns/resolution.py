@@ -9,20 +9,10 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 from msgspec.structs import replace
 
+from eigenfail import values
 from eigenfail.contracts import MethodTraits, Reference
 from eigenfail.errors import InvalidValue, NotFound, ProtocolError
 from eigenfail.methods import MethodDescription, describe_method, traits_of
-from eigenfail.values import (
-    FINAL_STATES,
-    Analysis,
-    Campaign,
-    CampaignSpec,
-    FailureMode,
-    Floats,
-    Predecessor,
-    ReplayKind,
-    learner_seed,
-)
 from eigenfail.worlds import CampaignWorld, list_channels, world_of
 from eigenfail_services.campaigns.rounds import read_checkpoint
 from eigenfail_services.methods import explain_no_estimate
@@ -79,8 +69,8 @@ class References(msgspec.Struct, frozen=True):
         data: campaigns whose episodes are learnt from, by id.
     """
 
-    predecessors: tuple[Predecessor, ...] = ()
-    data: tuple[Campaign, ...] = ()
+    predecessors: tuple[values.Predecessor, ...] = ()
+    data: tuple[values.Campaign, ...] = ()
 
 
 class ResolvedCampaign(msgspec.Struct, frozen=True):
@@ -96,7 +86,7 @@ class ResolvedCampaign(msgspec.Struct, frozen=True):
         references: what it builds on; none before `find_references`.
     """
 
-    spec: CampaignSpec
+    spec: values.CampaignSpec
     world: CampaignWorld
     horizon: int
     channels: tuple[str, ...]
@@ -105,7 +95,7 @@ class ResolvedCampaign(msgspec.Struct, frozen=True):
     references: References = References()
 
 
-def resolve_campaign(spec: CampaignSpec) -> ResolvedCampaign:
+def resolve_campaign(spec: values.CampaignSpec) -> ResolvedCampaign:
     """Load the method and the scenario of a campaign, and read their settings.
 
     Raises:
@@ -117,7 +107,7 @@ def resolve_campaign(spec: CampaignSpec) -> ResolvedCampaign:
 
 
 def make_resolved_campaign(
-    spec: CampaignSpec, method: ResolvedMethod, searching: ResolvedMethod
+    spec: values.CampaignSpec, method: ResolvedMethod, searching: ResolvedMethod
 ) -> ResolvedCampaign:
     """Return a campaign with its methods and what its world says of its episodes.
 
@@ -180,7 +170,7 @@ def find_references(campaign: ResolvedCampaign, store: "Store") -> ResolvedCampa
     return replace(campaign, references=found)
 
 
-def check_channels(before: Campaign, field: str, channels: Sequence[str]) -> None:
+def check_channels(before: values.Campaign, field: str, channels: Sequence[str]) -> None:
     """Make sure that the noise of an earlier campaign has the same channels as here.
 
     Those of functions may have other names.
@@ -203,7 +193,9 @@ def check_channels(before: Campaign, field: str, channels: Sequence[str]) -> Non
         raise InvalidValue(field, problem, "Name one with the same channels in the same order.")
 
 
-def _find_predecessors(campaign: ResolvedCampaign, store: "Store") -> tuple[Predecessor, ...]:
+def _find_predecessors(
+    campaign: ResolvedCampaign, store: "Store"
+) -> tuple[values.Predecessor, ...]:
     searching = campaign.searching
     named = searching.given_references(Reference.LEARNER, Reference.OWN_LEARNER)
     for name, number in named.items():
@@ -221,7 +213,7 @@ def _find_predecessors(campaign: ResolvedCampaign, store: "Store") -> tuple[Pred
     return ()
 
 
-def find_ended(campaign: int, field: str, store: "Store") -> Campaign:
+def find_ended(campaign: int, field: str, store: "Store") -> values.Campaign:
     """Return an earlier campaign that a setting names.
 
     Raises:
@@ -232,14 +224,14 @@ def find_ended(campaign: int, field: str, store: "Store") -> Campaign:
         before = store.campaigns.get(campaign)
     except NotFound as error:
         raise InvalidValue(field, error.problem, error.remedy) from error
-    if before.state not in FINAL_STATES:
+    if before.state not in values.FINAL_STATES:
         problem = f"campaign {campaign} is {before.state} and has not ended."
         remedy = f"Wait for its end (`eigenfail campaign watch {campaign}`), or cancel it."
         raise InvalidValue(field, problem, remedy)
     return before
 
 
-def check_has_knowledge(before: Campaign, field: str) -> None:
+def check_has_knowledge(before: values.Campaign, field: str) -> None:
     """Make sure that a campaign's method has knowledge to be used.
 
     Raises:
@@ -259,7 +251,7 @@ def check_has_knowledge(before: Campaign, field: str) -> None:
         raise InvalidValue(field, problem, "Name a campaign of a method that learns, such as ast.")
 
 
-def _check_same_method(before: Campaign, method: str, field: str) -> None:
+def _check_same_method(before: values.Campaign, method: str, field: str) -> None:
     if before.spec.method != method:
         problem = (
             f"campaign {before.id} is one of {before.spec.method} and has no policy of {method}."
@@ -267,20 +259,20 @@ def _check_same_method(before: Campaign, method: str, field: str) -> None:
         raise InvalidValue(field, problem, f"Name a campaign of {method}.")
 
 
-def _read_predecessor(before: Campaign, field: str, store: "Store") -> Predecessor:
+def _read_predecessor(before: values.Campaign, field: str, store: "Store") -> values.Predecessor:
     spec = before.spec
-    return Predecessor(
+    return values.Predecessor(
         campaign=before.id,
         method=spec.method,
         settings=leave_out_births(spec.method, spec.settings),
-        seed=learner_seed(spec.seed),
+        seed=values.learner_seed(spec.seed),
         episodes=spec.episodes,
         horizon=world_of(spec.simulator).horizon(spec),
         state=_read_last_state(before, field, store),
     )
 
 
-def _read_last_state(before: Campaign, field: str, store: "Store") -> bytes:
+def _read_last_state(before: values.Campaign, field: str, store: "Store") -> bytes:
     try:
         checkpoint = store.checkpoints.load(before.id)
         if checkpoint is not None:
@@ -304,7 +296,7 @@ def leave_out_births(method: str, settings: Mapping[str, Any]) -> dict[str, Any]
     return kept
 
 
-def _find_data(campaign: ResolvedCampaign, store: "Store") -> tuple[Campaign, ...]:
+def _find_data(campaign: ResolvedCampaign, store: "Store") -> tuple[values.Campaign, ...]:
     searching = campaign.searching
     for name, numbers in searching.given_references(Reference.EPISODES).items():
         field = f"{searching.field}.{name}"
@@ -323,14 +315,14 @@ def _find_data(campaign: ResolvedCampaign, store: "Store") -> tuple[Campaign, ..
     return ()
 
 
-def _check_data(before: Campaign, field: str, steps: int) -> None:
+def _check_data(before: values.Campaign, field: str, steps: int) -> None:
     if not before.counts.completed:
         problem = f"campaign {before.id} has not completed a single episode."
         raise InvalidValue(field, problem, "Name one that has.")
     check_horizon(before, field, steps)
 
 
-def _check_question(before: Campaign, field: str, spec: CampaignSpec) -> None:
+def _check_question(before: values.Campaign, field: str, spec: values.CampaignSpec) -> None:
     """Make sure that robustness means the same in an earlier campaign as here.
 
     Raises:
@@ -342,7 +334,7 @@ def _check_question(before: Campaign, field: str, spec: CampaignSpec) -> None:
         raise InvalidValue(field, problem, "Name campaigns that have the same.")
 
 
-def check_horizon(before: Campaign, field: str, steps: int) -> None:
+def check_horizon(before: values.Campaign, field: str, steps: int) -> None:
     """Make sure that the episodes of an earlier campaign have as many steps as here.
 
     Raises:
@@ -356,7 +348,7 @@ def check_horizon(before: Campaign, field: str, steps: int) -> None:
         raise InvalidValue(field, problem, "Name campaigns in scenarios of as many steps.")
 
 
-def _refuse_pruned(before: Campaign, field: str, store: "Store") -> None:
+def _refuse_pruned(before: values.Campaign, field: str, store: "Store") -> None:
     # What pruning has left is another sample than the campaign's episodes.
     if records := store.retention.of(before.id):
         lost = sum(each.weight.episodes for each in records)
@@ -364,7 +356,7 @@ def _refuse_pruned(before: Campaign, field: str, store: "Store") -> None:
         raise InvalidValue(field, problem, "Name another, or restore a backup from before.")
 
 
-def read_trajectories(method: ResolvedMethod, store: "Store") -> Sequence[Floats]:
+def read_trajectories(method: ResolvedMethod, store: "Store") -> Sequence[values.Floats]:
     """Return the noise trajectories that a method's settings name; none if they name none.
 
     Raises:
@@ -381,14 +373,18 @@ def read_trajectories(method: ResolvedMethod, store: "Store") -> Sequence[Floats
     return ()
 
 
-def _read_analysed(settings: Mapping[str, Any], store: "Store") -> Sequence[Floats]:
+def _read_analysed(settings: Mapping[str, Any], store: "Store") -> Sequence[values.Floats]:
     analysis = store.analyses.get(settings["analysis"])
     modes = _choose_modes(analysis, settings)
-    kinds = settings.get("what") or (ReplayKind.EIGENFAILURE,)
-    return [noise for kind in kinds for noise in KINDS[ReplayKind(kind)](analysis, modes, store)]
+    kinds = settings.get("what") or (values.ReplayKind.EIGENFAILURE,)
+    return [
+        noise for kind in kinds for noise in KINDS[values.ReplayKind(kind)](analysis, modes, store)
+    ]
 
 
-def _choose_modes(analysis: Analysis, settings: Mapping[str, Any]) -> Sequence[FailureMode]:
+def _choose_modes(
+    analysis: values.Analysis, settings: Mapping[str, Any]
+) -> Sequence[values.FailureMode]:
     if analysis.result is None:
         problem = f"analysis {analysis.id} is {analysis.state} and has no eigenfailures."
         raise InvalidValue("settings.analysis", problem, "Wait for it, or launch another.")
@@ -402,18 +398,23 @@ def _choose_modes(analysis: Analysis, settings: Mapping[str, Any]) -> Sequence[F
     return [modes[number - 1] for number in numbers] if numbers else modes
 
 
-def _read_medoids(analysis: Analysis, modes: Sequence[FailureMode], store: "Store") -> list[Floats]:
+def _read_medoids(
+    analysis: values.Analysis, modes: Sequence[values.FailureMode], store: "Store"
+) -> list[values.Floats]:
     places = ((mode.medoid_campaign or analysis.campaign, mode.medoid) for mode in modes)
     return [store.episodes.get(*place).noise.z for place in places]
 
 
-KINDS: dict[ReplayKind, Callable[[Analysis, Sequence[FailureMode], "Store"], list[Floats]]] = {
-    ReplayKind.EIGENFAILURE: lambda _a, modes, _s: [mode.eigenfailure for mode in modes],
-    ReplayKind.MEDOID: _read_medoids,
+KINDS: dict[
+    values.ReplayKind,
+    Callable[[values.Analysis, Sequence[values.FailureMode], "Store"], list[values.Floats]],
+] = {
+    values.ReplayKind.EIGENFAILURE: lambda _a, modes, _s: [mode.eigenfailure for mode in modes],
+    values.ReplayKind.MEDOID: _read_medoids,
 }
 
 
-def _read_recorded(settings: Mapping[str, Any], store: "Store") -> Sequence[Floats]:
+def _read_recorded(settings: Mapping[str, Any], store: "Store") -> Sequence[values.Floats]:
     """Of episodes of another campaign: those listed, or all of its failures."""
     campaign, episode = settings["campaign"], settings.get("episode")
     episodes = settings.get("episodes") if episode is None else (episode,)
@@ -422,7 +423,7 @@ def _read_recorded(settings: Mapping[str, Any], store: "Store") -> Sequence[Floa
     return [store.episodes.get(campaign, index).noise.z for index in episodes]
 
 
-READERS: Mapping[str, Callable[[Mapping[str, Any], "Store"], Sequence[Floats]]] = {
+READERS: Mapping[str, Callable[[Mapping[str, Any], "Store"], Sequence[values.Floats]]] = {
     "analysis": _read_analysed,
     "campaign": _read_recorded,
 }

@@ -8,20 +8,9 @@ from collections.abc import Iterator, Sequence
 
 import msgspec
 
+from eigenfail import values
 from eigenfail.contracts import EpisodeEngine, Estimator, Learner, Trained
 from eigenfail.errors import LearnerFailed, ProtocolError
-from eigenfail.values import (
-    EpisodeResult,
-    EpisodeTask,
-    Estimate,
-    Outcome,
-    Policy,
-    PolicySource,
-    Proposal,
-    Round,
-    StopRules,
-    episode_seed,
-)
 from eigenfail.values.arrays import decode_array, encode_array
 from eigenfail.values.campaign import BUDGET_SPENT
 from eigenfail.values.records import assess
@@ -41,9 +30,9 @@ class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     errored: int = 0
     unresolved: int = 0
 
-    def after(self, results: Sequence[EpisodeResult]) -> "Tally":
+    def after(self, results: Sequence[values.EpisodeResult]) -> "Tally":
         """Return the counts with another round."""
-        completed = sum(result.outcome is not Outcome.ERRORED for result in results)
+        completed = sum(result.outcome is not values.Outcome.ERRORED for result in results)
         failures = sum(result.is_failure for result in results)
         ends = [assess(result.outcome, result.measures).unresolved for result in results]
         return Tally(
@@ -67,7 +56,7 @@ class Tally(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         return (interval.high - interval.low) / 2.0
 
 
-def limit_lookahead(lookahead: int, rules: StopRules) -> int:
+def limit_lookahead(lookahead: int, rules: values.StopRules) -> int:
     """Return how many rounds may be open besides the oldest one.
 
     With rules on results no more than `MOST_AHEAD`, or they would take effect late.
@@ -75,7 +64,7 @@ def limit_lookahead(lookahead: int, rules: StopRules) -> int:
     return min(lookahead, MOST_AHEAD) if rules.judges_results else lookahead
 
 
-def judge_results(rules: StopRules, tally: Tally, estimate: Estimate | None) -> str:
+def judge_results(rules: values.StopRules, tally: Tally, estimate: values.Estimate | None) -> str:
     """Return which rule on results ends a campaign, in words; empty if none does."""
     width, cv = tally.half_width(), estimate.cv if estimate else None
     known = f"The failure rate is known to ± {_format_figure(width)}"
@@ -89,7 +78,7 @@ def judge_results(rules: StopRules, tally: Tally, estimate: Estimate | None) -> 
     )
 
 
-def judge_time(rules: StopRules, active_s: float, cost_usd: float) -> str:
+def judge_time(rules: values.StopRules, active_s: float, cost_usd: float) -> str:
     """Return which rule on time or cost ends a campaign, in words; empty if none does."""
     lasted, cost = (
         f"It ran for {_format_figure(active_s)} s",
@@ -140,8 +129,8 @@ class Checkpoint(msgspec.Struct, frozen=True, eq=False, forbid_unknown_fields=Tr
     number: int
     episodes: int
     ended: bool
-    policy: Policy | None
-    rounds: tuple[Round, ...]
+    policy: values.Policy | None
+    rounds: tuple[values.Round, ...]
     learner: bytes
     tally: Tally = Tally()
     stopped_because: str = msgspec.field(default="", name="stopped")
@@ -176,7 +165,7 @@ def read_checkpoint(data: bytes) -> Checkpoint:
     return checkpoint
 
 
-NO_RULES = StopRules()
+NO_RULES = values.StopRules()
 
 
 class Rounds:
@@ -194,7 +183,7 @@ class Rounds:
     """
 
     def __init__(
-        self, learner: Learner, campaign_seed: int, budget: int, rules: StopRules = NO_RULES
+        self, learner: Learner, campaign_seed: int, budget: int, rules: values.StopRules = NO_RULES
     ) -> None:
         self._learner = learner
         self._campaign_seed = campaign_seed
@@ -202,11 +191,11 @@ class Rounds:
         self._rules = rules
         self._tally = Tally()
         self._rule_held = ""
-        self._open: deque[Round] = deque()
+        self._open: deque[values.Round] = deque()
         self._number = 0
         self._episodes = 0
         self._ended = False
-        self._policy: Policy | None = None
+        self._policy: values.Policy | None = None
 
     @property
     def stopped_because(self) -> str:
@@ -217,7 +206,7 @@ class Rounds:
             return BUDGET_SPENT.format(self._budget)
         return "The method had no more to propose." if self._ended else ""
 
-    def estimate(self) -> Estimate | None:
+    def estimate(self) -> values.Estimate | None:
         """Return the failure probability after the last round; None without an estimate."""
         return self._learner.estimate() if isinstance(self._learner, Estimator) else None
 
@@ -225,7 +214,7 @@ class Rounds:
         """Return the number of episodes that the learner was trained with; None if unknown."""
         return self._learner.trained_episodes if isinstance(self._learner, Trained) else None
 
-    def open(self) -> tuple[Round, ...]:
+    def open(self) -> tuple[values.Round, ...]:
         """Return the open rounds, oldest first; propose as far as lookahead and budget allow.
 
         Empty at the campaign's end.
@@ -237,7 +226,7 @@ class Rounds:
             self._propose()
         return tuple(self._open)
 
-    def complete(self, results: Sequence[EpisodeResult]) -> None:
+    def complete(self, results: Sequence[values.EpisodeResult]) -> None:
         """Have the learner observe the oldest open round.
 
         Args:
@@ -325,17 +314,17 @@ class Rounds:
             self._number += 1
             self._episodes += len(proposal.sources)
 
-    def _round(self, proposal: Proposal) -> Round:
+    def _round(self, proposal: values.Proposal) -> values.Round:
         tasks = tuple(
-            EpisodeTask(index, episode_seed(self._campaign_seed, index), source)
+            values.EpisodeTask(index, values.episode_seed(self._campaign_seed, index), source)
             for index, source in enumerate(proposal.sources, self._episodes)
         )
         # A worker that takes over after a crash has seen no earlier round: each carries its policy.
-        needed = any(isinstance(source, PolicySource) for source in proposal.sources)
-        return Round(self._number, tasks, self._policy if needed else None)
+        needed = any(isinstance(source, values.PolicySource) for source in proposal.sources)
+        return values.Round(self._number, tasks, self._policy if needed else None)
 
 
-def run_in_process(rounds: Rounds, engine: EpisodeEngine) -> Iterator[EpisodeResult]:
+def run_in_process(rounds: Rounds, engine: EpisodeEngine) -> Iterator[values.EpisodeResult]:
     """Run a whole campaign in this process, and yield its results in index order.
 
     The service runs the rounds through the hub; this is for examples, benchmarks and tests.

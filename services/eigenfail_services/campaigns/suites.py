@@ -7,36 +7,14 @@ from typing import Any
 import msgspec
 from msgspec.structs import asdict
 
+from eigenfail import suites
 from eigenfail.errors import InputError, InvalidValue, NotFound, UnknownName
-from eigenfail.suites import (
-    MOST_MEMBERS,
-    KeyPath,
-    Suite,
-    SuiteFile,
-    SuiteRequest,
-    list_leaves,
-    list_ready_members,
-    make_member_key,
-    match_campaigns,
-    replace_references,
-    shorten_paths,
-)
 from eigenfail.values import Campaign, CampaignSpec, Summary
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.suite import SEPARATOR, SuiteRow, SuiteTable, member_of, suite_of
+from eigenfail_services.campaigns import seeds, validation
 from eigenfail_services.campaigns.drafts import move_errors, rename_field
-from eigenfail_services.campaigns.seeds import (
-    list_differing,
-    list_given_settings,
-    make_spreads,
-)
 from eigenfail_services.campaigns.summary import summaries_of
-from eigenfail_services.campaigns.validation import (
-    check_offers,
-    check_spec,
-    list_offers,
-    validate_campaign,
-)
 from eigenfail_services.store import Store
 
 PAGE = 200
@@ -45,7 +23,7 @@ LARGEST_SUITE = 20_000_000
 """Size of the JSON of all members of a suite that a request describes. [bytes]"""
 
 
-def read_suite(given: SuiteRequest) -> Suite:
+def read_suite(given: suites.SuiteRequest) -> suites.Suite:
     """Return the suite that a request describes.
 
     Raises:
@@ -56,7 +34,7 @@ def read_suite(given: SuiteRequest) -> Suite:
     """
     refuse_large_suite(given)
     try:
-        suite = Suite.of(**asdict(given))
+        suite = suites.Suite.of(**asdict(given))
     except InputError as error:
         raise _rename_suite_error(error, given.name) from error
     for member in suite.members:
@@ -66,7 +44,7 @@ def read_suite(given: SuiteRequest) -> Suite:
     return suite
 
 
-def refuse_large_suite(given: SuiteFile) -> None:
+def refuse_large_suite(given: suites.SuiteFile) -> None:
     """Make sure that the members of a suite are not too large together, before they are made.
 
     Raises:
@@ -81,18 +59,23 @@ def refuse_large_suite(given: SuiteFile) -> None:
         raise InvalidValue("", problem, "Vary fewer values, or create several suites.")
 
 
-def _bound_size(given: SuiteFile) -> int:
+def _bound_size(given: suites.SuiteFile) -> int:
     """Return the size of the JSON of all members: each has the base, and a value of each axis.
 
     Of more members than a suite can have, the size of as many as it can have. [bytes]
     """
-    axes = [each if isinstance(each, list) else [each] for _, each in list_leaves(given.grid)]
+    axes = [
+        each if isinstance(each, list) else [each] for _, each in suites.list_leaves(given.grid)
+    ]
     ways = (
         prod(map(len, axes)) if axes else 0,
-        sum(len(each) if isinstance(each, list) else 1 for _, each in list_leaves(given.sweep)),
+        sum(
+            len(each) if isinstance(each, list) else 1
+            for _, each in suites.list_leaves(given.sweep)
+        ),
         len(given.campaigns),
     )
-    members = min(max(ways) + 1, MOST_MEMBERS)
+    members = min(max(ways) + 1, suites.MOST_MEMBERS)
     repeated = sum(members * _measure_size(each) // max(len(each), 1) for each in axes)
     alone = _measure_size(given.sweep) + _measure_size(given.campaigns)
     return members * _measure_size(given.base) + repeated + alone
@@ -128,7 +111,7 @@ class CheckedSuite(msgspec.Struct, frozen=True):
     problems: dict[str, InputError]
 
 
-def check_suite(store: Store, suite: Suite) -> CheckedSuite:
+def check_suite(store: Store, suite: suites.Suite) -> CheckedSuite:
     """Return the campaigns of a suite that do not exist yet, checked, without creating any.
 
     Members that build upon members which are not done are checked, and cannot be created now.
@@ -136,24 +119,24 @@ def check_suite(store: Store, suite: Suite) -> CheckedSuite:
     alike: dict[str, list[Campaign]] = {}
     for campaign in _list_campaigns(store, suite.name):
         alike.setdefault(campaign.spec.name, []).append(campaign)
-    found = match_campaigns(suite, alike)
-    ready = dict(list_ready_members(suite, found))
+    found = suites.match_campaigns(suite, alike)
+    ready = dict(suites.list_ready_members(suite, found))
     checked = CheckedSuite({}, {})
     for name, spec in ready.items():
         try:
-            checked.missing[make_member_key(spec)] = _check_member(store, spec)
+            checked.missing[suites.make_member_key(spec)] = _check_member(store, spec)
         except InputError as error:
             checked.problems[name] = error
     for member in suite.members:
         if member.name not in found and member.name not in ready:
             try:
-                check_spec(replace_references(member.spec))
+                validation.check_spec(suites.replace_references(member.spec))
             except InputError as error:
                 checked.problems[member.name] = error
     return checked
 
 
-def create_suite(store: Store, suite: Suite, made_by: int | None = None) -> None:
+def create_suite(store: Store, suite: suites.Suite, made_by: int | None = None) -> None:
     """Queue the campaigns of a suite that do not exist yet: all of them, or none.
 
     A campaign of a member's name and content exists already, whoever created it. Members that build
@@ -177,12 +160,12 @@ def create_suite(store: Store, suite: Suite, made_by: int | None = None) -> None
 
 
 def _check_member(store: Store, spec: CampaignSpec) -> CampaignSpec:
-    campaign = validate_campaign(spec, store)
-    check_offers(campaign, list_offers([campaign], store))
+    campaign = validation.validate_campaign(spec, store)
+    validation.check_offers(campaign, validation.list_offers([campaign], store))
     return campaign.spec
 
 
-def make_suite_table(store: Store, suite: str, most: int = MOST_MEMBERS) -> SuiteTable:
+def make_suite_table(store: Store, suite: str, most: int = suites.MOST_MEMBERS) -> SuiteTable:
     """Return the newest campaign of each member, with the settings in which members differ.
 
     Args:
@@ -202,7 +185,7 @@ def make_suite_table(store: Store, suite: str, most: int = MOST_MEMBERS) -> Suit
     newest = {member_of(each.spec.name): each for each in reversed(campaigns)}
     shown = dict(sorted(newest.items(), key=lambda one: -one[1].id)[:most])
     members = [(name, shown[name]) for name in newest if name in shown]
-    columns = shorten_paths(list_differing([each.spec for _, each in members]))
+    columns = suites.shorten_paths(seeds.list_differing([each.spec for _, each in members]))
     found = [each for _, each in members]
     summaries = summaries_of(store, found)
     return SuiteTable(
@@ -214,7 +197,7 @@ def make_suite_table(store: Store, suite: str, most: int = MOST_MEMBERS) -> Suit
         ),
         earlier=len(campaigns) - len(newest),
         left_out=len(newest) - len(members),
-        over_seeds=make_spreads(found, summaries),
+        over_seeds=seeds.make_spreads(found, summaries),
     )
 
 
@@ -227,9 +210,9 @@ def _list_campaigns(store: Store, suite: str) -> Iterator[Campaign]:
 
 
 def _make_row(
-    member: str, campaign: Campaign, columns: dict[KeyPath, str], summary: Summary
+    member: str, campaign: Campaign, columns: dict[suites.KeyPath, str], summary: Summary
 ) -> SuiteRow:
-    given = list_given_settings(campaign.spec)
+    given = seeds.list_given_settings(campaign.spec)
     return SuiteRow(
         member=member,
         campaign=campaign.id,

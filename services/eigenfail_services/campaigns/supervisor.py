@@ -20,23 +20,8 @@ import psutil
 import structlog
 from msgspec.structs import replace
 
-from eigenfail.errors import (
-    ClaimLost,
-    Conflict,
-    IllegalTransition,
-    InputError,
-    InvalidValue,
-    NotFound,
-)
+from eigenfail import errors, values
 from eigenfail.methods import traits_of
-from eigenfail.values import (
-    FINAL_STATES,
-    Campaign,
-    CampaignState,
-    Counts,
-    Overhead,
-    Priority,
-)
 from eigenfail.values.records import Job, JobKind
 from eigenfail.versions import learner_versions
 from eigenfail.worlds import world_of
@@ -110,7 +95,7 @@ class Bill(NamedTuple):
 
     since_s: float
     until_s: float
-    overhead: Overhead
+    overhead: values.Overhead
 
     @property
     def length_s(self) -> float:
@@ -127,24 +112,26 @@ class SupervisedCampaign:
         kept_s: the campaign's active time as the store has it.
     """
 
-    def __init__(self, job: Job, priority: Priority = Priority.NORMAL, kept_s: float = 0.0) -> None:
+    def __init__(
+        self, job: Job, priority: values.Priority = values.Priority.NORMAL, kept_s: float = 0.0
+    ) -> None:
         self.job = job
         self.priority = priority
         self.accounting = TimeAccounting()
         self._kept_s = kept_s
         self._billed_s = time.monotonic()
         self._unanswered: Bill | None = None
-        self.sent_counts: Counts | None = None
+        self.sent_counts: values.Counts | None = None
         self.halting = False
         self.lost = False
         self.rule_held = ""
 
-    def has_new(self, priority: Priority) -> bool:
+    def has_new(self, priority: values.Priority) -> bool:
         """Set the priority, and return whether it has changed."""
         before, self.priority = self.priority, priority
         return before is not priority
 
-    def so_far(self, campaign: Campaign) -> Campaign:
+    def so_far(self, campaign: values.Campaign) -> values.Campaign:
         """Return the campaign with the time that is not yet billed."""
         unbilled_s = time.monotonic() - self._billed_s
         return replace(campaign, active_s=self._kept_s + unbilled_s)
@@ -153,7 +140,7 @@ class SupervisedCampaign:
         """Bill the time until now; return False if another supervisor has claimed the campaign."""
         try:
             self.bill(store)
-        except ClaimLost:
+        except errors.ClaimLost:
             return False
         return True
 
@@ -171,7 +158,7 @@ class SupervisedCampaign:
         store.campaigns.add_active(self.job.subject, bill.length_s, overhead, self.job)
         self._keep(bill)
 
-    def claim_again(self, job: Job, campaign: Campaign) -> None:
+    def claim_again(self, job: Job, campaign: values.Campaign) -> None:
         """Go on with a new claim; another supervisor may have billed time in between.
 
         Args:
@@ -204,7 +191,7 @@ class SupervisedCampaign:
         self._billed_s, self._unanswered = bill.until_s, None
 
 
-def find_spent_rule(campaign: Campaign) -> str:
+def find_spent_rule(campaign: values.Campaign) -> str:
     """Return which rule on time or cost ends the campaign; empty if none does."""
     return rounds.judge_time(campaign.spec.stop, campaign.active_s, find_cost(campaign).total_usd)
 
@@ -214,28 +201,28 @@ RENEW_S = 2.0
 ROOM = {JobKind.CAMPAIGN: 4, JobKind.ANALYSIS: 2}
 """Default number of analyses at a time; analyses never wait for campaigns."""
 
-AT_REST = FINAL_STATES | {CampaignState.PAUSED}
+AT_REST = values.FINAL_STATES | {values.CampaignState.PAUSED}
 
 log = structlog.get_logger()
 
 
 AFTER = {
-    CampaignState.PAUSING: CampaignState.PAUSED,
-    CampaignState.CANCELLING: CampaignState.CANCELLED,
+    values.CampaignState.PAUSING: values.CampaignState.PAUSED,
+    values.CampaignState.CANCELLING: values.CampaignState.CANCELLED,
 }
 
 
-def may_run(campaign: Campaign, job: Job, store: Store) -> bool:
+def may_run(campaign: values.Campaign, job: Job, store: Store) -> bool:
     """Return whether a claimed campaign may run here; one that may not is paused."""
     try:
         world_of(campaign.spec.simulator).refuse_unlisted(campaign.spec.planner)
-    except InvalidValue as error:
+    except errors.InvalidValue as error:
         _set_aside(campaign, job, store, f"{error} Then: eigenfail campaign resume {campaign.id}.")
         return False
     return True
 
 
-def set_aside_declined(campaign: Campaign, job: Job, store: Store, reason: str) -> None:
+def set_aside_declined(campaign: values.Campaign, job: Job, store: Store, reason: str) -> None:
     """Pause a campaign of which a worker can run no episode, with the reason and the remedy."""
     remedy = (
         f"Launch a corrected one: eigenfail campaign clone {campaign.id} --set FIELD=VALUE. If the "
@@ -244,17 +231,20 @@ def set_aside_declined(campaign: Campaign, job: Job, store: Store, reason: str) 
     _set_aside(campaign, job, store, f"{reason} {remedy}")
 
 
-def _set_aside(campaign: Campaign, job: Job, store: Store, because: str) -> None:
+def _set_aside(campaign: values.Campaign, job: Job, store: Store, because: str) -> None:
     """Pause a campaign, or cancel it if a user asked for that.
 
     In the queue it would be claimed again and again, until it counts as dead.
     """
     move, state = store.campaigns.move, campaign.state
     try:
-        if state is CampaignState.RUNNING:
-            state = move(campaign.id, CampaignState.PAUSING, because, job).state
-        move(campaign.id, AFTER.get(state, CampaignState.PAUSED), because, job)
-    except (IllegalTransition, ClaimLost):  # a user has asked for something else meanwhile
+        if state is values.CampaignState.RUNNING:
+            state = move(campaign.id, values.CampaignState.PAUSING, because, job).state
+        move(campaign.id, AFTER.get(state, values.CampaignState.PAUSED), because, job)
+    except (
+        errors.IllegalTransition,
+        errors.ClaimLost,
+    ):  # a user has asked for something else meanwhile
         store.jobs.renew(job, 0.0)
         return
     store.jobs.finish(job)
@@ -291,8 +281,8 @@ class Supervisor:
         }
         # What a user asked for while the campaign ran, and where it stands when that is done.
         self._wishes = {
-            CampaignState.PAUSING: CampaignState.PAUSED,
-            CampaignState.CANCELLING: CampaignState.CANCELLED,
+            values.CampaignState.PAUSING: values.CampaignState.PAUSED,
+            values.CampaignState.CANCELLING: values.CampaignState.CANCELLED,
         }
 
     def turn(self) -> None:
@@ -310,7 +300,7 @@ class Supervisor:
     def release(self) -> None:
         """Release the claims of all running campaigns for the next supervisor."""
         for watch in self._watched.values():
-            with contextlib.suppress(ClaimLost):
+            with contextlib.suppress(errors.ClaimLost):
                 watch.bill(self._store)
                 self._store.jobs.renew(watch.job, 0.0)
         self._watched.clear()
@@ -339,26 +329,29 @@ class Supervisor:
             return
         if not may_run(campaign, job, self._store):
             return
-        if campaign.state is not CampaignState.QUEUED:
+        if campaign.state is not values.CampaignState.QUEUED:
             self._launch(campaign, job)
             return
         try:
-            moved = self._store.campaigns.move(campaign.id, CampaignState.RUNNING, claim=job)
-        except (IllegalTransition, ClaimLost):  # a user has paused or cancelled it meanwhile
+            moved = self._store.campaigns.move(campaign.id, values.CampaignState.RUNNING, claim=job)
+        except (
+            errors.IllegalTransition,
+            errors.ClaimLost,
+        ):  # a user has paused or cancelled it meanwhile
             self._store.jobs.finish(job)
             return
         self._launch(moved, job)
 
-    def _launch(self, campaign: Campaign, job: Job) -> None:
+    def _launch(self, campaign: values.Campaign, job: Job) -> None:
         spec = campaign.spec
         try:
             context = learner_context(campaign, self._store)
-        except (InputError, NotFound, Conflict) as error:
-            with contextlib.suppress(ClaimLost):
-                self._store.campaigns.move(campaign.id, CampaignState.DEAD, str(error), job)
+        except (errors.InputError, errors.NotFound, errors.Conflict) as error:
+            with contextlib.suppress(errors.ClaimLost):
+                self._store.campaigns.move(campaign.id, values.CampaignState.DEAD, str(error), job)
             self._store.jobs.finish(job)
             return
-        with contextlib.suppress(ClaimLost):  # the new owner records its own versions
+        with contextlib.suppress(errors.ClaimLost):  # the new owner records its own versions
             self._store.campaigns.begin_part(campaign.id, learner_versions(), job)
         watch = self._watched[campaign.id] = SupervisedCampaign(
             job, spec.priority, campaign.active_s
@@ -423,7 +416,7 @@ class Supervisor:
         while self._to_close:
             try:
                 self._close_campaign(self._to_close[0])
-            except IllegalTransition:  # a user asked for something else since we looked
+            except errors.IllegalTransition:  # a user asked for something else since we looked
                 return
             self._to_close.popleft()
 
@@ -444,7 +437,7 @@ class Supervisor:
                 set_aside_declined(seen, watch.job, self._store, ended.declined)
                 return True
             self._settle(ended, watch)
-        except ClaimLost:
+        except errors.ClaimLost:
             return False
         self._store.jobs.finish(watch.job)
         return True
@@ -458,10 +451,10 @@ class Supervisor:
         log.info("campaign ended", campaign=ended.campaign, state=to, because=because)
 
     def _verdict(
-        self, state: CampaignState, watch: SupervisedCampaign, ended: FinishedRun
-    ) -> tuple[CampaignState, str]:
+        self, state: values.CampaignState, watch: SupervisedCampaign, ended: FinishedRun
+    ) -> tuple[values.CampaignState, str]:
         if ended.problem:
-            return CampaignState.DEAD, ended.problem
+            return values.CampaignState.DEAD, ended.problem
         if watch.halting and not watch.rule_held:
             return self._wishes[state], BY_USER
-        return CampaignState.DONE, ended.stopped_because or watch.rule_held
+        return values.CampaignState.DONE, ended.stopped_because or watch.rule_held

@@ -16,19 +16,7 @@ from eigenfail.values.campaign_spec import RESULT_RULES
 from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS
 from eigenfail.values.variation import KINDS
 from eigenfail.worlds import CampaignWorld, list_simulators, world_of
-from eigenfail_services.campaigns.resolution import (
-    READERS,
-    ResolvedCampaign,
-    check_channels,
-    check_estimates,
-    check_horizon,
-    find_ended,
-    find_references,
-    find_searching,
-    make_resolved_campaign,
-    read_trajectories,
-    resolve_method,
-)
+from eigenfail_services.campaigns import resolution
 from eigenfail_services.campaigns.rounds import limit_lookahead
 from eigenfail_services.methods import check_budget
 
@@ -39,7 +27,7 @@ FAILURE_SETTINGS = ("campaign", "episode", "analysis", "mode")
 """Settings that name one failure: the first two together, or the last two."""
 
 
-def validate_campaign(spec: CampaignSpec, store: "Store") -> ResolvedCampaign:
+def validate_campaign(spec: CampaignSpec, store: "Store") -> resolution.ResolvedCampaign:
     """Resolve a campaign that can be launched if the connected bridges offer what it needs.
 
     Raises:
@@ -50,13 +38,15 @@ def validate_campaign(spec: CampaignSpec, store: "Store") -> ResolvedCampaign:
     return check_references(check_spec(spec), store)
 
 
-def list_offers(campaigns: Iterable[ResolvedCampaign], store: "Store") -> tuple[BridgeOffer, ...]:
+def list_offers(
+    campaigns: Iterable[resolution.ResolvedCampaign], store: "Store"
+) -> tuple[BridgeOffer, ...]:
     """Return the known offers of bridges, if any of the campaigns needs a bridge."""
     needed = any(world_of(each.spec.simulator).needs_bridge for each in campaigns)
     return store.roster.list_offers() if needed else ()
 
 
-def check_offers(campaign: ResolvedCampaign, offers: Iterable[BridgeOffer]) -> None:
+def check_offers(campaign: resolution.ResolvedCampaign, offers: Iterable[BridgeOffer]) -> None:
     """Check that each bridge offers what a campaign needs, if it needs one.
 
     A worker whose bridge does not would decline the campaign, which is then paused. Without a known
@@ -72,7 +62,7 @@ def check_offers(campaign: ResolvedCampaign, offers: Iterable[BridgeOffer]) -> N
         world.check_offer(campaign.spec, offer)
 
 
-def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
+def check_spec(spec: CampaignSpec) -> resolution.ResolvedCampaign:
     """Resolve a campaign whose values are all known to make sense; references are not looked for.
 
     Nothing heavy is loaded for it: neither the simulator nor what methods train with.
@@ -86,11 +76,11 @@ def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
     convert(msgspec.to_builtins(spec), CampaignSpec)
     if spec.simulator not in list_simulators():
         raise UnknownName("simulator", spec.simulator, list_simulators())
-    method = resolve_method(spec.method, spec.settings)
+    method = resolution.resolve_method(spec.method, spec.settings)
     check_budget(method.settings, spec.episodes)
-    searching = find_searching(method)
+    searching = resolution.find_searching(method)
     if spec.stop.cv is not None:
-        check_estimates(searching, "stop.cv")
+        resolution.check_estimates(searching, "stop.cv")
     world = world_of(spec.simulator)
     world.check(spec)
     if (resolved_model := world.resolve_disturbance(spec)) != spec.disturbance:
@@ -102,13 +92,13 @@ def check_spec(spec: CampaignSpec) -> ResolvedCampaign:
     if spec.disturbance.searched_parameters and spec.settings.get("scale", 1.0) != 1.0:
         problem = "noise with a channel of the scenario, scaled, is of another scenario."
         raise InvalidValue("settings.scale", problem, "Replay it at scale 1.")
-    resolved = make_resolved_campaign(spec, method, searching)
+    resolved = resolution.make_resolved_campaign(spec, method, searching)
     if spec.parallel is not None:
         _check_parallel(resolved, spec.parallel)
     return resolved
 
 
-def _check_parallel(campaign: ResolvedCampaign, parallel: int) -> None:
+def _check_parallel(campaign: resolution.ResolvedCampaign, parallel: int) -> None:
     """Raises InvalidValue where a method waits for each round, or would have too many open."""
     searching = campaign.searching
     if not searching.traits.tolerates_delay:
@@ -134,7 +124,7 @@ def _check_parallel(campaign: ResolvedCampaign, parallel: int) -> None:
         )
 
 
-def _check_chains(campaign: ResolvedCampaign, chains: int, parallel: int) -> None:
+def _check_chains(campaign: resolution.ResolvedCampaign, chains: int, parallel: int) -> None:
     """Raises InvalidValue where chains are too few, or would be kept waiting by a stop rule."""
     name = campaign.searching.name
     if parallel > chains:
@@ -183,7 +173,9 @@ def _refuse_unstorable(spec: CampaignSpec) -> None:
             raise InvalidValue(path, problem, "Take it out.")
 
 
-def check_references(campaign: ResolvedCampaign, store: "Store") -> ResolvedCampaign:
+def check_references(
+    campaign: resolution.ResolvedCampaign, store: "Store"
+) -> resolution.ResolvedCampaign:
     """Return the campaign with its references, once what its settings name can be used.
 
     Raises:
@@ -193,10 +185,10 @@ def check_references(campaign: ResolvedCampaign, store: "Store") -> ResolvedCamp
     _check_named(campaign, store)
     if check := INJECTION_CHECKS.get(campaign.searching.traits.injects):
         check(campaign, store)
-    return find_references(campaign, store)
+    return resolution.find_references(campaign, store)
 
 
-def _check_named(campaign: ResolvedCampaign, store: "Store") -> None:
+def _check_named(campaign: resolution.ResolvedCampaign, store: "Store") -> None:
     """Raises InvalidValue where noise that is to be injected is not there, or does not fit."""
     method = campaign.searching
     for name, number in method.given_references(Reference.NOISE).items():
@@ -206,10 +198,10 @@ def _check_named(campaign: ResolvedCampaign, store: "Store") -> None:
             before = store.campaigns.get(source)
         except NotFound as error:
             raise InvalidValue(field, error.problem, error.remedy) from error
-        check_channels(before, field, campaign.channels)
+        resolution.check_channels(before, field, campaign.channels)
 
 
-def _check_trajectories(campaign: ResolvedCampaign, store: "Store") -> None:
+def _check_trajectories(campaign: resolution.ResolvedCampaign, store: "Store") -> None:
     """Check that the noise that a replay names exists.
 
     The failures of a whole campaign are not read: their number is not bounded.
@@ -220,13 +212,13 @@ def _check_trajectories(campaign: ResolvedCampaign, store: "Store") -> None:
     """
     method = campaign.searching
     settings = method.given
-    if all(settings.get(name) is None for name in READERS):
+    if all(settings.get(name) is None for name in resolution.READERS):
         problem = "they name neither an analysis nor a campaign whose noise is replayed."
         raise InvalidValue(method.field, problem, 'Give "analysis", or "campaign".')
     if settings.get("analysis") is None and not settings.get("episodes"):
         return
     try:
-        known = read_trajectories(method, store)
+        known = resolution.read_trajectories(method, store)
     except NotFound as error:
         raise InvalidValue(f"{method.field}.episodes", error.problem, error.remedy) from error
     if not known:
@@ -234,7 +226,7 @@ def _check_trajectories(campaign: ResolvedCampaign, store: "Store") -> None:
         raise InvalidValue(f"{method.field}.analysis", problem, "Name one that has failure modes.")
 
 
-def _check_failure(campaign: ResolvedCampaign, store: "Store") -> None:
+def _check_failure(campaign: resolution.ResolvedCampaign, store: "Store") -> None:
     """Make sure that one failure is named, and that all replays will be in its scenario.
 
     Raises:
@@ -251,7 +243,7 @@ def _check_failure(campaign: ResolvedCampaign, store: "Store") -> None:
     if "episode" in named:
         field = f"{method.field}.episode"
         _check_collision(settings["campaign"], settings["episode"], field, store)
-    read_trajectories(method, store)
+    resolution.read_trajectories(method, store)
     for name in campaign.spec.disturbance.searched_parameters:
         problem = "is chosen by the noise, and minimal takes noise away that could be without."
         remedy = f"Leave out the channel scenario.{name}, and give the parameter a value."
@@ -276,21 +268,21 @@ def _check_collision(campaign: int, episode: int, field: str, store: "Store") ->
         raise InvalidValue(field, problem, remedy)
 
 
-def _check_failures(campaign: ResolvedCampaign, store: "Store") -> None:
+def _check_failures(campaign: resolution.ResolvedCampaign, store: "Store") -> None:
     """Check that the named campaign has failures that can be injected here.
 
     Raises:
         InvalidValue: it has not ended, has no failure, or has episodes of another length.
     """
     field = f"{campaign.searching.field}.campaign"
-    before = find_ended(campaign.searching.given["campaign"], field, store)
+    before = resolution.find_ended(campaign.searching.given["campaign"], field, store)
     if not before.counts.failures:
         problem = f"campaign {before.id} has no failure to start from."
         raise InvalidValue(field, problem, "Name a campaign with failures, such as one of ast.")
-    check_horizon(before, field, campaign.horizon)
+    resolution.check_horizon(before, field, campaign.horizon)
 
 
-INJECTION_CHECKS: Mapping[Injection, Callable[[ResolvedCampaign, "Store"], None]] = {
+INJECTION_CHECKS: Mapping[Injection, Callable[[resolution.ResolvedCampaign, "Store"], None]] = {
     Injection.FAILURES: _check_failures,
     Injection.ONE_FAILURE: _check_failure,
     Injection.TRAJECTORIES: _check_trajectories,
@@ -332,7 +324,7 @@ class RoundPace(msgspec.Struct, frozen=True):
     width: int | None = None
 
 
-def describe_stop_rules(campaign: ResolvedCampaign) -> Iterator[str]:
+def describe_stop_rules(campaign: resolution.ResolvedCampaign) -> Iterator[str]:
     """Return how late a campaign's stop rules may take effect, in sentences."""
     spec = campaign.spec
     rules = {name: limit for name, limit in spec.stop.given().items() if name in RESULT_RULES}
@@ -372,7 +364,7 @@ def _describe_rest(pace: RoundPace, episodes: int) -> str:
     return f"up to {min(open_then, episodes - 1)} more are run{why}."
 
 
-def find_pace(campaign: ResolvedCampaign) -> RoundPace | None:
+def find_pace(campaign: resolution.ResolvedCampaign) -> RoundPace | None:
     """Return the round sizes of the method, or of an ensemble's members; None if unknown."""
     searching = campaign.searching
     # How many learners share the episodes.

@@ -24,15 +24,7 @@ from eigenfail.processes import (
     wait_for_exit,
 )
 from eigenfail.values import Estimate, Policy, TrajectorySource
-from eigenfail.wire.messages import (
-    Diverged,
-    Message,
-    Proposed,
-    Stop,
-    Trouble,
-    encode,
-    read_learner_message,
-)
+from eigenfail.wire import messages
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
 
 STOP_S = 0.1
@@ -188,9 +180,9 @@ class LearnerLink:
         else:
             self._bounds.confine(self._process.pid)
 
-    def send(self, message: Message) -> None:
+    def send(self, message: messages.Message) -> None:
         """Send a message, now or as soon as the learner can take it."""
-        self._unsent.append(encode(message))
+        self._unsent.append(messages.encode(message))
         self._send_waiting()
 
     def _send_waiting(self) -> None:
@@ -200,15 +192,15 @@ class LearnerLink:
                 self.socket.send(self._unsent[0], zmq.NOBLOCK)
                 self._unsent.popleft()
 
-    def receive(self) -> Message | None:
+    def receive(self) -> messages.Message | None:
         """Return the learner's next message or None; malformed bytes become `Trouble`."""
         self._send_waiting()
         try:
-            return check_numbers(read_learner_message(self.socket.recv(zmq.NOBLOCK)))
+            return check_numbers(messages.read_learner_message(self.socket.recv(zmq.NOBLOCK)))
         except zmq.Again:
             return None
         except ProtocolError as error:
-            return Trouble(f"The learner cannot be understood: {error}")
+            return messages.Trouble(f"The learner cannot be understood: {error}")
 
     def exit_status(self) -> int | None:
         """Return the exit status of a process that has ended or could not be started.
@@ -227,25 +219,27 @@ class LearnerLink:
         All processes of its group end with it, also if the learner has ended by itself.
         """
         if self._process is not None and exit_status(self._process) is None:
-            self.send(Stop())
+            self.send(messages.Stop())
         self.socket.close(linger=100)
         if self._process is not None:
             wait_for_exit(self._process, STOP_S)
             kill_group(self._process)
 
 
-def check_numbers(message: Message) -> Message:
+def check_numbers(message: messages.Message) -> messages.Message:
     """Return a learner's message, or a divergence in its place if it holds NaN or infinity.
 
     No worker could use such a policy, and no page could show such an estimate.
     """
-    if isinstance(message, Proposed):
+    if isinstance(message, messages.Proposed):
         for place in _find_non_finite(message):
-            return Diverged(f"{place} holds a number that is NaN or infinite.", DIVERGENCE_REMEDY)
+            return messages.Diverged(
+                f"{place} holds a number that is NaN or infinite.", DIVERGENCE_REMEDY
+            )
     return message
 
 
-def _find_non_finite(message: Proposed) -> Iterator[str]:
+def _find_non_finite(message: messages.Proposed) -> Iterator[str]:
     for opened in message.rounds:
         if opened.policy is not None and not _is_finite_policy(opened.policy):
             yield f"Policy {opened.policy.version}, which the learner proposed,"

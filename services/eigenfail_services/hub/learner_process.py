@@ -13,21 +13,12 @@ from eigenfail import logs, plugins
 from eigenfail.errors import EigenfailError, LearnerDiverged, read_text
 from eigenfail.processes import die_with_parent
 from eigenfail.settings import read_settings
-from eigenfail.wire.messages import (
-    Diverged,
-    Message,
-    Observed,
-    Proposed,
-    Start,
-    Trouble,
-    encode,
-    read_learner_command,
-)
+from eigenfail.wire import messages
 from eigenfail_services.campaigns.rounds import Rounds
 from eigenfail_services.hub.learner_link import KEY_VARIABLE, unlock
 
 
-def create_rounds(start: Start) -> Rounds:
+def create_rounds(start: messages.Start) -> Rounds:
     """Return the rounds of a new learner, or of the learner in a checkpoint."""
     method = plugins.load(plugins.METHODS, start.method)
     learner = method(start.context, read_settings(method.Settings, start.settings, "settings"))
@@ -37,10 +28,10 @@ def create_rounds(start: Start) -> Rounds:
     return rounds
 
 
-def make_proposal(rounds: Rounds) -> Proposed:
+def make_proposal(rounds: Rounds) -> messages.Proposed:
     """Return the message with the open rounds and the learner's checkpoint."""
     opened = rounds.open()
-    return Proposed(
+    return messages.Proposed(
         rounds=opened,
         checkpoint=rounds.checkpoint(),
         stopped_because=rounds.stopped_because,
@@ -65,24 +56,24 @@ class LearnerProcess:
     def serve(self) -> None:
         """Create the learner, then observe round after round until the hub stops the process."""
         start = self._receive()
-        if not isinstance(start, Start):
+        if not isinstance(start, messages.Start):
             return
         rounds = create_rounds(start)
         self.send(make_proposal(rounds))
-        while isinstance(command := self._receive(), Observed):
+        while isinstance(command := self._receive(), messages.Observed):
             rounds.complete(command.results)
             self.send(make_proposal(rounds))
 
-    def send(self, message: Message) -> None:
+    def send(self, message: messages.Message) -> None:
         """Send a message to the hub."""
-        self._socket.send(encode(message))
+        self._socket.send(messages.encode(message))
 
     def close(self) -> None:
         """Send queued messages and disconnect."""
         self._socket.close(linger=1_000)
 
-    def _receive(self) -> Message:
-        return read_learner_command(self._socket.recv())
+    def _receive(self) -> messages.Message:
+        return messages.read_learner_command(self._socket.recv())
 
 
 def main() -> None:
@@ -95,9 +86,9 @@ def main() -> None:
     try:
         process.serve()
     except LearnerDiverged as error:
-        process.send(Diverged(error.problem, error.remedy))
+        process.send(messages.Diverged(error.problem, error.remedy))
     except EigenfailError as error:
-        process.send(Trouble(read_text(error)))
+        process.send(messages.Trouble(read_text(error)))
     finally:
         process.close()
 

@@ -6,16 +6,8 @@ from typing import NamedTuple
 
 from eigenfail.values import EpisodeTask
 from eigenfail.wire.messages import Hello, is_same_task
+from eigenfail_services.hub import worker_table
 from eigenfail_services.hub.scheduler import Assignment, Scheduler
-from eigenfail_services.hub.worker_table import (
-    EndedLease,
-    EpisodeQueue,
-    Fingerprint,
-    Holdings,
-    Key,
-    WorkerSession,
-    WorkerTable,
-)
 
 
 class LeaseTable:
@@ -26,7 +18,9 @@ class LeaseTable:
         scheduler: notified of each change.
     """
 
-    def __init__(self, sessions: dict[bytes, WorkerSession], scheduler: Scheduler) -> None:
+    def __init__(
+        self, sessions: dict[bytes, worker_table.WorkerSession], scheduler: Scheduler
+    ) -> None:
         self._sessions = sessions
         self._scheduler = scheduler
         self._holders: defaultdict[int, dict[int, bytes]] = defaultdict(dict)
@@ -35,12 +29,12 @@ class LeaseTable:
         """Return whether a worker holds any episode of a campaign."""
         return bool(self._holders.get(campaign))
 
-    def find_task(self, key: Key) -> EpisodeTask | None:
+    def find_task(self, key: worker_table.Key) -> EpisodeTask | None:
         """Return the leased task of an episode, if a worker holds it."""
         worker = self._holders.get(key[0], {}).get(key[1])
         return None if worker is None else self._sessions[worker].held[key]
 
-    def lease(self, worker: bytes, key: Key, task: EpisodeTask) -> None:
+    def lease(self, worker: bytes, key: worker_table.Key, task: EpisodeTask) -> None:
         """Lease an episode to a worker, and charge its campaign for the estimated work."""
         session = self._sessions[worker]
         work_s = self._scheduler.estimate_work_s(key[0], session)
@@ -49,7 +43,7 @@ class LeaseTable:
         self._scheduler.charge(key[0], session, work_s)
         self._scheduler.update_worker(worker, session)
 
-    def end(self, key: Key) -> EndedLease:
+    def end(self, key: worker_table.Key) -> worker_table.EndedLease:
         """End a lease; its campaign stays charged for the estimated work."""
         worker = self._holders[key[0]].pop(key[1])
         session = self._sessions[worker]
@@ -57,7 +51,7 @@ class LeaseTable:
         self._scheduler.update_worker(worker, session)
         return ended
 
-    def complete(self, key: Key, by: bytes | None) -> EndedLease | None:
+    def complete(self, key: worker_table.Key, by: bytes | None) -> worker_table.EndedLease | None:
         """End the lease of an episode that has a result.
 
         Args:
@@ -76,7 +70,7 @@ class LeaseTable:
         self.revoke(key)
         return None
 
-    def revoke(self, key: Key) -> EpisodeTask:
+    def revoke(self, key: worker_table.Key) -> EpisodeTask:
         """End a lease whose episode was not run, and refund its campaign."""
         ended = self.end(key)
         self._scheduler.charge(key[0], ended.session, -ended.work_s)
@@ -92,7 +86,7 @@ class LeaseTable:
 class Disconnection(NamedTuple):
     """The episode that a worker ran as its connection closed, and the end of its time to return."""
 
-    key: Key
+    key: worker_table.Key
     task: EpisodeTask
     until_s: float
 
@@ -105,19 +99,19 @@ class InterruptedEpisodes:
     """
 
     def __init__(self) -> None:
-        self._lost: dict[Key, EpisodeTask] = {}
+        self._lost: dict[worker_table.Key, EpisodeTask] = {}
         self._disconnections: dict[str, Disconnection] = {}
-        self._running: dict[Key, dict[str, EpisodeTask]] = {}
+        self._running: dict[worker_table.Key, dict[str, EpisodeTask]] = {}
 
     def __iter__(self) -> Iterator[tuple[int, EpisodeTask]]:
         """Iterate over campaigns and episodes whose deaths are to be counted."""
         return ((campaign, task) for (campaign, _), task in self._lost.items())
 
-    def add(self, key: Key, task: EpisodeTask) -> None:
+    def add(self, key: worker_table.Key, task: EpisodeTask) -> None:
         """Add an episode whose worker is lost for good."""
         self._lost[key] = task
 
-    def pop(self, key: Key) -> EpisodeTask | None:
+    def pop(self, key: worker_table.Key) -> EpisodeTask | None:
         """Remove and return an episode whose death is counted or that has a result."""
         return self._lost.pop(key, None)
 
@@ -125,7 +119,7 @@ class InterruptedEpisodes:
         """Remove the episodes of a campaign that is over."""
         self._lost = {key: task for key, task in self._lost.items() if key[0] != campaign}
 
-    def withholds(self, key: Key, task: EpisodeTask) -> bool:
+    def withholds(self, key: worker_table.Key, task: EpisodeTask) -> bool:
         """Return whether an episode must not be leased now.
 
         Its death is to be counted, or two disconnected workers ran it. One of these may have lost
@@ -192,14 +186,14 @@ class Leases:
     """
 
     def __init__(self) -> None:
-        self._workers = WorkerTable()
+        self._workers = worker_table.WorkerTable()
         self.sessions = self._workers.sessions
         self._scheduler = Scheduler()
         self._table = LeaseTable(self.sessions, self._scheduler)
-        self._queue = EpisodeQueue()
-        self._holdings = Holdings()
+        self._queue = worker_table.EpisodeQueue()
+        self._holdings = worker_table.Holdings()
         self._interrupted = InterruptedEpisodes()
-        self._uncommitted: set[Key] = set()
+        self._uncommitted: set[worker_table.Key] = set()
 
     def open_session(self, worker: bytes, hello: Hello, now_s: float) -> None:
         """Open the session of a worker, with the episodes that it holds from before.
@@ -215,12 +209,16 @@ class Leases:
         self._holdings.add(worker, hello.holdings)
         self._scheduler.update_worker(worker, self.sessions[worker])
 
-    def touch(self, worker: bytes, now_s: float) -> WorkerSession | None:
+    def touch(self, worker: bytes, now_s: float) -> worker_table.WorkerSession | None:
         """Note the time of a worker's message; return its session, if it has one."""
         return self._workers.touch(worker, now_s)
 
     def record_heartbeat(
-        self, worker: bytes, running: Key | None, named: Collection[Key], slots: int = 1
+        self,
+        worker: bytes,
+        running: worker_table.Key | None,
+        named: Collection[worker_table.Key],
+        slots: int = 1,
     ) -> None:
         """Take in a worker's heartbeat, and free what it has not named for long.
 
@@ -314,7 +312,9 @@ class Leases:
         if task := self._interrupted.pop((campaign, index)):
             self._put_back(campaign, task)
 
-    def _free(self, session: WorkerSession, keys: Collection[Key]) -> None:
+    def _free(
+        self, session: worker_table.WorkerSession, keys: Collection[worker_table.Key]
+    ) -> None:
         for key in reversed([key for key in session.held if key in keys]):
             self._put_back(key[0], self._table.revoke(key))
 
@@ -404,7 +404,7 @@ class Leases:
         if self._queue.has_campaign(campaign):
             self._scheduler.record_duration(campaign, wall_s, lease)
 
-    def adopt(self, fingerprint: Fingerprint) -> set[tuple[bytes, int]]:
+    def adopt(self, fingerprint: worker_table.Fingerprint) -> set[tuple[bytes, int]]:
         """Lease each waiting episode that a worker holds from before to that worker.
 
         After a restart of the hub, a campaign goes on from a checkpoint that was committed before

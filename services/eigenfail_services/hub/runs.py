@@ -12,15 +12,8 @@ from eigenfail.values import EpisodeSetup, LearnerContext, Policy, StopRules
 from eigenfail.values.records import Job, Verdict
 from eigenfail.wire.messages import Diverged, Message, Observed, Proposed, Start, Trouble
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
+from eigenfail_services.hub import learner_link
 from eigenfail_services.hub.commits import JudgedResult
-from eigenfail_services.hub.learner_link import (
-    FailureKind,
-    LearnerFailure,
-    LearnerLink,
-    LearnerRestarts,
-    describe_exit,
-    describe_timeout,
-)
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.metrics import CampaignPhase, Metrics, TimeAccounting, Timeout, Work
 from eigenfail_services.hub.open_rounds import OpenRounds
@@ -106,7 +99,7 @@ class CampaignRun:
         self._store = store
         self._leases = leases
         leases.set_weight(spec.campaign, spec.weight)
-        self._restarts = LearnerRestarts()
+        self._restarts = learner_link.LearnerRestarts()
         self._metrics = metrics or Metrics()
         self._bounds = bounds
         self._timeout = Timeout(bounds.time_s)
@@ -135,8 +128,8 @@ class CampaignRun:
         self._has_observed = False
         self._unhandled: Message | None = None
         self._has_begun = False
-        self._divergence: LearnerFailure | None = None
-        self._link = LearnerLink(self._bounds, self._restarts.pause_s)
+        self._divergence: learner_link.LearnerFailure | None = None
+        self._link = learner_link.LearnerLink(self._bounds, self._restarts.pause_s)
         self.update_phase()
 
     def _send_start(self) -> None:
@@ -192,18 +185,20 @@ class CampaignRun:
         self.end = RunEnd(message.problem)
 
     def _handle_diverged(self, message: Diverged) -> None:
-        self._divergence = LearnerFailure(FailureKind.DIVERGED, message.problem, message.remedy)
+        self._divergence = learner_link.LearnerFailure(
+            learner_link.FailureKind.DIVERGED, message.problem, message.remedy
+        )
 
-    def _find_failure(self, status: int | None) -> LearnerFailure | None:
+    def _find_failure(self, status: int | None) -> learner_link.LearnerFailure | None:
         if self._divergence is not None:
             return self._divergence
         if status is not None:
-            return describe_exit(status)
+            return learner_link.describe_exit(status)
         if self._learning_since_s is not None and self._timeout.has_expired():
-            return describe_timeout(self._bounds.time_s)
+            return learner_link.describe_timeout(self._bounds.time_s)
         return None
 
-    def _handle_failure(self, failure: LearnerFailure) -> None:
+    def _handle_failure(self, failure: learner_link.LearnerFailure) -> None:
         """Restart the learner from its last checkpoint, or end the campaign."""
         if problem := self._restarts.explain_end(failure):
             self.end = RunEnd(problem)

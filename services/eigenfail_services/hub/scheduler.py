@@ -8,12 +8,7 @@ from math import ceil, inf
 import msgspec
 
 from eigenfail.values import EpisodeTask
-from eigenfail_services.hub.worker_table import (
-    LONG_EPISODE_S,
-    EndedLease,
-    EpisodeQueue,
-    WorkerSession,
-)
+from eigenfail_services.hub import worker_table
 
 NORMAL = 1.0
 """Weight of a campaign that was given none."""
@@ -171,7 +166,7 @@ class Scheduler:
         self._pools = {False: _Pool(), True: _Pool()}
         self._on_bridge: set[int] = set()
         # Between two assignments a worker changes hundreds of times, and its load counts once.
-        self._changed: dict[bytes, WorkerSession] = {}
+        self._changed: dict[bytes, worker_table.WorkerSession] = {}
 
     def set_weight(self, campaign: int, weight: float) -> None:
         """Set the weight of a campaign's share."""
@@ -194,11 +189,11 @@ class Scheduler:
         """Return the estimated duration of an episode at a usual worker. [s]"""
         return self._durations.episode_s(campaign)
 
-    def estimate_work_s(self, campaign: int, session: WorkerSession) -> float:
+    def estimate_work_s(self, campaign: int, session: worker_table.WorkerSession) -> float:
         """Return the estimated duration of an episode at this worker. [s]"""
         return self._durations.episode_s(campaign) * session.slowness
 
-    def update_worker(self, worker: bytes, session: WorkerSession) -> None:
+    def update_worker(self, worker: bytes, session: worker_table.WorkerSession) -> None:
         """Note a change of what a worker holds or runs in parallel."""
         self._pools[session.has_bridge].workers.add(worker)
         self._changed[worker] = session
@@ -212,14 +207,14 @@ class Scheduler:
                 needing_work.remove(worker)
         self._changed.clear()
 
-    def remove_worker(self, worker: bytes, session: WorkerSession) -> None:
+    def remove_worker(self, worker: bytes, session: worker_table.WorkerSession) -> None:
         """Assign nothing more to a worker."""
         self._changed.pop(worker, None)
         pool = self._pools[session.has_bridge]
         pool.workers.discard(worker)
         pool.needing_work.remove(worker)
 
-    def charge(self, campaign: int, session: WorkerSession, work_s: float) -> None:
+    def charge(self, campaign: int, session: worker_table.WorkerSession, work_s: float) -> None:
         """Charge a campaign worker seconds; negative ones for episodes that come back unfinished.
 
         Args:
@@ -229,7 +224,9 @@ class Scheduler:
         """
         self._pools[session.has_bridge].shares.charge(campaign, work_s)
 
-    def record_duration(self, campaign: int, wall_s: float, lease: EndedLease | None) -> None:
+    def record_duration(
+        self, campaign: int, wall_s: float, lease: worker_table.EndedLease | None
+    ) -> None:
         """Learn from the duration of an episode.
 
         Args:
@@ -253,7 +250,7 @@ class Scheduler:
             pool.shares.remove(campaign)
 
     def assign_next(
-        self, sessions: dict[bytes, WorkerSession], queue: EpisodeQueue
+        self, sessions: dict[bytes, worker_table.WorkerSession], queue: worker_table.EpisodeQueue
     ) -> Assignment | None:
         """Take the next assignment from the queue; None if no worker needs work that it can run."""
         self._update_loads()
@@ -270,7 +267,11 @@ class Scheduler:
         if campaign is None:
             return None
         work_s = self.estimate_work_s(campaign, session)
-        room = 1 if work_s >= LONG_EPISODE_S else ceil(session.room_s / len(campaigns) / work_s)
+        room = (
+            1
+            if work_s >= worker_table.LONG_EPISODE_S
+            else ceil(session.room_s / len(campaigns) / work_s)
+        )
         able = len(self._pools[True].workers if campaign in self._on_bridge else sessions)
         # The last episodes of a campaign are spread over the workers, so that they end together.
         spread = ceil(len(queue.tasks(campaign)) / (2 * able))
@@ -279,7 +280,7 @@ class Scheduler:
         tasks = tuple(queue.pop(campaign) for _ in range(episodes))
         return Assignment(worker, campaign, tasks)
 
-    def _campaigns_for(self, pool: _Pool, queue: EpisodeQueue) -> Collection[int]:
+    def _campaigns_for(self, pool: _Pool, queue: worker_table.EpisodeQueue) -> Collection[int]:
         """Return the campaigns with waiting episodes that the workers of a pool can run."""
         campaigns = queue.campaigns()
         if pool is self._pools[True] or not self._on_bridge:

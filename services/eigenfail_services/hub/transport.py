@@ -15,22 +15,13 @@ from zmq.utils.monitor import recv_monitor_message
 
 from eigenfail.addresses import TRUST_VARIABLE, is_own_endpoint
 from eigenfail.errors import InvalidValue, PortTaken, ProtocolError
+from eigenfail.wire import messages
 from eigenfail.wire.keys import HANDSHAKE_MS, abbreviate_key
-from eigenfail.wire.messages import (
-    MAX_FRAME_BYTES,
-    MAX_MESSAGE_BYTES,
-    PIECE_BYTES,
-    Ack,
-    Goodbye,
-    Message,
-    encode,
-    split,
-)
 from eigenfail_services.hub.keys import FIELD, HubKeys, KeyFolder, unusable_folder
 
 KEYS_VARIABLE = "EIGENFAIL_HUB_KEYS"
 
-HIGH_WATER_MARK = 2 * MAX_MESSAGE_BYTES // PIECE_BYTES
+HIGH_WATER_MARK = 2 * messages.MAX_MESSAGE_BYTES // messages.PIECE_BYTES
 """Frames that may wait for one worker: the longest message in pieces, and others."""
 
 USER_ID = "User-Id"
@@ -39,7 +30,7 @@ USER_ID = "User-Id"
 KEY_DIGITS = 12
 """Number of hexadecimal digits of a key in lists and logs."""
 
-CUT_OFF = encode(Goodbye("Its key is not accepted any more."))
+CUT_OFF = messages.encode(messages.Goodbye("Its key is not accepted any more."))
 
 ZAP_ENDPOINT = "inproc://zeromq.zap.01"
 """Where ZeroMQ asks about a key: one address for each context, by ZAP (RFC 27)."""
@@ -57,7 +48,7 @@ LOG_INTERVAL_S = 10.0
 
 MONITORED_EVENTS = zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL | zmq.EVENT_MONITOR_STOPPED
 
-HEARTBEAT_ACK = Ack(0, ())
+HEARTBEAT_ACK = messages.Ack(0, ())
 """Answer to a heartbeat, and probe of a silent worker's connection."""
 
 UNSENT = frozenset({zmq.EAGAIN, zmq.EHOSTUNREACH})
@@ -271,7 +262,7 @@ def bind(address: str, keys: HubKeys | None = None) -> Router:
         ZapAuthenticator(keys).open_router() if keys else context.socket(zmq.ROUTER, Router)
     )
     # ZeroMQ allocates a frame as soon as its length is announced, before the peer is authenticated.
-    router.setsockopt(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)
+    router.setsockopt(zmq.MAXMSGSIZE, messages.MAX_FRAME_BYTES)
     router.setsockopt(zmq.SNDHWM, HIGH_WATER_MARK)
     router.setsockopt(zmq.LINGER, 1_000)
     # Without it, messages to a closed connection are dropped silently, and no probe would notice.
@@ -284,7 +275,7 @@ def bind(address: str, keys: HubKeys | None = None) -> Router:
     return router
 
 
-def send(router: Any, worker: bytes, message: Message) -> None:
+def send(router: Any, worker: bytes, message: messages.Message) -> None:
     """Send a message to a worker, at once or never.
 
     It is dropped if the worker's connection is closed or has taken no messages for long, and with a
@@ -305,10 +296,10 @@ def is_connected(router: Any, worker: bytes) -> bool:
     return _try_send(router, worker, HEARTBEAT_ACK) != zmq.EHOSTUNREACH
 
 
-def _try_send(router: Any, worker: bytes, message: Message) -> int:
+def _try_send(router: Any, worker: bytes, message: messages.Message) -> int:
     """Send a message; return the reason why that was not possible, or 0."""
     try:
-        for frame in split(message):
+        for frame in messages.split(message):
             router.send_multipart([worker, frame], zmq.NOBLOCK)
     except zmq.ZMQError as error:
         if error.errno not in UNSENT:

@@ -14,39 +14,13 @@ from eigenfail.processes import COMMON_PROCESSOR
 from eigenfail.values import EpisodeTask, PolicySource
 from eigenfail.values.operations import Versions
 from eigenfail.versions import versions
-from eigenfail.wire.messages import (
-    PROTOCOL,
-    Ack,
-    AssemblerTable,
-    BridgeReport,
-    Drop,
-    Goodbye,
-    Heartbeat,
-    Hello,
-    Lease,
-    Message,
-    Piece,
-    PolicyUpdate,
-    Refusal,
-    Results,
-    Setup,
-    Welcome,
-    fingerprint_task,
-    read_foreign_hello,
-    read_worker_message,
-)
+from eigenfail.wire import messages
+from eigenfail_services.hub import transport
 from eigenfail_services.hub.commits import HUB, CommitQueue, JudgedResult
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.metrics import Metrics
 from eigenfail_services.hub.runs import CampaignRun
 from eigenfail_services.hub.scheduler import Assignment
-from eigenfail_services.hub.transport import (
-    HEARTBEAT_ACK,
-    QUIET_HEARTBEATS,
-    ConnectionProbe,
-    IsConnected,
-    RefusalLog,
-)
 from eigenfail_services.hub.worker_table import WorkerSession
 
 HEARTBEAT_S = 1.0
@@ -64,7 +38,7 @@ PACKAGE = "eigenfail"
 
 log = structlog.get_logger()
 
-Send = Callable[[bytes, Message], None]
+Send = Callable[[bytes, messages.Message], None]
 
 
 class Draining:
@@ -124,44 +98,48 @@ class WorkerSessions:
         leases: Leases,
         commits: CommitQueue,
         metrics: Metrics | None = None,
-        is_connected: IsConnected = lambda _worker: True,
+        is_connected: transport.IsConnected = lambda _worker: True,
     ) -> None:
         self._send = send
-        self._probe = ConnectionProbe(is_connected)
+        self._probe = transport.ConnectionProbe(is_connected)
         self._metrics = metrics or Metrics()
         self._leases = leases
         self._commits = commits
-        self._refusals = RefusalLog()
-        self._assemblers = AssemblerTable()
+        self._refusals = transport.RefusalLog()
+        self._assemblers = messages.AssemblerTable()
         self.declined: dict[int, str] = {}
         self.prepared: list[tuple[int, Versions]] = []
         self._began_s = self._expired_s = time.monotonic()
         self._handlers: dict[type, Callable[[bytes, Any], None]] = {
-            Hello: self._handle_hello,
-            Heartbeat: self._handle_heartbeat,
-            BridgeReport: self._handle_bridge_report,
-            Results: self._handle_results,
-            Goodbye: self._handle_goodbye,
-            Piece: self._handle_piece,
+            messages.Hello: self._handle_hello,
+            messages.Heartbeat: self._handle_heartbeat,
+            messages.BridgeReport: self._handle_bridge_report,
+            messages.Results: self._handle_results,
+            messages.Goodbye: self._handle_goodbye,
+            messages.Piece: self._handle_piece,
         }
 
     def handle(self, worker: bytes, data: bytes) -> None:
         """Handle any bytes of a worker."""
         try:
-            message = read_worker_message(data)
+            message = messages.read_worker_message(data)
         except ProtocolError as error:
-            hello = read_foreign_hello(data)
+            hello = messages.read_foreign_hello(data)
             if hello and (reason := explain_refusal(hello.protocol, hello.versions)):
                 self._refuse(worker, reason)
             else:
-                self._send(worker, Refusal(str(error)))
+                self._send(worker, messages.Refusal(str(error)))
             return
-        if not isinstance(message, Hello) and not self._leases.touch(worker, time.monotonic()):
-            self._send(worker, Refusal("The hub does not know this connection: say hello."))
+        if not isinstance(message, messages.Hello) and not self._leases.touch(
+            worker, time.monotonic()
+        ):
+            self._send(
+                worker, messages.Refusal("The hub does not know this connection: say hello.")
+            )
         else:
             self._handlers[type(message)](worker, message)
 
-    def _handle_hello(self, worker: bytes, message: Hello) -> None:
+    def _handle_hello(self, worker: bytes, message: messages.Hello) -> None:
         if reason := explain_refusal(message.protocol, message.versions):
             self._refuse(worker, reason, named=message.worker, host=message.host)
             return
@@ -170,21 +148,21 @@ class WorkerSessions:
             log.info("worker joined", worker=message.worker, host=message.host, pid=message.pid)
             _log_version_difference(message.worker, message.versions)
             self._leases.open_session(worker, message, time.monotonic())
-        self._send(worker, Welcome(HEARTBEAT_S))
+        self._send(worker, messages.Welcome(HEARTBEAT_S))
 
     def _refuse(self, worker: bytes, reason: str, **facts: str) -> None:
         # A refused worker asks again and again: the log has one line for many refusals.
         self._refusals.add("another release or processor", why=reason, **facts)
-        self._send(worker, Refusal(reason))
+        self._send(worker, messages.Refusal(reason))
 
-    def _handle_heartbeat(self, worker: bytes, message: Heartbeat) -> None:
+    def _handle_heartbeat(self, worker: bytes, message: messages.Heartbeat) -> None:
         running = None
         if message.campaign is not None and message.running is not None:
             running = (message.campaign, message.running)
         self._leases.record_heartbeat(worker, running, set(message.held), message.slots)
         for campaign, reason in message.declined or ():
             self._decline(worker, campaign, reason)
-        self._send(worker, HEARTBEAT_ACK)
+        self._send(worker, transport.HEARTBEAT_ACK)
 
     def _decline(self, worker: bytes, campaign: int, reason: str) -> None:
         """Note that a worker can run no episode of a campaign, if it was sent the campaign's setup.
@@ -198,7 +176,7 @@ class WorkerSessions:
         else:
             self._drop(worker, campaign)
 
-    def _handle_bridge_report(self, worker: bytes, message: BridgeReport) -> None:
+    def _handle_bridge_report(self, worker: bytes, message: messages.BridgeReport) -> None:
         session = self._leases.sessions[worker]
         session.offer = None
         if message.offer is None or not session.has_bridge:
@@ -210,26 +188,26 @@ class WorkerSessions:
             facts = {"worker": session.name, "bytes": len(data), "most": MAX_OFFER_BYTES}
             log.warning("offer of a bridge not kept", **facts)
 
-    def _handle_results(self, worker: bytes, message: Results) -> None:
+    def _handle_results(self, worker: bytes, message: messages.Results) -> None:
         name = self._leases.sessions[worker].name
         for result in message.results:
             self._leases.record_result(message.campaign, result.index, result.wall_s, worker)
             self._commits.add(worker, name, message.campaign, result)
 
-    def _handle_piece(self, worker: bytes, piece: Piece) -> None:
+    def _handle_piece(self, worker: bytes, piece: messages.Piece) -> None:
         """Keep a piece of a message, and handle the message once it is complete."""
         try:
             data = self._assemblers.add(worker, piece)
-            message = None if data is None else read_worker_message(data)
+            message = None if data is None else messages.read_worker_message(data)
         except ProtocolError as error:
-            self._send(worker, Refusal(str(error)))
+            self._send(worker, messages.Refusal(str(error)))
             return
-        if isinstance(message, Piece):
-            self._send(worker, Refusal("A piece of a message holds another piece."))
+        if isinstance(message, messages.Piece):
+            self._send(worker, messages.Refusal("A piece of a message holds another piece."))
         elif message is not None:
             self._handlers[type(message)](worker, message)
 
-    def _handle_goodbye(self, worker: bytes, _message: Goodbye) -> None:
+    def _handle_goodbye(self, worker: bytes, _message: messages.Goodbye) -> None:
         self._leases.end_session(worker)
 
     def expire_silent(self) -> None:
@@ -244,7 +222,7 @@ class WorkerSessions:
         for worker in self._leases.list_silent(now_s, SILENCE_LIMIT_S):
             self._record_loss(worker, why="it is silent")
             self._leases.end_lost_session(worker)
-        quiet = self._leases.list_silent(now_s, QUIET_HEARTBEATS * HEARTBEAT_S)
+        quiet = self._leases.list_silent(now_s, transport.QUIET_HEARTBEATS * HEARTBEAT_S)
         for worker in self._probe.find_closed(quiet, now_s):
             self._record_loss(worker, why="its connection is closed")
             heard_s = self._leases.sessions[worker].last_heard_s
@@ -266,7 +244,7 @@ class WorkerSessions:
             self._leases.stop_leasing(worker)
         for worker in draining.pop_ready(leaving, sessions, time.monotonic()):
             log.info("worker dismissed", worker=sessions[worker].name)
-            self._send(worker, Goodbye("The worker is no longer needed."))
+            self._send(worker, messages.Goodbye("The worker is no longer needed."))
 
     def acknowledge(self, judged: Iterable[JudgedResult]) -> None:
         """Acknowledge the judged results to their workers: one message for each campaign."""
@@ -276,7 +254,7 @@ class WorkerSessions:
             indices[each.worker, each.campaign].append(each.result.index)
         for (worker, campaign), of_worker in indices.items():
             if worker != HUB:
-                self._send(worker, Ack(campaign, tuple(of_worker)))
+                self._send(worker, messages.Ack(campaign, tuple(of_worker)))
 
     def drop_campaign(self, campaign: int) -> None:
         """Have all workers forget a campaign: they may hold leases of another hub, too."""
@@ -285,7 +263,7 @@ class WorkerSessions:
 
     def _drop(self, worker: bytes, campaign: int) -> None:
         self._leases.sessions[worker].forget_campaign(campaign)
-        self._send(worker, Drop(campaign))
+        self._send(worker, messages.Drop(campaign))
 
     def assign(self, runs: Mapping[int, CampaignRun]) -> None:
         """Adopt what workers hold, lease what waits, and send what those leases need first."""
@@ -295,11 +273,11 @@ class WorkerSessions:
             return
         for assignment in self._leases.assign():
             self._prepare(assignment, runs[assignment.campaign])
-            self._send(assignment.worker, Lease(assignment.campaign, assignment.tasks))
+            self._send(assignment.worker, messages.Lease(assignment.campaign, assignment.tasks))
 
     def _adopt(self, runs: Mapping[int, CampaignRun]) -> None:
         def fingerprint(campaign: int, task: EpisodeTask) -> bytes:
-            return fingerprint_task(runs[campaign].spec.setup, task)
+            return messages.fingerprint_task(runs[campaign].spec.setup, task)
 
         for worker, campaign in self._leases.adopt(fingerprint):
             name = self._leases.sessions[worker].name
@@ -313,18 +291,18 @@ class WorkerSessions:
         if campaign not in session.setups:
             session.setups.add(campaign)
             self.prepared.append((campaign, session.arrival.versions))
-            self._send(worker, Setup(campaign, run.spec.setup))
+            self._send(worker, messages.Setup(campaign, run.spec.setup))
         sources = (task.source for task in assignment.tasks)
         needed = {source.version for source in sources if isinstance(source, PolicySource)}
         for version in sorted(needed):
             if (campaign, version) not in session.policies:
                 session.policies.add((campaign, version))
-                self._send(worker, PolicyUpdate(campaign, run.find_policy(version)))
+                self._send(worker, messages.PolicyUpdate(campaign, run.find_policy(version)))
 
     def dismiss_all(self) -> None:
         """Send all workers the request to leave."""
         for worker in self._leases.sessions:
-            self._send(worker, Goodbye("The hub stops."))
+            self._send(worker, messages.Goodbye("The hub stops."))
 
 
 def explain_refusal(protocol: int, worker_versions: Mapping[str, str]) -> str:
@@ -336,11 +314,11 @@ def explain_refusal(protocol: int, worker_versions: Mapping[str, str]) -> str:
     """
     ours, theirs = versions().get(PACKAGE, ""), worker_versions.get(PACKAGE, "")
     is_same_release = not theirs or theirs.split(".")[:2] == ours.split(".")[:2]
-    if protocol == PROTOCOL and is_same_release:
+    if protocol == messages.PROTOCOL and is_same_release:
         return _explain_processor(worker_versions.get("processor", ""))
     of_release = f" (eigenfail {theirs})" if theirs else ""
     return (
-        f"The worker speaks protocol {protocol}{of_release}, the hub speaks {PROTOCOL} "
+        f"The worker speaks protocol {protocol}{of_release}, the hub speaks {messages.PROTOCOL} "
         f"(eigenfail {ours}): install the same eigenfail on both."
     )
 

@@ -14,13 +14,7 @@ import msgspec
 import numpy as np
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import EpisodeResult, LearnerContext, Proposal, TrajectorySource
-from eigenfail.values.learning import (
-    MOST_OPEN_ROUNDS,
-    OPEN_GROUPS,
-    choose_group_size,
-    count_rounds_ahead,
-)
+from eigenfail.values import EpisodeResult, LearnerContext, Proposal, TrajectorySource, learning
 from eigenfail_services.methods import archive, robustness_m
 from eigenfail_services.statistics.batches import Array, Requester, Requests
 
@@ -145,10 +139,12 @@ class BatchLearner(ABC, Generic[S]):
         self._round_size = limit_round(context, round_size)
         self._ahead = 0
         if context.parallel:
-            self._round_size = min(self._round_size, choose_group_size(context.parallel))
+            self._round_size = min(self._round_size, learning.choose_group_size(context.parallel))
             # More where `round_size` makes rounds smaller than groups.
-            wanted = count_rounds_ahead(context.parallel, self._round_size, OPEN_GROUPS - 1)
-            self._ahead = min(wanted, MOST_OPEN_ROUNDS - 1)
+            wanted = learning.count_rounds_ahead(
+                context.parallel, self._round_size, learning.OPEN_GROUPS - 1
+            )
+            self._ahead = min(wanted, learning.MOST_OPEN_ROUNDS - 1)
         self._drive(SimulationDriver(self._make_simulation()))
 
     @abstractmethod

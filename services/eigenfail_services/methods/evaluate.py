@@ -6,24 +6,9 @@ from typing import Annotated, Protocol, runtime_checkable
 import msgspec
 import numpy as np
 
-from eigenfail import plugins
-from eigenfail.contracts import (
-    Exploiter,
-    Learner,
-    MethodTraits,
-    ModeProbability,
-    Reference,
-)
+from eigenfail import contracts, plugins, values
 from eigenfail.errors import InvalidValue
 from eigenfail.settings import read_settings
-from eigenfail.values import (
-    EpisodeResult,
-    Estimate,
-    LearnerContext,
-    Predecessor,
-    Proposal,
-    TrajectorySource,
-)
 from eigenfail.values.learning import count_rounds_ahead
 from eigenfail_services.methods import archive
 from eigenfail_services.statistics.importance import WeightedFailures
@@ -33,10 +18,12 @@ from eigenfail_services.statistics.importance import WeightedFailures
 class Weigher(Protocol):
     """An exploiter whose draws have a known density q, from which P(failure) is estimated."""
 
-    def weigh(self, sums: WeightedFailures, results: Sequence[EpisodeResult]) -> WeightedFailures:
+    def weigh(
+        self, sums: WeightedFailures, results: Sequence[values.EpisodeResult]
+    ) -> WeightedFailures:
         """Return the sums with episodes of `exploit`, weighted by its present density."""
 
-    def tell(self, sums: WeightedFailures, horizon: int) -> Estimate | None:
+    def tell(self, sums: WeightedFailures, horizon: int) -> values.Estimate | None:
         """Return the estimate from some sums; None where there is none.
 
         Args:
@@ -84,18 +71,18 @@ class Evaluate:
         learner: bytes
         sums: WeightedFailures = WeightedFailures()
 
-    traits = MethodTraits(
+    traits = contracts.MethodTraits(
         tolerates_delay=True,
         independent=True,
         learns=False,
         finds_new=False,
-        mode_probability=ModeProbability.KNOWN_PROPOSAL,
+        mode_probability=contracts.ModeProbability.KNOWN_PROPOSAL,
         chart_mark=5,
-        references={"campaign": Reference.LEARNER},
+        references={"campaign": contracts.Reference.LEARNER},
     )
     lookahead = 3
 
-    def __init__(self, context: LearnerContext, settings: EvaluateSettings) -> None:
+    def __init__(self, context: values.LearnerContext, settings: EvaluateSettings) -> None:
         self._campaign = settings.campaign
         self._round_size = settings.round_size
         self.lookahead = count_rounds_ahead(context.parallel, self._round_size, self.lookahead)
@@ -105,7 +92,7 @@ class Evaluate:
         self._proposed = 0
         self._sums = WeightedFailures()
 
-    def propose(self, n: int) -> Proposal:
+    def propose(self, n: int) -> values.Proposal:
         """Return a round of exploiting episodes.
 
         Raises:
@@ -113,17 +100,17 @@ class Evaluate:
         """
         proposal = self._exploit(min(n, self._round_size))
         for source in proposal.sources:
-            if isinstance(source, TrajectorySource) and len(source.z) != self._horizon:
+            if isinstance(source, values.TrajectorySource) and len(source.z) != self._horizon:
                 raise _make_horizon_error(self._campaign, len(source.z), self._horizon)
         self._proposed += len(proposal.sources)
         return proposal
 
-    def observe(self, results: Sequence[EpisodeResult]) -> None:
+    def observe(self, results: Sequence[values.EpisodeResult]) -> None:
         """Add the weights of episodes whose density is known; nothing is learnt."""
         if isinstance(self._learner, Weigher):
             self._sums = self._learner.weigh(self._sums, results)
 
-    def estimate(self) -> Estimate | None:
+    def estimate(self) -> values.Estimate | None:
         """Return the failure probability from all episodes; None for an unknown density."""
         weigher = self._learner
         return weigher.tell(self._sums, self._horizon) if isinstance(weigher, Weigher) else None
@@ -144,7 +131,7 @@ class Evaluate:
         self._proposed, self._sums = facts.proposed, facts.sums
 
 
-def restore_learner(context: LearnerContext, campaign: int) -> Learner:
+def restore_learner(context: values.LearnerContext, campaign: int) -> contracts.Learner:
     """Return the learner of an earlier campaign in its last state, with this campaign's seed.
 
     Raises:
@@ -153,19 +140,19 @@ def restore_learner(context: LearnerContext, campaign: int) -> Learner:
     """
     before = _find_predecessor(context, campaign)
     method = plugins.load(plugins.METHODS, before.method)
-    own = LearnerContext(
+    own = values.LearnerContext(
         seed=context.seed,
         episodes=before.episodes,
         horizon=before.horizon,
         trajectories=np.zeros((0, before.horizon, context.channels), np.float32),
     )
     given = read_settings(method.Settings, before.settings, f"settings of campaign {campaign}")
-    learner: Learner = method(own, given)
+    learner: contracts.Learner = method(own, given)
     learner.restore(before.state)
     return learner
 
 
-def _find_predecessor(context: LearnerContext, campaign: int) -> Predecessor:
+def _find_predecessor(context: values.LearnerContext, campaign: int) -> values.Predecessor:
     """Return an earlier campaign from the context."""
     if (before := context.predecessor(campaign)) is not None:
         return before
@@ -176,9 +163,9 @@ def _find_predecessor(context: LearnerContext, campaign: int) -> Predecessor:
     )
 
 
-def _get_exploit(learner: Learner, campaign: int) -> Callable[[int], Proposal]:
+def _get_exploit(learner: contracts.Learner, campaign: int) -> Callable[[int], values.Proposal]:
     """Return the learner's `exploit`."""
-    if isinstance(learner, Exploiter):
+    if isinstance(learner, contracts.Exploiter):
         return learner.exploit
     raise InvalidValue(
         "settings.campaign",

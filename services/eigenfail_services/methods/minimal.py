@@ -6,16 +6,9 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from eigenfail import values
 from eigenfail.contracts import Injection, MethodTraits, Reference
 from eigenfail.errors import InvalidValue, LearnerFailed
-from eigenfail.values import (
-    EpisodeResult,
-    Floats,
-    LearnerContext,
-    Outcome,
-    Proposal,
-    TrajectorySource,
-)
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.minimal_search import (
     NOT_RUN,
@@ -99,7 +92,7 @@ class Minimal:
     )
     lookahead = 0
 
-    def __init__(self, context: LearnerContext, settings: MinimalSettings) -> None:
+    def __init__(self, context: values.LearnerContext, settings: MinimalSettings) -> None:
         if len(context.trajectories) != 1:
             raise InvalidValue(
                 "settings",
@@ -110,13 +103,13 @@ class Minimal:
         self._search = start_search(np.ascontiguousarray(context.trajectories[0], np.float32))
         self._ends: tuple[int, ...] = ()
 
-    def propose(self, n: int) -> Proposal:
+    def propose(self, n: int) -> values.Proposal:
         """Return the next candidates of this phase; none after the end of the search."""
         first = len(self._ends)
         tried = list_candidates(self._search)[first : first + min(n, self._round_size)]
-        return Proposal(tuple(TrajectorySource(z) for z in tried))
+        return values.Proposal(tuple(values.TrajectorySource(z) for z in tried))
 
-    def observe(self, results: Sequence[EpisodeResult]) -> None:
+    def observe(self, results: Sequence[values.EpisodeResult]) -> None:
         """Add the ends of candidates; after the last one of a phase, go on to the next.
 
         Raises:
@@ -170,20 +163,20 @@ class Minimal:
         self._ends = facts.ends
 
 
-def _find_end(result: EpisodeResult) -> int:
+def _find_end(result: values.EpisodeResult) -> int:
     """Return the step after which an episode failed, `SAFE`, or `NOT_RUN`."""
     if result.is_failure:
         return result.steps
-    return NOT_RUN if result.outcome is Outcome.ERRORED else SAFE
+    return NOT_RUN if result.outcome is values.Outcome.ERRORED else SAFE
 
 
-def _refuse_safe_replay(result: EpisodeResult) -> None:
+def _refuse_safe_replay(result: values.EpisodeResult) -> None:
     """Refuse a failure that does not reproduce.
 
     Raises:
         LearnerFailed: its replay ended without a collision.
     """
-    if result.outcome is not Outcome.SAFE:
+    if result.outcome is not values.Outcome.SAFE:
         return
     nearest = f"{result.measures.distance_m:.2f} m" if result.measures else "something"
     raise LearnerFailed(
@@ -193,7 +186,7 @@ def _refuse_safe_replay(result: EpisodeResult) -> None:
     )
 
 
-def read_state(state: bytes) -> tuple[MinimalFacts, Floats]:
+def read_state(state: bytes) -> tuple[MinimalFacts, values.Floats]:
     """Return the facts in a state of this method, and its noise of shape (steps, channels).
 
     Raises:

@@ -9,19 +9,8 @@ from eigenfail.contracts import MethodTraits
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Estimate, LearnerContext
 from eigenfail_services.methods.batch_learner import BatchLearner, check_values
+from eigenfail_services.statistics import mixture_sampling, pooled_estimate
 from eigenfail_services.statistics.intervals import log_normal
-from eigenfail_services.statistics.mixture_sampling import (
-    FEWEST_FAILURES,
-    MixtureResult,
-    MixtureSampling,
-    count_needed,
-    fit_tail,
-)
-from eigenfail_services.statistics.pooled_estimate import (
-    ALL_ERRORED,
-    estimate_ended,
-    estimate_from_draws,
-)
 from eigenfail_services.statistics.subset_simulation import PlainDraws, SubsetSimulation
 
 BY = "mixture sampling"
@@ -65,7 +54,7 @@ class MixtureSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, k
             )
 
 
-class MixtureMethod(BatchLearner[MixtureSampling]):
+class MixtureMethod(BatchLearner[mixture_sampling.MixtureSampling]):
     """Finds failure regions with wider noise, fits a mixture to them, and draws from it.
 
     Raises:
@@ -82,9 +71,9 @@ class MixtureMethod(BatchLearner[MixtureSampling]):
         self._settings = settings
         super().__init__(context, settings.round_size)
 
-    def _make_simulation(self) -> MixtureSampling:
+    def _make_simulation(self) -> mixture_sampling.MixtureSampling:
         context = self._context
-        return MixtureSampling(
+        return mixture_sampling.MixtureSampling(
             (context.horizon, context.channels),
             context.episodes,
             self._settings.components,
@@ -103,7 +92,7 @@ class MixtureMethod(BatchLearner[MixtureSampling]):
         return judge_result(result, episodes, self._context.channels * self._context.horizon)
 
 
-def judge_result(result: MixtureResult, episodes: int, values: int) -> Estimate:
+def judge_result(result: mixture_sampling.MixtureResult, episodes: int, values: int) -> Estimate:
     """Return the estimate, or the reason why its number is not to be trusted.
 
     Args:
@@ -116,7 +105,7 @@ def judge_result(result: MixtureResult, episodes: int, values: int) -> Estimate:
     if not len(result.weights):
         return _refuse(episodes, f"None of the last draws failed. {TAKE_SUBSET}.")
     effective = result.effective
-    needed = count_needed(values)
+    needed = mixture_sampling.count_needed(values)
     if effective < needed:
         return _refuse(
             episodes,
@@ -124,7 +113,7 @@ def judge_result(result: MixtureResult, episodes: int, values: int) -> Estimate:
             f"independent ones, and {needed} are needed: the fitted normals do not "
             f"match the failures well. {TAKE_SUBSET}, or give it more episodes.",
         )
-    tail = fit_tail(result.weights)
+    tail = mixture_sampling.fit_tail(result.weights)
     index = tail.shape if tail else inf
     limit = min(1.0 - 1.0 / log10(result.draws), LARGEST_TAIL_INDEX)
     if index > limit:
@@ -152,15 +141,15 @@ def judge_result(result: MixtureResult, episodes: int, values: int) -> Estimate:
     )
 
 
-def _hand_on(simulation: MixtureSampling) -> Estimate:
+def _hand_on(simulation: mixture_sampling.MixtureSampling) -> Estimate:
     """Return the estimate of the method that had the rest of the budget, with the reason."""
     refused = _refuse(simulation.episodes_run, _explain_early_end(simulation))
     successor = simulation.successor
     if isinstance(successor, PlainDraws) and successor.counts:
-        return estimate_from_draws(refused, successor.counts)
+        return pooled_estimate.estimate_from_draws(refused, successor.counts)
     if not isinstance(successor, SubsetSimulation):
         return refused
-    told = estimate_ended(successor)
+    told = pooled_estimate.estimate_ended(successor)
     why = f"Mixture sampling gave no number. {refused.problem}"
     return msgspec.structs.replace(
         told,
@@ -170,24 +159,24 @@ def _hand_on(simulation: MixtureSampling) -> Estimate:
     )
 
 
-def _explain_early_end(simulation: MixtureSampling) -> str:
+def _explain_early_end(simulation: mixture_sampling.MixtureSampling) -> str:
     """Return why no mixture was fitted."""
     if not simulation.episodes_run:
-        return ALL_ERRORED
+        return pooled_estimate.ALL_ERRORED
     if not simulation.are_failures_rare:
         return (
             f"Failures are not rare in its first {simulation.episodes_run} episodes: take method "
             "monte_carlo."
         )
     if simulation.promised is not None:
-        needed = count_needed(simulation.size)
+        needed = mixture_sampling.count_needed(simulation.size)
         return (
             f"Its trials promise the information of {simulation.promised:.1f} independent "
             f"failures, and {needed} are needed: the fitted normals do not match the failures well."
         )
     return (
         f"Noise of one to four sigma met {simulation.found_failures} failures in its first "
-        f"{simulation.episodes_run} episodes, and {FEWEST_FAILURES} are needed."
+        f"{simulation.episodes_run} episodes, and {mixture_sampling.FEWEST_FAILURES} are needed."
     )
 
 

@@ -6,15 +6,9 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from eigenfail import values
 from eigenfail.contracts import Injection, MethodTraits, Reference
 from eigenfail.errors import InvalidValue
-from eigenfail.values import (
-    EpisodeResult,
-    LearnerContext,
-    Proposal,
-    ReplayKind,
-    TrajectorySource,
-)
 from eigenfail.values.learning import count_rounds_ahead
 from eigenfail_services.methods import archive
 
@@ -28,9 +22,9 @@ class ReplaySettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw
         None
     )
     what: Annotated[
-        tuple[ReplayKind, ...],
+        tuple[values.ReplayKind, ...],
         msgspec.Meta(min_length=1, description="of that analysis, mode by mode of each"),
-    ] = (ReplayKind.EIGENFAILURE,)
+    ] = (values.ReplayKind.EIGENFAILURE,)
     modes: Annotated[
         tuple[Id, ...],
         msgspec.Meta(description="of that analysis, counted from 1; none given: all"),
@@ -84,7 +78,7 @@ class Replay:
     )
     lookahead = 3
 
-    def __init__(self, context: LearnerContext, settings: ReplaySettings) -> None:
+    def __init__(self, context: values.LearnerContext, settings: ReplaySettings) -> None:
         if not len(context.trajectories):
             raise InvalidValue(
                 "settings",
@@ -97,19 +91,19 @@ class Replay:
         self._total = len(context.trajectories) * settings.repeats
         self._proposed = 0
 
-    def propose(self, n: int) -> Proposal:
+    def propose(self, n: int) -> values.Proposal:
         """Return the next trajectories; none after the last pass."""
         first = self._proposed
         self._proposed = min(first + min(n, self._round_size), self._total)
         count = len(self._trajectories)
-        return Proposal(
+        return values.Proposal(
             tuple(
-                TrajectorySource(self._trajectories[i % count])
+                values.TrajectorySource(self._trajectories[i % count])
                 for i in range(first, self._proposed)
             )
         )
 
-    def observe(self, results: Sequence[EpisodeResult]) -> None:
+    def observe(self, results: Sequence[values.EpisodeResult]) -> None:
         """Do nothing: replay does not learn."""
 
     def state(self) -> bytes:

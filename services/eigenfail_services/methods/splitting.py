@@ -7,28 +7,13 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from eigenfail import values
 from eigenfail.contracts import MethodTraits
 from eigenfail.errors import InvalidValue, LearnerFailed
-from eigenfail.values import (
-    EpisodeResult,
-    Estimate,
-    Floats,
-    Importance,
-    LearnerContext,
-    Outcome,
-    PriorSource,
-    Proposal,
-    TrajectorySource,
-)
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.batch_learner import limit_round
+from eigenfail_services.statistics import multilevel_splitting
 from eigenfail_services.statistics.intervals import log_normal
-from eigenfail_services.statistics.multilevel_splitting import (
-    PooledRuns,
-    SplittingCounts,
-    SplittingRun,
-    pool_runs,
-)
 from eigenfail_services.statistics.pooled_estimate import estimate_from_draws
 from eigenfail_services.statistics.subset_simulation import PlainCounts
 
@@ -72,12 +57,12 @@ class SplittingSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True,
         float, Meta(gt=0.0, le=0.5, description="share of them that is given up at a level")
     ] = 0.1
     importance: Annotated[
-        Importance,
+        values.Importance,
         Meta(
             description="what tells how close an episode is to a collision: `required_braking`, "
             "`time_to_collision` or `distance`"
         ),
-    ] = Importance.REQUIRED_BRAKING
+    ] = values.Importance.REQUIRED_BRAKING
     round_size: Annotated[
         int, Meta(ge=1, le=100_000, description="episodes in a round at most")
     ] = 10_000
@@ -136,10 +121,10 @@ class MultilevelSplitting:
         errored: int
         failed: tuple[bool, ...]
         lost: tuple[bool, ...]
-        counts: tuple[SplittingCounts, ...]
+        counts: tuple[multilevel_splitting.SplittingCounts, ...]
         plain: PlainCounts
 
-    def __init__(self, context: LearnerContext, settings: SplittingSettings) -> None:
+    def __init__(self, context: values.LearnerContext, settings: SplittingSettings) -> None:
         settings.check_budget(context.episodes)
         self._settings = settings
         self._budget = context.episodes
@@ -148,16 +133,16 @@ class MultilevelSplitting:
         particles = settings.choose_particles(context.episodes)
         shape = particles, context.horizon, context.channels
         self._runs = [
-            SplittingRun((context.seed, number), shape, settings.given_up)
+            multilevel_splitting.SplittingRun((context.seed, number), shape, settings.given_up)
             for number in range(settings.runs)
         ]
         self._proposed, self._episodes_run, self._errored = 0, 0, 0
         self._wave = self._join_waves()
-        self._importances: list[Floats | None] = []
+        self._importances: list[values.Floats | None] = []
         self._failed: list[bool] = []
         self._plain = PlainCounts()
 
-    def _join_waves(self) -> Floats:
+    def _join_waves(self) -> values.Floats:
         """Return the next episodes of all runs; none after their end, and after one is in vain."""
         waves = [run.wave.z for run in self._runs if run.wave is not None]
         if self._count_unfaithful():
@@ -167,7 +152,7 @@ class MultilevelSplitting:
     def _count_unfaithful(self) -> int:
         return sum(run.counts.unfaithful for run in self._runs)
 
-    def propose(self, n: int) -> Proposal:
+    def propose(self, n: int) -> values.Proposal:
         """Return the rest of the level of all runs, at most a round.
 
         After the end of all runs: plain draws if these give no number, else nothing.
@@ -178,19 +163,19 @@ class MultilevelSplitting:
         chosen = self._wave[self._proposed : self._proposed + count]
         self._proposed += len(chosen)
         importance = self._settings.importance
-        return Proposal(tuple(TrajectorySource(z, importance) for z in chosen))
+        return values.Proposal(tuple(values.TrajectorySource(z, importance) for z in chosen))
 
-    def _propose_plain(self, n: int) -> Proposal:
+    def _propose_plain(self, n: int) -> values.Proposal:
         left = self._budget - self._count_seen() - self._proposed
         count = min(n, left) if self._explain_refusal() else 0
         self._proposed += count
-        return Proposal((PriorSource(),) * count)
+        return values.Proposal((values.PriorSource(),) * count)
 
     def _count_seen(self) -> int:
         """Return the number of episodes of complete levels, and of plain draws with a result."""
         return self._episodes_run + self._errored + self._plain.draws
 
-    def observe(self, results: Sequence[EpisodeResult]) -> None:
+    def observe(self, results: Sequence[values.EpisodeResult]) -> None:
         """Take in episodes; once those of a level are complete, the next level follows.
 
         Raises:
@@ -200,7 +185,7 @@ class MultilevelSplitting:
             self._count_plain(results)
             return
         for result in results:
-            is_lost = result.outcome is Outcome.ERRORED
+            is_lost = result.outcome is values.Outcome.ERRORED
             if not is_lost and result.importance is None:
                 raise LearnerFailed(
                     f"Episode {result.index} came without the importance of its steps.",
@@ -213,12 +198,12 @@ class MultilevelSplitting:
         if len(self._failed) == len(self._wave):
             self._finish_wave()
 
-    def _count_plain(self, results: Sequence[EpisodeResult]) -> None:
+    def _count_plain(self, results: Sequence[values.EpisodeResult]) -> None:
         before = self._plain
         self._plain = PlainCounts(
             before.draws + len(results),
             before.failures + sum(result.is_failure for result in results),
-            before.errored + sum(result.outcome is Outcome.ERRORED for result in results),
+            before.errored + sum(result.outcome is values.Outcome.ERRORED for result in results),
         )
         self._proposed -= len(results)
 
@@ -232,15 +217,15 @@ class MultilevelSplitting:
         self._wave = self._join_waves()
         self._proposed, self._importances, self._failed = 0, [], []
 
-    def estimate(self) -> Estimate | None:
+    def estimate(self) -> values.Estimate | None:
         """Return the failure probability; before the end of all runs, why there is none."""
         episodes = self._episodes_run
         if problem := self._explain_refusal():
-            refused = Estimate(by=BY, episodes=episodes, problem=problem)
+            refused = values.Estimate(by=BY, episodes=episodes, problem=problem)
             has_drawn = self._plain.draws and self._count_seen() == self._budget
             return estimate_from_draws(refused, self._plain) if has_drawn else refused
         pooled = self._pool()
-        return Estimate(
+        return values.Estimate(
             by=BY,
             episodes=episodes,
             probability=pooled.probability,
@@ -250,10 +235,10 @@ class MultilevelSplitting:
             note=self._describe(pooled),
         )
 
-    def _pool(self) -> PooledRuns:
+    def _pool(self) -> multilevel_splitting.PooledRuns:
         """Return the mean of the runs that have ended."""
         parts = [run.divide_by_families() for run in self._runs]
-        return pool_runs([one for one in parts if one is not None])
+        return multilevel_splitting.pool_runs([one for one in parts if one is not None])
 
     def _explain_refusal(self) -> str:
         """Return why there is no estimate; empty if there is one."""
@@ -273,7 +258,7 @@ class MultilevelSplitting:
             )
         return self._explain_doubt(self._pool())
 
-    def _explain_doubt(self, pooled: PooledRuns) -> str:
+    def _explain_doubt(self, pooled: multilevel_splitting.PooledRuns) -> str:
         """Return why the number of runs that have ended is not printed; empty if it is."""
         count, held = len(self._runs), len(self._runs[0].z)
         died = count - pooled.reached
@@ -298,7 +283,7 @@ class MultilevelSplitting:
             )
         return ""
 
-    def _describe(self, pooled: PooledRuns) -> str:
+    def _describe(self, pooled: multilevel_splitting.PooledRuns) -> str:
         """Return what a reader must know besides the number."""
         died = len(self._runs) - pooled.reached
         return (
@@ -337,7 +322,7 @@ class MultilevelSplitting:
         )
         return archive.write(self.kind, facts, arrays)
 
-    def _pad(self, importance: Floats) -> Floats:
+    def _pad(self, importance: values.Floats) -> values.Floats:
         return np.pad(importance, (0, self._horizon - len(importance)))
 
     def restore(self, state: bytes) -> None:

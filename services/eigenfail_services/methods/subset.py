@@ -16,32 +16,16 @@ from eigenfail_services.methods.batch_learner import (
     SimulationDriver,
     check_values,
 )
+from eigenfail_services.statistics import pooled_estimate, subset_estimate, subset_simulation
 from eigenfail_services.statistics.conditional_sampler import Chains
-from eigenfail_services.statistics.pooled_estimate import (
-    estimate_ended,
-    estimate_unfinished,
-    pool_simulations,
-    refuse_estimate,
-)
-from eigenfail_services.statistics.subset_estimate import (
-    SubsetEnd,
-    SubsetEstimate,
-    estimate_from_failures,
-    estimate_without_failures,
-    make_level,
-)
-from eigenfail_services.statistics.subset_simulation import (
-    FEWEST_SAMPLES,
-    PLANNED_LEVELS,
-    SubsetSettings,
-    SubsetSimulation,
-)
 
 MOST_VALUES = 21_201
 """Values of noise of an episode: the most dimensions of a Sobol sequence in scipy."""
 
 
-class SubsetMethodSettings(SubsetSettings, frozen=True, forbid_unknown_fields=True, kw_only=True):
+class SubsetMethodSettings(
+    subset_simulation.SubsetSettings, frozen=True, forbid_unknown_fields=True, kw_only=True
+):
     """Settings of `subset`."""
 
     round_size: Annotated[
@@ -54,13 +38,14 @@ class SubsetMethodSettings(SubsetSettings, frozen=True, forbid_unknown_fields=Tr
         if self.samples is None and episodes < fewest:
             raise InvalidValue(
                 "episodes",
-                f"{episodes} are fewer than {FEWEST_SAMPLES} samples on each of {PLANNED_LEVELS} "
-                f"levels in {self.runs} runs, which take {fewest}.",
+                f"{episodes} are fewer than {subset_simulation.FEWEST_SAMPLES} samples on each of "
+                f"{subset_simulation.PLANNED_LEVELS} levels in {self.runs} runs, which take "
+                f"{fewest}.",
                 "Give more episodes: with tens of thousands the estimate is good.",
             )
 
 
-class SubsetMethod(BatchLearner[SubsetSimulation]):
+class SubsetMethod(BatchLearner[subset_simulation.SubsetSimulation]):
     """Descends the levels of robustness to failures: one run chooses them, the others repeat them.
 
     A wave of episodes is requested at a time: draws from p(x) on the first level, then a move
@@ -95,20 +80,22 @@ class SubsetMethod(BatchLearner[SubsetSimulation]):
         size = settings.round_size
         return RoundSizes(size, size, width=settings.count_chains(episodes))
 
-    def _make_simulation(self) -> SubsetSimulation:
+    def _make_simulation(self) -> subset_simulation.SubsetSimulation:
         return start_simulation(self._context, self._settings)
 
     def estimate(self) -> Estimate | None:
         """Return the failure probability; before the end of all runs, a preliminary statement."""
         simulation = self._driver.simulation
         if not self._driver.is_done:
-            return estimate_unfinished(simulation, self._is_spent)
-        return estimate_ended(simulation)
+            return pooled_estimate.estimate_unfinished(simulation, self._is_spent)
+        return pooled_estimate.estimate_ended(simulation)
 
 
-def start_simulation(context: LearnerContext, settings: SubsetSettings) -> SubsetSimulation:
+def start_simulation(
+    context: LearnerContext, settings: subset_simulation.SubsetSettings
+) -> subset_simulation.SubsetSimulation:
     """Return the simulation of a campaign, before its first wave."""
-    return SubsetSimulation(
+    return subset_simulation.SubsetSimulation(
         (context.horizon, context.channels),
         context.episodes,
         settings,
@@ -126,12 +113,12 @@ NO_MODE = -1
 class ReachedRun(NamedTuple):
     """Estimate of a run that reached failures, and the samples of its last level."""
 
-    result: SubsetEstimate
+    result: subset_estimate.SubsetEstimate
     chains: Chains
 
 
 def estimate_modes(
-    simulation: SubsetSimulation,
+    simulation: subset_simulation.SubsetSimulation,
     robustness: Sequence[float],
     mode_of: Mapping[int, int],
     modes: int,
@@ -166,7 +153,7 @@ def estimate_modes(
 
 
 def replay_simulation(
-    simulation: SubsetSimulation, robustness: Sequence[float]
+    simulation: subset_simulation.SubsetSimulation, robustness: Sequence[float]
 ) -> tuple[dict[bytes, int], int]:
     """Run a simulation again.
 
@@ -197,7 +184,7 @@ def label_samples(
     return modes
 
 
-def _estimate_mode(estimates: Sequence[SubsetEstimate], episodes: int) -> Estimate:
+def _estimate_mode(estimates: Sequence[subset_estimate.SubsetEstimate], episodes: int) -> Estimate:
     """Return the estimate of one mode from those of all runs, or the reason why there is none."""
     effective = sum(one.effective_first_draws for one in estimates)
     if effective < MIN_EFFECTIVE_FIRST_DRAWS:
@@ -205,11 +192,11 @@ def _estimate_mode(estimates: Sequence[SubsetEstimate], episodes: int) -> Estima
             f"Its failures on the last level are worth {effective:.1f} independent first draws, and"
             f" it takes {MIN_EFFECTIVE_FIRST_DRAWS:.0f}. Give the campaign more episodes."
         )
-        return refuse_estimate(episodes, problem)
-    return pool_simulations(estimates, episodes)
+        return pooled_estimate.refuse_estimate(episodes, problem)
+    return pooled_estimate.pool_simulations(estimates, episodes)
 
 
-def _restrict_to_mode(run: ReachedRun, inside: NDArray[np.bool_]) -> SubsetEstimate:
+def _restrict_to_mode(run: ReachedRun, inside: NDArray[np.bool_]) -> subset_estimate.SubsetEstimate:
     """Return a run's estimate as if only the samples in `inside` had failed.
 
     They get robustness 0, all others of the last level infinity; the levels before stay.
@@ -220,9 +207,11 @@ def _restrict_to_mode(run: ReachedRun, inside: NDArray[np.bool_]) -> SubsetEstim
     """
     found = run.result
     restricted = run.chains._replace(values=np.where(inside, 0.0, inf))
-    levels = (*found.levels[:-1], make_level(restricted, 0.0))
+    levels = (*found.levels[:-1], subset_estimate.make_level(restricted, 0.0))
     if not inside.any():
-        return estimate_without_failures(
-            levels, SubsetEnd.MISSED, found.draws, found.trajectories_run
+        return subset_estimate.estimate_without_failures(
+            levels, subset_estimate.SubsetEnd.MISSED, found.draws, found.trajectories_run
         )
-    return estimate_from_failures(levels, restricted, found.draws, found.trajectories_run)
+    return subset_estimate.estimate_from_failures(
+        levels, restricted, found.draws, found.trajectories_run
+    )

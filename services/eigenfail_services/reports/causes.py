@@ -11,6 +11,7 @@ from eigenfail.presentation.figures import format_number, format_share
 from eigenfail.values import EpisodeResult, Outcome, Scene
 from eigenfail.values.report import Cell, ReportPicture, ReportSection
 from eigenfail_services.analysis.footprints import find_struck
+from eigenfail_services.reports import page
 from eigenfail_services.reports.material import (
     MOST_MODES,
     Analysed,
@@ -18,18 +19,6 @@ from eigenfail_services.reports.material import (
     arrange_by_channel,
     list_analysed,
     list_channels,
-)
-from eigenfail_services.reports.page import (
-    INK,
-    MARKS,
-    MUTED,
-    Drawing,
-    Mark,
-    ReportPart,
-    count_panels_beside,
-    draw_legend,
-    make_table,
-    mark,
 )
 
 if TYPE_CHECKING:
@@ -107,7 +96,7 @@ class Crash(NamedTuple):
         return (vehicles[:, vehicle, :2] - vehicles[:, 0, :2]).astype(np.float64)
 
 
-def make_collisions(material: Material) -> ReportPart | None:
+def make_collisions(material: Material) -> page.ReportPart | None:
     """The medoids' collisions of every campaign that was analysed."""
     found = {each.name: (each, find_crashes(each)) for each in list_analysed(material)}
     shown = {name: (each, of) for name, (each, of) in found.items() if of}
@@ -121,13 +110,13 @@ def make_collisions(material: Material) -> ReportPart | None:
         title="A collision of each mode",
         words=(COLLISIONS_WORDS,),
         tables=(
-            make_table(
+            page.make_table(
                 COLLISIONS_TABLE, "The end of the medoids' episodes", COLLISIONS_COLUMNS, rows
             ),
         ),
         pictures=tuple(describe_collisions_picture(each, of) for each, of in shown.values()),
     )
-    return ReportPart(
+    return page.ReportPart(
         section, drawings={f"collisions-{n}": draw_collisions(of) for n, (_, of) in shown.items()}
     )
 
@@ -203,7 +192,7 @@ def describe_collisions(of: Crash) -> str:
     )
 
 
-def draw_collisions(of: tuple[Crash, ...]) -> Drawing:
+def draw_collisions(of: tuple[Crash, ...]) -> page.Drawing:
     """A strip for each mode."""
 
     def draw(figure: "Figure") -> None:
@@ -213,23 +202,23 @@ def draw_collisions(of: tuple[Crash, ...]) -> Drawing:
         strips[0].legend(loc="lower left", bbox_to_anchor=(0.0, 1.18), ncols=4, borderaxespad=0.0)
         strips[-1].set_xlabel("along the road, from the truck's centre [m]")
 
-    return Drawing(draw, 1.0 + 1.5 * len(of))
+    return page.Drawing(draw, 1.0 + 1.5 * len(of))
 
 
 def strip(axes: "Axes", of: Crash) -> None:
     """One collision."""
-    draw_footprint(axes, of.box(0), MARKS[0], "truck")
-    draw_footprint(axes, of.box(of.struck), MARKS[1], "vehicle struck")
+    draw_footprint(axes, of.box(0), page.MARKS[0], "truck")
+    draw_footprint(axes, of.box(of.struck), page.MARKS[1], "vehicle struck")
     for other in range(1, len(of.scene.sizes)):
         if other != of.struck and not np.isnan(of.box(other)).any():
-            axes.fill(*of.box(other).T, facecolor="none", edgecolor=MUTED, linestyle=":")
-    axes.plot(*of.actor.T, color=INK, linewidth=1.4, label="its way")
+            axes.fill(*of.box(other).T, facecolor="none", edgecolor=page.MUTED, linestyle=":")
+    axes.plot(*of.actor.T, color=page.INK, linewidth=1.4, label="its way")
     axes.plot(
         *of.perceived.T,
         linestyle="none",
         marker="x",
         markersize=3.5,
-        color=MARKS[3].colour,
+        color=page.MARKS[3].colour,
         label="seen by the planner",
     )
     axes.set_title(f"mode {of.mode}: episode {of.episode}")
@@ -237,7 +226,7 @@ def strip(axes: "Axes", of: Crash) -> None:
     axes.set_aspect("equal", adjustable="datalim")
 
 
-def draw_footprint(axes: "Axes", corners: NDArray[np.float64], look: Mark, name: str) -> None:
+def draw_footprint(axes: "Axes", corners: NDArray[np.float64], look: page.Mark, name: str) -> None:
     """Draw a vehicle at the collision."""
     style: dict[str, Any] = {"edgecolor": look.colour, "hatch": look.hatch}
     axes.fill(*corners.T, facecolor="white", label=name, **style)
@@ -252,7 +241,7 @@ INFLUENCE_WORDS = (
 )
 
 
-def make_influence(material: Material) -> ReportPart | None:
+def make_influence(material: Material) -> page.ReportPart | None:
     """The influence of every campaign that was analysed."""
     found = [each for each in list_analysed(material) if each.result.influence.any()]
     if not found:
@@ -272,10 +261,10 @@ def make_influence(material: Material) -> ReportPart | None:
             INFLUENCE_WORDS,
             *(sentence for each in found for sentence in describe_influence(each)),
         ),
-        tables=(make_table(INFLUENCE_TABLE, "Influence of each step", columns, rows),),
+        tables=(page.make_table(INFLUENCE_TABLE, "Influence of each step", columns, rows),),
         pictures=tuple(map(describe_influence_picture, found)),
     )
-    return ReportPart(
+    return page.ReportPart(
         section,
         drawings={describe_influence_picture(each).name: draw_influence(each) for each in found},
     )
@@ -356,13 +345,13 @@ def describe_position(found: Analysed, at: float) -> str:
     return f"{format_number(at)} s" if found.step_s else f"step {at:g}"
 
 
-def draw_influence(found: Analysed) -> Drawing:
+def draw_influence(found: Analysed) -> page.Drawing:
     """A line for each channel."""
 
     def draw(figure: "Figure") -> None:
         axes = figure.subplots()
         for place, (way, channel) in enumerate(found.drawn_channels):
-            look = mark(place)
+            look = page.mark(place)
             axes.plot(
                 list_positions(found),
                 found.result.influence[:, way],
@@ -373,6 +362,6 @@ def draw_influence(found: Analysed) -> Drawing:
         axes.set_xlabel(title_axis(found))
         axes.set_ylabel("influence")
         axes.set_ylim(bottom=0.0)
-        draw_legend(axes, count_panels_beside(len(found.drawn_channels)))
+        page.draw_legend(axes, page.count_panels_beside(len(found.drawn_channels)))
 
-    return Drawing(draw, 2.8)
+    return page.Drawing(draw, 2.8)

@@ -4,15 +4,8 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, NamedTuple
 
 from eigenfail.errors import Conflict, InputError
+from eigenfail.presentation import figures
 from eigenfail.presentation.analyses import choose_channel_words
-from eigenfail.presentation.figures import (
-    UNKNOWN,
-    count_noun,
-    format_amount,
-    format_number,
-    format_percent_interval,
-    format_share,
-)
 from eigenfail.presentation.tables import OWN_EPISODES, format_cost
 from eigenfail.values import CampaignCost, CostPoint, MinimalFailure, Rate, Region
 from eigenfail.values.report import Cell, ReportPicture, ReportSection
@@ -20,18 +13,9 @@ from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns.costs import find_spending
 from eigenfail_services.campaigns.minimal_failures import METHOD, find_minimal_failure
 from eigenfail_services.campaigns.region import find_region
+from eigenfail_services.reports import page
 from eigenfail_services.reports.material import Material, Subject
 from eigenfail_services.reports.outcomes import list_bounds
-from eigenfail_services.reports.page import (
-    Drawing,
-    Grid,
-    ReportPart,
-    draw_legend,
-    group_subjects,
-    make_named_grids,
-    make_table,
-    mark,
-)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -82,27 +66,27 @@ class Spent(NamedTuple):
     found: CampaignCost
 
 
-def make_cost(material: Material) -> ReportPart:
+def make_cost(material: Material) -> page.ReportPart:
     """The cost of all campaigns."""
     store = material.store
     spent = [Spent(each, find_spending(store, each.campaign)) for each in material.subjects]
     begun = {each.subject.id: each for each in spent if each.found.curve}
-    drawn = [*group_subjects([each.subject for each in begun.values()], CURVE)]
+    drawn = [*page.group_subjects([each.subject for each in begun.values()], CURVE)]
     pictures = {name: [begun[subject.id] for subject in group] for name, group in drawn}
     section = ReportSection(
         name="cost",
         title="Cost",
         words=(COST_WORDS, *dict.fromkeys(note for each in spent for note in list_notes(each))),
         tables=(
-            make_table(COST, "Cost of the campaigns", COST_COLUMNS, [*map(list_cost, spent)]),
-            make_table(CURVE, "Failures over cost", CURVE_COLUMNS, [*list_curve_rows(spent)]),
+            page.make_table(COST, "Cost of the campaigns", COST_COLUMNS, [*map(list_cost, spent)]),
+            page.make_table(CURVE, "Failures over cost", CURVE_COLUMNS, [*list_curve_rows(spent)]),
         ),
         pictures=tuple(describe_cost_picture(name, group) for name, group in pictures.items()),
     )
-    return ReportPart(
+    return page.ReportPart(
         section,
         {
-            COST: make_named_grids(
+            COST: page.make_named_grids(
                 material.subjects, {s.id: dict(list_figures(of)) for s, of in spent}
             )
         },
@@ -122,9 +106,19 @@ def list_cost(spent: Spent) -> tuple[Cell, ...]:
     """The numbers of a campaign."""
     found, time = spent.found, spent.found.time
     return (
-        *(found.campaign, found.price_usd_per_hour, found.instances, found.cost.total_usd),
-        *(found.failures, found.modes, found.per_mode_usd, time.active_s),
-        *(time.simulation_s, time.startup_s, time.learning_s, time.waiting_s, time.lost_s),
+        found.campaign,
+        found.price_usd_per_hour,
+        found.instances,
+        found.cost.total_usd,
+        found.failures,
+        found.modes,
+        found.per_mode_usd,
+        time.active_s,
+        time.simulation_s,
+        time.startup_s,
+        time.learning_s,
+        time.waiting_s,
+        time.lost_s,
     )
 
 
@@ -137,11 +131,14 @@ def list_curve_rows(spent: list[Spent]) -> Iterator[tuple[Cell, ...]]:
 
 def list_figures(found: CampaignCost) -> Iterator[tuple[str, tuple[str, ...]]]:
     """Yield the names and values of a campaign's costs."""
-    price, time = format_amount(found.price_usd_per_hour), found.time
-    hours = f"{format_number(found.cost.instance_hours)} instance-hours"
-    yield "Cost", (format_amount(found.cost.total_usd), f"{hours} at {price}")
+    price, time = figures.format_amount(found.price_usd_per_hour), found.time
+    hours = f"{figures.format_number(found.cost.instance_hours)} instance-hours"
+    yield "Cost", (figures.format_amount(found.cost.total_usd), f"{hours} at {price}")
     yield "Cost per failure", format_cost(found.cost).lines
-    yield "Cost per distinct mode", (format_amount(found.per_mode_usd), describe_modes(found))
+    yield (
+        "Cost per distinct mode",
+        (figures.format_amount(found.per_mode_usd), describe_modes(found)),
+    )
     yield "Time running", (format_seconds(time.active_s),)
     yield "Simulation", format_cost_share(time.simulation_s, time.active_s)
     yield "Start-up", format_cost_share(time.startup_s, time.active_s)
@@ -154,25 +151,26 @@ def describe_modes(found: CampaignCost) -> str:
     """Return the number of distinct modes, or that it is unknown."""
     if found.modes is None:
         return "modes are not known"
-    return count_noun(found.modes, "distinct mode")
+    return figures.count_noun(found.modes, "distinct mode")
 
 
 def format_seconds(value: float | None) -> str:
     """Return a duration as text."""
-    return UNKNOWN if value is None else f"{format_number(value)} s"
+    return figures.UNKNOWN if value is None else f"{figures.format_number(value)} s"
 
 
 def format_cost_share(value: float | None, of: float) -> tuple[str, ...]:
     """A part of the time."""
     if value is None or not of:
         return (format_seconds(value),)
-    return (format_seconds(value), format_share(value / of))
+    return (format_seconds(value), figures.format_share(value / of))
 
 
 def describe_cost_picture(name: str, group: list[Spent]) -> ReportPicture:
     """The picture of these campaigns, in words."""
     sentences = (
-        f"Campaign {each.subject.label}: {last.failures} failures for {format_amount(last.usd)}."
+        f"Campaign {each.subject.label}: {last.failures} failures for "
+        f"{figures.format_amount(last.usd)}."
         for each in group
         for last in each.found.curve[-1:]
     )
@@ -185,7 +183,7 @@ def describe_cost_picture(name: str, group: list[Spent]) -> ReportPicture:
     )
 
 
-def draw_cost(group: list[Spent]) -> Drawing:
+def draw_cost(group: list[Spent]) -> page.Drawing:
     """A line for each campaign, with a mark at every tenth point or so."""
 
     def draw(figure: "Figure") -> None:
@@ -197,14 +195,14 @@ def draw_cost(group: list[Spent]) -> Drawing:
                 [at.failures for at in curve],
                 label=subject.label,
                 markevery=max(1, len(curve) // 10),
-                **mark(subject.place).style,
+                **page.mark(subject.place).style,
             )
         axes.set_xlabel("cost so far [USD]")
         axes.set_ylabel("failures found")
         axes.set_xlim(left=0.0)
-        draw_legend(axes)
+        page.draw_legend(axes)
 
-    return Drawing(draw, 3.0 + 0.16 * len(group))
+    return page.Drawing(draw, 3.0 + 0.16 * len(group))
 
 
 REGION_TABLE = "region"
@@ -234,7 +232,7 @@ REGION_WORDS = (
 HEADER = ("Campaigns", "Where", "Share of the failures inside", "Failure rate inside")
 
 
-def make_region(material: Material) -> ReportPart | None:
+def make_region(material: Material) -> page.ReportPart | None:
     """The failing regions of campaigns on one planner in one scenario."""
     found = [region for region in find_regions(material) if region.parameters]
     if not found:
@@ -247,7 +245,7 @@ def make_region(material: Material) -> ReportPart | None:
             *(sentence for region in found for sentence in describe_region(region)),
         ),
         tables=(
-            make_table(
+            page.make_table(
                 REGION_TABLE,
                 "Parts of the failing region",
                 REGION_COLUMNS,
@@ -256,7 +254,7 @@ def make_region(material: Material) -> ReportPart | None:
         ),
     )
     lines = tuple(line for region in found for line in describe_parts(region))
-    return ReportPart(section, {REGION_TABLE: (Grid(HEADER, lines),)} if lines else {})
+    return page.ReportPart(section, {REGION_TABLE: (page.Grid(HEADER, lines),)} if lines else {})
 
 
 def find_regions(material: Material) -> Iterator[Region]:
@@ -283,7 +281,7 @@ def describe_region(region: Region) -> Iterator[str]:
     found = f"{region.failures:,} failures in {region.episodes:,} episodes"
     yield f"{who}: {', '.join(region.parameters)} vary; {found}."
     if region.p_value is not None:
-        p_value = format_number(region.p_value)
+        p_value = figures.format_number(region.p_value)
         yield f"{who}: chance alone would put this many failures there with p = {p_value}."
     yield from (f"{who}: {note}" for note in (region.problem, *region.warnings) if note)
 
@@ -313,20 +311,20 @@ def describe_parts(region: Region) -> Iterator[tuple[tuple[str, ...], ...]]:
 def format_region_share(found: Rate | None) -> tuple[str, ...]:
     """A share with its interval and what it rests on."""
     if found is None:
-        return (UNKNOWN,)
+        return (figures.UNKNOWN,)
     counted = f"{found.k:,} of {found.n:,}"
     if found.interval is None:
-        return (format_share(found.value), f"{counted} {OWN_EPISODES}")
+        return (figures.format_share(found.value), f"{counted} {OWN_EPISODES}")
     return (
-        format_share(found.value),
-        f"95 %: {format_percent_interval(found.interval)}, {counted}",
+        figures.format_share(found.value),
+        f"95 %: {figures.format_percent_interval(found.interval)}, {counted}",
     )
 
 
 MINIMAL_WORDS = "A failing noise trajectory reduced to the noise that is necessary for the failure."
 
 
-def make_minimal(material: Material) -> ReportPart | None:
+def make_minimal(material: Material) -> page.ReportPart | None:
     """The minimal failures that campaigns came to."""
     found = [*find_minimal_failures(material)]
     if not found:
@@ -349,9 +347,11 @@ def make_minimal(material: Material) -> ReportPart | None:
         name="minimal",
         title="Minimal failures",
         words=(f"{MINIMAL_WORDS} {counted}", *sentences),
-        tables=(make_table("minimal", "Minimal failures", columns, [*map(list_minimal, found)]),),
+        tables=(
+            page.make_table("minimal", "Minimal failures", columns, [*map(list_minimal, found)]),
+        ),
     )
-    return ReportPart(section)
+    return page.ReportPart(section)
 
 
 def list_shrunk_channels(material: Material) -> tuple[str, ...]:
@@ -377,7 +377,13 @@ def find_minimal_failures(material: Material) -> Iterator[MinimalFailure]:
 def list_minimal(found: MinimalFailure) -> tuple[Cell, ...]:
     """The numbers of a minimal failure."""
     return (
-        *(found.campaign, found.index, found.done, found.needed, found.injected),
-        *(found.energy, found.full_energy),
-        *(found.log_probability_per_step, found.full_log_probability_per_step),
+        found.campaign,
+        found.index,
+        found.done,
+        found.needed,
+        found.injected,
+        found.energy,
+        found.full_energy,
+        found.log_probability_per_step,
+        found.full_log_probability_per_step,
     )

@@ -3,42 +3,19 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
-from eigenfail.presentation.figures import (
-    UNKNOWN,
-    count_noun,
-    format_interval,
-    format_number,
-    format_percent_interval,
-    format_share,
-)
+from eigenfail import values
+from eigenfail.presentation import figures
 from eigenfail.presentation.rates import FAILED_SHARE, name_rates
 from eigenfail.presentation.tables import NO_EPISODE, OWN_EPISODES
-from eigenfail.values import (
-    CourseBlock,
-    FailurePoint,
-    Interval,
-    MeanTime,
-    Rate,
-    SeverityRisk,
-    Violations,
-)
 from eigenfail.values import (
     Figure as Number,
 )
 from eigenfail.values.records import IN_WORDS
 from eigenfail.values.report import Cell, ReportPicture, ReportSection
 from eigenfail.values.safety import TAIL_LEVEL
+from eigenfail_services.reports import page
 from eigenfail_services.reports.material import Material, Subject, sample_note
 from eigenfail_services.reports.outcomes import list_bounds
-from eigenfail_services.reports.page import (
-    Drawing,
-    ReportPart,
-    draw_legend,
-    group_subjects,
-    make_comparison_grids,
-    make_table,
-    mark,
-)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -71,7 +48,7 @@ FUNCTION_WORDS = (
 )
 
 
-def make_safety(material: Material) -> ReportPart:
+def make_safety(material: Material) -> page.ReportPart:
     """The measures side by side."""
     subjects = material.subjects
     rows = [row for subject in subjects for row in list_measure_rows(subject)]
@@ -83,11 +60,13 @@ def make_safety(material: Material) -> ReportPart:
             *(note for subject in subjects for note in list_notes(subject)),
         ),
         tables=(
-            make_table("safety", "Safety measures of all completed episodes", SAFETY_COLUMNS, rows),
+            page.make_table(
+                "safety", "Safety measures of all completed episodes", SAFETY_COLUMNS, rows
+            ),
         ),
     )
-    return ReportPart(
-        section, {"safety": make_comparison_grids(subjects, choose_figures(material))}
+    return page.ReportPart(
+        section, {"safety": page.make_comparison_grids(subjects, choose_figures(material))}
     )
 
 
@@ -107,7 +86,7 @@ def choose_figures(material: Material) -> Mapping[str, Callable[[Subject], tuple
 def _omit_of_functions(
     figure: Callable[[Subject], tuple[str, ...]],
 ) -> Callable[[Subject], tuple[str, ...]]:
-    return lambda subject: figure(subject) if subject.has_road else (UNKNOWN,)
+    return lambda subject: figure(subject) if subject.has_road else (figures.UNKNOWN,)
 
 
 def list_notes(subject: Subject) -> tuple[str, ...]:
@@ -160,7 +139,7 @@ def list_measure_rows(subject: Subject) -> list[tuple[Cell, ...]]:
     return [(subject.id, *row) for row in rows]
 
 
-def format_safety_share(found: Rate | None) -> tuple[Cell, ...]:
+def format_safety_share(found: values.Rate | None) -> tuple[Cell, ...]:
     """k of n as a share with its interval."""
     if found is None:
         return (None, None, None, None, None, "share")
@@ -172,12 +151,12 @@ def count(k: int, n: int) -> tuple[Cell, ...]:
     return (k, n, None, None, None, "")
 
 
-def make_mean_row(found: MeanTime) -> tuple[Cell, ...]:
+def make_mean_row(found: values.MeanTime) -> tuple[Cell, ...]:
     """Return the row of a mean time."""
     return (None, found.n, found.mean_s, None, None, "s")
 
 
-def make_severity_row(risk: SeverityRisk, found: Number | None) -> tuple[Cell, ...]:
+def make_severity_row(risk: values.SeverityRisk, found: Number | None) -> tuple[Cell, ...]:
     """Return the row of a figure of the failures' severity with its interval."""
     bounds = found.interval if found else None
     value = found.value if found else None
@@ -185,18 +164,21 @@ def make_severity_row(risk: SeverityRisk, found: Number | None) -> tuple[Cell, .
     return (None, risk.n, value, *ends, "m²/s²")
 
 
-def format_count(found: Rate | None) -> tuple[str, ...]:
+def format_count(found: values.Rate | None) -> tuple[str, ...]:
     """Return k of n, and the share."""
     if found is None:
-        return (UNKNOWN, NO_EPISODE)
+        return (figures.UNKNOWN, NO_EPISODE)
     if found.interval is None:
         return (f"{found.k:,} of {found.n:,}", OWN_EPISODES)
-    return (f"{found.k:,} of {found.n:,}", f"95 %: {format_percent_interval(found.interval)}")
+    return (
+        f"{found.k:,} of {found.n:,}",
+        f"95 %: {figures.format_percent_interval(found.interval)}",
+    )
 
 
-def format_exceedance(found: Violations, unit: str) -> tuple[str, ...]:
+def format_exceedance(found: values.Violations, unit: str) -> tuple[str, ...]:
     """Return how often a threshold was passed, and the median and worst value."""
-    middle, worst = format_number(found.median), format_number(found.worst)
+    middle, worst = figures.format_number(found.median), figures.format_number(found.worst)
     return (
         *format_count(found.beyond),
         f"median {middle} {unit}, worst {worst} {unit} (n = {found.n:,})",
@@ -206,23 +188,23 @@ def format_exceedance(found: Violations, unit: str) -> tuple[str, ...]:
 def format_collisions(k: int, subject: Subject) -> tuple[str, ...]:
     """Return k of the campaign's collisions as text; unknown if it has none."""
     count = subject.safety.conflicts.collisions
-    return (f"{k:,} of {count:,} collisions",) if count else (UNKNOWN,)
+    return (f"{k:,} of {count:,} collisions",) if count else (figures.UNKNOWN,)
 
 
-def format_lead(found: MeanTime) -> tuple[str, ...]:
+def format_lead(found: values.MeanTime) -> tuple[str, ...]:
     """Return a mean lead time with its number of failures."""
     if found.mean_s is None:
-        return (UNKNOWN, "no such collision")
-    return (f"{format_number(found.mean_s)} s", f"mean of {found.n:,}")
+        return (figures.UNKNOWN, "no such collision")
+    return (f"{figures.format_number(found.mean_s)} s", f"mean of {found.n:,}")
 
 
 def format_risk(subject: Subject, found: Number | None) -> tuple[str, ...]:
     """Return a figure of severity with its interval as text."""
     n = f"n = {subject.safety.severity.n:,}"
     if found is None:
-        return (UNKNOWN, n)
-    bounds = f"95 %: {format_interval(found.interval)}, " if found.interval else ""
-    return (format_number(found.value), f"{bounds}{n}")
+        return (figures.UNKNOWN, n)
+    bounds = f"95 %: {figures.format_interval(found.interval)}, " if found.interval else ""
+    return (figures.format_number(found.value), f"{bounds}{n}")
 
 
 def count_failures(subject: Subject) -> tuple[str, ...]:
@@ -235,7 +217,7 @@ def count_violations(name: str) -> Callable[[Subject], tuple[str, ...]]:
 
     def find(subject: Subject) -> tuple[str, ...]:
         named = {each.name: each.violations for each in subject.safety.requirements}
-        return format_count(named[name]) if name in named else (UNKNOWN,)
+        return format_count(named[name]) if name in named else (figures.UNKNOWN,)
 
     return find
 
@@ -289,7 +271,7 @@ NONE_FOUND = "No failure has been found, so there is nothing to draw."
 NOT_SEVERE = "No failure has a severity, so there is nothing to draw."
 
 
-def make_likelihood(material: Material) -> ReportPart:
+def make_likelihood(material: Material) -> page.ReportPart:
     """The failures of all campaigns."""
     failing = [subject for subject in material.subjects if subject.safety.scatter.points]
     rows = [
@@ -300,15 +282,15 @@ def make_likelihood(material: Material) -> ReportPart:
         name="likelihood",
         title="Likelihood and severity of failures",
         words=(*list_likelihood_words(material, failing), *list_unmeasured(material)),
-        tables=(make_table(LIKELIHOOD_TABLE, "Failures", LIKELIHOOD_COLUMNS, rows, notes),),
+        tables=(page.make_table(LIKELIHOOD_TABLE, "Failures", LIKELIHOOD_COLUMNS, rows, notes),),
         pictures=tuple(
             describe_likelihood_picture(name, group)
-            for name, group in group_subjects(failing, PICTURE)
+            for name, group in page.group_subjects(failing, PICTURE)
         ),
     )
-    return ReportPart(
+    return page.ReportPart(
         section,
-        drawings={name: draw_likelihood(of) for name, of in group_subjects(failing, PICTURE)},
+        drawings={name: draw_likelihood(of) for name, of in page.group_subjects(failing, PICTURE)},
     )
 
 
@@ -330,12 +312,12 @@ def list_unmeasured(material: Material) -> Iterator[str]:
         if failures and not each.has_road:
             yield (
                 f"Campaign {each.id}: severity is not measured for a function, so that its "
-                f"{count_noun(failures, 'failure')} "
+                f"{figures.count_noun(failures, 'failure')} "
                 f"{'is' if failures == 1 else 'are'} not drawn."
             )
 
 
-def list_likelihood(campaign: int, point: FailurePoint) -> tuple[Cell, ...]:
+def list_likelihood(campaign: int, point: values.FailurePoint) -> tuple[Cell, ...]:
     """The numbers of a failure."""
     conflict = IN_WORDS[point.conflict] if point.conflict else None
     return (campaign, point.index, point.log_probability_per_step, point.severity, conflict)
@@ -353,11 +335,11 @@ def list_correlations(failing: list[Subject]) -> Iterator[str]:
     for subject in failing:
         found, n = subject.safety.scatter.rank_correlation, len(subject.safety.scatter.points)
         if found is not None:
-            bounds = f" {format_interval(found.interval)}" if found.interval else ""
+            bounds = f" {figures.format_interval(found.interval)}" if found.interval else ""
             yield (
                 f"Campaign {subject.id}: rank correlation of severity and log p per step (Spearman)"
-                f" {format_number(found.value)}{bounds}, n = {n:,}; below 0 the severe failures "
-                "are the rarer ones."
+                f" {figures.format_number(found.value)}{bounds}, n = {n:,}; below 0 the severe "
+                "failures are the rarer ones."
             )
 
 
@@ -380,12 +362,12 @@ def describe_likelihood(subject: Subject) -> str:
     severe = [point.severity for point in points]
     return (
         f"Campaign {subject.label}: {len(points)} failures, log p per step from "
-        f"{format_number(min(likely))} to {format_number(max(likely))}, severity from "
-        f"{format_number(min(severe))} to {format_number(max(severe))} m²/s²."
+        f"{figures.format_number(min(likely))} to {figures.format_number(max(likely))}, severity "
+        f"from {figures.format_number(min(severe))} to {figures.format_number(max(severe))} m²/s²."
     )
 
 
-def draw_likelihood(group: tuple[Subject, ...]) -> Drawing:
+def draw_likelihood(group: tuple[Subject, ...]) -> page.Drawing:
     """A mark for each failure."""
 
     def draw(figure: "Figure") -> None:
@@ -396,18 +378,18 @@ def draw_likelihood(group: tuple[Subject, ...]) -> Drawing:
                 [point.log_probability_per_step for point in points],
                 [point.severity for point in points],
                 linestyle="none",
-                marker=mark(subject.place).marker,
+                marker=page.mark(subject.place).marker,
                 markerfacecolor="none",
-                markeredgecolor=mark(subject.place).colour,
+                markeredgecolor=page.mark(subject.place).colour,
                 markeredgewidth=0.9,
                 label=subject.label,
             )
         axes.set_xlabel("log p per step [nat]")
         axes.set_ylabel("severity ‖Δv‖² [m²/s²]")
         axes.set_ylim(bottom=0.0)
-        draw_legend(axes)
+        page.draw_legend(axes)
 
-    return Drawing(draw, 3.4 + 0.16 * len(group))
+    return page.Drawing(draw, 3.4 + 0.16 * len(group))
 
 
 LEARNING_TABLE = "learning-curve"
@@ -434,13 +416,13 @@ LEARNING_WORDS = (
 )
 
 
-def make_learning(material: Material) -> ReportPart:
+def make_learning(material: Material) -> page.ReportPart:
     """The courses of the campaigns."""
     begun = [subject for subject in material.subjects if subject.course.blocks]
     rows = [list_learning(subject, block) for subject in begun for block in subject.course.blocks]
     pictures = tuple(
         describe_learning_picture(name, group)
-        for name, group in group_subjects(begun, LEARNING_TABLE)
+        for name, group in page.group_subjects(begun, LEARNING_TABLE)
     )
     columns = (
         *LEARNING_COLUMNS,
@@ -451,20 +433,29 @@ def make_learning(material: Material) -> ReportPart:
         name="learning",
         title="Learning curve",
         words=(LEARNING_WORDS,) if begun else ("No episode has ended yet.",),
-        tables=(make_table(LEARNING_TABLE, "Failures over episodes", columns, rows),),
+        tables=(page.make_table(LEARNING_TABLE, "Failures over episodes", columns, rows),),
         pictures=pictures,
     )
-    drawings = {name: draw_learning(group) for name, group in group_subjects(begun, LEARNING_TABLE)}
-    return ReportPart(section, drawings=drawings)
+    drawings = {
+        name: draw_learning(group) for name, group in page.group_subjects(begun, LEARNING_TABLE)
+    }
+    return page.ReportPart(section, drawings=drawings)
 
 
-def list_learning(subject: Subject, block: CourseBlock) -> tuple[Cell, ...]:
+def list_learning(subject: Subject, block: values.CourseBlock) -> tuple[Cell, ...]:
     """The numbers of a block."""
     rate = block.failure_rate
     return (
-        *(subject.id, block.first, block.last, rate.n, rate.k),
-        *(rate.value, *list_bounds(rate)),
-        *(block.log_probability_per_step, block.smallest_robustness_m, block.median_robustness_m),
+        subject.id,
+        block.first,
+        block.last,
+        rate.n,
+        rate.k,
+        rate.value,
+        *list_bounds(rate),
+        block.log_probability_per_step,
+        block.smallest_robustness_m,
+        block.median_robustness_m,
     )
 
 
@@ -484,8 +475,8 @@ def describe_learning(subject: Subject) -> str:
     first, last = subject.course.blocks[0].failure_rate, subject.course.blocks[-1].failure_rate
     return (
         f"Campaign {subject.label}: {_name_rates([subject]).lower()} "
-        f"{format_share(first.value)} in the first block "
-        f"of up to {subject.course.per} episodes, {format_share(last.value)} in the last."
+        f"{figures.format_share(first.value)} in the first block "
+        f"of up to {subject.course.per} episodes, {figures.format_share(last.value)} in the last."
     )
 
 
@@ -493,16 +484,16 @@ def _name_rates(group: Sequence[Subject]) -> str:
     return name_rates(block.failure_rate for each in group for block in each.course.blocks)
 
 
-def draw_learning(group: tuple[Subject, ...]) -> Drawing:
+def draw_learning(group: tuple[Subject, ...]) -> page.Drawing:
     """Failure rate, or share of failures, above, likelihood below."""
 
     def draw(figure: "Figure") -> None:
         above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 2))
         for subject in group:
-            look, blocks = mark(subject.place), subject.course.blocks
+            look, blocks = page.mark(subject.place), subject.course.blocks
             middle = [(block.first + block.last) / 2.0 for block in blocks]
             rates = [block.failure_rate for block in blocks]
-            bounds = [rate.interval or Interval(rate.share, rate.share) for rate in rates]
+            bounds = [rate.interval or values.Interval(rate.share, rate.share) for rate in rates]
             pairs = list(zip(rates, bounds, strict=True))
             down = [100.0 * (rate.share - each.low) for rate, each in pairs]
             up = [100.0 * (each.high - rate.share) for rate, each in pairs]
@@ -522,6 +513,6 @@ def draw_learning(group: tuple[Subject, ...]) -> Drawing:
         above.set_ylabel(f"{_name_rates(group).lower()} [%]")
         below.set_ylabel("log p per step [nat]")
         below.set_xlabel("episode")
-        draw_legend(above)
+        page.draw_legend(above)
 
-    return Drawing(draw, 4.0 + 0.16 * len(group))
+    return page.Drawing(draw, 4.0 + 0.16 * len(group))

@@ -9,6 +9,7 @@ from eigenfail.presentation.figures import format_share
 from eigenfail.values import Proof, ReplayedNoise, Reproduction
 from eigenfail.values.report import Cell, ReportPicture, ReportSection
 from eigenfail_services.campaigns.proofs import summarise_proof
+from eigenfail_services.reports import page
 from eigenfail_services.reports.material import (
     Analysed,
     Material,
@@ -16,20 +17,6 @@ from eigenfail_services.reports.material import (
     list_analysed,
     list_channels,
     split_into_groups,
-)
-from eigenfail_services.reports.page import (
-    BESIDE,
-    INK,
-    MUTED,
-    Drawing,
-    Grid,
-    ReportPart,
-    count_panel_rows,
-    draw_legend,
-    draw_panels,
-    make_table,
-    mark,
-    title_panels,
 )
 
 if TYPE_CHECKING:
@@ -84,7 +71,7 @@ class Proven(NamedTuple):
     proof: Proof
 
 
-def make_proof(material: Material) -> ReportPart | None:
+def make_proof(material: Material) -> page.ReportPart | None:
     """The replays of every analysis that was replayed."""
     proofs = (
         Proven(each, summarise_proof(material.store, each.analysis))
@@ -106,14 +93,16 @@ def make_proof(material: Material) -> ReportPart | None:
         title="Replays of modes",
         words=(PROOF_WORDS.format(failure=failure), *map(describe_proof, proven)),
         tables=(
-            make_table(
+            page.make_table(
                 SCENARIOS, "Replays by scenario", scenario_columns, [*list_scenario_rows(proven)]
             ),
-            make_table(REPLAYS, "Each replay", replay_columns, [*replay_rows(proven)]),
+            page.make_table(REPLAYS, "Each replay", replay_columns, [*replay_rows(proven)]),
         ),
     )
     rows = tuple(row for each in proven for row in list_scenario_texts(each))
-    return ReportPart(section, {SCENARIOS: (Grid(HEADER, rows),)}, folded=frozenset({REPLAYS}))
+    return page.ReportPart(
+        section, {SCENARIOS: (page.Grid(HEADER, rows),)}, folded=frozenset({REPLAYS})
+    )
 
 
 def describe_proof(proven: Proven) -> str:
@@ -196,19 +185,19 @@ VARIANCE_WORDS = (
 )
 
 
-def make_variance(material: Material) -> ReportPart | None:
+def make_variance(material: Material) -> page.ReportPart | None:
     """The explained variance of every campaign that was analysed."""
     found = [each for each in list_analysed(material) if len(each.result.explained)]
     if not found:
         return None
-    named = dict(zip(name_pictures(len(found)), split_into_groups(found, BESIDE), strict=True))
+    named = dict(zip(name_pictures(len(found)), split_into_groups(found, page.BESIDE), strict=True))
     rows = [row for each in found for row in list_component_rows(each)]
     section = ReportSection(
         name="variance",
         title="Explained variance",
         words=(VARIANCE_WORDS,),
         tables=(
-            make_table(
+            page.make_table(
                 VARIANCE_TABLE, "Variance explained by the components", VARIANCE_COLUMNS, rows
             ),
         ),
@@ -216,7 +205,7 @@ def make_variance(material: Material) -> ReportPart | None:
             describe_variance_picture(name, tuple(group)) for name, group in named.items()
         ),
     )
-    return ReportPart(
+    return page.ReportPart(
         section, drawings={name: draw_variance(tuple(of)) for name, of in named.items()}
     )
 
@@ -224,7 +213,7 @@ def make_variance(material: Material) -> ReportPart | None:
 def name_pictures(count: int) -> Iterator[str]:
     """Yield a name for each picture."""
     yield VARIANCE_TABLE
-    yield from (f"{VARIANCE_TABLE}-{number}" for number in range(2, -(-count // BESIDE) + 1))
+    yield from (f"{VARIANCE_TABLE}-{number}" for number in range(2, -(-count // page.BESIDE) + 1))
 
 
 def list_component_rows(found: Analysed) -> Iterator[tuple[Cell, ...]]:
@@ -251,14 +240,17 @@ def describe_variance_picture(name: str, group: tuple[Analysed, ...]) -> ReportP
     )
 
 
-def draw_variance(group: tuple[Analysed, ...]) -> Drawing:
+def draw_variance(group: tuple[Analysed, ...]) -> page.Drawing:
     """Bars side by side, and their sums."""
     width = 0.8 / len(group)
 
     def draw(figure: "Figure") -> None:
         axes = figure.subplots()
         for place, each in enumerate(group):
-            look, explained = mark(each.subject.place), 100.0 * each.result.explained.astype(float)
+            look, explained = (
+                page.mark(each.subject.place),
+                100.0 * each.result.explained.astype(float),
+            )
             at = np.arange(1, len(explained) + 1) + (place - (len(group) - 1) / 2.0) * width
             axes.bar(
                 at,
@@ -274,9 +266,9 @@ def draw_variance(group: tuple[Analysed, ...]) -> Drawing:
         axes.set_xlabel("component")
         axes.set_ylabel("share of the variance [%]")
         axes.set_ylim(0.0, 100.0)
-        draw_legend(axes)
+        page.draw_legend(axes)
 
-    return Drawing(draw, 2.9 + 0.16 * len(group))
+    return page.Drawing(draw, 2.9 + 0.16 * len(group))
 
 
 TRAINING_TABLE = "training"
@@ -292,7 +284,7 @@ TRAINING_WORDS = (
 )
 
 
-def make_training(material: Material) -> ReportPart | None:
+def make_training(material: Material) -> page.ReportPart | None:
     """The training of every campaign that was analysed."""
     found = [each for each in list_analysed(material) if each.result.training]
     if not found:
@@ -313,11 +305,13 @@ def make_training(material: Material) -> ReportPart | None:
         title="Disturbances over the training",
         words=(TRAINING_WORDS,),
         tables=(
-            make_table(TRAINING_TABLE, "Mean noise of the failures by interval", columns, rows),
+            page.make_table(
+                TRAINING_TABLE, "Mean noise of the failures by interval", columns, rows
+            ),
         ),
         pictures=tuple(map(describe_training_picture, found)),
     )
-    return ReportPart(
+    return page.ReportPart(
         section,
         drawings={describe_training_picture(each).name: draw_training(each) for each in found},
     )
@@ -348,31 +342,33 @@ def describe_training_picture(found: Analysed) -> ReportPicture:
     )
 
 
-def draw_training(found: Analysed) -> Drawing:
+def draw_training(found: Analysed) -> page.Drawing:
     """A line for each interval, one below the other; a panel for each channel."""
     channels = found.drawn_channels
 
     def draw(figure: "Figure") -> None:
-        (panels,) = draw_panels(figure, 1, len(channels))
+        (panels,) = page.draw_panels(figure, 1, len(channels))
         for axes, (way, channel) in zip(panels, channels, strict=True):
             draw_training_lines(axes, found, way)
             axes.set_title(f"{channel} noise")
-        title_panels([panels], "time [s]" if found.step_s else "step", "episodes of the campaign")
+        page.title_panels(
+            [panels], "time [s]" if found.step_s else "step", "episodes of the campaign"
+        )
         intervals = found.result.training
         panels[0].set_yticks(
             [-SPACE_SIGMA * row for row in range(len(intervals))],
             [f"{100.0 * each.start:g}–{100.0 * each.end:g} %" for each in intervals],
         )
 
-    return Drawing(draw, 4.6 * count_panel_rows(len(channels)))
+    return page.Drawing(draw, 4.6 * page.count_panel_rows(len(channels)))
 
 
 def draw_training_lines(axes: "Axes", found: Analysed, way: int) -> None:
     """The mean noise of one channel in each interval."""
     for row, each in enumerate(found.result.training):
         zero = -SPACE_SIGMA * row
-        axes.axhline(zero, color=MUTED, linewidth=0.6, linestyle=(0, (1.2, 1.6)))
+        axes.axhline(zero, color=page.MUTED, linewidth=0.6, linestyle=(0, (1.2, 1.6)))
         if each.failures:
             at = np.arange(len(each.mean)) * (found.step_s or 1.0)
-            axes.plot(at, zero + each.mean[:, way], color=INK, linewidth=1.2)
+            axes.plot(at, zero + each.mean[:, way], color=page.INK, linewidth=1.2)
     axes.grid(visible=False, axis="y")

@@ -8,6 +8,7 @@ import numpy as np
 from eigenfail.presentation.figures import format_number
 from eigenfail.values import AXES, FailureMode, Floats
 from eigenfail.values.report import Cell, ReportPicture, ReportSection
+from eigenfail_services.reports import page
 from eigenfail_services.reports.material import (
     MOST_MODES,
     Analysed,
@@ -20,19 +21,6 @@ from eigenfail_services.reports.material import (
     make_band,
     pick_evenly,
     sample_note,
-)
-from eigenfail_services.reports.page import (
-    INK,
-    MUTED,
-    Drawing,
-    ReportPart,
-    count_panel_rows,
-    draw_legend,
-    draw_panels,
-    list_probability,
-    make_table,
-    mark,
-    title_panels,
 )
 
 if TYPE_CHECKING:
@@ -55,7 +43,7 @@ A_SUMMARY = "Read them as a summary of the failures, not as separate causes."
 CENTRES = "Numbers in boxes are the centres of the modes."
 
 
-PLATE = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": INK}
+PLATE = {"boxstyle": "round,pad=0.2", "facecolor": "white", "edgecolor": page.INK}
 
 
 WORD_COLUMNS = (("campaign", "Campaign"), ("mode", "Mode"), ("words", "What it is"))
@@ -110,25 +98,25 @@ def list_mode_columns(channels: Sequence[str]) -> tuple[tuple[str, ...], ...]:
     )
 
 
-def make_modes(material: Material) -> ReportPart:
+def make_modes(material: Material) -> page.ReportPart:
     """The modes of every campaign that was analysed."""
     found = [*list_analysed(material)]
     channels = list_channels(found)
     tables = (
-        make_table(
+        page.make_table(
             MODES,
             "Failure modes",
             list_mode_columns(channels),
             [row for each in found for row in list_mode_rows(each, channels)],
         ),
-        make_table(
+        page.make_table(
             SCORES,
             "Failures in the space of the components",
             SCORE_COLUMNS,
             [row for each in found for row in list_score_rows(each)],
             " ".join(filter(None, map(describe_left_out, found))),
         ),
-        make_table(
+        page.make_table(
             WORDS,
             "The modes in words",
             WORD_COLUMNS,
@@ -147,7 +135,7 @@ def make_modes(material: Material) -> ReportPart:
         pictures=tuple(map(describe_modes_picture, found)),
     )
     drawings = {describe_modes_picture(each).name: draw_modes(each) for each in found}
-    return ReportPart(section, drawings=drawings, folded=frozenset({WORDS}))
+    return page.ReportPart(section, drawings=drawings, folded=frozenset({WORDS}))
 
 
 def list_missing(material: Material, found: list[Analysed]) -> Iterator[str]:
@@ -180,7 +168,7 @@ def list_mode_rows(found: Analysed, channels: Sequence[str]) -> Iterator[tuple[C
     for number, mode in enumerate(found.result.modes, start=1):
         share = mode.failures / len(found.result.episodes)
         who = (found.subject.id, found.analysis.id, number)
-        likely = list_probability(mode.probability)
+        likely = page.list_probability(mode.probability)
         yield (
             *who,
             mode.failures,
@@ -246,7 +234,7 @@ def find_centre(mode: FailureMode) -> tuple[float, float]:
     return (float(first), float(second))
 
 
-def draw_modes(found: Analysed) -> Drawing:
+def draw_modes(found: Analysed) -> page.Drawing:
     """A mark for each failure, by its mode."""
     rows = [*list_score_rows(found)]
     centres = [find_centre(mode) for mode in found.result.modes]
@@ -258,18 +246,18 @@ def draw_modes(found: Analysed) -> Drawing:
             axes.plot(
                 *zip(*here, strict=True) if here else ((), ()),
                 linestyle="none",
-                marker=mark(mode).marker,
+                marker=page.mark(mode).marker,
                 markerfacecolor="none",
-                markeredgecolor=mark(mode).colour,
+                markeredgecolor=page.mark(mode).colour,
                 markeredgewidth=0.9,
                 label=f"mode {mode + 1}",
             )
             axes.annotate(str(mode + 1), middle, ha="center", va="center", bbox=PLATE)
         axes.set_xlabel("first score [sigma]")
         axes.set_ylabel("second score [sigma]")
-        draw_legend(axes, LEGEND_COLUMNS)
+        page.draw_legend(axes, LEGEND_COLUMNS)
 
-    return Drawing(draw, 3.8)
+    return page.Drawing(draw, 3.8)
 
 
 EIGENFAILURES_TABLE = "eigenfailures"
@@ -305,7 +293,7 @@ EIGENFAILURES_WORDS = (
 Bands = tuple[Band, ...]
 
 
-def make_eigenfailures(material: Material) -> ReportPart | None:
+def make_eigenfailures(material: Material) -> page.ReportPart | None:
     """The eigenfailures of every campaign that was analysed."""
     found = [*list_analysed(material)]
     if not found:
@@ -319,13 +307,13 @@ def make_eigenfailures(material: Material) -> ReportPart | None:
         name="eigenfailures",
         title="Eigenfailures",
         words=(EIGENFAILURES_WORDS,),
-        tables=(make_table(EIGENFAILURES_TABLE, "Eigenfailures over time", columns, rows),),
+        tables=(page.make_table(EIGENFAILURES_TABLE, "Eigenfailures over time", columns, rows),),
         pictures=tuple(describe_eigenfailures_picture(each, of) for each, of in each_with),
     )
     drawings = {
         f"eigenfailures-{each.name}": draw_eigenfailures(each, of) for each, of in each_with
     }
-    return ReportPart(section, drawings=drawings)
+    return page.ReportPart(section, drawings=drawings)
 
 
 def make_bands(material: Material, found: Analysed) -> Bands:
@@ -384,19 +372,19 @@ def describe_moment(found: Analysed, step: int) -> str:
     return f"{format_number(step * found.step_s)} s" if found.step_s else f"step {step}"
 
 
-def draw_eigenfailures(found: Analysed, bands: Bands) -> Drawing:
+def draw_eigenfailures(found: Analysed, bands: Bands) -> page.Drawing:
     """A row for each mode, a panel for each channel."""
     modes, channels = found.result.modes[:MOST_MODES], found.drawn_channels
 
     def draw(figure: "Figure") -> None:
-        groups = draw_panels(figure, len(modes), len(channels))
+        groups = page.draw_panels(figure, len(modes), len(channels))
         for number, panels in enumerate(groups):
             for axes, (way, channel) in zip(panels, channels, strict=True):
                 draw_mode(axes, found, bands[number], number, way)
                 axes.set_title(f"mode {number + 1}, {channel}")
-        title_panels(groups, "time [s]" if found.step_s else "step", "noise [sigma]")
+        page.title_panels(groups, "time [s]" if found.step_s else "step", "noise [sigma]")
 
-    return Drawing(draw, 0.6 + 1.7 * len(modes) * count_panel_rows(len(channels)))
+    return page.Drawing(draw, 0.6 + 1.7 * len(modes) * page.count_panel_rows(len(channels)))
 
 
 def draw_mode(axes: "Axes", found: Analysed, of: Band, mode: int, way: int) -> None:
@@ -404,8 +392,10 @@ def draw_mode(axes: "Axes", found: Analysed, of: Band, mode: int, way: int) -> N
     z = found.result.modes[mode].eigenfailure[:, way]
     at = np.arange(len(z)) * (found.step_s or 1.0)
     low, high = of.mean[:, way] - of.deviation[:, way], of.mean[:, way] + of.deviation[:, way]
-    axes.fill_between(at, low, high, facecolor="none", edgecolor=MUTED, hatch="////", linewidth=0.0)
+    axes.fill_between(
+        at, low, high, facecolor="none", edgecolor=page.MUTED, hatch="////", linewidth=0.0
+    )
     for edge in (low, high):
-        axes.plot(at, edge, color=MUTED, linewidth=0.8, linestyle=(0, (1.2, 1.6)))
-    axes.axhline(0.0, color=MUTED, linewidth=0.8)
-    axes.plot(at, z, color=mark(mode).colour, linewidth=1.8)
+        axes.plot(at, edge, color=page.MUTED, linewidth=0.8, linestyle=(0, (1.2, 1.6)))
+    axes.axhline(0.0, color=page.MUTED, linewidth=0.8)
+    axes.plot(at, z, color=page.mark(mode).colour, linewidth=1.8)

@@ -6,20 +6,9 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenfail import values
 from eigenfail.errors import InputError, InvalidValue
 from eigenfail.presentation.analyses import MOST_CHANNELS, pick_channels
-from eigenfail.values import (
-    FINAL_STATES,
-    Analysis,
-    AnalysisResult,
-    Campaign,
-    CampaignSpec,
-    Course,
-    EpisodeResult,
-    Floats,
-    Safety,
-    Summary,
-)
 from eigenfail.values.report import MOST_CAMPAIGNS, Cell
 from eigenfail.versions import describe_mixed
 from eigenfail.worlds import find_robustness_unit, world_of
@@ -38,11 +27,11 @@ class Subject(NamedTuple):
         place: in the report, from 0; how it is drawn follows from it.
     """
 
-    campaign: Campaign
-    summary: Summary
-    course: Course
-    safety: Safety
-    analysis: Analysis | None
+    campaign: values.Campaign
+    summary: values.Summary
+    course: values.Course
+    safety: values.Safety
+    analysis: values.Analysis | None
     place: int
 
     @property
@@ -133,7 +122,7 @@ def list_unfinished(material: Material) -> Iterator[str]:
     """Whose figures may still change, or rest on less than was asked for."""
     for each in material.subjects:
         campaign = each.campaign
-        if campaign.state not in FINAL_STATES:
+        if campaign.state not in values.FINAL_STATES:
             yield f"Campaign {each.id} is {campaign.state}: its figures may still change."
         yield from (" ".join(sentences) for sentences in [describe_mixed(campaign)] if sentences)
         if campaign.counts.errored:
@@ -173,9 +162,9 @@ class Analysed(NamedTuple):
     """
 
     subject: Subject
-    analysis: Analysis
-    result: AnalysisResult
-    medoids: tuple[EpisodeResult, ...]
+    analysis: values.Analysis
+    result: values.AnalysisResult
+    medoids: tuple[values.EpisodeResult, ...]
     step_s: float | None
 
     @property
@@ -250,7 +239,7 @@ def arrange_by_channel(
         yield from by_name.get(channel, nothing)
 
 
-def find_step_s(spec: CampaignSpec) -> float | None:
+def find_step_s(spec: values.CampaignSpec) -> float | None:
     """Return the duration of a step [s]; None for a scenario that is not installed here."""
     try:
         return world_of(spec.simulator).step_s(spec)
@@ -289,7 +278,7 @@ def make_band(store: Store, found: Analysed, mode: int) -> Band:
 
 
 def stack_noise(
-    noise: list[Floats], shape: tuple[int, ...], at_collision: bool
+    noise: list[values.Floats], shape: tuple[int, ...], at_collision: bool
 ) -> NDArray[np.float64]:
     """Return noise trajectories as rows of one length, with NaN where there is none.
 

@@ -9,15 +9,7 @@ import msgspec
 
 from eigenfail import __version__, plugins
 from eigenfail.errors import InputError
-from eigenfail.presentation.figures import (
-    UNKNOWN,
-    format_amount,
-    format_count,
-    format_number,
-    format_percent_interval,
-    format_share,
-    format_utc,
-)
+from eigenfail.presentation import figures
 from eigenfail.presentation.rates import FAILED_SHARE, NO_ESTIMATE
 from eigenfail.presentation.tables import OWN_EPISODES, format_cell, format_cost
 from eigenfail.settings import defaults_of
@@ -25,14 +17,8 @@ from eigenfail.values import Campaign, CampaignSpec, Rate
 from eigenfail.values.report import Cell, ReportSection
 from eigenfail.worlds import describe_disturbance, describe_requirements, world_of
 from eigenfail_services.campaigns.comparison import warn_of_seeds
+from eigenfail_services.reports import page
 from eigenfail_services.reports.material import Material, Subject
-from eigenfail_services.reports.page import (
-    ReportPart,
-    list_probability,
-    make_comparison_grids,
-    make_named_grids,
-    make_table,
-)
 from eigenfail_services.store.schema import VERSION
 
 RESULTS_COLUMNS = (
@@ -103,7 +89,7 @@ def describe_columns(material: Material) -> str:
     )
 
 
-def make_results(material: Material) -> ReportPart:
+def make_results(material: Material) -> page.ReportPart:
     """The results side by side."""
     subjects = material.subjects
     section = ReportSection(
@@ -115,7 +101,7 @@ def make_results(material: Material) -> ReportPart:
             describe_columns(material),
         ),
         tables=(
-            make_table(
+            page.make_table(
                 "results",
                 "Results of the campaigns",
                 RESULTS_COLUMNS,
@@ -123,8 +109,8 @@ def make_results(material: Material) -> ReportPart:
             ),
         ),
     )
-    return ReportPart(
-        section, {"results": make_comparison_grids(subjects, choose_figures(material))}
+    return page.ReportPart(
+        section, {"results": page.make_comparison_grids(subjects, choose_figures(material))}
     )
 
 
@@ -133,8 +119,14 @@ def list_results(subject: Subject) -> tuple[Cell, ...]:
     campaign, summary = subject.campaign, subject.summary
     spec = campaign.spec
     return (
-        *(campaign.id, spec.name, spec.method, spec.planner, spec.scenario, campaign.state_word),
-        *(summary.counts.completed, summary.counts.failures),
+        campaign.id,
+        spec.name,
+        spec.method,
+        spec.planner,
+        spec.scenario,
+        campaign.state_word,
+        summary.counts.completed,
+        summary.counts.failures,
         *rate_cells(subject),
         *make_cost_cells(subject),
         summary.log_probability_per_step,
@@ -178,7 +170,7 @@ def make_probability_cells(subject: Subject) -> tuple[Cell, ...]:
     if found is None:
         return (None,) * 9
     basis_of_estimate = (found.cv, found.episodes, found.by, found.problem, found.note)
-    return (*list_probability(found), *basis_of_estimate)
+    return (*page.list_probability(found), *basis_of_estimate)
 
 
 BY_RATE = "failure rate of episodes drawn from p(x)"
@@ -216,9 +208,9 @@ def describe_outcome(subject: Subject) -> str:
     sure = (
         OWN_EPISODES
         if rate.interval is None
-        else f"(95 %: {format_percent_interval(rate.interval)})"
+        else f"(95 %: {figures.format_percent_interval(rate.interval)})"
     )
-    share = f"{format_share(rate.value)} {sure}" if rate.value is not None else sure
+    share = f"{figures.format_share(rate.value)} {sure}" if rate.value is not None else sure
     return f"{who}: {found}, {share}; {price(subject)}. {summary.remark}".strip()
 
 
@@ -228,13 +220,13 @@ def price(subject: Subject) -> str:
     if subject.summary.counts.failures:
         return f"a failure cost {cost.value}{f' (95 %: {cost.interval})' if cost.interval else ''}"
     if subject.summary.cost.at_least_usd is None:
-        return f"{format_amount(subject.summary.cost.total_usd)} were spent"
+        return f"{figures.format_amount(subject.summary.cost.total_usd)} were spent"
     return f"a failure costs at least {cost.value.removeprefix('≥ ')} (95 %)"
 
 
 def describe_basis(subject: Subject) -> str:
     """Return the number of failures behind a mean."""
-    return f"n = {format_count(subject.summary.counts.failures)}"
+    return f"n = {figures.format_count(subject.summary.counts.failures)}"
 
 
 SEVERITY_FIGURE = "Mean severity of the failures [m²/s²]"
@@ -243,25 +235,25 @@ SEVERITY_FIGURE = "Mean severity of the failures [m²/s²]"
 FIGURES: Mapping[str, Callable[[Subject], tuple[str, ...]]] = {
     "Method": lambda s: (s.campaign.spec.method,),
     "State": lambda s: (s.campaign.state_word,),
-    "Episodes completed": lambda s: (format_count(s.summary.counts.completed),),
-    "Failures": lambda s: (format_count(s.summary.counts.failures),),
+    "Episodes completed": lambda s: (figures.format_count(s.summary.counts.completed),),
+    "Failures": lambda s: (figures.format_count(s.summary.counts.failures),),
     FAILED_SHARE: lambda s: format_cell(s.summary.failure_rate).lines,
     "Cost per failure": lambda s: format_cost(s.summary.cost).lines,
     "Cost": lambda s: (
-        format_amount(s.summary.cost.total_usd),
-        f"{format_number(s.summary.cost.instance_hours)} instance-hours",
+        figures.format_amount(s.summary.cost.total_usd),
+        f"{figures.format_number(s.summary.cost.instance_hours)} instance-hours",
     ),
     "log p per step of the failures [nat]": lambda s: (
-        format_number(s.summary.log_probability_per_step),
+        figures.format_number(s.summary.log_probability_per_step),
         describe_basis(s),
     ),
     SEVERITY_FIGURE: lambda s: (
-        (format_number(s.summary.mean_severity), f"n = {s.summary.conflicts.collisions:,}")
+        (figures.format_number(s.summary.mean_severity), f"n = {s.summary.conflicts.collisions:,}")
         if s.has_road
-        else (UNKNOWN,)
+        else (figures.UNKNOWN,)
     ),
     "Failure probability under p(x)": show_probability,
-    "Episodes per second": lambda s: (format_number(s.summary.episodes_per_s),),
+    "Episodes per second": lambda s: (figures.format_number(s.summary.episodes_per_s),),
 }
 
 
@@ -315,7 +307,7 @@ class Setting(NamedTuple):
     value: str
 
 
-def make_setup(material: Material) -> ReportPart:
+def make_setup(material: Material) -> page.ReportPart:
     """Return the settings of the campaigns side by side, followed by defaults."""
     found = {
         subject.id: dict(list_campaign_settings(subject.campaign)) for subject in material.subjects
@@ -327,13 +319,15 @@ def make_setup(material: Material) -> ReportPart:
         title="Set-up",
         words=(f"{material.pick_words(ON_ROADS, OF_FUNCTIONS)} {NOT_LISTED}",),
         tables=(
-            make_table(SETUP, "What was asked for", SETUP_COLUMNS, rows),
-            make_table(DEFAULTS, "Defaults of this release", DEFAULT_COLUMNS, unset),
+            page.make_table(SETUP, "What was asked for", SETUP_COLUMNS, rows),
+            page.make_table(DEFAULTS, "Defaults of this release", DEFAULT_COLUMNS, unset),
         ),
     )
     facts = {id_: {name: (value,) for name, value in of.items()} for id_, of in found.items()}
-    return ReportPart(
-        section, {SETUP: make_named_grids(material.subjects, facts)}, folded=frozenset({DEFAULTS})
+    return page.ReportPart(
+        section,
+        {SETUP: page.make_named_grids(material.subjects, facts)},
+        folded=frozenset({DEFAULTS}),
     )
 
 
@@ -402,13 +396,22 @@ def iterate_leaves(values: Mapping[str, Any], above: str = "") -> Iterator[tuple
 def format_setting(value: Any) -> str:
     """A setting as it would be written in a file."""
     if value is None:
-        return UNKNOWN
+        return figures.UNKNOWN
     return value if isinstance(value, str) else msgspec.json.encode(value).decode()
 
 
 PACKAGES = (
-    *("numpy", "scipy", "scikit-learn", "torch", "stable-baselines3", "highway-env", "osqp"),
-    *("ray", "msgspec", "sqlalchemy", "matplotlib"),
+    "numpy",
+    "scipy",
+    "scikit-learn",
+    "torch",
+    "stable-baselines3",
+    "highway-env",
+    "osqp",
+    "ray",
+    "msgspec",
+    "sqlalchemy",
+    "matplotlib",
 )
 
 
@@ -464,7 +467,7 @@ CODE_NOTE = (
 )
 
 
-def make_provenance(material: Material) -> ReportPart:
+def make_provenance(material: Material) -> page.ReportPart:
     """Return the facts by which the numbers can be traced back."""
     evidence = [*map(list_provenance, material.subjects)]
     section = ReportSection(
@@ -472,28 +475,30 @@ def make_provenance(material: Material) -> ReportPart:
         title="Provenance",
         words=(REPEATABLE, WHOSE),
         tables=(
-            make_table("evidence", "Campaigns", EVIDENCE_COLUMNS, evidence),
-            make_table(
+            page.make_table("evidence", "Campaigns", EVIDENCE_COLUMNS, evidence),
+            page.make_table(
                 "code",
                 "Planner and code that ran the episodes",
                 CODE_COLUMNS,
                 [row for each in material.subjects for row in list_code(each.campaign)],
                 CODE_NOTE,
             ),
-            make_table(
+            page.make_table(
                 "times", "When they ran", TIME_COLUMNS, [*map(list_time_cells, material.subjects)]
             ),
-            make_table("programs", "Programs", PROGRAM_COLUMNS, [*list_programs()]),
+            page.make_table("programs", "Programs", PROGRAM_COLUMNS, [*list_programs()]),
         ),
     )
-    return ReportPart(section)
+    return page.ReportPart(section)
 
 
 def list_provenance(subject: Subject) -> tuple[Cell, ...]:
     """Return the facts that identify the results of a campaign."""
     campaign = subject.campaign
     return (
-        *(campaign.id, campaign.spec.name, campaign.spec.seed),
+        campaign.id,
+        campaign.spec.name,
+        campaign.spec.seed,
         campaign.digest or "not done",
         subject.analysis.id if subject.analysis else None,
     )
@@ -513,7 +518,7 @@ def list_time_cells(subject: Subject) -> tuple[Cell, ...]:
     """Return the times of the campaign's changes of state."""
     campaign = subject.campaign
     moments = (campaign.created_ms, campaign.started_ms, campaign.ended_ms)
-    return (campaign.id, *map(format_utc, moments), campaign.active_s)
+    return (campaign.id, *map(figures.format_utc, moments), campaign.active_s)
 
 
 def list_programs() -> tuple[tuple[Cell, ...], ...]:

@@ -78,15 +78,27 @@ def list_spread_cells(spread: SeedSpread) -> tuple[Cell, ...]:
     share, first, cost = spread.share, spread.first, spread.cost
     bounds = cost.interval_usd
     return (
-        *(spread.name, spread.method, ", ".join(map(str, spread.campaigns))),
-        *(", ".join(map(str, spread.seeds)), spread.completed, spread.failures),
+        spread.name,
+        spread.method,
+        ", ".join(map(str, spread.campaigns)),
+        ", ".join(map(str, spread.seeds)),
+        spread.completed,
+        spread.failures,
         *_list_mean(share),
-        *(share.least, share.median, share.most, str(spread.worst.seed)),
+        share.least,
+        share.median,
+        share.most,
+        str(spread.worst.seed),
         *_list_mean(spread.log_probability_per_step),
         *_list_mean(spread.mean_severity),
-        *(first.median, first.worst, str(first.worst_seed), first.without),
-        *(cost.per_failure_usd, *((bounds.low, bounds.high) if bounds else (None, None))),
-        *(cost.at_least_usd, cost.total_usd),
+        first.median,
+        first.worst,
+        str(first.worst_seed),
+        first.without,
+        cost.per_failure_usd,
+        *((bounds.low, bounds.high) if bounds else (None, None)),
+        cost.at_least_usd,
+        cost.total_usd,
     )
 
 

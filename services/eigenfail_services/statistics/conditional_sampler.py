@@ -12,14 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail_services.statistics.batches import (
-    Array,
-    Batches,
-    NoiseShape,
-    Requests,
-    divide_chains,
-    run_side_by_side,
-)
+from eigenfail_services.statistics import batches
 
 FIRST_STEP = 0.6
 SMALLEST_STEP = 0.001
@@ -42,14 +35,14 @@ class Chains(NamedTuple):
         ran: share of the draws of p(z) that did not error; 1 of samples that were moved.
     """
 
-    z: Array
-    values: Array
+    z: batches.Array
+    values: batches.Array
     first_draw_of_chain: NDArray[np.intp]
     acceptance: float = 1.0
     ran: float = 1.0
 
 
-Sampling = Generator[Batches, Array, Chains]
+Sampling = Generator[batches.Batches, batches.Array, Chains]
 """Requests batches, and returns the samples of a level.
 
 Where episodes errored (NaN) the samples are of the noise that can be run: draws are made anew, and
@@ -70,12 +63,14 @@ class ChainGroup:
         values: their robustness.
     """
 
-    def __init__(self, z: Array, values: Array) -> None:
+    def __init__(self, z: batches.Array, values: batches.Array) -> None:
         self.z = [z]
         self.values = [values]
         self.accepted: list[float] = []
 
-    def move(self, proposed: Array, robustness: Array, accept: NDArray[np.bool_]) -> None:
+    def move(
+        self, proposed: batches.Array, robustness: batches.Array, accept: NDArray[np.bool_]
+    ) -> None:
         """Move the chains of which the proposal is accepted; the others stay."""
         self.z.append(np.where(accept[:, None, None], proposed, self.z[-1]))
         self.values.append(np.where(accept, robustness, self.values[-1]))
@@ -119,7 +114,7 @@ class ConditionalSampler:
         self.trajectories_requested = 0
         self.trajectories_run = 0
 
-    def draw_independent(self, samples: int, shape: NoiseShape) -> Sampling:
+    def draw_independent(self, samples: int, shape: batches.NoiseShape) -> Sampling:
         """Draw samples of p(z), spread evenly: chains of length 1."""
         z, values, requested = np.empty((0, *shape)), np.empty(0), 0
         while missing := samples - len(z):
@@ -144,10 +139,10 @@ class ConditionalSampler:
         """
         z = above.z.reshape(above.values.size, *above.z.shape[2:])[starts]
         values = above.values.ravel()[starts]
-        divided = divide_chains(len(starts), self._parallel)
+        divided = batches.divide_chains(len(starts), self._parallel)
         groups = [ChainGroup(z[rows], values[rows]) for rows in divided]
         weight = 1.0 / len(groups)
-        yield from run_side_by_side(
+        yield from batches.run_side_by_side(
             [self._move_group(group, threshold, moves, weight) for group in groups]
         )
         accepted = [share for group in groups for share in group.accepted]
@@ -160,7 +155,7 @@ class ConditionalSampler:
 
     def _move_group(
         self, group: ChainGroup, threshold: float, moves: int, weight: float
-    ) -> Requests:
+    ) -> batches.Requests:
         """Move the chains of a group; `weight` is its share of all chains, and so of the step."""
         for move in range(1, moves + 1):
             z = group.z[-1]
@@ -174,18 +169,18 @@ class ConditionalSampler:
             small = self._measure_acceptance(robustness[~large], threshold)
             self._adapt(small, move, weight)
 
-    def _propose(self, z: Array, large: NDArray[np.bool_]) -> Array:
+    def _propose(self, z: batches.Array, large: NDArray[np.bool_]) -> batches.Array:
         step = np.where(large, max(self._step, FIRST_STEP), self._step)[:, None, None]
         noise = draw_latin_normal(self._rng, len(z), z[0].size).reshape(z.shape)
-        proposed: Array = np.sqrt(1.0 - step**2) * z + step * noise
+        proposed: batches.Array = np.sqrt(1.0 - step**2) * z + step * noise
         return proposed
 
-    def _record(self, robustness: Array) -> None:
+    def _record(self, robustness: batches.Array) -> None:
         """Count trajectories whose robustness has come."""
         self.trajectories_requested += len(robustness)
         self.trajectories_run += int(np.count_nonzero(~np.isnan(robustness)))
 
-    def _measure_acceptance(self, robustness: Array, threshold: float) -> float:
+    def _measure_acceptance(self, robustness: batches.Array, threshold: float) -> float:
         """Return the share of the moves that stay on the level; if none was run, the aim."""
         known = robustness[~np.isnan(robustness)]
         return float((known <= threshold).mean()) if known.size else self._acceptance
@@ -200,7 +195,7 @@ SOBOL_BITS = 30
 """Of the points of a Sobol sequence: each is the corner of a cell of this side, 2^-30."""
 
 
-def draw_sobol_normal(rng: np.random.Generator, draws: int, size: int) -> Array:
+def draw_sobol_normal(rng: np.random.Generator, draws: int, size: int) -> batches.Array:
     """Return standard normal values from a scrambled Sobol sequence, shape (draws, size).
 
     Source: Owen 1998, ACM Transactions on Modeling and Computer Simulation 8 (1), 71–102.
@@ -214,11 +209,11 @@ def draw_sobol_normal(rng: np.random.Generator, draws: int, size: int) -> Array:
     points = sequence.random_base2((draws - 1).bit_length())[:draws]
     # Points are corners of cells, 0 among them, whose normal value would be infinite.
     inside = rng.random(points.shape) * 2.0**-SOBOL_BITS
-    values: Array = ndtri(points + inside)
+    values: batches.Array = ndtri(points + inside)
     return values
 
 
-def draw_latin_normal(rng: np.random.Generator, draws: int, size: int) -> Array:
+def draw_latin_normal(rng: np.random.Generator, draws: int, size: int) -> batches.Array:
     """Return standard normal values from a Latin hypercube, shape (draws, size).
 
     Source: McKay, Beckman and Conover 1979, Technometrics 21 (2), 239–245.
@@ -226,7 +221,7 @@ def draw_latin_normal(rng: np.random.Generator, draws: int, size: int) -> Array:
     from scipy.special import ndtri
     from scipy.stats.qmc import LatinHypercube
 
-    values: Array = ndtri(LatinHypercube(size, rng=rng).random(draws))
+    values: batches.Array = ndtri(LatinHypercube(size, rng=rng).random(draws))
     return values
 
 

@@ -25,23 +25,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from eigenfail_services.statistics import gaussian_mixture, subset_estimate, subset_simulation
 from eigenfail_services.statistics.batches import Array, Batches, NoiseShape, Requests
-from eigenfail_services.statistics.gaussian_mixture import (
-    MixtureProposal,
-    NormalComponent,
-    add_broad_components,
-    fit_mixture,
-    make_prior_proposal,
-    make_scaled_proposal,
-)
-from eigenfail_services.statistics.subset_estimate import (
-    count_effective,
-)
-from eigenfail_services.statistics.subset_simulation import (
-    PlainDraws,
-    SubsetSettings,
-    SubsetSimulation,
-)
 
 Mask = NDArray[np.bool_]
 
@@ -103,7 +88,7 @@ class ProposalDraws(NamedTuple):
 
     z: Array
     failed: Mask
-    proposal: MixtureProposal
+    proposal: gaussian_mixture.MixtureProposal
 
 
 class MixtureResult(NamedTuple):
@@ -133,7 +118,7 @@ class MixtureResult(NamedTuple):
     @property
     def effective(self) -> float:
         """Effective number of failures: (sum of weights)² ÷ sum of their squares (Kish 1965)."""
-        return count_effective(self.weights)
+        return subset_estimate.count_effective(self.weights)
 
     @property
     def effective_for_variance(self) -> float:
@@ -142,7 +127,7 @@ class MixtureResult(NamedTuple):
         It is smaller than `effective` where a few weights make most of the variance, which is then
         known as badly as from that many draws.
         """
-        return count_effective(np.square(self.weights))
+        return subset_estimate.count_effective(np.square(self.weights))
 
     @property
     def cv(self) -> float:
@@ -222,7 +207,9 @@ class MixtureSampling:
         self.are_failures_rare = True
         self.promised: float | None = None
         self.result: MixtureResult | None = None
-        self.successor: SubsetSimulation | PlainDraws | None = None
+        self.successor: subset_simulation.SubsetSimulation | subset_simulation.PlainDraws | None = (
+            None
+        )
 
     def run(self) -> Requests:
         """Find the regions, fit the mixture, and draw from it. To be called once."""
@@ -234,12 +221,17 @@ class MixtureSampling:
                 yield from self._hand_on()
             return
         ends = yield from self._move_chains(failures)
-        prior, scaled = make_prior_proposal(self.size), make_scaled_proposal(self.size, scale)
+        prior, scaled = (
+            gaussian_mixture.make_prior_proposal(self.size),
+            gaussian_mixture.make_scaled_proposal(self.size, scale),
+        )
         broad = prior.components + scaled.components
         held_out = np.arange(len(ends)) % HELD_OUT == HELD_OUT - 1
         known = ends[~held_out]
-        pure = fit_mixture(known, np.ones(len(known)), self._components, (), self._rng)
-        first = mixture = add_broad_components(pure, broad).even_out()
+        pure = gaussian_mixture.fit_mixture(
+            known, np.ones(len(known)), self._components, (), self._rng
+        )
+        first = mixture = gaussian_mixture.add_broad_components(pure, broad).even_out()
         seen = wide
         for _ in range(2):
             seen = [*seen, (yield from self._draw(mixture, int(TRIAL_SHARE * self._budget)))]
@@ -262,14 +254,16 @@ class MixtureSampling:
         self.successor = self._choose_successor(self._budget - self._requested)
         yield from self.successor.run()
 
-    def _choose_successor(self, left: int) -> SubsetSimulation | PlainDraws:
-        settings, seed = SubsetSettings(), (*self._seed, SUCCESSOR)
+    def _choose_successor(
+        self, left: int
+    ) -> subset_simulation.SubsetSimulation | subset_simulation.PlainDraws:
+        settings, seed = subset_simulation.SubsetSettings(), (*self._seed, SUCCESSOR)
         if self.are_failures_rare and left >= settings.count_fewest_trajectories():
-            return SubsetSimulation(self._shape, left, settings, seed)
-        return PlainDraws(left, self._shape, seed)
+            return subset_simulation.SubsetSimulation(self._shape, left, settings, seed)
+        return subset_simulation.PlainDraws(left, self._shape, seed)
 
     def _draw(
-        self, proposal: MixtureProposal, count: int
+        self, proposal: gaussian_mixture.MixtureProposal, count: int
     ) -> Generator[Batches, Array, ProposalDraws]:
         z = proposal.draw(count, self._rng)
         robustness = yield from self._request(z)
@@ -285,7 +279,7 @@ class MixtureSampling:
     def _draw_wide_noise(self) -> Generator[Batches, Array, tuple[list[ProposalDraws], float]]:
         """Draw noise at every scale, and more at the one that suits; return all, and that scale."""
         count = max(int(SCALE_SHARE * self._budget), FEWEST_DRAWS)
-        proposals = [make_scaled_proposal(self.size, scale) for scale in SCALES]
+        proposals = [gaussian_mixture.make_scaled_proposal(self.size, scale) for scale in SCALES]
         wide = []
         for proposal in proposals:
             draws = yield from self._draw(proposal, count)
@@ -323,8 +317,8 @@ class MixtureSampling:
         return z
 
     def _refit(
-        self, seen: Sequence[ProposalDraws], broad: Sequence[NormalComponent]
-    ) -> MixtureProposal | None:
+        self, seen: Sequence[ProposalDraws], broad: Sequence[gaussian_mixture.NormalComponent]
+    ) -> gaussian_mixture.MixtureProposal | None:
         """Return a mixture that is fitted to all weighted failures; None of too few.
 
         Where a few failures hold most of the weight, all weights are raised to a power below 1.
@@ -334,10 +328,12 @@ class MixtureSampling:
             return None
         wanted = min(max(4 * self.size, 60), 0.5 * len(z))
         power, relative = 1.0, log_weights - log_weights.max()
-        while count_effective(np.exp(power * relative)) < wanted and power > 0.02:
+        while subset_estimate.count_effective(np.exp(power * relative)) < wanted and power > 0.02:
             power *= TEMPERING
         weights = np.exp(power * relative)
-        return fit_mixture(z, weights / weights.mean(), self._components, broad, self._rng)
+        return gaussian_mixture.fit_mixture(
+            z, weights / weights.mean(), self._components, broad, self._rng
+        )
 
 
 def count_needed(values: int) -> int:
@@ -350,9 +346,9 @@ def find_effective(draws: ProposalDraws) -> float:
     failures = draws.z[draws.failed]
     if not len(failures):
         return 0.0
-    prior = make_prior_proposal(failures.shape[1])
+    prior = gaussian_mixture.make_prior_proposal(failures.shape[1])
     log_weights = prior.log_density(failures) - draws.proposal.log_density(failures)
-    return count_effective(np.exp(log_weights - log_weights.max()))
+    return subset_estimate.count_effective(np.exp(log_weights - log_weights.max()))
 
 
 def weigh_by_balance(seen: Sequence[ProposalDraws]) -> tuple[Array, Array]:
@@ -361,7 +357,7 @@ def weigh_by_balance(seen: Sequence[ProposalDraws]) -> tuple[Array, Array]:
     The weight is p(z) ÷ sum_j n_j · q_j(z), with n_j draws of proposal j (the balance heuristic).
     """
     z = np.concatenate([draws.z[draws.failed] for draws in seen])
-    prior = make_prior_proposal(z.shape[1])
+    prior = gaussian_mixture.make_prior_proposal(z.shape[1])
     parts = [
         log(len(draws.z)) + draws.proposal.log_density(z) for draws in seen if len(draws.z) > 0
     ]
@@ -382,7 +378,7 @@ def make_result(last: ProposalDraws, count: int, ends: Array, is_held_out: Mask)
         ends: ends of all chains, shape (n, size).
         is_held_out: which of them were kept from every fit, shape (n,).
     """
-    prior = make_prior_proposal(ends.shape[1])
+    prior = gaussian_mixture.make_prior_proposal(ends.shape[1])
     failures = last.z[last.failed]
     weights = np.exp(prior.log_density(failures) - last.proposal.log_density(failures))
     errored = count - len(last.z)

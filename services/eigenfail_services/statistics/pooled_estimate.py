@@ -13,22 +13,7 @@ from statistics import stdev
 from eigenfail.intervals import ERROR, find_upper_bound
 from eigenfail.values import Estimate, Interval
 from eigenfail.values.estimates import BY_MONTE_CARLO
-from eigenfail_services.statistics.intervals import (
-    bound_stated_share,
-    find_quantile,
-    log_normal,
-)
-from eigenfail_services.statistics.subset_estimate import (
-    SubsetEnd,
-    SubsetEstimate,
-    SubsetLevel,
-)
-from eigenfail_services.statistics.subset_simulation import (
-    FEWEST_SAMPLES,
-    PlainCounts,
-    SubsetSimulation,
-    WideEstimate,
-)
+from eigenfail_services.statistics import intervals, subset_estimate, subset_simulation
 
 DISAGREEMENT = 0.9995
 """Quantile of the difference of two estimates beyond which they disagree."""
@@ -73,7 +58,9 @@ def pool_estimates(estimates: Sequence[Estimate]) -> Estimate:
         episodes=episodes,
         probability=probability,
         cv=cv,
-        interval=None if cv is None or bounded else log_normal(probability, cv, effective or inf),
+        interval=None
+        if cv is None or bounded
+        else intervals.log_normal(probability, cv, effective or inf),
         effective=effective,
         note=" ".join(dict.fromkeys(one.note for one in estimates if one.note)),
         bound="lower" if bounded else None,
@@ -89,7 +76,8 @@ def disagree(found: Sequence[tuple[float, float, float]]) -> bool:
     """
     logs = [(log(p), log1p(cv**2), effective) for p, cv, effective in found]
     return any(
-        abs(a - b) > find_quantile(DISAGREEMENT, min(worth_a, worth_b)) * sqrt(of_a + of_b)
+        abs(a - b)
+        > intervals.find_quantile(DISAGREEMENT, min(worth_a, worth_b)) * sqrt(of_a + of_b)
         for (a, of_a, worth_a), (b, of_b, worth_b) in combinations(logs, 2)
     )
 
@@ -141,7 +129,9 @@ BLIND = "It does not include failure types that no sample came near."
 
 
 def pool_simulations(
-    found: Sequence[SubsetEstimate], episodes: int, wide: WideEstimate | None = None
+    found: Sequence[subset_estimate.SubsetEstimate],
+    episodes: int,
+    wide: subset_simulation.WideEstimate | None = None,
 ) -> Estimate:
     """Return the estimate of runs over the same levels that have all ended.
 
@@ -174,7 +164,7 @@ def pool_simulations(
     cv = combine_cvs(probabilities, [one.draws / draws for one in found], cvs) or 0.0
     probability = _multiply_pooled_shares(found)
     effective = sum(one.effective_first_draws for one in found)
-    interval = log_normal(probability, cv, effective)
+    interval = intervals.log_normal(probability, cv, effective)
     if problem := _describe_doubt(probability, interval, effective, wide):
         return refuse_estimate(episodes, problem)
     return Estimate(
@@ -189,7 +179,10 @@ def pool_simulations(
 
 
 def _describe_doubt(
-    probability: float, interval: Interval, effective: float, wide: WideEstimate | None
+    probability: float,
+    interval: Interval,
+    effective: float,
+    wide: subset_simulation.WideEstimate | None,
 ) -> str:
     """Return why a pooled estimate is not stated; empty if it is.
 
@@ -214,7 +207,7 @@ def _describe_doubt(
     return ""
 
 
-def _multiply_pooled_shares(found: Sequence[SubsetEstimate]) -> float:
+def _multiply_pooled_shares(found: Sequence[subset_estimate.SubsetEstimate]) -> float:
     """Return the product of the shares of the levels, each of the samples of all runs on it."""
     shares = []
     for number in range(max(len(one.levels) for one in found)):
@@ -224,7 +217,7 @@ def _multiply_pooled_shares(found: Sequence[SubsetEstimate]) -> float:
     return prod(shares)
 
 
-def _find_cvs(found: Sequence[SubsetEstimate]) -> list[float]:
+def _find_cvs(found: Sequence[subset_estimate.SubsetEstimate]) -> list[float]:
     """Return the coefficient of variation of each run.
 
     The lineages of the first run hide a part of its error, since it chose its levels itself. It is
@@ -235,7 +228,7 @@ def _find_cvs(found: Sequence[SubsetEstimate]) -> list[float]:
     return [max(first.cv, *of_others, 0.0), *(one.cv for one in others)]
 
 
-def _describe_disagreement(found: Sequence[SubsetEstimate]) -> str:
+def _describe_disagreement(found: Sequence[subset_estimate.SubsetEstimate]) -> str:
     figures = [
         "none" if one.probability is None else f"{one.probability:.1e}"
         for one in sorted(found, key=lambda one: one.probability or 0.0)
@@ -259,7 +252,9 @@ ALL_ERRORED = "Every episode errored: correct what raised."
 """More episodes would error as well."""
 
 
-def estimate_unfinished(simulation: SubsetSimulation, spent: bool) -> Estimate | None:
+def estimate_unfinished(
+    simulation: subset_simulation.SubsetSimulation, spent: bool
+) -> Estimate | None:
     """Return the estimate of a simulation that has not ended; None before it has a level.
 
     Args:
@@ -279,7 +274,7 @@ def estimate_unfinished(simulation: SubsetSimulation, spent: bool) -> Estimate |
     return None
 
 
-def estimate_ended(simulation: SubsetSimulation) -> Estimate:
+def estimate_ended(simulation: subset_simulation.SubsetSimulation) -> Estimate:
     """Return the estimate of a simulation that has ended."""
     found = [one.result for one in simulation.runs if one.result is not None]
     if not found:
@@ -288,20 +283,22 @@ def estimate_ended(simulation: SubsetSimulation) -> Estimate:
     return pool_simulations(found, simulation.trajectories_run, wide)
 
 
-def _explain_missing_runs(simulation: SubsetSimulation) -> Estimate:
+def _explain_missing_runs(simulation: subset_simulation.SubsetSimulation) -> Estimate:
     """Return the estimate of a simulation that ended with its first run, with the reason.
 
     It is that of the plain draws that followed, if there were any.
     """
     first, end = simulation.first, simulation.end
-    fewer = f" Set samples to {max(first.draws // 2, FEWEST_SAMPLES)}." * (end is SubsetEnd.CUT)
+    fewer = f" Set samples to {max(first.draws // 2, subset_simulation.FEWEST_SAMPLES)}." * (
+        end is subset_estimate.SubsetEnd.CUT
+    )
     problem = f"{_describe_miss(end, first.levels)}{fewer}"
     refused = refuse_estimate(simulation.trajectories_run, problem)
     counts = simulation.plain.counts if simulation.plain else None
     return estimate_from_draws(refused, counts) if counts else refused
 
 
-def estimate_from_draws(refused: Estimate, counts: PlainCounts) -> Estimate:
+def estimate_from_draws(refused: Estimate, counts: subset_simulation.PlainCounts) -> Estimate:
     """Return the estimate of plain draws that followed a refusal, with its reason.
 
     Errored draws count as no failure in the estimate, and as failures in the upper end.
@@ -326,20 +323,22 @@ def estimate_from_draws(refused: Estimate, counts: PlainCounts) -> Estimate:
         episodes=episodes,
         probability=share,
         cv=sqrt((1.0 - share) / failures),
-        interval=bound_stated_share(failures, draws, failures + errored),
+        interval=intervals.bound_stated_share(failures, draws, failures + errored),
         note=f"The share of failures among the {what}.{lost} {refused.by.capitalize()} gave no "
         f"number. {refused.problem}",
     )
 
 
-def _describe_miss(end: SubsetEnd | None, levels: Sequence[SubsetLevel]) -> str:
+def _describe_miss(
+    end: subset_estimate.SubsetEnd | None, levels: Sequence[subset_estimate.SubsetLevel]
+) -> str:
     return (
         f"No failure was reached: {end}. {_describe_depth(levels)} "
         "That says nothing of failures of which no sample came near."
     )
 
 
-def _describe_depth(levels: Sequence[SubsetLevel]) -> str:
+def _describe_depth(levels: Sequence[subset_estimate.SubsetLevel]) -> str:
     reached = [one for one in levels if one.share > 0.0]
     if not reached:
         return "No intermediate level was reached."
@@ -349,7 +348,7 @@ def _describe_depth(levels: Sequence[SubsetLevel]) -> str:
     )
 
 
-def _multiply_shares(levels: Sequence[SubsetLevel]) -> float:
+def _multiply_shares(levels: Sequence[subset_estimate.SubsetLevel]) -> float:
     return prod(one.share for one in levels)
 
 

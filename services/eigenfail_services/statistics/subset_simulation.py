@@ -26,32 +26,11 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
-from eigenfail_services.statistics.batches import (
-    Array,
-    Batches,
-    NoiseShape,
-    Requests,
-    Robustness,
-    answer_requests,
-    run_in_waves,
-    run_side_by_side,
-)
-from eigenfail_services.statistics.conditional_sampler import (
-    Chains,
-    ConditionalSampler,
-    find_starts,
-)
-from eigenfail_services.statistics.gaussian_mixture import (
-    make_prior_proposal,
-    make_scaled_proposal,
-)
-from eigenfail_services.statistics.subset_estimate import (
-    SubsetEnd,
-    SubsetEstimate,
-    SubsetLevel,
-    estimate_from_failures,
-    estimate_without_failures,
-    make_level,
+from eigenfail_services.statistics import (
+    batches,
+    conditional_sampler,
+    gaussian_mixture,
+    subset_estimate,
 )
 
 FEWEST_SAMPLES = 20
@@ -135,40 +114,44 @@ class FirstRun:
 
     def __init__(
         self,
-        shape: NoiseShape,
+        shape: batches.NoiseShape,
         max_trajectories: int,
         settings: SubsetSettings,
-        sampler: ConditionalSampler,
+        sampler: conditional_sampler.ConditionalSampler,
     ) -> None:
         self._shape = shape
         self._max_trajectories = max_trajectories
         self._settings = settings
         self._sampler = sampler
         self.draws = settings.choose_first_draws(max_trajectories)
-        self.levels: list[SubsetLevel] = []
-        self.chains: Chains | None = None
-        self.result: SubsetEstimate | None = None
+        self.levels: list[subset_estimate.SubsetLevel] = []
+        self.chains: conditional_sampler.Chains | None = None
+        self.result: subset_estimate.SubsetEstimate | None = None
 
-    def run(self) -> Generator[Batches, Array, SubsetEnd]:
+    def run(self) -> Generator[batches.Batches, batches.Array, subset_estimate.SubsetEnd]:
         """Descend the levels. To be called once."""
         settings, sampler = self._settings, self._sampler
         chains = yield from sampler.draw_independent(self.draws, self._shape)
         threshold = _find_next_threshold(chains.values, inf, settings.level_share)
         while threshold is not None and len(self.levels) < settings.most_levels:
-            self.levels.append(make_level(chains, threshold))
+            self.levels.append(subset_estimate.make_level(chains, threshold))
             if threshold <= 0.0:
                 self.chains = chains
-                self.result = estimate_from_failures(
+                self.result = subset_estimate.estimate_from_failures(
                     self.levels, chains, self.draws, sampler.trajectories_run
                 )
-                return SubsetEnd.REACHED
-            starts = find_starts(chains, threshold)
+                return subset_estimate.SubsetEnd.REACHED
+            starts = conditional_sampler.find_starts(chains, threshold)
             moves = ceil(self.draws / len(starts)) - 1
             if moves * len(starts) > self._count_free():
-                return SubsetEnd.CUT
+                return subset_estimate.SubsetEnd.CUT
             chains = yield from sampler.move_chains(chains, threshold, starts, moves)
             threshold = _find_next_threshold(chains.values, threshold, settings.level_share)
-        return SubsetEnd.STALLED if threshold is None else SubsetEnd.SPENT
+        return (
+            subset_estimate.SubsetEnd.STALLED
+            if threshold is None
+            else subset_estimate.SubsetEnd.SPENT
+        )
 
     def _count_free(self) -> int:
         """Return the number of trajectories left for a level, without those of the other runs."""
@@ -199,31 +182,34 @@ class LevelRun:
 
     def __init__(
         self,
-        shape: NoiseShape,
+        shape: batches.NoiseShape,
         thresholds: Sequence[float],
         max_trajectories: int,
         settings: SubsetSettings,
-        sampler: ConditionalSampler,
+        sampler: conditional_sampler.ConditionalSampler,
     ) -> None:
         self._shape = shape
         self._thresholds = thresholds
         self._sampler = sampler
         self.draws = settings.choose_draws(max_trajectories, len(thresholds))
         self.max_trajectories = min(max_trajectories, self.draws * len(thresholds))
-        self.levels: list[SubsetLevel] = []
-        self.chains: Chains | None = None
-        self.result: SubsetEstimate | None = None
+        self.levels: list[subset_estimate.SubsetLevel] = []
+        self.chains: conditional_sampler.Chains | None = None
+        self.result: subset_estimate.SubsetEstimate | None = None
 
-    def run(self) -> Requests:
+    def run(self) -> batches.Requests:
         """Go through the levels. To be called once."""
         sampler = self._sampler
         chains = yield from sampler.draw_independent(self.draws, self._shape)
         for number, threshold in enumerate(self._thresholds, start=1):
-            self.levels.append(make_level(chains, threshold))
-            starts = find_starts(chains, threshold)
+            self.levels.append(subset_estimate.make_level(chains, threshold))
+            starts = conditional_sampler.find_starts(chains, threshold)
             if not starts.size:
-                self.result = estimate_without_failures(
-                    self.levels, SubsetEnd.MISSED, self.draws, sampler.trajectories_run
+                self.result = subset_estimate.estimate_without_failures(
+                    self.levels,
+                    subset_estimate.SubsetEnd.MISSED,
+                    self.draws,
+                    sampler.trajectories_run,
                 )
                 return
             if number < len(self._thresholds):
@@ -233,7 +219,7 @@ class LevelRun:
                 moves = max(chosen // len(starts), 0)
                 chains = yield from sampler.move_chains(chains, threshold, starts, moves)
         self.chains = chains
-        self.result = estimate_from_failures(
+        self.result = subset_estimate.estimate_from_failures(
             self.levels, chains, self.draws, sampler.trajectories_run
         )
 
@@ -276,14 +262,14 @@ class WideNoise:
         rng: generator of every draw.
     """
 
-    def __init__(self, draws: int, shape: NoiseShape, rng: np.random.Generator) -> None:
+    def __init__(self, draws: int, shape: batches.NoiseShape, rng: np.random.Generator) -> None:
         self._rng = rng
         self._draws = draws
         self._shape = shape
         self.trajectories_run = 0
         self.estimate: WideEstimate | None = None
 
-    def run(self) -> Requests:
+    def run(self) -> batches.Requests:
         """Draw all trajectories at once. To be called once."""
         size = prod(self._shape)
         scale = sqrt(1.0 + WIDE_REACH**2 / size)
@@ -292,7 +278,10 @@ class WideNoise:
         ran = ~np.isnan(robustness)
         self.trajectories_run = int(np.count_nonzero(ran))
         failures = z[robustness <= 0.0].reshape(-1, size)
-        wide, prior = make_scaled_proposal(size, scale), make_prior_proposal(size)
+        wide, prior = (
+            gaussian_mixture.make_scaled_proposal(size, scale),
+            gaussian_mixture.make_prior_proposal(size),
+        )
         log_weights = prior.log_density(failures) - wide.log_density(failures)
         shares = np.exp(log_weights) / max(len(z), 1)
         rest = shares.sum() - shares.max(initial=0.0)
@@ -314,13 +303,13 @@ class PlainDraws:
         seed: seed of every draw.
     """
 
-    def __init__(self, draws: int, shape: NoiseShape, seed: Sequence[int]) -> None:
+    def __init__(self, draws: int, shape: batches.NoiseShape, seed: Sequence[int]) -> None:
         self._draws = draws
         self._shape = shape
         self._rng = np.random.default_rng([*seed])
         self.counts: PlainCounts | None = None
 
-    def run(self) -> Requests:
+    def run(self) -> batches.Requests:
         """Draw all trajectories, a part at a time. To be called once."""
         counts = PlainCounts()
         while left := self._draws - counts.draws:
@@ -372,7 +361,7 @@ class SubsetSimulation:
 
     def __init__(
         self,
-        shape: NoiseShape,
+        shape: batches.NoiseShape,
         budget: int,
         settings: SubsetSettings,
         seed: Sequence[int],
@@ -383,13 +372,13 @@ class SubsetSimulation:
         self._settings = settings
         self._seed = tuple(seed)
         self._parallel = parallel
-        self._run_together = run_side_by_side if parallel else run_in_waves
-        self._samplers: list[ConditionalSampler] = []
+        self._run_together = batches.run_side_by_side if parallel else batches.run_in_waves
+        self._samplers: list[conditional_sampler.ConditionalSampler] = []
         self.first = FirstRun(shape, budget, settings, self._make_sampler())
         self.runs: list[FirstRun | LevelRun] = []
         self.wide: WideNoise | None = None
         self.plain: PlainDraws | None = None
-        self.end: SubsetEnd | None = None
+        self.end: subset_estimate.SubsetEnd | None = None
 
     @property
     def trajectories_run(self) -> int:
@@ -400,7 +389,7 @@ class SubsetSimulation:
         wide = self.wide.trajectories_run if self.wide else 0
         return wide + sum(each.trajectories_run for each in self._samplers)
 
-    def run(self) -> Requests:
+    def run(self) -> batches.Requests:
         """Request the trajectories of all runs.
 
         To be called once; `runs` then have the results. There are none where the first run reached
@@ -410,7 +399,7 @@ class SubsetSimulation:
         settings, thresholds = self._settings, [level.threshold for level in self.first.levels]
         spent = self._samplers[0].trajectories_requested
         left = self._budget - spent
-        if self.end is not SubsetEnd.REACHED:
+        if self.end is not subset_estimate.SubsetEnd.REACHED:
             if left > 0 and self._samplers[0].trajectories_run:
                 self.plain = PlainDraws(left, self._shape, (*self._seed, settings.runs + 1))
                 yield from self.plain.run()
@@ -438,15 +427,21 @@ class SubsetSimulation:
             running.append(self.wide.run())
         yield from self._run_together(running)
 
-    def _make_sampler(self) -> ConditionalSampler:
+    def _make_sampler(self) -> conditional_sampler.ConditionalSampler:
         rng = np.random.default_rng([*self._seed, len(self._samplers)])
-        sampler = ConditionalSampler(rng, self._settings.acceptance, self._parallel)
+        sampler = conditional_sampler.ConditionalSampler(
+            rng, self._settings.acceptance, self._parallel
+        )
         self._samplers.append(sampler)
         return sampler
 
 
 def simulate_subsets(
-    robustness: Robustness, shape: NoiseShape, budget: int, settings: SubsetSettings, seed: int
+    robustness: batches.Robustness,
+    shape: batches.NoiseShape,
+    budget: int,
+    settings: SubsetSettings,
+    seed: int,
 ) -> SubsetSimulation:
     """Return a finished `SubsetSimulation` whose robustness is a function.
 
@@ -456,11 +451,11 @@ def simulate_subsets(
         InvalidValue: robustness is not finite, or not one value for each trajectory.
     """
     simulation = SubsetSimulation(shape, budget, settings, (seed,))
-    answer_requests(simulation.run(), robustness)
+    batches.answer_requests(simulation.run(), robustness)
     return simulation
 
 
-def _find_next_threshold(values: Array, before: float, share: float) -> float | None:
+def _find_next_threshold(values: batches.Array, before: float, share: float) -> float | None:
     """Return the robustness that this share of the values reaches, never below 0.
 
     Where ties hold that quantile up at the level before, the next smaller value; None without one.

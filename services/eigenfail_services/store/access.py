@@ -3,32 +3,11 @@
 from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
+import sqlalchemy as sa
 from msgspec.structs import asdict
-from sqlalchemy import (
-    ColumnElement,
-    Connection,
-    RowMapping,
-    Select,
-    case,
-    delete,
-    func,
-    insert,
-    select,
-    update,
-)
 
 from eigenfail.errors import QuotaExceeded
-from eigenfail.values import CampaignSpec, Page
-from eigenfail.values.access import (
-    UNLIMITED,
-    ApiKey,
-    AuditEntry,
-    Change,
-    KeyRecord,
-    Quotas,
-    Scope,
-    Usage,
-)
+from eigenfail.values import CampaignSpec, Page, access
 from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_key_error
@@ -58,7 +37,7 @@ class Demand(NamedTuple):
 
 
 def refuse_beyond(
-    key: int, name: str, quotas: Quotas, usage: Usage, specs: Sequence[CampaignSpec]
+    key: int, name: str, quotas: access.Quotas, usage: access.Usage, specs: Sequence[CampaignSpec]
 ) -> None:
     """Let the holder of a key make campaigns.
 
@@ -70,19 +49,31 @@ def refuse_beyond(
             raise make_refusal(key, name, demand)
 
 
-def list_demands(quotas: Quotas, usage: Usage, episodes: Sequence[int]) -> Iterator[Demand]:
+def list_demands(
+    quotas: access.Quotas, usage: access.Usage, episodes: Sequence[int]
+) -> Iterator[Demand]:
     """Yield the demand of campaigns with these budgets on each quota."""
     yield Demand(
-        *("max_episodes", quotas.max_episodes, 0, max(episodes, default=0)),
-        *("episodes in one campaign", "Ask for fewer episodes"),
+        "max_episodes",
+        quotas.max_episodes,
+        0,
+        max(episodes, default=0),
+        "episodes in one campaign",
+        "Ask for fewer episodes",
     )
     yield Demand(
-        *("max_open", quotas.max_open, usage.open, len(episodes)),
-        *("campaigns at once that have not ended", "Wait until one ends, or cancel one"),
+        "max_open",
+        quotas.max_open,
+        usage.open,
+        len(episodes),
+        "campaigns at once that have not ended",
+        "Wait until one ends, or cancel one",
     )
     yield Demand(
-        *("max_episodes_per_day", quotas.max_episodes_per_day),
-        *(usage.episodes_of_day, sum(episodes)),
+        "max_episodes_per_day",
+        quotas.max_episodes_per_day,
+        usage.episodes_of_day,
+        sum(episodes),
         "episodes in the campaigns of 24 hours",
         "Ask for fewer, cancel a campaign that is not needed, or wait",
     )
@@ -98,13 +89,15 @@ def make_refusal(key: int, name: str, demand: Demand) -> QuotaExceeded:
     )
 
 
-QUOTAS = Quotas.__struct_fields__
+QUOTAS = access.Quotas.__struct_fields__
 
 
-_LIMITS = select(keys.c.name, *(keys.c[name] for name in QUOTAS))
+_LIMITS = sa.select(keys.c.name, *(keys.c[name] for name in QUOTAS))
 
 
-def admit_campaigns(connection: Connection, key: int | None, specs: Sequence[CampaignSpec]) -> None:
+def admit_campaigns(
+    connection: sa.Connection, key: int | None, specs: Sequence[CampaignSpec]
+) -> None:
     """Check a new campaigns' demand against the quotas of a key; None has no quotas.
 
     The key stays locked until the transaction ends.
@@ -118,26 +111,26 @@ def admit_campaigns(connection: Connection, key: int | None, specs: Sequence[Cam
     if found is None:
         return
     name, *limits = found
-    if (quotas := Quotas(*limits)) != UNLIMITED:
+    if (quotas := access.Quotas(*limits)) != access.UNLIMITED:
         refuse_beyond(key, name, quotas, count_usage(connection, [key])[key], specs)
 
 
-def count_usage(connection: Connection, wanted: Sequence[int]) -> dict[int, Usage]:
+def count_usage(connection: sa.Connection, wanted: Sequence[int]) -> dict[int, access.Usage]:
     """Return what the campaigns of each key use now."""
-    nothing = dict.fromkeys(wanted, Usage())
+    nothing = dict.fromkeys(wanted, access.Usage())
     found = connection.execute(_select_usage(wanted, now_ms() - DAY_MS)).all()
-    return nothing | {row.made_by: Usage(int(row.open), int(row.episodes)) for row in found}
+    return nothing | {row.made_by: access.Usage(int(row.open), int(row.episodes)) for row in found}
 
 
-def _select_usage(wanted: Sequence[int], since_ms: int) -> Select[Any]:
+def _select_usage(wanted: Sequence[int], since_ms: int) -> sa.Select[Any]:
     is_open = campaigns.c.ended_ms.is_(None)
     is_new = campaigns.c.created_ms > since_ms
-    episodes = case((is_new, campaigns.c.planned - campaigns.c.cancelled), else_=0)
+    episodes = sa.case((is_new, campaigns.c.planned - campaigns.c.cancelled), else_=0)
     return (
-        select(
+        sa.select(
             campaigns.c.made_by,
-            func.sum(case((is_open, 1), else_=0)).label("open"),
-            func.sum(episodes).label("episodes"),
+            sa.func.sum(sa.case((is_open, 1), else_=0)).label("open"),
+            sa.func.sum(episodes).label("episodes"),
         )
         .where(campaigns.c.made_by.in_(wanted), is_open | is_new)
         .group_by(campaigns.c.made_by)
@@ -163,48 +156,48 @@ class KeyStore:
     def create(
         self,
         name: str,
-        scope: Scope,
+        scope: access.Scope,
         digest: str,
         expires_ms: int | None = None,
-        quotas: Quotas = UNLIMITED,
-    ) -> ApiKey:
+        quotas: access.Quotas = access.UNLIMITED,
+    ) -> access.ApiKey:
         """Create a key; of its secret only the digest is stored."""
         values = {"name": name, "scope": scope.value, "digest": digest, "expires_ms": expires_ms}
-        made = insert(keys).values(created_ms=now_ms(), **values, **asdict(quotas))
+        made = sa.insert(keys).values(created_ms=now_ms(), **values, **asdict(quotas))
         statement = made.returning(*_SHOWN)
         with self._database.writing() as connection:
             return _to_key(connection.execute(statement).mappings().one())
 
-    def find(self, key: int) -> KeyRecord:
+    def find(self, key: int) -> access.KeyRecord:
         """Return a key with the digest of its secret.
 
         Raises:
             NotFound: no such key.
         """
         with self._database.reading() as connection:
-            found = connection.execute(select(keys).where(keys.c.id == key)).mappings().first()
+            found = connection.execute(sa.select(keys).where(keys.c.id == key)).mappings().first()
         if found is None:
             raise make_key_error(key)
         values = dict(found)
         digest = values.pop("digest")
-        return KeyRecord(_to_key(values), digest)
+        return access.KeyRecord(_to_key(values), digest)
 
-    def page(self, limit: int, before: int | None = None) -> Page[ApiKey]:
+    def page(self, limit: int, before: int | None = None) -> Page[access.ApiKey]:
         """Return keys, newest first, with ids below `before`, with revoked and expired ones."""
-        query = _select_newest(select(*_SHOWN), keys.c.id, limit, before)
+        query = _select_newest(sa.select(*_SHOWN), keys.c.id, limit, before)
         with self._database.reading() as connection:
             found = [_to_key(row) for row in connection.execute(query).mappings()]
         return Page(tuple(found[:limit]), found[limit - 1].id if len(found) > limit else None)
 
-    def revoke(self, key: int) -> ApiKey:
+    def revoke(self, key: int) -> access.ApiKey:
         """Revoke a key; a second time changes nothing.
 
         Raises:
             NotFound: no such key.
         """
-        return self._change(key, revoked_ms=func.coalesce(keys.c.revoked_ms, now_ms()))
+        return self._change(key, revoked_ms=sa.func.coalesce(keys.c.revoked_ms, now_ms()))
 
-    def limit(self, key: int, quotas: Quotas) -> ApiKey:
+    def limit(self, key: int, quotas: access.Quotas) -> access.ApiKey:
         """Set the quotas of a key; campaigns that exist are not affected.
 
         Raises:
@@ -212,13 +205,13 @@ class KeyStore:
         """
         return self._change(key, **asdict(quotas))
 
-    def usage(self, wanted: Sequence[int]) -> dict[int, Usage]:
+    def usage(self, wanted: Sequence[int]) -> dict[int, access.Usage]:
         """Return how much of its quotas each key uses, 0 for a key without campaigns."""
         with self._database.reading() as connection:
             return count_usage(connection, wanted)
 
-    def _change(self, key: int, **values: Any) -> ApiKey:
-        change = update(keys).where(keys.c.id == key).values(**values).returning(*_SHOWN)
+    def _change(self, key: int, **values: Any) -> access.ApiKey:
+        change = sa.update(keys).where(keys.c.id == key).values(**values).returning(*_SHOWN)
         with self._database.writing() as connection:
             found = connection.execute(change).mappings().first()
         if found is None:
@@ -228,19 +221,19 @@ class KeyStore:
     def used(self, key: int, at_ms: int) -> None:
         """Record when a key was last used; an unknown key is ignored."""
         with self._database.writing() as connection:
-            connection.execute(update(keys).where(keys.c.id == key).values(last_used_ms=at_ms))
+            connection.execute(sa.update(keys).where(keys.c.id == key).values(last_used_ms=at_ms))
 
     def exist(self) -> bool:
         """Return whether a key was ever created."""
         with self._database.reading() as connection:
-            return connection.execute(select(keys.c.id).limit(1)).first() is not None
+            return connection.execute(sa.select(keys.c.id).limit(1)).first() is not None
 
     def admins(self, at_ms: int) -> int:
         """Count the administrators' keys that are valid at a moment."""
         valid = keys.c.revoked_ms.is_(None) & (
             keys.c.expires_ms.is_(None) | (keys.c.expires_ms > at_ms)
         )
-        query = select(func.count()).where(keys.c.scope == Scope.ADMIN.value, valid)
+        query = sa.select(sa.func.count()).where(keys.c.scope == access.Scope.ADMIN.value, valid)
         with self._database.reading() as connection:
             return int(connection.execute(query).scalar_one())
 
@@ -251,34 +244,34 @@ class AuditLog:
     def __init__(self, database: Database) -> None:
         self._database = database
 
-    def append(self, change: Change) -> AuditEntry:
+    def append(self, change: access.Change) -> access.AuditEntry:
         """Record a change with the current time."""
         values, at_ms = asdict(change), now_ms()
-        statement = insert(audit).values(at_ms=at_ms, **values).returning(audit.c.id)
+        statement = sa.insert(audit).values(at_ms=at_ms, **values).returning(audit.c.id)
         with self._database.writing() as connection:
             number: int = connection.execute(statement).scalar_one()
             if number % PRUNED_EVERY == 0:
                 oldest = number - KEPT_CHANGES
-                connection.execute(delete(audit).where(audit.c.id <= oldest))
-        return AuditEntry(**values, id=number, at_ms=at_ms)
+                connection.execute(sa.delete(audit).where(audit.c.id <= oldest))
+        return access.AuditEntry(**values, id=number, at_ms=at_ms)
 
-    def page(self, limit: int, before: int | None = None) -> Page[AuditEntry]:
+    def page(self, limit: int, before: int | None = None) -> Page[access.AuditEntry]:
         """Return changes, newest first, with ids below `before`."""
-        query = _select_newest(select(audit), audit.c.id, limit, before)
+        query = _select_newest(sa.select(audit), audit.c.id, limit, before)
         with self._database.reading() as connection:
-            found = [AuditEntry(**row) for row in connection.execute(query).mappings()]
+            found = [access.AuditEntry(**row) for row in connection.execute(query).mappings()]
         return Page(tuple(found[:limit]), found[limit - 1].id if len(found) > limit else None)
 
 
 def _select_newest(
-    query: Select[Any], number: ColumnElement[int], limit: int, before: int | None
-) -> Select[Any]:
+    query: sa.Select[Any], number: sa.ColumnElement[int], limit: int, before: int | None
+) -> sa.Select[Any]:
     """Select one row more than a page has, with numbers below `before`."""
     ordered = query.order_by(number.desc()).limit(limit + 1)
     return ordered if before is None else ordered.where(number < before)
 
 
-def _to_key(found: RowMapping | dict[str, Any]) -> ApiKey:
+def _to_key(found: sa.RowMapping | dict[str, Any]) -> access.ApiKey:
     values: dict[str, Any] = dict(found)
-    quotas = Quotas(**{name: values.pop(name) for name in QUOTAS})
-    return ApiKey(scope=Scope(values.pop("scope")), quotas=quotas, **values)
+    quotas = access.Quotas(**{name: values.pop(name) for name in QUOTAS})
+    return access.ApiKey(scope=access.Scope(values.pop("scope")), quotas=quotas, **values)

@@ -247,7 +247,10 @@ def translate_errors(backend: Backend) -> Iterator[None]:
     except MISTAKES:
         raise
     except (
-        *(exc.DatabaseError, exc.InterfaceError, exc.TimeoutError, OSError),
+        exc.DatabaseError,
+        exc.InterfaceError,
+        exc.TimeoutError,
+        OSError,
         sqlite3.Error,
     ) as error:
         raise to_unavailable(backend, error) from None

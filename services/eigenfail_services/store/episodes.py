@@ -8,25 +8,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
 from typing import Any
 
+import sqlalchemy as sa
 from msgspec.structs import replace
-from sqlalchemy import (
-    BigInteger,
-    Connection,
-    RowMapping,
-    Table,
-    bindparam,
-    insert,
-    select,
-    update,
-)
 from sqlalchemy.dialects import sqlite
 from sqlalchemy.dialects.postgresql import psycopg
 
-from eigenfail.filters import (
-    BY_INDEX,
-    Conditions,
-    SortOrder,
-)
+from eigenfail import filters
 from eigenfail.values import (
     BlockTotals,
     EpisodeResult,
@@ -36,17 +23,9 @@ from eigenfail.values import (
     SafetyTotals,
     SpendingTotals,
     Trials,
+    records,
 )
 from eigenfail.values.comparison import MOST_TRIALS
-from eigenfail.values.records import (
-    PORTION,
-    Delivery,
-    EpisodeRow,
-    FailureCourse,
-    Failures,
-    Totals,
-    Verdict,
-)
 from eigenfail.values.safety import MOST_POINTS, SeveritySample
 from eigenfail.values.summary import MOST_LANDINGS
 from eigenfail_services.store.campaign_rows import (
@@ -102,10 +81,10 @@ from eigenfail_services.store.totals import (
 SCENES_AT_A_TIME = 100
 """Scenes that are in memory together: one of a long episode with many vehicles has 100 kB."""
 
-_KNOWN = select(episode_index, episodes.c.digest).where(
-    episodes.c.campaign == bindparam("campaign"),
+_KNOWN = sa.select(episode_index, episodes.c.digest).where(
+    episodes.c.campaign == sa.bindparam("campaign"),
     # Of the plain type: there are none outside the campaign's range, which `Number` would clamp.
-    episode_index.in_(bindparam("indices", type_=BigInteger(), expanding=True)),
+    episode_index.in_(sa.bindparam("indices", type_=sa.BigInteger(), expanding=True)),
 )
 
 _POSITIONAL = {
@@ -116,8 +95,8 @@ _POSITIONAL = {
 
 
 def _store_deliveries(
-    connection: Connection, campaign: int, deliveries: Sequence[Delivery]
-) -> list[Verdict]:
+    connection: sa.Connection, campaign: int, deliveries: Sequence[records.Delivery]
+) -> list[records.Verdict]:
     """Store results, update the counts, and log alarms; return one verdict for each delivery.
 
     Raises:
@@ -138,7 +117,7 @@ def _store_deliveries(
     return judgement.verdicts
 
 
-def _read_digests(connection: Connection, campaign: int, indices: set[int]) -> dict[int, str]:
+def _read_digests(connection: sa.Connection, campaign: int, indices: set[int]) -> dict[int, str]:
     return {
         index: known
         for chunk in chunks(indices)
@@ -146,7 +125,7 @@ def _read_digests(connection: Connection, campaign: int, indices: set[int]) -> d
     }
 
 
-def _insert_results(connection: Connection, campaign: int, kept: Sequence[Kept]) -> None:
+def _insert_results(connection: sa.Connection, campaign: int, kept: Sequence[Kept]) -> None:
     if not kept:
         return
     at_ms = now_ms()
@@ -180,7 +159,7 @@ def _blobs(campaign: int, result: EpisodeResult) -> tuple[object, ...]:
     )
 
 
-def _insert_rows(connection: Connection, table: Table, rows: list[tuple[Any, ...]]) -> None:
+def _insert_rows(connection: sa.Connection, table: sa.Table, rows: list[tuple[Any, ...]]) -> None:
     """Insert whole rows, each in the order of the table's columns.
 
     Columns without any value are left out of the statement: to bind a None, the driver of SQLite
@@ -194,22 +173,22 @@ def _insert_rows(connection: Connection, table: Table, rows: list[tuple[Any, ...
 
 
 @lru_cache(maxsize=64)
-def _compile_insert(table: Table, columns: tuple[str, ...], dialect: str) -> str:
+def _compile_insert(table: sa.Table, columns: tuple[str, ...], dialect: str) -> str:
     """Return the statement that inserts a row, with a placeholder for each of the columns."""
-    inserted = insert(table).values({name: bindparam(name) for name in columns})
+    inserted = sa.insert(table).values({name: sa.bindparam(name) for name in columns})
     return str(inserted.compile(dialect=_POSITIONAL[dialect]))
 
 
-def _add_death(connection: Connection, campaign: int, index: int) -> int:
+def _add_death(connection: sa.Connection, campaign: int, index: int) -> int:
     count = (
-        update(deaths)
+        sa.update(deaths)
         .where(deaths.c.campaign == campaign, deaths.c["index"] == index)
         .values(workers=deaths.c.workers + 1)
         .returning(deaths.c.workers)
     )
     if (workers := connection.execute(count).scalar_one_or_none()) is not None:
         return int(workers)
-    connection.execute(insert(deaths).values(campaign=campaign, index=index, workers=1))
+    connection.execute(sa.insert(deaths).values(campaign=campaign, index=index, workers=1))
     return 1
 
 
@@ -218,7 +197,7 @@ _SAME_TRAJECTORY = (trajectories.c.campaign == episodes.c.campaign) & (
 )
 _SAME_SCENE = (scenes.c.campaign == episodes.c.campaign) & (scenes.c["index"] == episode_index)
 _RESULTS = (
-    select(*episodes.c, campaigns.c.spec)
+    sa.select(*episodes.c, campaigns.c.spec)
     .add_columns(trajectories.c.z, trajectories.c.sigma, trajectories.c.states)
     .add_columns(trajectories.c.importance)
     .select_from(episodes)
@@ -227,12 +206,12 @@ _RESULTS = (
     .add_columns(select_pruned_ms().label("pruned_ms"))
 )
 
-ROWS = select(
+ROWS = sa.select(
     *episodes.c, select_pruned_ms().label("noise_pruned_ms"), select_column("mode").label("mode")
 )
 """Columns of the lines of a list of episodes."""
 
-_SPEC = select(campaigns.c.spec).where(campaigns.c.id == bindparam("campaign"))
+_SPEC = sa.select(campaigns.c.spec).where(campaigns.c.id == sa.bindparam("campaign"))
 
 
 class EpisodeStore:
@@ -245,9 +224,9 @@ class EpisodeStore:
     def commit(
         self,
         campaign: int,
-        deliveries: Sequence[Delivery],
+        deliveries: Sequence[records.Delivery],
         meanwhile: Callable[[], None] = lambda: None,
-    ) -> list[Verdict]:
+    ) -> list[records.Verdict]:
         """Store results, update counts, and log alarms; return one verdict for each delivery.
 
         Args:
@@ -294,15 +273,15 @@ class EpisodeStore:
         campaign: int,
         limit: int,
         after: int | None = None,
-        where: Conditions = (),
-        sort: SortOrder = BY_INDEX,
-    ) -> Page[EpisodeRow]:
+        where: filters.Conditions = (),
+        sort: filters.SortOrder = filters.BY_INDEX,
+    ) -> Page[records.EpisodeRow]:
         """Return episodes that fulfil all conditions, in an order, behind the index `after` in it.
 
         By index, `after` may be any number; in another order it is that of an episode with a
         result, behind which rows follow each other without gap or overlap, whatever is added.
         """
-        found: list[EpisodeRow] = []
+        found: list[records.EpisodeRow] = []
         with self._database.reading() as connection:
             for query in page_queries(connection, campaign, after, where, sort):
                 keys = query.limit(limit + 1 - len(found))
@@ -312,13 +291,17 @@ class EpisodeStore:
         items = tuple(found[:limit])
         return Page(items, items[-1].index if len(found) > limit else None)
 
-    def count(self, campaign: int, where: Conditions = ()) -> int:
+    def count(self, campaign: int, where: filters.Conditions = ()) -> int:
         """Return the number of finished episodes that fulfil all conditions."""
         with self._database.reading() as connection:
             return connection.execute(count_episodes(campaign, where)).scalar_one()
 
     def find_preceding(
-        self, campaign: int, before: int, where: Conditions = (), sort: SortOrder = BY_INDEX
+        self,
+        campaign: int,
+        before: int,
+        where: filters.Conditions = (),
+        sort: filters.SortOrder = filters.BY_INDEX,
     ) -> int | None:
         """Return the index in front of an episode in a list as `page` returns it; None at its head.
 
@@ -335,13 +318,13 @@ class EpisodeStore:
         return None
 
     def list_mode_failures(
-        self, analysis: int, number: int, sort: SortOrder, limit: int
-    ) -> list[EpisodeRow]:
+        self, analysis: int, number: int, sort: filters.SortOrder, limit: int
+    ) -> list[records.EpisodeRow]:
         """Return the first failures of a mode in an order; its campaigns may be several."""
         column = select_column(sort.column)
         last_first = column.desc() if sort.descending else column
         query = (
-            select(episodes.c.campaign, episode_index)
+            sa.select(episodes.c.campaign, episode_index)
             .join(
                 mode_members,
                 (mode_members.c.campaign == episodes.c.campaign)
@@ -377,15 +360,15 @@ class EpisodeStore:
                 if _has_result(found)
             ]
 
-    def failures(self, campaign: int) -> Failures:
+    def failures(self, campaign: int) -> records.Failures:
         """Return the noise of all failures."""
         portions = list(self.failure_portions(campaign))
-        return Failures(
+        return records.Failures(
             tuple(index for portion in portions for index in portion.indices),
             tuple(z for portion in portions for z in portion.noise),
         )
 
-    def failure_portions(self, campaign: int) -> Iterator[Failures]:
+    def failure_portions(self, campaign: int) -> Iterator[records.Failures]:
         """Yield the noise of all failures, at most `PORTION` at a time, from one transaction.
 
         Values of z that had no effect are 0.
@@ -395,24 +378,24 @@ class EpisodeStore:
             # Of one outcome, an index has the failures in order.
             collided = episodes.c.outcome == Outcome.COLLISION
             query = (
-                select(episode_index, trajectories.c.z)
+                sa.select(episode_index, trajectories.c.z)
                 .join(trajectories, _SAME_TRAJECTORY)
                 .where(episodes.c.campaign == campaign)
                 .where(is_failure if count_requirements(spec) else collided)
                 .order_by(episode_index)
-                .execution_options(yield_per=PORTION)
+                .execution_options(yield_per=records.PORTION)
             )
             for rows_ in connection.execute(query).partitions():
-                yield Failures(
+                yield records.Failures(
                     tuple(index for index, _ in rows_),
                     tuple(to_counted_z(z, to_noise_form(spec)) for _, z in rows_),
                 )
 
-    def failure_courses(self, campaign: int) -> Iterator[FailureCourse]:
+    def failure_courses(self, campaign: int) -> Iterator[records.FailureCourse]:
         """Yield the course of all failures whose scene is stored, in index order."""
         with self._database.reading() as connection:
             query = (
-                select(episode_index, scenes.c.scene)
+                sa.select(episode_index, scenes.c.scene)
                 .join(scenes, _SAME_SCENE)
                 .where(episodes.c.campaign == campaign, is_failure)
                 .order_by(episode_index)
@@ -423,7 +406,7 @@ class EpisodeStore:
 
     def mode_courses(
         self, analysis: int, campaign: int, most: int
-    ) -> dict[int, tuple[int, tuple[FailureCourse, ...]]]:
+    ) -> dict[int, tuple[int, tuple[records.FailureCourse, ...]]]:
         """Return the failures of a campaign in each mode of an analysis, by number of the mode.
 
         Args:
@@ -436,7 +419,7 @@ class EpisodeStore:
         """
         member = mode_members.c
         of_campaign = (member.analysis == analysis) & (member.campaign == campaign)
-        query = select(member.number, member["index"]).where(of_campaign)
+        query = sa.select(member.number, member["index"]).where(of_campaign)
         with self._database.reading() as connection:
             indices: dict[int, list[int]] = {}
             for number, index in connection.execute(query.order_by(member["index"])):
@@ -446,7 +429,7 @@ class EpisodeStore:
                 for number, found in sorted(indices.items())
             }
 
-    def totals(self, campaign: int) -> Totals:
+    def totals(self, campaign: int) -> records.Totals:
         """Return sums over all failures, and episodes counted by the classes of `assess`."""
         return self._cached.totals([campaign])[campaign]
 
@@ -495,7 +478,7 @@ class EpisodeStore:
             return hash_results(connection, campaign)
 
 
-def _has_result(found: RowMapping) -> bool:
+def _has_result(found: sa.RowMapping) -> bool:
     """Return whether an episode has a result; without noise that was not pruned it has none.
 
     Raises:
@@ -517,9 +500,11 @@ def _select_indices(indices: set[int]) -> Iterator[Expression]:
         yield episode_index.between(first, last) if follow else episode_index.in_(chunk)
 
 
-def _rows(connection: Connection, campaign: int, indices: Sequence[int]) -> list[EpisodeRow]:
+def _rows(
+    connection: sa.Connection, campaign: int, indices: Sequence[int]
+) -> list[records.EpisodeRow]:
     query = ROWS.where(episodes.c.campaign == campaign)
-    found: dict[int, EpisodeRow] = {}
+    found: dict[int, records.EpisodeRow] = {}
     for chunk in chunks(set(indices)):
         judged = _read_requirements(connection, campaign, chunk)
         for row in connection.execute(query.where(episode_index.in_(chunk))).mappings():
@@ -529,7 +514,7 @@ def _rows(connection: Connection, campaign: int, indices: Sequence[int]) -> list
 
 
 def _read_requirements(
-    connection: Connection, campaign: int, indices: Sequence[int]
+    connection: sa.Connection, campaign: int, indices: Sequence[int]
 ) -> defaultdict[int, list[float | None]]:
     """Return the robustness of the requirements by the index of the episode, in their order.
 
@@ -537,11 +522,11 @@ def _read_requirements(
     """
     value = requirement_values.c
     query = (
-        select(value["index"], value.requirement, value.robustness)
+        sa.select(value["index"], value.requirement, value.robustness)
         .where(value.campaign == campaign, value["index"].in_(indices))
         .order_by(value["index"], value.requirement)
     )
-    chosen = select(campaigns.c.spec).where(campaigns.c.id == campaign)
+    chosen = sa.select(campaigns.c.spec).where(campaigns.c.id == campaign)
     named = count_requirements(connection.execute(chosen).scalar_one_or_none())
     judged: defaultdict[int, list[float | None]] = defaultdict(list)
     for index, requirement, robustness in connection.execute(query):
@@ -551,11 +536,11 @@ def _read_requirements(
 
 
 def _read_courses(
-    connection: Connection, campaign: int, indices: Sequence[int], most: int
-) -> tuple[FailureCourse, ...]:
+    connection: sa.Connection, campaign: int, indices: Sequence[int], most: int
+) -> tuple[records.FailureCourse, ...]:
     count = min(most, len(indices))
     chosen = [indices[place * len(indices) // count] for place in range(count)]
-    query = select(scenes.c["index"], scenes.c.scene).where(
+    query = sa.select(scenes.c["index"], scenes.c.scene).where(
         scenes.c.campaign == campaign, scenes.c["index"].in_(chosen)
     )
     found = connection.execute(query.order_by(scenes.c["index"]))

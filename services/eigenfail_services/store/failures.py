@@ -8,18 +8,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
-from sqlalchemy import (
-    Connection,
-    Select,
-    Subquery,
-    and_,
-    asc,
-    desc,
-    nulls_last,
-    or_,
-    select,
-    union_all,
-)
+import sqlalchemy as sa
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Campaign, Outcome, Page
@@ -70,12 +59,12 @@ class _Order(NamedTuple):
     descending: bool
     last: _Place | None
 
-    def sort(self, query: Select[Any], *columns: Expression) -> Select[Any]:
+    def sort(self, query: sa.Select[Any], *columns: Expression) -> sa.Select[Any]:
         """Return a query in the order of some columns."""
         ordered = (column.desc() if self.descending else column for column in columns)
         return query.order_by(*ordered)
 
-    def begin(self, query: Select[Any]) -> Select[Any]:
+    def begin(self, query: sa.Select[Any]) -> sa.Select[Any]:
         """Return a query for failures without those up to the last one."""
         if self.last is None:
             return query
@@ -84,10 +73,10 @@ class _Order(NamedTuple):
         # The first condition alone lets the index of a campaign begin at the place.
         return query.where(
             _c.severity <= severity if self.descending else _c.severity >= severity,
-            or_(
+            sa.or_(
                 self._is_beyond(_c.severity, severity),
-                and_(same, self._is_beyond(_c.campaign, campaign)),
-                and_(same, _c.campaign == campaign, self._is_beyond(episode_index, index)),
+                sa.and_(same, self._is_beyond(_c.campaign, campaign)),
+                sa.and_(same, _c.campaign == campaign, self._is_beyond(episode_index, index)),
             ),
         )
 
@@ -131,14 +120,14 @@ class FailureStore:
 
     def read_campaigns(self, rows: Iterable[EpisodeRow]) -> dict[int, Campaign]:
         """Return the campaigns of failures by their ids."""
-        query = select(campaigns).where(campaigns.c.id.in_({row.campaign for row in rows}))
+        query = sa.select(campaigns).where(campaigns.c.id.in_({row.campaign for row in rows}))
         with self._database.reading() as connection:
             return {row["id"]: to_campaign(row) for row in connection.execute(query).mappings()}
 
 
-def _find_place(connection: Connection, cursor: int) -> _Place:
+def _find_place(connection: sa.Connection, cursor: int) -> _Place:
     campaign, index = divmod(cursor, MAX_EPISODES)
-    query = select(*_COLUMNS).where(_c.campaign == campaign, episode_index == index, *_IS_LISTED)
+    query = sa.select(*_COLUMNS).where(_c.campaign == campaign, episode_index == index, *_IS_LISTED)
     found = connection.execute(query).one_or_none()
     if found is None:
         problem = f"No failure is at the place {cursor}."
@@ -157,44 +146,44 @@ def _filter_campaigns(where: FailureFilter) -> list[Expression]:
 
 
 def _select_of_campaigns(
-    connection: Connection, where: FailureFilter, order: _Order, most: int
-) -> Select[Any]:
+    connection: sa.Connection, where: FailureFilter, order: _Order, most: int
+) -> sa.Select[Any]:
     """Return the query for the first failures of the campaigns that may be on a page.
 
     No index has the severities of all campaigns. The first failures of all are among the first of
     as many campaigns: of those whose own first failure comes first.
     """
-    failing = order.begin(select(_c.severity).where(*_IS_LISTED))
+    failing = order.begin(sa.select(_c.severity).where(*_IS_LISTED))
     of_campaign = failing.where(_c.campaign == campaigns.c.id).correlate(campaigns)
     first = order.sort(of_campaign, _c.severity, episode_index).limit(1).scalar_subquery()
     severity = first.label("severity")
-    heads = select(campaigns.c.id, severity).where(*_filter_campaigns(where))
+    heads = sa.select(campaigns.c.id, severity).where(*_filter_campaigns(where))
     # Named once: SQLite would look for the first failure again for each condition on it.
-    head: Expression = desc(severity.name) if order.descending else asc(severity.name)
-    ordered = order.sort(heads.order_by(nulls_last(head)), campaigns.c.id).limit(most)
+    head: Expression = sa.desc(severity.name) if order.descending else sa.asc(severity.name)
+    ordered = order.sort(heads.order_by(sa.nulls_last(head)), campaigns.c.id).limit(most)
     chosen = [row.id for row in connection.execute(ordered) if row.severity is not None]
     parts = [
         _limit(failing.with_only_columns(*_COLUMNS).where(_c.campaign == campaign), order, most)
         for campaign in chosen
     ]
     if not parts:
-        return select(*_COLUMNS).where(_c.campaign < 0)
-    merged = union_all(*(select(*part.c) for part in parts)).subquery()
-    return select(*merged.c)
+        return sa.select(*_COLUMNS).where(_c.campaign < 0)
+    merged = sa.union_all(*(sa.select(*part.c) for part in parts)).subquery()
+    return sa.select(*merged.c)
 
 
-def _limit(query: Select[Any], order: _Order, most: int) -> Subquery:
+def _limit(query: sa.Select[Any], order: _Order, most: int) -> sa.Subquery:
     return order.sort(query, _c.severity, episode_index).limit(most).subquery()
 
 
-def _read_rows(connection: Connection, places: Sequence[_Place]) -> tuple[EpisodeRow, ...]:
+def _read_rows(connection: sa.Connection, places: Sequence[_Place]) -> tuple[EpisodeRow, ...]:
     """Return the failures at these places, in their order."""
     if not places:
         return ()
     keys = [(place.campaign, place.episode) for place in places]
     value = requirement_values.c
     judged: defaultdict[tuple[int, int], list[float]] = defaultdict(list)
-    query = select(value.campaign, value["index"], value.robustness)
+    query = sa.select(value.campaign, value["index"], value.robustness)
     for campaign, index, robustness in connection.execute(
         query.where(_match(keys, value.campaign, value["index"])).order_by(value.requirement)
     ):
@@ -213,4 +202,4 @@ def _match(keys: Sequence[tuple[int, int]], campaign: Expression, index: Express
     of_campaigns: defaultdict[int, list[int]] = defaultdict(list)
     for owner, place in keys:
         of_campaigns[owner].append(place)
-    return or_(*((campaign == owner) & index.in_(at) for owner, at in of_campaigns.items()))
+    return sa.or_(*((campaign == owner) & index.in_(at) for owner, at in of_campaigns.items()))

@@ -4,20 +4,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 from uuid import uuid4
 
-from sqlalchemy import (
-    ColumnElement,
-    Connection,
-    Table,
-    bindparam,
-    case,
-    delete,
-    func,
-    insert,
-    not_,
-    select,
-    true,
-    update,
-)
+import sqlalchemy as sa
 
 from eigenfail.values import Priority
 from eigenfail.values.records import Job, JobKind
@@ -37,12 +24,12 @@ def lease_columns(lease_s: float) -> dict[str, Any]:
     return {"lease_until_ms": LeaseClock() + length, "lease_ms": length}
 
 
-def holds_token(job: Job) -> ColumnElement[bool]:
+def holds_token(job: Job) -> sa.ColumnElement[bool]:
     """Return the condition that a job still has the token of this claim."""
     return (jobs.c.id == job.id) & (jobs.c.token == job.token)
 
 
-def fence(connection: Connection, claim: Job | None) -> None:
+def fence(connection: sa.Connection, claim: Job | None) -> None:
     """Refuse to go on unless a claim is still held; None needs no claim.
 
     The subject must be locked before. The job stays the holder's until the transaction ends.
@@ -53,7 +40,9 @@ def fence(connection: Connection, claim: Job | None) -> None:
     if claim is None:
         return
     # No other process claims it or takes it away meanwhile; its lease may be renewed.
-    theirs = select(jobs.c.id).where(holds_token(claim)).with_for_update(read=True, key_share=True)
+    theirs = (
+        sa.select(jobs.c.id).where(holds_token(claim)).with_for_update(read=True, key_share=True)
+    )
     if connection.execute(theirs).first() is None:
         raise make_claim_error(claim)
 
@@ -66,27 +55,27 @@ DEAD_LETTER_REASON = (
     "The service's log says why; launch it again after fixing the cause."
 )
 
-SUBJECTS: Mapping[JobKind, Table] = {JobKind.CAMPAIGN: campaigns, JobKind.ANALYSIS: analyses}
+SUBJECTS: Mapping[JobKind, sa.Table] = {JobKind.CAMPAIGN: campaigns, JobKind.ANALYSIS: analyses}
 
 NOT_DEAD = jobs.c.buried_because.is_(None)
 # Asked all the time, so made once: building a statement costs more than running it.
 _WAITING = (
-    select(func.count())
+    sa.select(sa.func.count())
     .select_from(jobs)
-    .where(jobs.c.kind == bindparam("wanted"), NOT_DEAD, LEASE_OVER)
+    .where(jobs.c.kind == sa.bindparam("wanted"), NOT_DEAD, LEASE_OVER)
 )
-_LEASED = select(jobs.c.owner, jobs.c.token).where(
-    jobs.c.token.is_not(None), NOT_DEAD, not_(LEASE_OVER)
+_LEASED = sa.select(jobs.c.owner, jobs.c.token).where(
+    jobs.c.token.is_not(None), NOT_DEAD, sa.not_(LEASE_OVER)
 )
 
-OnDead = Callable[[Connection, int, str], object]
+OnDead = Callable[[sa.Connection, int, str], object]
 
 
-def enqueue(connection: Connection, kind: JobKind, subject: int) -> None:
+def enqueue(connection: sa.Connection, kind: JobKind, subject: int) -> None:
     """Add a job at the end of the queue; one that was left over is withdrawn."""
     withdraw(connection, kind, subject)
     connection.execute(
-        insert(jobs).values(
+        sa.insert(jobs).values(
             kind=kind,
             subject=subject,
             queued_ms=now_ms(),
@@ -98,9 +87,9 @@ def enqueue(connection: Connection, kind: JobKind, subject: int) -> None:
     )
 
 
-def withdraw(connection: Connection, kind: JobKind, subject: int) -> None:
+def withdraw(connection: sa.Connection, kind: JobKind, subject: int) -> None:
     """Remove the job of a subject from the queue, even if it is claimed."""
-    connection.execute(delete(jobs).where(jobs.c.kind == kind, jobs.c.subject == subject))
+    connection.execute(sa.delete(jobs).where(jobs.c.kind == kind, jobs.c.subject == subject))
 
 
 class JobQueue:
@@ -131,7 +120,7 @@ class JobQueue:
 
     def _take(self, owner: str, lease_s: float, kind: JobKind | None) -> Job | None:
         first = (
-            select(jobs.c.id)
+            sa.select(jobs.c.id)
             .where(_is_free(kind))
             .order_by(_queue_place(), jobs.c.id)
             .limit(1)
@@ -139,13 +128,13 @@ class JobQueue:
         )
         progress = _count_finished()
         statement = (
-            update(jobs)
+            sa.update(jobs)
             .where(jobs.c.id == first.scalar_subquery())
             .values(
                 owner=owner,
                 token=uuid4().hex,
                 **lease_columns(lease_s),
-                attempts=case((progress > jobs.c.progress, 1), else_=jobs.c.attempts + 1),
+                attempts=sa.case((progress > jobs.c.progress, 1), else_=jobs.c.attempts + 1),
                 progress=progress,
             )
             .returning(jobs.c.id, jobs.c.kind, jobs.c.subject, jobs.c.token, jobs.c.attempts)
@@ -157,9 +146,11 @@ class JobQueue:
     def _dead_letter(self, job: Job) -> None:
         table = SUBJECTS[job.kind]
         # Everybody locks the subject first and its job second.
-        lock = select(table.c.id).where(table.c.id == job.subject).with_for_update(key_share=True)
+        lock = (
+            sa.select(table.c.id).where(table.c.id == job.subject).with_for_update(key_share=True)
+        )
         dead_letter = (
-            update(jobs)
+            sa.update(jobs)
             .where(holds_token(job))
             .values(token=None, buried_because=DEAD_LETTER_REASON)
         )
@@ -170,7 +161,7 @@ class JobQueue:
 
     def renew(self, job: Job, lease_s: float) -> bool:
         """Extend the lease of a job, or, with 0, give it back; return False if it was lost."""
-        statement = update(jobs).where(holds_token(job)).values(**lease_columns(lease_s))
+        statement = sa.update(jobs).where(holds_token(job)).values(**lease_columns(lease_s))
         with self._database.writing() as connection:
             return connection.execute(statement).rowcount == 1
 
@@ -181,14 +172,14 @@ class JobQueue:
         lost = [row.token for row in found if is_lost(row.owner)]
         if not lost:
             return 0
-        free_now = update(jobs).where(jobs.c.token.in_(lost)).values(**lease_columns(0.0))
+        free_now = sa.update(jobs).where(jobs.c.token.in_(lost)).values(**lease_columns(0.0))
         with self._database.writing() as connection:
             return connection.execute(free_now).rowcount
 
     def finish(self, job: Job) -> bool:
         """Remove a job that is done; return False if its lease was lost."""
         with self._database.writing() as connection:
-            return connection.execute(delete(jobs).where(holds_token(job))).rowcount == 1
+            return connection.execute(sa.delete(jobs).where(holds_token(job))).rowcount == 1
 
     def waiting(self, kind: JobKind) -> int:
         """Count the jobs of a kind that wait to be claimed."""
@@ -196,26 +187,26 @@ class JobQueue:
             return connection.execute(_WAITING, {"wanted": kind}).scalar_one()
 
 
-def _is_free(kind: JobKind | None) -> ColumnElement[bool]:
-    wanted = true() if kind is None else jobs.c.kind == kind
+def _is_free(kind: JobKind | None) -> sa.ColumnElement[bool]:
+    wanted = sa.true() if kind is None else jobs.c.kind == kind
     return wanted & NOT_DEAD & LEASE_OVER
 
 
-def _queue_place() -> ColumnElement[int]:
+def _queue_place() -> sa.ColumnElement[int]:
     """Return a job's place in the queue: when it was queued, less its priority's head start."""
     starts = {priority.value: priority.head_start_ms for priority in Priority}
     head_start = (
-        select(case(starts, value=campaigns.c.priority))
+        sa.select(sa.case(starts, value=campaigns.c.priority))
         .where(campaigns.c.id == jobs.c.subject, jobs.c.kind == JobKind.CAMPAIGN)
         .scalar_subquery()
     )
-    return jobs.c.queued_ms - func.coalesce(head_start, Priority.NORMAL.head_start_ms)
+    return jobs.c.queued_ms - sa.func.coalesce(head_start, Priority.NORMAL.head_start_ms)
 
 
-def _count_finished() -> ColumnElement[int]:
+def _count_finished() -> sa.ColumnElement[int]:
     count = (
-        select(campaigns.c.completed + campaigns.c.failed)
+        sa.select(campaigns.c.completed + campaigns.c.failed)
         .where(campaigns.c.id == jobs.c.subject, jobs.c.kind == JobKind.CAMPAIGN)
         .scalar_subquery()
     )
-    return func.coalesce(count, 0)
+    return sa.func.coalesce(count, 0)

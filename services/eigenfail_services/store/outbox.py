@@ -12,17 +12,7 @@ from itertools import islice
 from typing import Any, NamedTuple
 from uuid import uuid4
 
-from sqlalchemy import (
-    ColumnElement,
-    Connection,
-    Row,
-    Select,
-    and_,
-    delete,
-    insert,
-    select,
-    update,
-)
+import sqlalchemy as sa
 
 from eigenfail.gate.report import GateReport, list_conclusions
 from eigenfail.values import FINAL_STATES, Analysis, Campaign
@@ -47,7 +37,7 @@ MOST_SENTENCES, LONGEST_SENTENCE = 20, 500
 _out = webhook_deliveries.c
 
 
-def queue_campaign_end(connection: Connection, campaign: Campaign) -> None:
+def queue_campaign_end(connection: sa.Connection, campaign: Campaign) -> None:
     """Queue `campaign.ended` for a campaign in a final state; nothing for any other."""
     if campaign.state not in FINAL_STATES:
         return
@@ -68,7 +58,7 @@ def queue_campaign_end(connection: Connection, campaign: Campaign) -> None:
     queue_event(connection, WebhookEvent.CAMPAIGN_ENDED, data)
 
 
-def queue_analysis_end(connection: Connection, analysis: Analysis) -> None:
+def queue_analysis_end(connection: sa.Connection, analysis: Analysis) -> None:
     """Queue `analysis.finished`, with the failure modes of an analysis that is done."""
     found = () if analysis.result is None else analysis.result.list_modes(analysis.id)
     data = {
@@ -83,7 +73,7 @@ def queue_analysis_end(connection: Connection, analysis: Analysis) -> None:
     queue_event(connection, WebhookEvent.ANALYSIS_FINISHED, data)
 
 
-def queue_gate_failure(connection: Connection, number: int, report: GateReport) -> None:
+def queue_gate_failure(connection: sa.Connection, number: int, report: GateReport) -> None:
     """Queue `gate.failed` for a gate that is closed; nothing for an open one or a baseline.
 
     Args:
@@ -105,11 +95,11 @@ def queue_gate_failure(connection: Connection, number: int, report: GateReport) 
     queue_event(connection, WebhookEvent.GATE_FAILED, data)
 
 
-def queue_event(connection: Connection, kind: WebhookEvent, data: Mapping[str, Any]) -> None:
+def queue_event(connection: sa.Connection, kind: WebhookEvent, data: Mapping[str, Any]) -> None:
     """Queue an event for each active webhook of its kind."""
     # Until the transaction ends, none of them can be deleted.
     query = (
-        select(webhooks.c.id, webhooks.c.events)
+        sa.select(webhooks.c.id, webhooks.c.events)
         .where(webhooks.c.active)
         .order_by(webhooks.c.id)
         .with_for_update(read=True, key_share=True)
@@ -120,7 +110,7 @@ def queue_event(connection: Connection, kind: WebhookEvent, data: Mapping[str, A
 
 
 def _insert_deliveries(
-    connection: Connection, told: list[int], kind: str, data: Mapping[str, Any]
+    connection: sa.Connection, told: list[int], kind: str, data: Mapping[str, Any]
 ) -> list[WebhookDelivery]:
     at_ms, event = now_ms(), f"evt_{uuid4().hex}"
     at = datetime.fromtimestamp(at_ms / 1_000, UTC).isoformat(timespec="milliseconds")
@@ -140,12 +130,12 @@ def _insert_deliveries(
     }
     made = []
     for webhook in told:
-        statement = insert(webhook_deliveries).values(webhook=webhook, **common)
+        statement = sa.insert(webhook_deliveries).values(webhook=webhook, **common)
         made.append(_to_delivery(connection.execute(statement.returning(*_SHOWN)).one()))
     if any(each.id % PRUNED_EVERY == 0 for each in made):
         ended = _out.state != DeliveryState.PENDING.value
         oldest = made[-1].id - KEPT_DELIVERIES
-        connection.execute(delete(webhook_deliveries).where(ended, _out.id <= oldest))
+        connection.execute(sa.delete(webhook_deliveries).where(ended, _out.id <= oldest))
     return made
 
 
@@ -202,7 +192,7 @@ class Outbox:
 
     def queue_test(self, webhook: int) -> WebhookDelivery | None:
         """Queue a test event for a webhook; None if there is no such webhook."""
-        lock = select(webhooks.c.id).where(webhooks.c.id == webhook)
+        lock = sa.select(webhooks.c.id).where(webhooks.c.id == webhook)
         with self._database.writing() as connection:
             found = connection.execute(lock.with_for_update(read=True, key_share=True)).first()
             if found is None:
@@ -211,7 +201,7 @@ class Outbox:
 
     def has_due(self, at_ms: int) -> bool:
         """Return whether a delivery may be attempted now, or is being attempted."""
-        query = select(_out.id).select_from(_JOINED).where(*_is_due(at_ms)).limit(1)
+        query = sa.select(_out.id).select_from(_JOINED).where(*_is_due(at_ms)).limit(1)
         with self._database.reading() as connection:
             return connection.execute(query).first() is not None
 
@@ -230,7 +220,7 @@ class Outbox:
     def conclude(self, claimed: ClaimedDelivery, attempt: DeliveryAttempt, at_ms: int) -> bool:
         """Record the outcome of an attempt, or nothing and return False if the claim was lost."""
         statement = (
-            update(webhook_deliveries)
+            sa.update(webhook_deliveries)
             .where(_out.id == claimed.id, _out.token == claimed.token)
             .values(
                 state=attempt.state.value,
@@ -246,28 +236,28 @@ class Outbox:
         with self._database.writing() as connection:
             if attempt.deactivates:
                 # Whoever deletes a webhook locks it before its deliveries, too.
-                lock = select(webhooks.c.id).where(place).with_for_update(key_share=True)
+                lock = sa.select(webhooks.c.id).where(place).with_for_update(key_share=True)
                 connection.execute(lock)
             is_held = connection.execute(statement).rowcount == 1
             if is_held and attempt.deactivates:
-                connection.execute(update(webhooks).where(place).values(active=False))
+                connection.execute(sa.update(webhooks).where(place).values(active=False))
         return is_held
 
 
 _JOINED = webhook_deliveries.join(webhooks, webhooks.c.id == _out.webhook)
 
 
-def _is_due(at_ms: int) -> tuple[ColumnElement[bool], ...]:
+def _is_due(at_ms: int) -> tuple[sa.ColumnElement[bool], ...]:
     return _out.state == DeliveryState.PENDING.value, _out.next_ms <= at_ms, webhooks.c.active
 
 
-def _is_leased(columns: Any) -> ColumnElement[bool]:
+def _is_leased(columns: Any) -> sa.ColumnElement[bool]:
     # A lease that is yet to begin is of another clock: of before the machine was started anew.
     begun_ms = columns.lease_until_ms - columns.lease_ms
-    return and_(LeaseClock() < columns.lease_until_ms, begun_ms <= LeaseClock())
+    return sa.and_(LeaseClock() < columns.lease_until_ms, begun_ms <= LeaseClock())
 
 
-def claim_first(connection: Connection, lease_s: float, at_ms: int) -> ClaimedDelivery | None:
+def claim_first(connection: sa.Connection, lease_s: float, at_ms: int) -> ClaimedDelivery | None:
     """Claim the delivery that has been due for longest, of a webhook that has none in flight.
 
     Args:
@@ -282,7 +272,7 @@ def claim_first(connection: Connection, lease_s: float, at_ms: int) -> ClaimedDe
     # a claim of another of its deliveries. The next turn does not find that webhook any more.
     while (target := connection.execute(_select_webhook(at_ms)).one_or_none()) is not None:
         statement = (
-            update(webhook_deliveries)
+            sa.update(webhook_deliveries)
             .where(_out.id == _select_first(target.id, at_ms).scalar_subquery())
             .values(token=uuid4().hex, attempts=_out.attempts + 1, **lease)
             .returning(*claimed)
@@ -302,18 +292,18 @@ def claim_first(connection: Connection, lease_s: float, at_ms: int) -> ClaimedDe
     return None
 
 
-def _is_idle() -> ColumnElement[bool]:
+def _is_idle() -> sa.ColumnElement[bool]:
     other = webhook_deliveries.alias().c
     pending = DeliveryState.PENDING.value
     return _out.webhook.not_in(
-        select(other.webhook).where(other.state == pending, _is_leased(other))
+        sa.select(other.webhook).where(other.state == pending, _is_leased(other))
     )
 
 
-def _select_webhook(at_ms: int) -> Select[int, str, str]:
+def _select_webhook(at_ms: int) -> sa.Select[int, str, str]:
     """Select and lock the webhook whose delivery has been due for longest."""
     return (
-        select(webhooks.c.id, webhooks.c.url, webhooks.c.secret)
+        sa.select(webhooks.c.id, webhooks.c.url, webhooks.c.secret)
         .select_from(_JOINED)
         .where(*_is_due(at_ms), _is_idle())
         .order_by(_out.next_ms, _out.id)
@@ -324,10 +314,10 @@ def _select_webhook(at_ms: int) -> Select[int, str, str]:
     )
 
 
-def _select_first(webhook: int, at_ms: int) -> Select[int]:
+def _select_first(webhook: int, at_ms: int) -> sa.Select[int]:
     """Select and lock the delivery of a locked webhook that has been due for longest."""
     return (
-        select(_out.id)
+        sa.select(_out.id)
         .select_from(_JOINED)
         .where(_out.webhook == webhook, *_is_due(at_ms), _is_idle())
         .order_by(_out.next_ms, _out.id)
@@ -337,13 +327,13 @@ def _select_first(webhook: int, at_ms: int) -> Select[int]:
 
 
 def select_deliveries(
-    connection: Connection, webhook: int, limit: int
+    connection: sa.Connection, webhook: int, limit: int
 ) -> tuple[WebhookDelivery, ...]:
     """Return the last deliveries of a webhook, newest first."""
-    query = select(*_SHOWN).where(_out.webhook == webhook).order_by(_out.id.desc()).limit(limit)
+    query = sa.select(*_SHOWN).where(_out.webhook == webhook).order_by(_out.id.desc()).limit(limit)
     return tuple(_to_delivery(row) for row in connection.execute(query))
 
 
-def _to_delivery(row: Row[Any]) -> WebhookDelivery:
+def _to_delivery(row: sa.Row[Any]) -> WebhookDelivery:
     values = dict(row._mapping)  # noqa: SLF001 - SQLAlchemy's public name
     return WebhookDelivery(**values | {"state": DeliveryState(values["state"])})

@@ -4,17 +4,7 @@ from functools import cache
 from importlib.util import find_spec
 from typing import Any
 
-from sqlalchemy import (
-    URL,
-    Connection,
-    Engine,
-    NullPool,
-    create_engine,
-    event,
-    make_url,
-    select,
-    text,
-)
+import sqlalchemy as sa
 
 from eigenfail.errors import InvalidValue, StoreUnavailable, StoreUnwritable
 from eigenfail_services.store.alarms import AdvisoryLock
@@ -79,14 +69,14 @@ TAKE_LOCKS = f"LOCK TABLE {TABLES} IN ROW EXCLUSIVE MODE"
 
 TAKES_WRITES = "SHOW transaction_read_only"
 
-SCHEMA_LOCK = text("SELECT pg_advisory_xact_lock(hashtext('eigenfail_schema'))")
+SCHEMA_LOCK = sa.text("SELECT pg_advisory_xact_lock(hashtext('eigenfail_schema'))")
 
 
 class Postgres:
     """The database of a PostgreSQL server."""
 
     def __init__(self, address: str, wait_s: float) -> None:
-        url = make_url(address)
+        url = sa.make_url(address)
         query = {name: _one(value) for name, value in url.query.items()}
         host = url.host or query.get("host", "")
         if "@" in host:
@@ -102,15 +92,17 @@ class Postgres:
         self.secrets = tuple(filter(None, (url.password, query.get("password"))))
         self.label = f"postgresql://{host}/{url.database or ''}"
         shown = {name: value for name, value in query.items() if name != "password"}
-        bare = URL.create("postgresql", url.username, None, url.host, url.port, url.database, shown)
+        bare = sa.URL.create(
+            "postgresql", url.username, None, url.host, url.port, url.database, shown
+        )
         # SQLAlchemy leaves a space unquoted, or writes a + in a query; PostgreSQL's own programs
         # know %20 alone.
         place, mark, options = bare.render_as_string().partition("?")
         self.address = place.replace(" ", "%20") + mark + options.replace("+", "%20")
 
-    def engine(self) -> Engine:
+    def engine(self) -> sa.Engine:
         """Return the engine for everyday work."""
-        engine = create_engine(
+        engine = sa.create_engine(
             self._url,
             isolation_level="READ COMMITTED",
             hide_parameters=True,
@@ -119,13 +111,13 @@ class Postgres:
             pool_timeout=POOL_WAIT_S,
             pool_pre_ping=True,
         )
-        event.listen(engine, "begin", _begin)
+        sa.event.listen(engine, "begin", _begin)
         return require_encoding(engine)
 
-    def schema_engine(self) -> Engine:
+    def schema_engine(self) -> sa.Engine:
         """Return the engine for migrations."""
-        engine = create_engine(
-            self._url, isolation_level="READ COMMITTED", hide_parameters=True, poolclass=NullPool
+        engine = sa.create_engine(
+            self._url, isolation_level="READ COMMITTED", hide_parameters=True, poolclass=sa.NullPool
         )
         return require_encoding(engine)
 
@@ -141,7 +133,7 @@ class Postgres:
                 "Run in a clone: pip install '.[postgres]'.",
             )
 
-    def lock_schema(self, connection: Connection) -> None:
+    def lock_schema(self, connection: sa.Connection) -> None:
         """Let one program at a time look at the schema and change it."""
         connection.execute(SCHEMA_LOCK)
 
@@ -165,14 +157,14 @@ class Postgres:
         """Return whether a page of a table or of an index is damaged."""
         return getattr(error, "sqlstate", None) in DAMAGES
 
-    def check(self, connection: Connection) -> None:
+    def check(self, connection: sa.Connection) -> None:
         """Do nothing: a connection to the server is one to the database."""
 
-    def probe(self, connection: Connection) -> None:
+    def probe(self, connection: sa.Connection) -> None:
         """Check that the server takes writes and locks no table, for two seconds at most."""
         connection.exec_driver_sql(PROBE_LIMIT)
         connection.exec_driver_sql(PROBE_LOCK_LIMIT)
-        connection.execute(select(event_counter.c.last)).scalar_one()
+        connection.execute(sa.select(event_counter.c.last)).scalar_one()
         if connection.exec_driver_sql(TAKES_WRITES).scalar_one() != "off":
             raise StoreUnwritable(
                 f"The server of {self.label} takes no writes: it is a standby or read-only.",
@@ -185,10 +177,10 @@ class Postgres:
         return AdvisoryLock(self.schema_engine())
 
 
-def require_encoding(engine: Engine) -> Engine:
+def require_encoding(engine: sa.Engine) -> sa.Engine:
     """Let an engine refuse databases that store text without an encoding."""
     # Before SQLAlchemy asks the server anything: it takes the answers for text.
-    event.listen(engine, "connect", _refuse_ascii, insert=True)
+    sa.event.listen(engine, "connect", _refuse_ascii, insert=True)
     return engine
 
 
@@ -205,7 +197,7 @@ def _refuse_ascii(connection: Any, _record: object) -> None:
         )
 
 
-def _begin(connection: Connection) -> None:
+def _begin(connection: sa.Connection) -> None:
     """Limit how long a writing transaction may stand still."""
     if connection.get_execution_options().get("writes", False):
         connection.exec_driver_sql(limit_statement(connection.dialect.server_version_info or ()))

@@ -13,20 +13,7 @@ from threading import Lock
 from typing import Any, Concatenate, NamedTuple, ParamSpec, TypeVar
 
 import msgspec
-from sqlalchemy import (
-    ColumnElement,
-    Connection,
-    Double,
-    Integer,
-    Select,
-    String,
-    and_,
-    case,
-    cast,
-    func,
-    or_,
-    select,
-)
+import sqlalchemy as sa
 
 from eigenfail.values import Campaign, Outcome
 from eigenfail.values.comparison import Peers, Pool
@@ -149,7 +136,7 @@ class CachedQueries:
 
     def once(
         self,
-        question: Callable[Concatenate[Connection, int, More], Answer],
+        question: Callable[Concatenate[sa.Connection, int, More], Answer],
         campaign: int,
         *more: More.args,
         **options: More.kwargs,
@@ -185,13 +172,15 @@ class CachedQueries:
             return count_results(connection, campaigns)
 
 
-def _read_samples(connection: Connection, campaign: int, most: int) -> tuple[EpisodeSample, ...]:
+def _read_samples(connection: sa.Connection, campaign: int, most: int) -> tuple[EpisodeSample, ...]:
     """Return the completed episodes whose index is a multiple of the smallest sufficient k."""
     inside = episodes.c.campaign == campaign
-    reach = connection.execute(select(func.coalesce(func.max(episode_index), -1)).where(inside))
+    reach = connection.execute(
+        sa.select(sa.func.coalesce(sa.func.max(episode_index), -1)).where(inside)
+    )
     every = max(1, ceil((reach.scalar_one() + 1) / most))
     query = (
-        select(episode_index, episodes.c.outcome, episodes.c.robustness_m)
+        sa.select(episode_index, episodes.c.outcome, episodes.c.robustness_m)
         .where(inside, episode_index % every == 0, episodes.c.outcome != Outcome.ERRORED)
         .order_by(episode_index)
     )
@@ -205,8 +194,14 @@ _PEERS = Peers.__struct_fields__
 
 
 _BESIDES = (
-    *("settings", "episodes", "stop", "price_usd_per_hour", "instances", "scene_every"),
-    *("importance", "planner_version"),
+    "settings",
+    "episodes",
+    "stop",
+    "price_usd_per_hour",
+    "instances",
+    "scene_every",
+    "importance",
+    "planner_version",
 )
 """Fields in which campaigns of one method and equal peers may still differ, beside the seed."""
 
@@ -214,16 +209,20 @@ _BESIDES = (
 _STRUCTURED = ("planner_settings", "scenario_parameters", "disturbance", "requirements")
 
 
-def _select_pools() -> Select[*tuple[Any, ...]]:
+def _select_pools() -> sa.Select[*tuple[Any, ...]]:
     ended = count_doubtful()
     rules = (spec_field("stop.failures"), spec_field("stop.half_width"))
-    judges_failures = case((and_(*(rule.is_(None) for rule in rules)), 0), else_=1)
+    judges_failures = sa.case((sa.and_(*(rule.is_(None) for rule in rules)), 0), else_=1)
     facts = (
-        select(
+        sa.select(
             *(spec_field(name).label(name) for name in (*_PEERS, "method")),
-            *(campaigns.c.id, campaigns.c.completed, campaigns.c.failures, campaigns.c.failed),
+            campaigns.c.id,
+            campaigns.c.completed,
+            campaigns.c.failures,
+            campaigns.c.failed,
             ended.c.doubtful,
-            *(instance_hours.label("hours"), spent_usd.label("usd")),
+            instance_hours.label("hours"),
+            spent_usd.label("usd"),
             judges_failures.label("judges_failures"),
             spec_field("seed").label("seed"),
             _join_fields(_BESIDES).label("besides"),
@@ -234,36 +233,38 @@ def _select_pools() -> Select[*tuple[Any, ...]]:
         .c
     )
     same = [facts[name] for name in (*_PEERS, "method")]
-    newest = func.max(facts.id).label("newest")
-    counted, crashes = facts.completed > 0, cast(facts.failures, Double)
+    newest = sa.func.max(facts.id).label("newest")
+    counted, crashes = facts.completed > 0, sa.cast(facts.failures, sa.Double)
     return (
-        select(
+        sa.select(
             *same,
             newest,
-            func.count().label("campaigns"),
-            func.sum(facts.completed).label("completed"),
-            func.sum(facts.failures).label("failures"),
-            func.sum(facts.failed).label("errored"),
-            func.coalesce(func.sum(cast(facts.doubtful, Integer)), 0).label("unresolved"),
-            func.max(facts.judges_failures).label("judges_failures"),
-            func.sum(facts.hours).label("instance_hours"),
-            func.sum(facts.usd).label("total_usd"),
-            func.sum(facts.usd * facts.usd).label("usd_squares"),
-            func.sum(crashes * crashes).label("failure_squares"),
-            func.sum(facts.usd * crashes).label("usd_failures"),
-            func.count().filter(counted).label("seeds"),
-            func.count(facts.seed.distinct()).filter(counted).label("different"),
-            func.count(facts.besides.distinct()).filter(counted).label("kinds"),
-            func.count().filter(~counted, facts.usd > 0.0).label("in_vain"),
+            sa.func.count().label("campaigns"),
+            sa.func.sum(facts.completed).label("completed"),
+            sa.func.sum(facts.failures).label("failures"),
+            sa.func.sum(facts.failed).label("errored"),
+            sa.func.coalesce(sa.func.sum(sa.cast(facts.doubtful, sa.Integer)), 0).label(
+                "unresolved"
+            ),
+            sa.func.max(facts.judges_failures).label("judges_failures"),
+            sa.func.sum(facts.hours).label("instance_hours"),
+            sa.func.sum(facts.usd).label("total_usd"),
+            sa.func.sum(facts.usd * facts.usd).label("usd_squares"),
+            sa.func.sum(crashes * crashes).label("failure_squares"),
+            sa.func.sum(facts.usd * crashes).label("usd_failures"),
+            sa.func.count().filter(counted).label("seeds"),
+            sa.func.count(facts.seed.distinct()).filter(counted).label("different"),
+            sa.func.count(facts.besides.distinct()).filter(counted).label("kinds"),
+            sa.func.count().filter(~counted, facts.usd > 0.0).label("in_vain"),
         )
         .group_by(*same)
         .order_by(newest.desc())
     )
 
 
-def _join_fields(names: Sequence[str]) -> ColumnElement[str]:
+def _join_fields(names: Sequence[str]) -> sa.ColumnElement[str]:
     """Return fields of a campaign's spec as one text, which is equal where all of them are."""
-    texts = [func.coalesce(cast(spec_field(name), String), "") for name in names]
+    texts = [sa.func.coalesce(sa.cast(spec_field(name), sa.String), "") for name in names]
     return reduce(lambda left, right: left + "|" + right, texts)
 
 
@@ -271,7 +272,7 @@ _POOLS = _select_pools()
 """Composed once: that takes 3 ms, and its execution over a thousand campaigns 7 ms."""
 
 
-def _sum_pools(connection: Connection) -> tuple[Pool, ...]:
+def _sum_pools(connection: sa.Connection) -> tuple[Pool, ...]:
     return tuple(_to_pool(dict(found)) for found in connection.execute(_POOLS).mappings())
 
 
@@ -287,39 +288,39 @@ def _to_pool(found: dict[str, Any]) -> Pool:
 
 
 _SHARES = (
-    select(
+    sa.select(
         episodes.c.worker,
         episodes.c.campaign,
-        func.count().label("episodes"),
-        func.count().filter(is_failure).label("failures"),
-        func.count().filter(episodes.c.outcome == Outcome.ERRORED).label("errored"),
-        func.sum(episodes.c.wall_s).label("wall_s"),
-        func.max(episodes.c.finished_ms).label("last_ms"),
+        sa.func.count().label("episodes"),
+        sa.func.count().filter(is_failure).label("failures"),
+        sa.func.count().filter(episodes.c.outcome == Outcome.ERRORED).label("errored"),
+        sa.func.sum(episodes.c.wall_s).label("wall_s"),
+        sa.func.max(episodes.c.finished_ms).label("last_ms"),
     )
     .group_by(episodes.c.worker, episodes.c.campaign)
-    .order_by(func.count().desc(), episodes.c.worker, episodes.c.campaign)
+    .order_by(sa.func.count().desc(), episodes.c.worker, episodes.c.campaign)
 )
 
 
-def _count_by_worker(connection: Connection, campaign: int) -> tuple[WorkerShare, ...]:
+def _count_by_worker(connection: sa.Connection, campaign: int) -> tuple[WorkerShare, ...]:
     # Ordered by the time of storing, rows are read where they were written, one behind the other.
     inside = (episodes.c.campaign == campaign, episodes.c.finished_ms >= 0)
     return _read_shares(connection, _SHARES.where(*inside))
 
 
-def _count_by_worker_since(connection: Connection, at_ms: int) -> tuple[WorkerShare, ...]:
+def _count_by_worker_since(connection: sa.Connection, at_ms: int) -> tuple[WorkerShare, ...]:
     """Count results since a moment by worker and campaign.
 
     Campaigns that ended before that moment are not read.
     """
-    unended = or_(campaigns.c.ended_ms.is_(None), campaigns.c.ended_ms >= at_ms)
+    unended = sa.or_(campaigns.c.ended_ms.is_(None), campaigns.c.ended_ms >= at_ms)
     # Not a join: a database may begin one with the episodes, all of them.
-    inside = episodes.c.campaign.in_(select(campaigns.c.id).where(unended))
+    inside = episodes.c.campaign.in_(sa.select(campaigns.c.id).where(unended))
     return _read_shares(connection, _SHARES.where(inside, episodes.c.finished_ms >= at_ms))
 
 
 def _read_shares(
-    connection: Connection, query: Select[*tuple[Any, ...]]
+    connection: sa.Connection, query: sa.Select[*tuple[Any, ...]]
 ) -> tuple[WorkerShare, ...]:
     return tuple(WorkerShare(**found) for found in connection.execute(query).mappings())
 

@@ -7,23 +7,9 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import Any
 
 import msgspec
-from sqlalchemy import (
-    ColumnElement,
-    Connection,
-    ScalarSelect,
-    and_,
-    func,
-    or_,
-    select,
-)
+import sqlalchemy as sa
 
-from eigenfail.values import (
-    FINAL_STATES,
-    AnalysisState,
-    CampaignSpec,
-    CampaignState,
-    Outcome,
-)
+from eigenfail import values
 from eigenfail_services.store.engine import chunks
 from eigenfail_services.store.errors import make_pruned_error
 from eigenfail_services.store.schema import (
@@ -38,8 +24,8 @@ from eigenfail_services.store.schema import (
 NAMING = frozenset({"campaign", "data_from"})
 """Settings of methods that name campaigns whose noise is injected or learnt from."""
 
-OPEN = frozenset(CampaignState) - FINAL_STATES
-UNFINISHED = frozenset({AnalysisState.QUEUED, AnalysisState.RUNNING})
+OPEN = frozenset(values.CampaignState) - values.FINAL_STATES
+UNFINISHED = frozenset({values.AnalysisState.QUEUED, values.AnalysisState.RUNNING})
 
 
 class Named(msgspec.Struct, frozen=True):
@@ -74,7 +60,7 @@ def _ids(value: Any) -> Iterator[int]:
     return (each for each in found if type(each) is int and 0 <= each <= MAX_NUMBER)
 
 
-def find_noise_in_use(connection: Connection, campaign: int | None = None) -> frozenset[int]:
+def find_noise_in_use(connection: sa.Connection, campaign: int | None = None) -> frozenset[int]:
     """Return the campaigns whose noise a running campaign or analysis still needs.
 
     Args:
@@ -82,57 +68,57 @@ def find_noise_in_use(connection: Connection, campaign: int | None = None) -> fr
         campaign: if given, only analyses of this campaign are considered.
     """
     mine = () if campaign is None else (analyses.c.campaign == campaign,)
-    read = select(analyses.c.campaign).where(*mine, analyses.c.state.in_(UNFINISHED))
-    specs = select(campaigns.c.spec).where(campaigns.c.state.in_(OPEN), _names_campaigns())
+    read = sa.select(analyses.c.campaign).where(*mine, analyses.c.state.in_(UNFINISHED))
+    specs = sa.select(campaigns.c.spec).where(campaigns.c.state.in_(OPEN), _names_campaigns())
     named = (_named.decode(text).settings for text in connection.execute(specs).scalars())
     return frozenset(connection.execute(read).scalars()).union(*map(find_named_campaigns, named))
 
 
-def _names_campaigns() -> ColumnElement[bool]:
+def _names_campaigns() -> sa.ColumnElement[bool]:
     """Return the condition that a spec may name a campaign: most need not be read."""
-    return or_(*(campaigns.c.spec.contains(f'"{name}"') for name in sorted(NAMING)))
+    return sa.or_(*(campaigns.c.spec.contains(f'"{name}"') for name in sorted(NAMING)))
 
 
-def hold_named_noise(connection: Connection, specs: Iterable[CampaignSpec]) -> None:
+def hold_named_noise(connection: sa.Connection, specs: Iterable[values.CampaignSpec]) -> None:
     """Keep campaigns that new ones name from losing noise until the new ones are visible."""
     if wanted := {number for spec in specs for number in find_named_campaigns(spec.settings)}:
         hold_noise(connection, wanted)
 
 
-def hold_noise(connection: Connection, wanted: Collection[int]) -> None:
+def hold_noise(connection: sa.Connection, wanted: Collection[int]) -> None:
     """Keep these campaigns from losing noise until the transaction ends."""
-    held = select(campaigns.c.id).where(campaigns.c.id.in_(wanted)).order_by(campaigns.c.id)
+    held = sa.select(campaigns.c.id).where(campaigns.c.id.in_(wanted)).order_by(campaigns.c.id)
     connection.execute(held.with_for_update(read=True)).all()
 
 
-NOISE_PRUNED = and_(
+NOISE_PRUNED = sa.and_(
     prunings.c.campaign == episodes.c.campaign,
     prunings.c.through >= episode_index,
-    episodes.c.outcome == Outcome.SAFE,
+    episodes.c.outcome == values.Outcome.SAFE,
     episodes.c.source == prunings.c.source,
     episode_index % prunings.c.keep_every != 0,
 )
 """Whether an episode has lost its noise to a pruning: as `Pruning.took` says."""
 
 
-def select_pruned_ms() -> ScalarSelect[int]:
+def select_pruned_ms() -> sa.ScalarSelect[int]:
     """Select the time when an episode lost its noise; NULL if the noise is stored."""
     return (
-        select(func.min(prunings.c.pruned_ms))
+        sa.select(sa.func.min(prunings.c.pruned_ms))
         .where(NOISE_PRUNED)
         .correlate(episodes)
         .scalar_subquery()
     )
 
 
-def refuse_pruned(connection: Connection, specs: Iterable[CampaignSpec]) -> None:
+def refuse_pruned(connection: sa.Connection, specs: Iterable[values.CampaignSpec]) -> None:
     """Refuse specs that name an episode whose noise was pruned.
 
     Raises:
         NoisePruned: an episode that a spec names has lost its noise.
     """
     for campaign, indices in (find_named_episodes(spec.settings) for spec in specs):
-        found = select(episode_index, episodes.c.source, select_pruned_ms().label("at_ms"))
+        found = sa.select(episode_index, episodes.c.source, select_pruned_ms().label("at_ms"))
         query = found.where(episodes.c.campaign == campaign)
         for some in chunks(indices):
             for index, source, at_ms in connection.execute(query.where(episode_index.in_(some))):

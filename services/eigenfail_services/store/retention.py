@@ -2,15 +2,7 @@
 
 from typing import Any
 
-from sqlalchemy import (
-    ColumnElement,
-    Connection,
-    delete,
-    func,
-    insert,
-    select,
-    update,
-)
+import sqlalchemy as sa
 from sqlalchemy.engine import RowMapping
 
 from eigenfail.values import FINAL_STATES, Outcome
@@ -32,11 +24,11 @@ NOISE = (trajectories.c.campaign == episodes.c.campaign) & (
 )
 _SCENE = (scenes.c.campaign == episodes.c.campaign) & (scenes.c["index"] == episode_index)
 _BYTES = (
-    func.length(trajectories.c.z)
-    + func.length(trajectories.c.sigma)
-    + func.coalesce(func.length(trajectories.c.states), 0)
-    + func.coalesce(func.length(trajectories.c.importance), 0)
-    + func.coalesce(func.length(scenes.c.scene), 0)
+    sa.func.length(trajectories.c.z)
+    + sa.func.length(trajectories.c.sigma)
+    + sa.func.coalesce(sa.func.length(trajectories.c.states), 0)
+    + sa.func.coalesce(sa.func.length(trajectories.c.importance), 0)
+    + sa.func.coalesce(sa.func.length(scenes.c.scene), 0)
 )
 _HAS_SCENE = scenes.c.campaign.is_not(None)
 
@@ -53,7 +45,11 @@ class RetentionStore:
         Raises:
             NotFound: no such campaign.
         """
-        sums = (func.count(), func.count(scenes.c.campaign), func.coalesce(func.sum(_BYTES), 0))
+        sums = (
+            sa.func.count(),
+            sa.func.count(scenes.c.campaign),
+            sa.func.coalesce(sa.func.sum(_BYTES), 0),
+        )
         query = _select_with_blobs(*sums).where(*_is_losable(campaign, rule))
         with self._database.reading() as connection:
             read_campaign(connection, campaign)
@@ -100,18 +96,21 @@ class RetentionStore:
 
     def of(self, campaign: int) -> tuple[Pruning, ...]:
         """Return the prunings of a campaign, oldest first."""
-        query = select(prunings).where(prunings.c.campaign == campaign).order_by(prunings.c.id)
+        query = sa.select(prunings).where(prunings.c.campaign == campaign).order_by(prunings.c.id)
         with self._database.reading() as connection:
             return tuple(map(_to_pruning, connection.execute(query).mappings()))
 
 
-def _select_with_blobs(*columns: ColumnElement[Any]) -> Any:
+def _select_with_blobs(*columns: sa.ColumnElement[Any]) -> Any:
     return (
-        select(*columns).select_from(episodes).join(trajectories, NOISE).outerjoin(scenes, _SCENE)
+        sa.select(*columns)
+        .select_from(episodes)
+        .join(trajectories, NOISE)
+        .outerjoin(scenes, _SCENE)
     )
 
 
-def _is_losable(campaign: int, rule: Retention) -> tuple[ColumnElement[bool], ...]:
+def _is_losable(campaign: int, rule: Retention) -> tuple[sa.ColumnElement[bool], ...]:
     return (
         episodes.c.campaign == campaign,
         episodes.c.outcome == Outcome.SAFE,
@@ -121,10 +120,12 @@ def _is_losable(campaign: int, rule: Retention) -> tuple[ColumnElement[bool], ..
 
 
 def _next_slice(
-    connection: Connection, campaign: int, rule: Retention, begun: int | None
+    connection: sa.Connection, campaign: int, rule: Retention, begun: int | None
 ) -> list[Any]:
     """Return index, size and presence of a scene of the next episodes that lose their noise."""
-    last = select(func.coalesce(func.max(prunings.c.through), -1)).where(prunings.c.id == begun)
+    last = sa.select(sa.func.coalesce(sa.func.max(prunings.c.through), -1)).where(
+        prunings.c.id == begun
+    )
     query = (
         _select_with_blobs(episode_index, _BYTES.label("bytes"), _HAS_SCENE.label("has_scene"))
         .where(*_is_losable(campaign, rule), episode_index > last.scalar_subquery())
@@ -134,30 +135,30 @@ def _next_slice(
     return list(connection.execute(query))
 
 
-def _begin_pruning(connection: Connection, campaign: int, rule: Retention, who: str) -> int:
+def _begin_pruning(connection: sa.Connection, campaign: int, rule: Retention, who: str) -> int:
     values = {"campaign": campaign, "source": rule.source, "keep_every": rule.keep_every}
     nothing = {"through": -1, "episodes": 0, "scenes": 0, "bytes": 0}
-    statement = insert(prunings).values(pruned_ms=now_ms(), who=who, **values, **nothing)
+    statement = sa.insert(prunings).values(pruned_ms=now_ms(), who=who, **values, **nothing)
     begun: int = connection.execute(statement.returning(prunings.c.id)).scalar_one()
     append_event(connection, "campaign.pruned", describe_pruning(campaign, rule, who), campaign)
     return begun
 
 
-def _delete_blobs(connection: Connection, campaign: int, found: list[Any]) -> None:
+def _delete_blobs(connection: sa.Connection, campaign: int, found: list[Any]) -> None:
     indices = [row[0] for row in found]
     sights = [row[0] for row in found if row.has_scene]
     same = trajectories.c.campaign == campaign
-    connection.execute(delete(trajectories).where(same, trajectories.c["index"].in_(indices)))
+    connection.execute(sa.delete(trajectories).where(same, trajectories.c["index"].in_(indices)))
     if sights:
         seen = (scenes.c.campaign == campaign, scenes.c["index"].in_(sights))
-        connection.execute(delete(scenes).where(*seen))
+        connection.execute(sa.delete(scenes).where(*seen))
         ours = (episodes.c.campaign == campaign, episode_index.in_(sights))
-        connection.execute(update(episodes).where(*ours).values(has_scene=False))
+        connection.execute(sa.update(episodes).where(*ours).values(has_scene=False))
 
 
-def _record_slice(connection: Connection, begun: int, found: list[Any]) -> Pruning:
+def _record_slice(connection: sa.Connection, begun: int, found: list[Any]) -> Pruning:
     c = prunings.c
-    statement = update(prunings).where(c.id == begun)
+    statement = sa.update(prunings).where(c.id == begun)
     change = statement.values(
         through=found[-1][0],
         episodes=c.episodes + len(found),

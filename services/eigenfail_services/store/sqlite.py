@@ -13,19 +13,7 @@ from threading import Lock
 from typing import Any, NamedTuple
 from uuid import uuid4
 
-from sqlalchemy import (
-    URL,
-    Connection,
-    Dialect,
-    Engine,
-    NullPool,
-    Pool,
-    QueuePool,
-    create_engine,
-    event,
-    make_url,
-    select,
-)
+import sqlalchemy as sa
 
 from eigenfail.addresses import sqlite_path, sqlite_uri, sqlite_url
 from eigenfail.errors import StoreDamaged, StoreUnavailable
@@ -160,13 +148,13 @@ class Sqlite(_SqliteErrors):
         self._last_opened: OpenedFiles | None = None
         self.label = self.address = sqlite_url(self._path)
 
-    def engine(self) -> Engine:
+    def engine(self) -> sa.Engine:
         """Return the engine for everyday work."""
         return self._tuned(self._engine(self._wait_s), self._wait_s, KEYS)
 
-    def schema_engine(self) -> Engine:
+    def schema_engine(self) -> sa.Engine:
         """Return the engine for migrations, which replace tables that others refer to."""
-        return self._tuned(self._engine(SCHEMA_WAIT_S, poolclass=NullPool), SCHEMA_WAIT_S)
+        return self._tuned(self._engine(SCHEMA_WAIT_S, poolclass=sa.NullPool), SCHEMA_WAIT_S)
 
     def remedy_of(self, error: object) -> str:
         """Return what a user can do, also about a path that is too long for SQLite."""
@@ -203,14 +191,14 @@ class Sqlite(_SqliteErrors):
                 f"There is no {self.label}.", f"Make it: {format_upgrade_command(self.address)}."
             )
 
-    def lock_schema(self, connection: Connection) -> None:
+    def lock_schema(self, connection: sa.Connection) -> None:
         """Do nothing: a writer has the whole file to itself."""
 
     def signal(self) -> FolderLock:
         """Return a lock on the folder."""
         return FolderLock(self._path.parent)
 
-    def check(self, connection: Connection) -> None:
+    def check(self, connection: sa.Connection) -> None:
         """Compare the files that a connection has open with those at their paths.
 
         Raises:
@@ -229,7 +217,7 @@ class Sqlite(_SqliteErrors):
         self._compare_log(now, opened)
         connection.info[OPENED] = now
 
-    def probe(self, _connection: Connection) -> None:
+    def probe(self, _connection: sa.Connection) -> None:
         """Read pages of every table from the file, and take the lock of writers for a moment.
 
         A new connection is needed: others answer from the pages that they remember. Nothing is
@@ -251,10 +239,10 @@ class Sqlite(_SqliteErrors):
             connection.execute("BEGIN IMMEDIATE")
             connection.execute("ROLLBACK")
 
-    def _engine(self, wait_s: float, **options: Any) -> Engine:
-        url = URL.create("sqlite+pysqlite", database=str(self._path))
+    def _engine(self, wait_s: float, **options: Any) -> sa.Engine:
+        url = sa.URL.create("sqlite+pysqlite", database=str(self._path))
         connect = partial(self._connect, wait_s)
-        return create_engine(url, creator=connect, hide_parameters=True, **options)
+        return sa.create_engine(url, creator=connect, hide_parameters=True, **options)
 
     def _connect(self, wait_s: float) -> sqlite3.Connection:
         """Open the file, which must be the one that was opened first.
@@ -335,8 +323,8 @@ class Sqlite(_SqliteErrors):
             "again, to use the new one.",
         )
 
-    def _tuned(self, engine: Engine, wait_s: float, *pragmas: str) -> Engine:
-        @event.listens_for(engine, "connect")
+    def _tuned(self, engine: sa.Engine, wait_s: float, *pragmas: str) -> sa.Engine:
+        @sa.event.listens_for(engine, "connect")
         def tune(connection: sqlite3.Connection, record: Any) -> None:
             prepare_connection(connection)
             for pragma in (*PRAGMAS, *pragmas):
@@ -347,12 +335,12 @@ class Sqlite(_SqliteErrors):
                 self._open_connections += 1
                 record.info[OPENED] = self._last_opened = _look(self._path)
 
-        @event.listens_for(engine, "close")
+        @sa.event.listens_for(engine, "close")
         def forget(_connection: sqlite3.Connection, _record: Any) -> None:
             with self._counting:
                 self._open_connections -= 1
 
-        event.listen(engine, "begin", _begin)
+        sa.event.listen(engine, "begin", _begin)
         return engine
 
 
@@ -385,15 +373,15 @@ class SqliteMemory(_SqliteErrors):
         """Return the whole database as bytes."""
         return self._first.serialize()
 
-    def engine(self) -> Engine:
+    def engine(self) -> sa.Engine:
         """Return the engine for everyday work."""
-        engine = self._engine(QueuePool, KEYS)
-        event.listen(engine, "engine_disposed", lambda _engine: self._first.close())
+        engine = self._engine(sa.QueuePool, KEYS)
+        sa.event.listen(engine, "engine_disposed", lambda _engine: self._first.close())
         return engine
 
-    def schema_engine(self) -> Engine:
+    def schema_engine(self) -> sa.Engine:
         """Return the engine for migrations, which replace tables that others refer to."""
-        return self._engine(NullPool)
+        return self._engine(sa.NullPool)
 
     def prepare(self) -> None:
         """Do nothing: the database exists from the beginning."""
@@ -401,37 +389,37 @@ class SqliteMemory(_SqliteErrors):
     def require(self) -> None:
         """Do nothing: the database exists from the beginning."""
 
-    def lock_schema(self, connection: Connection) -> None:
+    def lock_schema(self, connection: sa.Connection) -> None:
         """Do nothing: a writer has the whole database to itself."""
 
     def signal(self) -> ProcessFlag:
         """Return a flag: only this process uses the database."""
         return self._signal
 
-    def check(self, connection: Connection) -> None:
+    def check(self, connection: sa.Connection) -> None:
         """Do nothing: the database cannot be replaced."""
 
-    def probe(self, connection: Connection) -> None:
+    def probe(self, connection: sa.Connection) -> None:
         """Read a row."""
-        connection.execute(select(event_counter.c.last)).scalar_one()
+        connection.execute(sa.select(event_counter.c.last)).scalar_one()
 
-    def _engine(self, pool: Callable[..., Pool], *pragmas: str) -> Engine:
+    def _engine(self, pool: Callable[..., sa.Pool], *pragmas: str) -> sa.Engine:
         dialect = _memory_dialect()
-        engine = Engine(
+        engine = sa.Engine(
             pool(self._connect, dialect=dialect),
             dialect,
-            make_url("sqlite+pysqlite://"),
+            sa.make_url("sqlite+pysqlite://"),
             hide_parameters=True,
             execution_options={"compiled_cache": _COMPILED},
         )
 
-        @event.listens_for(engine, "connect")
+        @sa.event.listens_for(engine, "connect")
         def tune(connection: sqlite3.Connection, _record: Any) -> None:
             prepare_connection(connection)
             for pragma in pragmas:
                 connection.execute(f"PRAGMA {pragma}")
 
-        event.listen(engine, "begin", _begin)
+        sa.event.listen(engine, "begin", _begin)
         return engine
 
     def _connect(self) -> sqlite3.Connection:
@@ -442,13 +430,13 @@ _COMPILED: dict[Any, Any] = {}
 
 
 @cache
-def _memory_dialect() -> Dialect:
+def _memory_dialect() -> sa.Dialect:
     """The dialect of all databases in memory.
 
     Compiled statements belong to a dialect. As all have one, each is compiled once for a process,
     and not once for each of the many databases that a process may have in memory.
     """
-    engine = create_engine("sqlite+pysqlite://", poolclass=NullPool)
+    engine = sa.create_engine("sqlite+pysqlite://", poolclass=sa.NullPool)
     engine.connect().close()  # fills in what depends on SQLite's version
     return engine.dialect
 
@@ -539,7 +527,7 @@ def execute_patiently(connection: sqlite3.Connection, statement: str, wait_s: fl
             return
 
 
-def _begin(connection: Connection) -> None:
+def _begin(connection: sa.Connection) -> None:
     """Take the writers' lock at once: a transaction that began as a reader cannot wait for it."""
     writes = connection.get_execution_options().get("writes", False)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")

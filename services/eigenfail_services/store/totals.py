@@ -11,43 +11,13 @@ from statistics import fmean
 from typing import Any, NamedTuple
 
 import numpy as np
+import sqlalchemy as sa
 from msgspec.structs import replace
 from numpy.typing import NDArray
-from sqlalchemy import (
-    ColumnElement,
-    Connection,
-    Integer,
-    Row,
-    Select,
-    Subquery,
-    and_,
-    cast,
-    func,
-    null,
-    or_,
-    select,
-)
 
-from eigenfail.values import (
-    BlockTotals,
-    FailurePoint,
-    MeasureTotals,
-    Outcome,
-    PairTotals,
-    RequirementTotals,
-    SafetyTotals,
-    SpendingTotals,
-    StoredProgress,
-    Trials,
-)
+from eigenfail import values
+from eigenfail.values import records
 from eigenfail.values.episode import FAILURES
-from eigenfail.values.records import (
-    NEAR_MISS_TTC_S,
-    PEAK_BRAKING_MPS2,
-    ConflictTotals,
-    FrequentFault,
-    Totals,
-)
 from eigenfail.values.safety import SeveritySample
 from eigenfail_services.store.codec import to_row
 from eigenfail_services.store.schema import (
@@ -65,24 +35,26 @@ _CHUNK = 10_000
 
 _Column = NDArray[np.float64]
 
-_FAILED = cast(is_failure, Integer)
+_FAILED = sa.cast(is_failure, sa.Integer)
 
 
 _MAY_COLLIDE = (
-    episodes.c.max_drac_mps2 > PEAK_BRAKING_MPS2,
+    episodes.c.max_drac_mps2 > records.PEAK_BRAKING_MPS2,
     # Without statistics SQLite would take the index of outcomes, and read every safe row.
-    func.coalesce(episodes.c.outcome, null()) == Outcome.SAFE,
+    sa.func.coalesce(episodes.c.outcome, sa.null()) == values.Outcome.SAFE,
     episodes.c.collided_s.is_(None),
 )
 """What holds of the episodes among which the unresolved ones are."""
 
-_IS_DOUBTFUL = or_(
-    episodes.c.final_drac_mps2 > PEAK_BRAKING_MPS2, episodes.c.final_drac_mps2.is_(None)
+_IS_DOUBTFUL = sa.or_(
+    episodes.c.final_drac_mps2 > records.PEAK_BRAKING_MPS2, episodes.c.final_drac_mps2.is_(None)
 )
 """What holds, besides, of those that are unresolved or may be."""
 
 
-def _read_columns(connection: Connection, query: Select[*tuple[Any, ...]]) -> tuple[_Column, ...]:
+def _read_columns(
+    connection: sa.Connection, query: sa.Select[*tuple[Any, ...]]
+) -> tuple[_Column, ...]:
     """Return the columns of a query's answer as arrays; NaN stands for a missing value."""
     parts = [np.empty((0, len(query.selected_columns)))]
     with closing(connection.execute(query)) as answer:
@@ -92,12 +64,12 @@ def _read_columns(connection: Connection, query: Select[*tuple[Any, ...]]) -> tu
     return tuple(np.concatenate(parts).T)
 
 
-def sum_blocks(connection: Connection, campaign: int, per: int) -> list[BlockTotals]:
+def sum_blocks(connection: sa.Connection, campaign: int, per: int) -> list[values.BlockTotals]:
     """Return sums over blocks of `per` indices that have a completed episode, in index order."""
     query = (
-        select(episode_index, _FAILED, episodes.c.robustness_m, episodes.c.log_probability)
-        .add_columns(episodes.c.steps, cast(and_(*_MAY_COLLIDE, _IS_DOUBTFUL), Integer))
-        .where(episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED)
+        sa.select(episode_index, _FAILED, episodes.c.robustness_m, episodes.c.log_probability)
+        .add_columns(episodes.c.steps, sa.cast(sa.and_(*_MAY_COLLIDE, _IS_DOUBTFUL), sa.Integer))
+        .where(episodes.c.campaign == campaign, episodes.c.outcome != values.Outcome.ERRORED)
         .order_by(episodes.c.finished_ms, episode_index)
     )
     landed = _read_columns(connection, query)
@@ -116,19 +88,19 @@ def sum_blocks(connection: Connection, campaign: int, per: int) -> list[BlockTot
     return found
 
 
-def _count_errored(connection: Connection, campaign: int, per: int) -> Counter[int]:
+def _count_errored(connection: sa.Connection, campaign: int, per: int) -> Counter[int]:
     """Return the number of errored episodes of each block that has one."""
-    inside = (episodes.c.campaign == campaign, episodes.c.outcome == Outcome.ERRORED)
-    found = connection.execute(select(episode_index).where(*inside))
+    inside = (episodes.c.campaign == campaign, episodes.c.outcome == values.Outcome.ERRORED)
+    found = connection.execute(sa.select(episode_index).where(*inside))
     return Counter(row[0] // per for row in found)
 
 
 def _sum_block(
     first: int, failed: _Column, robustness_m: _Column, log_probability: _Column, steps: _Column
-) -> BlockTotals:
+) -> values.BlockTotals:
     failures = failed == 1.0
     known_m = robustness_m[~np.isnan(robustness_m)]
-    return BlockTotals(
+    return values.BlockTotals(
         first=first,
         completed=len(failed),
         failures=int(failures.sum()),
@@ -139,10 +111,10 @@ def _sum_block(
     )
 
 
-def count_pairs(connection: Connection, first: int, second: int) -> PairTotals:
+def count_pairs(connection: sa.Connection, first: int, second: int) -> values.PairTotals:
     """Count the episodes that two campaigns both completed with one seed and source, by outcome."""
     other = episodes.alias()
-    same = and_(
+    same = sa.and_(
         other.c["index"] == episode_index,
         other.c.seed == episodes.c.seed,
         other.c.source == episodes.c.source,
@@ -150,34 +122,34 @@ def count_pairs(connection: Connection, first: int, second: int) -> PairTotals:
     one_failed = is_failure
     other_failed = other.c.outcome.in_(FAILURES)
     query = (
-        select(
-            func.count().filter(one_failed, other_failed).label("both"),
-            func.count().filter(one_failed, ~other_failed).label("only_first"),
-            func.count().filter(~one_failed, other_failed).label("only_second"),
-            func.count().filter(~one_failed, ~other_failed).label("neither"),
+        sa.select(
+            sa.func.count().filter(one_failed, other_failed).label("both"),
+            sa.func.count().filter(one_failed, ~other_failed).label("only_first"),
+            sa.func.count().filter(~one_failed, other_failed).label("only_second"),
+            sa.func.count().filter(~one_failed, ~other_failed).label("neither"),
         )
         .select_from(episodes)
         .join(other, same)
         .where(
             episodes.c.campaign == first,
             other.c.campaign == second,
-            episodes.c.outcome != Outcome.ERRORED,
-            other.c.outcome != Outcome.ERRORED,
+            episodes.c.outcome != values.Outcome.ERRORED,
+            other.c.outcome != values.Outcome.ERRORED,
         )
     )
-    return PairTotals(*connection.execute(query).one())
+    return values.PairTotals(*connection.execute(query).one())
 
 
-def sum_safety(connection: Connection, campaign: int, most: int) -> SafetyTotals:
+def sum_safety(connection: sa.Connection, campaign: int, most: int) -> values.SafetyTotals:
     """Return safety measures of the completed episodes, and at most `most` failures as points.
 
     Memory grows with the campaign by two numbers for each failure only.
     """
-    done = select(func.count(), func.sum(_FAILED)).where(*_is_completed(campaign))
+    done = sa.select(sa.func.count(), sa.func.sum(_FAILED)).where(*_is_completed(campaign))
     count, failures = connection.execute(done).one()
     crashed, severities = _read_columns(connection, _select_severities(campaign))
     every = max(1, ceil(len(crashed) / most))
-    return SafetyTotals(
+    return values.SafetyTotals(
         completed=count,
         failures=failures or 0,
         ttc=_sum_measure(connection, campaign, _TTC),
@@ -188,9 +160,9 @@ def sum_safety(connection: Connection, campaign: int, most: int) -> SafetyTotals
     )
 
 
-def sample_severities(connection: Connection, campaign: int, first: int) -> SeveritySample:
+def sample_severities(connection: sa.Connection, campaign: int, first: int) -> SeveritySample:
     """Return the severities of the failures from an index on."""
-    failed = select(func.sum(_FAILED)).where(*_is_completed(campaign), episode_index >= first)
+    failed = sa.select(sa.func.sum(_FAILED)).where(*_is_completed(campaign), episode_index >= first)
     query = _select_severities(campaign).where(episode_index >= first)
     return SeveritySample(
         failures=connection.execute(failed).scalar_one() or 0,
@@ -198,69 +170,71 @@ def sample_severities(connection: Connection, campaign: int, first: int) -> Seve
     )
 
 
-def _count_violations(connection: Connection, campaign: int) -> tuple[RequirementTotals, ...]:
+def _count_violations(
+    connection: sa.Connection, campaign: int
+) -> tuple[values.RequirementTotals, ...]:
     """Count violations of each requirement that the campaign names; none where it names none."""
     value, number = requirement_values.c.robustness, requirement_values.c.requirement
     query = (
-        select(number, func.count(), func.count().filter(value <= 0.0), func.min(value))
+        sa.select(number, sa.func.count(), sa.func.count().filter(value <= 0.0), sa.func.min(value))
         .where(requirement_values.c.campaign == campaign)
         .group_by(number)
     )
-    found = {row[0]: RequirementTotals(*row[1:]) for row in connection.execute(query)}
+    found = {row[0]: values.RequirementTotals(*row[1:]) for row in connection.execute(query)}
     # One that no episode was judged by has no row.
     return tuple(found.get(each, NOT_JUDGED) for each in range(1, max(found, default=0) + 1))
 
 
-NOT_JUDGED = RequirementTotals(0, 0, None)
+NOT_JUDGED = values.RequirementTotals(0, 0, None)
 
 
-def _is_completed(campaign: int) -> tuple[ColumnElement[bool], ...]:
-    return episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED
+def _is_completed(campaign: int) -> tuple[sa.ColumnElement[bool], ...]:
+    return episodes.c.campaign == campaign, episodes.c.outcome != values.Outcome.ERRORED
 
 
 class _Threshold(NamedTuple):
     """A measure, which of its values are beyond its threshold, and its worst value."""
 
-    column: ColumnElement[float]
-    beyond: ColumnElement[bool]
-    worst: ColumnElement[float]
+    column: sa.ColumnElement[float]
+    beyond: sa.ColumnElement[bool]
+    worst: sa.ColumnElement[float]
 
 
 _TTC = _Threshold(
     episodes.c.min_ttc_s,
-    episodes.c.min_ttc_s < NEAR_MISS_TTC_S,
-    func.min(episodes.c.min_ttc_s),
+    episodes.c.min_ttc_s < records.NEAR_MISS_TTC_S,
+    sa.func.min(episodes.c.min_ttc_s),
 )
 _DRAC = _Threshold(
     episodes.c.max_drac_mps2,
-    episodes.c.max_drac_mps2 > PEAK_BRAKING_MPS2,
-    func.max(episodes.c.max_drac_mps2),
+    episodes.c.max_drac_mps2 > records.PEAK_BRAKING_MPS2,
+    sa.func.max(episodes.c.max_drac_mps2),
 )
 
 
-def _sum_measure(connection: Connection, campaign: int, of: _Threshold) -> MeasureTotals:
+def _sum_measure(connection: sa.Connection, campaign: int, of: _Threshold) -> values.MeasureTotals:
     """Sum up a measure over the completed episodes that have it; an index holds them in order."""
     inside = (*_is_completed(campaign), of.column.is_not(None))
-    query = select(func.count(), func.count().filter(of.beyond), of.worst).where(*inside)
+    query = sa.select(sa.func.count(), sa.func.count().filter(of.beyond), of.worst).where(*inside)
     count, beyond, worst = connection.execute(query).one()
     if not count:
-        return MeasureTotals()
+        return values.MeasureTotals()
     middle = (
-        select(of.column)
+        sa.select(of.column)
         .where(*inside)
         .order_by(of.column)
         .offset((count - 1) // 2)
         .limit(2 - count % 2)
     )
-    return MeasureTotals(count, beyond, fmean(connection.execute(middle).scalars()), worst)
+    return values.MeasureTotals(count, beyond, fmean(connection.execute(middle).scalars()), worst)
 
 
-def _select_severities(campaign: int) -> Select[*tuple[Any, ...]]:
+def _select_severities(campaign: int) -> sa.Select[*tuple[Any, ...]]:
     return (
-        select(episode_index, episodes.c.severity)
+        sa.select(episode_index, episodes.c.severity)
         .where(
             episodes.c.campaign == campaign,
-            episodes.c.outcome == Outcome.COLLISION,
+            episodes.c.outcome == values.Outcome.COLLISION,
             episodes.c.severity.is_not(None),
         )
         .order_by(episode_index)
@@ -268,12 +242,12 @@ def _select_severities(campaign: int) -> Select[*tuple[Any, ...]]:
 
 
 def _read_points(
-    connection: Connection, campaign: int, chosen: Sequence[int]
-) -> tuple[FailurePoint, ...]:
-    query = select(episodes).where(episodes.c.campaign == campaign, episode_index.in_(chosen))
+    connection: sa.Connection, campaign: int, chosen: Sequence[int]
+) -> tuple[values.FailurePoint, ...]:
+    query = sa.select(episodes).where(episodes.c.campaign == campaign, episode_index.in_(chosen))
     rows = map(to_row, connection.execute(query.order_by(episode_index)).mappings())
     return tuple(
-        FailurePoint(
+        values.FailurePoint(
             row.index, row.log_probability / max(row.steps, 1), row.severity, row.assessed.conflict
         )
         for row in rows
@@ -281,25 +255,27 @@ def _read_points(
     )
 
 
-_COMPLETED = episodes.c.outcome != Outcome.ERRORED
+_COMPLETED = episodes.c.outcome != values.Outcome.ERRORED
 
 
-def sum_spending(connection: Connection, campaign: int, most: int) -> SpendingTotals:
+def sum_spending(connection: sa.Connection, campaign: int, most: int) -> values.SpendingTotals:
     """Return the worker time of all episodes, and the progress at `most` of them and the last."""
     inside = episodes.c.campaign == campaign
-    completed = connection.execute(select(func.count()).where(inside, _COMPLETED)).scalar_one()
-    errored = select(episodes.c.wall_s).where(inside, ~_COMPLETED)
+    completed = connection.execute(
+        sa.select(sa.func.count()).where(inside, _COMPLETED)
+    ).scalar_one()
+    errored = sa.select(episodes.c.wall_s).where(inside, ~_COMPLETED)
     found = connection.execute(_select_progress(campaign, completed, most)).all()
-    return SpendingTotals(
+    return values.SpendingTotals(
         completed_worker_s=found[-1].worker_s if found else 0.0,
         errored_worker_s=fsum(connection.execute(errored).scalars()),
         progress=tuple(
-            StoredProgress(each.finished_ms, each.place, each.failures) for each in found
+            values.StoredProgress(each.finished_ms, each.place, each.failures) for each in found
         ),
     )
 
 
-def _select_progress(campaign: int, completed: int, most: int) -> Select[*tuple[Any, ...]]:
+def _select_progress(campaign: int, completed: int, most: int) -> sa.Select[*tuple[Any, ...]]:
     """Select every k-th completed episode in the order in which they were stored, and the last one.
 
     Each has the numbers of episodes and failures and the worker time up to it.
@@ -307,21 +283,21 @@ def _select_progress(campaign: int, completed: int, most: int) -> Select[*tuple[
     order = (episodes.c.finished_ms, episode_index)
     # By rows, not by range: two that landed at the same time are two.
     until = (None, 0)
-    failures = func.count().filter(is_failure)
+    failures = sa.func.count().filter(is_failure)
     landed = (
-        select(
+        sa.select(
             episodes.c.finished_ms,
-            func.row_number().over(order_by=order).label("place"),
+            sa.func.row_number().over(order_by=order).label("place"),
             failures.over(order_by=order, rows=until).label("failures"),
-            func.sum(episodes.c.wall_s).over(order_by=order, rows=until).label("worker_s"),
+            sa.func.sum(episodes.c.wall_s).over(order_by=order, rows=until).label("worker_s"),
         )
         .where(episodes.c.campaign == campaign, _COMPLETED)
         .subquery()
         .c
     )
     every = max(1, ceil(completed / most))
-    chosen = or_(landed.place % every == 0, landed.place == completed)
-    return select(*landed).where(chosen).order_by(landed.place)
+    chosen = sa.or_(landed.place % every == 0, landed.place == completed)
+    return sa.select(*landed).where(chosen).order_by(landed.place)
 
 
 _TRIALS_CHUNK = 10_000
@@ -330,28 +306,36 @@ _TRIALS_CHUNK = 10_000
 _TRIAL = np.dtype([("seed", np.int64), ("failed", np.bool_)])
 
 
-def read_trials(connection: Connection, campaign: int, most: int) -> Trials:
+def read_trials(connection: sa.Connection, campaign: int, most: int) -> values.Trials:
     """Return seeds and outcomes of the completed episodes, or of every k-th of them."""
-    inside = (episodes.c.campaign == campaign, episodes.c.outcome != Outcome.ERRORED)
-    count = connection.execute(select(func.count()).where(*inside)).scalar_one()
-    place = func.row_number().over(order_by=episode_index).label("place")
-    ranked = select(episodes.c.seed, episodes.c.outcome, place).where(*inside).subquery().c
+    inside = (episodes.c.campaign == campaign, episodes.c.outcome != values.Outcome.ERRORED)
+    count = connection.execute(sa.select(sa.func.count()).where(*inside)).scalar_one()
+    place = sa.func.row_number().over(order_by=episode_index).label("place")
+    ranked = sa.select(episodes.c.seed, episodes.c.outcome, place).where(*inside).subquery().c
     query = (
-        select(ranked.seed, ranked.outcome)
+        sa.select(ranked.seed, ranked.outcome)
         .where((ranked.place - 1) % max(1, ceil(count / most)) == 0)
         .order_by(ranked.place)
         .execution_options(yield_per=_TRIALS_CHUNK)
     )
     rows = ((seed, outcome in FAILURES) for seed, outcome in connection.execute(query))
     found = np.fromiter(rows, _TRIAL)
-    return Trials(found["seed"], found["failed"])
+    return values.Trials(found["seed"], found["failed"])
 
 
 _SUMMED = tuple(
     episodes.c[name]
     for name in (
-        *("campaign", "outcome", "index", "log_probability", "steps", "severity", "collided_s"),
-        *("ttc_violated_s", "drac_violated_s", "drac_at_warning_mps2"),
+        "campaign",
+        "outcome",
+        "index",
+        "log_probability",
+        "steps",
+        "severity",
+        "collided_s",
+        "ttc_violated_s",
+        "drac_violated_s",
+        "drac_at_warning_mps2",
     )
 )
 """An index holds just these."""
@@ -367,48 +351,48 @@ class _Ended(NamedTuple):
 _NONE_ENDED = _Ended(0, 0)
 
 
-def count_results(connection: Connection, chosen: Sequence[int]) -> dict[int, int]:
+def count_results(connection: sa.Connection, chosen: Sequence[int]) -> dict[int, int]:
     """Count the results of campaigns, by id; campaigns that do not exist are left out."""
-    query = select(campaigns.c.id, campaigns.c.completed + campaigns.c.failed)
+    query = sa.select(campaigns.c.id, campaigns.c.completed + campaigns.c.failed)
     found = connection.execute(query.where(campaigns.c.id.in_(chosen)))
     return {row[0]: row[1] for row in found}
 
 
-def sum_campaigns(connection: Connection, chosen: Sequence[int]) -> dict[int, Totals]:
+def sum_campaigns(connection: sa.Connection, chosen: Sequence[int]) -> dict[int, records.Totals]:
     """Return sums over all failures, and episodes counted by class, of each campaign.
 
     Classes are those of `assess`. The number of queries does not depend on that of campaigns.
     """
     # In the order of an index: sums of floats depend on it, and reports must not change with it.
     failures = (
-        select(*_SUMMED)
+        sa.select(*_SUMMED)
         .where(episodes.c.campaign.in_(chosen), is_failure)
         .order_by(episodes.c.campaign, episodes.c.outcome, episode_index)
         .subquery()
         .c
     )
-    collided = failures.outcome == Outcome.COLLISION
-    classified = and_(collided, failures.collided_s.is_not(None))
-    hopeless = or_(
+    collided = failures.outcome == values.Outcome.COLLISION
+    classified = sa.and_(collided, failures.collided_s.is_not(None))
+    hopeless = sa.or_(
         failures.drac_at_warning_mps2.is_(None),
-        failures.drac_at_warning_mps2 > PEAK_BRAKING_MPS2,
+        failures.drac_at_warning_mps2 > records.PEAK_BRAKING_MPS2,
     )
     ttc_lead_s = failures.collided_s - failures.ttc_violated_s
     drac_lead_s = failures.collided_s - failures.drac_violated_s
-    query = select(
+    query = sa.select(
         failures.campaign,
-        func.count().label("failures"),
-        func.min(failures["index"]).label("first_failure"),
-        func.coalesce(func.sum(failures.log_probability), 0.0).label("log_probability"),
-        func.coalesce(func.sum(failures.steps), 0).label("steps"),
-        func.sum(failures.severity).label("severity"),
-        func.count().filter(and_(classified, hopeless)).label("unavoidable"),
-        func.count().filter(and_(classified, ~hopeless)).label("planner_failures"),
-        func.count().filter(and_(collided, ~classified)).label("unclassified"),
-        func.coalesce(func.sum(ttc_lead_s), 0.0).label("ttc_lead_s"),
-        func.count(ttc_lead_s).label("ttc_leads"),
-        func.coalesce(func.sum(drac_lead_s), 0.0).label("drac_lead_s"),
-        func.count(drac_lead_s).label("drac_leads"),
+        sa.func.count().label("failures"),
+        sa.func.min(failures["index"]).label("first_failure"),
+        sa.func.coalesce(sa.func.sum(failures.log_probability), 0.0).label("log_probability"),
+        sa.func.coalesce(sa.func.sum(failures.steps), 0).label("steps"),
+        sa.func.sum(failures.severity).label("severity"),
+        sa.func.count().filter(sa.and_(classified, hopeless)).label("unavoidable"),
+        sa.func.count().filter(sa.and_(classified, ~hopeless)).label("planner_failures"),
+        sa.func.count().filter(sa.and_(collided, ~classified)).label("unclassified"),
+        sa.func.coalesce(sa.func.sum(ttc_lead_s), 0.0).label("ttc_lead_s"),
+        sa.func.count(ttc_lead_s).label("ttc_leads"),
+        sa.func.coalesce(sa.func.sum(drac_lead_s), 0.0).label("drac_lead_s"),
+        sa.func.count(drac_lead_s).label("drac_leads"),
     ).group_by(failures.campaign)
     failed = {found.campaign: found for found in connection.execute(query)}
     near, ended = count_near_misses(connection, chosen), count_unresolved(connection, chosen)
@@ -429,17 +413,17 @@ def sum_campaigns(connection: Connection, chosen: Sequence[int]) -> dict[int, To
 
 
 def _to_totals(
-    found: Row[*tuple[object, ...]] | None, near: int, ended: _Ended, allowed: int
-) -> Totals:
-    safe = ConflictTotals(
+    found: sa.Row[*tuple[object, ...]] | None, near: int, ended: _Ended, allowed: int
+) -> records.Totals:
+    safe = records.ConflictTotals(
         near_misses=near,
         unresolved=ended.unresolved,
         perhaps_unresolved=ended.perhaps,
         allowed=allowed,
     )
     if found is None:
-        return Totals(0, 0.0, 0, None, safe)
-    return Totals(
+        return records.Totals(0, 0.0, 0, None, safe)
+    return records.Totals(
         failures=found.failures,
         log_probability=found.log_probability,
         steps=found.steps,
@@ -458,13 +442,13 @@ def _to_totals(
     )
 
 
-def _count_allowed(connection: Connection, chosen: Sequence[int]) -> dict[int, int]:
+def _count_allowed(connection: sa.Connection, chosen: Sequence[int]) -> dict[int, int]:
     """Count the collisions that no requirement forbids, by campaign that names requirements."""
     query = (
-        select(episodes.c.campaign, func.count())
+        sa.select(episodes.c.campaign, sa.func.count())
         .where(
             episodes.c.campaign.in_(_select_naming(chosen)),
-            episodes.c.outcome == Outcome.SAFE,
+            episodes.c.outcome == values.Outcome.SAFE,
             episodes.c.collided_s.is_not(None),
         )
         .group_by(episodes.c.campaign)
@@ -472,22 +456,22 @@ def _count_allowed(connection: Connection, chosen: Sequence[int]) -> dict[int, i
     return {row[0]: row[1] for row in connection.execute(query)}
 
 
-def _select_naming(chosen: Sequence[int]) -> Select[tuple[int]]:
+def _select_naming(chosen: Sequence[int]) -> sa.Select[tuple[int]]:
     """Select those of some campaigns that name requirements."""
-    return select(campaigns.c.id).where(
+    return sa.select(campaigns.c.id).where(
         campaigns.c.id.in_(chosen), spec_field("requirements").is_not(None)
     )
 
 
-def count_near_misses(connection: Connection, chosen: Sequence[int]) -> dict[int, int]:
+def count_near_misses(connection: sa.Connection, chosen: Sequence[int]) -> dict[int, int]:
     """Count near misses by campaign; an index holds just these.
 
     Collisions that no requirement forbids are taken off: only campaigns that name requirements can
     have some.
     """
     near = (
-        select(episodes.c.campaign, func.count())
-        .where(has_no_collision, episodes.c.min_ttc_s < NEAR_MISS_TTC_S)
+        sa.select(episodes.c.campaign, sa.func.count())
+        .where(has_no_collision, episodes.c.min_ttc_s < records.NEAR_MISS_TTC_S)
         .group_by(episodes.c.campaign)
     )
     of_chosen = near.where(episodes.c.campaign.in_(chosen))
@@ -500,17 +484,17 @@ def count_near_misses(connection: Connection, chosen: Sequence[int]) -> dict[int
     return {campaign: count - allowed.get(campaign, 0) for campaign, count in found.items()}
 
 
-def count_unresolved(connection: Connection, chosen: Sequence[int]) -> dict[int, _Ended]:
+def count_unresolved(connection: sa.Connection, chosen: Sequence[int]) -> dict[int, _Ended]:
     """Count episodes that ended when braking could no longer avoid a collision, by campaign.
 
     The largest DRAC is no smaller than the last one: an index leads to the few candidates.
     """
     last = episodes.c.final_drac_mps2
     query = (
-        select(
+        sa.select(
             episodes.c.campaign,
-            func.count().filter(last > PEAK_BRAKING_MPS2),
-            func.count().filter(last.is_(None)),
+            sa.func.count().filter(last > records.PEAK_BRAKING_MPS2),
+            sa.func.count().filter(last.is_(None)),
         )
         .where(episodes.c.campaign.in_(chosen), *_MAY_COLLIDE)
         .group_by(episodes.c.campaign)
@@ -518,10 +502,10 @@ def count_unresolved(connection: Connection, chosen: Sequence[int]) -> dict[int,
     return {row[0]: _Ended(row[1], row[2]) for row in connection.execute(query)}
 
 
-def count_doubtful() -> Subquery:
+def count_doubtful() -> sa.Subquery:
     """Return the query that counts the episodes that are unresolved, or may be, by campaign."""
     return (
-        select(episodes.c.campaign, func.count().label("doubtful"))
+        sa.select(episodes.c.campaign, sa.func.count().label("doubtful"))
         .where(*_MAY_COLLIDE, _IS_DOUBTFUL)
         .group_by(episodes.c.campaign)
         .subquery()
@@ -529,25 +513,27 @@ def count_doubtful() -> Subquery:
 
 
 def _find_frequent_faults(
-    connection: Connection, chosen: Sequence[int]
-) -> dict[int, FrequentFault]:
+    connection: sa.Connection, chosen: Sequence[int]
+) -> dict[int, records.FrequentFault]:
     """Return the most frequent fault of each campaign that has errored episodes.
 
     An index leads to the errored episodes, of which most campaigns have none.
     """
     reason = (episodes.c.campaign, episodes.c.fault_kind, episodes.c.fault_message)
-    first, count = func.min(episode_index), func.count()
-    rank = func.row_number().over(
+    first, count = sa.func.min(episode_index), sa.func.count()
+    rank = sa.func.row_number().over(
         partition_by=episodes.c.campaign, order_by=(count.desc(), first.asc())
     )
     ranked = (
-        select(*reason, count.label("n"), first.label("first"), rank.label("rank"))
-        .where(episodes.c.campaign.in_(chosen), episodes.c.outcome == Outcome.ERRORED)
+        sa.select(*reason, count.label("n"), first.label("first"), rank.label("rank"))
+        .where(episodes.c.campaign.in_(chosen), episodes.c.outcome == values.Outcome.ERRORED)
         .group_by(*reason)
         .subquery()
     )
-    found = connection.execute(select(ranked).where(ranked.c.rank == 1))
+    found = connection.execute(sa.select(ranked).where(ranked.c.rank == 1))
     return {
-        row.campaign: FrequentFault(row.fault_kind or "", row.fault_message or "", row.n, row.first)
+        row.campaign: records.FrequentFault(
+            row.fault_kind or "", row.fault_message or "", row.n, row.first
+        )
         for row in found
     }

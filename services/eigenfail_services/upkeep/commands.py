@@ -19,14 +19,7 @@ from eigenfail.hosting.folder import DEFAULT_DATA, DataFolder
 from eigenfail.hosting.service import require_installed
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.progress import announce
-from eigenfail.values.operations import (
-    DRAWN_AGAIN,
-    KEEP_EVERY,
-    Check,
-    PruneReport,
-    Retention,
-    Verification,
-)
+from eigenfail.values import operations
 
 # SQLAlchemy and Alembic are imported by the commands that need them: `--help` works without.
 
@@ -165,8 +158,8 @@ def restore(
 def prune(
     database: Database = None,
     data: Data = DEFAULT_DATA,
-    keep_every: KeepEvery = KEEP_EVERY,
-    source: Source = DRAWN_AGAIN,
+    keep_every: KeepEvery = operations.KEEP_EVERY,
+    source: Source = operations.DRAWN_AGAIN,
     older_than: OlderThan = 0.0,
     campaigns: Campaigns = [],  # noqa: B006 - typer takes no tuple of any length
     dry_run: DryRun = False,
@@ -220,19 +213,19 @@ def _show_revision(action: str, revision: str, words: str, as_json: bool) -> Non
     typer.echo(to_json(answer) if as_json else words.format(revision))
 
 
-def _retention(keep_every: int, source: str) -> Retention:
+def _retention(keep_every: int, source: str) -> operations.Retention:
     try:
-        return msgspec.convert({"keep_every": keep_every, "source": source}, Retention)
+        return msgspec.convert({"keep_every": keep_every, "source": source}, operations.Retention)
     except msgspec.ValidationError as error:
         raise InvalidValue("retention", f"{error}.") from None
 
 
-def _draw_verification(found: Verification) -> Group:
+def _draw_verification(found: operations.Verification) -> Group:
     mended, defects = map(Text, found.mended), map(Text, _list_defects(found))
     return Group(*mended, _draw_checks(found.checks), *defects)
 
 
-def _draw_checks(checks: tuple[Check, ...]) -> Table:
+def _draw_checks(checks: tuple[operations.Check, ...]) -> Table:
     grid = start_grid("", "check", "what holds", "defects", right={"defects"})
     for each in checks:
         mark = "wrong" if each.defects else "ok"
@@ -241,7 +234,7 @@ def _draw_checks(checks: tuple[Check, ...]) -> Table:
     return grid
 
 
-def _list_defects(found: Verification) -> Iterator[str]:
+def _list_defects(found: operations.Verification) -> Iterator[str]:
     for each in found.checks:
         for defect in each.shown:
             yield f"{each.name}: {defect.where}: {defect.found} {defect.remedy}"
@@ -249,7 +242,7 @@ def _list_defects(found: Verification) -> Iterator[str]:
             yield f"{each.name}: and {more} more."
 
 
-def _draw_pruning(found: PruneReport) -> Group:
+def _draw_pruning(found: operations.PruneReport) -> Group:
     counted = {"episodes", "scenes", "bytes"}
     grid = start_grid(
         "campaign", "name", "episodes", "scenes", "bytes", right={"campaign", *counted}

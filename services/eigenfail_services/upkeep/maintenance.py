@@ -24,12 +24,7 @@ from eigenfail_services.store.clock import now_ms
 from eigenfail_services.store.engine import find_backend, read_kind, translate_errors
 from eigenfail_services.store.errors import make_running_error
 from eigenfail_services.store.schema import metadata
-from eigenfail_services.upkeep.backup import (
-    FILE_SUFFIXES,
-    LOCK_TIMEOUT_S,
-    open_sqlite,
-    translate_sqlite_errors,
-)
+from eigenfail_services.upkeep import backup
 
 TEMPORARY_VARIABLES = ("SQLITE_TMPDIR", "TMPDIR")
 
@@ -85,7 +80,7 @@ class SqliteVacuum:
     def size(self) -> int:
         """Return the size of the database file and of SQLite's companion files. [bytes]"""
         sizes = 0
-        for ending in FILE_SUFFIXES:
+        for ending in backup.FILE_SUFFIXES:
             with suppress(FileNotFoundError):
                 sizes += self._path.with_name(self._path.name + ending).stat().st_size
         return sizes
@@ -93,8 +88,8 @@ class SqliteVacuum:
     def sweep(self) -> None:
         """Rewrite the file, if no other program uses it: writers would wait in vain for minutes."""
         with (
-            translate_sqlite_errors(f"{self._path} was not changed"),
-            closing(open_sqlite(self._path, "rw", LOCK_TIMEOUT_S)) as connection,
+            backup.translate_sqlite_errors(f"{self._path} was not changed"),
+            closing(backup.open_sqlite(self._path, "rw", backup.LOCK_TIMEOUT_S)) as connection,
         ):
             # SQLite refuses to change the mode of a database that another program has open.
             connection.execute("PRAGMA journal_mode = DELETE")

@@ -13,44 +13,10 @@ from operator import itemgetter
 from typing import Any
 
 import msgspec
-from sqlalchemy import (
-    ColumnElement,
-    Connection,
-    Row,
-    Select,
-    Table,
-    and_,
-    delete,
-    exists,
-    func,
-    or_,
-    select,
-    update,
-)
+import sqlalchemy as sa
 from sqlalchemy.exc import DatabaseError
 
-from eigenfail import functions
-from eigenfail.errors import (
-    InputError,
-    NoisePruned,
-    ProtocolError,
-    ServiceError,
-    StoreDamaged,
-)
-from eigenfail.replays import (
-    load_engine,
-    make_redraw_task,
-    make_replay_task,
-    replay_in_process,
-)
-from eigenfail.values import (
-    FINAL_STATES,
-    AnalysisState,
-    Campaign,
-    Counts,
-    EpisodeTask,
-    Outcome,
-)
+from eigenfail import errors, functions, replays, values
 from eigenfail.values.operations import DRAWN_AGAIN, Check, Defect, Verification
 from eigenfail.values.records import JobKind
 from eigenfail_services.campaigns.rounds import read_checkpoint
@@ -81,8 +47,8 @@ AT_A_TIME = 500
 REPAIR = "eigenfail db verify --repair"
 RESTORE = "Restore a backup: eigenfail db restore."
 ENDED_STATES: Mapping[JobKind, frozenset[str]] = {
-    JobKind.CAMPAIGN: frozenset(FINAL_STATES),
-    JobKind.ANALYSIS: frozenset({AnalysisState.DONE, AnalysisState.FAILED}),
+    JobKind.CAMPAIGN: frozenset(values.FINAL_STATES),
+    JobKind.ANALYSIS: frozenset({values.AnalysisState.DONE, values.AnalysisState.FAILED}),
 }
 
 
@@ -97,10 +63,10 @@ class IntegrityCheck(msgspec.Struct, frozen=True):
 
     name: str
     promise: str
-    ask: Callable[[Connection], Iterator[Defect]]
+    ask: Callable[[sa.Connection], Iterator[Defect]]
 
 
-def _iterate_rows(connection: Connection, query: Select[Any]) -> Iterator[Row[Any]]:
+def _iterate_rows(connection: sa.Connection, query: sa.Select[Any]) -> Iterator[sa.Row[Any]]:
     """Iterate over the rows of a query without loading all of them."""
     return iter(connection.execute(query.execution_options(yield_per=AT_A_TIME)))
 
@@ -109,11 +75,11 @@ def _count_rows() -> Any:
     """Return columns that count the rows of each campaign by outcome."""
     of_outcome = episodes.c.outcome
     return (
-        select(
+        sa.select(
             episodes.c.campaign,
-            func.count().label("ended"),
-            func.count().filter(of_outcome == Outcome.ERRORED).label("failed"),
-            func.count().filter(is_failure).label("failures"),
+            sa.func.count().label("ended"),
+            sa.func.count().filter(of_outcome == values.Outcome.ERRORED).label("failed"),
+            sa.func.count().filter(is_failure).label("failures"),
         )
         .group_by(episodes.c.campaign)
         .subquery()
@@ -121,28 +87,28 @@ def _count_rows() -> Any:
     )
 
 
-def _select_miscounted() -> Select[Any]:
+def _select_miscounted() -> sa.Select[Any]:
     """Select the campaigns whose counts differ from their rows, with both."""
     found = _count_rows()
     ended, failed, failures = (
-        func.coalesce(found[name], 0).label(f"rows_{name}")
+        sa.func.coalesce(found[name], 0).label(f"rows_{name}")
         for name in ("ended", "failed", "failures")
     )
-    wrong = or_(
+    wrong = sa.or_(
         campaigns.c.completed + campaigns.c.failed != ended,
         campaigns.c.failed != failed,
         campaigns.c.failures != failures,
-        and_(campaigns.c.state.not_in(FINAL_STATES), campaigns.c.cancelled != 0),
+        sa.and_(campaigns.c.state.not_in(values.FINAL_STATES), campaigns.c.cancelled != 0),
     )
     return (
-        select(campaigns, ended, failed, failures)
+        sa.select(campaigns, ended, failed, failures)
         .outerjoin(found.ended.table, found.campaign == campaigns.c.id)
         .where(wrong)
         .order_by(campaigns.c.id)
     )
 
 
-def _check_counts(connection: Connection) -> Iterator[Defect]:
+def _check_counts(connection: sa.Connection) -> Iterator[Defect]:
     """Yield campaigns whose counts differ from their rows."""
     for found in _iterate_rows(connection, _select_miscounted()):
         stored = f"{found.completed} completed, {found.failed} errored, {found.failures} failures"
@@ -158,15 +124,15 @@ def _check_counts(connection: Connection) -> Iterator[Defect]:
         )
 
 
-def _select_open_but_ended() -> Select[Any]:
+def _select_open_but_ended() -> sa.Select[Any]:
     """Select the campaigns that have ended with open episodes."""
     total = campaigns.c.completed + campaigns.c.failed + campaigns.c.cancelled
-    return select(campaigns).where(
-        campaigns.c.state.in_(FINAL_STATES), total != campaigns.c.planned
+    return sa.select(campaigns).where(
+        campaigns.c.state.in_(values.FINAL_STATES), total != campaigns.c.planned
     )
 
 
-def _check_ended(connection: Connection) -> Iterator[Defect]:
+def _check_ended(connection: sa.Connection) -> Iterator[Defect]:
     """Yield campaigns that have ended with open episodes."""
     for found in _iterate_rows(connection, _select_open_but_ended().order_by(campaigns.c.id)):
         left = found.planned - found.completed - found.failed - found.cancelled
@@ -177,18 +143,20 @@ def _check_ended(connection: Connection) -> Iterator[Defect]:
         )
 
 
-def _is_left_over(kind: JobKind) -> ColumnElement[bool]:
+def _is_left_over(kind: JobKind) -> sa.ColumnElement[bool]:
     """Return the condition for free jobs of a kind whose subject has ended or does not exist."""
     subject = SUBJECTS[kind]
-    alive = and_(subject.c.id == jobs.c.subject, subject.c.state.not_in(ENDED_STATES[kind]))
-    return and_(jobs.c.kind == kind, NOT_DEAD, LEASE_OVER, ~exists().where(alive).correlate(jobs))
+    alive = sa.and_(subject.c.id == jobs.c.subject, subject.c.state.not_in(ENDED_STATES[kind]))
+    return sa.and_(
+        jobs.c.kind == kind, NOT_DEAD, LEASE_OVER, ~sa.exists().where(alive).correlate(jobs)
+    )
 
 
-def _check_jobs(connection: Connection) -> Iterator[Defect]:
+def _check_jobs(connection: sa.Connection) -> Iterator[Defect]:
     """Yield jobs whose subject has ended or does not exist."""
     for kind in ENDED_STATES:
         for found in _iterate_rows(
-            connection, select(jobs).where(_is_left_over(kind)).order_by(jobs.c.id)
+            connection, sa.select(jobs).where(_is_left_over(kind)).order_by(jobs.c.id)
         ):
             yield Defect(
                 f"job {found.id}",
@@ -197,21 +165,21 @@ def _check_jobs(connection: Connection) -> Iterator[Defect]:
             )
 
 
-def _select_without(part: Table, wanted: ColumnElement[bool]) -> Select[Any]:
+def _select_without(part: sa.Table, wanted: sa.ColumnElement[bool]) -> sa.Select[Any]:
     """Select the episodes that should have a row in another table and have none."""
-    same = and_(part.c.campaign == episodes.c.campaign, part.c["index"] == episodes.c["index"])
-    missing = ~exists().where(same).correlate(episodes)
-    return select(episodes.c.campaign, episodes.c["index"]).where(wanted, missing)
+    same = sa.and_(part.c.campaign == episodes.c.campaign, part.c["index"] == episodes.c["index"])
+    missing = ~sa.exists().where(same).correlate(episodes)
+    return sa.select(episodes.c.campaign, episodes.c["index"]).where(wanted, missing)
 
 
-PARTS: Sequence[tuple[Table, str, ColumnElement[bool]]] = (
-    (trajectories, "trajectory", ~exists().where(NOISE_PRUNED).correlate(episodes)),
+PARTS: Sequence[tuple[sa.Table, str, sa.ColumnElement[bool]]] = (
+    (trajectories, "trajectory", ~sa.exists().where(NOISE_PRUNED).correlate(episodes)),
     (scenes, "scene", episodes.c.has_scene),
     (requirement_values, "robustness of requirements", episodes.c.nearest_m.is_not(None)),
 )
 
 
-def _check_parts(connection: Connection) -> Iterator[Defect]:
+def _check_parts(connection: sa.Connection) -> Iterator[Defect]:
     """Yield episodes without their noise, or without the scene that they should have."""
     for table, name, wanted in PARTS:
         for found in _iterate_rows(connection, _select_without(table, wanted)):
@@ -219,13 +187,17 @@ def _check_parts(connection: Connection) -> Iterator[Defect]:
             yield Defect(where, f"Its {name} is missing.", RESTORE)
 
 
-def _check_prunings(connection: Connection) -> Iterator[Defect]:
+def _check_prunings(connection: sa.Connection) -> Iterator[Defect]:
     """Yield campaigns whose number of episodes without noise differs from the recorded prunings."""
     of_campaign = episodes.c.campaign == prunings.c.campaign
-    silent = select(func.count()).select_from(episodes).where(of_campaign, ~exists().where(NOISE))
-    sums = select(
+    silent = (
+        sa.select(sa.func.count())
+        .select_from(episodes)
+        .where(of_campaign, ~sa.exists().where(NOISE))
+    )
+    sums = sa.select(
         prunings.c.campaign,
-        func.sum(prunings.c.episodes).label("recorded"),
+        sa.func.sum(prunings.c.episodes).label("recorded"),
         silent.correlate(prunings).scalar_subquery().label("silent"),
     )
     for found in _iterate_rows(connection, sums.group_by(prunings.c.campaign)):
@@ -234,13 +206,15 @@ def _check_prunings(connection: Connection) -> Iterator[Defect]:
             yield Defect(f"campaign {found.campaign}", counts, RESTORE)
 
 
-def _check_checkpoints(connection: Connection) -> Iterator[Defect]:
+def _check_checkpoints(connection: sa.Connection) -> Iterator[Defect]:
     """Yield checkpoints that have changed since they were saved, or cannot be read."""
-    keys = select(checkpoints.c.campaign, checkpoints.c.number).order_by(*checkpoints.primary_key)
-    whole = select(checkpoints.c.state, checkpoints.c.sha256)
+    keys = sa.select(checkpoints.c.campaign, checkpoints.c.number).order_by(
+        *checkpoints.primary_key
+    )
+    whole = sa.select(checkpoints.c.state, checkpoints.c.sha256)
     # All keys are loaded at once, and states one by one: a state may have many megabytes.
     for campaign, number in connection.execute(keys).all():
-        this = and_(checkpoints.c.campaign == campaign, checkpoints.c.number == number)
+        this = sa.and_(checkpoints.c.campaign == campaign, checkpoints.c.number == number)
         found = connection.execute(whole.where(this)).one_or_none()
         if found and (problem := _describe_damage(found.state, found.sha256)):
             remedy = "An older one is used if it is intact; otherwise launch the campaign again."
@@ -253,7 +227,7 @@ def _describe_damage(state: bytes, digest: str | None) -> str:
         return "It is not what was saved: its SHA-256 does not match."
     try:
         read_checkpoint(state)
-    except ProtocolError as error:
+    except errors.ProtocolError as error:
         return error.problem
     return ""
 
@@ -292,7 +266,7 @@ def repair_database(database: Database) -> tuple[str, ...]:
     return done
 
 
-def _recount_campaigns(connection: Connection) -> Iterator[str]:
+def _recount_campaigns(connection: sa.Connection) -> Iterator[str]:
     """Count the rows of campaigns with wrong counts again; yield a sentence for each."""
     suspects = {
         found.id
@@ -305,7 +279,7 @@ def _recount_campaigns(connection: Connection) -> Iterator[str]:
         counts = _count_campaign(connection, campaign)
         if counts.completed + counts.errored > counts.planned or counts == campaign.counts:
             continue
-        change = update(campaigns).where(campaigns.c.id == suspect)
+        change = sa.update(campaigns).where(campaigns.c.id == suspect)
         connection.execute(change.values(**count_columns(counts)))
         yield (
             f"Campaign {suspect} was recounted: {counts.completed} completed, "
@@ -313,31 +287,31 @@ def _recount_campaigns(connection: Connection) -> Iterator[str]:
         )
 
 
-def _count_campaign(connection: Connection, campaign: Campaign) -> Counts:
+def _count_campaign(connection: sa.Connection, campaign: values.Campaign) -> values.Counts:
     """Return the counts of a campaign by its rows; one that has ended has no open episodes."""
     of_outcome = episodes.c.outcome
     ended, errored, failures = connection.execute(
-        select(
-            func.count(),
-            func.count().filter(of_outcome == Outcome.ERRORED),
-            func.count().filter(is_failure),
+        sa.select(
+            sa.func.count(),
+            sa.func.count().filter(of_outcome == values.Outcome.ERRORED),
+            sa.func.count().filter(is_failure),
         ).where(episodes.c.campaign == campaign.id)
     ).one()
     planned = campaign.counts.planned
-    return Counts(
+    return values.Counts(
         planned=planned,
         completed=ended - errored,
         failures=failures,
         errored=errored,
-        cancelled=planned - ended if campaign.state in FINAL_STATES else 0,
+        cancelled=planned - ended if campaign.state in values.FINAL_STATES else 0,
         duplicates=campaign.counts.duplicates,
     )
 
 
-def _delete_jobs(connection: Connection) -> Iterator[str]:
+def _delete_jobs(connection: sa.Connection) -> Iterator[str]:
     """Delete free jobs whose subject has ended or does not exist; yield a sentence for each."""
     for kind in ENDED_STATES:
-        removal = delete(jobs).where(_is_left_over(kind)).returning(jobs.c.id, jobs.c.subject)
+        removal = sa.delete(jobs).where(_is_left_over(kind)).returning(jobs.c.id, jobs.c.subject)
         for job, subject in connection.execute(removal):
             yield f"Job {job} for {kind} {subject} was removed."
 
@@ -345,7 +319,7 @@ def _delete_jobs(connection: Connection) -> Iterator[str]:
 FINE = "ok"
 
 
-def _check_pages(connection: Connection) -> Iterator[Defect]:
+def _check_pages(connection: sa.Connection) -> Iterator[Defect]:
     """Yield damaged pages of the file."""
     try:
         for (found,) in connection.exec_driver_sql("PRAGMA quick_check"):
@@ -356,7 +330,7 @@ def _check_pages(connection: Connection) -> Iterator[Defect]:
         yield Defect("file", f"It cannot be read to its end: {error.orig}.", RESTORE)
 
 
-def _check_references(connection: Connection) -> Iterator[Defect]:
+def _check_references(connection: sa.Connection) -> Iterator[Defect]:
     """Yield rows that refer to missing rows."""
     for table, row, parent, _ in connection.exec_driver_sql("PRAGMA foreign_key_check"):
         yield Defect(f"{table}, row {row}", f"It belongs to no row of {parent}.", RESTORE)
@@ -384,8 +358,8 @@ def make_replay_check(database: Database, how_many: int) -> IntegrityCheck:
     with database.reading() as connection:
         left_out = _find_unlisted(connection)
 
-    def ask(connection: Connection) -> Iterator[Defect]:
-        load_engine()  # where episodes cannot be run at all, that is no defect of each
+    def ask(connection: sa.Connection) -> Iterator[Defect]:
+        replays.load_engine()  # where episodes cannot be run at all, that is no defect of each
         chosen = sample(connection, how_many, left_out)
         for campaign, places in groupby(chosen, itemgetter(0)):
             yield from _find_differences(store, campaign, [index for _, index in places])
@@ -394,10 +368,10 @@ def make_replay_check(database: Database, how_many: int) -> IntegrityCheck:
     return IntegrityCheck("replays", f"{promise}{_describe_left_out(left_out)}", ask)
 
 
-def _find_unlisted(connection: Connection) -> dict[int, str]:
+def _find_unlisted(connection: sa.Connection) -> dict[int, str]:
     """Return the campaigns on functions that may not be run here, with their modules."""
     of_functions = spec_field("simulator") == functions.SIMULATOR
-    query = select(campaigns.c.id, spec_field("planner")).where(of_functions)
+    query = sa.select(campaigns.c.id, spec_field("planner")).where(of_functions)
     found = connection.execute(query.order_by(campaigns.c.id)).all()
     return {
         campaign: place.partition(":")[0]
@@ -417,10 +391,10 @@ def _describe_left_out(left_out: Mapping[int, str]) -> str:
 
 
 def sample(
-    connection: Connection, how_many: int, left_out: Collection[int] = ()
+    connection: sa.Connection, how_many: int, left_out: Collection[int] = ()
 ) -> list[tuple[int, int]]:
     """Return completed episodes at even distances, the same at each call."""
-    query = select(campaigns.c.id, campaigns.c.completed).where(campaigns.c.completed > 0)
+    query = sa.select(campaigns.c.id, campaigns.c.completed).where(campaigns.c.completed > 0)
     found = connection.execute(query.order_by(campaigns.c.id)).all()
     sizes = [(campaign, size) for campaign, size in found if campaign not in left_out]
     ends = list(accumulate(size for _, size in sizes))
@@ -435,15 +409,15 @@ def sample(
     ]
 
 
-def _find_nth_episode(connection: Connection, campaign: int, place: int) -> Sequence[int]:
+def _find_nth_episode(connection: sa.Connection, campaign: int, place: int) -> Sequence[int]:
     """Return the index of a campaign's n-th completed episode, if there are as many."""
     number = episodes.c["index"]
-    of_campaign = (episodes.c.campaign == campaign) & (episodes.c.outcome != Outcome.ERRORED)
-    query = select(number).where(of_campaign).order_by(number).limit(1).offset(place)
+    of_campaign = (episodes.c.campaign == campaign) & (episodes.c.outcome != values.Outcome.ERRORED)
+    query = sa.select(number).where(of_campaign).order_by(number).limit(1).offset(place)
     return connection.execute(query).scalars().all()
 
 
-def _read_stored(store: Store, campaign: int, index: int) -> tuple[EpisodeTask, str] | None:
+def _read_stored(store: Store, campaign: int, index: int) -> tuple[values.EpisodeTask, str] | None:
     """Return the task that runs an episode again, and its stored digest.
 
     Pruned noise is drawn again from the episode's seed. The answer is None if the noise does not
@@ -451,29 +425,31 @@ def _read_stored(store: Store, campaign: int, index: int) -> tuple[EpisodeTask, 
     """
     try:
         stored = store.episodes.get(campaign, index)
-    except NoisePruned:
+    except errors.NoisePruned:
         (row,) = store.episodes.page(campaign, 1, after=index - 1).items
         if row.source != DRAWN_AGAIN:
             return None
-        return make_redraw_task(index, row.seed), row.digest
-    return make_replay_task(stored), stored.digest()
+        return replays.make_redraw_task(index, row.seed), row.digest
+    return replays.make_replay_task(stored), stored.digest()
 
 
 def _find_differences(store: Store, campaign: int, indices: Sequence[int]) -> Iterator[Defect]:
     """Yield a defect for each episode whose second run differs from the stored result."""
     stored = [each for index in indices if (each := _read_stored(store, campaign, index))]
     waiting = [(f"episode {campaign}/{task.index}", digest) for task, digest in stored]
-    again = replay_in_process(store.campaigns.get(campaign).spec, [task for task, _ in stored])
+    again = replays.replay_in_process(
+        store.campaigns.get(campaign).spec, [task for task, _ in stored]
+    )
     try:
         for replayed in again:
             where, digest = waiting.pop(0)
-            if isinstance(replayed, ServiceError):
+            if isinstance(replayed, errors.ServiceError):
                 yield Defect(where, f"It cannot be run here: {replayed.problem}", REPLAY_REMEDY)
             elif replayed.digest != digest:
                 found = f"Its digest is {digest}; run again it is {replayed.digest}."
                 errored = f" The second run is errored: {replayed.problem}"
                 yield Defect(where, found + errored * bool(replayed.problem), DIFFERENT)
-    except InputError as error:
+    except errors.InputError as error:
         for where, _ in waiting:
             yield Defect(where, f"It cannot be run here: {error.problem}", error.remedy)
 
@@ -506,7 +482,7 @@ def verify(address: str, how_many_replays: int = 0, *, repair: bool = False) -> 
     with closing(Database(backend)) as database:
         try:
             checks = _run_checks(database, FILE_CHECKS.get(kind, ()))
-        except StoreDamaged as error:  # not a single page of it can be read
+        except errors.StoreDamaged as error:  # not a single page of it can be read
             return Verification(backend.label, (_describe_unreadable(error),))
         if any(check.defects for check in checks):
             return Verification(backend.label, checks)
@@ -517,7 +493,7 @@ def verify(address: str, how_many_replays: int = 0, *, repair: bool = False) -> 
         return Verification(backend.label, checks, mended)
 
 
-def _describe_unreadable(error: StoreDamaged) -> Check:
+def _describe_unreadable(error: errors.StoreDamaged) -> Check:
     """Return the check of a file that cannot be opened."""
     return Check(PAGES.name, PAGES.promise, 1, (Defect("file", error.problem, error.remedy),))
 

@@ -7,18 +7,11 @@ more could lead to another one (DNS rebinding).
 """
 
 import argparse
+import ipaddress
 import os
 import socket
 from collections.abc import Iterable, Sequence
 from functools import partial
-from ipaddress import (
-    IPv4Address,
-    IPv4Network,
-    IPv6Address,
-    IPv6Network,
-    ip_address,
-    ip_network,
-)
 from urllib.parse import urlsplit
 
 from anyio import CapacityLimiter
@@ -29,23 +22,23 @@ from eigenfail.errors import InvalidValue
 VARIABLE = "EIGENFAIL_WEBHOOK_NETWORKS"
 SCHEMES = frozenset({"http", "https"})
 
-IpAddress = IPv4Address | IPv6Address
-IpNetwork = IPv4Network | IPv6Network
+IpAddress = ipaddress.IPv4Address | ipaddress.IPv6Address
+IpNetwork = ipaddress.IPv4Network | ipaddress.IPv6Network
 
-GLOBAL_UNICAST = IPv6Network("2000::/3")
-SIX_TO_FOUR = IPv6Network("2002::/16")
+GLOBAL_UNICAST = ipaddress.IPv6Network("2000::/3")
+SIX_TO_FOUR = ipaddress.IPv6Network("2002::/16")
 """Leads to the IPv4 address in it, through relays that hardly exist any more."""
 
-NAT64 = IPv6Network("64:ff9b::/96")
+NAT64 = ipaddress.IPv6Network("64:ff9b::/96")
 """Leads to the IPv4 address in its last 32 bits, on networks without IPv4 (RFC 6052)."""
 
 
 NOT_PUBLIC: tuple[IpNetwork, ...] = (
-    IPv4Network("168.63.129.16/32"),  # services of the host of a virtual machine of Azure
-    IPv4Network("192.0.0.0/24"),  # protocol assignments, and metadata of Oracle's cloud
-    IPv4Network("192.88.99.0/24"),  # relays from 6to4 (RFC 7526)
-    IPv6Network("2001::/23"),  # protocol assignments
-    IPv6Network("3fff::/20"),  # documentation (RFC 9637)
+    ipaddress.IPv4Network("168.63.129.16/32"),  # services of the host of a virtual machine of Azure
+    ipaddress.IPv4Network("192.0.0.0/24"),  # protocol assignments, and metadata of Oracle's cloud
+    ipaddress.IPv4Network("192.88.99.0/24"),  # relays from 6to4 (RFC 7526)
+    ipaddress.IPv6Network("2001::/23"),  # protocol assignments
+    ipaddress.IPv6Network("3fff::/20"),  # documentation (RFC 9637)
 )
 """Networks that are refused although some version of Python holds them to be public."""
 
@@ -75,7 +68,7 @@ def parse_networks(text: str) -> tuple[IpNetwork, ...]:
         ArgumentTypeError: something in it is not a network.
     """
     try:
-        return tuple(ip_network(part.strip()) for part in text.split(",") if part.strip())
+        return tuple(ipaddress.ip_network(part.strip()) for part in text.split(",") if part.strip())
     except ValueError as error:
         raise argparse.ArgumentTypeError(f"{error}; give networks such as 10.1.0.0/16") from None
 
@@ -112,7 +105,7 @@ def is_public(address: IpAddress) -> bool:
     leads_to = _find_destination(address)
     if any(leads_to in network for network in NOT_PUBLIC):
         return False
-    if isinstance(leads_to, IPv6Address):
+    if isinstance(leads_to, ipaddress.IPv6Address):
         is_unicast = leads_to in GLOBAL_UNICAST and leads_to not in SIX_TO_FOUR
         return is_unicast and leads_to.is_global
     return leads_to.is_global and not (leads_to.is_multicast or leads_to.is_reserved)
@@ -125,11 +118,11 @@ def is_web_port(port: int) -> bool:
 
 def _find_destination(address: IpAddress) -> IpAddress:
     """Return the IPv4 address that an IPv6 address stands for, or the address itself."""
-    if isinstance(address, IPv6Address):
+    if isinstance(address, ipaddress.IPv6Address):
         if address.ipv4_mapped is not None:
             return address.ipv4_mapped
         if address in NAT64:
-            return IPv4Address(int(address) & 0xFFFF_FFFF)
+            return ipaddress.IPv4Address(int(address) & 0xFFFF_FFFF)
     return address
 
 
@@ -149,7 +142,7 @@ async def resolve_host(host: str, port: int, allowed: Sequence[IpNetwork]) -> st
     except (OSError, UnicodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not a valid name"
         raise AddressRefused(f"The host name cannot be resolved: {reason}.") from None
-    addresses = [ip_address(where[0]) for *_, where in found]
+    addresses = [ipaddress.ip_address(where[0]) for *_, where in found]
     for address in addresses:
         if is_allowed(address, allowed) or (is_public(address) and is_web_port(port)):
             return str(address)

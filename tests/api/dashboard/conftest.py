@@ -71,7 +71,7 @@ def look(http, text_of):
 def check_page(without_plugins, http, golden, monkeypatch):
     """Compares the page at an address, or the part of it that has an id, with a golden file."""
     # Whether a page waits for its later part is a matter of milliseconds.
-    monkeypatch.setattr(campaign_page, "is_prefetched", lambda begun: False)
+    monkeypatch.setattr(campaign_page.costs, "is_prefetched", lambda begun: False)
 
     def check(name, address, part=None, status=200):
         response = http.get(address, headers=HTML)

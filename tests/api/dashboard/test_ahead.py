@@ -48,7 +48,7 @@ def test_a_later_part_that_is_known_already_is_in_the_page(
 ) -> None:
     campaign = running(store)
     deliver(store, campaign, collision(0))
-    monkeypatch.setattr(campaign_page, "is_prefetched", lambda begun: is_done)
+    monkeypatch.setattr(campaign_page.costs, "is_prefetched", lambda begun: is_done)
     text = http.get(f"/campaigns/{campaign.id}", headers=HTML).text
     assert re.findall(r'id="measures" data-later="(\w+)"', text) == [state]
     assert ('id="measures-basis"' in text) == is_done

@@ -36,7 +36,7 @@ def database(tmp_path):
 def browse(database, monkeypatch):
     """An application over it, anew each time: nothing is remembered."""
     # Whether a page waits for its later part is a matter of milliseconds, and of more questions.
-    monkeypatch.setattr(campaign_page, "is_prefetched", lambda begun: False)
+    monkeypatch.setattr(campaign_page.costs, "is_prefetched", lambda begun: False)
 
     def client():
         app = create_app(database, ApiSettings())

@@ -122,7 +122,7 @@ def test_a_part_that_is_never_ready_is_given_up(stand_ins, plan, monkeypatch):
 
 @pytest.mark.fault("part of a service that cannot start, or dies")
 def test_a_part_that_ignores_the_signal_is_killed(stand_ins, plan, monkeypatch):
-    monkeypatch.setattr(local_service.stop_parts, "__defaults__", (0.3,))
+    monkeypatch.setattr(local_service.processes.stop_parts, "__defaults__", (0.3,))
     stand_ins["services"] = (
         "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN)\n" + stand_ins["services"]
     )

@@ -137,7 +137,7 @@ def test_version_that_is_not_analysed_is_named_beside_its_successor(store):
 def test_table_notes_campaigns_beyond_the_newest_that_are_read(store, monkeypatch):
     for place in range(3):
         newest = release(store, f"v{place}", {"late": 6}, seed=place)
-    monkeypatch.setattr(releases, "MOST_CAMPAIGNS", 2)
+    monkeypatch.setattr(releases.release_reading, "MOST_CAMPAIGNS", 2)
     table = make_release_table(store, newest.id)
     assert [each.version for each in table.releases] == ["v1", "v2"]
     assert table.notes[-1] == (

@@ -9,8 +9,10 @@ from eigenfail_services.store import open_store
 
 def test_a_table_is_worked_out_anew_when_results_come_in_alone(monkeypatch) -> None:
     store, made = open_store("memory://"), []
-    work_out = summary.make_safety
-    monkeypatch.setattr(summary, "make_safety", lambda *given: made.append(1) or work_out(*given))
+    work_out = summary.campaign_figures.make_safety
+    monkeypatch.setattr(
+        summary.campaign_figures, "make_safety", lambda *given: made.append(1) or work_out(*given)
+    )
     campaign = running(store, episodes=20)
     deliver(store, campaign, collision(0))
 

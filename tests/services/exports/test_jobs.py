@@ -50,13 +50,13 @@ def at_rest():
 @pytest.fixture
 def gate(monkeypatch):
     """What every file waits for before it is written."""
-    opened, write = threading.Event(), export_jobs.write_parquet
+    opened, write = threading.Event(), export_jobs.export_formats.write_parquet
 
     def wait(*given, **named):
         opened.wait()
         write(*given, **named)
 
-    monkeypatch.setattr(export_jobs, "write_parquet", wait)
+    monkeypatch.setattr(export_jobs.export_formats, "write_parquet", wait)
     yield opened
     opened.set()
     at_rest()
@@ -87,13 +87,16 @@ def test_a_file_that_becomes_whole_while_it_is_asked_for_is_not_made_twice(
 
 def test_two_services_that_make_one_file_both_make_it_whole(make, folder, monkeypatch):
     made, ask = make
-    written, write = threading.Barrier(2, timeout=WITHIN_S), export_jobs.write_parquet
+    written, write = (
+        threading.Barrier(2, timeout=WITHIN_S),
+        export_jobs.export_formats.write_parquet,
+    )
 
     def write_together(*given, **named):
         write(*given, **named)
         written.wait()
 
-    monkeypatch.setattr(export_jobs, "write_parquet", write_together)
+    monkeypatch.setattr(export_jobs.export_formats, "write_parquet", write_together)
     export = ask()
     other = ExportJobs(made._store, folder)
     assert other.get(export).state == "running"

@@ -146,7 +146,7 @@ def stage(tmp_path, monkeypatch) -> Iterator:
         links.append(HereLink())
         return links[-1]
 
-    monkeypatch.setattr(runs, "LearnerLink", link)
+    monkeypatch.setattr(runs.learner_link, "LearnerLink", link)
     with closing(open_store(f"sqlite:///{tmp_path / 'a.db'}")) as store:
         yield lambda spec: Stage(store, spec, links)
 

@@ -64,7 +64,7 @@ class Stage:
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self._patch = monkeypatch
         self.links: list[PlayedLink] = []
-        monkeypatch.setattr(runs, "LearnerLink", self._link)
+        monkeypatch.setattr(runs.learner_link, "LearnerLink", self._link)
         self.store = open_store("memory://")
         self.campaign = self.store.campaigns.create(SPEC).id
         self.leases = Leases()

@@ -8,6 +8,7 @@ from time import perf_counter
 import msgspec
 from msgspec.structs import replace
 
+from eigenfail import values
 from eigenfail.bridges import Plain, check_address, find_scenario
 from eigenfail.cli.plugin_checks import SKIPPED, CheckResult, CheckVerdict
 from eigenfail.errors import EigenfailError, EpisodeError, SimulatorError, suggest_name
@@ -23,14 +24,6 @@ from eigenfail.testing.simulation import (
     starts_at_step_zero,
     wave,
 )
-from eigenfail.values import (
-    POSITION,
-    CampaignSpec,
-    EpisodeTask,
-    Observation,
-    PriorSource,
-    episode_seed,
-)
 from eigenfail.values.channels import (
     ALL_CHANNELS,
     EVENT,
@@ -42,26 +35,9 @@ from eigenfail.values.channels import (
     split_name,
 )
 from eigenfail.values.shapes import Row
+from eigenfail_workers.bridge import episode, messages
 from eigenfail_workers.bridge.connection import BridgeTimeouts, Connection, SharedConnection
 from eigenfail_workers.bridge.engine import BridgeEngine
-from eigenfail_workers.bridge.episode import (
-    ObservationReader,
-    list_injected,
-    make_step,
-)
-from eigenfail_workers.bridge.messages import (
-    CHANNEL_PROTOCOL,
-    BridgePlanner,
-    BridgeScenario,
-    BridgeWelcome,
-    InjectedChannel,
-    ResetRequest,
-    SlotObservation,
-    SlotStart,
-    SlotStep,
-    StepRequest,
-    match_answer,
-)
 from eigenfail_workers.measures.encounters import end_at_contact
 from eigenfail_workers.perception import SensorErrors
 
@@ -71,7 +47,7 @@ EPISODE = "runs an episode of the campaign"
 MAX_BESIDE = 7
 """Most episodes that the checks run side by side: more slots would only take longer."""
 
-Check = Callable[[Connection, SlotStart], None]
+Check = Callable[[Connection, messages.SlotStart], None]
 
 
 class BridgeSimulation:
@@ -85,7 +61,10 @@ class BridgeSimulation:
     """
 
     def __init__(
-        self, connection: Connection, start: SlotStart, channels: tuple[Channel, ...] | None = None
+        self,
+        connection: Connection,
+        start: messages.SlotStart,
+        channels: tuple[Channel, ...] | None = None,
     ) -> None:
         self._connection = connection
         self._start = start
@@ -94,21 +73,21 @@ class BridgeSimulation:
         channels = self._channels
         self.dt_s = find_scenario(connection.welcome.offer, start.scenario).dt_s
         self.steps = start.steps
-        self._reader = ObservationReader(channels, self.dt_s)
-        self._now: Observation | None = None
+        self._reader = episode.ObservationReader(channels, self.dt_s)
+        self._now: values.Observation | None = None
         self._closed = False
 
-    def reset(self, seed: int) -> Observation:
+    def reset(self, seed: int) -> values.Observation:
         """Begin an episode; see `Simulation.reset`."""
         if self._closed:
             raise SimulatorError("The simulation is closed.", "Open another one.")
         self._now = None
         (seen,) = _reset(self._connection, replace(self._start, seed=seed), channels=self._channels)
-        self._reader = ObservationReader(self._channels, self.dt_s)
+        self._reader = episode.ObservationReader(self._channels, self.dt_s)
         self._now = self._reader.read(seen, ())
         return self._now
 
-    def step(self, disturbance: Row) -> Observation:
+    def step(self, disturbance: Row) -> values.Observation:
         """Disturb each channel and step; see `Simulation.step`."""
         now = self._now
         if now is None or now.ended or self._closed:
@@ -117,7 +96,9 @@ class BridgeSimulation:
         welcome, slot = self._connection.welcome, self._start.slot
         if self._is_position:
             disturbance = select_offered(welcome, disturbance)
-        (seen,) = _step(self._connection, make_step(welcome, slot, self._channels, disturbance))
+        (seen,) = _step(
+            self._connection, episode.make_step(welcome, slot, self._channels, disturbance)
+        )
         self._now = self._reader.read(seen, disturbance)
         return self._now
 
@@ -127,60 +108,66 @@ class BridgeSimulation:
         self._now = None
 
 
-def list_position(welcome: BridgeWelcome) -> tuple[Channel, ...]:
+def list_position(welcome: messages.BridgeWelcome) -> tuple[Channel, ...]:
     """Return the channels of the position of the nearest vehicle that a bridge offers."""
-    return tuple(channel for channel in POSITION if channel.name in welcome.offered_channels)
+    return tuple(channel for channel in values.POSITION if channel.name in welcome.offered_channels)
 
 
-def select_offered(welcome: BridgeWelcome, disturbance: Row) -> Row:
+def select_offered(welcome: messages.BridgeWelcome, disturbance: Row) -> Row:
     """Return the components of a disturbance of the position that a bridge offers."""
     offered = welcome.offered_channels
-    pairs = zip(POSITION, disturbance, strict=True)
+    pairs = zip(values.POSITION, disturbance, strict=True)
     return tuple(each for channel, each in pairs if channel.name in offered)
 
 
 def _reset(
-    connection: Connection, *starts: SlotStart, channels: tuple[Channel, ...] | None = None
-) -> tuple[SlotObservation, ...]:
+    connection: Connection, *starts: messages.SlotStart, channels: tuple[Channel, ...] | None = None
+) -> tuple[messages.SlotObservation, ...]:
     """Reset slots, in the version of the protocol that was agreed on."""
     welcome = connection.welcome
     channels = list_position(welcome) if channels is None else channels
     if welcome.wants_text_seeds:
         starts = tuple(replace(start, seed=str(start.seed)) for start in starts)
-    if welcome.protocol >= CHANNEL_PROTOCOL:
-        injected = list_injected(channels)
+    if welcome.protocol >= messages.CHANNEL_PROTOCOL:
+        injected = episode.list_injected(channels)
         starts = tuple(replace(start, channels=injected) for start in starts)
-    return _request(connection, ResetRequest(connection.session, connection.next_id(), starts))
+    return _request(
+        connection, messages.ResetRequest(connection.session, connection.next_id(), starts)
+    )
 
 
-def _step(connection: Connection, *steps: SlotStep) -> tuple[SlotObservation, ...]:
-    return _request(connection, StepRequest(connection.session, connection.next_id(), steps))
+def _step(
+    connection: Connection, *steps: messages.SlotStep
+) -> tuple[messages.SlotObservation, ...]:
+    return _request(
+        connection, messages.StepRequest(connection.session, connection.next_id(), steps)
+    )
 
 
 def _request(
-    connection: Connection, request: ResetRequest | StepRequest
-) -> tuple[SlotObservation, ...]:
+    connection: Connection, request: messages.ResetRequest | messages.StepRequest
+) -> tuple[messages.SlotObservation, ...]:
     """Send a request while none is pending, and return the observations of its answer."""
     connection.send(request)
     answer = connection.receive(connection.timeouts.answer_s)
-    return match_answer(answer, request.id, len(request.slots))
+    return messages.match_answer(answer, request.id, len(request.slots))
 
 
 def _adapt(check: Callable[..., None]) -> Check:
     """Return a check of bridges from a check of simulations that needs no planner."""
 
-    def run(connection: Connection, start: SlotStart) -> None:
+    def run(connection: Connection, start: messages.SlotStart) -> None:
         check(lambda _planner: BridgeSimulation(connection, start))
 
     run.__name__, run.__doc__ = check.__name__, check.__doc__
     return run
 
 
-def reports_each_collision(connection: Connection, start: SlotStart) -> None:
+def reports_each_collision(connection: Connection, start: messages.SlotStart) -> None:
     """Collisions are reported when footprints meet, within a step too, and only then."""
     with closing(BridgeSimulation(connection, start)) as simulation:
         seen = course(simulation)
-        before: Observation | None = None
+        before: values.Observation | None = None
         for now in seen:
             shown = end_at_contact(before, now, simulation.dt_s)
             said = (
@@ -191,13 +178,13 @@ def reports_each_collision(connection: Connection, start: SlotStart) -> None:
             before = now
 
 
-def disturbs_the_nearest(connection: Connection, start: SlotStart) -> None:
+def disturbs_the_nearest(connection: Connection, start: messages.SlotStart) -> None:
     """A disturbance moves the nearest vehicle as the planner perceives it."""
-    if len(list_position(connection.welcome)) < len(POSITION):
+    if len(list_position(connection.welcome)) < len(values.POSITION):
         return  # `disturbs_each_channel` tries what the bridge offers in their place.
     with closing(BridgeSimulation(connection, start)) as simulation:
         disturbed, undisturbed = course(simulation, wave), course(simulation, calm)
-    errors = SensorErrors(POSITION)
+    errors = SensorErrors(values.POSITION)
     for before, after in pairwise(disturbed):
         due = errors.perceive(before, simulation.dt_s, wave(after.step))[1]
         said = f"Step {after.step} reports {after.perceived} as the perceived position, not {due}."
@@ -206,7 +193,7 @@ def disturbs_the_nearest(connection: Connection, start: SlotStart) -> None:
     expect(moved, "Disturbances of metres change nothing: the planner is not shown them.")
 
 
-def keeps_slots_apart(connection: Connection, start: SlotStart) -> None:
+def keeps_slots_apart(connection: Connection, start: messages.SlotStart) -> None:
     """Episodes side by side in one request equal the same episodes alone, bit for bit."""
     beside = min(connection.welcome.slots, MAX_BESIDE)
     seeds = [SEED + slot for slot in range(beside)]
@@ -217,28 +204,28 @@ def keeps_slots_apart(connection: Connection, start: SlotStart) -> None:
 
 
 def _run_side_by_side(
-    connection: Connection, start: SlotStart, seeds: list[int]
-) -> list[list[Observation]]:
+    connection: Connection, start: messages.SlotStart, seeds: list[int]
+) -> list[list[values.Observation]]:
     """Run an episode for each seed in a separate slot, with all steps in one request."""
     starts = (replace(start, slot=slot, seed=seed) for slot, seed in enumerate(seeds))
     welcome = connection.welcome
     dt_s = find_scenario(welcome.offer, start.scenario).dt_s
     channels = list_position(welcome)
-    readers = [ObservationReader(channels, dt_s) for _ in seeds]
+    readers = [episode.ObservationReader(channels, dt_s) for _ in seeds]
     shown = zip(readers, _reset(connection, *starts), strict=True)
     courses = [[reader.read(seen, ())] for reader, seen in shown]
     while running := [slot for slot, course in enumerate(courses) if not course[-1].ended]:
         waves = {slot: select_offered(welcome, wave(len(courses[slot]))) for slot in running}
-        steps = (make_step(welcome, slot, channels, waves[slot]) for slot in running)
+        steps = (episode.make_step(welcome, slot, channels, waves[slot]) for slot in running)
         for slot, seen in zip(running, _step(connection, *steps), strict=True):
             courses[slot].append(readers[slot].read(seen, waves[slot]))
     return courses
 
 
-def refuses_what_is_over(connection: Connection, start: SlotStart) -> None:
+def refuses_what_is_over(connection: Connection, start: messages.SlotStart) -> None:
     """A step before a reset or after the end is answered with a fault."""
     channels = list_position(connection.welcome)
-    step = make_step(connection.welcome, start.slot, channels, (0.0,) * len(channels))
+    step = episode.make_step(connection.welcome, start.slot, channels, (0.0,) * len(channels))
     (seen,) = _step(connection, step)
     expect(seen.fault is not None, "A step before any reset must be answered with a fault.")
     with closing(BridgeSimulation(connection, start)) as simulation:
@@ -247,7 +234,7 @@ def refuses_what_is_over(connection: Connection, start: SlotStart) -> None:
     expect(seen.fault is not None, "A step after the end must be answered with a fault.")
 
 
-def refuses_unknown_names(connection: Connection, start: SlotStart) -> None:
+def refuses_unknown_names(connection: Connection, start: messages.SlotStart) -> None:
     """An unknown scenario is a fault of the input, and the next episode begins as usual."""
     unknown = replace(start, scenario="no such scenario", parameters={}, settings={})
     (seen,) = _reset(connection, unknown)
@@ -257,7 +244,7 @@ def refuses_unknown_names(connection: Connection, start: SlotStart) -> None:
         simulation.reset(SEED)
 
 
-def offers_known_channels(connection: Connection, _start: SlotStart) -> None:
+def offers_known_channels(connection: Connection, _start: messages.SlotStart) -> None:
     """Each channel that the bridge offers is one that campaigns can name."""
     for name in sorted(connection.welcome.offered_channels):
         numbered, quantity = split_name(name).vehicle is not None, split_name(name).quantity
@@ -265,7 +252,7 @@ def offers_known_channels(connection: Connection, _start: SlotStart) -> None:
         expect(known, f"'{name}' is no channel. {suggest_name(name, ALL_CHANNELS)}")
 
 
-def disturbs_each_channel(connection: Connection, start: SlotStart) -> None:
+def disturbs_each_channel(connection: Connection, start: messages.SlotStart) -> None:
     """With each channel that the bridge offers disturbed, episodes end, and repeat themselves."""
     for name in sorted(connection.welcome.offered_channels):
         target, quantity = split_name(name)
@@ -286,11 +273,11 @@ def _make_wave(channel: Channel) -> Callable[[int], Row]:
     return lambda step: (amplitude * wave(step)[0],)
 
 
-def refuses_unknown_channels(connection: Connection, start: SlotStart) -> None:
+def refuses_unknown_channels(connection: Connection, start: messages.SlotStart) -> None:
     """An unknown channel is a fault of its slot, and the next episode begins as usual."""
-    if connection.welcome.protocol >= CHANNEL_PROTOCOL:
-        unknown = replace(start, channels=(InjectedChannel("no such channel"),))
-        request = ResetRequest(connection.session, connection.next_id(), (unknown,))
+    if connection.welcome.protocol >= messages.CHANNEL_PROTOCOL:
+        unknown = replace(start, channels=(messages.InjectedChannel("no such channel"),))
+        request = messages.ResetRequest(connection.session, connection.next_id(), (unknown,))
         (seen,) = _request(connection, request)
         expect(seen.fault is not None, "A channel that it does not offer must be a fault.")
     with closing(BridgeSimulation(connection, start)) as simulation:
@@ -356,7 +343,7 @@ class BridgePace(msgspec.Struct, frozen=True):
         return CheckVerdict.PASSED, str(self)
 
 
-def measure_pace(connection: Connection, start: SlotStart) -> BridgePace:
+def measure_pace(connection: Connection, start: messages.SlotStart) -> BridgePace:
     """Measure the wall time of a step, after a first episode in which the bridge loads its parts.
 
     Raises:
@@ -370,13 +357,13 @@ def measure_pace(connection: Connection, start: SlotStart) -> BridgePace:
     return BridgePace(dt_s, alone_s, together_s, beside)
 
 
-def _measure_step_s(connection: Connection, start: SlotStart, beside: int) -> float:
+def _measure_step_s(connection: Connection, start: messages.SlotStart, beside: int) -> float:
     began_s = perf_counter()
     courses = _run_side_by_side(connection, start, [SEED] * beside)
     return (perf_counter() - began_s) / max(1, *(len(course) - 1 for course in courses))
 
 
-def check_bridge(address: str, campaign: CampaignSpec | None = None) -> list[CheckResult]:
+def check_bridge(address: str, campaign: values.CampaignSpec | None = None) -> list[CheckResult]:
     """Run all checks with the first scenario and planner that the bridge offers.
 
     Every other scenario and planner must run one episode to its end. Of a campaign, one episode is
@@ -399,9 +386,9 @@ def check_bridge(address: str, campaign: CampaignSpec | None = None) -> list[Che
     return [*_describe(address, welcome), *_run_checks(address, welcome)]
 
 
-def _check_campaign(address: str, campaign: CampaignSpec) -> CheckResult:
+def _check_campaign(address: str, campaign: values.CampaignSpec) -> CheckResult:
     """Run the first episode of a campaign under ordinary noise."""
-    task = EpisodeTask(0, episode_seed(campaign.seed, 0), PriorSource())
+    task = values.EpisodeTask(0, values.episode_seed(campaign.seed, 0), values.PriorSource())
     with closing(SharedConnection(address)) as connection:
         result = next(BridgeEngine(campaign.setup(), connection).run([task]))
     what = f"{campaign.scenario}, {campaign.planner}"
@@ -411,7 +398,7 @@ def _check_campaign(address: str, campaign: CampaignSpec) -> CheckResult:
     return CheckResult(what, EPISODE, CheckVerdict.PASSED, said)
 
 
-def _describe(address: str, welcome: BridgeWelcome) -> Iterator[CheckResult]:
+def _describe(address: str, welcome: messages.BridgeWelcome) -> Iterator[CheckResult]:
     """Yield what a bridge offers, with the defaults of parameters and settings."""
     named = f"{welcome.name} {welcome.version}, protocol {welcome.protocol}"
     said = f"{named}: up to {welcome.slots} episodes side by side."
@@ -422,7 +409,7 @@ def _describe(address: str, welcome: BridgeWelcome) -> Iterator[CheckResult]:
     for planner in welcome.planners:
         defaults = _format_defaults(planner.settings or {})
         yield CheckResult(planner.name, "planner", CheckVerdict.PASSED, defaults)
-    if welcome.protocol >= CHANNEL_PROTOCOL:
+    if welcome.protocol >= messages.CHANNEL_PROTOCOL:
         for what, names in (
             ("channels", welcome.offered_channels),
             ("signals", welcome.offered_signals),
@@ -435,7 +422,7 @@ def _format_defaults(defaults: Mapping[str, Plain]) -> str:
     return ", ".join(f"{name} = {value}" for name, value in defaults.items())
 
 
-def _run_checks(address: str, welcome: BridgeWelcome) -> Iterator[CheckResult]:
+def _run_checks(address: str, welcome: messages.BridgeWelcome) -> Iterator[CheckResult]:
     """Yield the pace and each check; once the bridge has stopped answering, skip the rest."""
     rest = iter(_plan_checks(welcome))
     pace = _check_pace(address, _make_start(welcome.scenarios[0], welcome.planners[0]))
@@ -449,10 +436,10 @@ def _run_checks(address: str, welcome: BridgeWelcome) -> Iterator[CheckResult]:
     yield from _skip(rest)
 
 
-def _plan_checks(welcome: BridgeWelcome) -> Iterator[tuple[SlotStart, Check]]:
+def _plan_checks(welcome: messages.BridgeWelcome) -> Iterator[tuple[messages.SlotStart, Check]]:
     scenario, *scenarios = welcome.scenarios
     planner, *planners = welcome.planners
-    by_channel = welcome.protocol >= CHANNEL_PROTOCOL
+    by_channel = welcome.protocol >= messages.CHANNEL_PROTOCOL
     for check in (*CHECKS, *(CHANNEL_CHECKS if by_channel else ())):
         yield _make_start(scenario, planner), check
     for each in scenarios:
@@ -461,11 +448,13 @@ def _plan_checks(welcome: BridgeWelcome) -> Iterator[tuple[SlotStart, Check]]:
         yield _make_start(scenario, other), counts_each_step
 
 
-def _make_start(scenario: BridgeScenario, planner: BridgePlanner) -> SlotStart:
-    return SlotStart(0, SEED, scenario.name, {}, planner.name, {}, scenario.steps)
+def _make_start(
+    scenario: messages.BridgeScenario, planner: messages.BridgePlanner
+) -> messages.SlotStart:
+    return messages.SlotStart(0, SEED, scenario.name, {}, planner.name, {}, scenario.steps)
 
 
-def _check_pace(address: str, start: SlotStart) -> CheckResult:
+def _check_pace(address: str, start: messages.SlotStart) -> CheckResult:
     try:
         with closing(Connection(address)) as connection:
             pace = measure_pace(connection, start)
@@ -475,7 +464,7 @@ def _check_pace(address: str, start: SlotStart) -> CheckResult:
     return CheckResult(f"{start.scenario}, {start.planner}", PACE, verdict, said)
 
 
-def _run_check(address: str, start: SlotStart, check: Check) -> CheckResult:
+def _run_check(address: str, start: messages.SlotStart, check: Check) -> CheckResult:
     verdict, said = CheckVerdict.PASSED, (check.__doc__ or "").partition("\n")[0]
     try:
         with closing(Connection(address)) as connection:
@@ -493,7 +482,7 @@ def _is_reachable(address: str) -> bool:
     return True
 
 
-def _skip(rest: Iterable[tuple[SlotStart, Check]]) -> Iterator[CheckResult]:
+def _skip(rest: Iterable[tuple[messages.SlotStart, Check]]) -> Iterator[CheckResult]:
     for start, check in rest:
         what = f"{start.scenario}, {start.planner}"
         yield CheckResult(what, _name(check), CheckVerdict.SKIPPED, SKIPPED)

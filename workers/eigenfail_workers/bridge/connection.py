@@ -14,25 +14,7 @@ from zmq.utils.monitor import recv_monitor_message
 
 from eigenfail.bridges import ADDRESS_OPTION, ADDRESS_VARIABLE, EPISODE_OPTION, check_address
 from eigenfail.errors import BridgeLost, EpisodeError, InvalidValue, SimulatorError
-from eigenfail_workers.bridge.messages import (
-    MAX_MESSAGE_BYTES,
-    PROTOCOL,
-    PROTOCOLS,
-    Answer,
-    BridgeError,
-    BridgeHello,
-    BridgeMessage,
-    BridgeRefusal,
-    BridgeWelcome,
-    Closed,
-    CloseRequest,
-    Observations,
-    encode,
-    make_error,
-    read_answer,
-    read_hello_answer,
-    sanitize,
-)
+from eigenfail_workers.bridge import messages
 from eigenfail_workers.limits import read_episode_limit
 
 HELLO_S = 10.0
@@ -117,7 +99,7 @@ class Connection:
         self._last_id = 0
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self._socket.setsockopt(zmq.LINGER, LINGER_MS)
-        self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_MESSAGE_BYTES)
+        self._socket.setsockopt(zmq.MAXMSGSIZE, messages.MAX_MESSAGE_BYTES)
         self._socket.setsockopt(zmq.IPV6, int("[" in address))
         self._monitor: zmq.Socket[bytes] = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         self._poller = zmq.Poller()
@@ -129,7 +111,7 @@ class Connection:
             self._disconnect()
             raise
 
-    def _open_session(self, left_s: float) -> BridgeWelcome:
+    def _open_session(self, left_s: float) -> messages.BridgeWelcome:
         try:
             self._socket.connect(self.address)
         except zmq.ZMQError as error:
@@ -137,27 +119,27 @@ class Connection:
         until_s = time.monotonic() + left_s
         for pause_s in _iterate_pauses():
             answer = self._say_hello(until_s - time.monotonic())
-            if not (isinstance(answer, BridgeRefusal) and answer.full):
+            if not (isinstance(answer, messages.BridgeRefusal) and answer.full):
                 break
             if time.monotonic() + pause_s > until_s:
-                raise self._make_loss(f"has no room: {sanitize(answer.reason)}")
+                raise self._make_loss(f"has no room: {messages.sanitize(answer.reason)}")
             time.sleep(pause_s)
-        if isinstance(answer, BridgeRefusal):
-            raise self._make_error(f"refuses: {sanitize(answer.reason)}")
-        if not isinstance(answer, BridgeWelcome):
+        if isinstance(answer, messages.BridgeRefusal):
+            raise self._make_error(f"refuses: {messages.sanitize(answer.reason)}")
+        if not isinstance(answer, messages.BridgeWelcome):
             raise self._make_error(f"answered a hello with {answer.__struct_config__.tag}")
-        if answer.protocol not in PROTOCOLS:
-            known = " or ".join(map(str, PROTOCOLS))
+        if answer.protocol not in messages.PROTOCOLS:
+            known = " or ".join(map(str, messages.PROTOCOLS))
             raise self._make_error(f"speaks protocol {answer.protocol}, and not {known}")
         return answer
 
-    def _say_hello(self, left_s: float) -> Answer:
+    def _say_hello(self, left_s: float) -> messages.Answer:
         within_s = max(0.0, min(self.timeouts.hello_s, left_s))
-        self.send(BridgeHello(PROTOCOL, self.session, PROTOCOLS))
+        self.send(messages.BridgeHello(messages.PROTOCOL, self.session, messages.PROTOCOLS))
         data = self._receive(within_s)
         if data is None:
             raise self._make_loss(f"did not answer within {within_s:.3g} s")
-        return read_hello_answer(data)
+        return messages.read_hello_answer(data)
 
     @property
     def is_alive(self) -> bool:
@@ -169,18 +151,18 @@ class Connection:
         self._last_id += 1
         return self._last_id
 
-    def send(self, request: BridgeMessage) -> None:
+    def send(self, request: messages.BridgeMessage) -> None:
         """Send a request; several may be pending.
 
         Raises:
             BridgeLost: the request cannot be sent.
         """
         try:
-            self._socket.send_multipart((DELIMITER, encode(request)), zmq.NOBLOCK)
+            self._socket.send_multipart((DELIMITER, messages.encode(request)), zmq.NOBLOCK)
         except zmq.ZMQError as error:
             raise self._make_loss(f"takes no message: {error}") from None
 
-    def receive(self, within_s: float) -> Observations | Closed:
+    def receive(self, within_s: float) -> messages.Observations | messages.Closed:
         """Return the next answer.
 
         Args:
@@ -198,12 +180,14 @@ class Connection:
         if data is None:
             problem = f"The bridge at {self.address} did not answer within {answer_s:g} s."
             raise SimulatorError(problem, self.timeouts.remedy)
-        answer = read_answer(data, self.welcome.protocol)
-        if isinstance(answer, BridgeError):
+        answer = messages.read_answer(data, self.welcome.protocol)
+        if isinstance(answer, messages.BridgeError):
             if answer.lost:
-                raise self._make_loss(f"knows nothing of this session: {sanitize(answer.message)}")
-            raise make_error(answer.fault, answer.message)
-        if not isinstance(answer, (Observations, Closed)):
+                raise self._make_loss(
+                    f"knows nothing of this session: {messages.sanitize(answer.message)}"
+                )
+            raise messages.make_error(answer.fault, answer.message)
+        if not isinstance(answer, (messages.Observations, messages.Closed)):
             tag = answer.__struct_config__.tag
             raise self._make_error(f"said {tag} in the middle of episodes")
         return answer
@@ -237,7 +221,7 @@ class Connection:
         """End the session without waiting for an answer, and disconnect."""
         if not self._socket.closed:
             try:
-                self.send(CloseRequest(self.session, self.next_id()))
+                self.send(messages.CloseRequest(self.session, self.next_id()))
             finally:
                 self._disconnect()
 

@@ -10,19 +10,13 @@ from eigenfail.errors import BridgeLost, EpisodeError, InputError, UnknownName
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy, unrunnable
 from eigenfail.worlds import resolve_disturbance
 from eigenfail_workers.accounts import RecordedStep
+from eigenfail_workers.bridge import messages
 from eigenfail_workers.bridge.connection import (
     Connection,
     SharedConnection,
     connect_from_environment,
 )
 from eigenfail_workers.bridge.episode import BridgeCampaign, BridgeEpisode
-from eigenfail_workers.bridge.messages import (
-    Closed,
-    Observations,
-    ResetRequest,
-    StepRequest,
-    match_answer,
-)
 from eigenfail_workers.faults import make_fault
 from eigenfail_workers.noise.campaign_noise import CampaignNoise
 
@@ -131,16 +125,18 @@ class SlotTable:
         begun = tuple(slot for slot, episode in group.items() if episode.has_begun)
         if new:
             starts = tuple([group[slot].make_start(slot) for slot in new])
-            reset = ResetRequest(connection.session, connection.next_id(), starts)
+            reset = messages.ResetRequest(connection.session, connection.next_id(), starts)
             connection.send(reset)
             self._pending[reset.id] = PendingRequest(group, new)
         if begun:
             steps = tuple([group[slot].make_step(slot) for slot in begun])
-            step = StepRequest(connection.session, connection.next_id(), steps)
+            step = messages.StepRequest(connection.session, connection.next_id(), steps)
             connection.send(step)
             self._pending[step.id] = PendingRequest(group, begun)
 
-    def process(self, answer: Observations | Closed, connection: Connection) -> list[EpisodeResult]:
+    def process(
+        self, answer: messages.Observations | messages.Closed, connection: Connection
+    ) -> list[EpisodeResult]:
         """Advance the episodes of an answer, and return the results of those that have ended.
 
         Raises:
@@ -148,7 +144,7 @@ class SlotTable:
         """
         request = self._pending.pop(answer.id, None)
         group, slots = request or ({}, ())
-        observations = match_answer(answer, answer.id if request else None, len(slots))
+        observations = messages.match_answer(answer, answer.id if request else None, len(slots))
         beside, results = len(self), list[EpisodeResult]()
         for slot, seen in zip(slots, observations, strict=True):
             result = group[slot].advance(seen, beside, connection)

@@ -9,14 +9,7 @@ import numpy as np
 from msgspec import UNSET, UnsetType
 from msgspec.structs import replace
 
-from eigenfail.bridges import (
-    EpisodeDemand,
-    Plain,
-    check_channels,
-    check_demand,
-    check_signals,
-    select_bridge_parameters,
-)
+from eigenfail import bridges
 from eigenfail.errors import EpisodeError, InputError, InvalidValue, SimulatorError
 from eigenfail.values import (
     AXES,
@@ -38,18 +31,8 @@ from eigenfail.values.requirements import EpisodeJudge
 from eigenfail.values.scene import UNKNOWN_KIND, VEHICLE_KINDS
 from eigenfail.values.shapes import Row
 from eigenfail_workers.accounts import RecordedStep, read_account, thin_path
+from eigenfail_workers.bridge import messages
 from eigenfail_workers.bridge.connection import Connection
-from eigenfail_workers.bridge.messages import (
-    CHANNEL_PROTOCOL,
-    MAX_VEHICLES,
-    BridgeWelcome,
-    DetailedObservation,
-    InjectedChannel,
-    SlotObservation,
-    SlotStart,
-    SlotStep,
-    make_error,
-)
 from eigenfail_workers.episode import EpisodeDriver, make_errored_result, make_result
 from eigenfail_workers.faults import make_fault, wrap_errors
 from eigenfail_workers.measures.recorder import Recorder
@@ -72,7 +55,7 @@ class BridgeCampaign(NamedTuple):
     """
 
     setup: EpisodeSetup
-    settings: dict[str, Plain]
+    settings: dict[str, bridges.Plain]
     model: DisturbanceModel
     noise: CampaignNoise
     judge: EpisodeJudge | None
@@ -103,19 +86,19 @@ class BridgeEpisode:
         campaign: BridgeCampaign,
         task: EpisodeTask,
         parameters: msgspec.Struct,
-        welcome: BridgeWelcome,
+        welcome: messages.BridgeWelcome,
     ) -> None:
         self.task = task
         self._campaign = campaign
         self._welcome = welcome
-        self._parameters = select_bridge_parameters(parameters)
+        self._parameters = bridges.select_bridge_parameters(parameters)
         named = msgspec.structs.asdict(parameters)
         self._steps, self._dt_s = int(named["steps"]), float(named["dt_s"])
         offer = welcome.offer
-        check_demand(offer, self._make_demand())
-        check_channels(offer, [channel.name for channel in campaign.noise.perceived])
+        bridges.check_demand(offer, self._make_demand())
+        bridges.check_channels(offer, [channel.name for channel in campaign.noise.perceived])
         if campaign.judge is not None:
-            check_signals(offer, campaign.judge.signals)
+            bridges.check_signals(offer, campaign.judge.signals)
         self._wall_s, self._measured_s = 0.0, perf_counter()
         model = campaign.model
         self._recorder = Recorder(model, task.importance, campaign.judge)
@@ -131,9 +114,9 @@ class BridgeEpisode:
         """Whether the bridge has reported the start of the episode."""
         return self._reader.has_begun
 
-    def _make_demand(self) -> EpisodeDemand:
+    def _make_demand(self) -> bridges.EpisodeDemand:
         setup = self._campaign.setup
-        return EpisodeDemand(
+        return bridges.EpisodeDemand(
             setup.scenario,
             setup.planner,
             self._parameters,
@@ -142,10 +125,10 @@ class BridgeEpisode:
             self._dt_s,
         )
 
-    def make_start(self, slot: int) -> SlotStart:
+    def make_start(self, slot: int) -> messages.SlotStart:
         """Return what a reset asks for in a slot."""
         setup, seed = self._campaign.setup, self.task.seed
-        start = SlotStart(
+        start = messages.SlotStart(
             slot,
             str(seed) if self._welcome.wants_text_seeds else seed,
             setup.scenario,
@@ -154,18 +137,18 @@ class BridgeEpisode:
             self._campaign.settings,
             self._steps,
         )
-        if self._welcome.protocol < CHANNEL_PROTOCOL:
+        if self._welcome.protocol < messages.CHANNEL_PROTOCOL:
             return start
         explain = True if self._campaign.recorded is not None else UNSET
         injected = list_injected(self._campaign.noise.perceived)
         return replace(start, channels=injected, explain=explain)
 
-    def make_step(self, slot: int) -> SlotStep:
+    def make_step(self, slot: int) -> messages.SlotStep:
         """Return what the next step asks for in a slot."""
         return make_step(self._welcome, slot, self._campaign.noise.perceived, self._disturbance)
 
     def advance(
-        self, seen: SlotObservation, beside: int, connection: Connection
+        self, seen: messages.SlotObservation, beside: int, connection: Connection
     ) -> EpisodeResult | None:
         """Take in an observation, and return the result if the episode is over.
 
@@ -181,7 +164,7 @@ class BridgeEpisode:
             return self.fail(error, beside)
 
     def _advance(
-        self, seen: SlotObservation, beside: int, connection: Connection
+        self, seen: messages.SlotObservation, beside: int, connection: Connection
     ) -> EpisodeResult | None:
         wall_s = self._measure_wall_s(beside)
         now = self._reader.read(seen, self._disturbance)
@@ -214,20 +197,20 @@ class BridgeEpisode:
         return self._wall_s
 
 
-def list_injected(channels: tuple[Channel, ...]) -> tuple[InjectedChannel, ...]:
+def list_injected(channels: tuple[Channel, ...]) -> tuple[messages.InjectedChannel, ...]:
     """Return what a reset says of the channels of an episode."""
-    return tuple(InjectedChannel(channel.name, channel.ahead_m) for channel in channels)
+    return tuple(messages.InjectedChannel(channel.name, channel.ahead_m) for channel in channels)
 
 
 def make_step(
-    welcome: BridgeWelcome, slot: int, channels: tuple[Channel, ...], disturbance: Row
-) -> SlotStep:
+    welcome: messages.BridgeWelcome, slot: int, channels: tuple[Channel, ...], disturbance: Row
+) -> messages.SlotStep:
     """Return what a step asks for in a slot, in the version of the protocol that was agreed on."""
     values = {channel.name: each for channel, each in zip(channels, disturbance, strict=True)}
-    if welcome.protocol >= CHANNEL_PROTOCOL:
-        return SlotStep(slot, disturbances=values)
+    if welcome.protocol >= messages.CHANNEL_PROTOCOL:
+        return messages.SlotStep(slot, disturbances=values)
     longitudinal, lateral = (values.get(name, 0.0) for name in AXES)
-    return SlotStep(slot, (longitudinal, lateral))
+    return messages.SlotStep(slot, (longitudinal, lateral))
 
 
 class ObservationReader:
@@ -252,7 +235,7 @@ class ObservationReader:
         """Whether the start has been read."""
         return self._last is not None
 
-    def read(self, seen: SlotObservation, disturbance: Row) -> Observation:
+    def read(self, seen: messages.SlotObservation, disturbance: Row) -> Observation:
         """Return the true state at the start, or after a step with the planner's control.
 
         Where the bridge does not report the perceived position, it is the one that follows from
@@ -300,9 +283,9 @@ class ObservationReader:
             kinds = tuple([self._kinds.get(number, UNKNOWN_KIND) for number in numbers])
         return replace(scene, road=self._road, kinds=kinds)
 
-    def _note_kinds(self, seen: SlotObservation, now: Observation) -> None:
+    def _note_kinds(self, seen: messages.SlotObservation, now: Observation) -> None:
         """Keep the first kind that the bridge reports of each vehicle."""
-        kinds = seen.kinds if isinstance(seen, DetailedObservation) else None
+        kinds = seen.kinds if isinstance(seen, messages.DetailedObservation) else None
         if kinds is None:
             return
         if len(kinds) != len(now.others):
@@ -311,7 +294,7 @@ class ObservationReader:
         for number, kind in zip(now.numbers, kinds, strict=True):
             self._kinds.setdefault(number, kind if kind in VEHICLE_KINDS else UNKNOWN_KIND)
 
-    def _read_start(self, seen: SlotObservation) -> Observation:
+    def _read_start(self, seen: messages.SlotObservation) -> Observation:
         ego, others = _read_ego(seen, 0), _read_others(seen)
         ids = self._register(seen, others)
         for channel in self._channels:
@@ -319,7 +302,7 @@ class ObservationReader:
             if ids is None and vehicle is not None and vehicle > len(others):
                 problem = f"'{channel.name}' is of vehicle {vehicle}, and there are {len(others)}."
                 raise InvalidValue(CHANNELS_FIELD, problem, "Vehicles are numbered from 1.")
-        if isinstance(seen, DetailedObservation) and seen.road:
+        if isinstance(seen, messages.DetailedObservation) and seen.road:
             self._road = tuple([_read_border(border) for border in seen.road])
         return Observation(
             0,
@@ -332,7 +315,9 @@ class ObservationReader:
             signals=_read_signals(seen),
         )
 
-    def _go_on(self, seen: SlotObservation, before: Observation, disturbance: Row) -> Observation:
+    def _go_on(
+        self, seen: messages.SlotObservation, before: Observation, disturbance: Row
+    ) -> Observation:
         ego, others = _read_ego(seen, before.step + 1), _read_others(seen)
         ids = self._register(seen, others)
         if (ids is None) is not (before.ids is None):
@@ -361,10 +346,10 @@ class ObservationReader:
         )
 
     def _register(
-        self, seen: SlotObservation, others: tuple[VehicleState, ...]
+        self, seen: messages.SlotObservation, others: tuple[VehicleState, ...]
     ) -> tuple[int, ...] | None:
         """Return the number of each other vehicle, in the order in which they were first seen."""
-        ids = seen.ids if isinstance(seen, DetailedObservation) else None
+        ids = seen.ids if isinstance(seen, messages.DetailedObservation) else None
         if ids is None:
             return None
         if len(ids) != len(others) or len(set(ids)) != len(ids):
@@ -376,14 +361,14 @@ class ObservationReader:
             if known[1] != size:
                 problem = f"Vehicle {name!r} had another footprint before."
                 raise SimulatorError(problem, "Give each new vehicle an id that was not used.")
-        if len(self._vehicles) > MAX_VEHICLES:
-            problem = f"There were more than {MAX_VEHICLES} other vehicles in one episode."
+        if len(self._vehicles) > messages.MAX_VEHICLES:
+            problem = f"There were more than {messages.MAX_VEHICLES} other vehicles in one episode."
             raise SimulatorError(problem, "Shorten the episode, or show those near the ego alone.")
         return tuple([self._vehicles[name][0] for name in ids])
 
 
-def _read_signals(seen: SlotObservation) -> dict[str, float] | None:
-    return seen.signals if isinstance(seen, DetailedObservation) else None
+def _read_signals(seen: messages.SlotObservation) -> dict[str, float] | None:
+    return seen.signals if isinstance(seen, messages.DetailedObservation) else None
 
 
 def _write_id(named: str | float) -> str:
@@ -391,21 +376,21 @@ def _write_id(named: str | float) -> str:
     return named if isinstance(named, str) else f"{named:.0f}"
 
 
-def record_step(seen: SlotObservation, now: Observation, dt_s: float) -> RecordedStep:
+def record_step(seen: messages.SlotObservation, now: Observation, dt_s: float) -> RecordedStep:
     """Return what the bridge says of the planner's decision in the step just taken."""
     account: Account = {}
     path: Path = ()
-    if isinstance(seen, DetailedObservation):
+    if isinstance(seen, messages.DetailedObservation):
         given = {"account": seen.account} if isinstance(seen.account, str) else seen.account
         account, path = read_account(given or {}), thin_path(seen.path or ())
     control = now.control or Control(0.0, 0.0)
     return RecordedStep((now.step - 1) * dt_s, control, account, path)
 
 
-def _read_ego(seen: SlotObservation, step: int) -> VehicleState:
+def _read_ego(seen: messages.SlotObservation, step: int) -> VehicleState:
     """Return the ego of an observation, which must be that of the given step."""
     if seen.fault is not None:
-        raise make_error(seen.fault, seen.message)
+        raise messages.make_error(seen.fault, seen.message)
     if seen.ego is None or not seen.others:
         missing = "no ego" if seen.ego is None else "no other vehicles"
         problem = f"The bridge's observation has {missing}."
@@ -416,7 +401,7 @@ def _read_ego(seen: SlotObservation, step: int) -> VehicleState:
     return VehicleState(*seen.ego)
 
 
-def _read_others(seen: SlotObservation) -> tuple[VehicleState, ...]:
+def _read_others(seen: messages.SlotObservation) -> tuple[VehicleState, ...]:
     return tuple([VehicleState(*vehicle) for vehicle in seen.others])
 
 

@@ -15,23 +15,7 @@ from typing import Annotated, Any, Literal
 import msgspec
 from msgspec import UNSET, Meta, UnsetType
 
-from eigenfail.bridges import (
-    BridgeOffer,
-    Name,
-    OfferedPlanner,
-    OfferedScenario,
-    Plain,
-    Steps,
-    StepTime,
-)
-from eigenfail.errors import (
-    EpisodeError,
-    InputError,
-    InvalidValue,
-    PlannerError,
-    SimulatorError,
-    SolverError,
-)
+from eigenfail import bridges, errors
 from eigenfail.values import AXES
 
 PROTOCOL = 1
@@ -57,7 +41,7 @@ Size = Annotated[float, Meta(gt=0.0, le=1e9)]
 Count = Annotated[int, Meta(ge=0)]
 Pair = tuple[Number, Number]
 Vehicle = tuple[Number, Number, Number, Number, Size, Size]
-Defaults = dict[Name, Plain]
+Defaults = dict[bridges.Name, bridges.Plain]
 Border = Annotated[tuple[Pair, ...], Meta(min_length=2, max_length=MAX_ROAD_POINTS)]
 Fault = Literal["simulator", "planner", "solver", "input"]
 
@@ -104,9 +88,9 @@ class SlotStart(msgspec.Struct, frozen=True):
     slot: int
     seed: int | str
     scenario: str
-    parameters: dict[str, Plain]
+    parameters: dict[str, bridges.Plain]
     planner: str
-    settings: dict[str, Plain]
+    settings: dict[str, bridges.Plain]
     steps: int
     channels: tuple[InjectedChannel, ...] | UnsetType = UNSET
     explain: bool | UnsetType = UNSET
@@ -152,16 +136,16 @@ class CloseRequest(BridgeMessage, frozen=True, tag="close"):
 class BridgeScenario(msgspec.Struct, frozen=True):
     """Scenario that the bridge offers, with the defaults of its parameters by name."""
 
-    name: Name
-    dt_s: StepTime
-    steps: Steps
+    name: bridges.Name
+    dt_s: bridges.StepTime
+    steps: bridges.Steps
     parameters: Defaults | None = None
 
 
 class BridgePlanner(msgspec.Struct, frozen=True):
     """Planner that the bridge offers, with the defaults of its settings by name."""
 
-    name: Name
+    name: bridges.Name
     settings: Defaults | None = None
 
 
@@ -169,8 +153,8 @@ class BridgeWelcome(BridgeMessage, frozen=True, tag="welcome"):
     """Acceptance of a session: what the bridge offers, and its number of slots."""
 
     protocol: int
-    name: Name
-    version: Name
+    name: bridges.Name
+    version: bridges.Name
     slots: Annotated[int, Meta(ge=1, le=MAX_SLOTS)]
     scenarios: Annotated[tuple[BridgeScenario, ...], Meta(min_length=1, max_length=1000)]
     planners: Annotated[tuple[BridgePlanner, ...], Meta(min_length=1, max_length=1000)]
@@ -191,19 +175,24 @@ class BridgeWelcome(BridgeMessage, frozen=True, tag="welcome"):
         return False
 
     @property
-    def offer(self) -> BridgeOffer:
+    def offer(self) -> bridges.BridgeOffer:
         """What the bridge offers to campaigns: names, without the defaults."""
-        return BridgeOffer(
+        return bridges.BridgeOffer(
             self.name,
             self.version,
             tuple(
                 [
-                    OfferedScenario(each.name, each.dt_s, each.steps, tuple(each.parameters or ()))
+                    bridges.OfferedScenario(
+                        each.name, each.dt_s, each.steps, tuple(each.parameters or ())
+                    )
                     for each in self.scenarios
                 ]
             ),
             tuple(
-                [OfferedPlanner(each.name, tuple(each.settings or ())) for each in self.planners]
+                [
+                    bridges.OfferedPlanner(each.name, tuple(each.settings or ()))
+                    for each in self.planners
+                ]
             ),
             tuple(sorted(self.offered_channels)),
             tuple(sorted(self.offered_signals)),
@@ -228,7 +217,7 @@ class ChannelWelcome(BridgeWelcome, frozen=True, tag="welcome"):
         seed_text: whether seeds are to be sent as text.
     """
 
-    channels: Annotated[tuple[Name, ...], Meta(max_length=MAX_CHANNELS)] | None = None
+    channels: Annotated[tuple[bridges.Name, ...], Meta(max_length=MAX_CHANNELS)] | None = None
     signals: Annotated[tuple[BridgeSignal, ...], Meta(max_length=MAX_SIGNALS)] = ()
     seed_text: bool | None = None
 
@@ -271,7 +260,7 @@ class SlotObservation(msgspec.Struct, frozen=True):
     message: str = ""
 
 
-PlannerAccount = dict[Name, bool | Number | str]
+PlannerAccount = dict[bridges.Name, bool | Number | str]
 
 
 class DetailedObservation(SlotObservation, frozen=True):
@@ -286,11 +275,11 @@ class DetailedObservation(SlotObservation, frozen=True):
         road: borders of the lanes, each a list of points; of the start alone. [m]
     """
 
-    ids: Annotated[tuple[int | Name, ...], Meta(max_length=MAX_VEHICLES)] | None = None
-    signals: Annotated[dict[Name, Number], Meta(max_length=MAX_SIGNALS)] | None = None
+    ids: Annotated[tuple[int | bridges.Name, ...], Meta(max_length=MAX_VEHICLES)] | None = None
+    signals: Annotated[dict[bridges.Name, Number], Meta(max_length=MAX_SIGNALS)] | None = None
     account: PlannerAccount | str | None = None
     path: Annotated[tuple[Pair, ...], Meta(max_length=MAX_PATH_POINTS)] | None = None
-    kinds: Annotated[tuple[Name, ...], Meta(max_length=MAX_VEHICLES)] | None = None
+    kinds: Annotated[tuple[bridges.Name, ...], Meta(max_length=MAX_VEHICLES)] | None = None
     road: Annotated[tuple[Border, ...], Meta(max_length=MAX_BORDERS)] | None = None
 
 
@@ -346,11 +335,11 @@ _decoders: Mapping[int, msgspec.msgpack.Decoder[Any]] = MappingProxyType(
 )
 _UNREADABLE = msgspec.DecodeError, UnicodeDecodeError, RecursionError
 
-_ERRORS: dict[Fault, Callable[[str], EpisodeError | InputError]] = {
-    "simulator": SimulatorError,
-    "planner": PlannerError,
-    "solver": SolverError,
-    "input": lambda message: InvalidValue("bridge", message),
+_ERRORS: dict[Fault, Callable[[str], errors.EpisodeError | errors.InputError]] = {
+    "simulator": errors.SimulatorError,
+    "planner": errors.PlannerError,
+    "solver": errors.SolverError,
+    "input": lambda message: errors.InvalidValue("bridge", message),
 }
 
 
@@ -413,9 +402,9 @@ def _list_excesses(seen: DetailedObservation) -> Iterator[str]:
         yield f"The road has {points} points; {MAX_ROAD_POINTS} are the most."
 
 
-def _make_unreadable(error: Exception) -> SimulatorError:
+def _make_unreadable(error: Exception) -> errors.SimulatorError:
     problem = f"The bridge's answer cannot be read: {sanitize(str(error))}"
-    return SimulatorError(problem, "docs/bridge.md has the protocol.")
+    return errors.SimulatorError(problem, "docs/bridge.md has the protocol.")
 
 
 def match_answer(
@@ -433,14 +422,16 @@ def match_answer(
         SimulatorError: the answer belongs to another request, or has another number of slots.
     """
     if isinstance(answer, Closed) or answer.id != request_id:
-        raise SimulatorError("The bridge answered another question.", "It repeats its `id`.")
+        raise errors.SimulatorError("The bridge answered another question.", "It repeats its `id`.")
     if len(answer.slots) != slots:
         problem = f"The bridge answered for {len(answer.slots)} of {slots} slots."
-        raise SimulatorError(problem, "It answers for each slot of the request, in its order.")
+        raise errors.SimulatorError(
+            problem, "It answers for each slot of the request, in its order."
+        )
     return answer.slots
 
 
-def make_error(fault: Fault, message: str) -> EpisodeError | InputError:
+def make_error(fault: Fault, message: str) -> errors.EpisodeError | errors.InputError:
     """Return the error that a fault of the bridge stands for."""
     return _ERRORS[fault](sanitize(message) or f"The bridge blames the {fault} without a word.")
 

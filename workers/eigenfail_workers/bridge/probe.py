@@ -16,19 +16,8 @@ from zmq.utils.monitor import recv_monitor_message
 
 from eigenfail.bridges import MAX_OFFER_BYTES, BridgeOffer, check_address
 from eigenfail.errors import EpisodeError, InvalidValue
+from eigenfail_workers.bridge import messages
 from eigenfail_workers.bridge.connection import DELIMITER, LINGER_MS
-from eigenfail_workers.bridge.messages import (
-    MAX_MESSAGE_BYTES,
-    PROTOCOL,
-    PROTOCOLS,
-    BridgeHello,
-    BridgeMessage,
-    BridgeRefusal,
-    BridgeWelcome,
-    CloseRequest,
-    encode,
-    read_hello_answer,
-)
 
 ASK_AGAIN_S = 5.0
 """Time until a bridge that had no room for a session is asked again."""
@@ -57,7 +46,7 @@ class BridgeProbe:
         self._next_ask_s = 0.0
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self._socket.setsockopt(zmq.LINGER, LINGER_MS)
-        self._socket.setsockopt(zmq.MAXMSGSIZE, MAX_MESSAGE_BYTES)
+        self._socket.setsockopt(zmq.MAXMSGSIZE, messages.MAX_MESSAGE_BYTES)
         self._socket.setsockopt(zmq.IPV6, int("[" in address))
         events = zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED
         self._monitor: zmq.Socket[bytes] = self._socket.get_monitor_socket(events)
@@ -80,7 +69,7 @@ class BridgeProbe:
         is_due = self._is_connected and not self._is_asked
         if is_due and may_ask and time.monotonic() >= self._next_ask_s:
             self._is_asked, self._session = True, uuid4().hex
-            self._send(BridgeHello(PROTOCOL, self._session, PROTOCOLS))
+            self._send(messages.BridgeHello(messages.PROTOCOL, self._session, messages.PROTOCOLS))
         return self.offer != before
 
     def close(self) -> None:
@@ -98,18 +87,20 @@ class BridgeProbe:
         if not self._is_asked or self.offer is not None:
             return
         try:
-            answer = read_hello_answer(data)
+            answer = messages.read_hello_answer(data)
         except EpisodeError:
             return
-        if isinstance(answer, BridgeRefusal) and answer.full:
+        if isinstance(answer, messages.BridgeRefusal) and answer.full:
             self._is_asked, self._next_ask_s = False, time.monotonic() + ASK_AGAIN_S
-        if isinstance(answer, BridgeWelcome):
-            self._send(CloseRequest(self._session, 1))
-            self.offer = _bound_offer(answer.offer) if answer.protocol in PROTOCOLS else None
+        if isinstance(answer, messages.BridgeWelcome):
+            self._send(messages.CloseRequest(self._session, 1))
+            self.offer = (
+                _bound_offer(answer.offer) if answer.protocol in messages.PROTOCOLS else None
+            )
 
-    def _send(self, request: BridgeMessage) -> None:
+    def _send(self, request: messages.BridgeMessage) -> None:
         with contextlib.suppress(zmq.ZMQError):  # it has disconnected, which an event will say
-            self._socket.send_multipart((DELIMITER, encode(request)), zmq.NOBLOCK)
+            self._socket.send_multipart((DELIMITER, messages.encode(request)), zmq.NOBLOCK)
 
     def _receive(self) -> Iterator[bytes]:
         with contextlib.suppress(zmq.Again):

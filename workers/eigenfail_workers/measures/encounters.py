@@ -17,12 +17,7 @@ from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue, SimulatorError
 from eigenfail.values import Observation, VehicleState
-from eigenfail_workers.measures.geometry import (
-    distance_lower_bound,
-    half_width_across_road,
-    separation,
-    velocity,
-)
+from eigenfail_workers.measures import geometry
 from eigenfail_workers.values import Separation, TrafficConflict
 
 LOOK_AHEAD_S: Final = 1.0
@@ -71,8 +66,8 @@ def find_conflict(
     """
     if between.distance_m == 0.0 or not shares_path(ego, other):
         return None
-    vx, vy = velocity(ego)
-    other_vx, other_vy = velocity(other)
+    vx, vy = geometry.velocity(ego)
+    other_vx, other_vy = geometry.velocity(other)
     nx, ny = between.direction
     closing = (vx - other_vx) * nx + (vy - other_vy) * ny
     if closing <= 0.0:
@@ -86,8 +81,10 @@ def shares_path(ego: VehicleState, other: VehicleState) -> bool:
     Lateral is across the road; the lateral velocities are assumed constant.
     """
     offset = other.y_m - ego.y_m
-    gap = abs(offset) - half_width_across_road(ego) - half_width_across_road(other)
-    drift = velocity(other)[1] - velocity(ego)[1]
+    gap = (
+        abs(offset) - geometry.half_width_across_road(ego) - geometry.half_width_across_road(other)
+    )
+    drift = geometry.velocity(other)[1] - geometry.velocity(ego)[1]
     approach = -drift if offset > 0.0 else drift
     return gap <= max(approach, 0.0) * LOOK_AHEAD_S
 
@@ -255,7 +252,7 @@ def _search(
 def _measure(before: Pair, after: Pair, share: float) -> float:
     """Return the distance of the footprints within a step. [m]"""
     ego = move(before.ego, after.ego, share)
-    return separation(ego, move(before.other, after.other, share)).distance_m
+    return geometry.separation(ego, move(before.other, after.other, share)).distance_m
 
 
 def _find_touch(before: Pair, after: Pair, contact: float) -> float:
@@ -378,7 +375,7 @@ def _find_vanished(
     for number, gone in before.by_number().items():
         if number in shown:
             continue
-        vx, vy = velocity(gone)
+        vx, vy = geometry.velocity(gone)
         later = replace(gone, x_m=gone.x_m + vx * dt_s, y_m=gone.y_m + vy * dt_s)
         if _find_contact_share(Pair(before.ego, gone), Pair(after.ego, later)) is not None:
             found[number] = later
@@ -396,14 +393,14 @@ def _bound_way(before: Pair, after: Pair) -> float:
 def _find_contact_share(before: Pair, after: Pair) -> float | None:
     """Return a share of the step at which two footprints touch: 1 if they do at its end."""
     way_m = _bound_way(before, after)
-    if distance_lower_bound(after.ego, after.other) > way_m:
+    if geometry.distance_lower_bound(after.ego, after.other) > way_m:
         return None
-    apart = separation(after.ego, after.other)
+    apart = geometry.separation(after.ego, after.other)
     if apart.distance_m == 0.0:
         return 1.0
     if apart.distance_m > way_m:
         return None
-    passed = find_pass(before, after, separation(before.ego, before.other), apart)
+    passed = find_pass(before, after, geometry.separation(before.ego, before.other), apart)
     return passed.share if passed is not None and passed.distance_m == 0.0 else None
 
 
@@ -472,7 +469,10 @@ def make_sample(seen: Observation) -> TrafficSample:
 
 def touch(ego: VehicleState, other: VehicleState) -> bool:
     """Whether two footprints touch or overlap."""
-    return distance_lower_bound(ego, other) <= 0.0 and separation(ego, other).distance_m == 0.0
+    return (
+        geometry.distance_lower_bound(ego, other) <= 0.0
+        and geometry.separation(ego, other).distance_m == 0.0
+    )
 
 
 def _check_reported(before: Observation, now: Observation, dt_s: float) -> None:
@@ -483,7 +483,7 @@ def _check_reported(before: Observation, now: Observation, dt_s: float) -> None:
     known = make_sample(before).by_number()
     nearest_m, nearest = min(
         [
-            (separation(now.ego, other).distance_m, number)
+            (geometry.separation(now.ego, other).distance_m, number)
             for number, other in zip(now.numbers, now.others, strict=True)
         ]
     )
@@ -500,8 +500,8 @@ def _check_reported(before: Observation, now: Observation, dt_s: float) -> None:
 
 def _measure_speed(ego: VehicleState, other: VehicleState) -> float:
     """Return the relative speed of two vehicles. [m/s]"""
-    vx, vy = velocity(ego)
-    other_vx, other_vy = velocity(other)
+    vx, vy = geometry.velocity(ego)
+    other_vx, other_vy = geometry.velocity(other)
     return hypot(other_vx - vx, other_vy - vy)
 
 
@@ -512,7 +512,7 @@ def list_conflicts(before: Pair, after: Pair, dt_s: float) -> list[TrafficConfli
     for part in range(1, parts):
         ego = move(before.ego, after.ego, part / parts)
         other = move(before.other, after.other, part / parts)
-        conflict = find_conflict(ego, other, separation(ego, other))
+        conflict = find_conflict(ego, other, geometry.separation(ego, other))
         if conflict is not None:
             found.append(conflict)
     return found

@@ -6,36 +6,16 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from eigenfail import values
 from eigenfail.errors import SimulatorError
-from eigenfail.values import (
-    Control,
-    DisturbanceModel,
-    Floats,
-    Importance,
-    Measures,
-    NoiseTrajectory,
-    Observation,
-    Scene,
-    VehicleState,
-)
+from eigenfail.values import requirements
 from eigenfail.values.arrays import LARGEST_FLOAT32, RANGE, fits_float32
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
-from eigenfail.values.requirements import (
-    EpisodeJudge,
-    RequirementVerdict,
-)
 from eigenfail.values.shapes import Row
 from eigenfail.values.signals import (
     DrivenCourse,
 )
-from eigenfail_workers.measures.encounters import (
-    LONGEST_STEP_S,
-    Pair,
-    end_at_contact,
-    find_conflict,
-    find_pass,
-    list_conflicts,
-)
+from eigenfail_workers.measures import encounters
 from eigenfail_workers.measures.geometry import find_struck, separation, velocity
 from eigenfail_workers.measures.importance import Approach, compute_importance
 from eigenfail_workers.measures.signals import SignalRecorder
@@ -63,7 +43,7 @@ class RideMonitor:
         self._hard_brakings = 0
         self._clipped_steps = 0
 
-    def observe(self, observation: Observation) -> None:
+    def observe(self, observation: values.Observation) -> None:
         """Take in the start, or the state after a step."""
         applied = observation.applied
         if applied is not None:
@@ -165,11 +145,11 @@ def _earliest(steps: Iterable[int | None]) -> int | None:
 class Apart(NamedTuple):
     """The ego and another vehicle at one moment, and how far they are apart."""
 
-    pair: Pair
+    pair: encounters.Pair
     between: Separation
 
 
-POSITION_NOISE = DisturbanceModel()
+POSITION_NOISE = values.DisturbanceModel()
 
 
 class Recorder:
@@ -183,9 +163,9 @@ class Recorder:
 
     def __init__(
         self,
-        model: DisturbanceModel = POSITION_NOISE,
-        importance: Importance | None = None,
-        judge: EpisodeJudge | None = None,
+        model: values.DisturbanceModel = POSITION_NOISE,
+        importance: values.Importance | None = None,
+        judge: requirements.EpisodeJudge | None = None,
     ) -> None:
         self._shape = model.noise_shape
         self._names = [channel.name for channel in model.list_channels()]
@@ -195,7 +175,7 @@ class Recorder:
         self._importances: list[float] = []
         self._z: list[Row] = []
         self._sigma: list[Row] = []
-        self._course: list[Observation] = []
+        self._course: list[values.Observation] = []
         self._robustness_m = inf
         self._violations = ViolationTracker()
         self._ride = RideMonitor()
@@ -218,7 +198,7 @@ class Recorder:
         self._z.append(z)
         self._sigma.append(sigma)
 
-    def observe(self, seen: Observation, dt_s: float) -> Observation:
+    def observe(self, seen: values.Observation, dt_s: float) -> values.Observation:
         """Take in the start, or the state after a step.
 
         Args:
@@ -234,7 +214,9 @@ class Recorder:
                 out a reported collision.
         """
         _check(seen)
-        observation = end_at_contact(self._course[-1] if self._course else None, seen, dt_s)
+        observation = encounters.end_at_contact(
+            self._course[-1] if self._course else None, seen, dt_s
+        )
         self._course.append(observation)
         self._ride.observe(observation)
         if observation.off_road and self._left_road_step is None:
@@ -243,7 +225,11 @@ class Recorder:
         before, self._apart = self._apart, {}
         compared = [
             self._compare(
-                observation.step, number, Pair(observation.ego, other), before.get(number), dt_s
+                observation.step,
+                number,
+                encounters.Pair(observation.ego, other),
+                before.get(number),
+                dt_s,
             )
             for number, other in zip(observation.numbers, observation.others, strict=True)
         ]
@@ -260,7 +246,7 @@ class Recorder:
         self,
         step: int,
         number: int,
-        pair: Pair,
+        pair: encounters.Pair,
         before: Apart | None,
         dt_s: float,
     ) -> Encounter:
@@ -278,12 +264,12 @@ class Recorder:
         distance_m = between.distance_m
         within: tuple[TrafficConflict, ...] = ()
         if before is not None:
-            passed = find_pass(before.pair, pair, before.between, between)
+            passed = encounters.find_pass(before.pair, pair, before.between, between)
             distance_m = distance_m if passed is None else passed.distance_m
-            if dt_s > LONGEST_STEP_S:
-                within = tuple(list_conflicts(before.pair, pair, dt_s))
+            if dt_s > encounters.LONGEST_STEP_S:
+                within = tuple(encounters.list_conflicts(before.pair, pair, dt_s))
         self._robustness_m = min(self._robustness_m, distance_m)
-        conflict = find_conflict(pair.ego, pair.other, between)
+        conflict = encounters.find_conflict(pair.ego, pair.other, between)
         for each in within:
             self._violations.add(step, number, each)
         if conflict is not None:
@@ -291,19 +277,19 @@ class Recorder:
             self._last_drac_mps2 = max(self._last_drac_mps2, conflict.drac_mps2)
         return Encounter(distance_m, conflict, within)
 
-    def noise(self) -> NoiseTrajectory:
+    def noise(self) -> values.NoiseTrajectory:
         """Return the disturbances so far."""
         z, sigma = (_to_array(rows, len(self._names)) for rows in (self._z, self._sigma))
-        return NoiseTrajectory(z, sigma, self._shape)
+        return values.NoiseTrajectory(z, sigma, self._shape)
 
-    def measures(self, dt_s: float) -> Measures:
+    def measures(self, dt_s: float) -> values.Measures:
         """Return the measures of the episode; on a collision, robustness is exactly 0."""
         last, found, ride = self._course[-1], self._violations, self._ride
         collided = self.collided
         first = found.of_any_vehicle()
         if collided:
             first = found.of_vehicle(last.numbers[find_struck(last.ego, last.others)])
-        return Measures(
+        return values.Measures(
             robustness_m=0.0 if collided else self._robustness_m,
             severity=compute_severity(last) if collided else None,
             min_ttc_s=found.min_ttc_s,
@@ -320,7 +306,9 @@ class Recorder:
             cause=last.cause,
         )
 
-    def judge(self, measures: Measures, dt_s: float) -> RequirementVerdict | None:
+    def judge(
+        self, measures: values.Measures, dt_s: float
+    ) -> requirements.RequirementVerdict | None:
         """Return what the requirements say of the episode; None without any.
 
         Args:
@@ -335,7 +323,7 @@ class Recorder:
         signals = self._signals.collect(self.noise(), self._names, dt_s)
         return self._judge.judge(DrivenCourse(dt_s, signals, measures))
 
-    def importance(self) -> Floats | None:
+    def importance(self) -> values.Floats | None:
         """Return the importance after each step, shape (steps,); None where it is not recorded.
 
         Raises:
@@ -350,12 +338,12 @@ class Recorder:
             raise SimulatorError(problem, f"It must be a number {RANGE}: look at the scene.")
         return recorded.astype(np.float32)
 
-    def scene(self, dt_s: float) -> Scene:
+    def scene(self, dt_s: float) -> values.Scene:
         """Return the course of the episode."""
         rest = self._course[1:]
         vehicles, sizes = _place_vehicles(self._course)
         controls = [seen.control for seen in rest if seen.control is not None]
-        return Scene(
+        return values.Scene(
             dt_s=dt_s,
             vehicles=vehicles,
             sizes=sizes,
@@ -364,7 +352,7 @@ class Recorder:
         )
 
 
-def _check(observation: Observation) -> None:
+def _check(observation: values.Observation) -> None:
     for vehicle in (observation.ego, *observation.others):
         numbers: Any = vehicle  # of whatever type they are
         total = (
@@ -383,7 +371,7 @@ def _check(observation: Observation) -> None:
         _refuse_lost(observation.perceived, "`perceived`", observation.step)
 
 
-def _check_control(control: Control | None, name: str, step: int) -> None:
+def _check_control(control: values.Control | None, name: str, step: int) -> None:
     if control is not None:
         _refuse_lost((control.acceleration_mps2, control.steering_rad), name, step)
 
@@ -396,7 +384,7 @@ def _refuse_lost(numbers: Sequence[float], name: str, step: int) -> None:
             raise SimulatorError(problem, f"Numbers of an episode must be {RANGE}.")
 
 
-def _place_vehicles(course: Sequence[Observation]) -> tuple[Floats, Floats]:
+def _place_vehicles(course: Sequence[values.Observation]) -> tuple[values.Floats, values.Floats]:
     """Return poses, shape (observations, vehicles, 4), and sizes, shape (vehicles, 2), of a course.
 
     Vehicle 0 is the ego. NaN where a vehicle is not there; its size is that of its first moment.
@@ -418,7 +406,7 @@ def _place_vehicles(course: Sequence[Observation]) -> tuple[Floats, Floats]:
     return vehicles, np.array([sizes.get(each, (nan, nan)) for each in range(last + 1)], np.float32)
 
 
-def compute_severity(observation: Observation) -> float:
+def compute_severity(observation: values.Observation) -> float:
     """Return ||v_ego - v_actor||² for the vehicle that was struck. [m²/s²]"""
     vx, vy = velocity(observation.ego)
     others = observation.others
@@ -430,10 +418,10 @@ def _time_s(step: int | None, dt_s: float) -> float | None:
     return None if step is None else step * dt_s
 
 
-def _pose(vehicle: VehicleState) -> tuple[float, float, float, float]:
+def _pose(vehicle: values.VehicleState) -> tuple[float, float, float, float]:
     return vehicle.x_m, vehicle.y_m, vehicle.heading_rad, vehicle.speed_mps
 
 
-def _to_array(rows: Sequence[Row], columns: int) -> Floats:
+def _to_array(rows: Sequence[Row], columns: int) -> values.Floats:
     """Return an array of shape (rows, columns), also for no rows."""
     return np.array(rows, np.float32).reshape(-1, columns)

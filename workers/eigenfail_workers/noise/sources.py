@@ -5,18 +5,8 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from eigenfail import values
 from eigenfail.errors import InvalidValue
-from eigenfail.values import (
-    AXES,
-    Floats,
-    Observation,
-    Policy,
-    PolicySource,
-    PriorSource,
-    Source,
-    TrajectorySource,
-    VehicleState,
-)
 from eigenfail.values.shapes import Row
 from eigenfail_workers.noise.policy import PolicyNoise
 
@@ -30,7 +20,7 @@ ONCE_STREAM = 3
 class NoiseSource(Protocol):
     """Noise of one episode, step by step."""
 
-    def draw(self, observation: Observation, actor: VehicleState, /) -> Row:
+    def draw(self, observation: values.Observation, actor: values.VehicleState, /) -> Row:
         """Return z of the next step, one of each channel, as values of float32. [sigma]"""
 
     def first(self) -> Row:
@@ -39,7 +29,7 @@ class NoiseSource(Protocol):
         Channels that are drawn once have their value by it, also under an adversary.
         """
 
-    def states(self) -> Floats | None:
+    def states(self) -> values.Floats | None:
         """Return the states that an adversary has observed; None without an adversary."""
 
 
@@ -52,20 +42,20 @@ class NoiseContext(NamedTuple):
 
     seed: int
     horizon: int
-    policies: Mapping[int, Policy]
-    channels: int = len(AXES)
+    policies: Mapping[int, values.Policy]
+    channels: int = len(values.AXES)
     once: tuple[int, ...] = ()
 
 
 class TrajectoryNoise:
     """Noise of a given trajectory, and zero after its end."""
 
-    def __init__(self, z: Floats) -> None:
+    def __init__(self, z: values.Floats) -> None:
         self._rows = iter(z.tolist())
         self._zero: Row = (0.0,) * z.shape[1]
         self._first: Row = tuple(z[0].tolist()) if len(z) else self._zero
 
-    def draw(self, _observation: Observation, _actor: VehicleState, /) -> Row:
+    def draw(self, _observation: values.Observation, _actor: values.VehicleState, /) -> Row:
         """Return the next row."""
         return tuple(next(self._rows, self._zero))
 
@@ -83,14 +73,14 @@ def generator(seed: int, stream: int = NOISE_STREAM) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(stream,)))
 
 
-def from_prior(_source: PriorSource, context: NoiseContext) -> NoiseSource:
+def from_prior(_source: values.PriorSource, context: NoiseContext) -> NoiseSource:
     """Return noise that is drawn at once from the standard normal distribution."""
     shape = context.horizon, context.channels
     draws = generator(context.seed).standard_normal(shape, dtype=np.float32)
     return TrajectoryNoise(draws)
 
 
-def from_trajectory(source: TrajectorySource, context: NoiseContext) -> NoiseSource:
+def from_trajectory(source: values.TrajectorySource, context: NoiseContext) -> NoiseSource:
     """Return the noise of the trajectory in the source."""
     z = source.z
     if z.ndim != 2 or z.shape[1] != context.channels or not np.isfinite(z).all():
@@ -102,7 +92,7 @@ def from_trajectory(source: TrajectorySource, context: NoiseContext) -> NoiseSou
     return TrajectoryNoise(z.astype(np.float32))
 
 
-def from_policy(source: PolicySource, context: NoiseContext) -> NoiseSource:
+def from_policy(source: values.PolicySource, context: NoiseContext) -> NoiseSource:
     """Return the noise of the policy version that the source names."""
     policy = context.policies.get(source.version)
     if policy is None:
@@ -122,13 +112,13 @@ def from_policy(source: PolicySource, context: NoiseContext) -> NoiseSource:
 
 
 KINDS: dict[type, Callable[..., NoiseSource]] = {
-    PriorSource: from_prior,
-    TrajectorySource: from_trajectory,
-    PolicySource: from_policy,
+    values.PriorSource: from_prior,
+    values.TrajectorySource: from_trajectory,
+    values.PolicySource: from_policy,
 }
 
 
-def begin(source: Source, context: NoiseContext) -> NoiseSource:
+def begin(source: values.Source, context: NoiseContext) -> NoiseSource:
     """Return the noise of one episode.
 
     Raises:

@@ -16,15 +16,9 @@ from typing import BinaryIO
 import msgspec
 from msgspec.structs import replace
 
+from eigenfail import processes
 from eigenfail.bridges import EPISODE_VARIABLE
 from eigenfail.errors import ProtocolError, ServiceError
-from eigenfail.processes import (
-    NUMERIC_ENVIRONMENT,
-    as_parent,
-    exit_status,
-    kill_group,
-    wait_for_exit,
-)
 from eigenfail.values import EpisodeResult, EpisodeSetup, EpisodeTask, Policy
 from eigenfail.wire.messages import (
     MAX_MESSAGE_BYTES,
@@ -39,12 +33,7 @@ from eigenfail.wire.messages import (
     read_worker_message,
 )
 from eigenfail_workers.limits import Limits
-from eigenfail_workers.worker.resources import (
-    OutputLimiter,
-    ResourceMonitor,
-    list_process_tree,
-    resident_mib,
-)
+from eigenfail_workers.worker import resources
 
 LENGTH = struct.Struct("<I")
 
@@ -161,9 +150,9 @@ class ChildProcess:
         if pipes[0] is None or pipes[1] is None or pipes[2] is None:
             raise RuntimeError("pipes were asked for")
         self._stdout = pipes[1]
-        self._output = OutputLimiter(pipes[2], limits.output_kib)
+        self._output = resources.OutputLimiter(pipes[2], limits.output_kib)
         os.set_blocking(self._stdout.fileno(), False)
-        self._monitor = ResourceMonitor(self._process.pid, limits)
+        self._monitor = resources.ResourceMonitor(self._process.pid, limits)
         # A thread writes: parent and child never wait for each other over two full pipes.
         self._messages: SimpleQueue[Message | None] = SimpleQueue()
         pipe_and_messages = (pipes[0], self._messages)
@@ -174,7 +163,7 @@ class ChildProcess:
         except RuntimeError as error:  # the process was the last one that the system could start
             self._messages.put(None)  # the writer may have been started before the other thread
             with self._process:
-                kill_group(self._process)
+                processes.kill_group(self._process)
             raise _make_start_error(error) from error
         self._buffer = FrameBuffer()
         self._start_records()
@@ -294,7 +283,7 @@ class ChildProcess:
 
     def memory_mib(self) -> float:
         """Resident memory of the child and its descendants. [MiB]"""
-        return sum(map(resident_mib, list_process_tree(self._process.pid)))
+        return sum(map(resources.resident_mib, resources.list_process_tree(self._process.pid)))
 
     def finish(self) -> None:
         """Let the child end by itself after all messages; send nothing more after this."""
@@ -302,14 +291,14 @@ class ChildProcess:
 
     def has_ended(self) -> bool:
         """Whether the process has exited, even if a descendant keeps its pipe open."""
-        return exit_status(self._process) is not None
+        return processes.exit_status(self._process) is not None
 
     def end(self) -> int:
         """Kill the child and its descendants; return its exit status, or -signal."""
         if self._process.returncode is None:
             os.kill(self._process.pid, signal.SIGTERM)
-            wait_for_exit(self._process, GUARD_S)
-            kill_group(self._process)
+            processes.wait_for_exit(self._process, GUARD_S)
+            processes.kill_group(self._process)
         self._messages.put(None)
         self._writer.join(JOIN_S)
         self._output.join(JOIN_S)
@@ -386,8 +375,8 @@ def _start_child(limits: Limits) -> "subprocess.Popen[bytes]":
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             env=os.environ
-            | NUMERIC_ENVIRONMENT
-            | as_parent()
+            | processes.NUMERIC_ENVIRONMENT
+            | processes.as_parent()
             | {EPISODE_VARIABLE: str(limits.episode_s)},
             start_new_session=True,
         )

@@ -10,18 +10,8 @@ from zmq.utils import z85
 from zmq.utils.monitor import recv_monitor_message
 
 from eigenfail.errors import InvalidValue, ProtocolError, ServiceUnreachable, Unauthorized
+from eigenfail.wire import messages
 from eigenfail.wire.keys import HANDSHAKE_MS, WorkerKey
-from eigenfail.wire.messages import (
-    MAX_BYTES_TO_HUB,
-    MAX_FRAME_BYTES,
-    PIECE_BYTES,
-    Assembler,
-    HubMessage,
-    Message,
-    Piece,
-    read_hub_message,
-    split,
-)
 
 GIVE_UP_S = 30.0
 """Time after which handshakes that are broken off again and again end the worker."""
@@ -36,7 +26,7 @@ HANDSHAKE_EVENTS = (
 )
 
 LINGER_MS = 1_000
-HIGH_WATER_MARK = 2 * MAX_BYTES_TO_HUB // PIECE_BYTES
+HIGH_WATER_MARK = 2 * messages.MAX_BYTES_TO_HUB // messages.PIECE_BYTES
 """Frames that may wait for the hub: room for the longest message in pieces, and for others."""
 CHECK_EVERY_S = 0.1
 
@@ -160,13 +150,13 @@ class HubConnection:
         self.socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self.socket.setsockopt(zmq.LINGER, LINGER_MS)
         self.socket.setsockopt(zmq.SNDHWM, HIGH_WATER_MARK)
-        self.socket.setsockopt(zmq.MAXMSGSIZE, MAX_FRAME_BYTES)
+        self.socket.setsockopt(zmq.MAXMSGSIZE, messages.MAX_FRAME_BYTES)
         if key is not None:
             self.socket.setsockopt(zmq.CURVE_SERVERKEY, key.hub)
             self.socket.setsockopt(zmq.CURVE_SECRETKEY, key.secret)
             public = z85.decode(zmq.curve_public(z85.encode(key.secret)))
             self.socket.setsockopt(zmq.CURVE_PUBLICKEY, public)
-        self._assembler = Assembler()
+        self._assembler = messages.Assembler()
         self.handshakes = HandshakeMonitor(self.socket, address, keyed=key is not None)
         try:
             self.socket.connect(address)
@@ -175,17 +165,17 @@ class HubConnection:
             problem = f"'{address}' cannot be connected to: {error}."
             raise InvalidValue("connect", problem, "Write it as tcp://host:port.") from error
 
-    def send(self, message: Message) -> None:
+    def send(self, message: messages.Message) -> None:
         """Queue a message; it is dropped if the queue is full because the hub is away for long.
 
         Raises:
             ProtocolError: the message is longer than the hub accepts.
         """
         with contextlib.suppress(zmq.Again):
-            for frame in split(message, MAX_BYTES_TO_HUB):
+            for frame in messages.split(message, messages.MAX_BYTES_TO_HUB):
                 self.socket.send(frame, zmq.NOBLOCK)
 
-    def receive(self) -> Iterator[HubMessage]:
+    def receive(self) -> Iterator[messages.HubMessage]:
         """Yield every message that has arrived, and the pieces of incomplete messages.
 
         A message that cannot be read is skipped: a lease in it expires.
@@ -205,11 +195,14 @@ class HubConnection:
             with contextlib.suppress(ProtocolError):
                 yield self._read(data)
 
-    def _read(self, data: bytes) -> HubMessage:
+    def _read(self, data: bytes) -> messages.HubMessage:
         """Return the message in a frame, or the message that its piece completes."""
-        message: HubMessage = read_hub_message(data)  # type: ignore[assignment]
-        if isinstance(message, Piece) and (whole := self._assembler.add(message)) is not None:
-            return read_hub_message(whole)  # type: ignore[return-value]
+        message: messages.HubMessage = messages.read_hub_message(data)  # type: ignore[assignment]
+        if (
+            isinstance(message, messages.Piece)
+            and (whole := self._assembler.add(message)) is not None
+        ):
+            return messages.read_hub_message(whole)  # type: ignore[return-value]
         return message
 
     def reconnect(self) -> None:

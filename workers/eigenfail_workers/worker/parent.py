@@ -18,37 +18,14 @@ from eigenfail.errors import ProtocolError, ServiceError
 from eigenfail.fingerprints import fingerprint_plugins
 from eigenfail.values import EpisodeFault, EpisodeResult, EpisodeTask, PriorSource, unrunnable
 from eigenfail.versions import versions
+from eigenfail.wire import messages
 from eigenfail.wire.keys import WorkerKey
-from eigenfail.wire.messages import (
-    MAX_HOLDINGS,
-    PROTOCOL,
-    Ack,
-    BridgeReport,
-    Drop,
-    Goodbye,
-    Heartbeat,
-    Hello,
-    Holding,
-    Lease,
-    Piece,
-    PolicyUpdate,
-    Refusal,
-    Results,
-    Setup,
-    Welcome,
-    fingerprint_task,
-)
 from eigenfail.worlds import world_of
 from eigenfail_workers.bridge.probe import make_probe
 from eigenfail_workers.limits import RENEWAL, Limits, read_episode_limit, read_limits
+from eigenfail_workers.worker import inner_processes
 from eigenfail_workers.worker.child_process import ChildProcess, HeldEpisode, NullChild
 from eigenfail_workers.worker.hub_connection import HubConnection
-from eigenfail_workers.worker.inner_processes import (
-    MAX_CHILD_DEATHS,
-    CampaignSetups,
-    InnerProcesses,
-    ProcessFailures,
-)
 
 HAND_OVER_S = 10.0
 """Time for the hub to acknowledge finished results while the worker shuts down."""
@@ -127,8 +104,8 @@ class Parent:
         self._limits = replace(confined, episode_s=self._episode_limit_s)
         self._hub = HubConnection(address, key)
         self._probe = make_probe(os.environ.get(ADDRESS_VARIABLE))
-        self._hello = Hello(
-            PROTOCOL,
+        self._hello = messages.Hello(
+            messages.PROTOCOL,
             name,
             CREDIT,
             platform.node(),
@@ -140,9 +117,9 @@ class Parent:
         self._waiting: deque[HeldEpisode] = deque()
         self._outbox: dict[tuple[int, int], EpisodeResult] = {}
         self._declined: dict[int, str] = {}
-        self._setups = CampaignSetups()
-        self._failures = ProcessFailures()
-        self._processes = InnerProcesses(self._start_child, self._limits)
+        self._setups = inner_processes.CampaignSetups()
+        self._failures = inner_processes.ProcessFailures()
+        self._processes = inner_processes.InnerProcesses(self._start_child, self._limits)
         self._poller = zmq.Poller()
         self._polled_child: ChildProcess | None = None
         self._heartbeat_s = 0.0
@@ -152,16 +129,16 @@ class Parent:
         self._unanswered = 0
         self._shutdown = Shutdown()
         self._handlers: dict[type, Callable[..., None]] = {
-            Welcome: self._handle_welcome,
-            Refusal: self._handle_refusal,
-            Setup: self._handle_setup,
-            PolicyUpdate: self._setups.add_policy,
-            Lease: self._handle_lease,
-            Ack: self._handle_ack,
-            Drop: self._handle_drop,
-            Goodbye: self._handle_goodbye,
+            messages.Welcome: self._handle_welcome,
+            messages.Refusal: self._handle_refusal,
+            messages.Setup: self._handle_setup,
+            messages.PolicyUpdate: self._setups.add_policy,
+            messages.Lease: self._handle_lease,
+            messages.Ack: self._handle_ack,
+            messages.Drop: self._handle_drop,
+            messages.Goodbye: self._handle_goodbye,
             # An incomplete message has answered the heartbeats, and needs nothing else.
-            Piece: _ignore,
+            messages.Piece: _ignore,
         }
 
     @property
@@ -182,7 +159,7 @@ class Parent:
                 self.turn(child_spoke=self._wait())
             self._hand_over()
         finally:
-            self._hub.send(Goodbye("stopped"))
+            self._hub.send(messages.Goodbye("stopped"))
             self._processes.end()
             self._hub.close()
             if self._probe is not None:
@@ -214,7 +191,7 @@ class Parent:
         self._processes.end()
         self._child.running.clear()
         self._waiting.clear()
-        self._handlers[Lease] = _ignore  # the hub leases it elsewhere after the goodbye
+        self._handlers[messages.Lease] = _ignore  # the hub leases it elsewhere after the goodbye
         while self._outbox and self._shutdown.has_time:
             self._hub.socket.poll(TICK_MS)
             self._listen_to_hub()
@@ -235,17 +212,17 @@ class Parent:
             self._unanswered = 0
             self._handlers[type(message)](message)
 
-    def _handle_welcome(self, message: Welcome) -> None:
+    def _handle_welcome(self, message: messages.Welcome) -> None:
         if self._heartbeat_s:
             return  # one for each hello that was queued while the hub started
         log.info("welcomed", worker=self._hello.worker, hub=self._hub.address)
         self._heartbeat_s, self._refusal = message.heartbeat_s, ""
         self._hello = replace(self._hello, asked=self._hello.asked + 1)
         for (campaign, _), result in self._outbox.items():
-            self._hub.send(Results(campaign, (result,)))
+            self._hub.send(messages.Results(campaign, (result,)))
         self._report_offer()
 
-    def _handle_refusal(self, message: Refusal) -> None:
+    def _handle_refusal(self, message: messages.Refusal) -> None:
         """Say hello again: the hub was restarted, or has dropped this worker."""
         if message.reason != self._refusal:
             write = log.info if self._heartbeat_s else log.warning  # a refused hello is unexpected
@@ -255,35 +232,35 @@ class Parent:
             self._next_beat_s = 0.0
         self._refusal, self._heartbeat_s = message.reason, 0.0
 
-    def _handle_setup(self, message: Setup) -> None:
+    def _handle_setup(self, message: messages.Setup) -> None:
         if message.campaign in self._declined:
             # A hub sends a setup again only after a drop, and the drop did not arrive: the campaign
             # was resumed, and the reason for which it was declined may be gone.
-            self._handle_drop(Drop(message.campaign))
+            self._handle_drop(messages.Drop(message.campaign))
         self._setups.set_up(message)
 
-    def _handle_lease(self, message: Lease) -> None:
+    def _handle_lease(self, message: messages.Lease) -> None:
         if message.campaign in self._declined:
             return  # the lease was sent before the hub knew
         mine = {(each.campaign, each.task.index) for each in self._list_held()}
         for task in message.tasks:
             key = (message.campaign, task.index)
             if key in self._outbox:
-                self._hub.send(Results(message.campaign, (self._outbox[key],)))
+                self._hub.send(messages.Results(message.campaign, (self._outbox[key],)))
             elif key not in mine and min(key) >= 0:  # a hello cannot name a negative number
                 self._waiting.append(HeldEpisode(message.campaign, task))
 
-    def _handle_ack(self, message: Ack) -> None:
+    def _handle_ack(self, message: messages.Ack) -> None:
         for index in message.indices:
             self._outbox.pop((message.campaign, index), None)
 
-    def _handle_drop(self, message: Drop) -> None:
+    def _handle_drop(self, message: messages.Drop) -> None:
         self._waiting = deque(held for held in self._waiting if held.campaign != message.campaign)
         self._declined.pop(message.campaign, None)
         self._setups.drop(message.campaign)
         self._processes.drop(message.campaign)
 
-    def _handle_goodbye(self, message: Goodbye) -> None:
+    def _handle_goodbye(self, message: messages.Goodbye) -> None:
         log.info("sent home", worker=self._hello.worker, reason=message.reason)
         self._shutdown.request()
 
@@ -294,7 +271,7 @@ class Parent:
         if ended or not alive:
             self._replace_child("killed its process", 1 if self._child.begun else 0)
         elif self._child.is_overdue(self._episode_limit_s):
-            weight = MAX_CHILD_DEATHS if self._child.ready else 0
+            weight = inner_processes.MAX_CHILD_DEATHS if self._child.ready else 0
             self._replace_child(f"took longer than {self._episode_limit_s:g} s", weight)
         elif excess := self._child.find_excess():
             self._replace_child(excess, 1)
@@ -319,13 +296,13 @@ class Parent:
 
     def _report(self, campaign: int, result: EpisodeResult) -> None:
         try:
-            self._hub.send(Results(campaign, (result,)))
+            self._hub.send(messages.Results(campaign, (result,)))
         except ProtocolError as error:
             remedy = "Let the simulator end its episodes earlier, or show fewer vehicles."
             fault = EpisodeFault("simulator", f"The result is too long. {error} {remedy}")
             task = EpisodeTask(result.index, result.seed, PriorSource())
             result = replace(unrunnable(task, fault), source=result.source, wall_s=result.wall_s)
-            self._hub.send(Results(campaign, (result,)))
+            self._hub.send(messages.Results(campaign, (result,)))
         self._outbox[campaign, result.index] = result
 
     def _start_child(self) -> ChildProcess:
@@ -410,34 +387,36 @@ class Parent:
     def _report_offer(self) -> None:
         """Report what the bridge offers to the hub, which forgets it with the session."""
         if self._probe is not None:
-            self._hub.send(BridgeReport(self._probe.offer))
+            self._hub.send(messages.BridgeReport(self._probe.offer))
 
-    def _make_heartbeat(self) -> Heartbeat:
+    def _make_heartbeat(self) -> messages.Heartbeat:
         named = ((each.campaign, each.task.index) for each in self._list_held())
-        held = tuple(islice(named, MAX_HOLDINGS))
-        declined = tuple(islice(self._declined.items(), MAX_HOLDINGS)) or UNSET
+        held = tuple(islice(named, messages.MAX_HOLDINGS))
+        declined = tuple(islice(self._declined.items(), messages.MAX_HOLDINGS)) or UNSET
         if not self._child.running:
-            return Heartbeat(held=held, declined=declined)
+            return messages.Heartbeat(held=held, declined=declined)
         running = self._child.running[0]
         slots = self._child.slots(running.campaign)
-        return Heartbeat(running.campaign, running.task.index, held, slots, declined)
+        return messages.Heartbeat(running.campaign, running.task.index, held, slots, declined)
 
     def _list_held(self) -> Iterator[HeldEpisode]:
         """Yield the episodes that run or wait, without those of dropped campaigns."""
         return (each for each in (*self._child.running, *self._waiting) if each.wanted)
 
-    def _list_holdings(self) -> tuple[Holding, ...]:
+    def _list_holdings(self) -> tuple[messages.Holding, ...]:
         """Return the episodes that a hub which does not know this worker must leave to it."""
         setups = self._setups.setups
         unfinished = (
-            Holding(
-                each.campaign, each.task.index, fingerprint_task(setups[each.campaign], each.task)
+            messages.Holding(
+                each.campaign,
+                each.task.index,
+                messages.fingerprint_task(setups[each.campaign], each.task),
             )
             for each in self._list_held()
             if each.campaign in setups
         )
-        finished = (Holding(*key) for key in self._outbox)
-        return tuple(islice(chain(unfinished, finished), MAX_HOLDINGS))
+        finished = (messages.Holding(*key) for key in self._outbox)
+        return tuple(islice(chain(unfinished, finished), messages.MAX_HOLDINGS))
 
 
 def _ignore(_message: object) -> None:

@@ -20,17 +20,11 @@ from eigenfail.presentation.terminal import start_grid
 from eigenfail.settings import convert
 from eigenfail.suites import Suite
 from eigenfail.values import Campaign
+from eigenfail_assurance.sensor import sentences
 from eigenfail_assurance.sensor.anchors import check_question, find_sensor_requirement
 from eigenfail_assurance.sensor.page import format_page
 from eigenfail_assurance.sensor.scaling import SCALE
 from eigenfail_assurance.sensor.search import MultipleRange, RequirementAnswer, RequirementQuestion
-from eigenfail_assurance.sensor.sentences import (
-    ANCHOR_COLUMNS,
-    FRONTIER_COLUMNS,
-    describe_answer,
-    list_anchor_row,
-    list_frontier_row,
-)
 
 app = typer.Typer(add_completion=False)
 
@@ -132,7 +126,7 @@ def requirement(
             return campaign
 
         answer = find_sensor_requirement(client, spec, question, run)
-    conclusions = describe_answer(spec, answer)
+    conclusions = sentences.describe_answer(spec, answer)
     if output is not None:
         draft = output.with_name(f".{output.name}.new")
         draft.unlink(missing_ok=True)
@@ -155,12 +149,12 @@ def _check_output(output: Path, *, force: bool) -> None:
 def _draw_report(report: RequirementReport, output: Path | None) -> RenderableType:
     """For people."""
     answer = report.answer
-    anchors = start_grid(*ANCHOR_COLUMNS, right=ANCHOR_COLUMNS[1:-1])
+    anchors = start_grid(*sentences.ANCHOR_COLUMNS, right=sentences.ANCHOR_COLUMNS[1:-1])
     for anchor in answer.anchors:
-        anchors.add_row(*list_anchor_row(anchor))
-    frontier = start_grid(*FRONTIER_COLUMNS)
+        anchors.add_row(*sentences.list_anchor_row(anchor))
+    frontier = start_grid(*sentences.FRONTIER_COLUMNS)
     for limit in answer.frontier:
-        frontier.add_row(*list_frontier_row(limit))
+        frontier.add_row(*sentences.list_frontier_row(limit))
     shown = (anchors, "", frontier, "") if answer.frontier else (anchors, "")
     written = () if output is None else (Text(f"The page is {output}."),)
     return Group(*shown, *map(Text, report.conclusions), *written)

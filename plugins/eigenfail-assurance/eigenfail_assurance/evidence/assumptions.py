@@ -8,17 +8,9 @@ import msgspec
 from eigenfail.values import CampaignSpec
 from eigenfail.versions import describe_mixed
 from eigenfail.worlds import describe_disturbance, world_of
+from eigenfail_assurance.evidence import question
 from eigenfail_assurance.evidence.counting import MONTE_CARLO, Counted, CountedCampaign
 from eigenfail_assurance.evidence.judgement import assess_recorded_risk
-from eigenfail_assurance.evidence.question import (
-    AnySolution,
-    GateSolution,
-    ProbabilitySolution,
-    ReplaySolution,
-    RiskSolution,
-    SearchSolution,
-    SensorSolution,
-)
 from eigenfail_assurance.evidence.records import SolutionInput, list_campaigns
 from eigenfail_assurance.risk.sentences import list_limits
 
@@ -36,7 +28,7 @@ class Surroundings(NamedTuple):
 
 
 def gather_surroundings(
-    solution: AnySolution, given: SolutionInput, campaigns: Counted
+    solution: question.AnySolution, given: SolutionInput, campaigns: Counted
 ) -> Surroundings:
     """Return the contexts and assumptions of a solution, each sentence once.
 
@@ -118,7 +110,7 @@ def _list_used(given: SolutionInput, campaigns: Counted) -> Sequence[CountedCamp
 
 
 def _list_for_probability(
-    _solution: ProbabilitySolution, given: SolutionInput, campaigns: Counted
+    _solution: question.ProbabilitySolution, given: SolutionInput, campaigns: Counted
 ) -> Iterator[str]:
     for each in _list_used(given, campaigns):
         yield from _list_probability_assumptions(each)
@@ -126,7 +118,7 @@ def _list_for_probability(
 
 
 def _list_for_risk(
-    solution: RiskSolution, given: SolutionInput, campaigns: Counted
+    solution: question.RiskSolution, given: SolutionInput, campaigns: Counted
 ) -> Iterator[str]:
     for each in _list_used(given, campaigns):
         yield from _list_probability_assumptions(each)
@@ -139,7 +131,7 @@ def _list_for_risk(
 
 
 def _list_for_search(
-    _solution: SearchSolution, _given: SolutionInput, _campaigns: Counted
+    _solution: question.SearchSolution, _given: SolutionInput, _campaigns: Counted
 ) -> Iterator[str]:
     yield (
         "A count of the failures of a search states no probability: failures that it did not come "
@@ -148,28 +140,28 @@ def _list_for_search(
 
 
 def _list_for_replay(
-    _solution: ReplaySolution, _given: SolutionInput, _campaigns: Counted
+    _solution: question.ReplaySolution, _given: SolutionInput, _campaigns: Counted
 ) -> Iterator[str]:
     yield "Replays repeat chosen noise: the share that fails again is no probability."
 
 
 def _list_for_gate(
-    _solution: GateSolution, _given: SolutionInput, _campaigns: Counted
+    _solution: question.GateSolution, _given: SolutionInput, _campaigns: Counted
 ) -> Iterator[str]:
     yield "The gate compares versions under the noise of its baseline; other noise is not tried."
 
 
 def _list_for_sensor(
-    _solution: SensorSolution, _given: SolutionInput, _campaigns: Counted
+    _solution: question.SensorSolution, _given: SolutionInput, _campaigns: Counted
 ) -> Iterator[str]:
     yield "P(failure) does not fall as errors of the sensor grow."
 
 
 _LISTERS: Mapping[type, Callable[..., Iterator[str]]] = {
-    ProbabilitySolution: _list_for_probability,
-    RiskSolution: _list_for_risk,
-    SearchSolution: _list_for_search,
-    ReplaySolution: _list_for_replay,
-    GateSolution: _list_for_gate,
-    SensorSolution: _list_for_sensor,
+    question.ProbabilitySolution: _list_for_probability,
+    question.RiskSolution: _list_for_risk,
+    question.SearchSolution: _list_for_search,
+    question.ReplaySolution: _list_for_replay,
+    question.GateSolution: _list_for_gate,
+    question.SensorSolution: _list_for_sensor,
 }

@@ -14,12 +14,7 @@ from textwrap import wrap
 from typing import NamedTuple
 
 from eigenfail.gate.report import ILLEGAL
-from eigenfail_assurance.evidence.argument import (
-    ArgumentElement,
-    ArgumentGraph,
-    ElementKind,
-    LinkKind,
-)
+from eigenfail_assurance.evidence import argument
 from eigenfail_assurance.evidence.judgement import ClaimVerdict
 
 INK, MUTED, PAPER = "#16202a", "#525e6b", "#ffffff"
@@ -34,11 +29,11 @@ LETTER, LINE, MARGIN = 6.3, 15.0, 12.0
 """Mean width of a letter, height of a line, and room around a text. [px]"""
 
 COLUMNS = {
-    ElementKind.GOAL: 38,
-    ElementKind.STRATEGY: 36,
-    ElementKind.SOLUTION: 24,
-    ElementKind.CONTEXT: 50,
-    ElementKind.ASSUMPTION: 42,
+    argument.ElementKind.GOAL: 38,
+    argument.ElementKind.STRATEGY: 36,
+    argument.ElementKind.SOLUTION: 24,
+    argument.ElementKind.CONTEXT: 50,
+    argument.ElementKind.ASSUMPTION: 42,
 }
 """Letters on a line, by kind of element."""
 
@@ -59,7 +54,7 @@ DOUBLE = 4.0
 class _Box(NamedTuple):
     """An element with its lines of text and its size. [px]"""
 
-    element: ArgumentElement
+    element: argument.ArgumentElement
     lines: tuple[str, ...]
     width: float
     height: float
@@ -80,7 +75,7 @@ class _Extent(NamedTuple):
     right: float
 
 
-def draw_graph(graph: ArgumentGraph) -> str:
+def draw_graph(graph: argument.ArgumentGraph) -> str:
     """Return the picture of an argument, as SVG with a title and a description."""
     layout = _Layout(graph)
     places = layout.place_elements()
@@ -109,9 +104,9 @@ def draw_graph(graph: ArgumentGraph) -> str:
     return "\n".join(parts)
 
 
-def describe_graph(graph: ArgumentGraph) -> str:
+def describe_graph(graph: argument.ArgumentGraph) -> str:
     """Return the claims of an argument with their verdicts, in sentences."""
-    goals = [each for each in graph.elements if each.kind is ElementKind.GOAL]
+    goals = [each for each in graph.elements if each.kind is argument.ElementKind.GOAL]
     return " ".join(f"{each.id}, {each.verdict}: {each.text}" for each in goals)
 
 
@@ -134,17 +129,17 @@ def _format(value: float) -> str:
     return f"{value:.1f}".removesuffix(".0")
 
 
-def _measure_element(element: ArgumentElement) -> _Box:
+def _measure_element(element: argument.ArgumentElement) -> _Box:
     """Return an element with its size, as its text and its shape need it."""
     heading = element.id if element.verdict is None else f"{element.id} · {element.verdict}"
     lines = (heading, *wrap(element.text, COLUMNS[element.kind], break_long_words=True))
     width = LETTER * max(map(len, lines)) + 2.0 * MARGIN
     height = LINE * len(lines) + MARGIN
-    if element.kind is ElementKind.STRATEGY:
+    if element.kind is argument.ElementKind.STRATEGY:
         width += 2.0 * SLANT
-    if element.kind is ElementKind.SOLUTION:
+    if element.kind is argument.ElementKind.SOLUTION:
         width = height = hypot(width - MARGIN, height - MARGIN) + MARGIN
-    if element.kind is ElementKind.ASSUMPTION:
+    if element.kind is argument.ElementKind.ASSUMPTION:
         # The smallest ellipse about a rectangle is the square root of 2 times as wide and high.
         width, height = sqrt(2.0) * (width - MARGIN), sqrt(2.0) * height
     return _Box(element, lines, width, height)
@@ -153,12 +148,12 @@ def _measure_element(element: ArgumentElement) -> _Box:
 class _Layout:
     """Places of all elements: claims in layers, contexts left of them, assumptions right."""
 
-    def __init__(self, graph: ArgumentGraph) -> None:
+    def __init__(self, graph: argument.ArgumentGraph) -> None:
         self._boxes = {each.id: _measure_element(each) for each in graph.elements}
         self._below: dict[str, list[str]] = {each: [] for each in self._boxes}
         self._beside: dict[str, list[str]] = {each: [] for each in self._boxes}
         for link in graph.links:
-            joined = self._below if link.kind is LinkKind.SUPPORTED_BY else self._beside
+            joined = self._below if link.kind is argument.LinkKind.SUPPORTED_BY else self._beside
             joined[link.source].append(link.target)
         self._top = graph.elements[0].id
         self._layers: list[float] = []
@@ -170,14 +165,14 @@ class _Layout:
         self._place(self._top, self._measure_subtree(self._top).left, 0)
         return {each: self._places[each] for each in self._boxes}
 
-    def _list_beside(self, name: str, kind: ElementKind) -> list[_Box]:
+    def _list_beside(self, name: str, kind: argument.ElementKind) -> list[_Box]:
         boxes = (self._boxes[each] for each in self._beside[name])
         return [each for each in boxes if each.element.kind is kind]
 
     def _measure_layers(self, name: str, depth: int) -> None:
         """Find the height of each layer."""
         heights = [self._boxes[name].height]
-        for kind in (ElementKind.CONTEXT, ElementKind.ASSUMPTION):
+        for kind in (argument.ElementKind.CONTEXT, argument.ElementKind.ASSUMPTION):
             stack = self._list_beside(name, kind)
             heights.append(sum(each.height + STACK for each in stack))
         if depth == len(self._layers):
@@ -191,7 +186,7 @@ class _Layout:
         half = self._boxes[name].width / 2.0
         sides = [
             max((each.width + BESIDE for each in self._list_beside(name, kind)), default=0.0)
-            for kind in (ElementKind.CONTEXT, ElementKind.ASSUMPTION)
+            for kind in (argument.ElementKind.CONTEXT, argument.ElementKind.ASSUMPTION)
         ]
         return _Extent(half + sides[0], half + sides[1])
 
@@ -221,7 +216,10 @@ class _Layout:
 
     def _place_beside(self, name: str, x: float, top: float) -> None:
         half = self._boxes[name].width / 2.0 + BESIDE
-        for kind, way in ((ElementKind.CONTEXT, -1.0), (ElementKind.ASSUMPTION, 1.0)):
+        for kind, way in (
+            (argument.ElementKind.CONTEXT, -1.0),
+            (argument.ElementKind.ASSUMPTION, 1.0),
+        ):
             stack = self._list_beside(name, kind)
             y = top
             for box in stack:
@@ -230,8 +228,8 @@ class _Layout:
                 y += box.height + STACK
 
 
-def _draw_link(source: _Place, target: _Place, kind: LinkKind) -> str:
-    if kind is LinkKind.SUPPORTED_BY:
+def _draw_link(source: _Place, target: _Place, kind: argument.LinkKind) -> str:
+    if kind is argument.LinkKind.SUPPORTED_BY:
         points, marker = _route_down(source, target), "supported"
     else:
         way = 1.0 if target.x > source.x else -1.0
@@ -304,12 +302,12 @@ def _draw_ellipse(place: _Place, width: float, height: float, look: str) -> str:
     return f'<ellipse cx="{_format(place.x)}" cy="{_format(place.y)}" {size} {look}/>'
 
 
-_OUTLINES: Mapping[ElementKind, Callable[[_Place, float, float, str], str]] = {
-    ElementKind.GOAL: _draw_rectangle,
-    ElementKind.STRATEGY: _draw_parallelogram,
-    ElementKind.SOLUTION: _draw_ellipse,
-    ElementKind.CONTEXT: _draw_context,
-    ElementKind.ASSUMPTION: _draw_ellipse,
+_OUTLINES: Mapping[argument.ElementKind, Callable[[_Place, float, float, str], str]] = {
+    argument.ElementKind.GOAL: _draw_rectangle,
+    argument.ElementKind.STRATEGY: _draw_parallelogram,
+    argument.ElementKind.SOLUTION: _draw_ellipse,
+    argument.ElementKind.CONTEXT: _draw_context,
+    argument.ElementKind.ASSUMPTION: _draw_ellipse,
 }
 
 
@@ -339,7 +337,7 @@ def _draw_text(place: _Place) -> Iterator[str]:
         weight = "" if number else ' font-weight="bold"'
         at = f'x="{x}" y="{_format(y + LINE * number)}"'
         yield f'<text {at} text-anchor="middle" fill="{INK}"{weight}>{_escape(line)}</text>'
-    if place.box.element.kind is ElementKind.ASSUMPTION:
+    if place.box.element.kind is argument.ElementKind.ASSUMPTION:
         at_x, at_y = place.x + place.box.width * 0.42, place.y + place.box.height * 0.48
         where = f'x="{_format(at_x)}" y="{_format(at_y)}"'
         yield f'<text {where} fill="{MUTED}" font-weight="bold">A</text>'

@@ -9,15 +9,8 @@ from collections.abc import Iterator
 
 from msgspec.structs import replace
 
+from eigenfail.gate import reruns
 from eigenfail.gate.report import GateReport, GateRun
-from eigenfail.gate.reruns import (
-    GateFinding,
-    JudgedBy,
-    Rerun,
-    RerunFigures,
-    find_hidden,
-    find_worst,
-)
 from eigenfail.gate.verdicts import (
     GateVerdict,
     RunOutcomes,
@@ -29,16 +22,11 @@ from eigenfail.gate.verdicts import (
 )
 from eigenfail.intervals import bound_both_sides, difference, sum_lower_tail
 from eigenfail.values import CampaignState, Difference, McNemar, Outcome, Rate
-from eigenfail_assurance.evidence.counting import (
-    MONTE_CARLO,
-    Counted,
-    CountedCampaign,
-    explain_gaps,
-)
+from eigenfail_assurance.evidence import counting
 from eigenfail_assurance.evidence.records import RecordedEpisode, place_episode
 
 
-def find_gate_problems(report: GateReport, campaigns: Counted) -> Iterator[str]:
+def find_gate_problems(report: GateReport, campaigns: counting.Counted) -> Iterator[str]:
     """Yield which verdicts of a gate its episodes do not give, in sentences.
 
     Args:
@@ -55,7 +43,9 @@ def find_gate_problems(report: GateReport, campaigns: Counted) -> Iterator[str]:
             yield from _check_rerun(member.rerun, report.gate, campaigns)
 
 
-def _check_known(finding: GateFinding, gate: GateRun, campaigns: Counted) -> Iterator[str]:
+def _check_known(
+    finding: reruns.GateFinding, gate: GateRun, campaigns: counting.Counted
+) -> Iterator[str]:
     if not finding.episode:
         yield f"the known failure '{finding.what}' has no episode."
         return
@@ -70,7 +60,9 @@ def _check_known(finding: GateFinding, gate: GateRun, campaigns: Counted) -> Ite
         )
 
 
-def _list_outcomes_before(finding: GateFinding, campaigns: Counted) -> tuple[Outcome | None, ...]:
+def _list_outcomes_before(
+    finding: reruns.GateFinding, campaigns: counting.Counted
+) -> tuple[Outcome | None, ...]:
     """Return what may have become of a known failure with the planner of the baseline."""
     if finding.was:
         number, index = place_episode(finding.was)
@@ -79,7 +71,7 @@ def _list_outcomes_before(finding: GateFinding, campaigns: Counted) -> tuple[Out
     return (Outcome.SAFE, Outcome.COLLISION, None)
 
 
-def _check_campaign(counted: CountedCampaign, gate: GateRun) -> Iterator[str]:
+def _check_campaign(counted: counting.CountedCampaign, gate: GateRun) -> Iterator[str]:
     """Yield why the episodes of a campaign of the new planner show nothing."""
     yield from _check_done(counted)
     if counted.campaign.spec.version != gate.version:
@@ -89,15 +81,15 @@ def _check_campaign(counted: CountedCampaign, gate: GateRun) -> Iterator[str]:
         )
 
 
-def _check_done(counted: CountedCampaign) -> Iterator[str]:
+def _check_done(counted: counting.CountedCampaign) -> Iterator[str]:
     campaign = counted.campaign
     if campaign.state is not CampaignState.DONE:
         yield f"campaign {campaign.id} is {campaign.state_word}."
-    if problem := explain_gaps([counted]):
+    if problem := counting.explain_gaps([counted]):
         yield problem
 
 
-def _check_rerun(rerun: Rerun, gate: GateRun, campaigns: Counted) -> Iterator[str]:
+def _check_rerun(rerun: reruns.Rerun, gate: GateRun, campaigns: counting.Counted) -> Iterator[str]:
     before, now = (campaigns[each.campaign] for each in (rerun.before, rerun.now))
     name = f"campaign {now.campaign.id}"
     if now.campaign.id == before.campaign.id:
@@ -115,14 +107,19 @@ def _check_rerun(rerun: Rerun, gate: GateRun, campaigns: Counted) -> Iterator[st
         yield from _check_paired(rerun, gate, before, now)
 
 
-def _compare_counts(figures: RerunFigures, counted: CountedCampaign) -> Iterator[str]:
+def _compare_counts(
+    figures: reruns.RerunFigures, counted: counting.CountedCampaign
+) -> Iterator[str]:
     said = (figures.completed, figures.failures, figures.errored, figures.unresolved)
     if said != (counted.completed, counted.failures, counted.errored, counted.unresolved):
         yield f"its counts of campaign {figures.campaign} are not those of the episodes."
 
 
 def _check_doubt(
-    rerun: Rerun, gate: GateRun, before: CountedCampaign, now: CountedCampaign
+    rerun: reruns.Rerun,
+    gate: GateRun,
+    before: counting.CountedCampaign,
+    now: counting.CountedCampaign,
 ) -> Iterator[str]:
     """Yield that a rerun leaves out episodes that may hide what would close the gate.
 
@@ -137,13 +134,16 @@ def _check_doubt(
     pairs = None if rerun.unpaired_because else _count_pairs(before, now)
     campaigns = before.counted, now.counted
     sides = outcomes[0], replace(outcomes[1], unresolved=unresolved)
-    hidden = find_hidden(*sides, campaigns, pairs, rerun.by, gate.closing)
+    hidden = reruns.find_hidden(*sides, campaigns, pairs, rerun.by, gate.closing)
     if len(hidden) > rerun.hidden_errored + rerun.hidden_unresolved:
         yield f"episodes of campaign {now.campaign.id} in doubt may hide a new failure."
 
 
 def _check_paired(
-    rerun: Rerun, gate: GateRun, before: CountedCampaign, now: CountedCampaign
+    rerun: reruns.Rerun,
+    gate: GateRun,
+    before: counting.CountedCampaign,
+    now: counting.CountedCampaign,
 ) -> Iterator[str]:
     """Yield the contradictions in a rerun that is judged by pairs of episodes."""
     name = f"campaign {now.campaign.id}"
@@ -156,14 +156,16 @@ def _check_paired(
     if rerun.counts != dict(counts):
         yield f"its counts of the pairs of {name} are not those of the episodes."
     by_chance = judge_rate_by_chance(_count_pairs(before, now), counts)
-    verdict = find_worst(counts) if rerun.by is JudgedBy.EPISODE else by_chance
+    verdict = reruns.find_worst(counts) if rerun.by is reruns.JudgedBy.EPISODE else by_chance
     yield from _compare_verdict(rerun, {verdict})
 
 
-def _check_unpaired(rerun: Rerun, before: CountedCampaign, now: CountedCampaign) -> Iterator[str]:
+def _check_unpaired(
+    rerun: reruns.Rerun, before: counting.CountedCampaign, now: counting.CountedCampaign
+) -> Iterator[str]:
     """Yield the contradictions in a rerun that is judged by its rate."""
     name = f"campaign {now.campaign.id}"
-    if rerun.by is not JudgedBy.RATE or rerun.counts:
+    if rerun.by is not reruns.JudgedBy.RATE or rerun.counts:
         yield f"{name} has no pairs, and is judged by them."
     if _has_same_noise(before, now) and _count_pairs(before, now).n:
         yield f"{name} has the noise of campaign {before.campaign.id}, and is not judged by pairs."
@@ -176,12 +178,12 @@ def _check_unpaired(rerun: Rerun, before: CountedCampaign, now: CountedCampaign)
         yield from _compare_verdict(rerun, {GateVerdict.SAFE, GateVerdict.FIXED})
 
 
-def _judges_failures(before: CountedCampaign, now: CountedCampaign) -> bool:
+def _judges_failures(before: counting.CountedCampaign, now: counting.CountedCampaign) -> bool:
     """Return whether a stop rule decides on the interval of a rate."""
     return any(each.campaign.spec.stop.judges_failures for each in (before, now))
 
 
-def _rests_on_difference(before: CountedCampaign, now: CountedCampaign) -> bool:
+def _rests_on_difference(before: counting.CountedCampaign, now: counting.CountedCampaign) -> bool:
     """Return whether the verdict of `judge_rate` rests on the difference of the rates."""
     estimates = [each.campaign.estimate for each in (before, now)]
     if has_new_errors(before.counted.counts, now.counted.counts) or not before.failures:
@@ -189,7 +191,7 @@ def _rests_on_difference(before: CountedCampaign, now: CountedCampaign) -> bool:
     return not all(each and each.interval for each in estimates)
 
 
-def _compare_verdict(rerun: Rerun, possible: set[GateVerdict]) -> Iterator[str]:
+def _compare_verdict(rerun: reruns.Rerun, possible: set[GateVerdict]) -> Iterator[str]:
     """Yield that a verdict does not follow from the episodes; a new mode makes it stricter."""
     if rerun.new_modes:
         possible = possible | {GateVerdict.NEW}
@@ -204,7 +206,7 @@ def _join(verdicts: set[GateVerdict]) -> str:
     return " or ".join(f"'{each}'" for each in sorted(verdicts))
 
 
-def _read_outcomes(counted: CountedCampaign) -> RunOutcomes[RecordedEpisode]:
+def _read_outcomes(counted: counting.CountedCampaign) -> RunOutcomes[RecordedEpisode]:
     episodes = counted.episodes
     return RunOutcomes(
         episodes=len(episodes),
@@ -213,7 +215,7 @@ def _read_outcomes(counted: CountedCampaign) -> RunOutcomes[RecordedEpisode]:
     )
 
 
-def _count_pairs(before: CountedCampaign, now: CountedCampaign) -> McNemar:
+def _count_pairs(before: counting.CountedCampaign, now: counting.CountedCampaign) -> McNemar:
     """Return McNemar's exact test on the episodes that both completed with one seed and source."""
     known = {(each.index, each.seed, each.source): each.outcome for each in before.episodes}
     pairs: Counter[tuple[bool, bool]] = Counter()
@@ -233,15 +235,21 @@ def _count_pairs(before: CountedCampaign, now: CountedCampaign) -> McNemar:
     )
 
 
-def _has_same_noise(before: CountedCampaign, now: CountedCampaign) -> bool:
+def _has_same_noise(before: counting.CountedCampaign, now: counting.CountedCampaign) -> bool:
     """Return whether both drew the same noise from p(x): other methods are not looked into."""
     one, other = before.campaign.spec, now.campaign.spec
     fields = ("method", "seed", "simulator", "scenario", "scenario_parameters")
     is_alike = all(getattr(one, name) == getattr(other, name) for name in fields)
-    return is_alike and one.method == MONTE_CARLO and one.disturbance.is_like(other.disturbance)
+    return (
+        is_alike
+        and one.method == counting.MONTE_CARLO
+        and one.disturbance.is_like(other.disturbance)
+    )
 
 
-def _subtract_rates(before: CountedCampaign, now: CountedCampaign) -> Difference | None:
+def _subtract_rates(
+    before: counting.CountedCampaign, now: counting.CountedCampaign
+) -> Difference | None:
     """Return the difference of the failure rates; None before both completed an episode."""
     sides = (before, now)
     if not all(each.completed for each in sides):

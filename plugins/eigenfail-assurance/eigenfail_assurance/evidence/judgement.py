@@ -23,20 +23,7 @@ from eigenfail.presentation.figures import (
 )
 from eigenfail.values import CampaignState, Interval, Outcome
 from eigenfail.values.proof import ReplayedNoise, ReplayKind
-from eigenfail_assurance.evidence.counting import (
-    MONTE_CARLO,
-    Counted,
-    CountedCampaign,
-    bound_probability,
-    estimate_probability,
-    explain_gaps,
-    explain_no_probability,
-    is_ended_by_failures,
-    sum_completed,
-    sum_errored,
-    sum_failures,
-    sum_unresolved,
-)
+from eigenfail_assurance.evidence import counting
 from eigenfail_assurance.evidence.gates import find_gate_problems
 from eigenfail_assurance.evidence.question import (
     AnySolution,
@@ -48,12 +35,7 @@ from eigenfail_assurance.evidence.question import (
     SensorSolution,
 )
 from eigenfail_assurance.evidence.records import SolutionInput
-from eigenfail_assurance.risk.assessment import (
-    RiskAssessment,
-    RiskVerdict,
-    ScenarioEvidence,
-    assess,
-)
+from eigenfail_assurance.risk import assessment
 from eigenfail_assurance.risk.confidence import Confidence, FailureShare, RunEstimate
 from eigenfail_assurance.risk.sentences import describe_verdict, format_target
 from eigenfail_assurance.sensor.anchors import bound_sampled, judge_bounds
@@ -95,7 +77,7 @@ class SolutionFinding(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def judge_solution(
-    solution: AnySolution, given: SolutionInput, campaigns: Counted
+    solution: AnySolution, given: SolutionInput, campaigns: counting.Counted
 ) -> SolutionFinding:
     """Return what the output of a solution shows about its criterion.
 
@@ -109,7 +91,9 @@ def judge_solution(
     """
     if given.missing:
         return _leave_undecided(" ".join(given.missing))
-    judge: Callable[[Any, SolutionInput, Counted], SolutionFinding] = _JUDGES[type(solution)]
+    judge: Callable[[Any, SolutionInput, counting.Counted], SolutionFinding] = _JUDGES[
+        type(solution)
+    ]
     return judge(solution, given, campaigns)
 
 
@@ -117,26 +101,28 @@ def _leave_undecided(words: str, **figures: float | None) -> SolutionFinding:
     return SolutionFinding(verdict=ClaimVerdict.UNDECIDED, words=words, figures=dict(figures))
 
 
-def _list_group(given: SolutionInput, campaigns: Counted) -> list[CountedCampaign]:
+def _list_group(
+    given: SolutionInput, campaigns: counting.Counted
+) -> list[counting.CountedCampaign]:
     return [campaigns[each] for group in given.campaigns for each in group]
 
 
 def _judge_probability(
-    solution: ProbabilitySolution, given: SolutionInput, campaigns: Counted
+    solution: ProbabilitySolution, given: SolutionInput, campaigns: counting.Counted
 ) -> SolutionFinding:
     group = _list_group(given, campaigns)
-    if problem := explain_no_probability(group):
+    if problem := counting.explain_no_probability(group):
         return _leave_undecided(f"No probability is known: {problem}")
-    bounds = bound_probability(group, 1.0 - solution.confidence)
+    bounds = counting.bound_probability(group, 1.0 - solution.confidence)
     figures = {
-        "episodes": sum_completed(group),
-        "failures": sum_failures(group),
-        "errored": sum_errored(group),
-        "probability": estimate_probability(group),
+        "episodes": counting.sum_completed(group),
+        "failures": counting.sum_failures(group),
+        "errored": counting.sum_errored(group),
+        "probability": counting.estimate_probability(group),
         "at_least": bounds.low,
         "at_most": bounds.high,
     }
-    if unresolved := sum_unresolved(group):
+    if unresolved := counting.sum_unresolved(group):
         figures["unresolved"] = unresolved
     verdict = _VERDICTS_OF_BOUNDS[judge_bounds(bounds, solution.at_most)]
     words = f"{_describe_bound(verdict, bounds, solution)}: {_describe_basis(group)}."
@@ -162,60 +148,60 @@ def _describe_bound(verdict: ClaimVerdict, bounds: Interval, solution: Probabili
     return f"P(failure) is {words[verdict]} ({sure} confidence)"
 
 
-def _describe_basis(group: Sequence[CountedCampaign]) -> str:
+def _describe_basis(group: Sequence[counting.CountedCampaign]) -> str:
     names = ", ".join(str(each.campaign.id) for each in group)
     method = group[0].campaign.spec.method
-    failures, completed = sum_failures(group), sum_completed(group)
+    failures, completed = counting.sum_failures(group), counting.sum_completed(group)
     where = f"campaign{'s' * (len(group) > 1)} {names} ({method})"
-    if method != MONTE_CARLO:
+    if method != counting.MONTE_CARLO:
         return f"the estimate of {where} from {count_noun(completed, 'episode')}"
     return f"{format_count(failures)} of {count_noun(completed, 'episode')} of {where} failed"
 
 
 def assess_recorded_risk(
-    solution: RiskSolution, given: SolutionInput, campaigns: Counted
-) -> RiskAssessment:
+    solution: RiskSolution, given: SolutionInput, campaigns: counting.Counted
+) -> assessment.RiskAssessment:
     """Return the risk that recorded campaigns show, without classes of severity."""
     groups = [[campaigns[each] for each in group] for group in given.campaigns]
     known = [_collect_evidence(group) for group in groups]
     planner = next((each.campaign.spec.planner for group in groups for each in group), "")
-    return assess(replace(solution.question, severity=()), known, planner, given.notes)
+    return assessment.assess(replace(solution.question, severity=()), known, planner, given.notes)
 
 
-def _collect_evidence(group: Sequence[CountedCampaign]) -> ScenarioEvidence:
-    problem = explain_no_probability(group)
-    if not problem and is_ended_by_failures(group):
+def _collect_evidence(group: Sequence[counting.CountedCampaign]) -> assessment.ScenarioEvidence:
+    problem = counting.explain_no_probability(group)
+    if not problem and counting.is_ended_by_failures(group):
         problem = f"a stop rule on failures ended campaign {group[0].campaign.id}."
-    return ScenarioEvidence(
+    return assessment.ScenarioEvidence(
         campaigns=tuple(each.campaign.id for each in group),
         method=group[0].campaign.spec.method if group else "",
-        episodes=sum_completed(group),
-        failures=sum_failures(group),
+        episodes=counting.sum_completed(group),
+        failures=counting.sum_failures(group),
         probability=None if problem else _find_confidence(group),
         problem=problem,
         seeds=tuple(each.campaign.spec.seed for each in group),
     )
 
 
-def _find_confidence(group: Sequence[CountedCampaign]) -> Confidence | None:
+def _find_confidence(group: Sequence[counting.CountedCampaign]) -> Confidence | None:
     first = group[0].campaign
-    if first.spec.method != MONTE_CARLO:
+    if first.spec.method != counting.MONTE_CARLO:
         return RunEstimate.of(first.estimate) if first.estimate else None
-    errored = sum_errored(group)
-    trials = sum_completed(group) + errored
-    value, unresolved = estimate_probability(group), sum_unresolved(group)
-    return FailureShare(sum_failures(group), errored, trials, value, unresolved)
+    errored = counting.sum_errored(group)
+    trials = counting.sum_completed(group) + errored
+    value, unresolved = counting.estimate_probability(group), counting.sum_unresolved(group)
+    return FailureShare(counting.sum_failures(group), errored, trials, value, unresolved)
 
 
 _VERDICTS_OF_RISK = {
-    RiskVerdict.MET: ClaimVerdict.SUPPORTED,
-    RiskVerdict.NOT_MET: ClaimVerdict.REFUTED,
-    RiskVerdict.UNDECIDED: ClaimVerdict.UNDECIDED,
+    assessment.RiskVerdict.MET: ClaimVerdict.SUPPORTED,
+    assessment.RiskVerdict.NOT_MET: ClaimVerdict.REFUTED,
+    assessment.RiskVerdict.UNDECIDED: ClaimVerdict.UNDECIDED,
 }
 
 
 def _judge_risk(
-    solution: RiskSolution, given: SolutionInput, campaigns: Counted
+    solution: RiskSolution, given: SolutionInput, campaigns: counting.Counted
 ) -> SolutionFinding:
     found = assess_recorded_risk(solution, given, campaigns)
     total, distance = found.per_hour, found.per_million_km
@@ -231,10 +217,14 @@ def _judge_risk(
 
 
 def _judge_search(
-    solution: SearchSolution, given: SolutionInput, campaigns: Counted
+    solution: SearchSolution, given: SolutionInput, campaigns: counting.Counted
 ) -> SolutionFinding:
     group = _list_group(given, campaigns)
-    failures, errored, completed = (sum_failures(group), sum_errored(group), sum_completed(group))
+    failures, errored, completed = (
+        counting.sum_failures(group),
+        counting.sum_errored(group),
+        counting.sum_completed(group),
+    )
     figures = {"episodes": completed, "failures": failures, "errored": errored}
     names = ", ".join(f"{each.campaign.id} ({each.campaign.spec.method})" for each in group)
     seen = (
@@ -250,12 +240,15 @@ def _judge_search(
 
 
 def _explain_unfinished(
-    solution: SearchSolution, group: Sequence[CountedCampaign], completed: int, errored: int
+    solution: SearchSolution,
+    group: Sequence[counting.CountedCampaign],
+    completed: int,
+    errored: int,
 ) -> str:
     for each in group:
         if each.campaign.state is not CampaignState.DONE:
             return f"campaign {each.campaign.id} is {each.campaign.state_word}."
-    if problem := explain_gaps(group):
+    if problem := counting.explain_gaps(group):
         return problem
     if errored:
         return f"{count_noun(errored, 'episode')} errored, and may have failed."
@@ -265,7 +258,7 @@ def _explain_unfinished(
 
 
 def _judge_replay(
-    solution: ReplaySolution, given: SolutionInput, campaigns: Counted
+    solution: ReplaySolution, given: SolutionInput, campaigns: counting.Counted
 ) -> SolutionFinding:
     proof = given.proof
     if proof is None or not proof.done:
@@ -294,12 +287,12 @@ def _judge_replay(
     return SolutionFinding(verdict=verdict, words=words, figures=figures)
 
 
-def _find_outcome(replay: ReplayedNoise, campaigns: Counted) -> Outcome | None:
+def _find_outcome(replay: ReplayedNoise, campaigns: counting.Counted) -> Outcome | None:
     return campaigns[replay.campaign].outcomes.get(replay.index)
 
 
 def _judge_gate(
-    solution: GateSolution, _given: SolutionInput, campaigns: Counted
+    solution: GateSolution, _given: SolutionInput, campaigns: counting.Counted
 ) -> SolutionFinding:
     report = solution.report
     figures = {f"{verdict}": count for verdict, count in sorted(report.counts.items())}
@@ -317,7 +310,7 @@ def _judge_gate(
     )
 
 
-def _explain_no_gate(solution: GateSolution, campaigns: Counted) -> str:
+def _explain_no_gate(solution: GateSolution, campaigns: counting.Counted) -> str:
     report = solution.report
     again = build_report(report.gate, report.members)
     if (again.open, again.counts) != (report.open, report.counts):
@@ -330,7 +323,7 @@ def _explain_no_gate(solution: GateSolution, campaigns: Counted) -> str:
 
 
 def _judge_sensor(
-    solution: SensorSolution, _given: SolutionInput, campaigns: Counted
+    solution: SensorSolution, _given: SolutionInput, campaigns: counting.Counted
 ) -> SolutionFinding:
     question, channel = solution.answer.question, solution.channel
     anchors = [each for each in solution.answer.anchors if each.multiples.keys() == {channel}]
@@ -359,7 +352,9 @@ def _judge_sensor(
     return SolutionFinding(verdict=verdict, words=words[:1].upper() + words[1:], figures=figures)
 
 
-def _bound_anchor(anchor: Anchor, campaigns: Counted, error: float) -> tuple[Interval, str]:
+def _bound_anchor(
+    anchor: Anchor, campaigns: counting.Counted, error: float
+) -> tuple[Interval, str]:
     """Return the bounds of an anchor from its campaign, and why they are not those of the answer.
 
     Raises:
@@ -370,13 +365,13 @@ def _bound_anchor(anchor: Anchor, campaigns: Counted, error: float) -> tuple[Int
         return anchor.bounds, ""
     if counted.campaign.state is not CampaignState.DONE:
         return anchor.bounds, f"Campaign {anchor.campaign} is {counted.campaign.state_word}."
-    if problem := explain_gaps([counted]):
+    if problem := counting.explain_gaps([counted]):
         return anchor.bounds, f"{problem[:1].upper()}{problem[1:]}"
     try:
         found = (
             bound_sampled(counted.counted, error, counted.unresolved)
-            if counted.campaign.spec.method == MONTE_CARLO
-            else bound_probability([counted], error)
+            if counted.campaign.spec.method == counting.MONTE_CARLO
+            else counting.bound_probability([counted], error)
         )
     except InvalidValue:
         return anchor.bounds, f"Campaign {anchor.campaign} has no estimate with an interval."

@@ -5,12 +5,7 @@ from html import escape
 
 from eigenfail.presentation.figures import UNKNOWN
 from eigenfail.presentation.tables import PLAIN, format_cell
-from eigenfail_assurance.evidence.argument import (
-    ArgumentElement,
-    ArgumentGraph,
-    ElementKind,
-    LinkKind,
-)
+from eigenfail_assurance.evidence import argument
 from eigenfail_assurance.evidence.judgement import ClaimVerdict
 from eigenfail_assurance.evidence.solutions import SolutionCampaign, SolutionRecord
 from eigenfail_assurance.sensor.page import STYLE
@@ -39,7 +34,7 @@ CAMPAIGN_COLUMNS = ("Campaign", "Planner", "Digest of all episodes", "Services",
 
 
 def format_evidence_page(
-    graph: ArgumentGraph, solutions: Sequence[SolutionRecord], picture: str, product: str
+    graph: argument.ArgumentGraph, solutions: Sequence[SolutionRecord], picture: str, product: str
 ) -> str:
     """Return the page of an argument.
 
@@ -80,9 +75,9 @@ CAPTION = (
 )
 
 
-def describe_verdict(graph: ArgumentGraph) -> str:
+def describe_verdict(graph: argument.ArgumentGraph) -> str:
     """Return the verdict of the top claim, with the claims that are not supported."""
-    goals = [each for each in graph.elements if each.kind is ElementKind.GOAL]
+    goals = [each for each in graph.elements if each.kind is argument.ElementKind.GOAL]
     top = goals[0]
     parts = [f"{graph.name}: {graph.verdict}. {top.text}"]
     parts += [
@@ -93,24 +88,24 @@ def describe_verdict(graph: ArgumentGraph) -> str:
     return " ".join(parts)
 
 
-def list_lines(graph: ArgumentGraph) -> Iterator[str]:
+def list_lines(graph: argument.ArgumentGraph) -> Iterator[str]:
     """Yield claims and solutions as an indented list, each with its verdict."""
     elements = {each.id: each for each in graph.elements}
     below: dict[str, list[str]] = {}
     for link in graph.links:
-        if link.kind is LinkKind.SUPPORTED_BY:
+        if link.kind is argument.LinkKind.SUPPORTED_BY:
             below.setdefault(link.source, []).append(link.target)
     yield from _indent(graph.elements[0].id, elements, below, 0)
 
 
 def _indent(
     name: str,
-    elements: Mapping[str, ArgumentElement],
+    elements: Mapping[str, argument.ArgumentElement],
     below: Mapping[str, Sequence[str]],
     depth: int,
 ) -> Iterator[str]:
     element = elements[name]
-    if element.kind is ElementKind.STRATEGY:
+    if element.kind is argument.ElementKind.STRATEGY:
         yield f"{'  ' * depth}  {name}: {element.text}"
     else:
         verdict = element.verdict or ClaimVerdict.UNDEVELOPED
@@ -119,19 +114,22 @@ def _indent(
         yield from _indent(each, elements, below, depth + 1)
 
 
-def _format_claims(graph: ArgumentGraph) -> str:
+def _format_claims(graph: argument.ArgumentGraph) -> str:
     rows = [
         (each.id, f"{MARKS[each.verdict]} {each.verdict}", each.text)
         for each in graph.elements
-        if each.kind is ElementKind.GOAL and each.verdict is not None
+        if each.kind is argument.ElementKind.GOAL and each.verdict is not None
     ]
     return _format_table(("Claim", "Verdict", "Text"), rows)
 
 
-def _format_sides(graph: ArgumentGraph) -> Iterator[str]:
+def _format_sides(graph: argument.ArgumentGraph) -> Iterator[str]:
     """Yield the contexts and assumptions, with the claims that they belong to."""
     sources = {each.target: each.source for each in graph.links}
-    headings = {ElementKind.CONTEXT: "Context", ElementKind.ASSUMPTION: "Assumptions"}
+    headings = {
+        argument.ElementKind.CONTEXT: "Context",
+        argument.ElementKind.ASSUMPTION: "Assumptions",
+    }
     for kind, heading in headings.items():
         found = [each for each in graph.elements if each.kind is kind]
         if found:
@@ -140,7 +138,7 @@ def _format_sides(graph: ArgumentGraph) -> Iterator[str]:
             yield _format_table((heading, "Claim", "Text"), rows)
 
 
-def _format_solution(solution: SolutionRecord, graph: ArgumentGraph) -> Iterator[str]:
+def _format_solution(solution: SolutionRecord, graph: argument.ArgumentGraph) -> Iterator[str]:
     element = next(each for each in graph.elements if each.id == solution.id)
     found = solution.finding
     yield f'<h3 id="solution-{solution.id}">{solution.id}: {escape(solution.kind)}</h3>'

@@ -11,15 +11,8 @@ from eigenfail import __version__
 from eigenfail.errors import InvalidValue
 from eigenfail.values import FINAL_STATES, CampaignState, episode_seed
 from eigenfail.values.campaign_spec import RESULT_RULES
+from eigenfail_assurance.evidence import bundle, solutions
 from eigenfail_assurance.evidence.argument import ArgumentGraph
-from eigenfail_assurance.evidence.bundle import (
-    ARGUMENT,
-    MANIFEST,
-    PAGE,
-    PICTURE,
-    Manifest,
-    draw_files,
-)
 from eigenfail_assurance.evidence.counting import MONTE_CARLO, CountedCampaign, is_ended_by_failures
 from eigenfail_assurance.evidence.judgement import TOLERANCE
 from eigenfail_assurance.evidence.question import EvidenceQuestion
@@ -33,13 +26,6 @@ from eigenfail_assurance.evidence.records import (
     encode_canonical,
     hash_bytes,
     hash_episodes,
-)
-from eigenfail_assurance.evidence.solutions import (
-    INPUTS,
-    QUESTION,
-    SolutionRecord,
-    make_graph,
-    make_solutions,
 )
 from eigenfail_assurance.evidence.storage import BundleDefect, make_defect
 
@@ -66,8 +52,12 @@ def read_records(files: Mapping[str, bytes]) -> ReadRecords:
     Raises:
         InvalidValue: a file is missing or cannot be read; the error names it.
     """
-    question = decode_file(_find_file(files, QUESTION), EvidenceQuestion, QUESTION)
-    inputs = decode_file(_find_file(files, INPUTS), tuple[SolutionInput, ...], INPUTS)
+    question = decode_file(
+        _find_file(files, solutions.QUESTION), EvidenceQuestion, solutions.QUESTION
+    )
+    inputs = decode_file(
+        _find_file(files, solutions.INPUTS), tuple[SolutionInput, ...], solutions.INPUTS
+    )
     found = {}
     for name in files:
         if name.startswith(CAMPAIGNS) and name.endswith(TABLE):
@@ -93,7 +83,7 @@ def _read_campaign(files: Mapping[str, bytes], stem: str) -> CampaignRecord:
 
 
 def compare_contents(
-    manifest: Manifest, files: Mapping[str, bytes], read: ReadRecords
+    manifest: bundle.Manifest, files: Mapping[str, bytes], read: ReadRecords
 ) -> ContentComparison:
     """Compare campaigns, solutions, graph and report with what the records give.
 
@@ -105,9 +95,9 @@ def compare_contents(
     Raises:
         InvalidValue: a file cannot be read; the error names it.
     """
-    made = make_solutions(read.question, read.records, manifest.eigenfail)
+    made = solutions.make_solutions(read.question, read.records, manifest.eigenfail)
     stored = tuple(_read_solution(files, each) for each in made)
-    graph = make_graph(read.question, stored)
+    graph = solutions.make_graph(read.question, stored)
     is_same_release = manifest.eigenfail == __version__
     pairs = list(zip(stored, made, strict=True))
     found = [
@@ -122,33 +112,42 @@ def compare_contents(
     found += [each for one, other in pairs for each in _compare_texts(one, other)]
     found += [
         BundleDefect(where=name, problem="It does not show the solutions and the graph.")
-        for name, content in draw_files(graph, stored, manifest.eigenfail).items()
+        for name, content in bundle.draw_files(graph, stored, manifest.eigenfail).items()
         if files.get(name) != content
     ]
     return ContentComparison(tuple(found), ())
 
 
-def _describe_release(manifest: Manifest) -> str:
+def _describe_release(manifest: bundle.Manifest) -> str:
     return (
         f"The bundle was written by eigenfail {manifest.eigenfail}, and this is {__version__}: "
         "numbers, verdicts and the graph were computed again, texts and pages were not."
     )
 
 
-def _read_solution(files: Mapping[str, bytes], made: SolutionRecord) -> SolutionRecord:
+def _read_solution(
+    files: Mapping[str, bytes], made: solutions.SolutionRecord
+) -> solutions.SolutionRecord:
     name = f"solutions/{made.id}.json"
-    found = decode_file(_find_file(files, name), SolutionRecord, name)
+    found = decode_file(_find_file(files, name), solutions.SolutionRecord, name)
     if found.id != made.id:
         raise InvalidValue(f"{name}: id", f"It is '{found.id}'.")
     return found
 
 
 def _check_names(
-    files: Mapping[str, bytes], records: EvidenceRecords, made: tuple[SolutionRecord, ...]
+    files: Mapping[str, bytes], records: EvidenceRecords, made: tuple[solutions.SolutionRecord, ...]
 ) -> Iterator[BundleDefect]:
     """Yield files that belong to nothing that the question asks for."""
     used = {each.campaign for solution in made for each in solution.campaigns}
-    expected = {MANIFEST, QUESTION, INPUTS, ARGUMENT, PICTURE, PAGE}
+    expected = {
+        bundle.MANIFEST,
+        solutions.QUESTION,
+        solutions.INPUTS,
+        bundle.ARGUMENT,
+        bundle.PICTURE,
+        bundle.PAGE,
+    }
     expected |= {f"solutions/{each.id}.json" for each in made}
     for campaign in used:
         expected |= records.campaigns[campaign].list_files().keys()
@@ -238,7 +237,9 @@ def _check_unresolved(counted: CountedCampaign) -> Iterator[BundleDefect]:
         yield BundleDefect(where=f"{CAMPAIGNS}{campaign.id}.json: unresolved", problem=problem)
 
 
-def _compare_chain(files: Mapping[str, bytes], stored: SolutionRecord) -> Iterator[BundleDefect]:
+def _compare_chain(
+    files: Mapping[str, bytes], stored: solutions.SolutionRecord
+) -> Iterator[BundleDefect]:
     """Yield the files that a solution rests on, and that do not have the hashes in it."""
     hashes = dict(stored.inputs)
     for campaign in stored.campaigns:
@@ -249,7 +250,9 @@ def _compare_chain(files: Mapping[str, bytes], stored: SolutionRecord) -> Iterat
             yield BundleDefect(where=name, problem=problem)
 
 
-def _compare_figures(stored: SolutionRecord, made: SolutionRecord) -> Iterator[BundleDefect]:
+def _compare_figures(
+    stored: solutions.SolutionRecord, made: solutions.SolutionRecord
+) -> Iterator[BundleDefect]:
     """Yield verdicts and numbers that the records do not give, within the last bits."""
     name = f"solutions/{stored.id}.json: finding"
     one, other = stored.finding, made.finding
@@ -269,7 +272,9 @@ def _is_equal(one: float | None, other: float | None) -> bool:
     return isclose(one, other, rel_tol=TOLERANCE)
 
 
-def _compare_texts(stored: SolutionRecord, made: SolutionRecord) -> Iterator[BundleDefect]:
+def _compare_texts(
+    stored: solutions.SolutionRecord, made: solutions.SolutionRecord
+) -> Iterator[BundleDefect]:
     """Yield all other fields of a solution that the records do not give.
 
     Hashes are those of the files as they are written, see `_compare_chain`: a later release may
@@ -282,7 +287,7 @@ def _compare_texts(stored: SolutionRecord, made: SolutionRecord) -> Iterator[Bun
             yield BundleDefect(where=f"solutions/{stored.id}.json: {field}", problem=problem)
 
 
-def _leave_out_hashes(solution: SolutionRecord) -> SolutionRecord:
+def _leave_out_hashes(solution: solutions.SolutionRecord) -> solutions.SolutionRecord:
     """Return a solution with names of files in place of their hashes."""
     campaigns = tuple(
         replace(each, files={name: name for name in each.files}) for each in solution.campaigns
@@ -305,15 +310,15 @@ def _flatten(value: Any, field: str = "") -> dict[str, Any]:
 
 
 def _compare_graph(
-    manifest: Manifest, files: Mapping[str, bytes], graph: ArgumentGraph
+    manifest: bundle.Manifest, files: Mapping[str, bytes], graph: ArgumentGraph
 ) -> Iterator[BundleDefect]:
-    if files.get(ARGUMENT) != encode_canonical(graph):
+    if files.get(bundle.ARGUMENT) != encode_canonical(graph):
         problem = "It is not the graph of the question and the solutions."
-        yield BundleDefect(where=ARGUMENT, problem=problem)
+        yield BundleDefect(where=bundle.ARGUMENT, problem=problem)
     for field, said, found in (
         ("name", manifest.name, graph.name),
         ("verdict", manifest.verdict, graph.verdict.value),
     ):
         if said != found:
             problem = f"It is '{said}', and the graph gives '{found}'."
-            yield BundleDefect(where=f"{MANIFEST}: {field}", problem=problem)
+            yield BundleDefect(where=f"{bundle.MANIFEST}: {field}", problem=problem)

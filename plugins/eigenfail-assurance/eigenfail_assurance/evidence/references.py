@@ -7,16 +7,8 @@ from typing import Any
 
 from eigenfail.errors import InvalidValue
 from eigenfail.values import Campaign
+from eigenfail_assurance.evidence import question
 from eigenfail_assurance.evidence.counting import Counted
-from eigenfail_assurance.evidence.question import (
-    AnySolution,
-    GateSolution,
-    ProbabilitySolution,
-    ReplaySolution,
-    RiskSolution,
-    SearchSolution,
-    SensorSolution,
-)
 from eigenfail_assurance.evidence.records import SolutionInput
 from eigenfail_assurance.risk.pooling import are_alike, find_planner, refuse_unlike
 from eigenfail_assurance.risk.question import CampaignReference
@@ -26,7 +18,7 @@ _Groups = Sequence[Sequence[Campaign]]
 
 
 def check_references(
-    name: str, solution: AnySolution, given: SolutionInput, campaigns: Counted
+    name: str, solution: question.AnySolution, given: SolutionInput, campaigns: Counted
 ) -> None:
     """Refuse campaigns that a solution does not name, or that cannot be counted together.
 
@@ -60,29 +52,31 @@ def check_references(
     check(name, given, groups, campaigns)
 
 
-def _list_campaigns(solution: ProbabilitySolution | SearchSolution) -> _References:
+def _list_campaigns(
+    solution: question.ProbabilitySolution | question.SearchSolution,
+) -> _References:
     return (solution.campaigns,)
 
 
-def _list_scenarios(solution: RiskSolution) -> _References:
+def _list_scenarios(solution: question.RiskSolution) -> _References:
     return tuple(each.campaigns for each in solution.question.scenarios)
 
 
-def _list_campaign(solution: ReplaySolution) -> _References:
+def _list_campaign(solution: question.ReplaySolution) -> _References:
     return ((solution.campaign,),)
 
 
-def _list_none(_solution: GateSolution | SensorSolution) -> _References:
+def _list_none(_solution: question.GateSolution | question.SensorSolution) -> _References:
     return ()
 
 
 _REFERENCES: Mapping[type, Callable[[Any], _References]] = {
-    ProbabilitySolution: _list_campaigns,
-    RiskSolution: _list_scenarios,
-    SearchSolution: _list_campaigns,
-    ReplaySolution: _list_campaign,
-    GateSolution: _list_none,
-    SensorSolution: _list_none,
+    question.ProbabilitySolution: _list_campaigns,
+    question.RiskSolution: _list_scenarios,
+    question.SearchSolution: _list_campaigns,
+    question.ReplaySolution: _list_campaign,
+    question.GateSolution: _list_none,
+    question.SensorSolution: _list_none,
 }
 
 
@@ -124,10 +118,10 @@ def _check_nothing(_name: str, _given: SolutionInput, _groups: _Groups, _all: Co
 
 
 _CHECKS: Mapping[type, Callable[[str, SolutionInput, _Groups, Counted], None]] = {
-    ProbabilitySolution: _check_pools,
-    RiskSolution: _check_pools,
-    SearchSolution: _check_search,
-    ReplaySolution: _check_replays,
-    GateSolution: _check_nothing,
-    SensorSolution: _check_nothing,
+    question.ProbabilitySolution: _check_pools,
+    question.RiskSolution: _check_pools,
+    question.SearchSolution: _check_search,
+    question.ReplaySolution: _check_replays,
+    question.GateSolution: _check_nothing,
+    question.SensorSolution: _check_nothing,
 }

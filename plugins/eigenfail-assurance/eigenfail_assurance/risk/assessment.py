@@ -8,18 +8,8 @@ from itertools import pairwise
 import msgspec
 
 from eigenfail.values import Interval
+from eigenfail_assurance.risk import confidence
 from eigenfail_assurance.risk.allocation import Allocation, allocate_episodes
-from eigenfail_assurance.risk.confidence import (
-    Confidence,
-    EventRate,
-    FailureShare,
-    RateBounds,
-    RiskTerm,
-    Stated,
-    bound_factor,
-    bound_sum,
-    bound_sum_above,
-)
 from eigenfail_assurance.risk.question import KM_PER_FIGURE, RiskQuestion, RiskScenario
 
 
@@ -84,7 +74,7 @@ class ScenarioEvidence(msgspec.Struct, frozen=True, kw_only=True):
     method: str = ""
     episodes: int = 0
     failures: int = 0
-    probability: Confidence | None = None
+    probability: confidence.Confidence | None = None
     problem: str = ""
     seeds: tuple[int, ...] = ()
     severities: tuple[float, ...] | None = None
@@ -187,7 +177,7 @@ def assess(
     stated = [each for each in named if each[2].probability is not None]
     noises = name_noises([found.seeds for _, _, found in stated])
     terms = [
-        RiskTerm(scenario.name, exposure, found.probability, noise, found.episodes)
+        confidence.RiskTerm(scenario.name, exposure, found.probability, noise, found.episodes)
         for (scenario, exposure, found), noise in zip(stated, noises, strict=True)
         if found.probability is not None
     ]
@@ -229,15 +219,15 @@ def name_noises(seeds: Sequence[Sequence[int]]) -> list[str]:
     return [f"seed {smallest[own[0]]}" for own in seeds]
 
 
-def find_exposure(question: RiskQuestion, scenario: RiskScenario) -> Confidence:
+def find_exposure(question: RiskQuestion, scenario: RiskScenario) -> confidence.Confidence:
     """Return the confidence distributions of the encounters with a scenario in an hour."""
     if scenario.encounters is not None:
-        return EventRate(scenario.encounters, scenario.hours or question.exposure.hours)
+        return confidence.EventRate(scenario.encounters, scenario.hours or question.exposure.hours)
     factor = 1.0 if scenario.per_hour is not None else question.km_per_hour or 0.0
     rate = scenario.per_hour if scenario.per_hour is not None else scenario.per_kilometre
     value = factor * (rate or 0.0)
     low, high = (factor * end for end in scenario.interval) if scenario.interval else (value, value)
-    return Stated(value, low, high)
+    return confidence.Stated(value, low, high)
 
 
 def judge(question: RiskQuestion, total: RiskFigure) -> RiskVerdict:
@@ -256,8 +246,8 @@ def judge(question: RiskQuestion, total: RiskFigure) -> RiskVerdict:
     return RiskVerdict.MET if is_met else RiskVerdict.UNDECIDED
 
 
-def _sum_terms(terms: Sequence[RiskTerm], *, is_complete: bool) -> RiskFigure:
-    bounds = bound_sum(terms)
+def _sum_terms(terms: Sequence[confidence.RiskTerm], *, is_complete: bool) -> RiskFigure:
+    bounds = confidence.bound_sum(terms)
     if not is_complete:
         return RiskFigure(value=None, at_least=bounds.at_least)
     values = [term.value for term in terms]
@@ -265,7 +255,7 @@ def _sum_terms(terms: Sequence[RiskTerm], *, is_complete: bool) -> RiskFigure:
     return _make_figure(sum(known) if len(known) == len(values) else None, bounds)
 
 
-def _make_figure(value: float | None, bounds: RateBounds) -> RiskFigure:
+def _make_figure(value: float | None, bounds: confidence.RateBounds) -> RiskFigure:
     return RiskFigure(
         value=value, interval=bounds.interval, at_least=bounds.at_least, at_most=bounds.at_most
     )
@@ -273,12 +263,12 @@ def _make_figure(value: float | None, bounds: RateBounds) -> RiskFigure:
 
 def _describe_scenario(
     scenario: RiskScenario,
-    exposure: Confidence,
+    exposure: confidence.Confidence,
     found: ScenarioEvidence,
-    term: RiskTerm | None,
+    term: confidence.RiskTerm | None,
     total: float | None,
 ) -> ScenarioRisk:
-    part = NOTHING_KNOWN if term is None else _make_figure(term.value, bound_sum([term]))
+    part = NOTHING_KNOWN if term is None else _make_figure(term.value, confidence.bound_sum([term]))
     probability = found.probability
     return ScenarioRisk(
         scenario=scenario.name,
@@ -294,9 +284,9 @@ def _describe_scenario(
     )
 
 
-def _describe_factor(known: Confidence) -> RiskFigure:
+def _describe_factor(known: confidence.Confidence) -> RiskFigure:
     """Return a factor with its interval; without one where it is taken to be known exactly."""
-    interval = bound_factor(known)
+    interval = confidence.bound_factor(known)
     is_exact = interval.low == interval.high
     return RiskFigure(value=known.value, interval=None if is_exact else interval)
 
@@ -317,9 +307,9 @@ def name_classes(thresholds: Sequence[float]) -> list[str]:
 
 def _classify(
     question: RiskQuestion,
-    named: Sequence[tuple[RiskScenario, Confidence, ScenarioEvidence]],
+    named: Sequence[tuple[RiskScenario, confidence.Confidence, ScenarioEvidence]],
     total: float | None,
-    terms: Mapping[str, RiskTerm],
+    terms: Mapping[str, confidence.RiskTerm],
 ) -> tuple[SeverityRate, ...]:
     """Return the classes of severity, by each scenario's share of failures in each of them."""
     if not question.severity or total is None:
@@ -358,7 +348,7 @@ def _classify(
 
 
 def _bound_class(
-    name: str, of_all: Sequence[tuple[RiskTerm, Mapping[str, int], bool]]
+    name: str, of_all: Sequence[tuple[confidence.RiskTerm, Mapping[str, int], bool]]
 ) -> float | None:
     """Return the one-sided upper bound of the failures of a class in an hour, by melding. [1/h]
 
@@ -373,10 +363,10 @@ def _bound_class(
     bounded = []
     for term, counts, are_counted in of_all:
         known = term.probability
-        if not are_counted or name not in counts or not isinstance(known, FailureShare):
+        if not are_counted or name not in counts or not isinstance(known, confidence.FailureShare):
             return None
         bounded.append(replace(term, probability=known.restrict_to(counts[name])))
-    return bound_sum_above(bounded)
+    return confidence.bound_sum_above(bounded)
 
 
 def _count_classes(thresholds: Sequence[float], found: ScenarioEvidence) -> dict[str, int]:

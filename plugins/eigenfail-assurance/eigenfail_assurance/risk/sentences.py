@@ -13,14 +13,8 @@ from eigenfail.presentation.figures import (
     round_up,
 )
 from eigenfail.presentation.tables import Block, Cell, FormattedCell, Table, TableColumn
+from eigenfail_assurance.risk import assessment
 from eigenfail_assurance.risk.allocation import Allocation
-from eigenfail_assurance.risk.assessment import (
-    RiskAssessment,
-    RiskFigure,
-    RiskVerdict,
-    ScenarioRisk,
-    SeverityRate,
-)
 
 SCENARIO = TableColumn("Scenario", is_figure=False)
 
@@ -43,7 +37,7 @@ NO_CLASS_BOUNDED = (
 ALL_OF_95 = "Bounds are one-sided, intervals two-sided, all of 95 %."
 
 
-def describe_assessment(found: RiskAssessment) -> Iterator[Block]:
+def describe_assessment(found: assessment.RiskAssessment) -> Iterator[Block]:
     """Yield the verdict, the totals, the scenarios, the classes, and the best next episodes."""
     yield describe_verdict(found)
     yield ""
@@ -63,7 +57,7 @@ def format_target(target: float) -> str:
     return next(exact, f"{target:.12g}")
 
 
-def list_tables(found: RiskAssessment) -> Iterator[Table]:
+def list_tables(found: assessment.RiskAssessment) -> Iterator[Table]:
     """Yield the totals, the scenarios and the classes of severity."""
     yield _tabulate_totals(found)
     yield _tabulate_scenarios(found)
@@ -71,12 +65,12 @@ def list_tables(found: RiskAssessment) -> Iterator[Table]:
         yield _tabulate_severity(found)
 
 
-def describe_verdict(found: RiskAssessment) -> str:
+def describe_verdict(found: assessment.RiskAssessment) -> str:
     """Return what the bounds show about the target, as a sentence."""
     target, unit, figure = _find_target(found)
     name, wanted = found.question.name, f"the target of {format_target(target)} {unit}"
     few = ", ".join(f"'{each.scenario}'" for each in found.scenarios if each.problem)
-    if found.verdict is RiskVerdict.NOT_MET:
+    if found.verdict is assessment.RiskVerdict.NOT_MET:
         low = _format_above(figure.at_least or 0.0, target)
         alone = f" That is without {few}, of which there is no estimate." if few else ""
         return f"{name}: not met. Failures are at least {low} {unit}, above {wanted}.{alone}"
@@ -87,7 +81,7 @@ def describe_verdict(found: RiskAssessment) -> str:
         )
     if figure.value == 0.0:
         return _describe_none(found, figure, target, unit)
-    if found.verdict is RiskVerdict.MET:
+    if found.verdict is assessment.RiskVerdict.MET:
         high = _format_within(figure.at_most or 0.0, target)
         return f"{name}: met. Failures are at most {high} {unit}, which {wanted} allows."
     low = format_number(round_down(figure.at_least or 0.0))
@@ -95,11 +89,13 @@ def describe_verdict(found: RiskAssessment) -> str:
     return f"{name}: undecided. Failures are {low} to {high} {unit}, around {wanted}."
 
 
-def _describe_none(found: RiskAssessment, figure: RiskFigure, target: float, unit: str) -> str:
+def _describe_none(
+    found: assessment.RiskAssessment, figure: assessment.RiskFigure, target: float, unit: str
+) -> str:
     """Return the verdict where no failure was observed: the bound comes first."""
     name, wanted = found.question.name, f"the target of {format_target(target)} {unit}"
     most = figure.at_most or 0.0
-    if found.verdict is RiskVerdict.MET:
+    if found.verdict is assessment.RiskVerdict.MET:
         high, said = _format_within(most, target), f"{wanted} allows as many"
     else:
         high, said = format_number(round_up(most)), f"{wanted} is below that bound"
@@ -123,7 +119,7 @@ def _format_within(high: float, target: float) -> str:
     return format_number(round_up(high, digits), digits)
 
 
-def _find_target(found: RiskAssessment) -> tuple[float, str, RiskFigure]:
+def _find_target(found: assessment.RiskAssessment) -> tuple[float, str, assessment.RiskFigure]:
     """Return the target with its unit, and the figure that is compared with it."""
     target = found.question.target
     if target.per_million_km is None or found.per_million_km is None:
@@ -131,7 +127,7 @@ def _find_target(found: RiskAssessment) -> tuple[float, str, RiskFigure]:
     return target.per_million_km, "per 10⁶ km", found.per_million_km
 
 
-def list_limits(found: RiskAssessment) -> Iterator[str]:
+def list_limits(found: assessment.RiskAssessment) -> Iterator[str]:
     """Yield why estimates are missing, and what else limits the answer."""
     for each in found.scenarios:
         if each.problem:
@@ -147,7 +143,7 @@ def list_limits(found: RiskAssessment) -> Iterator[str]:
     )
 
 
-def _tabulate_totals(found: RiskAssessment) -> Table:
+def _tabulate_totals(found: assessment.RiskAssessment) -> Table:
     figures = (("per hour", found.per_hour), ("per 10⁶ km", found.per_million_km))
     columns = (
         TableColumn("Failures", is_figure=False),
@@ -157,7 +153,7 @@ def _tabulate_totals(found: RiskAssessment) -> Table:
     return Table("Total", columns, rows, (ALL_OF_95,))
 
 
-def _list_cells(figure: RiskFigure) -> tuple[Cell, ...]:
+def _list_cells(figure: assessment.RiskFigure) -> tuple[Cell, ...]:
     low, high = figure.at_least, figure.at_most
     return (
         NONE_OBSERVED if figure.value == 0.0 else figure.value,
@@ -167,12 +163,12 @@ def _list_cells(figure: RiskFigure) -> tuple[Cell, ...]:
     )
 
 
-def _format_figure(figure: RiskFigure) -> FormattedCell:
+def _format_figure(figure: assessment.RiskFigure) -> FormattedCell:
     interval = "" if figure.interval is None else format_interval(figure.interval)
     return FormattedCell(format_number(figure.value), interval)
 
 
-def _tabulate_scenarios(found: RiskAssessment) -> Table:
+def _tabulate_scenarios(found: assessment.RiskAssessment) -> Table:
     columns = (
         SCENARIO,
         TableColumn("Met per hour [95 %]"),
@@ -187,7 +183,7 @@ def _tabulate_scenarios(found: RiskAssessment) -> Table:
     return Table("Scenarios", columns, tuple(map(_list_scenario, found.scenarios)))
 
 
-def _list_scenario(each: ScenarioRisk) -> tuple[Cell, ...]:
+def _list_scenario(each: assessment.ScenarioRisk) -> tuple[Cell, ...]:
     return (
         each.scenario,
         _format_figure(each.encounters_per_hour),
@@ -201,7 +197,7 @@ def _list_scenario(each: ScenarioRisk) -> tuple[Cell, ...]:
     )
 
 
-def _tabulate_severity(found: RiskAssessment) -> Table:
+def _tabulate_severity(found: assessment.RiskAssessment) -> Table:
     columns = (
         TableColumn("Severity", "m²/s²", is_figure=False),
         TableColumn("Failures per hour"),
@@ -216,7 +212,7 @@ def _tabulate_severity(found: RiskAssessment) -> Table:
     return Table("Severity", columns, rows, tuple(notes))
 
 
-def _list_class(each: SeverityRate) -> tuple[Cell, ...]:
+def _list_class(each: assessment.SeverityRate) -> tuple[Cell, ...]:
     is_seen = bool(each.per_hour or each.counted)
     high = UNKNOWN if each.at_most is None else format_number(round_up(each.at_most))
     return (

@@ -13,28 +13,17 @@ from statistics import NormalDist
 
 from msgspec.structs import replace
 
+from eigenfail import intervals
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, ServiceError
-from eigenfail.intervals import (
-    find_crossing,
-    find_lower_bound,
-    find_upper_bound,
-    sum_lower_tail,
-)
 from eigenfail.methods import describe_method
 from eigenfail.suites import Suite, SuiteMember
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Estimate, Interval
 from eigenfail.values.campaign_spec import RESULT_RULES
 from eigenfail.values.student_t import split_t_mass
 from eigenfail_assurance.risk.confidence import find_t_freedom
+from eigenfail_assurance.sensor import search
 from eigenfail_assurance.sensor.scaling import Multiples, check_channels, scale_model
-from eigenfail_assurance.sensor.search import (
-    Anchor,
-    AnchorVerdict,
-    RequirementAnswer,
-    RequirementQuestion,
-    find_limits,
-)
 
 METHODS = "Take subset or mixture for rare failures, monte_carlo for frequent ones."
 
@@ -46,8 +35,8 @@ Run = Callable[[Suite], Campaign]
 
 
 def find_sensor_requirement(
-    client: Client, spec: CampaignSpec, question: RequirementQuestion, run: Run | None = None
-) -> RequirementAnswer:
+    client: Client, spec: CampaignSpec, question: search.RequirementQuestion, run: Run | None = None
+) -> search.RequirementAnswer:
     """Find the largest errors of a sensor at which P(failure) meets a target.
 
     Campaigns that the service has run for the same question are not run again.
@@ -72,15 +61,15 @@ def find_sensor_requirement(
             raise ServiceError(f"There is no campaign '{suite.name}'.")
         return campaign
 
-    def measure(multiples: Multiples, error: float) -> Anchor:
+    def measure(multiples: Multiples, error: float) -> search.Anchor:
         suite = make_anchor_suite(spec, multiples, question.target, error)
         campaign = (run or run_silently)(suite)
         return read_anchor(client, campaign, multiples, question.target, error)
 
-    return find_limits(question, measure)
+    return search.find_limits(question, measure)
 
 
-def check_question(spec: CampaignSpec, question: RequirementQuestion) -> None:
+def check_question(spec: CampaignSpec, question: search.RequirementQuestion) -> None:
     """Refuse a campaign that cannot answer a question.
 
     Raises:
@@ -101,7 +90,7 @@ def check_question(spec: CampaignSpec, question: RequirementQuestion) -> None:
         scale_model(spec.disturbance, dict.fromkeys(question.channels, multiple))
 
 
-def _check_budget(spec: CampaignSpec, question: RequirementQuestion) -> None:
+def _check_budget(spec: CampaignSpec, question: search.RequirementQuestion) -> None:
     error = question.test_error / (question.points if question.has_frontier else 1)
     fewest = ceil(log(error) / log1p(-question.target))
     if spec.episodes < fewest:
@@ -137,7 +126,7 @@ def make_anchor_suite(
 
 def read_anchor(
     client: Client, campaign: Campaign, multiples: Multiples, target: float, error: float
-) -> Anchor:
+) -> search.Anchor:
     """Read what the campaign of an anchor shows.
 
     Raises:
@@ -159,23 +148,23 @@ def read_anchor(
         bounds = bound_sampled(campaign, error, ended.count + ended.not_known)
     else:
         probability, bounds, problem = _read_estimate(campaign.estimate, error)
-    return Anchor(
+    return search.Anchor(
         multiples=dict(multiples),
         campaign=campaign.id,
         episodes=counts.completed,
         failures=counts.failures,
         probability=probability,
         bounds=bounds,
-        verdict=AnchorVerdict.UNKNOWN if problem else judge_bounds(bounds, target),
+        verdict=search.AnchorVerdict.UNKNOWN if problem else judge_bounds(bounds, target),
         problem=problem,
     )
 
 
-def judge_bounds(bounds: Interval, target: float) -> AnchorVerdict:
+def judge_bounds(bounds: Interval, target: float) -> search.AnchorVerdict:
     """Return what the bounds of P(failure) show about a target."""
     if bounds.high <= target:
-        return AnchorVerdict.MET
-    return AnchorVerdict.NOT_MET if bounds.low > target else AnchorVerdict.UNDECIDED
+        return search.AnchorVerdict.MET
+    return search.AnchorVerdict.NOT_MET if bounds.low > target else search.AnchorVerdict.UNDECIDED
 
 
 NOTHING_KNOWN = Interval(0.0, 1.0)
@@ -206,12 +195,12 @@ def bound_sampled(campaign: Campaign, error: float, unresolved: int = 0) -> Inte
     """
     counts, limit = campaign.counts, campaign.spec.stop.failures
     if limit is not None and counts.failures >= limit:
-        return Interval(find_lower_bound(limit, campaign.spec.episodes, error), 1.0)
+        return Interval(intervals.find_lower_bound(limit, campaign.spec.episodes, error), 1.0)
     trials = counts.completed + counts.errored
     doubtful = min(counts.failures + counts.errored + unresolved, trials)
     return Interval(
-        find_lower_bound(counts.failures, trials, error),
-        find_upper_bound(doubtful, trials, error),
+        intervals.find_lower_bound(counts.failures, trials, error),
+        intervals.find_upper_bound(doubtful, trials, error),
     )
 
 
@@ -222,7 +211,7 @@ def find_fewest_failures(target: float, episodes: int, error: float) -> int | No
     """
     ways = range(1, episodes + 1)
     place = bisect_left(
-        ways, True, key=lambda k: 1.0 - sum_lower_tail(k - 1, episodes, target) < error
+        ways, True, key=lambda k: 1.0 - intervals.sum_lower_tail(k - 1, episodes, target) < error
     )
     return ways[place] if place < episodes else None
 
@@ -252,4 +241,8 @@ def _find_quantile(usual: float, error: float) -> float:
     freedom = find_t_freedom(usual)
     if freedom == inf:
         return NormalDist().inv_cdf(1.0 - error)
-    return exp(find_crossing(0.0, 60.0, lambda at: split_t_mass(exp(at), freedom)[1] > 2.0 * error))
+    return exp(
+        intervals.find_crossing(
+            0.0, 60.0, lambda at: split_t_mass(exp(at), freedom)[1] > 2.0 * error
+        )
+    )

@@ -6,25 +6,13 @@ from math import floor, log, log10
 from typing import NamedTuple
 
 from eigenfail import __version__
-from eigenfail.presentation.figures import (
-    SMALLEST_PLAIN,
-    format_count,
-    format_number,
-)
+from eigenfail.presentation import figures
 from eigenfail.values import CampaignSpec
 from eigenfail.worlds import world_of
 from eigenfail_assurance.risk.sentences import format_target
+from eigenfail_assurance.sensor import sentences
 from eigenfail_assurance.sensor.scaling import describe_size
 from eigenfail_assurance.sensor.search import Anchor, AnchorVerdict, ErrorLimit, RequirementAnswer
-from eigenfail_assurance.sensor.sentences import (
-    ANCHOR_COLUMNS,
-    FRONTIER_COLUMNS,
-    describe_basis,
-    describe_limit,
-    format_confidence,
-    list_anchor_row,
-    list_frontier_row,
-)
 
 INK, MUTED, GRID, SAFE, UNSAFE = "#16202a", "#525e6b", "#d6dbe1", "#0072b2", "#b34700"
 
@@ -84,7 +72,7 @@ def format_page(spec: CampaignSpec, answer: RequirementAnswer) -> str:
 def _format_answer(spec: CampaignSpec, answer: RequirementAnswer) -> Iterator[str]:
     yield '<section class="answer">'
     for limit in answer.limits:
-        for sentence in describe_limit(spec, answer, limit):
+        for sentence in sentences.describe_limit(spec, answer, limit):
             yield f"<p>{escape(sentence)}</p>"
     yield "</section>"
     road = " d is the true distance between the centres of the ego and the vehicle [m]."
@@ -101,7 +89,9 @@ def _format_frontier(spec: CampaignSpec, answer: RequirementAnswer) -> Iterator[
     )
     yield f"<h2>{escape(kept)} and {escape(searched)} jointly</h2>"
     yield _format_figure(draw_frontier(spec, answer), caption)
-    yield _format_table(FRONTIER_COLUMNS, map(list_frontier_row, answer.frontier))
+    yield _format_table(
+        sentences.FRONTIER_COLUMNS, map(sentences.list_frontier_row, answer.frontier)
+    )
 
 
 def _format_channel(
@@ -122,17 +112,18 @@ def _format_basis(spec: CampaignSpec, answer: RequirementAnswer) -> Iterator[str
         "planner": spec.planner,
         "scenario": spec.scenario,
         "simulator": spec.simulator,
-        "method": f"{spec.method}, up to {format_count(spec.episodes)} episodes for each error",
+        "method": f"{spec.method}, up to {figures.format_count(spec.episodes)} episodes for each "
+        "error",
         "seed": str(spec.seed),
         "target": format_target(answer.question.target),
-        "confidence": format_confidence(answer.question.confidence),
+        "confidence": sentences.format_confidence(answer.question.confidence),
         **{f"noise: {name}": words for name, words in noise.items()},
         **{f"parameter {name}": str(value) for name, value in spec.scenario_parameters.items()},
     }
     yield _format_table(("setting", "value"), facts.items())
-    for sentence in describe_basis(spec, answer):
+    for sentence in sentences.describe_basis(spec, answer):
         yield f"<p>{escape(sentence)}</p>"
-    yield _format_table(ANCHOR_COLUMNS, map(list_anchor_row, answer.anchors))
+    yield _format_table(sentences.ANCHOR_COLUMNS, map(sentences.list_anchor_row, answer.anchors))
 
 
 def _has_road(spec: CampaignSpec) -> bool:
@@ -279,7 +270,7 @@ def _draw_axes(x: LogAxis, y: LogAxis, below: str, beside: str) -> Iterator[str]
     for tick in y.ticks:
         at = y.place(tick)
         yield f'<path d="M{LEFT} {at}H{RIGHT}" stroke="{GRID}"/>'
-        text = f"{tick:g}" if tick >= SMALLEST_PLAIN else format_number(tick, 1)
+        text = f"{tick:g}" if tick >= figures.SMALLEST_PLAIN else figures.format_number(tick, 1)
         yield f'<text x="{LEFT - 8}" y="{at + 4}" text-anchor="end">{text}</text>'
     middle = (TOP + BOTTOM) / 2
     yield f'<path d="M{LEFT} {TOP}V{BOTTOM}H{RIGHT}" fill="none" stroke="{MUTED}"/>'

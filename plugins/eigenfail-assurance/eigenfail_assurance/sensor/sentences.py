@@ -3,12 +3,7 @@
 from collections.abc import Iterator, Mapping
 
 from eigenfail.methods import describe_method
-from eigenfail.presentation.figures import (
-    UNKNOWN,
-    format_count,
-    format_interval,
-    format_number,
-)
+from eigenfail.presentation import figures
 from eigenfail.values import CampaignSpec
 from eigenfail_assurance.risk.sentences import format_target
 from eigenfail_assurance.sensor.scaling import describe_size
@@ -131,10 +126,10 @@ def list_anchor_row(anchor: Anchor) -> tuple[str, ...]:
     return (
         format_multiples(anchor.multiples),
         str(anchor.campaign),
-        format_count(anchor.episodes),
-        format_count(anchor.failures),
-        format_number(anchor.probability),
-        format_interval(anchor.bounds) if has_bounds else UNKNOWN,
+        figures.format_count(anchor.episodes),
+        figures.format_count(anchor.failures),
+        figures.format_number(anchor.probability),
+        figures.format_interval(anchor.bounds) if has_bounds else figures.UNKNOWN,
         anchor.verdict.value,
     )
 
@@ -143,6 +138,6 @@ def list_frontier_row(limit: ErrorLimit) -> tuple[str, ...]:
     """Return the cells of `FRONTIER_COLUMNS`."""
     ends = (limit.largest, limit.not_met_from)
     met, not_met = (
-        UNKNOWN if end is None else format_multiples({limit.channel: end}) for end in ends
+        figures.UNKNOWN if end is None else format_multiples({limit.channel: end}) for end in ends
     )
     return format_multiples(limit.beside), met, not_met

@@ -15,12 +15,7 @@ from eigenfail.errors import InvalidValue, LearnerDiverged
 from eigenfail.values import Floats
 from eigenfail_services.methods import tensors
 from eigenfail_services.methods.archive import Arrays, take
-from eigenfail_services.methods.difs.modes import (
-    Mixture,
-    fit_mixture,
-    make_prior_mixture,
-    prepare_elite,
-)
+from eigenfail_services.methods.difs import modes
 from eigenfail_services.methods.difs.network import Denoiser
 from eigenfail_services.methods.difs.settings import DiffusionOptions, Examples
 
@@ -200,7 +195,7 @@ class DiffusionModel:
         with tensors.isolate_randomness(options.seed, 0):
             denoiser = Denoiser(options.horizon, options.channels, options.width)
             self._denoiser = denoiser.to(self._device)
-        self.mixture = make_prior_mixture(options.horizon * options.channels)
+        self.mixture = modes.make_prior_mixture(options.horizon * options.channels)
         self._average = deepcopy(self._denoiser).requires_grad_(requires_grad=False)
         self._optimizer = _optimizer(self._denoiser, options)
 
@@ -219,8 +214,8 @@ class DiffusionModel:
         generator = self._make_generator(self._make_random(draw))
         held_out = torch.from_numpy(examples.held_out).to(self._device)
         z, unseen = examples.z[examples.elite], examples.unseen[examples.elite]
-        elite = prepare_elite(z, unseen, self._options.jitter)
-        self.mixture = fit_mixture(elite, examples.modes)
+        elite = modes.prepare_elite(z, unseen, self._options.jitter)
+        self.mixture = modes.fit_mixture(elite, examples.modes)
         given = self._make_tensors(examples)
         chances = self._make_tensor(weigh_elite(examples.elite))
         self._train_correction(given.select(~held_out), chances[~held_out], steps, generator)
@@ -233,7 +228,7 @@ class DiffusionModel:
 
     @tensors.wrap_memory_errors()
     def sample(
-        self, condition: Floats, guidance: float, draw: int, mixture: Mixture | None = None
+        self, condition: Floats, guidance: float, draw: int, mixture: modes.Mixture | None = None
     ) -> Floats:
         """Return trajectories for conditions (robustness ÷ scale). [sigma]
 
@@ -285,7 +280,7 @@ class DiffusionModel:
             ValueError: an array is missing or has another shape.
         """
         shape = (len(arrays["shares"]), self.mixture.means.shape[1])
-        self.mixture = Mixture(arrays["shares"], take(arrays, "means", shape))
+        self.mixture = modes.Mixture(arrays["shares"], take(arrays, "means", shape))
         tensors.load_module("denoiser", self._denoiser, arrays)
         tensors.load_module("average", self._average, arrays)
         tensors.load_adam("optimizer", self._optimizer, arrays)

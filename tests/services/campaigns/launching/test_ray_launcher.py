@@ -59,7 +59,9 @@ class Table:
 @pytest.fixture
 def lives(monkeypatch) -> list[PlayedLink]:
     lives: list[PlayedLink] = []
-    monkeypatch.setattr(ray_launcher, "RayLink", type("Link", (PlayedLink,), {"lives": lives}))
+    monkeypatch.setattr(
+        ray_launcher.ray_link, "RayLink", type("Link", (PlayedLink,), {"lives": lives})
+    )
     return lives
 
 
@@ -120,14 +122,14 @@ def test_a_cluster_that_stays_away_is_said_once(lives, now_s) -> None:
 
 def test_a_cluster_that_is_not_there_at_the_start_is_refused(monkeypatch, lives, now_s) -> None:
     monkeypatch.setattr(
-        ray_launcher.RayLink, "hear", lambda _: iter([ClusterLost("Nobody.", "Start it.")])
+        ray_launcher.ray_link.RayLink, "hear", lambda _: iter([ClusterLost("Nobody.", "Start it.")])
     )
     with pytest.raises(ClusterUnavailable, match=r"Nobody\. Start it\."):
         started(now_s, Span(1, 1))
 
 
 def test_whoever_gives_up_waiting_for_ray_leaves_nothing_behind(monkeypatch, lives, now_s) -> None:
-    monkeypatch.setattr(ray_launcher.RayLink, "hear", lambda _: iter(()))
+    monkeypatch.setattr(ray_launcher.ray_link.RayLink, "hear", lambda _: iter(()))
     looks = iter([False, False, True])
     launcher = RayLauncher(Span(1, 1), clock=lambda: now_s[0])
     launcher.start("tcp://127.0.0.1:1", given_up=lambda: next(looks))
@@ -139,7 +141,7 @@ def test_no_room_for_the_process_of_ray_is_said_with_what_to_do(monkeypatch, now
     def full(_begin: StartRay) -> None:
         raise OSError(errno.EAGAIN, "Resource temporarily unavailable")
 
-    monkeypatch.setattr(ray_launcher, "RayLink", full)
+    monkeypatch.setattr(ray_launcher.ray_link, "RayLink", full)
     with pytest.raises(ClusterUnavailable, match="cannot be started: Resource temporarily") as told:
         started(now_s, Span(1, 1))
     assert "ulimit -u" in told.value.remedy

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from eigenfail.values.shapes import Pair
+from eigenfail_workers.planners.rulebook import values
 from eigenfail_workers.planners.rulebook.candidates import KNOT_S, KNOTS, limit_change
 from eigenfail_workers.planners.rulebook.settings import (
     CandidateSettings,
@@ -19,20 +20,11 @@ from eigenfail_workers.planners.rulebook.settings import (
     LateralSettings,
     TruckLimits,
 )
-from eigenfail_workers.planners.rulebook.values import (
-    Gap,
-    LaneChange,
-    LateralPath,
-    Neighbour,
-    PlanStart,
-    Profile,
-    Task,
-)
 
 
-def make_straight_path(y_m: float) -> LateralPath:
+def make_straight_path(y_m: float) -> values.LateralPath:
     """Return a path at a constant lateral position."""
-    return LateralPath(y_m, y_m, 0.0, 1.0)
+    return values.LateralPath(y_m, y_m, 0.0, 1.0)
 
 
 def change_way_m(speed_mps: float, settings: LateralSettings) -> float:
@@ -63,7 +55,7 @@ class ChangePlanner:
         self._candidates = candidates
         self._limits = limits
 
-    def plan_change(self, name: str, gap: Gap, start: PlanStart) -> Profile:
+    def plan_change(self, name: str, gap: values.Gap, start: values.PlanStart) -> values.Profile:
         """Return a change that begins at the first knot from which on the gap fits."""
         course = self._approach(gap.ahead, start, LOOK_KNOTS)
         short = self._find_missing(gap, course, 1.0)
@@ -71,18 +63,20 @@ class ChangePlanner:
         while begins > 0 and max(short[begins - 1]) <= 0.0:
             begins -= 1
         if begins == len(course):
-            change = LaneChange(short_ahead_m=short[-1][0], short_behind_m=short[-1][1])
+            change = values.LaneChange(short_ahead_m=short[-1][0], short_behind_m=short[-1][1])
         else:
             there = course[begins]
             over_m = there.way_m + change_way_m(there.speed_mps, self._settings.lateral)
-            change = LaneChange(begins=begins, over_m=over_m)
+            change = values.LaneChange(begins=begins, over_m=over_m)
         return _profile(name, course, change)
 
-    def continue_change(self, name: str, gap: Gap, start: PlanStart, left_m: float) -> Profile:
+    def continue_change(
+        self, name: str, gap: values.Gap, start: values.PlanStart, left_m: float
+    ) -> values.Profile:
         """Return the rest of a change that has begun, and ends after `left_m`."""
         course = self._approach(gap.ahead, start, KNOTS)
         short = self._find_missing(gap, course, self._settings.begun_share)
-        change = LaneChange(
+        change = values.LaneChange(
             begins=0,
             short_ahead_m=max(ahead for ahead, _ in short),
             short_behind_m=max(behind for _, behind in short),
@@ -92,7 +86,7 @@ class ChangePlanner:
         return _profile(name, course, change)
 
     def _approach(
-        self, ahead: Neighbour | None, start: PlanStart, knots: int
+        self, ahead: values.Neighbour | None, start: values.PlanStart, knots: int
     ) -> list[ApproachPoint]:
         """Approach the distance and speed of the vehicle ahead; without one, the task's speed."""
         largest = self._limits.comfort_jerk_mps3 * KNOT_S
@@ -108,7 +102,7 @@ class ChangePlanner:
         return course
 
     def _wanted(
-        self, ahead: Neighbour | None, task: Task, now: ApproachPoint, time_s: float
+        self, ahead: values.Neighbour | None, task: values.Task, now: ApproachPoint, time_s: float
     ) -> float:
         settings = self._settings
         free = self._candidates.speed_gain_per_s * (task.target_mps - now.speed_mps)
@@ -121,7 +115,9 @@ class ChangePlanner:
         matched += settings.speed_gain_per_s * (ahead.speed_mps - now.speed_mps)
         return min(free, max(matched, -settings.braking_mps2))
 
-    def _find_missing(self, gap: Gap, course: Sequence[ApproachPoint], share: float) -> list[Pair]:
+    def _find_missing(
+        self, gap: values.Gap, course: Sequence[ApproachPoint], share: float
+    ) -> list[Pair]:
         """Return what a share of the required gaps lacks ahead and behind, at each knot. [m]"""
         required, missing = self._settings, []
         for knot, now in enumerate(course):
@@ -136,7 +132,7 @@ class ChangePlanner:
         return missing
 
 
-def _hit_mps(behind: Neighbour | None, course: Sequence[ApproachPoint]) -> float:
+def _hit_mps(behind: values.Neighbour | None, course: Sequence[ApproachPoint]) -> float:
     """Speed at which the vehicle behind would run into the truck; 0 if it would not. [m/s]"""
     if behind is None:
         return 0.0
@@ -146,10 +142,12 @@ def _hit_mps(behind: Neighbour | None, course: Sequence[ApproachPoint]) -> float
     return 0.0
 
 
-def _profile(name: str, course: Sequence[ApproachPoint], change: LaneChange) -> Profile:
+def _profile(
+    name: str, course: Sequence[ApproachPoint], change: values.LaneChange
+) -> values.Profile:
     """Return the profile over the horizon of all candidates, which is shorter than the approach."""
     horizon = course[1 : KNOTS + 1]
-    return Profile(
+    return values.Profile(
         name=name,
         target_mps2=horizon[0].wanted_mps2,
         accelerations=[now.acceleration_mps2 for now in horizon],

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from typing import ClassVar
 
 from eigenfail.values import Mission, VehicleState
+from eigenfail_workers.planners.rulebook import values
 from eigenfail_workers.planners.rulebook.candidates import hold, roll_out, roll_out_all, stop
 from eigenfail_workers.planners.rulebook.changes import (
     ChangePlanner,
@@ -23,15 +24,6 @@ from eigenfail_workers.planners.rulebook.traffic import (
     find_nearer,
     required_deceleration,
 )
-from eigenfail_workers.planners.rulebook.values import (
-    LanePhase,
-    LateralPath,
-    Neighbour,
-    PlanStart,
-    Profile,
-    RuleChoice,
-    Traffic,
-)
 from eigenfail_workers.planners.steering import LaneKeeping, look_ahead_m, pursue
 
 
@@ -42,24 +34,26 @@ class LanePlanner(ABC):
         phase: its name.
     """
 
-    phase: ClassVar[LanePhase]
+    phase: ClassVar[values.LanePhase]
 
     @abstractmethod
-    def observe(self, tracks: Sequence[Track], ego: VehicleState, traffic: Traffic, /) -> Traffic:
+    def observe(
+        self, tracks: Sequence[Track], ego: VehicleState, traffic: values.Traffic, /
+    ) -> values.Traffic:
         """Return the traffic with what this phase adds to it."""
 
     @abstractmethod
-    def propose(self, start: PlanStart, traffic: Traffic, /) -> list[Profile]:
+    def propose(self, start: values.PlanStart, traffic: values.Traffic, /) -> list[values.Profile]:
         """Return the candidates."""
 
     @abstractmethod
     def decide(
         self,
-        choice: RuleChoice,
-        offered: Sequence[Profile],
+        choice: values.RuleChoice,
+        offered: Sequence[values.Profile],
         ego: VehicleState,
         /,
-    ) -> tuple[RuleChoice, "LanePlanner"]:
+    ) -> tuple[values.RuleChoice, "LanePlanner"]:
         """Return the choice, which the phase may change, and the next phase."""
 
     @abstractmethod
@@ -74,7 +68,7 @@ class LanePlanner(ABC):
 class InLane(LanePlanner):
     """Stays in the lane at its begin."""
 
-    phase: ClassVar[LanePhase] = LanePhase.IN_LANE
+    phase: ClassVar[values.LanePhase] = values.LanePhase.IN_LANE
 
     def __init__(
         self, mission: Mission, candidates: CandidateSettings, limits: TruckLimits
@@ -83,21 +77,23 @@ class InLane(LanePlanner):
         self._limits = limits
         self._lane_keeping = LaneKeeping(mission)
 
-    def observe(self, _tracks: Sequence[Track], _ego: VehicleState, traffic: Traffic, /) -> Traffic:
+    def observe(
+        self, _tracks: Sequence[Track], _ego: VehicleState, traffic: values.Traffic, /
+    ) -> values.Traffic:
         """Return the traffic: a lane that goes on adds nothing."""
         return traffic
 
-    def propose(self, start: PlanStart, traffic: Traffic, /) -> list[Profile]:
+    def propose(self, start: values.PlanStart, traffic: values.Traffic, /) -> list[values.Profile]:
         """Return the candidates that stay in their lane."""
         return roll_out_all(start, traffic, self._candidates, self._limits)
 
     def decide(
         self,
-        choice: RuleChoice,
-        _offered: Sequence[Profile],
+        choice: values.RuleChoice,
+        _offered: Sequence[values.Profile],
         _ego: VehicleState,
         /,
-    ) -> tuple[RuleChoice, LanePlanner]:
+    ) -> tuple[values.RuleChoice, LanePlanner]:
         """Return the choice of the rules."""
         return choice, self
 
@@ -131,9 +127,9 @@ class EndingLane:
         self.finder = GapFinder(settings.gaps, width_m, width_m, mission.dt_s)
         self.planner = ChangePlanner(settings.changes, candidates, limits)
 
-    def find_end(self, ego: VehicleState) -> Neighbour:
+    def find_end(self, ego: VehicleState) -> values.Neighbour:
         """Return the end of the lane, as a standing vehicle."""
-        return Neighbour(self._ends_x_m - ego.x_m - 0.5 * ego.length_m, 0.0, 0.0)
+        return values.Neighbour(self._ends_x_m - ego.x_m - 0.5 * ego.length_m, 0.0, 0.0)
 
     def is_left(self, ego: VehicleState) -> bool:
         """Whether the truck is in the next lane."""
@@ -150,10 +146,10 @@ class EndingLane:
         is_inside = ego.y_m + 0.5 * ego.width_m < self._line_m
         return is_inside and need <= self.limits.comfort_braking_mps2
 
-    def make_path(self, ego: VehicleState, to_m: float) -> LateralPath:
+    def make_path(self, ego: VehicleState, to_m: float) -> values.LateralPath:
         """Return a path from the truck to a lateral position."""
         way_m = change_way_m(ego.speed_mps, self.settings.changes.lateral)
-        return LateralPath(ego.y_m, to_m, ego.x_m, way_m)
+        return values.LateralPath(ego.y_m, to_m, ego.x_m, way_m)
 
 
 ABORT = "abort"
@@ -164,7 +160,7 @@ COMMITMENT = "commitment"
 class PathFollower(LanePlanner):
     """Steers along a path across the road."""
 
-    def __init__(self, path: LateralPath) -> None:
+    def __init__(self, path: values.LateralPath) -> None:
         self._path = path
 
     def steer(self, ego: VehicleState, /) -> float:
@@ -184,23 +180,25 @@ class ApproachingGap(PathFollower):
         path: path to the centre of that lane, to which a change may have been aborted.
     """
 
-    phase: ClassVar[LanePhase] = LanePhase.APPROACHING
+    phase: ClassVar[values.LanePhase] = values.LanePhase.APPROACHING
 
-    def __init__(self, ramp: EndingLane, path: LateralPath) -> None:
+    def __init__(self, ramp: EndingLane, path: values.LateralPath) -> None:
         super().__init__(path)
         self._ramp = ramp
         self._name = ""
         self._rival_steps = 0
         self._ready_steps = 0
 
-    def observe(self, tracks: Sequence[Track], ego: VehicleState, traffic: Traffic, /) -> Traffic:
+    def observe(
+        self, tracks: Sequence[Track], ego: VehicleState, traffic: values.Traffic, /
+    ) -> values.Traffic:
         """Return the traffic with the end of the lane and the gaps of the next one."""
         if self._ramp.is_left(ego):
             return traffic
         gaps = self._ramp.finder.find_gaps(tracks, ego)
-        return Traffic(traffic.lead, traffic.neighbour, self._ramp.find_end(ego), gaps)
+        return values.Traffic(traffic.lead, traffic.neighbour, self._ramp.find_end(ego), gaps)
 
-    def propose(self, start: PlanStart, traffic: Traffic, /) -> list[Profile]:
+    def propose(self, start: values.PlanStart, traffic: values.Traffic, /) -> list[values.Profile]:
         """Return a candidate for each gap, and those that stay in the lane."""
         plan_change = self._ramp.planner.plan_change
         changes = [plan_change(name, gap, start) for name, gap in traffic.gaps.items()]
@@ -208,11 +206,11 @@ class ApproachingGap(PathFollower):
 
     def decide(
         self,
-        choice: RuleChoice,
-        offered: Sequence[Profile],
+        choice: values.RuleChoice,
+        offered: Sequence[values.Profile],
         ego: VehicleState,
         /,
-    ) -> tuple[RuleChoice, LanePlanner]:
+    ) -> tuple[values.RuleChoice, LanePlanner]:
         """Keep a choice for some steps; begin the change when its gap has fitted long enough."""
         if self._ramp.is_left(ego):
             return choice, self._ramp.make_in_lane()
@@ -224,13 +222,15 @@ class ApproachingGap(PathFollower):
             return choice, self
         return choice, ChangingLane(self._ramp, self._name, ego)
 
-    def _keep_choice(self, choice: RuleChoice, offered: Sequence[Profile]) -> RuleChoice:
+    def _keep_choice(
+        self, choice: values.RuleChoice, offered: Sequence[values.Profile]
+    ) -> values.RuleChoice:
         """Return the rules' choice; a new one by progress alone only after some steps in a row."""
         before = [profile for profile in offered if profile.name == self._name]
         is_rival = choice.rule == progress.__name__ and choice.profile.name != self._name
         self._rival_steps = self._rival_steps + 1 if before and is_rival else 0
         if 0 < self._rival_steps < self._ramp.settings.commit:
-            return RuleChoice(before[0], COMMITMENT)
+            return values.RuleChoice(before[0], COMMITMENT)
         self._rival_steps = 0
         return choice
 
@@ -238,7 +238,7 @@ class ApproachingGap(PathFollower):
 class ChangingLane(PathFollower):
     """Changes into the next lane, or turns back."""
 
-    phase: ClassVar[LanePhase] = LanePhase.CHANGING
+    phase: ClassVar[values.LanePhase] = values.LanePhase.CHANGING
 
     def __init__(self, ramp: EndingLane, name: str, ego: VehicleState) -> None:
         super().__init__(ramp.make_path(ego, ramp.mission.lane_width_m))
@@ -247,32 +247,34 @@ class ChangingLane(PathFollower):
         self._left_m = self._path.length_m
         self._can_turn_back = True
 
-    def observe(self, tracks: Sequence[Track], ego: VehicleState, traffic: Traffic, /) -> Traffic:
+    def observe(
+        self, tracks: Sequence[Track], ego: VehicleState, traffic: values.Traffic, /
+    ) -> values.Traffic:
         """Return the traffic with the gap next to the truck, which may have another lead."""
         gap = self._ramp.finder.find_beside(tracks, ego)
         lead = traffic.lead if gap.ahead is None else find_nearer(gap.ahead, traffic.lead)
         self._left_m = self._path.left_m(ego.x_m)
         self._can_turn_back = self._ramp.can_turn_back(ego)
-        return Traffic(lead, traffic.neighbour, self._ramp.find_end(ego), {self._name: gap})
+        return values.Traffic(lead, traffic.neighbour, self._ramp.find_end(ego), {self._name: gap})
 
-    def propose(self, start: PlanStart, traffic: Traffic, /) -> list[Profile]:
+    def propose(self, start: values.PlanStart, traffic: values.Traffic, /) -> list[values.Profile]:
         """Return the rest of the change, and while the truck can turn back, its abortion."""
         gap = traffic.gaps[self._name]
         going_on = self._ramp.planner.continue_change(self._name, gap, start, self._left_m)
         return [going_on, self._make_abort(start, traffic)] if self._can_turn_back else [going_on]
 
-    def _make_abort(self, start: PlanStart, traffic: Traffic) -> Profile:
+    def _make_abort(self, start: values.PlanStart, traffic: values.Traffic) -> values.Profile:
         settings = self._ramp.candidates
         gentle, firm = hold(start, traffic, settings), stop(start, traffic, settings) or 0.0
         return roll_out(ABORT, start, min(gentle, firm), self._ramp.limits)
 
     def decide(
         self,
-        choice: RuleChoice,
-        _offered: Sequence[Profile],
+        choice: values.RuleChoice,
+        _offered: Sequence[values.Profile],
         ego: VehicleState,
         /,
-    ) -> tuple[RuleChoice, LanePlanner]:
+    ) -> tuple[values.RuleChoice, LanePlanner]:
         """Go on to the end of the change, or turn back."""
         ramp = self._ramp
         if choice.profile.name == ABORT:

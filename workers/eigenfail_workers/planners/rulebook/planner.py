@@ -3,6 +3,7 @@
 from typing import ClassVar
 
 from eigenfail.values import Account, Control, Mission, Path, Perception, VehicleState
+from eigenfail_workers.planners.rulebook import values
 from eigenfail_workers.planners.rulebook.candidates import limit_change
 from eigenfail_workers.planners.rulebook.driving_modes import ModeMachine
 from eigenfail_workers.planners.rulebook.lanes import LanePlanner, make_lane_planner
@@ -11,16 +12,6 @@ from eigenfail_workers.planners.rulebook.rules import choose
 from eigenfail_workers.planners.rulebook.settings import OverrideSettings, RulebookSettings
 from eigenfail_workers.planners.rulebook.tracker import BrakeLightTracker, update_intent
 from eigenfail_workers.planners.rulebook.traffic import find_traffic, required_deceleration
-from eigenfail_workers.planners.rulebook.values import (
-    Decision,
-    Neighbour,
-    Override,
-    PlanStart,
-    Profile,
-    RuleChoice,
-    RuleContext,
-    Traffic,
-)
 
 
 class EmergencyBrake:
@@ -30,7 +21,7 @@ class EmergencyBrake:
         self._settings = settings
         self._braking = False
 
-    def update(self, lead: Neighbour | None, speed_mps: float) -> bool:
+    def update(self, lead: values.Neighbour | None, speed_mps: float) -> bool:
         """Return whether to brake now."""
         if lead is None:
             self._braking = False
@@ -74,8 +65,8 @@ class Rulebook:
         )
         self._refiner.reset()
         self._acceleration_mps2 = 0.0
-        self._planned: tuple[VehicleState, Profile] | None = None
-        self.last_decision: Decision | None = None
+        self._planned: tuple[VehicleState, values.Profile] | None = None
+        self.last_decision: values.Decision | None = None
 
     def act(self, perception: Perception) -> Control:
         """Return the control of one step."""
@@ -86,13 +77,13 @@ class Rulebook:
         traffic = find_traffic(tracks, ego, settings.beside_m, self._tracker.braking)
         traffic = self._lane.observe(tracks, ego, traffic)
         mode, task = self._modes.update(ego)
-        start = PlanStart(ego.speed_mps, self._acceleration_mps2, task)
+        start = values.PlanStart(ego.speed_mps, self._acceleration_mps2, task)
         choice, self._lane = self._choose(start, traffic, ego)
         qp_status, refined = self._refiner(choice.profile, start, traffic.lead)
         override, wanted = self._override(choice, refined, traffic, ego.speed_mps)
         self._command(override, wanted)
         self._planned = (ego, choice.profile)
-        self.last_decision = Decision(
+        self.last_decision = values.Decision(
             time_s=perception.time_s,
             mode=mode,
             candidate=choice.profile.name,
@@ -138,30 +129,34 @@ class Rulebook:
         return ((ego.x_m, ego.y_m), *ahead)
 
     def _choose(
-        self, start: PlanStart, traffic: Traffic, ego: VehicleState
-    ) -> tuple[RuleChoice, LanePlanner]:
+        self, start: values.PlanStart, traffic: values.Traffic, ego: VehicleState
+    ) -> tuple[values.RuleChoice, LanePlanner]:
         """Return the chosen candidate, and the next phase of the lateral task."""
         limit_mps = self._mission.speed_limit_mps
-        context = RuleContext(traffic, start.speed_mps, limit_mps, self._settings.rules)
+        context = values.RuleContext(traffic, start.speed_mps, limit_mps, self._settings.rules)
         offered = self._lane.propose(start, traffic)
         return self._lane.decide(choose(offered, context), offered, ego)
 
     def _override(
-        self, choice: RuleChoice, refined: float | None, traffic: Traffic, speed_mps: float
-    ) -> tuple[Override, float]:
+        self,
+        choice: values.RuleChoice,
+        refined: float | None,
+        traffic: values.Traffic,
+        speed_mps: float,
+    ) -> tuple[values.Override, float]:
         """Return the override, and the wanted acceleration. [m/s²]"""
         if self._brake.update(traffic.lead, speed_mps):
-            return Override.EMERGENCY_BRAKE, -self._settings.truck.peak_braking_mps2
+            return values.Override.EMERGENCY_BRAKE, -self._settings.truck.peak_braking_mps2
         if refined is None:
-            return Override.QP_FALLBACK, fall_back(choice.profile.target_mps2)
-        return Override.NONE, refined
+            return values.Override.QP_FALLBACK, fall_back(choice.profile.target_mps2)
+        return values.Override.NONE, refined
 
-    def _command(self, override: Override, wanted: float) -> None:
+    def _command(self, override: values.Override, wanted: float) -> None:
         """Set the commanded acceleration to the wanted one, as far as the jerk limit allows."""
         truck = self._settings.truck
         jerk = (
             truck.emergency_jerk_mps3
-            if override is Override.EMERGENCY_BRAKE
+            if override is values.Override.EMERGENCY_BRAKE
             else truck.comfort_jerk_mps3
         )
         change = jerk * self._mission.dt_s

@@ -7,14 +7,9 @@ rule gives each candidate a cost; those within its tolerance of the best go on t
 from collections.abc import Callable, Sequence
 from typing import Final, NamedTuple
 
+from eigenfail_workers.planners.rulebook import values
 from eigenfail_workers.planners.rulebook.candidates import KNOT_S, KNOTS
 from eigenfail_workers.planners.rulebook.traffic import needed_deceleration
-from eigenfail_workers.planners.rulebook.values import (
-    Neighbour,
-    Profile,
-    RuleChoice,
-    RuleContext,
-)
 
 UNOPPOSED = "unopposed"
 """Deciding rule where no rule distinguished the candidates."""
@@ -27,11 +22,11 @@ class Rule(NamedTuple):
     """One rule: a cost, and the difference in cost that it ignores."""
 
     name: str
-    cost: Callable[[Profile, RuleContext], float]
+    cost: Callable[[values.Profile, values.RuleContext], float]
     tolerance: float = 0.0
 
 
-def collision(profile: Profile, context: RuleContext) -> float:
+def collision(profile: values.Profile, context: values.RuleContext) -> float:
     """Speed at which the candidate would run into the lead within the horizon. [m/s]
 
     For a lane change also the speed at which the vehicle behind would run into the truck.
@@ -47,7 +42,7 @@ def collision(profile: Profile, context: RuleContext) -> float:
     return 0.0
 
 
-def right_of_way(profile: Profile, context: RuleContext) -> float:
+def right_of_way(profile: values.Profile, context: values.RuleContext) -> float:
     """Increase of the required deceleration behind the lead within one second. [m/s²]
 
     Behind a lead that brakes, all of the required deceleration counts. For a lane change, the
@@ -66,7 +61,7 @@ def right_of_way(profile: Profile, context: RuleContext) -> float:
     return max(_need_later(profile, lead, margin_m) - threshold, 0.0)
 
 
-def clearance(profile: Profile, context: RuleContext) -> float:
+def clearance(profile: values.Profile, context: values.RuleContext) -> float:
     """Increase of the required deceleration behind a slower neighbour within a second. [m/s²]
 
     For a lane change, the length that the gap lacks ahead of the truck. [m]
@@ -83,7 +78,7 @@ def clearance(profile: Profile, context: RuleContext) -> float:
     return max(_need_later(profile, neighbour, margin_m) - threshold, 0.0)
 
 
-def lane_end(profile: Profile, context: RuleContext) -> float:
+def lane_end(profile: values.Profile, context: values.RuleContext) -> float:
     """Increase of the required deceleration before the end of the lane within a second. [m/s²]
 
     For a lane change that begins now, the distance by which it would end beyond the lane. [m]
@@ -98,17 +93,17 @@ def lane_end(profile: Profile, context: RuleContext) -> float:
     return max(_need_later(profile, end, margin_m) - max(now, settings.lane_end_need_mps2), 0.0)
 
 
-def speed_limit(profile: Profile, context: RuleContext) -> float:
+def speed_limit(profile: values.Profile, context: values.RuleContext) -> float:
     """Excess of the final speed over the speed limit. [m/s]"""
     return max(profile.speeds[-1] - context.speed_limit_mps, 0.0)
 
 
-def comfort(profile: Profile, context: RuleContext) -> float:
+def comfort(profile: values.Profile, context: values.RuleContext) -> float:
     """Excess of the acceleration or deceleration over the comfortable one. [m/s²]"""
     return max(abs(profile.target_mps2) - context.settings.comfort_mps2, 0.0)
 
 
-def progress(profile: Profile, context: RuleContext) -> float:
+def progress(profile: values.Profile, context: values.RuleContext) -> float:
     """Distance that is lost, up to a constant. [m]
 
     In a lane that ends, all time until a lane change begins counts as lost. A change that would end
@@ -127,7 +122,7 @@ def progress(profile: Profile, context: RuleContext) -> float:
     return too_late_m + waiting_m - profile.ways[-1]
 
 
-def _need_later(profile: Profile, other: Neighbour, margin_m: float) -> float:
+def _need_later(profile: values.Profile, other: values.Neighbour, margin_m: float) -> float:
     """Required deceleration after the second knot, at unchanged speed of the other. [m/s²]"""
     gap_m = other.gap_m + 2.0 * KNOT_S * other.speed_mps - profile.ways[1]
     return needed_deceleration(other, gap_m, profile.speeds[1], margin_m)
@@ -145,8 +140,10 @@ HIERARCHY = (
 
 
 def choose(
-    profiles: Sequence[Profile], context: RuleContext, hierarchy: Sequence[Rule] = HIERARCHY
-) -> RuleChoice:
+    profiles: Sequence[values.Profile],
+    context: values.RuleContext,
+    hierarchy: Sequence[Rule] = HIERARCHY,
+) -> values.RuleChoice:
     """Return the best candidate in lexicographic order; of equals the first in the list."""
     left, decided = list(profiles), UNOPPOSED
     for rule in hierarchy:
@@ -157,4 +154,4 @@ def choose(
         kept = [left[place] for place, cost in enumerate(costs) if cost <= bar]
         decided = rule.name if len(kept) < len(left) else decided
         left = kept
-    return RuleChoice(left[0], decided)
+    return values.RuleChoice(left[0], decided)
