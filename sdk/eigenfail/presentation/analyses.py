@@ -241,7 +241,8 @@ def describe_diversity(result: AnalysisResult) -> Iterator[str]:
         return
     yield (
         f"The noise of the {figures.format_count(found.failures)} failures has a standard "
-        f"deviation of {figures.format_number(found.spread)} sigma about its mean; that of p(x) has 1."
+        f"deviation of {figures.format_number(found.spread)} sigma about its mean; that "
+        "of p(x) has 1."
     )
     if found.modes > 1:
         seen = ", ".join(map(str, found.coverage))

@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from scipy.special import betaincinv
 
 from eigenfail.errors import InvalidValue, ServiceError, UnknownName
-from eigenfail.intervals import ERROR
+from eigenfail.intervals import ERROR, find_lower_bound, find_upper_bound
 from eigenfail.values import (
     Campaign,
     CampaignSpec,
@@ -28,9 +28,7 @@ from eigenfail_assurance.sensor.anchors import (
     bound_sampled,
     check_question,
     find_fewest_failures,
-    find_lower_bound,
     find_sensor_requirement,
-    find_upper_bound,
     make_anchor_suite,
     read_anchor,
 )

@@ -10,9 +10,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue
+from eigenfail.intervals import find_lower_bound, find_upper_bound
 from eigenfail.settings import convert
 from eigenfail.values import Interval
-from eigenfail_assurance.sensor.anchors import find_lower_bound, find_upper_bound, judge_bounds
+from eigenfail_assurance.sensor.anchors import judge_bounds
 from eigenfail_assurance.sensor.search import (
     Anchor,
     AnchorVerdict,
