@@ -51,7 +51,6 @@ def test_what_cannot_be_is_refused(made, check_session):
         "cli/triage/refused",
         ("mode", "triage", analysis, 3, "--state", "known"),
         ("mode", "triage", analysis, 1, "--ticket", "tickets/7"),
-        ("mode", "triage", analysis, 1, "--note", "\x1b"),
     )
 
 

@@ -50,7 +50,7 @@ def test_wrong_fields_are_refused():
 
 
 def test_everything_in_a_row_is_a_column():
-    elsewhere = {"assessed", "noise_pruned_ms", "requirements", "labels"}
+    elsewhere = {"assessed", "noise_pruned_ms", "requirements"}
     assert {*EpisodeRow.__struct_fields__} - elsewhere <= {*COLUMNS}
 
 
