@@ -5,29 +5,7 @@ Names of tables and columns are those of the glossary; times are milliseconds si
 
 from typing import Any
 
-from sqlalchemy import (
-    BigInteger,
-    Boolean,
-    CheckConstraint,
-    Column,
-    Dialect,
-    Double,
-    ForeignKey,
-    ForeignKeyConstraint,
-    Index,
-    Integer,
-    LargeBinary,
-    MetaData,
-    Select,
-    Table,
-    Text,
-    TypeDecorator,
-    UniqueConstraint,
-    cast,
-    func,
-    select,
-    text,
-)
+import sqlalchemy as sa
 from sqlalchemy.ext.compiler import compiles
 from sqlalchemy.sql.compiler import SQLCompiler
 from sqlalchemy.sql.functions import FunctionElement
@@ -41,7 +19,7 @@ VERSION = "1000"
 
 VERSION_TABLE = "eigenfail_schema"
 
-metadata = MetaData(
+metadata = sa.MetaData(
     naming_convention={
         "pk": "pk_%(table_name)s",
         "fk": "fk_%(table_name)s_%(column_0_name)s",
@@ -57,17 +35,17 @@ LONGEST_PROSE = 4_000
 MAX_NUMBER = 2**63 - 1
 
 
-class Number(TypeDecorator[int]):
+class Number(sa.TypeDecorator[int]):
     """An id or index from anywhere: one that no column can hold is as good as the largest."""
 
-    impl = BigInteger
+    impl = sa.BigInteger
     cache_ok = True
 
-    def load_dialect_impl(self, dialect: Dialect) -> TypeEngine[int]:
+    def load_dialect_impl(self, dialect: sa.Dialect) -> TypeEngine[int]:
         """SQLite counts up by itself only in columns of type INTEGER, which hold 64 bits."""
-        return Integer() if dialect.name == "sqlite" else BigInteger()
+        return sa.Integer() if dialect.name == "sqlite" else sa.BigInteger()
 
-    def process_bind_param(self, value: int | None, _dialect: Dialect) -> int | None:
+    def process_bind_param(self, value: int | None, _dialect: sa.Dialect) -> int | None:
         """Within 64 bits."""
         return None if value is None else max(-MAX_NUMBER, min(value, MAX_NUMBER))
 
@@ -81,13 +59,13 @@ def clean_prose(text: str) -> str:
     return whole.replace("\x00", "�")
 
 
-class Prose(TypeDecorator[str]):
+class Prose(sa.TypeDecorator[str]):
     """Text from anywhere: a planner's error may hold what no database takes, at any length."""
 
-    impl = Text
+    impl = sa.Text
     cache_ok = True
 
-    def process_bind_param(self, value: str | None, _dialect: Dialect) -> str | None:
+    def process_bind_param(self, value: str | None, _dialect: sa.Dialect) -> str | None:
         """Half characters and NUL are replaced, and the end is cut off."""
         return None if value is None else clean_prose(value)
 
@@ -95,98 +73,98 @@ class Prose(TypeDecorator[str]):
 def _find_type(measure: Measure) -> TypeEngine[Any]:
     if measure.is_text:
         return Prose()
-    return Integer() if measure.is_count else Double()
+    return sa.Integer() if measure.is_count else sa.Double()
 
 
-campaigns = Table(
+campaigns = sa.Table(
     "campaigns",
     metadata,
-    Column("id", Number, primary_key=True),
-    Column("state", Text, nullable=False),
-    Column("spec", Text, nullable=False),  # JSON
-    Column("planned", Integer, nullable=False),
-    Column("completed", Integer, nullable=False),
-    Column("failures", Integer, nullable=False),
-    Column("failed", Integer, nullable=False),
-    Column("cancelled", Integer, nullable=False),
-    Column("duplicates", BigInteger, nullable=False),
-    Column("created_ms", BigInteger, nullable=False),
-    Column("started_ms", BigInteger),
-    Column("ended_ms", BigInteger),
-    Column("active_s", Double, nullable=False),
-    Column("stopped_because", Prose, nullable=False),
-    Column("digest", Text),
-    Column("estimate", Text),  # JSON
-    Column("trained_episodes", Integer),
-    Column("learning_s", Double),
-    Column("waiting_s", Double),
-    Column("discarded_s", Double),
-    Column("suite", Prose),
-    Column("priority", Text, nullable=False, server_default=Priority.NORMAL),
-    Column("parts", Text),  # JSON
-    Column("made_by", Number),  # id of the key; none where none was needed
-    Column("planner_version", Prose),  # as in the spec
-    Column("project", Prose),
-    Column("tags", Text),  # JSON; none where there is none
-    Column("code", Text),  # JSON; none where no worker has described it
-    Column("archived_ms", BigInteger),
-    CheckConstraint("completed + failed + cancelled <= planned", name="accounted"),
-    Index(None, "state", "id"),
-    Index(None, "suite", "id"),
-    Index(None, "made_by", "created_ms"),
-    Index(None, "made_by", "ended_ms"),
-    Index(None, "planner_version", "id"),
-    Index(None, "project", "id"),
-    Index(
+    sa.Column("id", Number, primary_key=True),
+    sa.Column("state", sa.Text, nullable=False),
+    sa.Column("spec", sa.Text, nullable=False),  # JSON
+    sa.Column("planned", sa.Integer, nullable=False),
+    sa.Column("completed", sa.Integer, nullable=False),
+    sa.Column("failures", sa.Integer, nullable=False),
+    sa.Column("failed", sa.Integer, nullable=False),
+    sa.Column("cancelled", sa.Integer, nullable=False),
+    sa.Column("duplicates", sa.BigInteger, nullable=False),
+    sa.Column("created_ms", sa.BigInteger, nullable=False),
+    sa.Column("started_ms", sa.BigInteger),
+    sa.Column("ended_ms", sa.BigInteger),
+    sa.Column("active_s", sa.Double, nullable=False),
+    sa.Column("stopped_because", Prose, nullable=False),
+    sa.Column("digest", sa.Text),
+    sa.Column("estimate", sa.Text),  # JSON
+    sa.Column("trained_episodes", sa.Integer),
+    sa.Column("learning_s", sa.Double),
+    sa.Column("waiting_s", sa.Double),
+    sa.Column("discarded_s", sa.Double),
+    sa.Column("suite", Prose),
+    sa.Column("priority", sa.Text, nullable=False, server_default=Priority.NORMAL),
+    sa.Column("parts", sa.Text),  # JSON
+    sa.Column("made_by", Number),  # id of the key; none where none was needed
+    sa.Column("planner_version", Prose),  # as in the spec
+    sa.Column("project", Prose),
+    sa.Column("tags", sa.Text),  # JSON; none where there is none
+    sa.Column("code", sa.Text),  # JSON; none where no worker has described it
+    sa.Column("archived_ms", sa.BigInteger),
+    sa.CheckConstraint("completed + failed + cancelled <= planned", name="accounted"),
+    sa.Index(None, "state", "id"),
+    sa.Index(None, "suite", "id"),
+    sa.Index(None, "made_by", "created_ms"),
+    sa.Index(None, "made_by", "ended_ms"),
+    sa.Index(None, "planner_version", "id"),
+    sa.Index(None, "project", "id"),
+    sa.Index(
         "ix_campaigns_versioned",
         "id",
-        sqlite_where=text("planner_version IS NOT NULL"),
-        postgresql_where=text("planner_version IS NOT NULL"),
+        sqlite_where=sa.text("planner_version IS NOT NULL"),
+        postgresql_where=sa.text("planner_version IS NOT NULL"),
     ),
     sqlite_autoincrement=True,
 )
 
-idempotency_keys = Table(
+idempotency_keys = sa.Table(
     "idempotency_keys",
     metadata,
-    Column("key", Text, primary_key=True),
-    Column("spec_hash", Text, nullable=False),
-    Column("campaign", Number, ForeignKey("campaigns.id"), nullable=False),
+    sa.Column("key", sa.Text, primary_key=True),
+    sa.Column("spec_hash", sa.Text, nullable=False),
+    sa.Column("campaign", Number, sa.ForeignKey("campaigns.id"), nullable=False),
 )
 
 # The last two of each campaign, by number.
-checkpoints = Table(
+checkpoints = sa.Table(
     "checkpoints",
     metadata,
-    Column("campaign", Number, ForeignKey("campaigns.id"), primary_key=True),
-    Column("number", BigInteger, primary_key=True, autoincrement=False),
-    Column("saved_ms", BigInteger, nullable=False),
-    Column("state", LargeBinary, nullable=False),
-    Column("sha256", Text),  # of the state
+    sa.Column("campaign", Number, sa.ForeignKey("campaigns.id"), primary_key=True),
+    sa.Column("number", sa.BigInteger, primary_key=True, autoincrement=False),
+    sa.Column("saved_ms", sa.BigInteger, nullable=False),
+    sa.Column("state", sa.LargeBinary, nullable=False),
+    sa.Column("sha256", sa.Text),  # of the state
 )
 
 
-episodes = Table(
+episodes = sa.Table(
     "episodes",
     metadata,
-    Column("campaign", Number, ForeignKey("campaigns.id"), primary_key=True),
-    Column("index", Number, primary_key=True, autoincrement=False),
-    Column("seed", BigInteger, nullable=False),
-    Column("outcome", Text, nullable=False),
-    Column("steps", Integer, nullable=False),
-    Column("source", Prose, nullable=False),
-    Column("worker", Prose, nullable=False),
-    Column("log_probability", Double, nullable=False),
-    *(Column(name, _find_type(measure)) for name, measure in MEASURES.items()),
-    Column("wall_s", Double, nullable=False),
-    Column("finished_ms", BigInteger, nullable=False),
-    Column("digest", Text, nullable=False),
-    Column("has_scene", Boolean, nullable=False),
-    Column("fault_kind", Prose),
-    Column("fault_message", Prose),
-    Index(None, "campaign", "outcome", "min_ttc_s"),
+    sa.Column("campaign", Number, sa.ForeignKey("campaigns.id"), primary_key=True),
+    sa.Column("index", Number, primary_key=True, autoincrement=False),
+    sa.Column("seed", sa.BigInteger, nullable=False),
+    sa.Column("outcome", sa.Text, nullable=False),
+    sa.Column("steps", sa.Integer, nullable=False),
+    sa.Column("source", Prose, nullable=False),
+    sa.Column("worker", Prose, nullable=False),
+    sa.Column("log_probability", sa.Double, nullable=False),
+    *(sa.Column(name, _find_type(measure)) for name, measure in MEASURES.items()),
+    sa.Column("wall_s", sa.Double, nullable=False),
+    sa.Column("finished_ms", sa.BigInteger, nullable=False),
+    sa.Column("digest", sa.Text, nullable=False),
+    sa.Column("has_scene", sa.Boolean, nullable=False),
+    sa.Column("fault_kind", Prose),
+    sa.Column("fault_message", Prose),
+    sa.Index(None, "campaign", "outcome", "min_ttc_s"),
     # These two hold all that sums over a campaign, or over its failures, are made of.
-    Index(
+    sa.Index(
         "ix_episodes_landed",
         "campaign",
         "finished_ms",
@@ -197,7 +175,7 @@ episodes = Table(
         "steps",
         "wall_s",
     ),
-    Index(
+    sa.Index(
         "ix_episodes_ended",
         "campaign",
         "outcome",
@@ -211,18 +189,18 @@ episodes = Table(
         "drac_at_warning_mps2",
     ),
     # Orders that a page of a list must not sort a million rows for.
-    Index(None, "campaign", "robustness_m", "index"),
-    Index(None, "campaign", "log_probability", "index"),
-    Index(None, "campaign", "severity", "index"),
-    Index(None, "campaign", "min_ttc_s", "index", "outcome"),
-    Index(None, "campaign", "max_drac_mps2", "index", "outcome"),
-    Index(
+    sa.Index(None, "campaign", "robustness_m", "index"),
+    sa.Index(None, "campaign", "log_probability", "index"),
+    sa.Index(None, "campaign", "severity", "index"),
+    sa.Index(None, "campaign", "min_ttc_s", "index", "outcome"),
+    sa.Index(None, "campaign", "max_drac_mps2", "index", "outcome"),
+    sa.Index(
         None,
         "campaign",
         "violated",
         "index",
-        sqlite_where=text("violated IS NOT NULL"),
-        postgresql_where=text("violated IS NOT NULL"),
+        sqlite_where=sa.text("violated IS NOT NULL"),
+        postgresql_where=sa.text("violated IS NOT NULL"),
     ),
 )
 
@@ -236,272 +214,282 @@ has_no_collision = episodes.c.outcome.in_((Outcome.SAFE, Outcome.VIOLATION))
 """Whether an episode was completed and is not classed as a collision."""
 
 # Robustness of each requirement of campaigns that name some, by its number from 1 on.
-requirement_values = Table(
+requirement_values = sa.Table(
     "requirement_values",
     metadata,
-    Column("campaign", Number, primary_key=True),
-    Column("index", Number, primary_key=True, autoincrement=False),
-    Column("requirement", Integer, primary_key=True, autoincrement=False),
-    Column("robustness", Double, nullable=False),
-    ForeignKeyConstraint(["campaign", "index"], ["episodes.campaign", "episodes.index"]),
+    sa.Column("campaign", Number, primary_key=True),
+    sa.Column("index", Number, primary_key=True, autoincrement=False),
+    sa.Column("requirement", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("robustness", sa.Double, nullable=False),
+    sa.ForeignKeyConstraint(["campaign", "index"], ["episodes.campaign", "episodes.index"]),
 )
 
 # Blobs of little-endian float32, row-major: z and sigma with a column for each channel of noise,
 # states with as many as `count_state` says, importance with 1.
-trajectories = Table(
+trajectories = sa.Table(
     "trajectories",
     metadata,
-    Column("campaign", Number, primary_key=True),
-    Column("index", Number, primary_key=True, autoincrement=False),
-    Column("z", LargeBinary, nullable=False),
-    Column("sigma", LargeBinary, nullable=False),
-    Column("states", LargeBinary),
-    Column("importance", LargeBinary),
-    ForeignKeyConstraint(["campaign", "index"], ["episodes.campaign", "episodes.index"]),
+    sa.Column("campaign", Number, primary_key=True),
+    sa.Column("index", Number, primary_key=True, autoincrement=False),
+    sa.Column("z", sa.LargeBinary, nullable=False),
+    sa.Column("sigma", sa.LargeBinary, nullable=False),
+    sa.Column("states", sa.LargeBinary),
+    sa.Column("importance", sa.LargeBinary),
+    sa.ForeignKeyConstraint(["campaign", "index"], ["episodes.campaign", "episodes.index"]),
 )
 
-scenes = Table(
+scenes = sa.Table(
     "scenes",
     metadata,
-    Column("campaign", Number, primary_key=True),
-    Column("index", Number, primary_key=True, autoincrement=False),
-    Column("scene", LargeBinary, nullable=False),  # MessagePack
-    ForeignKeyConstraint(["campaign", "index"], ["episodes.campaign", "episodes.index"]),
+    sa.Column("campaign", Number, primary_key=True),
+    sa.Column("index", Number, primary_key=True, autoincrement=False),
+    sa.Column("scene", sa.LargeBinary, nullable=False),  # MessagePack
+    sa.ForeignKeyConstraint(["campaign", "index"], ["episodes.campaign", "episodes.index"]),
 )
 
 # What was taken away: of a campaign's safe episodes of one source, up to an index, all but each
 # so-manyth.
-prunings = Table(
+prunings = sa.Table(
     "prunings",
     metadata,
-    Column("id", Number, primary_key=True),
-    Column("campaign", Number, ForeignKey("campaigns.id"), nullable=False),
-    Column("source", Prose, nullable=False),
-    Column("keep_every", BigInteger, nullable=False),
-    Column("through", Number, nullable=False),
-    Column("pruned_ms", BigInteger, nullable=False),
-    Column("who", Prose, nullable=False),
-    Column("episodes", BigInteger, nullable=False),
-    Column("scenes", BigInteger, nullable=False),
-    Column("bytes", BigInteger, nullable=False),
-    Index(None, "campaign", "id"),
+    sa.Column("id", Number, primary_key=True),
+    sa.Column("campaign", Number, sa.ForeignKey("campaigns.id"), nullable=False),
+    sa.Column("source", Prose, nullable=False),
+    sa.Column("keep_every", sa.BigInteger, nullable=False),
+    sa.Column("through", Number, nullable=False),
+    sa.Column("pruned_ms", sa.BigInteger, nullable=False),
+    sa.Column("who", Prose, nullable=False),
+    sa.Column("episodes", sa.BigInteger, nullable=False),
+    sa.Column("scenes", sa.BigInteger, nullable=False),
+    sa.Column("bytes", sa.BigInteger, nullable=False),
+    sa.Index(None, "campaign", "id"),
     sqlite_autoincrement=True,
 )
 
 # Of episodes that were running as their workers were lost.
-deaths = Table(
+deaths = sa.Table(
     "deaths",
     metadata,
-    Column("campaign", Number, ForeignKey("campaigns.id"), primary_key=True),
-    Column("index", Number, primary_key=True, autoincrement=False),
-    Column("workers", Integer, nullable=False),
+    sa.Column("campaign", Number, sa.ForeignKey("campaigns.id"), primary_key=True),
+    sa.Column("index", Number, primary_key=True, autoincrement=False),
+    sa.Column("workers", sa.Integer, nullable=False),
 )
 
 
-analyses = Table(
+analyses = sa.Table(
     "analyses",
     metadata,
-    Column("id", Number, primary_key=True),
-    Column("campaign", Number, ForeignKey("campaigns.id"), nullable=False),
-    Column("settings", Text, nullable=False),  # JSON
-    Column("state", Text, nullable=False),
-    Column("created_ms", BigInteger, nullable=False),
-    Column("problem", Prose, nullable=False),
-    Column("failures", Integer),
-    Column("modes", Integer),
-    Column("silhouette", Double),
-    Column("noise_silhouette", Double),
-    Column("result", LargeBinary),  # MessagePack
-    Index(None, "campaign", "id"),
+    sa.Column("id", Number, primary_key=True),
+    sa.Column("campaign", Number, sa.ForeignKey("campaigns.id"), nullable=False),
+    sa.Column("settings", sa.Text, nullable=False),  # JSON
+    sa.Column("state", sa.Text, nullable=False),
+    sa.Column("created_ms", sa.BigInteger, nullable=False),
+    sa.Column("problem", Prose, nullable=False),
+    sa.Column("failures", sa.Integer),
+    sa.Column("modes", sa.Integer),
+    sa.Column("silhouette", sa.Double),
+    sa.Column("noise_silhouette", sa.Double),
+    sa.Column("result", sa.LargeBinary),  # MessagePack
+    sa.Index(None, "campaign", "id"),
     sqlite_autoincrement=True,
 )
 
 # The modes of analyses that are done, each with its name and its triage, which both are given by
 # people: no digest has them.
-modes = Table(
+modes = sa.Table(
     "modes",
     metadata,
-    Column("analysis", Number, ForeignKey("analyses.id"), primary_key=True, autoincrement=False),
-    Column("number", Integer, primary_key=True, autoincrement=False),  # from 1
-    Column("failures", Integer, nullable=False),
-    Column("name", Prose, nullable=False),
-    Column("state", Text, nullable=False, server_default="new"),
-    Column("ticket", Prose, nullable=False, server_default=""),
-    Column("note", Prose, nullable=False, server_default=""),
-    Column("changed_by", Prose, nullable=False, server_default=""),
-    Column("changed_ms", BigInteger),
+    sa.Column(
+        "analysis", Number, sa.ForeignKey("analyses.id"), primary_key=True, autoincrement=False
+    ),
+    sa.Column("number", sa.Integer, primary_key=True, autoincrement=False),  # from 1
+    sa.Column("failures", sa.Integer, nullable=False),
+    sa.Column("name", Prose, nullable=False),
+    sa.Column("state", sa.Text, nullable=False, server_default="new"),
+    sa.Column("ticket", Prose, nullable=False, server_default=""),
+    sa.Column("note", Prose, nullable=False, server_default=""),
+    sa.Column("changed_by", Prose, nullable=False, server_default=""),
+    sa.Column("changed_ms", sa.BigInteger),
 )
 
 # The mode of each failure in each analysis of it, which may be of several campaigns.
-mode_members = Table(
+mode_members = sa.Table(
     "mode_members",
     metadata,
-    Column("campaign", Number, ForeignKey("campaigns.id"), primary_key=True, autoincrement=False),
-    Column("analysis", Number, ForeignKey("analyses.id"), primary_key=True, autoincrement=False),
-    Column("index", Number, primary_key=True, autoincrement=False),
-    Column("number", Integer, nullable=False),
-    Index(None, "analysis", "number"),
+    sa.Column(
+        "campaign", Number, sa.ForeignKey("campaigns.id"), primary_key=True, autoincrement=False
+    ),
+    sa.Column(
+        "analysis", Number, sa.ForeignKey("analyses.id"), primary_key=True, autoincrement=False
+    ),
+    sa.Column("index", Number, primary_key=True, autoincrement=False),
+    sa.Column("number", sa.Integer, nullable=False),
+    sa.Index(None, "analysis", "number"),
 )
 
 
-def select_newest_analysis(campaign: Any) -> Select[int]:
+def select_newest_analysis(campaign: Any) -> sa.Select[int]:
     """Return the query for the newest analysis of a campaign that has a mode: its id, or NULL."""
     member = mode_members.alias().c
-    return select(func.max(member.analysis)).where(member.campaign == campaign)
+    return sa.select(sa.func.max(member.analysis)).where(member.campaign == campaign)
 
 
 # The campaigns that replay what an analysis found.
-replays = Table(
+replays = sa.Table(
     "replays",
     metadata,
-    Column("analysis", Number, ForeignKey("analyses.id"), primary_key=True, autoincrement=False),
-    Column("campaign", Number, ForeignKey("campaigns.id"), primary_key=True, autoincrement=False),
+    sa.Column(
+        "analysis", Number, sa.ForeignKey("analyses.id"), primary_key=True, autoincrement=False
+    ),
+    sa.Column(
+        "campaign", Number, sa.ForeignKey("campaigns.id"), primary_key=True, autoincrement=False
+    ),
 )
 
 
-events = Table(
+events = sa.Table(
     "events",
     metadata,
-    Column("id", Number, primary_key=True, autoincrement=False),
-    Column("at_ms", BigInteger, nullable=False),
-    Column("kind", Prose, nullable=False),
-    Column("message", Prose, nullable=False),
-    Column("campaign", Number),
-    Index(None, "campaign", "id"),
+    sa.Column("id", Number, primary_key=True, autoincrement=False),
+    sa.Column("at_ms", sa.BigInteger, nullable=False),
+    sa.Column("kind", Prose, nullable=False),
+    sa.Column("message", Prose, nullable=False),
+    sa.Column("campaign", Number),
+    sa.Index(None, "campaign", "id"),
 )
 
 # One row, there from the first migration on.
-event_counter = Table(
+event_counter = sa.Table(
     "event_counter",
     metadata,
-    Column("id", Integer, primary_key=True, autoincrement=False),
-    Column("last", BigInteger, nullable=False),
+    sa.Column("id", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("last", sa.BigInteger, nullable=False),
 )
 
 
-jobs = Table(
+jobs = sa.Table(
     "jobs",
     metadata,
-    Column("id", Number, primary_key=True),
-    Column("kind", Text, nullable=False),
-    Column("subject", Number, nullable=False),
-    Column("queued_ms", BigInteger, nullable=False),
-    Column("owner", Prose),
-    Column("token", Text),
-    Column("lease_until_ms", BigInteger, nullable=False),  # by the clock of leases
-    Column("lease_ms", BigInteger, nullable=False),
-    Column("attempts", Integer, nullable=False),
-    Column("progress", BigInteger, nullable=False),
-    Column("buried_because", Prose),
-    UniqueConstraint("kind", "subject"),
+    sa.Column("id", Number, primary_key=True),
+    sa.Column("kind", sa.Text, nullable=False),
+    sa.Column("subject", Number, nullable=False),
+    sa.Column("queued_ms", sa.BigInteger, nullable=False),
+    sa.Column("owner", Prose),
+    sa.Column("token", sa.Text),
+    sa.Column("lease_until_ms", sa.BigInteger, nullable=False),  # by the clock of leases
+    sa.Column("lease_ms", sa.BigInteger, nullable=False),
+    sa.Column("attempts", sa.Integer, nullable=False),
+    sa.Column("progress", sa.BigInteger, nullable=False),
+    sa.Column("buried_because", Prose),
+    sa.UniqueConstraint("kind", "subject"),
     sqlite_autoincrement=True,
 )
 
-arrivals = Table(
+arrivals = sa.Table(
     "arrivals",
     metadata,
-    Column("id", Number, primary_key=True),
-    Column("worker", Prose, nullable=False),
-    Column("host", Prose, nullable=False),
-    Column("pid", BigInteger, nullable=False),
-    Column("versions", Text, nullable=False),
-    Column("offer", Text),  # JSON; of the worker's bridge, while it is connected
-    Column("arrived_ms", BigInteger, nullable=False),
-    Column("heard_ms", BigInteger, nullable=False),
-    Column("left_ms", BigInteger),
-    Index(None, "worker", "arrived_ms"),
+    sa.Column("id", Number, primary_key=True),
+    sa.Column("worker", Prose, nullable=False),
+    sa.Column("host", Prose, nullable=False),
+    sa.Column("pid", sa.BigInteger, nullable=False),
+    sa.Column("versions", sa.Text, nullable=False),
+    sa.Column("offer", sa.Text),  # JSON; of the worker's bridge, while it is connected
+    sa.Column("arrived_ms", sa.BigInteger, nullable=False),
+    sa.Column("heard_ms", sa.BigInteger, nullable=False),
+    sa.Column("left_ms", sa.BigInteger),
+    sa.Index(None, "worker", "arrived_ms"),
     sqlite_autoincrement=True,
 )
 
 
 # Of a key's secret, its SHA-256 alone.
-keys = Table(
+keys = sa.Table(
     "keys",
     metadata,
-    Column("id", Number, primary_key=True),
-    Column("name", Prose, nullable=False),
-    Column("scope", Text, nullable=False),
-    Column("digest", Text, nullable=False),
-    Column("created_ms", BigInteger, nullable=False),
-    Column("expires_ms", BigInteger),
-    Column("revoked_ms", BigInteger),
-    Column("last_used_ms", BigInteger),
-    Column("max_open", BigInteger),
-    Column("max_episodes", BigInteger),
-    Column("max_episodes_per_day", BigInteger),
+    sa.Column("id", Number, primary_key=True),
+    sa.Column("name", Prose, nullable=False),
+    sa.Column("scope", sa.Text, nullable=False),
+    sa.Column("digest", sa.Text, nullable=False),
+    sa.Column("created_ms", sa.BigInteger, nullable=False),
+    sa.Column("expires_ms", sa.BigInteger),
+    sa.Column("revoked_ms", sa.BigInteger),
+    sa.Column("last_used_ms", sa.BigInteger),
+    sa.Column("max_open", sa.BigInteger),
+    sa.Column("max_episodes", sa.BigInteger),
+    sa.Column("max_episodes_per_day", sa.BigInteger),
     sqlite_autoincrement=True,
 )
 
-audit = Table(
+audit = sa.Table(
     "audit",
     metadata,
-    Column("id", Number, primary_key=True),
-    Column("at_ms", BigInteger, nullable=False),
-    Column("who", Prose, nullable=False),
-    Column("key", Number),
-    Column("method", Prose, nullable=False),
-    Column("route", Prose, nullable=False),
-    Column("subject", Prose, nullable=False),
-    Column("address", Prose, nullable=False),
-    Column("status", Integer, nullable=False),
-    Column("details", Prose, nullable=False, server_default=""),
+    sa.Column("id", Number, primary_key=True),
+    sa.Column("at_ms", sa.BigInteger, nullable=False),
+    sa.Column("who", Prose, nullable=False),
+    sa.Column("key", Number),
+    sa.Column("method", Prose, nullable=False),
+    sa.Column("route", Prose, nullable=False),
+    sa.Column("subject", Prose, nullable=False),
+    sa.Column("address", Prose, nullable=False),
+    sa.Column("status", sa.Integer, nullable=False),
+    sa.Column("details", Prose, nullable=False, server_default=""),
     sqlite_autoincrement=True,
 )
 
 
 # A webhook's secret signs what is sent to it: a digest of it could not.
-webhooks = Table(
+webhooks = sa.Table(
     "webhooks",
     metadata,
-    Column("id", Number, primary_key=True),
-    Column("url", Text, nullable=False),
-    Column("events", Text, nullable=False),  # JSON
-    Column("secret", Text, nullable=False),
-    Column("active", Boolean, nullable=False),
-    Column("created_ms", BigInteger, nullable=False),
+    sa.Column("id", Number, primary_key=True),
+    sa.Column("url", sa.Text, nullable=False),
+    sa.Column("events", sa.Text, nullable=False),  # JSON
+    sa.Column("secret", sa.Text, nullable=False),
+    sa.Column("active", sa.Boolean, nullable=False),
+    sa.Column("created_ms", sa.BigInteger, nullable=False),
     sqlite_autoincrement=True,
 )
 
 # The outbox: a row for each event and webhook, of the transaction that the event is about.
-webhook_deliveries = Table(
+webhook_deliveries = sa.Table(
     "webhook_deliveries",
     metadata,
-    Column("id", Number, primary_key=True),
-    Column("webhook", Number, ForeignKey("webhooks.id"), nullable=False),
-    Column("event", Text, nullable=False),
-    Column("kind", Text, nullable=False),
-    Column("payload", Text, nullable=False),  # JSON, as it is sent
-    Column("created_ms", BigInteger, nullable=False),
-    Column("state", Text, nullable=False),
-    Column("attempts", Integer, nullable=False),
-    Column("next_ms", BigInteger, nullable=False),
-    Column("status", Integer),
-    Column("problem", Prose, nullable=False),
-    Column("token", Text),
-    Column("lease_until_ms", BigInteger, nullable=False),  # by the clock of leases
-    Column("lease_ms", BigInteger, nullable=False),
-    Index(None, "state", "next_ms"),
-    Index(None, "webhook", "id"),
+    sa.Column("id", Number, primary_key=True),
+    sa.Column("webhook", Number, sa.ForeignKey("webhooks.id"), nullable=False),
+    sa.Column("event", sa.Text, nullable=False),
+    sa.Column("kind", sa.Text, nullable=False),
+    sa.Column("payload", sa.Text, nullable=False),  # JSON, as it is sent
+    sa.Column("created_ms", sa.BigInteger, nullable=False),
+    sa.Column("state", sa.Text, nullable=False),
+    sa.Column("attempts", sa.Integer, nullable=False),
+    sa.Column("next_ms", sa.BigInteger, nullable=False),
+    sa.Column("status", sa.Integer),
+    sa.Column("problem", Prose, nullable=False),
+    sa.Column("token", sa.Text),
+    sa.Column("lease_until_ms", sa.BigInteger, nullable=False),  # by the clock of leases
+    sa.Column("lease_ms", sa.BigInteger, nullable=False),
+    sa.Index(None, "state", "next_ms"),
+    sa.Index(None, "webhook", "id"),
     sqlite_autoincrement=True,
 )
 
 # Reports of gates, each once: `digest` is the SHA-256 of the report without file, links and modes
 # over releases.
-gates = Table(
+gates = sa.Table(
     "gates",
     metadata,
-    Column("id", Number, primary_key=True),
-    Column("created_ms", BigInteger, nullable=False),
-    Column("digest", Text, nullable=False),
-    Column("suite", Prose, nullable=False),
-    Column("version", Prose, nullable=False),
-    Column("run", Prose, nullable=False),
-    Column("baseline", Prose, nullable=False),
-    Column("open", Boolean, nullable=False),
-    Column("counts", Text, nullable=False),  # JSON
-    Column("conclusion", Prose, nullable=False),
-    Column("report", Text, nullable=False),  # JSON
-    UniqueConstraint("digest"),
+    sa.Column("id", Number, primary_key=True),
+    sa.Column("created_ms", sa.BigInteger, nullable=False),
+    sa.Column("digest", sa.Text, nullable=False),
+    sa.Column("suite", Prose, nullable=False),
+    sa.Column("version", Prose, nullable=False),
+    sa.Column("run", Prose, nullable=False),
+    sa.Column("baseline", Prose, nullable=False),
+    sa.Column("open", sa.Boolean, nullable=False),
+    sa.Column("counts", sa.Text, nullable=False),  # JSON
+    sa.Column("conclusion", Prose, nullable=False),
+    sa.Column("report", sa.Text, nullable=False),  # JSON
+    sa.UniqueConstraint("digest"),
     sqlite_autoincrement=True,
 )
 
@@ -521,10 +509,12 @@ def spec_field(name: str) -> SpecFieldExpression:
 
 SECONDS_PER_HOUR = 3_600.0
 
-instance_hours = campaigns.c.active_s * cast(spec_field("instances"), Double) / SECONDS_PER_HOUR
+instance_hours = (
+    campaigns.c.active_s * sa.cast(spec_field("instances"), sa.Double) / SECONDS_PER_HOUR
+)
 """Time that the instances of a campaign took, as an SQL expression. [h]"""
 
-spent_usd = instance_hours * cast(spec_field("price_usd_per_hour"), Double)
+spent_usd = instance_hours * sa.cast(spec_field("price_usd_per_hour"), sa.Double)
 """What they cost. [USD]"""
 
 
@@ -544,17 +534,17 @@ class PositionExpression(FunctionElement[int]):
     """Place of a text in another one, from 1, with case; 0 if it is not in it."""
 
     name = "position"
-    type = Integer()
+    type = sa.Integer()
     inherit_cache = True
 
 
 @compiles(PositionExpression, "sqlite")
 def _find_in_sqlite(element: PositionExpression, compiler: SQLCompiler, **more: Any) -> str:
-    text, part = (compiler.process(each, **more) for each in element.clauses)
-    return f"instr({text}, {part})"
+    sa.text, part = (compiler.process(each, **more) for each in element.clauses)
+    return f"instr({sa.text}, {part})"
 
 
 @compiles(PositionExpression, "postgresql")
 def _find_in_postgres(element: PositionExpression, compiler: SQLCompiler, **more: Any) -> str:
-    text, part = (compiler.process(each, **more) for each in element.clauses)
-    return f"strpos({text}, {part})"
+    sa.text, part = (compiler.process(each, **more) for each in element.clauses)
+    return f"strpos({sa.text}, {part})"
