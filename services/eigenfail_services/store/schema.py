@@ -540,11 +540,11 @@ class PositionExpression(FunctionElement[int]):
 
 @compiles(PositionExpression, "sqlite")
 def _find_in_sqlite(element: PositionExpression, compiler: SQLCompiler, **more: Any) -> str:
-    sa.text, part = (compiler.process(each, **more) for each in element.clauses)
-    return f"instr({sa.text}, {part})"
+    whole, part = (compiler.process(each, **more) for each in element.clauses)
+    return f"instr({whole}, {part})"
 
 
 @compiles(PositionExpression, "postgresql")
 def _find_in_postgres(element: PositionExpression, compiler: SQLCompiler, **more: Any) -> str:
-    sa.text, part = (compiler.process(each, **more) for each in element.clauses)
-    return f"strpos({sa.text}, {part})"
+    whole, part = (compiler.process(each, **more) for each in element.clauses)
+    return f"strpos({whole}, {part})"
