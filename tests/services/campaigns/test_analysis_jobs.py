@@ -441,7 +441,7 @@ def found(store, analysis):
     threading.Thread(target=time.sleep, args=(600.0,)).start()
     {found}
 
-analysis_jobs.find_modes = program.run_analysis.__globals__["find_modes"] = found
+analysis_jobs.find_modes = found
 sys.argv = ["eigenfail_services", "--database", sys.argv[1], "analyse", "1"]
 program.main()
 """

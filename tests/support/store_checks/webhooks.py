@@ -147,7 +147,7 @@ def queues_all_or_nothing(store: Store) -> None:
     equal(store.analyses.get(analysis).state, AnalysisState.QUEUED, "State of the analysis")
     equal(store.events.last(), last, "The last event in the log")
     equal(queued(store, webhook), [], "Deliveries")
-    place = "eigenfail_services.store.outbox.insert"
+    place = "eigenfail_services.store.outbox._insert_deliveries"
     for change in changes.values():
         with (
             patch(place, side_effect=ZeroDivisionError),
