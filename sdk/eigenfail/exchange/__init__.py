@@ -10,10 +10,10 @@ from eigenfail.errors import EigenfailError, InputError, InvalidValue, UnknownNa
 from eigenfail.exchange.recording import EgoControl, RecordingFormat
 
 KNOWN = ("openscenario", "mcap", "gif")
-"""Formats that were once in the core."""
+"""Formats that a plug-in of this repository brings."""
 
 PACKAGE = "eigenfail-exchange"
-"""The package under plugins/ that brings them now."""
+"""The plug-in, under plugins/."""
 
 
 def list_formats() -> dict[str, RecordingFormat]:
