@@ -9,7 +9,7 @@ from itertools import count
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
+from hypothesis import HealthCheck, settings
 
 sys.path += [
     str(Path(__file__).parent / "tests" / name) for name in ("chaos", "plugins", "support")
@@ -20,7 +20,8 @@ from postgresql import start_server
 
 pytest_plugins = ["proofs", "golden", "plugin_absence", "tiny_formats"]
 
-settings.register_profile("here", deadline=None)
+# A loaded machine fails no test: neither a deadline nor a slow draw is a fault.
+settings.register_profile("here", deadline=None, suppress_health_check=[HealthCheck.too_slow])
 settings.load_profile("here")
 
 # Plug-ins of strangers and what tests share, for the processes that tests start as well.

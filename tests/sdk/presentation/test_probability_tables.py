@@ -14,7 +14,6 @@ from eigenfail.presentation.campaigns import (
 from eigenfail.presentation.suites import MemberResult, SuiteResult, describe_suite_result
 from eigenfail.presentation.terminal import render
 from eigenfail.values import (
-    ONE_REGION,
     Campaign,
     CampaignSpec,
     CampaignState,
@@ -126,18 +125,6 @@ def test_a_campaigns_facts_tell_a_lower_bound_with_its_reason():
     assert "at least 3.70×10⁻⁶ (n = 9,100), importance sampling" in shown
     assert "cv" not in shown
     assert BOUND.note in shown
-
-
-def test_an_estimate_that_an_earlier_release_stored_is_told_as_a_lower_bound():
-    stored = (
-        b'{"by": "importance sampling", "episodes": 9100, "probability": 3.7e-6, "cv": 0.04,'
-        b' "interval": {"low": 3.4e-6, "high": 4.0e-6}, "note": "As it was."}'
-    )
-    found = msgspec.json.decode(stored, type=Estimate)
-    assert (found.bound, found.interval, found.probability) == ("lower", None, 3.7e-6)
-    assert found.note == f"{ONE_REGION} As it was."
-    again = msgspec.json.decode(msgspec.json.encode(found), type=Estimate)
-    assert again == found
 
 
 def test_a_campaigns_facts_say_how_many_episodes_were_trained_with():
