@@ -1,5 +1,7 @@
 """The text of any error is fit for messages, JSON and databases."""
 
+import unicodedata
+
 import msgspec
 import pytest
 from hypothesis import given
@@ -32,6 +34,7 @@ def is_safe(text: str) -> bool:
         (letter < " " and letter not in "\n\t")
         or "\x7f" <= letter < "\xa0"
         or "\ud800" <= letter <= "\udfff"
+        or (unicodedata.category(letter) == "Cf" and letter not in "\u200c\u200d")
         for letter in text
     )
     return type(text) is str and not any(unsafe)
