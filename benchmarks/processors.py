@@ -63,7 +63,7 @@ KNOWN: dict[str, tuple[int, dict[str, Any]]] = {
 """Episodes and settings by method."""
 
 SMALL = {name: KNOWN[name] for name in KNOWN if name in plugins.names(plugins.METHODS)}
-"""Those of the methods that are installed: a plug-in may be absent."""
+"""The methods that are installed: a plug-in may be absent."""
 
 GIVEN = {"chains": 20, "minimal": 1, "nearest": 2, "replay": 20}
 """Failures that the methods which need some are given."""

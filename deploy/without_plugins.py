@@ -72,8 +72,8 @@ MADE = shutil.ignore_patterns(
     "node_modules",
     "eigenfail-data",
 )
-"""What is made in the repository, but for the cache of mypy, which compares contents: it saves most
-of mypy's time in the copy."""
+"""Names of files that programs make in the repository. The cache of mypy is not among them: mypy
+compares contents, so that the cache saves most of its time in the copy."""
 
 
 def main() -> int:

@@ -66,7 +66,7 @@ def load_extensions(core: Iterable[APIRouter]) -> tuple[Extension, ...]:
 
 
 def _check_extension(name: str, extension: object, taken: set[str]) -> None:
-    """Refuse what is not an extension, and one that would change what others answer or allow."""
+    """Raise InvalidValue unless an extension adds routes only, and opens its own routes only."""
     if not isinstance(extension, Extension):
         problem = f"'{name}' is a {type(extension).__name__}, not an Extension."
         raise InvalidValue("route", problem, "Fix its package.")

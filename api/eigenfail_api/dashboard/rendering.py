@@ -186,7 +186,7 @@ class Navigation:
 
     Args:
         app: the application.
-        entries: links that follow those of the core.
+        entries: links to show after the links of the core.
     """
 
     def __init__(self, app: ASGIApp, entries: tuple[NavigationEntry, ...]) -> None:
@@ -209,11 +209,11 @@ FOREIGN_TEMPLATES: dict[str, jinja2.BaseLoader] = {}
 def add_templates(package: str) -> None:
     """Make the templates of a package known as PACKAGE/FILE.
 
-    They cannot replace a template of the core, which has no folders.
+    A template of the core has no folder in its name, so that no package can replace it.
 
     Raises:
-        ImportError: there is no such package.
-        ValueError: it has no folder `templates`.
+        ImportError: the package cannot be imported.
+        ValueError: the package has no folder `templates`.
     """
     FOREIGN_TEMPLATES.setdefault(package, jinja2.PackageLoader(package))
 

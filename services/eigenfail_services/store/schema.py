@@ -144,6 +144,20 @@ checkpoints = sa.Table(
 )
 
 
+ENDED_COLUMNS = (
+    "campaign",
+    "outcome",
+    "index",
+    "log_probability",
+    "steps",
+    "severity",
+    "collided_s",
+    "ttc_violated_s",
+    "drac_violated_s",
+    "drac_at_warning_mps2",
+)
+"""What sums over the failures of a campaign read: the index that holds it answers them alone."""
+
 episodes = sa.Table(
     "episodes",
     metadata,
@@ -177,16 +191,7 @@ episodes = sa.Table(
     ),
     sa.Index(
         "ix_episodes_ended",
-        "campaign",
-        "outcome",
-        "index",
-        "log_probability",
-        "steps",
-        "severity",
-        "collided_s",
-        "ttc_violated_s",
-        "drac_violated_s",
-        "drac_at_warning_mps2",
+        *ENDED_COLUMNS,
     ),
     # Orders that a page of a list must not sort a million rows for.
     sa.Index(None, "campaign", "robustness_m", "index"),

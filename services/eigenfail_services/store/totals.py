@@ -21,6 +21,7 @@ from eigenfail.values.episode import FAILURES
 from eigenfail.values.safety import SeveritySample
 from eigenfail_services.store.codec import to_row
 from eigenfail_services.store.schema import (
+    ENDED_COLUMNS,
     campaigns,
     episode_index,
     episodes,
@@ -323,21 +324,7 @@ def read_trials(connection: sa.Connection, campaign: int, most: int) -> values.T
     return values.Trials(found["seed"], found["failed"])
 
 
-_SUMMED = tuple(
-    episodes.c[name]
-    for name in (
-        "campaign",
-        "outcome",
-        "index",
-        "log_probability",
-        "steps",
-        "severity",
-        "collided_s",
-        "ttc_violated_s",
-        "drac_violated_s",
-        "drac_at_warning_mps2",
-    )
-)
+_SUMMED = tuple(episodes.c[name] for name in ENDED_COLUMNS)
 """An index holds just these."""
 
 
