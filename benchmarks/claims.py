@@ -1,7 +1,7 @@
-"""Find the figures that the documents state, and write docs/claims.json.
+"""Find the figures that the documents state, and write benchmarks/results/claims.json.
 
-The learning curves of the methods that learn go to docs/learning_curves.json, from which
-`make pictures` draws them. Trials of plug-ins may write further files beside it.
+The learning curves of the methods that learn go to learning_curves.json in the same folder, from
+which `python benchmarks/pictures.py` draws them. Trials of plug-ins may write further files there.
 
 `python benchmarks/claims.py --only cut_in.rulebook.p_fail` finds a part of them and leaves the
 others as they are. Exit code 1 if a target is missed, 2 if no figure has the name asked for.
@@ -16,7 +16,7 @@ import curves
 import msgspec
 import typer
 from episode_pool import open_pool
-from figures import ROOT, Figure, Record, write
+from figures import RESULTS, Figure, Record, write
 from foreign_stacks import count_stacks
 from peers import compare_searches
 from targets import TARGETS, add_target, list_missed
@@ -96,7 +96,7 @@ def number(value: float | None) -> str:
 def main(
     only: Annotated[str, typer.Option(help="Figures whose names begin like this.")] = "",
     seed: Annotated[int, typer.Option(min=0, help="Of all noise.")] = SEED,
-    to: Annotated[Path, typer.Option(help="File to write.")] = ROOT / "docs" / "claims.json",
+    to: Annotated[Path, typer.Option(help="File to write.")] = RESULTS / "claims.json",
 ) -> None:
     """Find, write, show."""
     findings = find_figures(only, seed)

@@ -6,12 +6,12 @@ from pathlib import Path
 from statistics import median
 
 import msgspec
-from figures import ROOT
+from figures import RESULTS, ROOT
 from searches import Found
 from svg import Point, line, page, text
 
 BLOCK = 100
-FILE = ROOT / "docs" / "learning_curves.json"
+FILE = RESULTS / "learning_curves.json"
 PICTURE = ROOT / "docs" / "pictures" / "learning.svg"
 
 PANEL_WIDTH, PANEL_HEIGHT, MARGIN = 240.0, 150.0, 60.0

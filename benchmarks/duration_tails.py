@@ -4,8 +4,8 @@ Rounds are observed in order, so the slowest episode of the oldest round holds u
 the next one. With `parallel = 100`, 150 episodes are open; how fast they end is a bound for any
 number of workers, which 10,000 workers come close to.
 
-`python benchmarks/duration_tails.py` prints the rates from the costs in benchmarks/latest.json;
-with `write` it writes them there.
+`python benchmarks/duration_tails.py` prints the rates from the costs in
+benchmarks/results/latest.json; with `write` it writes them there.
 """
 
 import sys
@@ -15,7 +15,7 @@ from math import exp
 from random import Random
 
 import msgspec
-from figures import ROOT, Figure, show, summarize_runs, write
+from figures import RESULTS, Figure, show, summarize_runs, write
 from msgspec.structs import replace
 from scale_model import predict
 from scale_parts import WorkerPool
@@ -23,7 +23,7 @@ from scale_table import EPISODE_S, costs_of, method_of
 
 from eigenfail.values.learning import count_rounds_ahead
 
-LATEST = ROOT / "benchmarks" / "latest.json"
+LATEST = RESULTS / "latest.json"
 
 TAIL = 0.5
 """Standard deviation of log durations: one episode in a hundred takes 2.8 times the mean."""

@@ -31,7 +31,7 @@ DISTANCES_M = (58.0, 53.0, 63.0)
 
 CENTRES: tuple[Centre, ...] = ("median", "mean")
 LEARNT = EarlyFailures((1,), {})
-COMMAND = "make claims"
+COMMAND = "python benchmarks/claims.py"
 
 
 class Reproduced(NamedTuple):

@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 import msgspec
 
 ROOT = Path(__file__).resolve().parent.parent
+RESULTS = ROOT / "benchmarks" / "results"
 
 
 class Figure(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -41,6 +42,7 @@ class Record(Protocol):
 
 
 BENCH = "make bench"
+WRITTEN = (":!docs", ":!benchmarks/results")
 
 
 def summarize_runs(
@@ -72,7 +74,7 @@ def commit() -> str:
     Documents and their figures do not count: they are what the measuring writes.
     """
     head = said_by_git("rev-parse", "--short", "HEAD")
-    changed = said_by_git("status", "--porcelain", "--untracked-files=no", ":!docs")
+    changed = said_by_git("status", "--porcelain", "--untracked-files=no", *WRITTEN)
     return f"{head}-dirty" if changed else head or "unknown"
 
 

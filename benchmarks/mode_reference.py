@@ -21,7 +21,7 @@ from typing import NamedTuple
 import msgspec
 import numpy as np
 from episode_pool import EpisodePool, horizon, make_setup, open_pool
-from figures import ROOT, Figure
+from figures import RESULTS, Figure
 from numpy.typing import NDArray
 from samples import COMMAND
 from scipy.stats import binomtest
@@ -114,7 +114,7 @@ class TrueFailures(NamedTuple):
 
 def brute_force() -> BruteForce:
     """What is kept of the draws."""
-    kept = (ROOT / "benchmarks" / "true_failures.json").read_bytes()
+    kept = (RESULTS / "true_failures.json").read_bytes()
     return msgspec.json.decode(kept, type=BruteForce)
 
 
@@ -134,7 +134,9 @@ def confirmed(pool: EpisodePool, _seed: int) -> Iterator[tuple[str, Figure]]:
     yield "cut_in.true_failures.p_fail_at_least", least
 
 
-STORED_COMMAND = "none: measured once outside the project; make claims repeats the stored counts"
+STORED_COMMAND = (
+    "none: measured once outside the project; python benchmarks/claims.py repeats the stored counts"
+)
 
 
 def plain_monte_carlo(_crew: EpisodePool, _seed: int) -> Iterator[tuple[str, Figure]]:

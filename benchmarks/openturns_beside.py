@@ -10,8 +10,8 @@ counts as p = 0. Below 1, the ratio of the errors is in favour of `subset`. Its 
 is the bootstrap's over the seeds: with 40 seeds a ratio is uncertain by a factor of about 1.4, with
 200 by 1.2. A program that always prints 0 has the error 1. Where both errors are larger, neither
 program estimates P at that budget, and the few runs that met failures decide the ratio: such rows
-are marked, and left out of the two figures at the end. `make claims` finds these with 600 seeds and
-2,000 calls.
+are marked, and left out of the two figures at the end. `python benchmarks/claims.py` finds these
+with 600 seeds and 2,000 calls.
 
 OpenTURNS has no budget: it takes the samples on a level, N, and goes on until failures are reached.
 Its calls are the evaluations of the function that really happen, N on the first level and 0.9 N on

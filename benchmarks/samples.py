@@ -10,7 +10,7 @@ from figures import Figure
 
 from eigenfail.intervals import Z, find_interval
 
-COMMAND = "make claims"
+COMMAND = "python benchmarks/claims.py"
 
 
 def share(happened: Sequence[bool], note: str = "") -> Figure:

@@ -1,7 +1,8 @@
 """How fast a service is with many workers: predicted from what a result costs, and measured.
 
-`python benchmarks/scale.py` prints the table of benchmarks/scale.md from benchmarks/latest.json;
-with `measure` it measures the figures first, with `write` it puts the table into the page.
+`python benchmarks/scale.py` prints the table of benchmarks/scale.md from
+benchmarks/results/latest.json; with `measure` it measures the figures first, with `write` it puts
+the table into the page.
 """
 
 import sys
@@ -10,7 +11,7 @@ from math import ceil
 
 import msgspec
 from duration_tails import PARALLEL, TAIL, WIDER, tail_figures
-from figures import ROOT, Figure, write
+from figures import RESULTS, ROOT, Figure, write
 from hub import COMMAND, hub_figures, playing, run_simulated_workers
 from learner_cost import CASES
 from scale_costs import cost_figures
@@ -18,7 +19,7 @@ from scale_table import CREWS, EPISODE_S, method_of, predict_rate, table
 from sqlalchemy import text
 from stage import Stage
 
-LATEST = ROOT / "benchmarks" / "latest.json"
+LATEST = RESULTS / "latest.json"
 PAGE = ROOT / "benchmarks" / "scale.md"
 MARKS = ("<!-- workers -->", "<!-- /workers -->")
 

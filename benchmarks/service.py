@@ -39,7 +39,7 @@ def run_episode_loop(seed: int, interpreted: bool = False) -> dict[str, float]:
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     measured: dict[str, float] = json.loads(done.stdout)
     if measured["compiled"] == interpreted:
-        raise SystemExit("bench: the episode loop is not compiled: make compiled")
+        raise SystemExit("bench: the episode loop is not compiled: run eigenfail_workers.compiler")
     return measured
 
 

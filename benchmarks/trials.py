@@ -1,4 +1,4 @@
-"""What `make claims` runs: for each trial the names of its figures, and what finds them.
+"""What benchmarks/claims.py runs: for each trial the names of its figures, and what finds them.
 
 A plug-in's trials stand in plugins/*/benchmarks: a module there has TRIALS, pairs of the beginnings
 of names and of what finds the figures, and may have TARGETS.

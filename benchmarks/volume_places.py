@@ -1,4 +1,4 @@
-"""Where `make volume` makes its databases: files, and a PostgreSQL server of its own."""
+"""Where volume.py makes its databases: files, and a PostgreSQL server of its own."""
 
 import os
 from collections.abc import Callable, Iterator

@@ -7,10 +7,10 @@ from collections.abc import Iterator, Mapping
 from typing import NamedTuple
 
 import msgspec
-from figures import ROOT, Figure
+from figures import RESULTS, ROOT, Figure
 
 PAGE = ROOT / "benchmarks" / "scale.md"
-MEASURED = ROOT / "benchmarks" / "volume.json"
+MEASURED = RESULTS / "volume.json"
 MARKS = "<!-- episodes -->", "<!-- /episodes -->"
 HEADS = ("what", "figure", "SQLite", "PostgreSQL")
 PLACES = ("sqlite", "postgres")

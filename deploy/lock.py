@@ -1,7 +1,7 @@
 """Write the lock files: every package that is installed, its version, the hashes of its files.
 
-    make lock                        keep the locked versions; follow changes of pyproject.toml
-    make lock UPGRADE="numpy ray"    also take the newest releases of these packages
+    .venv/bin/python deploy/lock.py            keep the locked versions; follow pyproject.toml
+    .venv/bin/python deploy/lock.py numpy ray  also take the newest releases of these packages
 
 Needs PyPI. The CPU builds of torch are listed at their own index, which is asked only when torch's
 version has changed.
@@ -27,7 +27,7 @@ LOCKS = ROOT / "deploy" / "locks"
 TORCH_CPU = LOCKS / "torch_cpu.txt"
 TORCH_INDEX = "https://download.pytorch.org/whl/cpu/torch/"
 TIMEOUT_S = 30
-HEADER = "# Written by `make lock`. Do not edit.\n"
+HEADER = "# Written by deploy/lock.py. Do not edit.\n"
 PLATFORM = ("--python-version", "3.11", "--python-platform", "x86_64-manylinux_2_28")
 """Where versions are chosen. The hashes are those of a release's files for all platforms."""
 
@@ -148,7 +148,7 @@ def lock_cpu_torch(version: str) -> str | None:
         with urllib.request.urlopen(TORCH_INDEX, timeout=TIMEOUT_S) as answer:
             found = read_cpu_hashes(answer.read().decode(), version)
     except OSError as error:
-        print(f"{TORCH_INDEX} cannot be reached ({error}): run `make lock` where it can be.")
+        print(f"{TORCH_INDEX} cannot be reached ({error}): run this where it can be.")
         return None
     if not found:
         print(f"{TORCH_INDEX} lists no CPU build of torch {version}: pin another version.")

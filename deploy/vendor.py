@@ -1,6 +1,6 @@
 """The dashboard's libraries and axe-core of its tests, fetched by npm at their manifests' versions.
 
-    make vendor
+    python deploy/vendor.py
 
 Needs npm, and nothing else does. Of ECharts only what our charts use is kept, as
 `echarts.entry.js` says: half of it never runs, and browsers would read it at every visit.

@@ -158,8 +158,8 @@ def test_parameters_cannot_be_null(document):
 
 
 def test_the_file_in_the_repository_is_it(document):
-    kept = json.loads((ROOT / "docs" / "openapi.json").read_text())
-    assert kept == document, "Run `make openapi`."
+    kept = json.loads((ROOT / "api" / "openapi.json").read_text())
+    assert kept == document, "Run `make docs`."
 
 
 def test_bodies_are_described_where_they_are_read(document):

@@ -31,7 +31,7 @@ from eigenfail_services.store import open_store
 STEPS, EPISODES = 12, 20
 EXAMPLES = {GenerationMode.POSITIVE: 5, GenerationMode.NEGATIVE: 3}
 PATIENCE_S = deadlines.PROCESS_S
-DOCUMENT = json.loads((Path(__file__).parents[2] / "docs" / "openapi.json").read_text())
+DOCUMENT = json.loads((Path(__file__).parents[2] / "api" / "openapi.json").read_text())
 # A stream has no end that a test could wait for.
 OPERATIONS = {
     (path, verb): told

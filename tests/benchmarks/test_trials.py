@@ -1,4 +1,4 @@
-"""The trials of `make claims` ask the planners and scenarios what their names say."""
+"""The trials of benchmarks/claims.py ask the planners and scenarios what their names say."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""`make volume` with few episodes: it fills what it says, and its stages do what they say."""
+"""benchmarks/volume.py with few episodes: it fills what it says; its stages do what they say."""
 
 from contextlib import closing
 from importlib import import_module

@@ -1,6 +1,7 @@
 """How long the state machines of the tests live, and whether their lives are the same ones always.
 
-`make test` lives the same lives every time; `make explore` those of a seed (EIGENFAIL_EXPLORE=1).
+`make test` lives the same lives every time; tests/machines/explore.py those of a seed
+(EIGENFAIL_EXPLORE=1).
 """
 
 import os
@@ -13,7 +14,7 @@ TIMES = 3 if EXPLORING else 1
 """So many more lives a run; the runs of an exploration go on until its time is over."""
 
 # A life that fails is shortened for minutes, past the time limit of its test, which then hides what
-# failed. `make test` prints it as it was found; `make explore` finds the shortest one.
+# failed. `make test` prints it as it was found; explore.py finds the shortest one.
 PHASES = (Phase.generate, Phase.shrink) if EXPLORING else (Phase.generate,)
 
 settings.register_profile(

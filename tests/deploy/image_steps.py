@@ -1,4 +1,4 @@
-"""The recipes' steps, done without a container engine: `make image-steps`, some minutes, as root.
+"""The recipes' steps, done without a container engine, in some minutes and as root.
 
 Every RUN and COPY of the Dockerfile is done in layers of its own, for both targets. Then the
 services of the compose file are started from them, in its order and with its commands, variables,

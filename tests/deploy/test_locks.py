@@ -117,14 +117,14 @@ def find_requirements(name):
 def test_all_that_an_installation_needs_is_locked(locks, files, extras):
     locked = {name for file in files for name in locks[file]}
     missing = list_needed([f"eigenfail[{extras}]"]) - locked
-    assert not missing, "Run `make lock`."
+    assert not missing, "Run deploy/lock.py."
 
 
 def test_all_that_the_plug_ins_need_is_locked_for_the_image(lock, locks):
     projects = [tomllib.loads(file.read_text())["project"] for file in lock.PLUGINS]
     needed = list_needed([line for project in projects for line in project["dependencies"]])
     names = {package for package in needed if not package.startswith("eigenfail")}
-    assert names <= {*locks["server"], *locks["torch_cpu"], *locks["worker"]}, "Run `make lock`."
+    assert names <= {*locks["server"], *locks["torch_cpu"], *locks["worker"]}, "Run deploy/lock.py."
 
 
 def test_what_builds_the_project_is_locked(locks):
@@ -163,6 +163,7 @@ def test_setup_checks_hashes():
     makefile = (ROOT / "Makefile").read_text()
     assert re.search(r"^INSTALL = .*--require-hashes$", makefile, re.MULTILINE)
     assert "$(INSTALL) --requirement constraints.txt" in makefile
+    assert "$(INSTALL) --no-deps $(foreach lock,server compiler build," in makefile
     others = [line.split() for line in makefile.splitlines() if "-m pip install" in line]
     (ours,) = [words for words in others if "--require-hashes" not in words]
     assert {"--no-deps", "--no-index", "--no-build-isolation"} <= set(ours)

@@ -56,7 +56,9 @@ http {{
 
 pytestmark = [
     pytest.mark.service,
-    pytest.mark.skipif(not Path(NGINX).exists(), reason="no nginx: `make tools` installs it"),
+    pytest.mark.skipif(
+        not Path(NGINX).exists(), reason="no nginx: deploy/test_tools.sh installs it"
+    ),
 ]
 
 

@@ -1,4 +1,4 @@
-"""Write docs/openapi.json and the routes of docs/rest.md: `python tests/docs/rest_table.py`.
+"""Write api/openapi.json and the routes of docs/rest.md: `python tests/docs/rest_table.py`.
 
 Both are of the core: a plug-in documents its routes itself.
 """

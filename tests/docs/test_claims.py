@@ -1,4 +1,4 @@
-"""Documents say what docs/claims.json says, and the figures in it hold their targets.
+"""Pages say what benchmarks/results/claims.json says, and the figures in it hold their targets.
 
 A figure in a document is marked by a comment right behind it, with the claim's name:
 `35.6 % [33.5, 37.8]<!-- claim cut_in.idm.mc2000.failure_rate -->`. The number is the claim's value
@@ -7,23 +7,17 @@ before the mark both are per cent. A share may be printed as `1 of 100` or `all 
 with the upper end of its interval: `0 of 2,000: ≤ 0.150 %`.
 `95.3, 93.4, 94.7 %<!-- seeds cut_in.ast.train1000.failure_rate -->` are the values of each seed, as
 the claim's note tells them with four digits; the smallest, the largest and the median are those of
-the claim's `spread` and `value`, rounded from all of their digits. In hand-written pages
-docs/marks.json has the marks (claim_marks.py).
+the claim's `spread` and `value`, rounded from all of their digits. The README and the reproduction
+of the paper have such marks; the figures of other pages name the claim in their text, or none.
 """
 
 import re
-import sys
 from decimal import ROUND_HALF_UP, Decimal
 from importlib import import_module
-from pathlib import Path
 from typing import NamedTuple
 
 import msgspec
 import pytest
-
-sys.path.append(str(Path(__file__).parent))
-
-from claim_marks import GENERATED, MarkError, put_back, read_marks, read_pages, take_out
 
 NUMBER = r"-?\d+(?:\.\d+)?(?:e-?\d+)?"
 MARK = re.compile(
@@ -168,57 +162,31 @@ def held(claim):
     return claim.value is not None and low <= claim.value <= high
 
 
+COMMAND = "python benchmarks/claims.py"
+PAGES = ("README.md", "docs/reproduction.md", "docs/reproduction_drive.md")
+
+
 @pytest.fixture(scope="module")
 def claims(root):
-    return msgspec.json.decode((root / "docs" / "claims.json").read_bytes(), type=dict[str, Claim])
+    stored = (root / "benchmarks" / "results" / "claims.json").read_bytes()
+    return msgspec.json.decode(stored, type=dict[str, Claim])
 
 
-def test_every_marked_figure_is_the_claim_that_it_names(claims):
-    for page, text in read_pages().items():
-        assert [*wrong(text, claims), *wrong_seeds(text, claims)] == [], page
+@pytest.mark.parametrize("page", PAGES)
+def test_every_marked_figure_is_the_claim_that_it_names(claims, root, page):
+    text = (root / page).read_text()
+    assert [*wrong(text, claims), *wrong_seeds(text, claims)] == []
 
 
-def test_a_figure_that_is_changed_in_any_page_is_found(claims, root):
+@pytest.mark.parametrize("page", PAGES)
+def test_a_figure_that_is_changed_in_a_page_is_found(claims, root, page):
     """Change the last digit of every marked figure: each of them must be found."""
-    changed = 0
-    for page, marks in read_marks().items():
-        text = put_back((root / page).read_text(), marks)
-        figures = list(MARK.finditer(text))
-        for end in reversed([figure.end("value") for figure in figures]):
-            text = f"{text[: end - 1]}{(int(text[end - 1]) + 5) % 10}{text[end:]}"
-        bent = put_back(take_out(text)[0], marks)
-        assert len(list(wrong(bent, claims))) == len(figures), page
-        changed += len(figures)
-    assert changed > 100
-
-
-def test_hand_written_pages_have_no_marks_behind_figures(root):
-    for page in read_pages():
-        if page not in GENERATED:
-            assert take_out((root / page).read_text())[1] == [], "python tests/docs/claim_marks.py"
-
-
-PLACED = "One of 3 crashed.\nA rate of 35.6 %\n[33.6, 37.8] and a rate of 4 %, by\nidm.\n"
-
-
-def test_marks_are_taken_out_and_put_back_whatever_the_figures_are():
-    marked_page = PLACED.replace("37.8]", "37.8]<!-- claim a.rate -->").replace(
-        "4 %", "4 %<!-- by definition -->"
-    )
-    bare, marks = take_out(marked_page)
-    assert bare == PLACED
-    assert put_back(bare, marks) == marked_page
-    other = marked_page.replace("35.6", "99.9")
-    assert put_back(bare.replace("35.6", "99.9"), marks) == other
-    assert len(list(wrong(other.replace("<!-- by definition -->", ""), RATE))) == 1
-
-
-@pytest.mark.parametrize("text", [PLACED.replace("35.6 %\n", ""), "No figure.", PLACED + PLACED])
-def test_a_mark_without_its_one_place_is_refused(text):
-    marks = [("rate of # % [#, #]", "claim a.rate")]
-    assert "<!-- claim a.rate -->" in put_back(PLACED, marks)
-    with pytest.raises(MarkError, match="times"):
-        put_back(text, marks)
+    text = plain((root / page).read_text())
+    figures = list(MARK.finditer(text))
+    assert figures
+    for end in reversed([figure.end("value") for figure in figures]):
+        text = f"{text[: end - 1]}{(int(text[end - 1]) + 5) % 10}{text[end:]}"
+    assert len(list(wrong(text, claims))) == len(figures)
 
 
 def test_every_target_has_been_measured(claims, root, monkeypatch):
@@ -230,15 +198,6 @@ def test_every_target_has_been_measured(claims, root, monkeypatch):
     }
 
 
-@pytest.mark.parametrize("target", ["cut_in.", "merge_in.", "lead_brake."])
-def test_whatever_has_a_target_is_told_in_claims(claims, target):
-    names = ("world.md", "methods.md", "planner.md", "noise.md")
-    pages = read_pages()
-    told = {figure.name for name in names for figure in marked(pages[f"docs/{name}"])}
-    aimed_at = {name for name, claim in claims.items() if claim.target and name.startswith(target)}
-    assert aimed_at <= told
-
-
 MEASURED_ONCE = {"cut_in.rulebook.plain_monte_carlo.p_fail"}
 
 
@@ -247,13 +206,13 @@ def test_every_claim_says_what_it_rests_on_and_holds_its_target(claims):
         assert claim.n > 0, name
         assert claim.unit, name
         # What was measured once, outside the project, says so in place of a command.
-        assert claim.command == "make claims" or name in MEASURED_ONCE, name
+        assert claim.command == COMMAND or name in MEASURED_ONCE, name
         assert claim.commit, name
         assert not claim.target or held(claim), name
 
 
-RATE = {"a.rate": Claim(0.3565, 2000, "share", "make claims", "0", (0.3358, 0.37775))}
-SMALL = {"p": Claim(1.247e-4, 9, "probability", "make claims", "0", (4.02e-5, 3.7e-4))}
+RATE = {"a.rate": Claim(0.3565, 2000, "share", COMMAND, "0", (0.3358, 0.37775))}
+SMALL = {"p": Claim(1.247e-4, 9, "probability", COMMAND, "0", (4.02e-5, 3.7e-4))}
 
 
 @pytest.mark.parametrize(
@@ -277,9 +236,9 @@ def test_small_probabilities_are_compared_by_their_digits():
 
 
 COUNTS = {
-    "none": Claim(0.0, 2000, "share", "make claims", "0", (0.0, 0.0014967)),
-    "all": Claim(1.0, 78, "share", "make claims", "0"),
-    "one": Claim(0.01, 100, "share of replays", "make claims", "0"),
+    "none": Claim(0.0, 2000, "share", COMMAND, "0", (0.0, 0.0014967)),
+    "all": Claim(1.0, 78, "share", COMMAND, "0"),
+    "one": Claim(0.01, 100, "share of replays", COMMAND, "0"),
 }
 
 
@@ -319,7 +278,7 @@ def test_a_figure_that_differs_is_found(text):
 
 OF_SEEDS = {
     "a.rate": Claim(
-        0.9, 3, "share", "make claims", "0", spread=(0.8, 1.0), note="median of 2 seeds: 1, 0.8"
+        0.9, 3, "share", COMMAND, "0", spread=(0.8, 1.0), note="median of 2 seeds: 1, 0.8"
     )
 }
 
@@ -336,7 +295,7 @@ def test_the_values_of_each_seed_are_those_of_the_note():
 
 OF_DIGITS = {
     "a.ratio": Claim(
-        *(1.2949, 300, "ratio", "make claims", "0"),
+        *(1.2949, 300, "ratio", COMMAND, "0"),
         spread=(-0.004951, 1.3150976),
         note="median of 3 seeds: 1.295, 1.315, -0.00495",
     )
@@ -387,4 +346,4 @@ def test_a_mark_without_a_figure_is_found():
     ],
 )
 def test_a_target_is_read_as_it_is_written(target, value, expected):
-    assert held(Claim(value, 1, "", "make claims", "0", None, target)) is expected
+    assert held(Claim(value, 1, "", COMMAND, "0", None, target)) is expected

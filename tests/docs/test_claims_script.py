@@ -15,7 +15,7 @@ def benchmarks(monkeypatch, root):
 def figure(value, **changes):
     from figures import Figure
 
-    return Figure(value=value, unit="share", n=10, command="make claims", **changes)
+    return Figure(value=value, unit="share", n=10, command="python benchmarks/claims.py", **changes)
 
 
 def test_a_prefix_leaves_the_other_figures_and_their_commits_as_they_are(tmp_path):
@@ -98,7 +98,7 @@ def test_counts_of_points_follow_from_the_points_that_are_kept(root):
     from figures import Figure
     from peers import count_points
 
-    data = (root / "docs" / "claims.json").read_bytes()
+    data = (root / "benchmarks" / "results" / "claims.json").read_bytes()
     claims = msgspec.json.decode(data, type=dict[str, Figure])
     for name, derived in dict(count_points(claims)).items():
-        assert claims[name].value == derived.value, f"Run `make claims` for {name}."
+        assert claims[name].value == derived.value, f"Run `python benchmarks/claims.py` for {name}."

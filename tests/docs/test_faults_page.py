@@ -11,7 +11,7 @@ sys.path.append(str(Path(__file__).parent))
 
 from fault_table import GROUPS, LEAST_KINDS, MarkError, read_faults, render_page
 
-UPDATE = "Run `make faults`."
+UPDATE = "Run `make docs`."
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def test_the_tables_of_faults_are_those_of_the_marks(page):
 
 
 def test_the_claim_counts_the_kinds_that_tests_inject(root):
-    claims = msgspec.json.decode((root / "docs" / "claims.json").read_bytes())
+    claims = msgspec.json.decode((root / "benchmarks" / "results" / "claims.json").read_bytes())
     faults = read_faults()
     assert len({fault.kind for fault in faults}) >= LEAST_KINDS
     assert claims["faults.kinds"]["value"] == len(faults), UPDATE

@@ -61,7 +61,7 @@ def test_the_table_of_the_service_has_the_scripts_rows(page, benchmark):
 
 
 def test_every_figure_of_the_benchmarks_is_explained_with_its_target(page, root):
-    measured = json.loads((root / "benchmarks" / "latest.json").read_text())
+    measured = json.loads((root / "benchmarks" / "results" / "latest.json").read_text())
     explained = {}
     for line in page.splitlines():
         if line.startswith("| `"):
@@ -81,7 +81,7 @@ def test_a_figure_in_a_page_of_the_documents_is_the_benchmark_that_it_names(name
     files = ("latest.json", "volume.json")
     measured = {}
     for file in files:
-        measured |= json.loads((root / "benchmarks" / file).read_text())
+        measured |= json.loads((root / "benchmarks" / "results" / file).read_text())
     quoted = QUOTED.findall(text)
     assert len(quoted) >= QUOTING[name]
     assert len(quoted) == len(re.findall(r"\(`\w+`\)", text)), "a name without its figure"

@@ -1,4 +1,4 @@
-"""benchmarks/scale.md shows what `make volume` has measured of a million episodes."""
+"""benchmarks/scale.md shows what benchmarks/volume.py has measured of a million episodes."""
 
 import json
 
@@ -27,7 +27,7 @@ FIRST_UNMEASURED = "verify_s"
 
 
 def test_every_figure_is_in_the_table_and_was_measured_on_both(root, volume, page):
-    measured = json.loads((root / "benchmarks" / "volume.json").read_text())
+    measured = json.loads((root / "benchmarks" / "results" / "volume.json").read_text())
     rows = [row.names for row in volume.ROWS]
     unmeasured = {name for row in rows[rows.index((FIRST_UNMEASURED,)) :] for name in row}
     assert "PostgreSQL the rows from `db verify` on have no figures" in page

@@ -1,8 +1,8 @@
 """Hostile requests to a running API: over every route of its OpenAPI document, and below HTTP.
 
-`make hostile REQUESTS=25000` starts a service of its own, prints its seed, and fails if any answer
-is a 5xx (other than a 503 that says when to come again), if the log holds a traceback, if memory
-grows without a bound, or if the service does not answer in the end.
+`python tests/fuzz/hostile_requests.py --requests 25000` starts a service of its own, prints its
+seed, and fails if any answer is a 5xx (other than a 503 that says when to come again), if the log
+holds a traceback, if memory grows without a bound, or if the service does not answer in the end.
 """
 
 import argparse
@@ -569,7 +569,8 @@ def main() -> None:
         print(complaint)
     print(f"{len(complaints)} complaints")
     if complaints:
-        print(f"The same again: make hostile REQUESTS={given.requests} SEED={given.seed}")
+        words = f"--requests {given.requests} --seed {given.seed}"
+        print(f"The same again: python tests/fuzz/hostile_requests.py {words}")
         sys.exit(1)
 
 

@@ -1,4 +1,4 @@
-"""Some hostile requests to a real service; `make hostile REQUESTS=25000` sends many more."""
+"""Some hostile requests to a real service; hostile_requests.py sends many more."""
 
 from http import HTTPStatus
 

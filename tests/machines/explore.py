@@ -1,6 +1,7 @@
-"""New lives of the state machines: `make explore MINUTES=5`; old ones: `make explore SEED=N`.
+"""New lives of the state machines, or with --seed those of an earlier run again.
 
-Runs follow each other, each with a seed of its own, until the time is over or one fails.
+`python tests/machines/explore.py --minutes 5`. Runs follow each other, each with a seed of its own,
+until the time is over or one fails.
 """
 
 import argparse
@@ -40,7 +41,7 @@ def main() -> None:
     while True:
         seed = secrets.randbelow(SEEDS) if asked.seed is None else asked.seed
         if status := live(seed):
-            print(f"The same lives again: make explore SEED={seed}")
+            print(f"The same lives again: python tests/machines/explore.py --seed {seed}")
             sys.exit(status)
         if asked.seed is not None or time.monotonic() > until_s:
             return

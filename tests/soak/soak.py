@@ -1,8 +1,9 @@
 """Kill, hold up and cut off every process of a service at random; nothing may be lost.
 
-`make soak MINUTES=5`: half of the time on SQLite, half on PostgreSQL. Prints its seed; the same
-seed draws the same faults in the same order. On each database the services themselves are spared at
-first, so that what they take can be told from the first quarter of that time to its last.
+`python tests/soak/soak.py --minutes 5`: half of the time on SQLite, half on PostgreSQL. It prints
+its seed; the same seed draws the same faults in the same order. On each database the services
+themselves are spared at first, so that what they take can be told from the first quarter of that
+time to its last.
 """
 
 import argparse

@@ -39,7 +39,7 @@ def locate(module: str, **environment: str) -> str:
 def compiled_copy() -> Path:
     copy = find_copy()
     if not copy.is_dir():
-        pytest.skip("the episode loop is not compiled: make compiled")
+        pytest.skip("the episode loop is not compiled: python -m eigenfail_workers.compiler")
     return copy
 
 

@@ -14,7 +14,7 @@ sys.path.append(str(Path(__file__).parents[3] / "benchmarks"))
 
 import msgspec
 from episode_pool import EpisodePool
-from figures import ROOT, Figure
+from figures import RESULTS, ROOT, Figure
 from samples import COMMAND
 from targets import Target
 
@@ -26,7 +26,7 @@ from eigenfail_reproduction.paper import PaperReproduction
 from eigenfail_reproduction.programme import build_suite
 from eigenfail_reproduction.statements import build_reproduction
 
-FILE = ROOT / "docs" / "reproduction.json"
+FILE = RESULTS / "reproduction.json"
 PAGE = ROOT / "docs" / "reproduction.md"
 FOLDER = "reproduction"
 """Of the pictures, beside the page."""

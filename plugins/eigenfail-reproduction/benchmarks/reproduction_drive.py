@@ -15,7 +15,7 @@ sys.path.append(str(Path(__file__).parents[3] / "benchmarks"))
 import msgspec
 import reproduction
 from episode_pool import EpisodePool
-from figures import ROOT, Figure
+from figures import RESULTS, ROOT, Figure
 from learning_figures import of_seeds
 from samples import COMMAND, share
 
@@ -33,7 +33,7 @@ from eigenfail_reproduction.tables import FAILURE_RATE
 SCENARIO = "highway_drive"
 PREFIX = NAMES[SCENARIO]
 SEEDS = 5
-FILE = ROOT / "docs" / "reproduction_drive.json"
+FILE = RESULTS / "reproduction_drive.json"
 PAGE = ROOT / "docs" / "reproduction_drive.md"
 
 PREFIXES = ("paper.drive.", "paper.asked", *(f"paper.{learner}." for learner in LEARNERS))

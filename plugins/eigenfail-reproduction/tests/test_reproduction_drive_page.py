@@ -61,7 +61,7 @@ def test_rates_over_the_seeds_are_those_of_all_draws(benchmark):
 
 
 def test_its_numbers_are_the_claims(benchmark, root):
-    stated = msgspec.json.decode((root / "docs" / "claims.json").read_bytes())
+    stated = msgspec.json.decode((root / "benchmarks" / "results" / "claims.json").read_bytes())
     kept = dict(benchmark.list_figures(benchmark.read()))
     assert {name: stated[name].get("value") for name in kept} == {
         name: figure.value for name, figure in kept.items()

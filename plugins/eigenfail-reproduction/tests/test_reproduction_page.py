@@ -53,7 +53,7 @@ def test_its_captions_are_those_of_the_program(benchmark):
 
 
 def test_its_numbers_are_the_claims(benchmark, root):
-    stated = msgspec.json.decode((root / "docs" / "claims.json").read_bytes())
+    stated = msgspec.json.decode((root / "benchmarks" / "results" / "claims.json").read_bytes())
     kept = list_claims(benchmark.read())
     assert {name: stated[name].get("value") for name in kept} == {
         name: claim.value for name, claim in kept.items()

@@ -9,7 +9,7 @@ from store_checks.releases import release
 from eigenfail.values.triage import TriageChange, TriageState
 from eigenfail_api.dashboard import release_page
 
-CLAIMS = Path(__file__).parents[3] / "docs/claims.json"
+CLAIMS = Path(__file__).parents[3] / "benchmarks/results/claims.json"
 HTML = {"Accept": "text/html"}
 
 

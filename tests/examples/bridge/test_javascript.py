@@ -25,7 +25,7 @@ def address(start) -> str:
     try:
         subprocess.run(probe, cwd=FOLDER, check=True, capture_output=True)
     except (OSError, subprocess.CalledProcessError):
-        pytest.skip("no node, or no npm packages: `make javascript` installs them")
+        pytest.skip("no node, or no npm packages: `deploy/test_tools.sh` installs them")
     return start(node, FOLDER / "bridge.js").address
 
 

@@ -27,7 +27,7 @@ of one such factor is its own up to s = 2.3, an interval of ÷ 88 to × 88, and 
 in all parameters: its upper bound is the quantile of the function of independent draws from the
 upper distributions, the lower bound that of draws from the lower ones. For one factor it is its own
 bound. For more of them the authors conjecture that it covers at least as often as it says, and show
-it by simulation; `risk.cover.` in docs/claims.json is how often it does for sums as here. It takes
+it by simulation; `risk.cover.` among our claims is how often it does for sums as here. It takes
 one event more than was seen in each summand, where the gamma interval of Fay and Feuer (1997,
 Statistics in Medicine 16, 791–801) for a weighted sum of Poisson rates takes one in all: with many
 summands of few events it is wider.
