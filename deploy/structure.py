@@ -76,6 +76,7 @@ PUBLIC = [
     "recorded_ms",
     "aligned_at_end",
     "bounds_probability",
+    "unread",
     # Fields and choices that are only read from JSON, or set from it.
     "began_ms",
     "size_bytes",

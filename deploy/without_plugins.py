@@ -50,7 +50,7 @@ TESTS = (
     "tests/sdk/cli/test_completion.py",
     "tests/sdk/cli/test_main.py",
     "tests/sdk/cli/test_plugin_commands.py",
-    "tests/sdk/exchange/test_formats.py",
+    "tests/sdk/test_recording_formats.py",
 )
 CHECKS = (
     ("deploy/structure.py",),

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from eigenfail import plugins
-from eigenfail.exchange.recording import EgoControl, RecordingFormat
+from eigenfail.contracts.recording import EgoControl, RecordingFormat
 
 
 @pytest.fixture(scope="module")

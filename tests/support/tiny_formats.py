@@ -7,9 +7,10 @@ import msgspec
 import numpy as np
 import pytest
 
-from eigenfail import exchange, plugins
+from eigenfail import plugins
+from eigenfail.contracts import recording as formats
+from eigenfail.contracts.recording import RecordingFormat
 from eigenfail.errors import UnknownName
-from eigenfail.exchange.recording import RecordingFormat
 
 PIXEL = base64.b64decode("R0lGODlhAQABAIAAAP///wAAACH5BAAAAAAALAAAAAABAAEAAAICRAEAOw==")
 
@@ -62,5 +63,5 @@ def tiny_formats(monkeypatch):
         return sorted(installed)
 
     found = SimpleNamespace(EXPORTS=plugins.EXPORTS, names=names, load=load)
-    monkeypatch.setattr(exchange, "plugins", found)
+    monkeypatch.setattr(formats, "plugins", found)
     return installed

@@ -8,8 +8,7 @@ from fastapi import APIRouter
 from fastapi.responses import HTMLResponse
 
 from eigenfail import values
-from eigenfail.exchange import list_formats
-from eigenfail.exchange.recording import ANIMATION
+from eigenfail.contracts.recording import ANIMATION, list_formats
 from eigenfail.presentation import analyses, figures
 from eigenfail.presentation.tables import Table
 from eigenfail.values.analysis import propose_mode_names

@@ -11,8 +11,8 @@ from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 
 from eigenfail import values
+from eigenfail.contracts.recording import list_formats
 from eigenfail.errors import EigenfailError, NotFound, ServiceBusy
-from eigenfail.exchange import list_formats
 from eigenfail.filters import BY_INDEX, parse_filter, parse_sort, write_failure_filter
 from eigenfail.presentation import episodes, figures
 from eigenfail.presentation.tables import Table

@@ -9,8 +9,8 @@ from fastapi import APIRouter, Depends
 from fastapi.responses import HTMLResponse
 from numpy.typing import NDArray
 
+from eigenfail.contracts.recording import OverlaidRecordings
 from eigenfail.errors import Conflict
-from eigenfail.exchange.recording import OverlaidRecordings
 from eigenfail.presentation.figures import UNKNOWN, format_number
 from eigenfail.values import Mode, Outcome, Scene
 from eigenfail_api.concurrency import ConcurrencyLimit

@@ -6,8 +6,7 @@ import msgspec
 from fastapi import APIRouter, Query
 from fastapi.responses import HTMLResponse
 
-from eigenfail.exchange import list_formats
-from eigenfail.exchange.recording import ANIMATION
+from eigenfail.contracts.recording import ANIMATION, list_formats
 from eigenfail.filters import SortOrder, parse_sort
 from eigenfail.presentation import figures
 from eigenfail.values import Analysis, AnalysisResult, Campaign, Mode, Proof

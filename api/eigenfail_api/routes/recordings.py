@@ -4,7 +4,7 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Response
 
-from eigenfail.exchange.recording import ANIMATION, EgoControl
+from eigenfail.contracts.recording import ANIMATION, EgoControl
 from eigenfail.wire.http import PREFIX
 from eigenfail_api.concurrency import SerialExecutor
 from eigenfail_api.openapi import problem_response

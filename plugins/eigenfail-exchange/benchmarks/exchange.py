@@ -16,7 +16,7 @@ from samples import COMMAND
 from targets import Target
 
 from eigenfail import plugins
-from eigenfail.exchange.recording import EgoControl, EpisodeRecording
+from eigenfail.contracts.recording import EgoControl, EpisodeRecording
 from eigenfail.values import AXES, EpisodeTask, PriorSource
 from eigenfail.values.episode import episode_seed
 from eigenfail_exchange.mcap_log import MCAP

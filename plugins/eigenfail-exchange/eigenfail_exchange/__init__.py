@@ -1,1 +1,1 @@
-"""Single episodes as files of other tools: OpenSCENARIO and OpenDRIVE, MCAP, GIF."""
+"""Files of other tools: episodes as OpenSCENARIO, MCAP and GIF; recorded traffic as scenarios."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from eigenfail.exchange.recording import (
+from eigenfail.contracts.recording import (
     EgoControl,
     EpisodeRecording,
     OverlaidRecordings,

@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 from msgspec import UnsetType
 
-from eigenfail.exchange.recording import EgoControl, EpisodeRecording, RecordingFormat
+from eigenfail.contracts.recording import EgoControl, EpisodeRecording, RecordingFormat
 from eigenfail.tabulation import list_noise
 from eigenfail.values import Scene
 from eigenfail.values.records import PEAK_BRAKING_MPS2

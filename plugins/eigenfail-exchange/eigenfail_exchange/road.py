@@ -6,8 +6,8 @@ from math import ceil, floor
 import msgspec
 import numpy as np
 
+from eigenfail.contracts.recording import EpisodeRecording
 from eigenfail.errors import InvalidValue
-from eigenfail.exchange.recording import EpisodeRecording
 from eigenfail.values import Mission, Scene
 
 CONVENTIONAL_LANE_M = 3.5

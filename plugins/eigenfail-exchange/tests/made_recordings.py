@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from eigenfail.exchange.recording import EpisodeRecording
+from eigenfail.contracts.recording import EpisodeRecording
 from eigenfail.values import Mission, NoiseTrajectory, Outcome, Scene
 
 STEPS = 12

@@ -10,7 +10,7 @@ from made_recordings import MISSION, STEPS, drive, record
 from msgspec.structs import replace
 from PIL import Image
 
-from eigenfail.exchange.recording import (
+from eigenfail.contracts.recording import (
     MAX_FRAMES,
     SHORTEST_FRAME_S,
     OverlaidRecordings,

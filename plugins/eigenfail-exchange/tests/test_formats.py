@@ -8,9 +8,8 @@ from made_recordings import drive, record
 from msgspec.structs import replace
 
 from eigenfail import plugins
+from eigenfail.contracts.recording import KNOWN, EgoControl, find_format, list_formats
 from eigenfail.errors import InvalidValue
-from eigenfail.exchange import KNOWN, find_format, list_formats
-from eigenfail.exchange.recording import EgoControl
 from eigenfail_exchange.road import find_presence
 
 MAGIC = {"openscenario": b"PK\x03\x04", "mcap": b"\x89MCAP0\r\n", "gif": b"GIF89a"}

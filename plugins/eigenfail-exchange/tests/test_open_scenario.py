@@ -19,8 +19,8 @@ from recording_readers import (
     unpack,
 )
 
+from eigenfail.contracts.recording import EgoControl
 from eigenfail.errors import InvalidValue
-from eigenfail.exchange.recording import EgoControl
 from eigenfail.values import Mission
 from eigenfail_exchange.open_scenario import write_open_scenario
 from eigenfail_exchange.road import MAX_LANES, find_road

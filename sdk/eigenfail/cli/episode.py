@@ -13,9 +13,8 @@ from eigenfail.cli import options
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.failures import list_failures
 from eigenfail.cli.render import follow, judge, show, show_rows, to_json
+from eigenfail.contracts.recording import KNOWN, EgoControl
 from eigenfail.errors import InvalidValue, NoisePruned, NotFound
-from eigenfail.exchange import KNOWN
-from eigenfail.exchange.recording import EgoControl
 from eigenfail.explanations import StepWindow, build_explanation, describe_unsteadiness
 from eigenfail.filters import parse_fields
 from eigenfail.fingerprints import CODE, fingerprint_plugins, select_code

@@ -27,8 +27,8 @@ from eigenfail.client.references import (
     locate_mode,
     split_text,
 )
+from eigenfail.contracts.recording import ANIMATION
 from eigenfail.errors import InvalidValue, ProtocolError, ServiceError
-from eigenfail.exchange.recording import ANIMATION
 from eigenfail.files import write_whole
 from eigenfail.frames import Rows
 from eigenfail.values import (

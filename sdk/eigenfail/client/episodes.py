@@ -16,8 +16,8 @@ from eigenfail.client.references import (
     locate_episode,
     split_text,
 )
+from eigenfail.contracts.recording import EgoControl
 from eigenfail.errors import InvalidValue, ServiceError, UnknownName
-from eigenfail.exchange.recording import EgoControl
 from eigenfail.files import write_whole
 from eigenfail.filters import Value, parse_sort
 from eigenfail.frames import Rows

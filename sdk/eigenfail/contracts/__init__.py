@@ -1,6 +1,7 @@
 """Contracts between the parts of eigenfail, and of plug-ins.
 
-Each contract has a conformance suite in `eigenfail.testing`.
+Each contract has a conformance suite in `eigenfail.testing`, but for the formats of
+`eigenfail.contracts.recording`.
 """
 
 from eigenfail.contracts.learning import (

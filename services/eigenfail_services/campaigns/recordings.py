@@ -6,15 +6,16 @@ from typing import NamedTuple
 import numpy as np
 
 from eigenfail import plugins
-from eigenfail.errors import Conflict, EigenfailError, InvalidValue
-from eigenfail.exchange import check_format, find_format
-from eigenfail.exchange.recording import (
+from eigenfail.contracts.recording import (
     EgoControl,
     EpisodeRecording,
     OverlaidRecordings,
     RecordingFormat,
+    check_format,
+    find_format,
     list_frame_steps,
 )
+from eigenfail.errors import Conflict, EigenfailError, InvalidValue
 from eigenfail.values import Analysis, CampaignSpec, EpisodeResult, Mission, Outcome, Scene
 from eigenfail.values.variation import read_variation
 from eigenfail.worlds import drawn_for, list_channels, placed_for, world_of

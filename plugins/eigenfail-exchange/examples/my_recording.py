@@ -1,4 +1,4 @@
-"""Recorded traffic as a scenario: `truck` is driven by the planner. docs/own_scenario.md
+"""Recorded traffic as a scenario: `truck` is driven by the planner. ../docs/recorded_traffic.md
 
 python my_recording.py shows how long the recording stays valid for a planner, without noise.
 """
@@ -9,9 +9,9 @@ from typing import ClassVar
 import numpy as np
 
 from eigenfail import plugins
-from eigenfail.exchange.recorded_traffic import RecordedTraffic, find_log_validity
-from eigenfail.exchange.tracks import RecordedTracks, read_tracks
 from eigenfail.values import POSITION, Floats
+from eigenfail_exchange.recorded_traffic.scenario import RecordedTraffic, find_log_validity
+from eigenfail_exchange.recorded_traffic.tracks import RecordedTracks, read_tracks
 
 DISTANCES_M = (1.0, 2.0, 5.0, 10.0)
 

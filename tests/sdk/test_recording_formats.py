@@ -8,12 +8,18 @@ from tiny_formats import FORMATS
 
 from eigenfail import plugins
 from eigenfail.client.episodes import choose_recording_format
+from eigenfail.contracts.recording import (
+    KNOWN,
+    PACKAGE,
+    EgoControl,
+    check_format,
+    find_format,
+    list_formats,
+)
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.exchange import KNOWN, PACKAGE, check_format, find_format, list_formats
-from eigenfail.exchange.recording import EgoControl
 
 MODULE = """
-from eigenfail.exchange.recording import RecordingFormat
+from eigenfail.contracts.recording import RecordingFormat
 
 FORMAT = RecordingFormat(
     title="Sheep", suffix=".sheep", media_type="text/plain", write=lambda recording, ego: b"baa"

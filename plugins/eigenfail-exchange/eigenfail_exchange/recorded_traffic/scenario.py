@@ -13,9 +13,10 @@ import numpy as np
 from msgspec import Meta
 
 from eigenfail.errors import InvalidValue, clean_text
-from eigenfail.exchange.tracks import STANDING_MPS, RecordedTracks
 from eigenfail.values import Floats, Mission, VehicleState
 from eigenfail.values.disturbance import Doubles
+from eigenfail_exchange.recorded_traffic.columns import STANDING_MPS
+from eigenfail_exchange.recorded_traffic.tracks import RecordedTracks
 
 # Treiber, Hennecke, Helbing: Congested traffic states in empirical observations and microscopic
 # simulations, Physical Review E 62 (2000), table I.
@@ -126,8 +127,11 @@ class RecordedSituation:
 
     def move_actor(self, actor: int, step: int, ego: VehicleState) -> VehicleState:
         """Return the state of a vehicle after `step` steps, recorded or reactive."""
+        # The contract has no start of an episode: its first question is the only sign of it.
         if actor == 0 and step <= 1:
             self._restart()
+        # All vehicles move at once, since they react to each other; the other actors of the step
+        # are then looked up.
         while len(self._states) <= step:
             there = self._traffic.advance(len(self._states), ego)
             self._states.append(tuple(there.values()))
@@ -195,6 +199,7 @@ class RecordedVehicles:
                 self._there = recorded
                 self._came |= set(recorded)
                 return recorded
+            # Never back: the recording is of traffic that has not met this ego.
             self._reacts = True
             for path in self._paths:
                 if path.number in self._there:

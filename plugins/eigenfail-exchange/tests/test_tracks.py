@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from eigenfail.errors import InvalidValue, UnknownName
-from eigenfail.exchange import tracks as tracks_module
-from eigenfail.exchange.tracks import COLUMNS, USUAL_SIZE_M, RoadFrame, read_tracks
+from eigenfail_exchange.recorded_traffic import table
+from eigenfail_exchange.recorded_traffic.columns import COLUMNS, USUAL_SIZE_M
+from eigenfail_exchange.recorded_traffic.tracks import RoadFrame, read_tracks
 
 HEADER = ("id", "time_s", "x_m", "y_m")
 
@@ -670,7 +671,7 @@ def test_a_short_parquet_file_of_many_rows_is_refused(tmp_path, monkeypatch):
     import pyarrow as pa
     from pyarrow import parquet
 
-    monkeypatch.setattr(tracks_module, "COLUMNS", COLUMNS._replace(most_rows=1_000))
+    monkeypatch.setattr(table, "COLUMNS", COLUMNS._replace(most_rows=1_000))
     cells = {"id": ["a"] * 1_001, **{name: [0.0] * 1_001 for name in HEADER[1:]}}
     parquet.write_table(pa.table(cells), tmp_path / "a.parquet")
     with pytest.raises(InvalidValue, match="more than 1,000 rows"):

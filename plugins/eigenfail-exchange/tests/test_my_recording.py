@@ -1,4 +1,4 @@
-"""The example recording, as docs/own_scenario.md tells people to use it."""
+"""The example recording, as docs/recorded_traffic.md tells people to use it."""
 
 import sys
 from importlib import import_module
@@ -7,19 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from eigenfail.exchange.recorded_traffic import find_log_validity
 from eigenfail.testing.scenario import SCENARIO_CHECKS
 from eigenfail.testing.simulation import SIMULATION_CHECKS
 from eigenfail.values import POSITION
+from eigenfail_exchange.recorded_traffic.scenario import find_log_validity
 from eigenfail_workers.simulators.highway import HighwaySimulator
 
-ROOT = Path(__file__).parents[2]
+PLUGIN = Path(__file__).parents[1]
 
 
 @pytest.fixture
 def mine(monkeypatch):
     """The module, imported as somebody does who works beside it."""
-    monkeypatch.syspath_prepend(ROOT / "examples")
+    monkeypatch.syspath_prepend(PLUGIN / "examples")
     monkeypatch.delitem(sys.modules, "my_recording", raising=False)
     return import_module("my_recording")
 

@@ -9,7 +9,8 @@ from msgspec.structs import replace
 
 from eigenfail.contracts import ReactiveSituation
 from eigenfail.errors import InvalidValue
-from eigenfail.exchange.recorded_traffic import (
+from eigenfail.testing.scenario import SCENARIO_CHECKS
+from eigenfail_exchange.recorded_traffic.scenario import (
     DECELERATION_MPS2,
     STANDSTILL_GAP_M,
     TIME_GAP_S,
@@ -17,8 +18,7 @@ from eigenfail.exchange.recorded_traffic import (
     RecordedTrafficParameters,
     find_log_validity,
 )
-from eigenfail.exchange.tracks import RecordedTracks
-from eigenfail.testing.scenario import SCENARIO_CHECKS
+from eigenfail_exchange.recorded_traffic.tracks import RecordedTracks
 
 DT_S = 0.1
 

@@ -1,11 +1,17 @@
-"""The course of an episode as other tools need it, and what a format of their files is."""
+"""The course of an episode as other tools need it, and the formats of their files.
+
+Plug-ins bring the formats, by entry points of the group `eigenfail.exports`.
+"""
 
 from collections.abc import Callable
+from contextlib import suppress
 from enum import StrEnum
 from math import ceil
 
 import msgspec
 
+from eigenfail import plugins
+from eigenfail.errors import EigenfailError, InputError, InvalidValue, UnknownName
 from eigenfail.values import Mission, NoiseTrajectory, Outcome, Scene
 from eigenfail.values.showing import Brief
 
@@ -18,6 +24,7 @@ SHORTEST_FRAME_S = 0.04
 
 
 MAX_FRAMES = 600
+"""Frames of an animation at most: episodes of many steps lose some of them."""
 
 
 class EgoControl(StrEnum):
@@ -119,6 +126,76 @@ def list_frame_steps(steps: int, dt_s: float) -> list[int]:
         steps: steps from the first moment to the last.
         dt_s: time between two of them.
     """
+    # Steps are whole, so a little is taken off before rounding up: 0.04 / 0.02 must not become 3.
     every = max(1, ceil(SHORTEST_FRAME_S / dt_s - 1e-6), ceil((steps + 1) / MAX_FRAMES))
     shown = list(range(0, steps, every))
     return [*shown, steps]
+
+
+KNOWN = ("openscenario", "mcap", "gif")
+"""Formats that a plug-in of this repository brings."""
+
+PACKAGE = "eigenfail-exchange"
+"""The plug-in, under plugins/."""
+
+
+def list_formats() -> dict[str, RecordingFormat]:
+    """Return the formats that can be written here by name, those of `KNOWN` first.
+
+    One that cannot be loaded is left out: who asks for it is told why.
+    """
+    installed = plugins.names(plugins.EXPORTS)
+    # Buttons of pages keep their places whatever else is installed: known formats come first.
+    others = [name for name in installed if name not in KNOWN]
+    found = {}
+    for name in (*(each for each in KNOWN if each in installed), *others):
+        with suppress(EigenfailError):
+            found[name] = find_format(name)
+    return found
+
+
+def find_format(name: str) -> RecordingFormat:
+    """Return the format of a name.
+
+    Raises:
+        UnknownName: there is no such format.
+        InvalidValue: its package is not installed here, or cannot be loaded.
+    """
+    installed = plugins.names(plugins.EXPORTS)
+    # `plugins.load` would refuse it, too, but does not know which package brings it.
+    if name not in installed:
+        raise _describe_absence(name, installed)
+    found = plugins.load(plugins.EXPORTS, name)
+    if not isinstance(found, RecordingFormat):
+        kind = type(found).__name__
+        problem = f"'{name}' is a {kind}, not a RecordingFormat."
+        raise InvalidValue("format", problem, "Fix its package.")
+    return found
+
+
+def _describe_absence(name: str, installed: list[str]) -> InputError:
+    package = f"package {PACKAGE}, which is not installed where the service runs"
+    if name in KNOWN:
+        there = f"Installed formats: {', '.join(installed) or 'none'}."
+        remedy = f"{there} Run there, in a clone: pip install plugins/{PACKAGE}"
+        return InvalidValue("format", f"'{name}' is in the {package}.", remedy)
+    problem = f"'{name}' is not known."
+    if missing := [each for each in KNOWN if each not in installed]:
+        problem += f" The {package}, brings {', '.join(missing)}."
+    return UnknownName("format", name, installed, problem)
+
+
+def check_format(name: str, ego: EgoControl) -> RecordingFormat:
+    """Return the format of a name, in which the ego can be driven as is asked for.
+
+    Raises:
+        UnknownName: there is no such format.
+        InvalidValue: the format leaves nothing to a controller, or cannot be written here.
+    """
+    found = find_format(name)
+    if ego is EgoControl.CONTROLLER and not found.has_controller:
+        others = [other for other, each in list_formats().items() if each.has_controller]
+        problem = f"{name} shows what happened, and has no controller."
+        remedy = f"Use the format {' or '.join(others)}." if others else ""
+        raise InvalidValue("ego", problem, remedy)
+    return found

@@ -1,0 +1,1 @@
+"""Recorded traffic as scenarios: tracks of vehicles are read, checked and replayed."""
