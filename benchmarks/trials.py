@@ -27,7 +27,6 @@ import splitting
 import subset_parallel
 import transfer
 import varied
-from chains import chains
 from curves import Curve
 from driven_searches import ADAPTED, DRIVEN, OWN, compare_driven
 from episode_pool import EpisodePool
@@ -111,11 +110,6 @@ TRIALS = [
     Trial(("ast.one_scenario.",), transfer.from_one_scenario),
     Trial(("cut_in.difs", "cut_in.cem_held_back."), difs),
     Trial(("cut_in.cem.",), cem),
-    Trial(("chains.from_ast.",), partial(chains, "ast", "chains.from_ast")),
-    Trial(
-        (*(f"chains.{name}" for name in ("share", "log_p", "group", "worst", "fewest")),),
-        partial(chains, "splitting", "chains"),
-    ),
     Trial(("merge_in.rulebook.mc2000.",), partial(calm, "merge_in")),
     Trial(("merge_in.idm.mc2000.",), partial(frail, "merge_in")),
     Trial(("merge_in.ast.",), partial(merge, "ast", patience=None)),

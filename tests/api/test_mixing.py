@@ -1,63 +1,72 @@
-"""How far chains of failures have mixed, over HTTP and on the command line."""
+"""How far the chains of a campaign have mixed, for a method that says so, over HTTP."""
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 from starlette.testclient import TestClient
-from typer.testing import CliRunner
 
-from eigenfail.cli.connection import Environment
-from eigenfail.cli.main import app as commands
+from eigenfail import plugins
 from eigenfail.client import Client
 from eigenfail.errors import Conflict, NotFound
-from eigenfail.testing.learner import Corridor, ToyEngine
 from eigenfail.values import LearnerContext
-from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.methods.chains import ChainSettings, FailureChains
+from eigenfail.values.estimates import ChainMixing, ProjectionMixing
+from eigenfail_services.campaigns.rounds import Rounds
+from eigenfail_services.methods.monte_carlo import MonteCarlo
 
-CORRIDOR = Corridor(steps=20, wall=0.5)
-SETTINGS = {"campaign": 1, "chains": 4}
+MIXED = ChainMixing(
+    campaign=1,
+    chains=4,
+    started=4,
+    moves=40,
+    accepted=13,
+    first_sample=40,
+    draws=10,
+    projections=(ProjectionMixing("severity", 1.01, 123.0),),
+    mixed=True,
+    verdict="Mixed.",
+    remark="Shares are those of the starts.",
+)
+
+
+class Chains(MonteCarlo):
+    """A method that says whether its chains have started."""
+
+    started = False
+
+    @classmethod
+    def judge_mixing(cls, campaign, state):
+        assert state == make_learner().state()
+        return replace(MIXED, campaign=campaign.id) if cls.started else None
+
+
+def make_learner():
+    nothing = np.zeros((0, 20, 2), np.float32)
+    return Chains(LearnerContext(1, 10, 20, nothing), Chains.Settings())
 
 
 @pytest.fixture
-def transport(app):
-    return TestClient(app)._transport
+def client(app):
+    return Client("http://127.0.0.1:8440", TestClient(app)._transport)
 
 
-@pytest.fixture
-def client(transport):
-    return Client("http://127.0.0.1:8440", transport)
+def test_a_method_judges_the_chains_of_its_campaigns(client, store, fields, monkeypatch):
+    campaign = client.campaigns.create(**fields).id
+    monkeypatch.setattr(plugins, "load", lambda group, name: Chains)
+    with pytest.raises(Conflict, match=f"No chain of campaign {campaign} has started"):
+        client.campaigns.mixing(campaign)
+    store.checkpoints.save(campaign, Rounds(make_learner(), 0, 10).checkpoint())
+    with pytest.raises(Conflict, match=f"No chain of campaign {campaign} has started"):
+        client.campaigns.mixing(campaign)
+    monkeypatch.setattr(Chains, "started", True)
+    assert client.campaigns.mixing(campaign) == replace(MIXED, campaign=campaign)
 
 
-@pytest.fixture
-def chains(client, store, fields):
-    """A campaign of chains with the checkpoint of one that has run in a corridor."""
-    before = client.campaigns.create(**fields)
-    spec = {**fields, "method": "chains", "episodes": 80, "settings": SETTINGS}
-    # The service creates it only once campaign 1 has ended and has failures.
-    made = store.campaigns.create(type(before.spec)(**spec))
-    starts = np.random.default_rng(0).normal(1.5, 0.5, (9, 20, 2)).astype(np.float32)
-    learner = FailureChains(LearnerContext(1, 80, 20, starts), ChainSettings(**SETTINGS))
-    rounds = Rounds(learner, 0, 80)
-    list(run_in_process(rounds, ToyEngine(CORRIDOR)))
-    store.checkpoints.save(made.id, rounds.checkpoint())
-    return made.id
-
-
-def test_it_stands_on_the_page_of_its_campaign(client, transport, chains):
-    found = client.campaigns.mixing(chains)
-    assert (found.chains, found.started, found.moves) == (4, 4, 80 - found.first_sample)
-    assert found.projections
-    environment = Environment(connect=lambda url: Client(url, transport))
-    shown = CliRunner().invoke(commands, ["campaign", "show", str(chains)], obj=environment)
-    assert shown.exit_code == 0, shown.output
-    words = " ".join(shown.stdout.split())
-    for expected in (found.verdict, found.remark, "R-hat", found.projections[0].name):
-        assert expected in words
-
-
-def test_campaigns_without_chains_are_refused(client, fields):
-    other = client.campaigns.create(**fields).id
+def test_campaigns_without_chains_are_refused(client, store, fields):
+    other = client.campaigns.create(**fields)
     with pytest.raises(Conflict, match="which has no chains"):
-        client.campaigns.mixing(other)
+        client.campaigns.mixing(other.id)
+    gone = store.campaigns.create(replace(other.spec, method="no_such_method")).id
+    with pytest.raises(Conflict, match="one of no_such_method, which is not installed here"):
+        client.campaigns.mixing(gone)
     with pytest.raises(NotFound):
         client.campaigns.mixing(99)

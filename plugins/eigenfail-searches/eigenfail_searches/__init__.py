@@ -1,1 +1,1 @@
-"""Searches for failures: simulated annealing, the samplers of Optuna, and Go-Explore."""
+"""Methods: simulated annealing, the samplers of Optuna, Go-Explore, and chains of failures."""

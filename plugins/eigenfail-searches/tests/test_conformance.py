@@ -1,7 +1,9 @@
 """The shipped suite of learners, over the methods of the plug-in."""
 
 from types import MappingProxyType
+from typing import ClassVar
 
+import numpy as np
 import pytest
 from odd_problems import ODD, check_broken_episodes, check_end
 
@@ -9,8 +11,9 @@ from eigenfail import plugins
 from eigenfail.errors import InvalidValue
 from eigenfail.methods import describe_method, traits_of
 from eigenfail.testing.learner import LearnerSuite
-from eigenfail.values import CampaignSpec
+from eigenfail.values import CampaignSpec, LearnerContext
 from eigenfail_searches.annealing import SimulatedAnnealing
+from eigenfail_searches.chains.method import FailureChains
 from eigenfail_searches.go_explore import GoExplore
 from eigenfail_searches.optuna_search import OptunaSearch
 from eigenfail_services.campaigns.validation import check_spec
@@ -43,6 +46,26 @@ class TestGaussianProcess(LearnerSuite):
 class TestParetoSearch(LearnerSuite):
     method = OptunaSearch
     settings = MappingProxyType({"sampler": "nsga2", "hold": 7, "round_size": 6})
+
+
+class TestChains(LearnerSuite):
+    method = FailureChains
+    settings = MappingProxyType({"campaign": 1, "chains": 4})
+    budget = 60
+
+    parallel: ClassVar[int | None] = None
+
+    def context(self, seed, corridor):
+        shape = 9, corridor.steps, corridor.channels
+        noise = np.random.default_rng(seed).normal(1.5, 1.0, shape).astype(np.float32)
+        return LearnerContext(seed, self.budget, corridor.steps, noise, parallel=self.parallel)
+
+
+class TestChainsInParallel(TestChains):
+    settings = MappingProxyType({"campaign": 1, "chains": 12})
+    budget = 130
+    rounds = 6
+    parallel = 12
 
 
 def make_spec(**changes):

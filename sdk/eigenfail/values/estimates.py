@@ -153,17 +153,13 @@ class Cost(msgspec.Struct, frozen=True):
     at_least_usd: float | None
 
 
-LARGEST_R_HAT = 99.0
-"""Stated of chains that differ and do not move at all."""
-
-
 class ProjectionMixing(msgspec.Struct, frozen=True):
     """How well chains mix, by one number that each of their failures has.
 
     Attributes:
         name: what the number is.
         r_hat: rank-normalized split R-hat; 1 where all chains have the same distribution, at most
-            `LARGEST_R_HAT`.
+            99.
         effective: bulk effective sample size: number of independent samples whose mean is known as
             precisely.
     """

@@ -77,10 +77,9 @@ class _Known:
     ones: of these the newest counts.
     """
 
-    def __init__(self, points: mode_regions.Points, place: int) -> None:
+    def __init__(self, points: mode_regions.Points) -> None:
         self.points = points
         self.spread = mode_regions.measure_spread(points)
-        self.found_in = place
         self.sightings: list[Sighting] = []
         self.present: dict[str, tuple[float, int]] = {}
         self.without: dict[str, int] = {}
@@ -265,7 +264,7 @@ class _Comparison:
         return self._same_as if was_present != is_present else None
 
     def _begin(self, piece: mode_regions.FailureGroup, together: int) -> _Known:
-        failures, mode = round(piece.failures), _Known(piece.points, self._place)
+        failures, mode = round(piece.failures), _Known(piece.points)
         mode.present[self._noise] = failures, self._release.episodes
         mode.sightings = [Sighting(None)] * self._place
         status, chance = ModeStatus.FIRST_SEEN, None

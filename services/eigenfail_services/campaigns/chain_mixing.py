@@ -1,111 +1,36 @@
-"""How far the chains of a campaign have mixed, out of its learner's last state."""
+"""How far the chains of a campaign have mixed, by the last state of its learner."""
 
-from collections.abc import Iterator, Sequence
-from math import isnan
-
-import numpy as np
-from numpy.typing import NDArray
-
+from eigenfail import plugins
 from eigenfail.errors import Conflict
 from eigenfail.values import Campaign
-from eigenfail.values.estimates import LARGEST_R_HAT, ChainMixing, ProjectionMixing
-from eigenfail.worlds import list_channels
-from eigenfail_services.campaigns.resolution import resolve_method
+from eigenfail.values.estimates import ChainMixing
 from eigenfail_services.campaigns.rounds import read_checkpoint
-from eigenfail_services.methods.chains import read_state
-from eigenfail_services.statistics.chain_projections import rename_channels
-from eigenfail_services.statistics.mixing import FEWEST_DRAWS, compute_bulk_ess, compute_r_hat
+from eigenfail_services.methods import Mixing
 from eigenfail_services.store import Store
-
-METHOD = "chains"
-
-MOST_R_HAT = 1.05
-"""Vehtari et al. 2021 recommend 1.01 (section 4.4). Every draw costs an episode here: at 1.05 the
-variance between chains still is a tenth of that within them."""
-
-FEWEST_EFFECTIVE = 100.0
-"""A share of 5 % of the failures is then known to ± 4 %. Vehtari et al. recommend 400."""
-
-STARTS = (
-    "Regions of failures between which no chain moves have the shares of the starts, not those of "
-    "p(z | failure), and a region without a start is missing."
-)
 
 
 def find_chain_mixing(store: Store, campaign: Campaign) -> ChainMixing:
     """Return how far the chains of a campaign have mixed.
 
     Raises:
-        Conflict: the campaign is one of another method, or has not finished a round.
+        Conflict: the campaign is one of a method that has no chains or is not installed, or it has
+            not finished a round.
+        InvalidValue: the method cannot be loaded.
         ProtocolError: its checkpoint cannot be read.
     """
-    if campaign.spec.method != METHOD:
-        problem = f"Campaign {campaign.id} is one of {campaign.spec.method}, which has no chains."
-        raise Conflict(problem, f"Launch one of {METHOD} that starts from its failures.")
+    name = campaign.spec.method
+    # A campaign outlives the package of its method, and its page still shows everything else.
+    if name not in plugins.names(plugins.METHODS):
+        problem = f"Campaign {campaign.id} is one of {name}, which is not installed here."
+        raise Conflict(problem, "Install the package of the method where the service runs.")
+    method = plugins.load(plugins.METHODS, name)
+    if not isinstance(method, Mixing):
+        problem = f"Campaign {campaign.id} is one of {name}, which has no chains."
+        raise Conflict(problem, "Launch one of chains that starts from its failures.")
     checkpoint = store.checkpoints.load(campaign.id)
-    facts, trace = read_state(read_checkpoint(checkpoint).learner) if checkpoint else (None, None)
-    if facts is None or trace is None or not facts.started:
+    state = read_checkpoint(checkpoint).learner if checkpoint else None
+    found = None if state is None else method.judge_mixing(campaign, state)
+    if found is None:
         problem = f"No chain of campaign {campaign.id} has started. {campaign.stopped_because}"
         raise Conflict(problem.strip(), "Its first round runs the starts.")
-    channels = list_channels(campaign.spec)
-    projections = measure_projections(rename_channels(facts.projections, channels), trace)
-    mixed, verdict = judge_mixing(projections)
-    settings = resolve_method(METHOD, campaign.spec.settings).settings
-    return ChainMixing(
-        campaign=campaign.id,
-        chains=trace.shape[1],
-        started=facts.started,
-        moves=facts.tried,
-        accepted=facts.accepted,
-        first_sample=settings.first_sample(campaign.spec.episodes),
-        draws=len(trace),
-        projections=projections,
-        mixed=mixed,
-        verdict=verdict,
-        remark=STARTS,
-    )
-
-
-def measure_projections(
-    names: Sequence[str], trace: NDArray[np.float32]
-) -> tuple[ProjectionMixing, ...]:
-    """Return R-hat and effective sample size by projection, those of the largest R-hat first.
-
-    A projection that is unknown or the same in all draws is left out.
-
-    Args:
-        names: of the projections.
-        trace: shape (draws, chains, projections).
-    """
-    if len(trace) < FEWEST_DRAWS:
-        return ()
-    columns = np.moveaxis(trace.astype(np.float64), 2, 0)
-    known = [
-        ProjectionMixing(name, min(r_hat, LARGEST_R_HAT), compute_bulk_ess(draws))
-        for name, draws in zip(names, columns, strict=True)
-        if not np.isnan(draws).any() and not isnan(r_hat := compute_r_hat(draws))
-    ]
-    return tuple(sorted(known, key=lambda one: (-one.r_hat, one.effective)))
-
-
-def _list_shortfalls(projections: Sequence[ProjectionMixing]) -> Iterator[str]:
-    """Yield why chains have not mixed; nothing if they have."""
-    worst, fewest = projections[0], min(projections, key=lambda one: one.effective)
-    if worst.r_hat >= MOST_R_HAT:
-        yield (
-            f"R-hat of {worst.name} is {worst.r_hat:.2f}; below {MOST_R_HAT:g} the chains agree."
-        )
-    if fewest.effective < FEWEST_EFFECTIVE:
-        yield (
-            f"The samples are worth {fewest.effective:.0f} independent ones by {fewest.name}; "
-            f"{FEWEST_EFFECTIVE:.0f} are needed."
-        )
-
-
-def judge_mixing(projections: Sequence[ProjectionMixing]) -> tuple[bool, str]:
-    """Return whether chains have mixed, and the reason in words."""
-    if not projections:
-        return False, f"Not known yet: each chain needs {FEWEST_DRAWS} moves after burn-in."
-    if shortfall := next(_list_shortfalls(projections), ""):
-        return False, f"Not mixed. {shortfall} Give the campaign more episodes."
-    return True, "Mixed: no projection shows from which failure a chain started."
+    return found

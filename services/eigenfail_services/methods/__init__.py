@@ -3,7 +3,8 @@
 from math import nan
 from typing import Any, Protocol, runtime_checkable
 
-from eigenfail.values import EpisodeResult, Outcome
+from eigenfail.values import Campaign, EpisodeResult, Outcome
+from eigenfail.values.estimates import ChainMixing
 
 
 @runtime_checkable
@@ -36,6 +37,15 @@ class BurningIn(Protocol):
 
     def first_sample(self, episodes: int) -> int:
         """Return the index of the first episode whose failure is a sample."""
+
+
+@runtime_checkable
+class Mixing(Protocol):
+    """Class of a method that moves Markov chains from failure to failure."""
+
+    @staticmethod
+    def judge_mixing(campaign: Campaign, state: bytes) -> ChainMixing | None:
+        """Return how far chains have mixed, by a learner's state; None before they start."""
 
 
 def find_first_sample(settings: Any, episodes: int) -> int:

@@ -478,11 +478,6 @@ def test_a_folder_that_is_named_keeps_the_campaign_away_from_other_services(
             [("runs at most 120 episodes at a time, and 121 workers are connected", "= 121")],
         ),
         (
-            {"method": "chains", "settings": {"campaign": 1, "chains": 30}},
-            31,
-            [("runs at most 30 episodes at a time, and 31 workers are connected", "--seeds N")],
-        ),
-        (
             {"method": "cem", "settings": {"batch": 10}},
             11,
             [("runs at most 10 episodes at a time, and 11 workers are connected", "--seeds N")],

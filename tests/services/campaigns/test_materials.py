@@ -327,7 +327,6 @@ def test_learners_are_given_noise_of_all_channels(memory: House, channels: int) 
 
 REFERENCES = [
     ("replay", "campaign", lambda _store, before: before),
-    ("chains", "campaign", lambda _store, before: before),
     ("replay", "analysis", analysed),
     ("nearest", "analysis", analysed),
     ("difs", "data_from", lambda _store, before: [before]),

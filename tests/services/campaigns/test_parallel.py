@@ -1,28 +1,21 @@
 """Episodes in parallel: how many are open, for which methods, and that they stay the same."""
 
-from collections import deque
-from collections.abc import Callable
-from heapq import heappop, heappush
 from math import ceil
-from typing import NamedTuple
 
 import msgspec
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from parallel_rounds import CORRIDOR, describe, make_rounds, play, run
 
 from eigenfail.errors import InvalidValue
 from eigenfail.methods import describe_method
-from eigenfail.settings import read_settings
-from eigenfail.testing.learner import Corridor, ToyEngine
+from eigenfail.testing.learner import ToyEngine
 from eigenfail.values import (
     STATE,
     CampaignSpec,
-    EpisodeResult,
-    EpisodeTask,
     Layer,
-    LearnerContext,
     Policy,
     StopRules,
 )
@@ -33,19 +26,14 @@ from eigenfail.values.learning import (
     choose_group_size,
     count_rounds_ahead,
 )
-from eigenfail_services.campaigns.rounds import Rounds, read_checkpoint, run_in_process
 from eigenfail_services.campaigns.validation import check_spec, find_pace
-from eigenfail_services.methods import archive
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
-from eigenfail_services.methods.chains import ChainSettings, FailureChains, read_state
 from eigenfail_services.methods.ensemble import Ensemble
 from eigenfail_services.methods.monte_carlo import MonteCarlo
 from eigenfail_services.methods.subset import SubsetMethod
 from eigenfail_services.statistics.batches import divide_chains
 from eigenfail_workers.noise.policy import store_policy
 
-STEPS = 5
-CORRIDOR = Corridor(steps=STEPS, wall=0.6)
 SPEC = CampaignSpec(
     name="wide", method="monte_carlo", episodes=1000, planner="idm", simulator="point_mass"
 )
@@ -53,56 +41,6 @@ SPEC = CampaignSpec(
 
 def make_spec(**changes) -> CampaignSpec:
     return msgspec.structs.replace(SPEC, **changes)
-
-
-FAILING = np.random.default_rng(1).normal((3.0, 0.0), 0.3, (12, STEPS, 2)).astype(np.float32)
-
-
-def make_rounds(kind, parallel, budget=200, rules=None, **settings) -> Rounds:
-    context = LearnerContext(3, budget, STEPS, FAILING, parallel=parallel)
-    learner = kind(context, read_settings(kind.Settings, settings, "settings"))
-    return Rounds(learner, 3, budget, rules or StopRules())
-
-
-Episode = tuple[int, bool, bytes]
-
-
-def describe(result) -> Episode:
-    return result.index, result.is_failure, result.noise.z.tobytes()
-
-
-def run(rounds: Rounds) -> list[Episode]:
-    return [describe(one) for one in run_in_process(rounds, ToyEngine(CORRIDOR))]
-
-
-class Play(NamedTuple):
-    """A campaign that was run: its episodes in index order, and the workers' idle time."""
-
-    episodes: list[Episode]
-    busy: float
-
-
-def play(rounds: Rounds, workers: int, seconds: Callable[[], float] = lambda: 1.0) -> Play:
-    """Run a campaign on workers that each take so long for an episode."""
-    engine, waiting, seen = ToyEngine(CORRIDOR), deque[EpisodeTask](), -1
-    running: list[tuple[float, int, EpisodeTask]] = []
-    found: dict[int, EpisodeResult] = {}
-    now = worked = 0.0
-    while opened := rounds.open():
-        for each in opened:
-            if each.number > seen:
-                waiting.extend(each.tasks)
-                seen = each.number
-        while any(task.index not in found for task in opened[0].tasks):
-            while waiting and len(running) < workers:
-                took = seconds()
-                task = waiting.popleft()
-                worked += took
-                heappush(running, (now + took, task.index, task))
-            now, index, task = heappop(running)
-            (found[index],) = engine.run([task])
-        rounds.complete([found[task.index] for task in opened[0].tasks])
-    return Play([describe(found[index]) for index in sorted(found)], worked / (workers * now))
 
 
 @given(st.integers(1, 100_000), st.integers(1, 10_000), st.integers(0, 4))
@@ -157,33 +95,25 @@ def test_groups_hold_every_chain_once_and_are_even(chains, parallel) -> None:
 LEVELS = {"budget": 3000, "runs": 3}
 
 
-MOVED = {"campaign": 1, "chains": 30}
-MOVING = [(SubsetMethod, 20, LEVELS), (FailureChains, 20, {"budget": 600, **MOVED})]
-moving = pytest.mark.parametrize(("method", "parallel", "given"), MOVING)
-
-
-@moving
 @pytest.mark.parametrize("workers", [1, 7, 40])
-def test_chains_have_the_same_episodes_for_any_workers(method, parallel, given, workers) -> None:
+def test_chains_have_the_same_episodes_for_any_workers(workers) -> None:
     random = np.random.default_rng(workers)
-    drawn = play(make_rounds(method, parallel, **given), workers, random.exponential)
-    assert drawn.episodes == run(make_rounds(method, parallel, **given))
+    drawn = play(make_rounds(SubsetMethod, 20, **LEVELS), workers, random.exponential)
+    assert drawn.episodes == run(make_rounds(SubsetMethod, 20, **LEVELS))
 
 
-@moving
-def test_chains_do_not_wait_for_each_other(method, parallel, given) -> None:
-    narrow = play(make_rounds(method, None, **given), 20)
-    wide = play(make_rounds(method, parallel, **given), 20)
+def test_chains_do_not_wait_for_each_other() -> None:
+    narrow = play(make_rounds(SubsetMethod, None, **LEVELS), 20)
+    wide = play(make_rounds(SubsetMethod, 20, **LEVELS), 20)
     assert wide.episodes != narrow.episodes
     assert narrow.busy < 0.85
     assert wide.busy > 0.93
 
 
-@moving
 @pytest.mark.parametrize("before", [0, 1, 2, 40, 60, 65, 100])
-def test_chains_go_on_from_a_checkpoint_with_rounds_open(method, parallel, given, before) -> None:
-    whole = run(make_rounds(method, parallel, **given))
-    first, seen = make_rounds(method, parallel, **given), []
+def test_chains_go_on_from_a_checkpoint_with_rounds_open(before) -> None:
+    whole = run(make_rounds(SubsetMethod, 20, **LEVELS))
+    first, seen = make_rounds(SubsetMethod, 20, **LEVELS), []
     engine = ToyEngine(CORRIDOR)
     for _ in range(before):
         if opened := first.open():
@@ -191,7 +121,7 @@ def test_chains_go_on_from_a_checkpoint_with_rounds_open(method, parallel, given
             seen += map(describe, results)
             first.complete(results)
     opened = first.open()
-    other = make_rounds(method, parallel, **given)
+    other = make_rounds(SubsetMethod, 20, **LEVELS)
     other.restore(first.checkpoint())
     assert [one.number for one in other.open()] == [one.number for one in opened]
     assert other.checkpoint() == first.checkpoint()
@@ -225,39 +155,9 @@ def test_without_a_number_all_chains_of_subset_move_in_waves() -> None:
     assert estimate.cv == pytest.approx(0.2551702048683991, rel=1e-9)
 
 
-def test_chains_of_earlier_releases_go_on_with_the_move_that_was_open() -> None:
-    """Their states do not count it."""
-    whole = run(make_rounds(FailureChains, None, **MOVED))
-    first, engine = make_rounds(FailureChains, None, **MOVED), ToyEngine(CORRIDOR)
-    for _ in range(3):
-        first.complete(list(engine.run(first.open()[0].tasks)))
-    first.open()
-    checkpoint = msgspec.msgpack.decode(first.checkpoint())
-    facts, arrays = archive.read("chains", checkpoint["learner"], dict)
-    assert facts.pop("opened") == 1
-    assert facts.pop("ahead") == 0
-    checkpoint["learner"] = archive.write("chains", facts, arrays)
-    other = make_rounds(FailureChains, None, **MOVED)
-    other.restore(msgspec.msgpack.encode(checkpoint))
-    assert run(other) == whole[90:]
-
-
-def test_samples_begin_at_the_same_episode_in_groups() -> None:
-    rounds = make_rounds(FailureChains, 20, 600, **MOVED)
-    settings = ChainSettings(**MOVED)
-    done, engine = 0, ToyEngine(CORRIDOR)
-    while opened := rounds.open():
-        done += len(opened[0].tasks)
-        rounds.complete(list(engine.run(opened[0].tasks)))
-        facts, _ = read_state(read_checkpoint(rounds.checkpoint()).learner)
-        assert facts.tried == max(done - settings.first_sample(600), 0)
-    _, trace = read_state(read_checkpoint(rounds.checkpoint()).learner)
-    assert trace.shape[:2] == ((600 - settings.first_sample(600)) // 30, 30)
-
-
 @pytest.mark.parametrize(
     ("method", "given", "width"),
-    [("chains", {"campaign": 1, "chains": 30}, 30), ("subset", {}, 219), ("ensemble", {}, 220)],
+    [("subset", {}, 219), ("ensemble", {}, 220)],
 )
 def test_more_workers_than_there_are_chains_are_refused(method, given, width) -> None:
     if method == "ensemble":

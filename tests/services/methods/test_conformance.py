@@ -1,7 +1,6 @@
 """The shipped suite of learners, over all methods."""
 
 from types import MappingProxyType
-from typing import ClassVar
 
 import numpy as np
 
@@ -9,7 +8,6 @@ from eigenfail.testing.learner import LearnerSuite
 from eigenfail.values import LearnerContext
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting
 from eigenfail_services.methods.cem import CrossEntropyMethod
-from eigenfail_services.methods.chains import FailureChains
 from eigenfail_services.methods.cma import CovarianceAdaptation
 from eigenfail_services.methods.difs.method import DiffusionFailureSampling
 from eigenfail_services.methods.held import HeldNoise
@@ -75,25 +73,6 @@ class TestReplay(LearnerSuite):
     method = Replay
     settings = MappingProxyType({"round_size": 6, "repeats": 2})
     budget = 60
-
-
-class TestChains(LearnerSuite):
-    method = FailureChains
-    settings = MappingProxyType({"campaign": 1, "chains": 4})
-    budget = 60
-
-    parallel: ClassVar[int | None] = None
-
-    def context(self, seed, corridor):
-        noise = draw_noise(seed, 9, corridor, 1.5, 1.0)
-        return LearnerContext(seed, self.budget, corridor.steps, noise, parallel=self.parallel)
-
-
-class TestChainsInParallel(TestChains):
-    settings = MappingProxyType({"campaign": 1, "chains": 12})
-    budget = 130
-    rounds = 6
-    parallel = 12
 
 
 class TestMinimal(LearnerSuite):

@@ -10,24 +10,24 @@ from eigenfail.errors import InvalidValue, LearnerFailed
 from eigenfail.settings import read_settings
 from eigenfail.testing.learner import Corridor, ToyEngine
 from eigenfail.values import EpisodeResult, LearnerContext, NoiseTrajectory, Outcome
-from eigenfail_services.campaigns.chain_mixing import judge_mixing, measure_projections
-from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.methods.chains import (
+from eigenfail_searches.chains.diagnostics import judge_projections, measure_projections
+from eigenfail_searches.chains.method import (
     ChainSettings,
     FailureChains,
     choose_starts,
     count_steps,
     read_state,
 )
-from eigenfail_services.statistics.chain_projections import (
+from eigenfail_searches.chains.projections import (
     find_directions,
     name_channels,
     rename_channels,
 )
-from eigenfail_services.statistics.failure_chains import MoveKind
+from eigenfail_searches.chains.sampler import MoveKind
+from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_workers.functions import FunctionEngine
 
-sys.path.append(str(Path(__file__).parent / "toys"))
+sys.path.append(str(Path(__file__).parents[3] / "tests" / "services" / "methods" / "toys"))
 
 from problems import HalfSpace, TwoModes
 from problems import steady as steady_noise
@@ -98,7 +98,7 @@ def test_chains_of_a_plane_border_mix():
     run(learner, 4800, FunctionEngine(problem.function, problem.steps))
     facts, trace = read_state(learner.state())
     projections = measure_projections(facts.projections, trace)
-    assert judge_mixing(projections)[0], projections
+    assert judge_projections(projections)[0], projections
     assert facts.accepted / facts.tried > 0.2
 
 
@@ -112,7 +112,7 @@ def run_corners(*sides):
     results = run(learner, 4000, FunctionEngine(problem.function, problem.steps))
     facts, trace = read_state(learner.state())
     projections = measure_projections(facts.projections, trace)
-    return results, projections, judge_mixing(projections)
+    return results, projections, judge_projections(projections)
 
 
 def test_chains_in_two_corners_keep_the_shares_of_their_starts_and_say_so():

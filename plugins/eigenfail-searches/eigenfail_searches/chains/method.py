@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 
 from eigenfail.contracts import Injection, MethodTraits, Reference
 from eigenfail.errors import InvalidValue, LearnerFailed
+from eigenfail.settings import read_settings
 from eigenfail.values import (
+    Campaign,
     EpisodeResult,
     Floats,
     LearnerContext,
@@ -20,10 +22,13 @@ from eigenfail.values import (
     RoundSizes,
     TrajectorySource,
 )
+from eigenfail.values.estimates import ChainMixing
 from eigenfail.values.learning import OPEN_GROUPS
+from eigenfail.worlds import list_channels
+from eigenfail_searches.chains.diagnostics import STARTS, judge_projections, measure_projections
+from eigenfail_searches.chains.projections import find_directions, rename_channels
+from eigenfail_searches.chains.sampler import ChainSampler, MoveKind, MoveMix
 from eigenfail_services.methods import archive
-from eigenfail_services.statistics.chain_projections import find_directions
-from eigenfail_services.statistics.failure_chains import ChainSampler, MoveKind, MoveMix
 
 FEWEST_ROUNDS = 10
 
@@ -195,6 +200,35 @@ class FailureChains:
     def round_sizes(settings: ChainSettings, _episodes: int) -> RoundSizes:
         """Return the size of the rounds, in which every chain moves once."""
         return RoundSizes(settings.chains, settings.chains, "chains", width=settings.chains)
+
+    @staticmethod
+    def judge_mixing(campaign: Campaign, state: bytes) -> ChainMixing | None:
+        """Return how far the chains of a campaign have mixed; None before they start.
+
+        Raises:
+            ProtocolError: the bytes are not a state of this method.
+        """
+        facts, trace = read_state(state)
+        if not facts.started:
+            return None
+        # The learner numbers channels; people know them by the names of the campaign.
+        names = rename_channels(facts.projections, list_channels(campaign.spec))
+        projections = measure_projections(names, trace)
+        mixed, verdict = judge_projections(projections)
+        settings = read_settings(ChainSettings, dict(campaign.spec.settings), "settings")
+        return ChainMixing(
+            campaign=campaign.id,
+            chains=trace.shape[1],
+            started=facts.started,
+            moves=facts.tried,
+            accepted=facts.accepted,
+            first_sample=settings.first_sample(campaign.spec.episodes),
+            draws=len(trace),
+            projections=projections,
+            mixed=mixed,
+            verdict=verdict,
+            remark=STARTS,
+        )
 
     def propose(self, n: int) -> Proposal:
         """Return the starts, then a move of each chain of a group."""

@@ -7,7 +7,7 @@ from statistics import NormalDist
 import numpy as np
 import pytest
 
-from eigenfail_services.statistics.failure_chains import (
+from eigenfail_searches.chains.sampler import (
     MOVES,
     ChainSampler,
     MoveKind,

@@ -8,8 +8,9 @@ from chain_campaigns import CHAINS, EPISODES, Campaigns
 from eigenfail.errors import Conflict, InvalidValue, LearnerFailed
 from eigenfail.presentation.analyses import describe_chain_mixing
 from eigenfail.values import AnalysisSettings
+from eigenfail_searches.chains.diagnostics import judge_projections
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.chain_mixing import find_chain_mixing, judge_mixing
+from eigenfail_services.campaigns.chain_mixing import find_chain_mixing
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +34,7 @@ def test_the_mixing_of_a_campaign_is_told(campaigns, moved) -> None:
     late = campaigns.store.episodes.finished(moved, range(found.first_sample, EPISODES))
     assert found.accepted == sum(result.is_failure for result in late)
     assert found.projections[0].r_hat == max(one.r_hat for one in found.projections)
-    assert (found.mixed, found.verdict) == judge_mixing(found.projections)
+    assert (found.mixed, found.verdict) == judge_projections(found.projections)
     assert not found.mixed
     assert "shares of the starts" in found.remark
     *sentences, table = describe_chain_mixing(found)

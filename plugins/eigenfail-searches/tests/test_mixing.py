@@ -5,7 +5,7 @@ from math import isinf, isnan
 import numpy as np
 import pytest
 
-from eigenfail_services.statistics.mixing import compute_bulk_ess, compute_r_hat, split_chains
+from eigenfail_searches.chains.mixing import compute_bulk_ess, compute_r_hat, split_chains
 
 
 def autoregressive(phi, draws, chains, seed=0):

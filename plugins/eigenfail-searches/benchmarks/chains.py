@@ -1,6 +1,7 @@
 """Figures: chains of failures on `cut_in`, from those of splitting or AST, and the true ones."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 from math import log, pi
 from statistics import fmean
 
@@ -10,11 +11,12 @@ from figures import Figure
 from learning_figures import failure_rate, of_seeds
 from mode_reference import TrueFailures, true_failures
 from searches import EARLIER, Found, search, side_by_side
+from targets import Target
 
 from eigenfail.settings import read_settings
 from eigenfail.values import CampaignSpec, Floats
-from eigenfail_services.campaigns.chain_mixing import measure_projections
-from eigenfail_services.methods.chains import ChainSettings, read_state
+from eigenfail_searches.chains.diagnostics import measure_projections
+from eigenfail_searches.chains.method import ChainSettings, read_state
 
 SEEDS = 3
 FOUND_IN = {"splitting": 20_000, "ast": 400}
@@ -31,7 +33,7 @@ SETTINGS: dict[str, dict[str, float]] = {
     "splitting": {"campaign": EARLIER, "chains": 20, "burn_in": 0.1},
     "ast": {"campaign": EARLIER},
 }
-"""Settings of the chains by the method that finds their starts, as docs/methods.md recommends them:
+"""Settings of the chains by the method that finds their starts, as the README recommends them:
 failures of splitting are nearly samples already, and more chains hold more of its families."""
 
 OF_Z = "log p(z) per step, z standardised"
@@ -118,3 +120,17 @@ def summarise_mixing(runs: Sequence[Found]) -> Iterator[tuple[str, Figure]]:
     yield "worst_r_hat", of_seeds([each[0].r_hat for each in found], "ratio", int(n), worst)
     fewest = [min(one.effective for one in each) for each in found]
     yield "fewest_effective", of_seeds(fewest, "samples", int(n))
+
+
+TRIALS = (
+    (("chains.from_ast.",), partial(chains, "ast", "chains.from_ast")),
+    (
+        tuple(f"chains.{name}" for name in ("share", "log_p", "group", "worst", "fewest")),
+        partial(chains, "splitting", "chains"),
+    ),
+)
+TARGETS = {
+    "chains.share_failing": Target(low=0.4),
+    "chains.log_p_gap": Target(low=-0.1, high=0.1),
+    "chains.group_coverage": Target(low=0.9),
+}
