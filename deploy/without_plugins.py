@@ -34,6 +34,7 @@ TESTS = (
     "tests/test_plugins.py",
     "tests/test_golden.py",
     "tests/api/test_extensions.py",
+    "tests/api/test_mixing.py",
     "tests/api/test_recordings.py",
     "tests/benchmarks/test_trials.py",
     "tests/deploy/test_locks.py",
