@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
-from msgspec.structs import replace
 
 from eigenfail.contracts import Reference
 from eigenfail.errors import EigenfailError, InputError, InvalidValue, UnknownName
@@ -14,7 +13,6 @@ from eigenfail.methods import describe_method, traits_of
 from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec
 from eigenfail.values.campaign_spec import MAX_EPISODES
 from eigenfail.wire.http import MAX_CAMPAIGNS_AT_ONCE, read_fields
-from eigenfail.worlds import world_of
 from eigenfail_services.campaigns import resolution, validation
 from eigenfail_services.store import Store
 
@@ -191,24 +189,6 @@ def _take_out(given: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
     if rest and isinstance(inner, dict) and rest[0] in inner:
         return {**given, name: _take_out(inner, tuple(rest))}
     return {other: value for other, value in given.items() if other != name}
-
-
-def fill_defaults(spec: CampaignSpec) -> CampaignSpec:
-    """Return the spec with the defaults of its method, planner and scenario written out.
-
-    Two specs that differ only in which defaults they write out become equal. A plug-in that is not
-    installed here, or that has changed since and refuses the settings, leaves its part unchanged.
-    """
-    world = world_of(spec.simulator)
-    for fill in (_fill_method, world.fill_planner, world.fill_scenario):
-        with contextlib.suppress(EigenfailError):
-            spec = fill(spec)
-    return spec
-
-
-def _fill_method(spec: CampaignSpec) -> CampaignSpec:
-    settings = resolution.resolve_method(spec.method, spec.settings).settings
-    return replace(spec, settings=msgspec.to_builtins(settings))
 
 
 def clone(spec: CampaignSpec, changes: Fields, store: Store) -> resolution.ResolvedCampaign:

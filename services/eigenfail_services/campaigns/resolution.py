@@ -3,7 +3,9 @@
 A spec is resolved once; with a `ResolvedCampaign` nothing is loaded or read again.
 """
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import msgspec
@@ -11,7 +13,7 @@ from msgspec.structs import replace
 
 from eigenfail import values
 from eigenfail.contracts import MethodTraits, Reference
-from eigenfail.errors import InvalidValue, NotFound, ProtocolError
+from eigenfail.errors import EigenfailError, InvalidValue, NotFound, ProtocolError
 from eigenfail.methods import MethodDescription, describe_method, traits_of
 from eigenfail.worlds import CampaignWorld, list_channels, world_of
 from eigenfail_services.campaigns.rounds import read_checkpoint
@@ -19,6 +21,9 @@ from eigenfail_services.methods import explain_no_estimate
 
 if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load
     from eigenfail_services.store import Store
+
+MOST_SPECS = 2_000
+"""Specs whose defaults are kept. A page of releases reads as many campaigns, most of them alike."""
 
 MOST_READ = 100_000
 """Episodes that are looked through as data, of all campaigns together."""
@@ -137,6 +142,32 @@ def find_searching(method: ResolvedMethod) -> ResolvedMethod:
         return method
     members = method.settings
     return resolve_method(members.method, members.settings, f"{method.field}.settings")
+
+
+def fill_defaults(spec: values.CampaignSpec) -> values.CampaignSpec:
+    """Return the spec with the defaults of its method, planner and scenario written out.
+
+    Two specs that differ only in which defaults they write out become equal. A plug-in that is not
+    installed here, or that has changed since and refuses the settings, leaves its part unchanged.
+    """
+    return _fill_written(msgspec.json.encode(spec, order="deterministic"))
+
+
+# Reading the settings types of plug-ins takes most of the time of a comparison, and campaigns that
+# are compared are mostly written alike: so specs are kept by their text.
+@lru_cache(maxsize=MOST_SPECS)
+def _fill_written(written: bytes) -> values.CampaignSpec:
+    spec = msgspec.json.decode(written, type=values.CampaignSpec)
+    world = world_of(spec.simulator)
+    for fill in (_fill_method, world.fill_planner, world.fill_scenario):
+        with contextlib.suppress(EigenfailError):
+            spec = fill(spec)
+    return spec
+
+
+def _fill_method(spec: values.CampaignSpec) -> values.CampaignSpec:
+    settings = resolve_method(spec.method, spec.settings).settings
+    return replace(spec, settings=msgspec.to_builtins(settings))
 
 
 def check_estimates(method: ResolvedMethod, field: str, *, of_exploits: bool = False) -> None:

@@ -2,22 +2,21 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache, partial
+from functools import partial
 from itertools import islice
 from typing import NamedTuple
 
-import msgspec
 from msgspec.structs import replace
 
 from eigenfail.errors import NotFound
 from eigenfail.methods import traits_of
-from eigenfail.values import Campaign, CampaignSpec, Mode, release
+from eigenfail.values import Campaign, Mode, release
 from eigenfail.values.triage import TriageState
 from eigenfail.worlds import describe_requirements
 from eigenfail_services.analysis import mode_matching
-from eigenfail_services.campaigns import release_reading, release_words
 from eigenfail_services.campaigns.cache import StoreCache
-from eigenfail_services.campaigns.drafts import fill_defaults
+from eigenfail_services.comparison import release_reading, release_words
+from eigenfail_services.comparison.questions import write_release_question
 from eigenfail_services.store import Store
 
 NO_COLLISION = "no collision"
@@ -59,7 +58,7 @@ def _group_campaigns(campaigns: Sequence[Campaign], project: str | None) -> list
     found: dict[str, list[Campaign]] = {}
     for campaign in campaigns:
         if project is None or campaign.spec.project == project:
-            found.setdefault(_find_key(campaign.spec), []).append(campaign)
+            found.setdefault(write_release_question(campaign.spec), []).append(campaign)
     return [*found.values()]
 
 
@@ -69,9 +68,9 @@ def make_release_table(store: Store, campaign: int) -> release.ReleaseTable:
     Raises:
         NotFound: there is no such campaign, or it does not name the version of its planner.
     """
-    key = _find_key(store.campaigns.get(campaign).spec)
+    key = write_release_question(store.campaigns.get(campaign).spec)
     read = _list_campaigns(store)
-    alike = [each for each in read.items if _find_key(each.spec) == key]
+    alike = [each for each in read.items if write_release_question(each.spec) == key]
     if campaign not in {each.id for each in alike}:
         raise NotFound(
             f"Campaign {campaign} is part of no release.",
@@ -147,24 +146,6 @@ def _list_campaigns(store: Store) -> _VersionedCampaigns:
         ),
         (cut,) if len(found) > release_reading.MOST_CAMPAIGNS else (),
     )
-
-
-def _find_key(spec: CampaignSpec) -> str:
-    fields = ("method", "planner", "scenario", "scenario_parameters", "simulator", "disturbance")
-    asked = CampaignSpec(
-        **{name: getattr(spec, name) for name in fields},
-        name="-",
-        episodes=1,
-        requirements=spec.all_requirements,
-    )
-    return _write_key(msgspec.json.encode(asked, order="deterministic"))
-
-
-@lru_cache(maxsize=release_reading.MOST_CAMPAIGNS)
-def _write_key(asked: bytes) -> str:
-    spec = fill_defaults(msgspec.json.decode(asked, type=CampaignSpec))
-    same = replace(spec, settings={}, planner_settings={})
-    return msgspec.json.encode(same, order="deterministic").decode()
 
 
 def _make_question(campaigns: Sequence[Campaign]) -> release.ReleaseQuestion:

@@ -2,28 +2,27 @@
 
 from collections.abc import Iterator, Sequence
 from math import inf
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import msgspec
 from msgspec.structs import replace
 
 from eigenfail.intervals import ERROR, find_upper_bound
 from eigenfail.presentation.rates import explain_design, format_counted_rate
-from eigenfail.suites import KeyPath, format_value, list_leaves, shorten_paths
-from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, Cost, Priority, Rate, Summary
+from eigenfail.suites import KeyPath, format_value, shorten_paths
+from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, Cost, Rate, Summary
 from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread, SeedValue
 from eigenfail.values.variation import in_words
 from eigenfail_services.analysis.campaign_figures import price_failures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
-from eigenfail_services.campaigns.drafts import fill_defaults
 from eigenfail_services.campaigns.summary import summaries_of
+from eigenfail_services.comparison.questions import (
+    Group,
+    group_alike,
+    list_differing,
+    list_given_settings,
+)
 from eigenfail_services.statistics.seed_spread import PairSums, find_ratio, measure_spread
 from eigenfail_services.store import Store
-
-Group = tuple[Campaign, ...]
-
-DRAWN = "scenario_parameters"
-"""A parameter may have a distribution in place of a value: that is one setting."""
 
 SEED: KeyPath = ("seed",)
 DEFAULTS = "defaults"
@@ -54,44 +53,6 @@ class _Member(NamedTuple):
         """Number of episodes up to the first failure; infinite without one."""
         found = self.summary.first_failure
         return inf if found is None else found + 1.0
-
-
-def group_alike(campaigns: Sequence[Campaign]) -> tuple[Group, ...]:
-    """Group campaigns that differ only in name, priority and seed, in the order of their first."""
-    found: dict[bytes, list[Campaign]] = {}
-    filled: dict[bytes, bytes] = {}
-    for campaign in campaigns:
-        alike = replace(campaign.spec, name="alike", seed=0, priority=Priority.NORMAL)
-        # Filling in defaults takes most of the time: once for all campaigns that are written alike.
-        written = msgspec.msgpack.encode(alike, order="sorted")
-        if written not in filled:
-            filled[written] = msgspec.msgpack.encode(fill_defaults(alike), order="sorted")
-        found.setdefault(filled[written], []).append(campaign)
-    return tuple(map(tuple, found.values()))
-
-
-def list_differing(specs: Sequence[CampaignSpec]) -> list[KeyPath]:
-    """Return the paths at which specs differ, in the order of a spec's fields; names aside."""
-    given = [list_given_settings(spec) for spec in specs]
-    paths = dict.fromkeys(path for one in given for path in one)
-    absent = object()
-    found = [path for path in paths if any(_differs(path, given[0], one, absent) for one in given)]
-    return sorted(found, key=lambda path: CampaignSpec.__struct_fields__.index(path[0]))
-
-
-def _differs(
-    path: KeyPath, one: dict[KeyPath, Any], other: dict[KeyPath, Any], absent: object
-) -> bool:
-    return bool(one.get(path, absent) != other.get(path, absent))
-
-
-def list_given_settings(spec: CampaignSpec) -> dict[KeyPath, Any]:
-    """Return all settings of a campaign but name and priority, by path."""
-    table = msgspec.to_builtins(spec)
-    del table["name"], table["priority"]
-    drawn = table.pop(DRAWN)
-    found: dict[KeyPath, Any] = {path: value for path, value in list_leaves(table) if value != {}}
-    return found | {(DRAWN, name): value for name, value in drawn.items()}
 
 
 def find_spreads(store: Store, campaigns: Sequence[int]) -> tuple[SeedSpread, ...]:

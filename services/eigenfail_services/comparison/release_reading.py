@@ -1,16 +1,13 @@
 """What releases are compared by: campaigns of a version, its code and settings, and its modes."""
 
 from collections.abc import Hashable, Iterable, Mapping, Sequence
-from contextlib import suppress
-from functools import lru_cache
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
-from eigenfail.errors import EigenfailError, InputError
+from eigenfail.errors import InputError
 from eigenfail.methods import traits_of
-from eigenfail.suites import list_leaves
 from eigenfail.values import FINAL_STATES, AnalysisResult, Campaign, CampaignSpec, Rate
 from eigenfail.values.operations import Versions
 from eigenfail.values.records import FailureCourse
@@ -21,6 +18,7 @@ from eigenfail_services.analysis.mode_regions import ModeBehaviours
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.summary import count_doubtful
+from eigenfail_services.comparison.questions import flatten_spec
 from eigenfail_services.store import Store
 from eigenfail_services.store.analyses import UNFINISHED
 
@@ -32,6 +30,8 @@ SAMPLED = 40
 
 NEWEST_ANALYSES = 20
 """Newest analyses of a campaign among which one that has not ended is looked for."""
+
+PLANNER = "planner_settings."
 
 PlannerSettings = Mapping[str, str]
 """Settings of a planner with their defaults, as text by dotted path."""
@@ -176,18 +176,12 @@ def _list_different(codes: Iterable[Versions]) -> tuple[Versions, ...]:
 
 
 def _read_settings(spec: CampaignSpec) -> PlannerSettings:
-    fields = ("method", "planner", "planner_settings", "scenario", "simulator")
-    asked = CampaignSpec(**{name: getattr(spec, name) for name in fields}, name="-", episodes=1)
-    return _fill_settings(msgspec.json.encode(asked, order="deterministic"))
-
-
-@lru_cache(maxsize=MOST_CAMPAIGNS)
-def _fill_settings(asked: bytes) -> PlannerSettings:
-    spec = msgspec.json.decode(asked, type=CampaignSpec)
-    # A planner that is not installed here any more has the settings that were written.
-    with suppress(EigenfailError):
-        spec = world_of(spec.simulator).fill_planner(spec)
-    return {".".join(path): str(value) for path, value in list_leaves(spec.planner_settings)}
+    flat = flatten_spec(spec)
+    return {
+        path.removeprefix(PLANNER): value
+        for path, value in flat.items()
+        if path.startswith(PLANNER)
+    }
 
 
 def _drop_repeated(campaigns: Sequence[Campaign]) -> list[Campaign]:

@@ -7,7 +7,7 @@ from eigenfail.presentation.rates import format_rate
 from eigenfail.values.release import ModeSighting, ModeStatus, ReleaseMode
 from eigenfail.values.triage import TriageState
 from eigenfail_services.analysis.mode_matching import LEVEL, Sighting
-from eigenfail_services.campaigns.release_reading import ReadRelease
+from eigenfail_services.comparison.release_reading import ReadRelease
 
 DIGITS = 2
 """Significant digits of a probability."""

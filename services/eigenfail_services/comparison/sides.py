@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from math import comb
 
-import msgspec
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
@@ -26,18 +25,15 @@ from eigenfail.values import (
 from eigenfail.versions import describe_mixed
 from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
-from eigenfail_services.campaigns.pairing import (
-    NOTHING,
-    PairedEpisodes,
+from eigenfail_services.campaigns.summary import count_doubtful, divide, find_failure_rate
+from eigenfail_services.comparison.pairing import PairedEpisodes, list_unpairable, pair_episodes
+from eigenfail_services.comparison.questions import (
+    Group,
     find_differing_fields,
     find_distinctions,
     find_mixed_fields,
-    flatten_spec,
-    list_unpairable,
-    pair_episodes,
+    group_alike,
 )
-from eigenfail_services.campaigns.seeds import Group, group_alike
-from eigenfail_services.campaigns.summary import count_doubtful, divide, find_failure_rate
 from eigenfail_services.statistics import comparison
 from eigenfail_services.store import Store
 
@@ -373,23 +369,6 @@ def _explain_no_effect(a: Side, b: Side) -> Iterator[str]:
 FEWEST, MOST = 2, 12
 
 
-class SettingValues(msgspec.Struct, frozen=True):
-    """The values of one setting in several campaigns, as text.
-
-    Attributes:
-        path: path in a CampaignSpec.
-        values: values in the order of the campaigns.
-    """
-
-    path: str
-    values: tuple[str, ...]
-
-    @property
-    def differs(self) -> bool:
-        """Whether the campaigns have different values."""
-        return len(set(self.values)) > 1
-
-
 def pick_campaigns(ids: Sequence[int], store: Store) -> tuple[Campaign, ...]:
     """Return the campaigns to be compared, each once, in the order of their ids.
 
@@ -414,16 +393,3 @@ def against_first(store: Store, found: Sequence[Group]) -> tuple[Comparison, ...
     """Compare every group but the first, as B, with the first, as A."""
     first, *others = ([campaign.id for campaign in group] for group in found)
     return tuple(compare(store, first, other) for other in others)
-
-
-def compare_settings(campaigns: Sequence[Campaign]) -> tuple[SettingValues, ...]:
-    """Return all settings of campaigns, with the defaults of installed plug-ins."""
-    flat = [flatten_spec(each.spec) for each in campaigns]
-    paths = sorted(dict.fromkeys(path for each in flat for path in each), key=_rank_path)
-    return tuple(
-        SettingValues(path, tuple(each.get(path, NOTHING) for each in flat)) for path in paths
-    )
-
-
-def _rank_path(path: str) -> int:
-    return CampaignSpec.__struct_fields__.index(path.partition(".")[0])
