@@ -208,7 +208,7 @@ def describe_difference(found: values.Comparison) -> str:
     """Return the difference of the failure rates of two random samples as text."""
     if found.difference is None:
         return "no episode on a side"
-    if not sides.are_sampled(found.a, found.b):
+    if not found.is_sampled:
         # The share of the episodes that a search chose estimates no failure rate under p(x), so
         # that its difference from a rate, or from the share of another search, estimates nothing.
         return f"{UNKNOWN} not comparable: the episodes of a search are no random sample"

@@ -27,7 +27,7 @@ from eigenfail_services.campaigns.chain_mixing import find_chain_mixing
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure, make_minimal_spec
 from eigenfail_services.campaigns.resolution import ResolvedCampaign, fill_defaults
 from eigenfail_services.campaigns.suites import create_suite, read_suite
-from eigenfail_services.comparison.suite_table import make_suite_table
+from eigenfail_services.comparison.seeds import make_suite_table
 from eigenfail_services.store import Store
 
 STEERING_ATTEMPTS = 3

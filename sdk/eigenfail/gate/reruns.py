@@ -21,11 +21,11 @@ from eigenfail.gate.verdicts import (
     judge_rate_by_chance,
     subtract_estimates,
 )
-from eigenfail.intervals import difference, sum_lower_tail, wilson
+from eigenfail.intervals import difference, mcnemar, wilson
 from eigenfail.methods import traits_of
 from eigenfail.presentation.rates import list_doubtful
 from eigenfail.settings import Count, Ordinal
-from eigenfail.values import Campaign, Comparison, Difference, McNemar, Rate
+from eigenfail.values import Campaign, Comparison, Difference, McNemar, PairTotals, Rate
 from eigenfail.values.records import EpisodeRow
 
 LONGEST_NAME, LONGEST_SENTENCE = 200, 10_000
@@ -275,16 +275,12 @@ def _judge_worst_pairs(
         was_fixed: number of pairs in doubt of which the baseline failed.
         counts: number of pairs in doubt by what would become of them.
     """
-    fewer, more = pairs.only_a - was_fixed, pairs.only_b + counts.get(GateVerdict.NEW, 0)
-    tail = sum_lower_tail(min(fewer, more), fewer + more, 0.5)
-    worst = replace(
-        pairs,
+    worst = PairTotals(
         both=pairs.both + counts.get(GateVerdict.STILL_FAILING, 0),
-        only_a=fewer,
-        only_b=more,
-        p_value=min(1.0, 2.0 * tail),
+        only_first=pairs.only_a - was_fixed,
+        only_second=pairs.only_b + counts.get(GateVerdict.NEW, 0),
     )
-    return judge_rate_by_chance(worst, {})
+    return judge_rate_by_chance(mcnemar(worst), {})
 
 
 def _judge_worst_rate(before: Campaign, now: Campaign, unresolved: int) -> GateVerdict:

@@ -1,6 +1,6 @@
 """What releases are compared by: campaigns of a version, its code and settings, and its modes."""
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import msgspec
@@ -281,3 +281,88 @@ def _make_behaviours(
     contacts = [motion.contacts.get((campaign, course.index)) for course in courses]
     struck = tuple(each.struck for each in contacts if each)
     return ModeBehaviours(accelerations, struck if len(struck) == len(rows) else (), failures)
+
+
+SEARCH = (
+    "A search chooses its episodes: that it does not find a mode does not prove that the mode is "
+    "gone. Replay the failures of the mode with the new version."
+)
+
+
+def list_notes(read: Sequence[ReadRelease]) -> Iterator[str]:
+    """Yield what limits the comparison of releases, in sentences."""
+    for place, each in enumerate(read):
+        release = each.release
+        if release.problem:
+            yield f"The failure modes of {release.version} are not compared. {release.problem}"
+        if len(release.fingerprints) > 1:
+            yield _describe_codes(each)
+        yield from _compare_builds(each, read[:place])
+        for analysis in each.groups:
+            yield (
+                f"{release.version}: the groups of analysis {analysis} cannot be told from chance; "
+                "read them as a summary."
+            )
+    if any(not each.release.is_random for each in read):
+        yield SEARCH
+
+
+def _compare_builds(read: ReadRelease, earlier: Sequence[ReadRelease]) -> Iterator[str]:
+    """Yield which earlier release has the same code, and which settings differ."""
+    if not earlier:
+        return
+    version = read.release.version
+    with_code = [each for each in earlier if each.code and each.code == read.code]
+    with_build = [each for each in with_code if each.build and each.build == read.build]
+    other = (with_build or with_code or [*earlier])[-1]
+    differing = _list_other_settings(read, other)
+    if with_build:
+        yield f"{version} has the same code and settings as {other.release.version}."
+    elif with_code and differing:
+        yield f"{version} has the code of {other.release.version} and other settings: {differing}."
+    elif with_code:
+        yield f"{version} has the same code as {other.release.version}."
+    elif differing:
+        yield f"{version} has other settings than {other.release.version}: {differing}."
+
+
+def _list_other_settings(read: ReadRelease, other: ReadRelease) -> str:
+    """Return the settings of the planner that differ between two releases; empty if none does."""
+    now, before = (_join_settings(each.settings.values()) for each in (read, other))
+    differing = (
+        f"{name} {now.get(name, 'unset')} instead of {before.get(name, 'unset')}"
+        for name in sorted(now.keys() | before.keys())
+        if now.get(name) != before.get(name)
+    )
+    return ", ".join(differing)
+
+
+def _join_settings(campaigns: Iterable[Mapping[str, str]]) -> dict[str, str]:
+    """Return the values of each setting over the campaigns of a release."""
+    found: dict[str, dict[str, None]] = {}
+    for settings in campaigns:
+        for name, value in settings.items():
+            found.setdefault(name, {})[value] = None
+    return {name: " and ".join(sorted(values)) for name, values in found.items()}
+
+
+def _describe_codes(read: ReadRelease) -> str:
+    """Return in which packages the campaigns of one version had different code."""
+    packages = sorted({name for code in read.release.fingerprints for name in code})
+    differing = [
+        f"{package} " + ", ".join(f"{digest} ({ids})" for digest, ids in by_digest.items())
+        for package in packages
+        if len(by_digest := _group_campaigns(read, package)) > 1
+    ]
+    return f"Version {read.release.version} ran with different code: {'; '.join(differing)}."
+
+
+def _group_campaigns(read: ReadRelease, package: str) -> dict[str, str]:
+    found: dict[str, list[int]] = {}
+    for campaign, codes in read.codes.items():
+        for digest in dict.fromkeys(code.get(package, "none") for code in codes):
+            found.setdefault(digest, []).append(campaign)
+    return {
+        digest: f"campaign{'s' * (len(ids) > 1)} {', '.join(map(str, ids))}"
+        for digest, ids in found.items()
+    }

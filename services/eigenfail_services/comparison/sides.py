@@ -6,7 +6,7 @@ from math import comb
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
-from eigenfail.intervals import difference, paired_difference
+from eigenfail.intervals import difference, mcnemar, paired_difference
 from eigenfail.presentation import figures
 from eigenfail.presentation.rates import explain_design, format_counted_rate, format_rate
 from eigenfail.values import (
@@ -46,7 +46,7 @@ def _list_sentences(found: Comparison) -> tuple[str, ...]:
         f"A {_describe_failures(a)}; B {_describe_failures(b)}.",
         *(
             [_compare_rates(found.difference, pairs)]
-            if found.difference and are_sampled(a, b)
+            if found.difference and found.is_sampled
             else []
         ),
         _describe_pairs(pairs) if pairs else f"Episodes are not paired: {found.unpaired_because}",
@@ -65,11 +65,6 @@ def _describe_failures(side: Side) -> str:
     if not rate.k:
         return f"fails in {format_counted_rate(rate)}"
     return f"fails in {format_rate(rate)} of {rate.n} episodes"
-
-
-def are_sampled(*sides: Side) -> bool:
-    """Return whether the episodes of all sides are random samples, whose rates can be compared."""
-    return all(side.failure_rate is not None and side.failure_rate.sampled for side in sides)
 
 
 def _compare_rates(found: Difference, pairs: McNemar | None) -> str:
@@ -228,7 +223,7 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
         b=right,
         difference=_find_paired_difference(pairing, [*ones, *others])
         or _find_difference(left, right, ones, others),
-        pairs=comparison.mcnemar(pairing.totals) if pairing.totals else None,
+        pairs=mcnemar(pairing.totals) if pairing.totals else None,
         unpaired_because=pairing.because,
         effect=_find_effect(left, right),
         distinctions=find_distinctions(_list_specs(ones), _list_specs(others)),
