@@ -29,7 +29,7 @@ from eigenfail_api.parameters import IDS, LARGEST, Stored
 from eigenfail_api.routes.analyses import COMPARISONS, parse_ids
 from eigenfail_services.campaigns.costs import find_spending
 from eigenfail_services.campaigns.summary import find_course, summarise
-from eigenfail_services.comparison import questions, sides
+from eigenfail_services.comparison import comparability, sides
 from eigenfail_services.store import Store
 
 CampaignIds = Sequence[int]
@@ -166,7 +166,7 @@ class ComparedView(msgspec.Struct, frozen=True, kw_only=True):
     chosen: tuple[Chosen, ...]
     names: tuple[str, ...]
     figures: Table | None
-    settings: tuple[questions.SettingValues, ...]
+    settings: tuple[comparability.SettingValues, ...]
     only: bool
     other: str
     first: str
@@ -176,7 +176,7 @@ class ComparedView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def list_verdicts(
-    groups: Sequence[questions.Group], found: Sequence[values.Comparison]
+    groups: Sequence[comparability.Group], found: Sequence[values.Comparison]
 ) -> tuple[ComparisonVerdict, ...]:
     """Return the comparison of every group with the first."""
     return tuple(
@@ -194,7 +194,7 @@ def list_verdicts(
     )
 
 
-def group_name(group: questions.Group) -> str:
+def group_name(group: comparability.Group) -> str:
     """Its campaigns."""
     return "; ".join(map(name_column, group))
 
@@ -348,7 +348,7 @@ def make_compared_view(store: Store, wished: Wish, service: Service) -> Compared
     listed = make_picker([*campaigns, *find_matching(store, ids, wished.named)], ids, wished.named)
     is_enough = len(campaigns) >= sides.FEWEST
     found = sides.group_by_seed(campaigns) if is_enough else ()
-    every = questions.compare_settings(campaigns) if is_enough else ()
+    every = comparability.compare_settings(campaigns) if is_enough else ()
     compared = [read_compared(store, each) for each in campaigns] if is_enough else []
     summaries = [summarise(each, store.episodes.totals(each.id)) for each in campaigns]
     pair = [",".join(str(each.id) for each in group) for group in found[:2]]

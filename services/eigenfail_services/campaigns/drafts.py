@@ -14,6 +14,7 @@ from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec
 from eigenfail.values.campaign_spec import MAX_EPISODES
 from eigenfail.wire.http import MAX_CAMPAIGNS_AT_ONCE, read_fields
 from eigenfail_services.campaigns import resolution, validation
+from eigenfail_services.campaigns.references import check_has_knowledge
 from eigenfail_services.store import Store
 
 MOST_PROBLEMS = 100
@@ -260,7 +261,7 @@ def _list_references(method: str) -> Iterator[tuple[str, Reference]]:
 
 def _has_knowledge(campaign: Campaign) -> bool:
     try:
-        resolution.check_has_knowledge(campaign, "")
+        check_has_knowledge(campaign, "")
     except EigenfailError:
         return False
     return True

@@ -16,8 +16,7 @@ from eigenfail.values.comparison import MOST_TRIALS
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis.region import RegionQuestion, find_failing_region
 from eigenfail_services.analysis.sampling_design import SamplingDesign
-from eigenfail_services.comparison.pairing import list_unpairable
-from eigenfail_services.comparison.questions import find_mixed_fields
+from eigenfail_services.comparison.comparability import find_mixed_fields, list_unpairable
 from eigenfail_services.comparison.sides import warn_of_unfinished
 from eigenfail_services.store import Store
 

@@ -18,7 +18,7 @@ from eigenfail_services.analysis.mode_regions import ModeBehaviours
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.summary import count_doubtful
-from eigenfail_services.comparison.questions import flatten_spec
+from eigenfail_services.comparison.comparability import flatten_spec
 from eigenfail_services.store import Store
 from eigenfail_services.store.analyses import UNFINISHED
 

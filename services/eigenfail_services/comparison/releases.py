@@ -18,7 +18,7 @@ from eigenfail.worlds import describe_requirements
 from eigenfail_services.analysis import mode_matching
 from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.comparison import release_reading
-from eigenfail_services.comparison.questions import write_release_question
+from eigenfail_services.comparison.comparability import write_release_question
 from eigenfail_services.store import Store
 
 NO_COLLISION = "no collision"

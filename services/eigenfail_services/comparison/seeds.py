@@ -19,7 +19,7 @@ from eigenfail_services.analysis.campaign_figures import price_failures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.suites import list_members
 from eigenfail_services.campaigns.summary import summaries_of
-from eigenfail_services.comparison.questions import (
+from eigenfail_services.comparison.comparability import (
     Group,
     group_alike,
     list_differing,

@@ -26,13 +26,15 @@ from eigenfail.versions import describe_mixed
 from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.summary import count_doubtful, divide, find_failure_rate
-from eigenfail_services.comparison.pairing import PairedEpisodes, list_unpairable, pair_episodes
-from eigenfail_services.comparison.questions import (
+from eigenfail_services.comparison.comparability import (
     Group,
+    PairedEpisodes,
     find_differing_fields,
     find_distinctions,
     find_mixed_fields,
     group_alike,
+    list_unpairable,
+    pair_episodes,
 )
 from eigenfail_services.statistics import comparison
 from eigenfail_services.store import Store

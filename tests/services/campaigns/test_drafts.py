@@ -18,7 +18,7 @@ from eigenfail_services.campaigns.drafts import (
     read_draft,
 )
 from eigenfail_services.campaigns.resolution import fill_defaults
-from eigenfail_services.comparison.questions import compare_settings
+from eigenfail_services.comparison.comparability import compare_settings
 from eigenfail_services.comparison.sides import (
     MOST,
     group_by_seed,

@@ -27,7 +27,7 @@ from eigenfail.values import (
     StopRules,
 )
 from eigenfail.values.requirements import NoCollision, TimeHeadway
-from eigenfail_services.comparison.questions import (
+from eigenfail_services.comparison.comparability import (
     THINGS,
     find_differing_fields,
     find_distinctions,
