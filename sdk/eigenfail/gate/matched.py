@@ -8,7 +8,7 @@ import msgspec
 from eigenfail.gate.reruns import ReportName, ReportSentence
 from eigenfail.presentation.releases import CHANGES, NOT_COMPARED
 from eigenfail.settings import Count, Ordinal
-from eigenfail.values.release import ModeSighting, ModeStatus, ReleaseTable
+from eigenfail.values.release import ModeStatus, ReleaseTable
 
 
 class MatchedMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -89,12 +89,13 @@ def _list_matched(table: ReleaseTable, before: str, now: str) -> Iterator[Matche
     for mode in table.modes:
         was, newest = (mode.sightings[place] for place in pair)
         if was.failures or newest.failures:
+            place = newest if newest.failures else was
             yield MatchedMode(
                 name=mode.name,
                 status=None if newest.is_baseline else newest.status,
                 before=was.failures,
                 now=newest.failures,
-                mode=_place_mode(newest if newest.failures else was),
+                mode=f"{place.analysis}/{place.mode}",
                 words=newest.words,
             )
 
@@ -115,7 +116,3 @@ def describe_matched(matched: Sequence[MatchedModes]) -> Iterator[str]:
         if each.problem:
             members = ", ".join(each.members)
             yield f"{members}: failure modes are not matched over releases. {each.problem}"
-
-
-def _place_mode(sighting: ModeSighting) -> str:
-    return f"{sighting.analysis}/{sighting.mode}"

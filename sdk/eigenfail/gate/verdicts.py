@@ -54,6 +54,7 @@ def judge_outcome(before: Outcome | None, now: Outcome | None) -> GateVerdict:
     failed = before is not None and before.is_failure
     if now is Outcome.SAFE:
         return GateVerdict.FIXED if failed else GateVerdict.SAFE
+    # Errored, or lost: whether the planner fails there is not known, so that it closes the gate.
     if now is None or not now.is_failure:
         return GateVerdict.CANNOT_RUN
     if before is Outcome.SAFE:
@@ -188,6 +189,7 @@ def find_change(
     before: Estimate | None, now: Estimate | None, difference: Difference | None
 ) -> int:
     """1 where the failures rose by more than the gate's rule allows, -1 where they fell, else 0."""
+    # An estimate weighs the failures of a search, so that it says more than their share.
     if ends := subtract_estimates(before, now):
         low, high = ends
     elif difference:
@@ -236,17 +238,10 @@ def describe_pairs(counts: Mapping[GateVerdict, int], comparison: Comparison) ->
     if pairs is None:
         return comparison.unpaired_because
     named = ", ".join(f"{count} {each}" for each, count in counts.items()) or "no failure"
-    return (
-        f"{pairs.n} pairs of episodes under the same noise: {named}{_describe_mcnemar(comparison)}."
-    )
-
-
-def _describe_mcnemar(comparison: Comparison) -> str:
-    """What chance says of pairs in which only one side failed."""
-    pairs = comparison.pairs
-    if pairs is None or not (pairs.only_a or pairs.only_b):
-        return ""
-    return f" (McNemar's exact test on {pairs.only_a + pairs.only_b}: p = {pairs.p_value:.2g})"
+    discordant, chance = pairs.only_a + pairs.only_b, ""
+    if discordant:
+        chance = f" (McNemar's exact test on {discordant}: p = {pairs.p_value:.2g})"
+    return f"{pairs.n} pairs of episodes under the same noise: {named}{chance}."
 
 
 def describe_rates(
