@@ -59,7 +59,12 @@ def _find_known_modes(store: Store, campaign: values.Campaign) -> campaign_figur
         return campaign_figures.KnownModes(found.id, None, result.verdict)
     first = _find_first_failures(result, campaign.id)
     landed = (store.episodes.page(campaign.id, 1, after=index - 1).items for index in first)
-    words = f"{result.verdict} {result.caution}".rstrip() + _describe_lag(result, campaign)
+    words = f"{result.verdict} {result.caution}".rstrip()
+    owners = result.campaigns or (campaign.id,) * len(result.episodes)
+    # The campaign may have gone on since.
+    analysed, failures = owners.count(campaign.id), campaign.counts.failures
+    if analysed < failures:
+        words += f" It knows {analysed} of {failures} failures."
     return campaign_figures.KnownModes(
         found.id, tuple(sorted(rows[0].finished_ms for rows in landed)), words
     )
@@ -84,12 +89,6 @@ def _find_first_failures(result: values.AnalysisResult, campaign: int) -> list[i
         if owner == campaign and result.modes[mode].failures >= FEWEST_OF_MODE:
             first[mode] = min(index, first.get(mode, index))
     return list(first.values())
-
-
-def _describe_lag(result: values.AnalysisResult, campaign: values.Campaign) -> str:
-    owners = result.campaigns or (campaign.id,) * len(result.episodes)
-    known, now = owners.count(campaign.id), campaign.counts.failures
-    return f" It knows {known} of {now} failures." if known < now else ""
 
 
 AT_A_TIME = 3

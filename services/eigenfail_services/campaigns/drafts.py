@@ -104,12 +104,8 @@ def move_errors(where: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise _move_error(error, where) from error
-
-
-def _move_error(error: InputError, where: str) -> InputError:
-    """Return the same error, of a value inside something else."""
-    return rename_field(error, f"{where}.{error.field}" if error.field else where)
+        field = f"{where}.{error.field}" if error.field else where
+        raise rename_field(error, field) from error
 
 
 def rename_field(error: InputError, field: str) -> InputError:
@@ -127,11 +123,14 @@ def find_problems(given: Fields, store: Store) -> tuple[InputError, ...]:
     left is read again, until it is in order. Only a complete campaign is compared with the offers
     of bridges: the default of a value that was taken out need not be among them.
     """
+    # Converters of structs stop at their first error, and plug-ins raise theirs one by one: that a
+    # value is wrong shows only once those before it are out of the way.
     left, found = dict(given), list[InputError]()
     while len(found) < MOST_PROBLEMS:
         try:
             campaign = read_draft(left, store)
         except InputError as error:
+            # A value that was taken out and is refused again cannot be told from its default.
             if error.field in {each.field for each in found if not isinstance(each, UnknownName)}:
                 break
             found.append(error)

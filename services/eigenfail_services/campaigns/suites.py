@@ -123,7 +123,9 @@ def check_suite(store: Store, suite: suites.Suite) -> CheckedSuite:
     checked = CheckedSuite({}, {})
     for name, spec in ready.items():
         try:
-            checked.missing[suites.make_member_key(spec)] = _check_member(store, spec)
+            campaign = validation.validate_campaign(spec, store)
+            validation.check_offers(campaign, validation.list_offers([campaign], store))
+            checked.missing[suites.make_member_key(spec)] = campaign.spec
         except InputError as error:
             checked.problems[name] = error
     for member in suite.members:
@@ -156,12 +158,6 @@ def create_suite(store: Store, suite: suites.Suite, made_by: int | None = None) 
         with move_errors(f"member '{name}'"):
             raise error
     store.campaigns.create_missing(checked.missing, made_by)
-
-
-def _check_member(store: Store, spec: CampaignSpec) -> CampaignSpec:
-    campaign = validation.validate_campaign(spec, store)
-    validation.check_offers(campaign, validation.list_offers([campaign], store))
-    return campaign.spec
 
 
 def list_members(store: Store, suite: str) -> Iterator[Campaign]:

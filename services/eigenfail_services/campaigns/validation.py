@@ -203,30 +203,19 @@ def describe_stop_rules(campaign: resolution.ResolvedCampaign) -> Iterator[str]:
     if pace is None:
         yield f"{judged}, as large as the method makes them: once {holds}, open ones are finished."
     elif spec.episodes <= pace.first + pace.ahead * pace.later:
-        yield f"{judged}, and {_describe_whole(pace)}: nothing ends early. {_describe_remedy(pace)}"
+        rounds = "one round holds"
+        if pace.ahead:
+            rounds = "two rounds, which are open together, hold"
+        remedy = f"Give it more episodes, or a smaller {pace.setting}."
+        yield f"{judged}, and {rounds} all of the budget: nothing ends early. {remedy}"
     else:
-        rest = _describe_rest(pace, spec.episodes)
-        yield f"{judged}, of {_describe_size(pace)} episodes here: once {holds}, {rest}"
-
-
-def _describe_whole(pace: RoundPace) -> str:
-    if pace.ahead:
-        return "two rounds, which are open together, hold all of the budget"
-    return "one round holds all of the budget"
-
-
-def _describe_remedy(pace: RoundPace) -> str:
-    return f"Give it more episodes, or a smaller {pace.setting}."
-
-
-def _describe_size(pace: RoundPace) -> str:
-    return f"{pace.later}" if pace.first == pace.later else f"up to {max(pace.first, pace.later)}"
-
-
-def _describe_rest(pace: RoundPace, episodes: int) -> str:
-    open_then = (1 + pace.ahead) * max(pace.first, pace.later) - 1
-    why = ", as the next round is open by then" if pace.ahead else ""
-    return f"up to {min(open_then, episodes - 1)} more are run{why}."
+        largest = max(pace.first, pace.later)
+        size = f"{largest}" if pace.first == pace.later else f"up to {largest}"
+        # The round that a rule is judged after is over: one episode less than all open ones.
+        open_then = min((1 + pace.ahead) * largest - 1, spec.episodes - 1)
+        why = ", as the next round is open by then" if pace.ahead else ""
+        more = f"up to {open_then} more are run{why}."
+        yield f"{judged}, of {size} episodes here: once {holds}, {more}"
 
 
 def find_pace(campaign: resolution.ResolvedCampaign) -> RoundPace | None:

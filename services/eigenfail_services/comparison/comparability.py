@@ -309,7 +309,10 @@ def _find_other_request(specs: Sequence[CampaignSpec]) -> str:
 def _find_other_noise(store: Store, one: Campaign, other: Campaign) -> str:
     """Return which sampled pair of episodes saw different noise; empty without one."""
     for first, second in _sample_pairs(store, one, other):
-        if not _is_same_noise(first, second):
+        # The same z, as far as both went: a failure ends its episode early.
+        steps = min(first.steps, second.steps)
+        same_noise = np.array_equal(first.noise.z[:steps], second.noise.z[:steps])
+        if not same_noise or (first.seed, first.source) != (second.seed, second.source):
             return (
                 f"the noise of episode {one.id}/{first.index} is not that of "
                 f"{other.id}/{second.index}."
@@ -322,26 +325,15 @@ def _sample_pairs(
 ) -> Iterator[tuple[EpisodeResult, EpisodeResult]]:
     """Return pairs of episodes with noise, evenly spread over the campaigns."""
     reach = min(one.counts.planned, other.counts.planned)
-    each = _find_kept_multiple(store, one, other)
+    # Pruning leaves the noise of multiples of a number: places are multiples of all these numbers.
+    records = (record for each in (one, other) for record in store.retention.of(each.id))
+    each = lcm(*(record.retention.keep_every for record in records))
     places = {place * reach // PAIRS_COMPARED // each * each for place in range(PAIRS_COMPARED)}
     others = {result.index: result for result in store.episodes.finished(other.id, places)}
     for result in store.episodes.finished(one.id, places):
         partner = others.get(result.index)
         if partner is not None and result.steps and partner.steps:
             yield result, partner
-
-
-def _find_kept_multiple(store: Store, *campaigns: Campaign) -> int:
-    """Return the number whose multiples have kept their noise in all campaigns after pruning."""
-    records = (record for each in campaigns for record in store.retention.of(each.id))
-    return lcm(*(record.retention.keep_every for record in records))
-
-
-def _is_same_noise(first: EpisodeResult, second: EpisodeResult) -> bool:
-    """Return whether two episodes were given the same z, as far as both went."""
-    steps = min(first.steps, second.steps)
-    same = np.array_equal(first.noise.z[:steps], second.noise.z[:steps])
-    return same and (first.seed, first.source) == (second.seed, second.source)
 
 
 def _sum_pairs(totals: Sequence[PairTotals]) -> PairTotals:

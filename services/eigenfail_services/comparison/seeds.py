@@ -90,12 +90,12 @@ def make_spreads(
     groups = group_alike(campaigns)
     paths = list_differing([campaign.spec for campaign in campaigns]) if len(groups) > 1 else []
     names = shorten_paths(path for path in paths if path != SEED)
-    found = (_make_spread(group, summary_of, names) for group in groups if _has_seeds(group))
+    found = (
+        _make_spread(group, summary_of, names)
+        for group in groups
+        if len({campaign.spec.seed for campaign in group}) > 1
+    )
     return tuple(spread for spread in found if spread is not None)
-
-
-def _has_seeds(group: Group) -> bool:
-    return len({campaign.spec.seed for campaign in group}) > 1
 
 
 def _make_spread(
@@ -105,7 +105,9 @@ def _make_spread(
     if not members:
         return None
     summaries = [member.summary for member in members]
-    lost = _count_lost(group, members)
+    # Seeds of which no episode was completed may hide failures, too.
+    known = {member.seed for member in members}
+    lost = sum(each.counts.errored for each in group if each.spec.seed not in known)
     pooled = _pool_rates(members, lost)
     worst = min(members, key=lambda member: (member.share, -member.first, member.seed))
     return SeedSpread(
@@ -177,12 +179,6 @@ def _price_failures(members: Sequence[_Member], pooled: Rate) -> Cost:
         sum(bill.instance_hours for bill in bills),
         pooled,
     )
-
-
-def _count_lost(group: Group, members: Sequence[_Member]) -> int:
-    """Return the errored episodes of the seeds of which no episode was completed."""
-    known = {member.seed for member in members}
-    return sum(each.counts.errored for each in group if each.spec.seed not in known)
 
 
 def _pool_rates(members: Sequence[_Member], lost: int) -> Rate:

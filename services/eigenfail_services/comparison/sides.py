@@ -230,11 +230,13 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
         effect=_find_effect(left, right),
         distinctions=find_distinctions(_list_specs(ones), _list_specs(others)),
     )
+    rates = [side.failure_rate for side in (left, right) if side.failure_rate]
     caveats = (
         *_list_confounders(find_differing_fields(found.distinctions)),
         *_warn_of_mixture("A", find_mixed_fields(_list_specs(ones))),
         *_warn_of_mixture("B", find_mixed_fields(_list_specs(others))),
-        *_explain_designs(left, right),
+        # Both sides mostly have one design: it is explained once.
+        *dict.fromkeys(filter(None, map(explain_design, rates))),
         *warn_of_seeds([*ones, *others]),
         *_warn_of_errors("A", ones),
         *_warn_of_errors("B", others),
@@ -242,11 +244,6 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
         *warn_of_unfinished([*ones, *others]),
     )
     return replace(found, sentences=_list_sentences(found), warnings=caveats)
-
-
-def _explain_designs(*sides: Side) -> tuple[str, ...]:
-    rates = [side.failure_rate for side in sides if side.failure_rate]
-    return tuple(dict.fromkeys(filter(None, map(explain_design, rates))))
 
 
 def _list_specs(campaigns: Sequence[Campaign]) -> list[CampaignSpec]:
