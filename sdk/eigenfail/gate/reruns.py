@@ -254,6 +254,7 @@ def find_hidden(  # noqa: PLR0913, PLR0917 - the two sides, and how they are jud
         by: whether each episode counts, or all of them together.
         closing: verdicts that close the gate.
     """
+    # The worst case: every episode in doubt fails with the new planner.
     worst = judge_doubtful(before, now)
     if by is JudgedBy.EPISODE:
         return {index for index, verdict in worst.items() if verdict in closing}
@@ -317,6 +318,7 @@ def _judge_by_pairs(
         verdict=worst if by is JudgedBy.EPISODE else judge_rate_by_chance(comparison.pairs, counts),
         by=by,
         words=describe_pairs(counts, comparison),
+        # Sorted, so that equal gates have equal reports, byte for byte.
         counts={each: counts[each] for each in WORST_FIRST if counts[each]},
         findings=tuple(_list_pair_findings(verdicts, before.id, now, pages)),
         difference=comparison.difference,
@@ -373,6 +375,7 @@ def _list_failure_findings(now: RerunSide, pages: str) -> Iterator[GateFinding]:
 
 def _list_warnings(comparison: Comparison) -> tuple[str, ...]:
     """What keeps it from saying more; not that nothing differs, since the planner's code may."""
+    # A new version of the planner has the same name: that the specs are equal is no warning here.
     unseen = () if comparison.distinctions else (SAME,)
     left = (each for each in comparison.warnings if not each.startswith(unseen))
     return tuple(each.replace("A and B", "Baseline and rerun") for each in left)

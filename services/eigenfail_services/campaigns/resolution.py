@@ -112,6 +112,7 @@ def resolve_method(name: str, given: Mapping[str, Any], field: str = "settings")
 
 def find_searching(method: ResolvedMethod) -> ResolvedMethod:
     """Return the method of an ensemble's members, or the method itself."""
+    # An ensemble only shares out the episodes: what noise means is up to its members.
     if not method.traits.has_members:
         return method
     members = method.settings

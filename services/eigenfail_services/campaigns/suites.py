@@ -120,12 +120,13 @@ def check_suite(store: Store, suite: suites.Suite) -> CheckedSuite:
         alike.setdefault(campaign.spec.name, []).append(campaign)
     found = suites.match_campaigns(suite, alike)
     ready = dict(suites.list_ready_members(suite, found))
+    # Problems of all members are found first: a suite is created whole, or not at all.
     checked = CheckedSuite({}, {})
     for name, spec in ready.items():
         try:
-            campaign = validation.validate_campaign(spec, store)
-            validation.check_offers(campaign, validation.list_offers([campaign], store))
-            checked.missing[suites.make_member_key(spec)] = campaign.spec
+            resolved = validation.validate_campaign(spec, store)
+            validation.check_offers(resolved, validation.list_offers([resolved], store))
+            checked.missing[suites.make_member_key(spec)] = resolved.spec
         except InputError as error:
             checked.problems[name] = error
     for member in suite.members:

@@ -72,6 +72,7 @@ FlatSpec = Mapping[str, str]
 
 def group_alike(campaigns: Sequence[Campaign]) -> tuple[Group, ...]:
     """Group campaigns that differ only in name, priority and seed, in the order of their first."""
+    # Defaults are filled in, so that a campaign that writes one out is like one that does not.
     found: dict[bytes, list[Campaign]] = {}
     for campaign in campaigns:
         alike = replace(campaign.spec, name="alike", seed=0, priority=Priority.NORMAL)
@@ -108,6 +109,7 @@ def list_given_settings(spec: CampaignSpec) -> dict[KeyPath, Any]:
 
 def list_differing(specs: Sequence[CampaignSpec]) -> list[KeyPath]:
     """Return the paths at which specs differ, in the order of a spec's fields; names aside."""
+    # None is a value, too: a setting that is not there needs a mark of its own.
     first, *others = given = [list_given_settings(spec) for spec in specs]
     absent = object()
     differing = [

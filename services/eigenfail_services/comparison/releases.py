@@ -182,6 +182,7 @@ def _compare_modes(
 ) -> tuple[release.ReleaseMode, ...]:
     """Return the modes over all releases; those with a problem say nothing of a mode."""
     compared = [each for each in read if not each.release.problem]
+    # Accelerations over steps of different length are no points of one space.
     steps_s = {each.step_s for each in compared if each.step_s is not None}
     if len(steps_s) != 1:
         return ()
@@ -330,6 +331,7 @@ def _name_modes(
     modes: Sequence[release.ReleaseMode], known: _ModesByPlace
 ) -> Iterator[release.ReleaseMode]:
     """Yield modes with names and triage of their newest sightings."""
+    # A mode that is gone keeps the name that it had in the last version with failures of it.
     newest = [
         next(
             known[one.analysis, one.mode]

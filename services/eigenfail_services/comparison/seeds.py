@@ -133,6 +133,7 @@ def _make_spread(
 def _pick_members(group: Group, summary_of: dict[int, Summary]) -> list[_Member]:
     """Return the campaigns with a completed episode by seed; of one seed the one furthest on."""
     found: dict[int, _Member] = {}
+    # The last one wins: of one seed that is the campaign with most episodes, then the newest.
     for campaign in sorted(group, key=lambda each: (summary_of[each.id].counts.completed, each.id)):
         if summary_of[campaign.id].counts.completed:
             found[campaign.spec.seed] = _Member(campaign, summary_of[campaign.id])

@@ -93,6 +93,7 @@ def is_beyond_chance(found: Difference, pairs: McNemar | None) -> bool:
     The interval excludes 0. Of pairs, whose score interval is approximate, McNemar's exact test
     distinguishes the sides as well: with few pairs that differ the interval alone is too bold.
     """
+    # Tango's score interval is approximate, and too narrow where few pairs differ.
     excludes_none = not found.interval.low <= 0.0 <= found.interval.high
     is_exact = not found.is_paired or (
         pairs is not None and pairs.p_value < comparison.SIGNIFICANCE
@@ -276,6 +277,7 @@ def _summarise_side(store: Store, campaigns: Sequence[Campaign]) -> Side:
     errored = sum(campaign.counts.errored for campaign in campaigns)
     counted = [(campaign, count_doubtful(store, campaign)) for campaign in campaigns]
     rates = [find_failure_rate(*each) for each in counted]
+    # Read after the counts: of a campaign that is running they may be of more episodes.
     unresolved = min(sum(doubtful for _, doubtful in counted), completed - failures)
     design = SamplingDesign.of_failures(campaigns)
     pooled = design.make_rate(failures, completed, errored, unresolved) if completed else None
