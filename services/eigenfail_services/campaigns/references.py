@@ -1,7 +1,7 @@
 """What the settings of a campaign name: noise, episodes and learners of earlier campaigns.
 
-They are checked once, before the campaign is created. What they name has ended by then and cannot
-change, so that the claim of a campaign only reads it, as the context of the learner.
+They are checked once, before the campaign is created. What they name has ended by then: only its
+noise can still be lost. So the claim of a campaign reads it, as the context of the learner.
 """
 
 from collections.abc import Iterator, Sequence
@@ -208,17 +208,21 @@ def _check_data(
             problem = f"campaign {before.id} has other requirements, or another importance."
             raise InvalidValue(field, problem, "Name campaigns that have the same.")
         _check_channels(before, field, campaign.channels)
-        # What pruning has left is another sample than the campaign's episodes.
-        if records := store.retention.of(before.id):
-            lost = sum(each.weight.episodes for each in records)
-            problem = f"the noise of {lost:,} episodes of campaign {before.id} was pruned."
-            raise InvalidValue(field, problem, "Name another, or restore a backup from before.")
+        _refuse_pruned(before.id, field, store)
         completed += before.counts.completed
     if completed > MOST_READ:
         problem = (
             f"{completed:,} episodes are more than the {MOST_READ:,} that can be looked through."
         )
         raise InvalidValue(field, problem, "Name fewer or smaller campaigns.")
+
+
+def _refuse_pruned(campaign: int, field: str, store: "Store") -> None:
+    # What pruning has left is another sample than the campaign's episodes.
+    if records := store.retention.of(campaign):
+        lost = sum(each.weight.episodes for each in records)
+        problem = f"the noise of {lost:,} episodes of campaign {campaign} was pruned."
+        raise InvalidValue(field, problem, "Name another, or restore a backup from before.")
 
 
 def _check_channels(before: values.Campaign, field: str, channels: Sequence[str]) -> None:
@@ -430,13 +434,20 @@ def read_experience(campaign: ResolvedCampaign, store: "Store") -> values.Experi
     In order of campaign and index. Where there are more than `MOST_EPISODES`, or than hold
     `MOST_NUMBERS`, it is the least robust, and an even sample of the others by robustness, as many
     of these as of those.
+
+    Raises:
+        InvalidValue: the noise of one of them was pruned.
     """
-    named = campaign.searching.given_references(Reference.EPISODES).values()
-    data = sorted({number for numbers in named for number in numbers})
+    method, data = campaign.searching, set[int]()
+    for name, numbers in method.given_references(Reference.EPISODES).items():
+        data |= set(numbers)
+        # Noise may have been pruned between the check of a campaign and its creation.
+        for number in sorted(set(numbers)):
+            _refuse_pruned(number, f"{method.field}.{name}", store)
     if not data:
         return None
     horizon, channels = campaign.horizon, len(campaign.channels)
-    completed = sorted(one for number in data for one in _list_completed(number, store))
+    completed = sorted(one for number in sorted(data) for one in _list_completed(number, store))
     kept = choose_episodes(completed, min(MOST_EPISODES, MOST_NUMBERS // (channels * horizon)))
     kept.sort(key=lambda one: (one.campaign, one.index))
     results = [
