@@ -30,7 +30,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import FailureCourse, make_failure_course
 from eigenfail.worlds import list_channels
-from eigenfail_services.campaigns.learner_context import stack_noise
+from eigenfail_services.campaigns.references import stack_noise
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_workers.engine import Engine
 from eigenfail_workers.functions import FunctionEngine

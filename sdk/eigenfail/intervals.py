@@ -5,7 +5,7 @@ from math import exp, inf, lgamma, log, log1p, sqrt
 from statistics import NormalDist
 
 from eigenfail.errors import InvalidValue
-from eigenfail.values import Difference, Interval, PairTotals, Rate
+from eigenfail.values import Difference, Interval, McNemar, PairTotals, Rate
 
 ERROR = 0.05
 Z = NormalDist().inv_cdf(1.0 - ERROR / 2.0)
@@ -147,6 +147,25 @@ def difference(a: Rate, b: Rate) -> Difference:
     low = value - sqrt((p_b - low_b) ** 2 + (high_a - p_a) ** 2)
     high = value + sqrt((high_b - p_b) ** 2 + (p_a - low_a) ** 2)
     return Difference(value, Interval(max(-1.0, low), min(1.0, high)), a.n, b.n)
+
+
+def mcnemar(pairs: PairTotals) -> McNemar:
+    """Return McNemar's exact test: only pairs in which just one side failed distinguish the sides.
+
+    If both sides were equally prone to fail, each would be that one with probability 1/2: the
+    p-value is twice the binomial tail of the rarer, at most 1. Source: McNemar 1947, Psychometrika
+    12, 153–157.
+    """
+    rarer = min(pairs.only_first, pairs.only_second)
+    tail = sum_lower_tail(rarer, pairs.only_first + pairs.only_second, 0.5)
+    return McNemar(
+        n=pairs.n,
+        both=pairs.both,
+        only_a=pairs.only_first,
+        only_b=pairs.only_second,
+        neither=pairs.neither,
+        p_value=min(1.0, 2.0 * tail),
+    )
 
 
 def paired_difference(pairs: PairTotals) -> Difference:

@@ -16,13 +16,15 @@ import structlog
 
 from eigenfail import logs
 from eigenfail.command_line import Parser, checked_stdout
-from eigenfail.errors import EigenfailError, StoreUnavailable
-from eigenfail.hosting.service import Launcher
+from eigenfail.errors import EigenfailError, InvalidValue, StoreUnavailable
+from eigenfail.hosting.service import Launcher, make_span, refuse_scaling
 from eigenfail.processes import die_with_parent, end_now
 from eigenfail.values.access import redact
 from eigenfail_services import bounds, observability
-from eigenfail_services.campaigns import analysis_jobs, launcher_options
-from eigenfail_services.campaigns.launcher import WorkerScaling
+from eigenfail_services.campaigns import analysis_jobs
+from eigenfail_services.campaigns.launcher import NoLauncher, WorkerLauncher, WorkerScaling
+from eigenfail_services.campaigns.process_launcher import ProcessLauncher
+from eigenfail_services.campaigns.ray_launcher import RayLauncher
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.server import Hub
 from eigenfail_services.hub.transport import KEYS_VARIABLE, load_keys
@@ -53,7 +55,7 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--advertise", help="the hub's address, as workers of Ray reach it")
     keys = os.environ.get(KEYS_VARIABLE) or None
     parser.add_argument("--hub-keys", type=Path, default=keys, help="folder of its keys")
-    launcher_options.add_arguments(parser)
+    _add_launcher_options(parser)
     bounds.add_arguments(parser)
     observability.add_arguments(parser)
     addresses.add_arguments(parser)
@@ -62,6 +64,44 @@ def parse(words: list[str] | None = None) -> argparse.Namespace:
     analyse.add_argument("analysis", type=int)
     analyse.set_defaults(command=analyse_one)
     return parser.parse_args(words)
+
+
+def _add_launcher_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options for the number of workers and their launcher."""
+    parser.add_argument("--workers", type=int, help="number of workers; default: one per core")
+    parser.add_argument("--min-workers", type=int, help="minimum number of workers; 0")
+    parser.add_argument("--max-workers", type=int, help="scale with the work, up to this number")
+    parser.add_argument(
+        "--idle-s", type=float, help="time after which idle workers are stopped [s]; 60"
+    )
+    parser.add_argument(
+        "--launcher",
+        choices=[one.value for one in Launcher],
+        default=Launcher.RAY.value,
+        help="what starts workers",
+    )
+    parser.add_argument("--ray-address", default=None, help="of a running cluster")
+
+
+def create_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
+    """Return the launcher that the options name.
+
+    Raises:
+        InvalidValue: the numbers of workers do not go together, or are given where none starts; or
+            a cluster is named that the launcher does not use.
+    """
+    launcher = Launcher(arguments.launcher)
+    least, most = arguments.min_workers, arguments.max_workers
+    if launcher is Launcher.NONE:
+        refuse_scaling(least, most, arguments.idle_s)
+        return NoLauncher()
+    if launcher is Launcher.LOCAL and arguments.ray_address is not None:
+        problem = "names a running Ray, and --launcher local uses none."
+        raise InvalidValue("--ray-address", problem, "Omit it, or take --launcher ray.")
+    span = make_span(arguments.workers, least, most, arguments.idle_s)
+    if launcher is Launcher.LOCAL:
+        return ProcessLauncher(span)
+    return RayLauncher(span, arguments.ray_address)
 
 
 def analyse_one(arguments: argparse.Namespace) -> NoReturn:
@@ -92,7 +132,7 @@ def serve(arguments: argparse.Namespace) -> None:
     """Run hub, supervisor and workers until SIGTERM or Ctrl-C."""
     keys, launcher = (
         load_keys(arguments.hub, arguments.hub_keys),
-        launcher_options.create_launcher(arguments),
+        create_launcher(arguments),
     )
     stopping = Event()
     for number in (signal.SIGTERM, signal.SIGINT):

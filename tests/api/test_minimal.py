@@ -14,7 +14,7 @@ from eigenfail.errors import Conflict, InvalidValue, NotFound
 from eigenfail.settings import read_settings
 from eigenfail.values import Outcome
 from eigenfail.values.records import Delivery
-from eigenfail_services.campaigns.learner_context import learner_context
+from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 
 

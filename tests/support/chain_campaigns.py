@@ -3,7 +3,7 @@
 from eigenfail import plugins
 from eigenfail.values import CampaignSpec, CampaignState
 from eigenfail.values.records import Delivery
-from eigenfail_services.campaigns.learner_context import learner_context
+from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.campaigns.validation import validate_campaign
 from eigenfail_services.store import Store, open_store

@@ -13,7 +13,7 @@ from eigenfail.values.records import Delivery
 from eigenfail_api.app import create_app
 from eigenfail_api.settings import ApiSettings
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.learner_context import learner_context
+from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 
 

@@ -27,10 +27,9 @@ from eigenfail_api.dashboard.overlays import Compared, make_bill_charts, make_ov
 from eigenfail_api.dashboard.rendering import Badge, make_campaign_badge, page
 from eigenfail_api.parameters import IDS, LARGEST, Stored
 from eigenfail_api.routes.analyses import COMPARISONS, parse_ids
-from eigenfail_services.campaigns import comparison
 from eigenfail_services.campaigns.costs import find_spending
-from eigenfail_services.campaigns.seeds import Group
 from eigenfail_services.campaigns.summary import find_course, summarise
+from eigenfail_services.comparison import comparability, sides
 from eigenfail_services.store import Store
 
 CampaignIds = Sequence[int]
@@ -79,7 +78,7 @@ def make_picker(shown: Sequence[values.Campaign], ids: CampaignIds, wanted: str)
     """Return the list of campaigns to choose from, with the chosen ones first in their order."""
     places = {each: place for place, each in enumerate(ids)}
     ordered = sorted(shown, key=lambda each: (places.get(each.id, len(ids)), -each.id))
-    words = f"{len(ids)} selected; {comparison.FEWEST} to {comparison.MOST} can be compared."
+    words = f"{len(ids)} selected; {sides.FEWEST} to {sides.MOST} can be compared."
     return Picker(
         choices=tuple(make_listed_choice(each, ids) for each in ordered), wanted=wanted, words=words
     )
@@ -167,7 +166,7 @@ class ComparedView(msgspec.Struct, frozen=True, kw_only=True):
     chosen: tuple[Chosen, ...]
     names: tuple[str, ...]
     figures: Table | None
-    settings: tuple[comparison.SettingValues, ...]
+    settings: tuple[comparability.SettingValues, ...]
     only: bool
     other: str
     first: str
@@ -177,7 +176,7 @@ class ComparedView(msgspec.Struct, frozen=True, kw_only=True):
 
 
 def list_verdicts(
-    groups: Sequence[Group], found: Sequence[values.Comparison]
+    groups: Sequence[comparability.Group], found: Sequence[values.Comparison]
 ) -> tuple[ComparisonVerdict, ...]:
     """Return the comparison of every group with the first."""
     return tuple(
@@ -195,7 +194,7 @@ def list_verdicts(
     )
 
 
-def group_name(group: Group) -> str:
+def group_name(group: comparability.Group) -> str:
     """Its campaigns."""
     return "; ".join(map(name_column, group))
 
@@ -209,14 +208,14 @@ def describe_difference(found: values.Comparison) -> str:
     """Return the difference of the failure rates of two random samples as text."""
     if found.difference is None:
         return "no episode on a side"
-    if not comparison.are_sampled(found.a, found.b):
+    if not found.is_sampled:
         # The share of the episodes that a search chose estimates no failure rate under p(x), so
         # that its difference from a rate, or from the share of another search, estimates nothing.
         return f"{UNKNOWN} not comparable: the episodes of a search are no random sample"
     value = f"{format_signed(100.0 * found.difference.value)} %"
     interval = format_signed_interval(found.difference.interval, 100.0)
     basis = ", over pairs" if found.difference.is_paired else ""
-    verdict = ", differs" if comparison.is_beyond_chance(found.difference, found.pairs) else ""
+    verdict = ", differs" if sides.is_beyond_chance(found.difference, found.pairs) else ""
     return f"{value} {interval}{basis}{verdict}"
 
 
@@ -227,7 +226,7 @@ def describe_pairs(found: values.Comparison) -> str:
     seen = found.pairs
     return (
         f"{count_noun(seen.n, 'pair')}: {seen.only_b} only here, {seen.only_a} only in the "
-        f"baseline, {comparison.format_p_value(seen.p_value)}"
+        f"baseline, {sides.format_p_value(seen.p_value)}"
     )
 
 
@@ -320,7 +319,7 @@ def show_comparison(
 ) -> HTMLResponse:
     """Serve the comparison of two groups of campaigns, or of all selected ones."""
     if a and b and not wished.campaigns:
-        found = comparison.compare(store, parse_ids(a), parse_ids(b))
+        found = sides.compare(store, parse_ids(a), parse_ids(b))
         bills = Bills(list_costs(store, found.a), list_costs(store, found.b))
         view = make_comparison_view(found, bills, a, b)
         return page("comparison.html", view, curl=make_curl(read_service(request), a, b))
@@ -344,12 +343,12 @@ def make_compared_view(store: Store, wished: Wish, service: Service) -> Compared
         InvalidValue: too many were picked.
         NotFound: there is no such campaign.
     """
-    campaigns, only = comparison.pick_campaigns(wished.campaigns, store), wished.only
+    campaigns, only = sides.pick_campaigns(wished.campaigns, store), wished.only
     ids = [each.id for each in campaigns]
     listed = make_picker([*campaigns, *find_matching(store, ids, wished.named)], ids, wished.named)
-    is_enough = len(campaigns) >= comparison.FEWEST
-    found = comparison.group_by_seed(campaigns) if is_enough else ()
-    every = comparison.compare_settings(campaigns) if is_enough else ()
+    is_enough = len(campaigns) >= sides.FEWEST
+    found = sides.group_by_seed(campaigns) if is_enough else ()
+    every = comparability.compare_settings(campaigns) if is_enough else ()
     compared = [read_compared(store, each) for each in campaigns] if is_enough else []
     summaries = [summarise(each, store.episodes.totals(each.id)) for each in campaigns]
     pair = [",".join(str(each.id) for each in group) for group in found[:2]]
@@ -362,9 +361,9 @@ def make_compared_view(store: Store, wished: Wish, service: Service) -> Compared
         only=only,
         other=make_address(ids, not only, wished.named),
         first=group_name(found[0]) if found else "",
-        verdicts=list_verdicts(found, comparison.against_first(store, found)) if found else (),
+        verdicts=list_verdicts(found, sides.against_first(store, found)) if found else (),
         charts=make_overlays(compared),
-        curl=make_curl(service, *pair) if len(found) >= comparison.FEWEST else "",
+        curl=make_curl(service, *pair) if len(found) >= sides.FEWEST else "",
     )
 
 

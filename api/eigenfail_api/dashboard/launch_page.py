@@ -21,7 +21,7 @@ from eigenfail_api.dashboard.copying import Service, format_curl, read_service
 from eigenfail_api.dashboard.launch_layout import LaunchPart, make_layout
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.parameters import LARGEST, Stored, read_within
-from eigenfail_services.campaigns import drafts
+from eigenfail_services.campaigns import drafts, resolution
 from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.store import Store
 
@@ -409,7 +409,7 @@ def list_full_spec(body: Mapping[str, Any], store: Store) -> tuple[tuple[str, st
     """Return the full specification of a campaign, including defaults, by path."""
     return tuple(
         iterate_leaves(
-            msgspec.to_builtins(drafts.fill_defaults(drafts.read_draft(body, store).spec))
+            msgspec.to_builtins(resolution.fill_defaults(drafts.read_draft(body, store).spec))
         )
     )
 

@@ -20,7 +20,6 @@ from eigenfail_api.dashboard.charts import Chart
 from eigenfail_api.dashboard.episodes_page import Heading, order
 from eigenfail_api.dashboard.rendering import WORKING, StandingView, Tile, make_standing, page
 from eigenfail_api.parameters import Before, Stored
-from eigenfail_services.campaigns.costs import compare_peers, list_methods
 from eigenfail_services.campaigns.summary import (
     count_present,
     list_recent_workers,
@@ -28,6 +27,7 @@ from eigenfail_services.campaigns.summary import (
     make_staffing,
     summaries_of,
 )
+from eigenfail_services.comparison.peers import compare_peers, list_methods
 from eigenfail_services.store import Store
 
 MOST_LINES = 100

@@ -11,7 +11,7 @@ from eigenfail.values import Box, Campaign, Rate, Region
 from eigenfail_api.dashboard.rendering import Tile, page
 from eigenfail_api.parameters import CampaignId, Stored
 from eigenfail_api.routes.analyses import REGIONS
-from eigenfail_services.campaigns.region import find_region_in_process
+from eigenfail_services.comparison.region import find_region_in_process
 
 
 class BoxLine(msgspec.Struct, frozen=True, kw_only=True):

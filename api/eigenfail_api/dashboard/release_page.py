@@ -14,7 +14,7 @@ from eigenfail.values.triage import TriageState
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.parameters import AnalysisId, CampaignId, ModeNumber, Stored
 from eigenfail_api.routes.releases import RELEASES
-from eigenfail_services.campaigns.releases import (
+from eigenfail_services.comparison.releases import (
     find_history,
     list_questions,
     list_release_tables,

@@ -34,7 +34,7 @@ from eigenfail_api.dashboard.rendering import (
     page,
 )
 from eigenfail_api.parameters import Before, Stored
-from eigenfail_services.campaigns.suites import make_suite_table
+from eigenfail_services.comparison.seeds import make_suite_table
 
 DEFAULT = "default"
 SEED = "seed"

@@ -19,12 +19,13 @@ from eigenfail_api import parameters
 from eigenfail_api.concurrency import ConcurrencyLimit, SerialExecutor
 from eigenfail_api.openapi import JSON, document_route, problem_response, schema
 from eigenfail_services.campaigns.analysis_jobs import find_basis
-from eigenfail_services.campaigns.comparison import compare
-from eigenfail_services.campaigns.costs import compare_peers, find_spending
+from eigenfail_services.campaigns.costs import find_spending
 from eigenfail_services.campaigns.proofs import launch_replays, read_result, summarise_proof
-from eigenfail_services.campaigns.region import find_region_in_process
-from eigenfail_services.campaigns.seeds import find_spreads
 from eigenfail_services.campaigns.summary import find_safety
+from eigenfail_services.comparison.peers import compare_peers
+from eigenfail_services.comparison.region import find_region_in_process
+from eigenfail_services.comparison.seeds import find_spreads
+from eigenfail_services.comparison.sides import compare
 from eigenfail_services.reports.report import Made, make
 from eigenfail_services.store.clock import now_ms
 

@@ -25,8 +25,9 @@ from eigenfail_api.openapi import FIELDS, SPECS, document_plain_route, document_
 from eigenfail_services.campaigns import drafts, summary, validation
 from eigenfail_services.campaigns.chain_mixing import find_chain_mixing
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure, make_minimal_spec
-from eigenfail_services.campaigns.resolution import ResolvedCampaign
-from eigenfail_services.campaigns.suites import create_suite, make_suite_table, read_suite
+from eigenfail_services.campaigns.resolution import ResolvedCampaign, fill_defaults
+from eigenfail_services.campaigns.suites import create_suite, read_suite
+from eigenfail_services.comparison.seeds import make_suite_table
 from eigenfail_services.store import Store
 
 STEERING_ATTEMPTS = 3
@@ -190,7 +191,7 @@ def check_campaign(store: parameters.Stored, fields: Fields) -> parameters.Json:
         return parameters.Json(CampaignCheck(None, tuple(map(make_problem, problems))))
     campaign = drafts.read_draft(fields, store)
     notes = tuple(validation.describe_stop_rules(campaign))
-    return parameters.Json(CampaignCheck(drafts.fill_defaults(campaign.spec), notes=notes))
+    return parameters.Json(CampaignCheck(fill_defaults(campaign.spec), notes=notes))
 
 
 @router.post("/bulk", **document_plain_route(values.Page[values.Campaign], 201, SPECS))

@@ -10,7 +10,7 @@ from eigenfail.wire.http import PREFIX
 from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.openapi import document_route
 from eigenfail_api.parameters import CampaignId, Json, Stored
-from eigenfail_services.campaigns.releases import list_questions, make_release_table
+from eigenfail_services.comparison.releases import list_questions, make_release_table
 
 router = APIRouter(prefix=PREFIX, tags=["campaigns"])
 

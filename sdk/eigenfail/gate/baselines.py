@@ -72,6 +72,7 @@ def list_differences(
 
     Specs that differ as they are given are compared again with their defaults written out.
     """
+    # Writing out defaults asks the service, which most pairs of campaigns can do without.
     found = list_differing_fields(a, b)
     return found and list_differing_fields(resolve(a), resolve(b))
 
@@ -156,6 +157,7 @@ def find_counterpart(
     Raises:
         InvalidValue: more than one could be.
     """
+    # Members that vary a planner's settings alone ask the same: only names tell them apart.
     named = [each for each in campaigns if each.spec.name.endswith(f": {member.name}")]
     alike = named or [
         each for each in campaigns if is_same_question(member.spec, each.spec, resolve)

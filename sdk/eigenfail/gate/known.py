@@ -82,6 +82,7 @@ class RunSettings(msgspec.Struct, frozen=True):
             planner=self.member.spec.planner,
             planner_settings=self.member.spec.planner_settings,
             planner_version=self.member.spec.planner_version,
+            # Every known failure is replayed, and kept for its page.
             stop=StopRules(),
             scene_every=1,
             **varied,
@@ -208,6 +209,7 @@ def _group_by_scenario(
     groups: dict[bytes, tuple[Mapping[str, Any], list[int]]] = {}
     for place, mode in enumerate(modes):
         parameters = drawn(mode.medoid)
+        # Parameters may be lists or tables, which are no keys of a dict: their text is.
         key = msgspec.json.encode(dict(parameters), order="sorted")
         groups.setdefault(key, (parameters, []))[1].append(place)
     yield from groups.values()
@@ -341,6 +343,7 @@ def find_new_modes(
         inside = labels == place
         k_now, k_before = int((inside & ours).sum()), int((inside & theirs).sum())
         p_value = bound_probability(k_now, of_now, k_now + k_before, of_now + of_before)
+        # A tested difference may still be too small to matter: the mode must grow by a factor.
         is_rare = RARER * k_before * of_now <= k_now * of_before
         episodes = now.completed + before.completed
         by_episode = bound_probability(k_now, now.completed, k_now + k_before, episodes)

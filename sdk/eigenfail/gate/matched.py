@@ -8,7 +8,7 @@ import msgspec
 from eigenfail.gate.reruns import ReportName, ReportSentence
 from eigenfail.presentation.releases import CHANGES, NOT_COMPARED
 from eigenfail.settings import Count, Ordinal
-from eigenfail.values.release import ModeSighting, ModeStatus, ReleaseTable
+from eigenfail.values.release import ModeChange, ModeStatus, ReleaseTable
 
 
 class MatchedMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -68,7 +68,7 @@ def match_versions(
     return MatchedModes(
         members=tuple(members),
         campaign=table.question.campaign,
-        modes=() if problem else tuple(_list_matched(table, before, now)),
+        modes=() if problem else tuple(map(_match_mode, table.compare(before, now))),
         problem=problem,
     )
 
@@ -82,21 +82,19 @@ def _find_problem(table: ReleaseTable, before: str, now: str) -> str:
     return " ".join(releases[each].problem for each in (before, now) if releases[each].problem)
 
 
-def _list_matched(table: ReleaseTable, before: str, now: str) -> Iterator[MatchedMode]:
-    """Yield the modes of which either version has failures."""
-    places = [each.version for each in table.releases]
-    pair = places.index(before), places.index(now)
-    for mode in table.modes:
-        was, newest = (mode.sightings[place] for place in pair)
-        if was.failures or newest.failures:
-            yield MatchedMode(
-                name=mode.name,
-                status=None if newest.is_baseline else newest.status,
-                before=was.failures,
-                now=newest.failures,
-                mode=_place_mode(newest if newest.failures else was),
-                words=newest.words,
-            )
+def _match_mode(change: ModeChange) -> MatchedMode:
+    before, now = change.before, change.now
+    # Where the new version has no failure of the mode, its place is that in the baseline.
+    place = now if now.failures else before
+    return MatchedMode(
+        name=change.mode.name,
+        # In the first version compared no mode can be new, so that its status says nothing.
+        status=None if now.is_baseline else now.status,
+        before=before.failures,
+        now=now.failures,
+        mode=f"{place.analysis}/{place.mode}",
+        words=now.words,
+    )
 
 
 def describe_match(mode: MatchedMode) -> str:
@@ -115,7 +113,3 @@ def describe_matched(matched: Sequence[MatchedModes]) -> Iterator[str]:
         if each.problem:
             members = ", ".join(each.members)
             yield f"{members}: failure modes are not matched over releases. {each.problem}"
-
-
-def _place_mode(sighting: ModeSighting) -> str:
-    return f"{sighting.analysis}/{sighting.mode}"

@@ -10,7 +10,6 @@ what cannot be run an `error`; what the baseline had already, or what cannot be 
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from functools import partial
 from math import prod
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
@@ -150,6 +149,7 @@ def build_report(
     for member in members:
         seen.update(member.count_verdicts())
     counts = {verdict: seen[verdict] for verdict in GateVerdict if seen[verdict]}
+    # A doubtful episode may hide what closes the gate: "open" is only said where none is left.
     report = GateReport(
         gate=gate,
         open=gate.closing.isdisjoint(counts),
@@ -179,35 +179,30 @@ class _TestCase(NamedTuple):
 def to_junit(report: GateReport) -> bytes:
     """The document, encoded as UTF-8."""
     root = ET.Element("testsuites", name=_remove_illegal(f"eigenfail gate {report.gate.run}"))
+    gate = report.gate
     for member in report.members:
-        root.append(_build_suite(member, report.gate))
+        suite = _add_suite(root, f"{gate.suite}: {member.member}", _list_cases(member), gate)
+        # The schema of the format has properties in front of the cases.
+        properties = ET.Element("properties")
+        suite.insert(0, properties)
+        for name, value in _list_properties(member, gate):
+            ET.SubElement(properties, "property", name=name, value=_remove_illegal(value))
     if report.matched:
-        root.append(_build_mode_suite(report))
+        modes = _list_mode_cases(report.matched)
+        _add_suite(root, f"{gate.suite}: failure modes over releases", modes, gate)
     _write_totals(root, list(root.iter("testcase")))
     ET.indent(root)
     document: bytes = ET.tostring(root, encoding="utf-8", xml_declaration=True)
     return document + b"\n"
 
 
-def _build_suite(member: MemberReport, gate: GateRun) -> ET.Element:
-    """The test suite of a member."""
-    suite = ET.Element("testsuite", name=_remove_illegal(f"{gate.suite}: {member.member}"))
-    properties = ET.SubElement(suite, "properties")
-    for name, value in _list_properties(member, gate):
-        ET.SubElement(properties, "property", name=name, value=_remove_illegal(value))
-    found = [_build_case(case, suite.get("name", ""), gate) for case in _list_cases(member)]
-    suite.extend(found)
-    _write_totals(suite, found)
-    return suite
-
-
-def _build_mode_suite(report: GateReport) -> ET.Element:
-    """The test suite of the failure modes of both versions."""
-    name = _remove_illegal(f"{report.gate.suite}: failure modes over releases")
-    suite = ET.Element("testsuite", name=name)
-    found = [_build_case(case, name, report.gate) for case in _list_mode_cases(report.matched)]
-    suite.extend(found)
-    _write_totals(suite, found)
+def _add_suite(
+    root: ET.Element, name: str, cases: Iterator[_TestCase], gate: GateRun
+) -> ET.Element:
+    """Return a test suite with its cases and their totals, added to the document."""
+    suite = ET.SubElement(root, "testsuite", name=_remove_illegal(name))
+    suite.extend(_build_case(case, suite.get("name", ""), gate) for case in cases)
+    _write_totals(suite, list(suite))
     return suite
 
 
@@ -244,36 +239,27 @@ def _list_cases(member: MemberReport) -> Iterator[_TestCase]:
             "known failures", known.what, known.verdict, _format_details(known), known.wall_s
         )
     if rerun := member.rerun:
+        replays = (f"{each.what}: {_format_details(each)}" for each in rerun.findings)
         yield _TestCase(
             "rerun",
             f"campaign {rerun.before.campaign}",
             rerun.verdict,
-            _name_whole(rerun),
+            "\n".join([rerun.summary, *replays]),
             rerun.wall_s,
         )
         if rerun.doubt:
             text = f"{rerun.doubt} may hide a new failure."
             yield _TestCase("rerun", "hidden failures", GateVerdict.CANNOT_RUN, text)
-        yield from map(partial(_make_mode_case, rerun), rerun.new_modes)
+        for each in rerun.new_modes:
+            # Modes of a search are not judged: another search of the same planner may find others.
+            verdict = each.verdict if rerun.judges_modes else None
+            details = f"{_format_details(each)}\n{rerun.modes}"
+            yield _TestCase("new modes", each.what, verdict, details, each.wall_s)
         for each in rerun.findings:
             if rerun.by is JudgedBy.EPISODE and each.verdict in CLOSING:
                 yield _TestCase(
                     "rerun", each.what, each.verdict, _format_details(each), each.wall_s
                 )
-
-
-def _make_mode_case(rerun: Rerun, found: GateFinding) -> _TestCase:
-    """A failure mode that is new: judged only where it counts."""
-    verdict = found.verdict if rerun.judges_modes else None
-    text = f"{_format_details(found)}\n{rerun.modes}"
-    return _TestCase("new modes", found.what, verdict, text, found.wall_s)
-
-
-def _name_whole(rerun: Rerun) -> str:
-    """Return the name of a rerun, with the replays of its failures."""
-    return "\n".join(
-        [rerun.summary, *(f"{each.what}: {_format_details(each)}" for each in rerun.findings)]
-    )
 
 
 def _format_details(finding: GateFinding) -> str:
@@ -387,7 +373,8 @@ def _list_caveats(report: GateReport) -> Iterator[str]:
             f" {new_modes}. Replay them; whether they come back, the same search from other seeds"
             " says."
         )
-    if within := sum(_count_within_chance(member) for member in report.members):
+    by_chance = [rerun for rerun in reruns if rerun.verdict is not GateVerdict.NEW]
+    if within := sum(rerun.counts.get(GateVerdict.NEW, 0) for rerun in by_chance):
         yield f"Within chance, yet new: {within} episodes that did not fail before."
     if GateVerdict.UNPROVEN in report.counts:
         yield (
@@ -419,13 +406,6 @@ def _bound_false_alarm(rerun: Rerun) -> float:
     if rerun.before.failures:
         return RISEN + NEW_MODE * rerun.judges_modes
     return FIRST if rerun.unpaired_because else FIRST_OF_PAIRS
-
-
-def _count_within_chance(member: MemberReport) -> int:
-    """How many episodes are new of a rerun that is not."""
-    rerun = member.rerun
-    new = rerun.counts.get(GateVerdict.NEW, 0) if rerun else 0
-    return new if rerun and rerun.verdict is not GateVerdict.NEW else 0
 
 
 def list_notes(member: MemberReport) -> Iterator[str]:

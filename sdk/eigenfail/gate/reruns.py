@@ -21,11 +21,11 @@ from eigenfail.gate.verdicts import (
     judge_rate_by_chance,
     subtract_estimates,
 )
-from eigenfail.intervals import difference, sum_lower_tail, wilson
+from eigenfail.intervals import difference, mcnemar, wilson
 from eigenfail.methods import traits_of
 from eigenfail.presentation.rates import list_doubtful
 from eigenfail.settings import Count, Ordinal
-from eigenfail.values import Campaign, Comparison, Difference, McNemar, Rate
+from eigenfail.values import Campaign, Comparison, Difference, McNemar, PairTotals, Rate
 from eigenfail.values.records import EpisodeRow
 
 LONGEST_NAME, LONGEST_SENTENCE = 200, 10_000
@@ -254,6 +254,7 @@ def find_hidden(  # noqa: PLR0913, PLR0917 - the two sides, and how they are jud
         by: whether each episode counts, or all of them together.
         closing: verdicts that close the gate.
     """
+    # The worst case: every episode in doubt fails with the new planner.
     worst = judge_doubtful(before, now)
     if by is JudgedBy.EPISODE:
         return {index for index, verdict in worst.items() if verdict in closing}
@@ -275,16 +276,12 @@ def _judge_worst_pairs(
         was_fixed: number of pairs in doubt of which the baseline failed.
         counts: number of pairs in doubt by what would become of them.
     """
-    fewer, more = pairs.only_a - was_fixed, pairs.only_b + counts.get(GateVerdict.NEW, 0)
-    tail = sum_lower_tail(min(fewer, more), fewer + more, 0.5)
-    worst = replace(
-        pairs,
+    worst = PairTotals(
         both=pairs.both + counts.get(GateVerdict.STILL_FAILING, 0),
-        only_a=fewer,
-        only_b=more,
-        p_value=min(1.0, 2.0 * tail),
+        only_first=pairs.only_a - was_fixed,
+        only_second=pairs.only_b + counts.get(GateVerdict.NEW, 0),
     )
-    return judge_rate_by_chance(worst, {})
+    return judge_rate_by_chance(mcnemar(worst), {})
 
 
 def _judge_worst_rate(before: Campaign, now: Campaign, unresolved: int) -> GateVerdict:
@@ -321,6 +318,7 @@ def _judge_by_pairs(
         verdict=worst if by is JudgedBy.EPISODE else judge_rate_by_chance(comparison.pairs, counts),
         by=by,
         words=describe_pairs(counts, comparison),
+        # Sorted, so that equal gates have equal reports, byte for byte.
         counts={each: counts[each] for each in WORST_FIRST if counts[each]},
         findings=tuple(_list_pair_findings(verdicts, before.id, now, pages)),
         difference=comparison.difference,
@@ -377,6 +375,7 @@ def _list_failure_findings(now: RerunSide, pages: str) -> Iterator[GateFinding]:
 
 def _list_warnings(comparison: Comparison) -> tuple[str, ...]:
     """What keeps it from saying more; not that nothing differs, since the planner's code may."""
+    # A new version of the planner has the same name: that the specs are equal is no warning here.
     unseen = () if comparison.distinctions else (SAME,)
     left = (each for each in comparison.warnings if not each.startswith(unseen))
     return tuple(each.replace("A and B", "Baseline and rerun") for each in left)

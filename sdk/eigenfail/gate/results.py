@@ -137,6 +137,7 @@ def shorten_report(report: GateReport) -> GateReport:
     gate before others. Verdicts and counts stay as they are, and so does whether a gate is
     inconclusive: the errored episode that says so is kept.
     """
+    # Reruns first: their episodes can be listed again, known failures are what a gate is about.
     for shorten in (_shorten_rerun, _shorten_known):
         if len(msgspec.json.encode(report)) <= LARGEST_REPORT:
             break

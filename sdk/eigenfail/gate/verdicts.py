@@ -6,6 +6,7 @@ from typing import Generic, Protocol, TypeVar
 
 import msgspec
 
+from eigenfail.intervals import ERROR
 from eigenfail.presentation.figures import format_signed, format_signed_interval
 from eigenfail.values import (
     Campaign,
@@ -18,7 +19,6 @@ from eigenfail.values import (
 )
 
 INFRASTRUCTURE = "infrastructure"
-ERROR = 0.05
 
 
 class GateVerdict(StrEnum):
@@ -54,6 +54,7 @@ def judge_outcome(before: Outcome | None, now: Outcome | None) -> GateVerdict:
     failed = before is not None and before.is_failure
     if now is Outcome.SAFE:
         return GateVerdict.FIXED if failed else GateVerdict.SAFE
+    # Errored, or lost: whether the planner fails there is not known, so that it closes the gate.
     if now is None or not now.is_failure:
         return GateVerdict.CANNOT_RUN
     if before is Outcome.SAFE:
@@ -144,10 +145,8 @@ def judge_rate(before: Campaign, now: Campaign, difference: Difference | None) -
     """
     if has_new_errors(before.counts, now.counts):
         return GateVerdict.CANNOT_RUN
-    if not before.counts.failures:
-        return GateVerdict.NEW if now.counts.failures else GateVerdict.SAFE
-    changed = find_change(before.estimate, now.estimate, difference)
-    return CHANGES[changed] if changed or now.counts.failures else GateVerdict.SAFE
+    change = find_change(before.estimate, now.estimate, difference)
+    return _judge_change(before.counts.failures, now.counts.failures, change)
 
 
 def has_new_errors(before: Counts, now: Counts) -> bool:
@@ -164,11 +163,23 @@ def judge_rate_by_chance(pairs: McNemar | None, counts: Mapping[GateVerdict, int
     """
     if counts.get(GateVerdict.CANNOT_RUN) or pairs is None:
         return GateVerdict.CANNOT_RUN
-    if not (pairs.both or pairs.only_a):
-        return GateVerdict.NEW if pairs.only_b else GateVerdict.SAFE
-    beyond = pairs.p_value < ERROR
-    changed = beyond * ((pairs.only_b > pairs.only_a) - (pairs.only_b < pairs.only_a))
-    return CHANGES[changed] if changed or pairs.both or pairs.only_b else GateVerdict.SAFE
+    change = (pairs.only_b > pairs.only_a) - (pairs.only_b < pairs.only_a)
+    beyond_chance = change if pairs.p_value < ERROR else 0
+    return _judge_change(pairs.both + pairs.only_a, pairs.both + pairs.only_b, beyond_chance)
+
+
+def _judge_change(before: int, now: int, change: int) -> GateVerdict:
+    """Return what became of failures as a whole.
+
+    Args:
+        before: number of failures of the baseline.
+        now: number of failures of the new planner.
+        change: 1 where they rose by more than the rule allows, -1 where they fell, else 0.
+    """
+    # A first failure is new however rare it is: no test could tell it from none.
+    if not before:
+        return GateVerdict.NEW if now else GateVerdict.SAFE
+    return CHANGES[change] if change or now else GateVerdict.SAFE
 
 
 CHANGES = {1: GateVerdict.NEW, 0: GateVerdict.STILL_FAILING, -1: GateVerdict.FIXED}
@@ -178,6 +189,7 @@ def find_change(
     before: Estimate | None, now: Estimate | None, difference: Difference | None
 ) -> int:
     """1 where the failures rose by more than the gate's rule allows, -1 where they fell, else 0."""
+    # An estimate weighs the failures of a search, so that it says more than their share.
     if ends := subtract_estimates(before, now):
         low, high = ends
     elif difference:
@@ -226,17 +238,10 @@ def describe_pairs(counts: Mapping[GateVerdict, int], comparison: Comparison) ->
     if pairs is None:
         return comparison.unpaired_because
     named = ", ".join(f"{count} {each}" for each, count in counts.items()) or "no failure"
-    return (
-        f"{pairs.n} pairs of episodes under the same noise: {named}{_describe_mcnemar(comparison)}."
-    )
-
-
-def _describe_mcnemar(comparison: Comparison) -> str:
-    """What chance says of pairs in which only one side failed."""
-    pairs = comparison.pairs
-    if pairs is None or not (pairs.only_a or pairs.only_b):
-        return ""
-    return f" (McNemar's exact test on {pairs.only_a + pairs.only_b}: p = {pairs.p_value:.2g})"
+    discordant, chance = pairs.only_a + pairs.only_b, ""
+    if discordant:
+        chance = f" (McNemar's exact test on {discordant}: p = {pairs.p_value:.2g})"
+    return f"{pairs.n} pairs of episodes under the same noise: {named}{chance}."
 
 
 def describe_rates(
@@ -248,9 +253,9 @@ def describe_rates(
     if verdict is GateVerdict.NEW and not was.failures:
         return f"{shares}: the baseline had no failures, so every failure is new."
     if verdict is GateVerdict.SAFE and was.failures:
-        few = "no fewer than chance explains" if _is_sampled(comparison) else WITHIN_THRESHOLD
+        few = "no fewer than chance explains" if comparison.is_sampled else WITHIN_THRESHOLD
         return f"{shares}: none now, though {few}{_describe_interval(comparison)}."
-    words = CHANCE_WORDS if _is_sampled(comparison) else THRESHOLD_WORDS
+    words = CHANCE_WORDS if comparison.is_sampled else THRESHOLD_WORDS
     if subtract_estimates(before.estimate, now.estimate):
         words = ESTIMATE_WORDS
     return f"{shares}: {words[verdict]}{_describe_interval(comparison)}."
@@ -259,20 +264,12 @@ def describe_rates(
 WITHIN_THRESHOLD = "the fall is within the gate's threshold"
 
 
-def _is_sampled(comparison: Comparison) -> bool:
-    """Whether both rates are of random samples; not without episodes on both sides."""
-    if comparison.difference is None:
-        return False
-    rates = (comparison.a.failure_rate, comparison.b.failure_rate)
-    return all(rate is not None and rate.sampled for rate in rates)
-
-
 def _describe_interval(comparison: Comparison) -> str:
     """The difference of the failure rates, with its interval if both are of random samples."""
     found = comparison.difference
     if found is None:
         return ""
     difference = f"difference {format_signed(100.0 * found.value)} %"
-    if not _is_sampled(comparison):
+    if not comparison.is_sampled:
         return f" ({difference}, without an interval: the method chose the episodes)"
     return f" ({difference} {format_signed_interval(found.interval, 100.0)})"

@@ -87,7 +87,7 @@ def compare_newest(table: ReleaseTable) -> NewestComparison:
     A mode that neither of the two versions has is left out.
     """
     *earlier, newest = table.releases
-    compared = [place for place, each in enumerate(earlier) if not each.problem]
+    compared = [each for each in earlier if not each.problem]
     version = newest.version
     if newest.problem:
         return NewestComparison(version, "", {}, f"{version} is not compared. {newest.problem}")
@@ -95,12 +95,11 @@ def compare_newest(table: ReleaseTable) -> NewestComparison:
         words = f"{version} is not compared: no version before it can be."
         reasons = [_describe_left_out(each) for each in earlier]
         return NewestComparison(version, "", {}, " ".join([*reasons, words]))
-    before = earlier[compared[-1]].version
+    before = compared[-1].version
     found: dict[ModeStatus, list[ReleaseMode]] = {each: [] for each in CHANGES}
-    for mode in table.modes:
-        status, was = mode.newest.status, mode.sightings[compared[-1]]
-        if status is not None and (mode.newest.failures or was.failures):
-            found[status].append(mode)
+    for change in table.compare(before, version):
+        if change.now.status is not None:
+            found[change.now.status].append(change.mode)
     modes = {status: tuple(each) for status, each in found.items() if each}
     counts = ", ".join(f"{len(each)} {CHANGES[status]}" for status, each in modes.items())
     words = f"{version} against {before}: {counts or 'no failure mode in either version'}."

@@ -148,6 +148,12 @@ class Comparison(Brief, Shown, Tabular, Plottable, msgspec.Struct, frozen=True, 
     sentences: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
+    @property
+    def is_sampled(self) -> bool:
+        """Whether the episodes of both sides are random samples, whose rates can be compared."""
+        rates = (self.a.failure_rate, self.b.failure_rate)
+        return all(rate is not None and rate.sampled for rate in rates)
+
 
 class Peers(msgspec.Struct, frozen=True, kw_only=True):
     """The fields that campaigns with comparable costs have in common.

@@ -1,6 +1,8 @@
 """Releases: the versions of a planner in one scenario, and what became of each failure mode."""
 
+from collections.abc import Iterator
 from enum import StrEnum
+from typing import NamedTuple
 
 import msgspec
 
@@ -129,6 +131,14 @@ class ReleaseQuestion(Brief, msgspec.Struct, frozen=True, kw_only=True):
     campaigns: int
 
 
+class ModeChange(NamedTuple):
+    """A failure mode in two versions of a planner."""
+
+    mode: ReleaseMode
+    before: ModeSighting
+    now: ModeSighting
+
+
 class ReleaseTable(Brief, msgspec.Struct, frozen=True, kw_only=True):
     """The versions of a planner in one scenario, and their failure modes.
 
@@ -143,6 +153,15 @@ class ReleaseTable(Brief, msgspec.Struct, frozen=True, kw_only=True):
     releases: tuple[Release, ...]
     modes: tuple[ReleaseMode, ...]
     notes: tuple[str, ...] = ()
+
+    def compare(self, before: str, now: str) -> Iterator[ModeChange]:
+        """Yield the failure modes of two versions: those of which either has failures."""
+        places = [each.version for each in self.releases]
+        old, new = places.index(before), places.index(now)
+        for mode in self.modes:
+            change = ModeChange(mode, mode.sightings[old], mode.sightings[new])
+            if change.before.failures or change.now.failures:
+                yield change
 
     @property
     def is_tested(self) -> bool:

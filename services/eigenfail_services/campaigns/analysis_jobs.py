@@ -19,7 +19,7 @@ from eigenfail.errors import InputError, InvalidValue, NotFound, describe_error,
 from eigenfail.methods import traits_of
 from eigenfail.processes import NUMERIC_ENVIRONMENT, as_parent, exit_status, kill_group
 from eigenfail.values.campaign_spec import CampaignSpec
-from eigenfail.values.records import FailureCourse, Failures, Job
+from eigenfail.values.records import Job
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis.alignment import check_clusterer, choose_columns
 from eigenfail_services.bounds import NO_BOUNDS, SettingBounds
@@ -150,27 +150,13 @@ def _refuse_unlike(first: CampaignSpec, other: CampaignSpec, name: str) -> None:
             raise InvalidValue("campaigns", f"{name} has {words}.", "Analyse it by itself.")
 
 
-def _list_portions(
-    store: Store, campaigns: Sequence[values.Campaign]
-) -> Iterator[tuple[int, Failures]]:
-    for campaign in campaigns:
-        for failures in store.episodes.failure_portions(campaign.id):
-            yield campaign.id, failures
-
-
-def _list_courses(
-    store: Store, campaigns: Sequence[values.Campaign]
-) -> Iterator[tuple[int, FailureCourse]]:
-    for campaign in campaigns:
-        for course in store.episodes.failure_courses(campaign.id):
-            yield campaign.id, course
-
-
 def list_notes(found: AnalysisBasis) -> tuple[str, ...]:
     """Return caveats of an analysis of several campaigns, or of campaigns that still run."""
-    specs = [campaign.spec for campaign in found.campaigns]
+    first, *others = [campaign.spec for campaign in found.campaigns]
     differing = [
-        name for name in WORLD_FIELDS if any(_differ(name, specs[0], spec) for spec in specs)
+        name
+        for name in WORLD_FIELDS
+        if any(read_world_field(first, name) != read_world_field(each, name) for each in others)
     ]
     running = sorted(each.id for each in found.campaigns if each.state not in values.FINAL_STATES)
     still = ", ".join(map(str, running))
@@ -179,10 +165,6 @@ def list_notes(found: AnalysisBasis) -> tuple[str, ...]:
         f"A snapshot: more episodes were to come in campaign {still}.": running,
     }
     return tuple(sentence for sentence, reason in words.items() if reason)
-
-
-def _differ(name: str, one: CampaignSpec, other: CampaignSpec) -> bool:
-    return bool(read_world_field(one, name) != read_world_field(other, name))
 
 
 def read_world_field(spec: CampaignSpec, name: str) -> Any:
@@ -442,11 +424,21 @@ def find_modes(store: Store, analysis: values.Analysis) -> values.AnalysisResult
     from eigenfail_services.analysis.job import analyse_gathered, hash_result
 
     begun = find_basis(store, analysis.campaign, analysis.settings)
-    read = (FailureBatch(*each) for each in _list_portions(store, begun.campaigns))
+    # Read in portions: the noise of all failures of a long campaign may not fit into memory.
+    read = (
+        FailureBatch(campaign.id, failures)
+        for campaign in begun.campaigns
+        for failures in store.episodes.failure_portions(campaign.id)
+    )
     failures = gather_failures(read, begun.horizon, analysis.settings, begun.channels)
     failures = failures._replace(step_s=begun.duration_s)
     if analysis.settings.features == "behaviour" and begun.has_road:
-        motion = read_motion(_list_courses(store, begun.campaigns), begun.origin)
+        courses = (
+            (campaign.id, course)
+            for campaign in begun.campaigns
+            for course in store.episodes.failure_courses(campaign.id)
+        )
+        motion = read_motion(courses, begun.origin)
         failures = failures._replace(motion=motion)
     base = begun.recounted(store)
     learning = frozenset(each.id for each in base.campaigns if _gives_proposals_up(each))

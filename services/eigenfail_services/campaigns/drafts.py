@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import msgspec
-from msgspec.structs import replace
 
 from eigenfail.contracts import Reference
 from eigenfail.errors import EigenfailError, InputError, InvalidValue, UnknownName
@@ -14,8 +13,8 @@ from eigenfail.methods import describe_method, traits_of
 from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec
 from eigenfail.values.campaign_spec import MAX_EPISODES
 from eigenfail.wire.http import MAX_CAMPAIGNS_AT_ONCE, read_fields
-from eigenfail.worlds import world_of
 from eigenfail_services.campaigns import resolution, validation
+from eigenfail_services.campaigns.references import check_has_knowledge
 from eigenfail_services.store import Store
 
 MOST_PROBLEMS = 100
@@ -105,12 +104,8 @@ def move_errors(where: str) -> Iterator[None]:
     try:
         yield
     except InputError as error:
-        raise _move_error(error, where) from error
-
-
-def _move_error(error: InputError, where: str) -> InputError:
-    """Return the same error, of a value inside something else."""
-    return rename_field(error, f"{where}.{error.field}" if error.field else where)
+        field = f"{where}.{error.field}" if error.field else where
+        raise rename_field(error, field) from error
 
 
 def rename_field(error: InputError, field: str) -> InputError:
@@ -128,11 +123,14 @@ def find_problems(given: Fields, store: Store) -> tuple[InputError, ...]:
     left is read again, until it is in order. Only a complete campaign is compared with the offers
     of bridges: the default of a value that was taken out need not be among them.
     """
+    # Converters of structs stop at their first error, and plug-ins raise theirs one by one: that a
+    # value is wrong shows only once those before it are out of the way.
     left, found = dict(given), list[InputError]()
     while len(found) < MOST_PROBLEMS:
         try:
             campaign = read_draft(left, store)
         except InputError as error:
+            # A value that was taken out and is refused again cannot be told from its default.
             if error.field in {each.field for each in found if not isinstance(each, UnknownName)}:
                 break
             found.append(error)
@@ -191,24 +189,6 @@ def _take_out(given: dict[str, Any], path: tuple[str, ...]) -> dict[str, Any]:
     if rest and isinstance(inner, dict) and rest[0] in inner:
         return {**given, name: _take_out(inner, tuple(rest))}
     return {other: value for other, value in given.items() if other != name}
-
-
-def fill_defaults(spec: CampaignSpec) -> CampaignSpec:
-    """Return the spec with the defaults of its method, planner and scenario written out.
-
-    Two specs that differ only in which defaults they write out become equal. A plug-in that is not
-    installed here, or that has changed since and refuses the settings, leaves its part unchanged.
-    """
-    world = world_of(spec.simulator)
-    for fill in (_fill_method, world.fill_planner, world.fill_scenario):
-        with contextlib.suppress(EigenfailError):
-            spec = fill(spec)
-    return spec
-
-
-def _fill_method(spec: CampaignSpec) -> CampaignSpec:
-    settings = resolution.resolve_method(spec.method, spec.settings).settings
-    return replace(spec, settings=msgspec.to_builtins(settings))
 
 
 def clone(spec: CampaignSpec, changes: Fields, store: Store) -> resolution.ResolvedCampaign:
@@ -280,7 +260,7 @@ def _list_references(method: str) -> Iterator[tuple[str, Reference]]:
 
 def _has_knowledge(campaign: Campaign) -> bool:
     try:
-        resolution.check_has_knowledge(campaign, "")
+        check_has_knowledge(campaign, "")
     except EigenfailError:
         return False
     return True

@@ -135,7 +135,10 @@ def replay_episode(
     """
     spec = store.campaigns.get(campaign).spec
     stored = store.episodes.get(campaign, index)
-    _refuse_empty(stored)
+    # An episode that ended before its first step was given no noise.
+    if not stored.steps:
+        why = stored.fault.message if stored.fault else "no reason was kept"
+        raise InvalidValue("episode", f"It has no noise to replay: {why}")
     scaled = f", noise × {scale:g}" if scale != 1.0 else ""
     wanted = msgspec.structs.replace(
         spec,
@@ -148,13 +151,6 @@ def replay_episode(
         scenario_parameters={**spec.scenario_parameters, **drawn_for(spec, stored.seed)},
     )
     return store.campaigns.create(check_spec(wanted).spec, made_by=made_by)
-
-
-def _refuse_empty(stored: values.EpisodeResult) -> None:
-    """Raises InvalidValue for an episode that ended before any noise was injected."""
-    if not stored.steps:
-        why = stored.fault.message if stored.fault else "no reason was kept"
-        raise InvalidValue("episode", f"It has no noise to replay: {why}")
 
 
 PATIENCE_S = 60.0

@@ -3,7 +3,7 @@
 import os
 import platform
 from collections import deque
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Sequence
 from itertools import count
 from math import ceil
 from typing import Protocol
@@ -200,11 +200,6 @@ def choose_surplus(
     return [*absent, *(name for name in newest if name in idle)][:n]
 
 
-def _list_new_names() -> Iterator[str]:
-    """Return names that no other service gives, on this machine or another one."""
-    return (f"{platform.node()}-{os.getpid()}.{number}" for number in count())
-
-
 class WorkerNames:
     """The names of the workers that are to run: added and dropped with the need.
 
@@ -214,7 +209,8 @@ class WorkerNames:
 
     def __init__(self, span: Span) -> None:
         self._scale = WorkerScale(span)
-        self._new = _list_new_names()
+        # No other service gives these names, on this machine or another one.
+        self._new = (f"{platform.node()}-{os.getpid()}.{number}" for number in count())
         self.names: list[str] = []
         self._fill(span.least)
 

@@ -50,9 +50,12 @@ def find_minimal_failure(store: Store, campaign: values.Campaign) -> values.Mini
     if facts.best is None:
         raise _make_conflict(campaign)
     found = store.episodes.get(campaign.id, facts.best)
-    full = _find_first_failure(store, campaign, facts.best)
+    # The failure at full strength is the first replay that failed: weaker ones come after it.
+    replays = store.episodes.finished(campaign.id, range(facts.best + 1))
+    full = next(result for result in replays if result.is_failure)
     end = "the impact" if found.outcome is values.Outcome.COLLISION else "the end"
-    clock = Clock(found.steps, _find_step_s(found), end)
+    # The steps of a function have no duration.
+    clock = Clock(found.steps, found.scene.dt_s if found.scene else None, end)
     channels = list_channels(campaign.spec)
     return values.MinimalFailure(
         campaign=campaign.id,
@@ -97,17 +100,6 @@ def _make_conflict(campaign: values.Campaign) -> Conflict:
         if campaign.state not in values.FINAL_STATES
         else "Shrink a failure in the scenario, and with the planner, of its own campaign.",
     )
-
-
-def _find_first_failure(store: Store, campaign: values.Campaign, best: int) -> values.EpisodeResult:
-    """Return the failure at full strength: the first replay that failed."""
-    before = store.episodes.finished(campaign.id, range(best + 1))
-    return next(result for result in before if result.is_failure)
-
-
-def _find_step_s(result: values.EpisodeResult) -> float | None:
-    """Return the duration of a step; None of a function, whose steps have no duration. [s]"""
-    return result.scene.dt_s if result.scene else None
 
 
 def _describe_progress(

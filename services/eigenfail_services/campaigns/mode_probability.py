@@ -15,7 +15,7 @@ from eigenfail.presentation.rates import explain_design
 from eigenfail.settings import read_settings
 from eigenfail.values.records import EpisodeRow
 from eigenfail_services.analysis.sampling_design import SamplingDesign
-from eigenfail_services.campaigns.learner_context import learner_context
+from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.campaigns.summary import count_doubtful
 from eigenfail_services.methods import subset
 from eigenfail_services.statistics import importance, pooled_estimate

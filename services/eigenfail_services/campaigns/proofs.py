@@ -12,7 +12,8 @@ from eigenfail.values.campaign_spec import LONGEST_NAME
 from eigenfail.worlds import drawn_for, list_channels, world_of
 from eigenfail_services.campaigns.analysis_jobs import WORLD_FIELDS, read_world_field
 from eigenfail_services.campaigns.cache import StoreCache
-from eigenfail_services.campaigns.validation import check_spec, is_distribution, list_drawn
+from eigenfail_services.campaigns.resolution import is_distribution, list_drawn
+from eigenfail_services.campaigns.validation import check_spec
 from eigenfail_services.methods.nearest import MOST_EPISODES, place_trials
 from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.statistics.intervals import rate
@@ -245,9 +246,11 @@ def _summarise_scenario(
         )
         for index, (what, mode) in enumerate(order)
     )
+    given = replay.spec.scenario_parameters
     return values.ProvenScenario(
         scenario_parameters=_list_differing(home.spec, replay.spec),
-        drawn=_list_still_drawn(home, replay.spec),
+        # What the world's medoids drew, as far as the replay does not override it.
+        drawn={name: value for name, value in home.drawn.items() if given.get(name) == value},
         campaign=replay.id,
         state=replay.state,
         eigenfailures=_count_reproductions(_count_kind(replays, values.ReplayKind.EIGENFAILURE)),
@@ -263,12 +266,6 @@ def _list_differing(world: values.CampaignSpec, replay: values.CampaignSpec) -> 
         for name, value in replay.scenario_parameters.items()
         if name not in before or before[name] != value
     }
-
-
-def _list_still_drawn(home: ReplayWorld, replay: values.CampaignSpec) -> dict[str, Any]:
-    """Return the parameters that the world's medoids drew and that a replay does not override."""
-    given = replay.scenario_parameters
-    return {name: value for name, value in home.drawn.items() if given.get(name) == value}
 
 
 def _read_replay(
@@ -348,29 +345,21 @@ def list_neighbours(spec: values.CampaignSpec) -> tuple[dict[str, Any], ...]:
     variation = world.variation(spec)
     parameters = next(iter(variation.corners()))
     moving = {*variation.varied, *variation.searched}
-    fixed = [each for each in _list_moved(kind) if each.name not in moving]
+    known = list(_list_bounded(kind))
+    # A scenario whose author names no parameter to move has its first one moved.
+    moved = [each for each in known if each.is_named] or known[:1]
+    fixed = [each for each in moved if each.name not in moving]
     sides = (_move_parameter(each, getattr(parameters, each.name)) for each in fixed)
     return ({}, *(beside for side in sides for beside in side))
-
-
-def _list_moved(kind: type[msgspec.Struct]) -> list[_BoundedParameter]:
-    known = list(_list_bounded(kind))
-    return [each for each in known if each.is_named] or known[:1]
 
 
 def _list_bounded(kind: type[msgspec.Struct]) -> Iterator[_BoundedParameter]:
     for name, hint in get_type_hints(kind, include_extras=True).items():
         for meta in get_args(hint)[1:]:
             if isinstance(meta, msgspec.Meta) and meta.ge is not None and meta.le is not None:
-                yield _read_parameter(name, meta.ge, meta.le, meta.extra or {})
-
-
-def _read_parameter(
-    name: str, low: float, high: float, extra: Mapping[str, Any]
-) -> _BoundedParameter:
-    return _BoundedParameter(
-        name, low, high, extra.get(NEARBY, SHARE * (high - low)), NEARBY in extra
-    )
+                extra = meta.extra or {}
+                step = extra.get(NEARBY, SHARE * (meta.le - meta.ge))
+                yield _BoundedParameter(name, meta.ge, meta.le, step, NEARBY in extra)
 
 
 def _move_parameter(parameter: _BoundedParameter, value: float) -> Iterator[dict[str, Any]]:

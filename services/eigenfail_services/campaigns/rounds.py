@@ -71,8 +71,10 @@ def judge_results(rules: values.StopRules, tally: Tally, estimate: values.Estima
     bounded = estimate is not None and estimate.bound is not None
     what = "lower bound of the failure probability" if bounded else "failure probability"
     sure = f"The {what} has a coefficient of variation of {_format_figure(cv)}"
+    count = tally.failures
+    failed = "1 failure was found" if count == 1 else f"{count} failures were found"
     return (
-        _reached("failures", rules.failures, tally.failures, _count_failures(tally.failures))
+        _reached("failures", rules.failures, count, failed)
         or _fell_to("half_width", rules.half_width, width, known)
         or _fell_to("cv", rules.cv, cv, sure)
     )
@@ -87,10 +89,6 @@ def judge_time(rules: values.StopRules, active_s: float, cost_usd: float) -> str
     return _reached("wall_s", rules.wall_s, active_s, lasted) or _reached(
         "cost_usd", rules.cost_usd, cost_usd, cost
     )
-
-
-def _count_failures(failures: int) -> str:
-    return "1 failure was found" if failures == 1 else f"{failures} failures were found"
 
 
 def _format_figure(figure: float | None) -> str:
@@ -222,7 +220,11 @@ class Rounds:
         Raises:
             LearnerFailed: the learner proposed more than it was asked for.
         """
-        while len(self._open) <= self._lookahead() and self._may_propose():
+        # A learner may change its look-ahead from round to round.
+        while (
+            len(self._open) <= limit_lookahead(self._learner.lookahead, self._rules)
+            and self._may_propose()
+        ):
             self._propose()
         return tuple(self._open)
 
@@ -254,9 +256,6 @@ class Rounds:
         estimate = self.estimate() if self._rules.cv is not None else None
         words = judge_results(self._rules, self._tally, estimate)
         return f"{words} {OPEN_WAS_FINISHED}" if words and self._open else words
-
-    def _lookahead(self) -> int:
-        return limit_lookahead(self._learner.lookahead, self._rules)
 
     def checkpoint(self) -> bytes:
         """Return the state from which learning continues bit for bit, open rounds included."""

@@ -8,13 +8,12 @@ import msgspec
 from msgspec.structs import asdict
 
 from eigenfail import suites
-from eigenfail.errors import InputError, InvalidValue, NotFound, UnknownName
-from eigenfail.values import Campaign, CampaignSpec, Summary
+from eigenfail.errors import InputError, InvalidValue, UnknownName
+from eigenfail.values import Campaign, CampaignSpec
 from eigenfail.values.campaign import CampaignFilter
-from eigenfail.values.suite import SEPARATOR, SuiteRow, SuiteTable, member_of, suite_of
-from eigenfail_services.campaigns import seeds, validation
+from eigenfail.values.suite import SEPARATOR, suite_of
+from eigenfail_services.campaigns import validation
 from eigenfail_services.campaigns.drafts import move_errors, rename_field
-from eigenfail_services.campaigns.summary import summaries_of
 from eigenfail_services.store import Store
 
 PAGE = 200
@@ -117,14 +116,17 @@ def check_suite(store: Store, suite: suites.Suite) -> CheckedSuite:
     Members that build upon members which are not done are checked, and cannot be created now.
     """
     alike: dict[str, list[Campaign]] = {}
-    for campaign in _list_campaigns(store, suite.name):
+    for campaign in list_members(store, suite.name):
         alike.setdefault(campaign.spec.name, []).append(campaign)
     found = suites.match_campaigns(suite, alike)
     ready = dict(suites.list_ready_members(suite, found))
+    # Problems of all members are found first: a suite is created whole, or not at all.
     checked = CheckedSuite({}, {})
     for name, spec in ready.items():
         try:
-            checked.missing[suites.make_member_key(spec)] = _check_member(store, spec)
+            resolved = validation.validate_campaign(spec, store)
+            validation.check_offers(resolved, validation.list_offers([resolved], store))
+            checked.missing[suites.make_member_key(spec)] = resolved.spec
         except InputError as error:
             checked.problems[name] = error
     for member in suite.members:
@@ -159,65 +161,10 @@ def create_suite(store: Store, suite: suites.Suite, made_by: int | None = None) 
     store.campaigns.create_missing(checked.missing, made_by)
 
 
-def _check_member(store: Store, spec: CampaignSpec) -> CampaignSpec:
-    campaign = validation.validate_campaign(spec, store)
-    validation.check_offers(campaign, validation.list_offers([campaign], store))
-    return campaign.spec
-
-
-def make_suite_table(store: Store, suite: str, most: int = suites.MOST_MEMBERS) -> SuiteTable:
-    """Return the newest campaign of each member, with the settings in which members differ.
-
-    Args:
-        store: where campaigns are.
-        suite: its name.
-        most: rows of the table at most; beyond that members with the newest campaigns are shown.
-
-    Raises:
-        NotFound: no campaign belongs to such a suite.
-    """
-    campaigns = list(_list_campaigns(store, suite))
-    if not campaigns:
-        raise NotFound(
-            f"No campaign belongs to a suite '{suite}'.",
-            "`eigenfail suite list` shows which suites there are.",
-        )
-    newest = {member_of(each.spec.name): each for each in reversed(campaigns)}
-    shown = dict(sorted(newest.items(), key=lambda one: -one[1].id)[:most])
-    members = [(name, shown[name]) for name in newest if name in shown]
-    columns = suites.shorten_paths(seeds.list_differing([each.spec for _, each in members]))
-    found = [each for _, each in members]
-    summaries = summaries_of(store, found)
-    return SuiteTable(
-        suite=suite,
-        columns=tuple(columns.values()),
-        members=tuple(
-            _make_row(name, each, columns, summary)
-            for (name, each), summary in zip(members, summaries, strict=True)
-        ),
-        earlier=len(campaigns) - len(newest),
-        left_out=len(newest) - len(members),
-        over_seeds=seeds.make_spreads(found, summaries),
-    )
-
-
-def _list_campaigns(store: Store, suite: str) -> Iterator[Campaign]:
+def list_members(store: Store, suite: str) -> Iterator[Campaign]:
+    """Return the campaigns of a suite, newest first."""
     page = store.campaigns.page(PAGE, where=CampaignFilter(suite=suite))
     yield from page.items
     while page.next is not None:
         page = store.campaigns.page(PAGE, page.next, CampaignFilter(suite=suite))
         yield from page.items
-
-
-def _make_row(
-    member: str, campaign: Campaign, columns: dict[suites.KeyPath, str], summary: Summary
-) -> SuiteRow:
-    given = seeds.list_given_settings(campaign.spec)
-    return SuiteRow(
-        member=member,
-        campaign=campaign.id,
-        state=campaign.state,
-        stopped_because=campaign.stopped_because,
-        settings={name: given[path] for path, name in columns.items() if path in given},
-        summary=summary,
-    )

@@ -27,7 +27,7 @@ from eigenfail.versions import learner_versions
 from eigenfail.worlds import world_of
 from eigenfail_services.campaigns import rounds
 from eigenfail_services.campaigns.analysis_jobs import AnalysisJobs
-from eigenfail_services.campaigns.learner_context import learner_context
+from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.hub.metrics import TimeAccounting
 from eigenfail_services.hub.runs import RunSpec
@@ -210,6 +210,7 @@ AFTER = {
     values.CampaignState.PAUSING: values.CampaignState.PAUSED,
     values.CampaignState.CANCELLING: values.CampaignState.CANCELLED,
 }
+"""What a user asked for while a campaign ran, and its state once that is done."""
 
 
 def may_run(campaign: values.Campaign, job: Job, store: Store) -> bool:
@@ -278,11 +279,6 @@ class Supervisor:
         self._openers: dict[JobKind, Callable[[Job], None]] = {
             JobKind.CAMPAIGN: self._open_campaign,
             JobKind.ANALYSIS: analyses.open,
-        }
-        # What a user asked for while the campaign ran, and where it stands when that is done.
-        self._wishes = {
-            values.CampaignState.PAUSING: values.CampaignState.PAUSED,
-            values.CampaignState.CANCELLING: values.CampaignState.CANCELLED,
         }
 
     def turn(self) -> None:
@@ -380,7 +376,7 @@ class Supervisor:
             if watch.has_new(now.spec.priority):
                 self._hub.set_weight(campaign, now.spec.priority.weight)
             watch.rule_held = find_spent_rule(now)
-            if watch.rule_held or now.state in self._wishes:
+            if watch.rule_held or now.state in AFTER:
                 watch.halting = True
                 self._hub.halt(campaign)
 
@@ -456,5 +452,5 @@ class Supervisor:
         if ended.problem:
             return values.CampaignState.DEAD, ended.problem
         if watch.halting and not watch.rule_held:
-            return self._wishes[state], BY_USER
+            return AFTER[state], BY_USER
         return values.CampaignState.DONE, ended.stopped_because or watch.rule_held

@@ -1,30 +1,26 @@
 """What a campaign must be before it is taken on: names known, values within bounds, noise there."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from math import ceil, isfinite
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import msgspec
 from msgspec.structs import replace
 
 from eigenfail.bridges import BridgeOffer
-from eigenfail.contracts import Injection, Reference
-from eigenfail.errors import InvalidValue, NotFound, UnknownName, is_unsafe
+from eigenfail.errors import InvalidValue, UnknownName, is_unsafe
 from eigenfail.settings import LARGEST_INTEGER, convert, list_values
 from eigenfail.values import CampaignSpec
 from eigenfail.values.campaign_spec import RESULT_RULES
 from eigenfail.values.learning import IN_FLIGHT, MOST_OPEN_ROUNDS
-from eigenfail.values.variation import KINDS
 from eigenfail.worlds import CampaignWorld, list_simulators, world_of
 from eigenfail_services.campaigns import resolution
+from eigenfail_services.campaigns.references import check_references
 from eigenfail_services.campaigns.rounds import limit_lookahead
 from eigenfail_services.methods import check_budget
 
 if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load
     from eigenfail_services.store import Store
-
-FAILURE_SETTINGS = ("campaign", "episode", "analysis", "mode")
-"""Settings that name one failure: the first two together, or the last two."""
 
 
 def validate_campaign(spec: CampaignSpec, store: "Store") -> resolution.ResolvedCampaign:
@@ -35,7 +31,9 @@ def validate_campaign(spec: CampaignSpec, store: "Store") -> resolution.Resolved
         InvalidValue: a value that cannot be; or an earlier campaign, an analysis or an episode that
             the settings name does not exist or is of no use.
     """
-    return check_references(check_spec(spec), store)
+    campaign = check_spec(spec)
+    check_references(campaign, store)
+    return campaign
 
 
 def list_offers(
@@ -152,7 +150,7 @@ def _check_course(spec: CampaignSpec, world: CampaignWorld) -> None:
             f"{spec.method} continues episodes from a step on, and functions have no steps.",
             "Take subset or mixture.",
         )
-    if varied := list_varied(spec):
+    if varied := resolution.list_varied(spec):
         raise InvalidValue(
             "scenario_parameters",
             f"{spec.method} continues episodes from a step on, and with {', '.join(varied)} drawn "
@@ -171,139 +169,6 @@ def _refuse_unstorable(spec: CampaignSpec) -> None:
         if isinstance(value, str) and any(map(is_unsafe, value)):
             problem = "contains a control character or an invisible one."
             raise InvalidValue(path, problem, "Take it out.")
-
-
-def check_references(
-    campaign: resolution.ResolvedCampaign, store: "Store"
-) -> resolution.ResolvedCampaign:
-    """Return the campaign with its references, once what its settings name can be used.
-
-    Raises:
-        InvalidValue: one does not exist; or it is to be built upon and has not ended, has learnt
-            nothing, or has episodes of another length.
-    """
-    _check_named(campaign, store)
-    if check := INJECTION_CHECKS.get(campaign.searching.traits.injects):
-        check(campaign, store)
-    return resolution.find_references(campaign, store)
-
-
-def _check_named(campaign: resolution.ResolvedCampaign, store: "Store") -> None:
-    """Raises InvalidValue where noise that is to be injected is not there, or does not fit."""
-    method = campaign.searching
-    for name, number in method.given_references(Reference.NOISE).items():
-        field = f"{method.field}.{name}"
-        try:
-            source = store.analyses.get(number).campaign if name == "analysis" else number
-            before = store.campaigns.get(source)
-        except NotFound as error:
-            raise InvalidValue(field, error.problem, error.remedy) from error
-        resolution.check_channels(before, field, campaign.channels)
-
-
-def _check_trajectories(campaign: resolution.ResolvedCampaign, store: "Store") -> None:
-    """Check that the noise that a replay names exists.
-
-    The failures of a whole campaign are not read: their number is not bounded.
-
-    Raises:
-        InvalidValue: nothing is named; or the analysis is not done, or has no mode or not the one
-            that is named; or an episode has no result.
-    """
-    method = campaign.searching
-    settings = method.given
-    if all(settings.get(name) is None for name in resolution.READERS):
-        problem = "they name neither an analysis nor a campaign whose noise is replayed."
-        raise InvalidValue(method.field, problem, 'Give "analysis", or "campaign".')
-    if settings.get("analysis") is None and not settings.get("episodes"):
-        return
-    try:
-        known = resolution.read_trajectories(method, store)
-    except NotFound as error:
-        raise InvalidValue(f"{method.field}.episodes", error.problem, error.remedy) from error
-    if not known:
-        problem = "that analysis found no failure mode to replay."
-        raise InvalidValue(f"{method.field}.analysis", problem, "Name one that has failure modes.")
-
-
-def _check_failure(campaign: resolution.ResolvedCampaign, store: "Store") -> None:
-    """Make sure that one failure is named, and that all replays will be in its scenario.
-
-    Raises:
-        InvalidValue: it is not exactly one; there is no such episode or mode; the episode did not
-            end in a collision; or the scenario's parameters vary.
-    """
-    method = campaign.searching
-    settings = method.given
-    named = {name for name in FAILURE_SETTINGS if settings.get(name) is not None}
-    if named not in ({"campaign", "episode"}, {"analysis", "mode"}):
-        words = ", ".join(sorted(named)) or "nothing"
-        remedy = 'Give "campaign" and "episode", or "analysis" and "mode", and nothing else.'
-        raise InvalidValue(method.field, f"they name {words}, which is not one failure.", remedy)
-    if "episode" in named:
-        field = f"{method.field}.episode"
-        _check_collision(settings["campaign"], settings["episode"], field, store)
-    resolution.read_trajectories(method, store)
-    for name in campaign.spec.disturbance.searched_parameters:
-        problem = "is chosen by the noise, and minimal takes noise away that could be without."
-        remedy = f"Leave out the channel scenario.{name}, and give the parameter a value."
-        raise InvalidValue(f"scenario_parameters.{name}", problem, remedy)
-    for name in list_varied(campaign.spec):
-        raise InvalidValue(
-            f"scenario_parameters.{name}",
-            "varies, so that each replay would be in another scenario than the failure.",
-            "`eigenfail episode shrink CAMPAIGN/EPISODE` fixes what the episode drew; or give a"
-            " value, for a mode that of its medoid.",
-        )
-
-
-def _check_collision(campaign: int, episode: int, field: str, store: "Store") -> None:
-    try:
-        result = store.episodes.get(campaign, episode)
-    except NotFound as error:
-        raise InvalidValue(field, error.problem, error.remedy) from error
-    if not result.is_failure:
-        problem = f"episode {campaign}/{episode} is {result.outcome.word}, not a collision."
-        remedy = f"`eigenfail episode list {campaign} --outcome collision` lists failures."
-        raise InvalidValue(field, problem, remedy)
-
-
-def _check_failures(campaign: resolution.ResolvedCampaign, store: "Store") -> None:
-    """Check that the named campaign has failures that can be injected here.
-
-    Raises:
-        InvalidValue: it has not ended, has no failure, or has episodes of another length.
-    """
-    field = f"{campaign.searching.field}.campaign"
-    before = resolution.find_ended(campaign.searching.given["campaign"], field, store)
-    if not before.counts.failures:
-        problem = f"campaign {before.id} has no failure to start from."
-        raise InvalidValue(field, problem, "Name a campaign with failures, such as one of ast.")
-    resolution.check_horizon(before, field, campaign.horizon)
-
-
-INJECTION_CHECKS: Mapping[Injection, Callable[[resolution.ResolvedCampaign, "Store"], None]] = {
-    Injection.FAILURES: _check_failures,
-    Injection.ONE_FAILURE: _check_failure,
-    Injection.TRAJECTORIES: _check_trajectories,
-}
-
-
-def list_varied(spec: CampaignSpec) -> tuple[str, ...]:
-    """Return the scenario parameters that have a distribution."""
-    given = spec.scenario_parameters.items()
-    return tuple(name for name, value in given if is_distribution(value))
-
-
-def list_drawn(spec: CampaignSpec) -> tuple[str, ...]:
-    """Return the scenario parameters that each episode draws from its seed, not by its noise."""
-    searched = spec.disturbance.searched_parameters
-    return tuple(name for name in list_varied(spec) if name not in searched)
-
-
-def is_distribution(value: Any) -> bool:
-    """Return whether a scenario parameter is drawn for each episode."""
-    return isinstance(value, dict) and not KINDS.keys().isdisjoint(value)
 
 
 class RoundPace(msgspec.Struct, frozen=True):
@@ -338,30 +203,19 @@ def describe_stop_rules(campaign: resolution.ResolvedCampaign) -> Iterator[str]:
     if pace is None:
         yield f"{judged}, as large as the method makes them: once {holds}, open ones are finished."
     elif spec.episodes <= pace.first + pace.ahead * pace.later:
-        yield f"{judged}, and {_describe_whole(pace)}: nothing ends early. {_describe_remedy(pace)}"
+        rounds = "one round holds"
+        if pace.ahead:
+            rounds = "two rounds, which are open together, hold"
+        remedy = f"Give it more episodes, or a smaller {pace.setting}."
+        yield f"{judged}, and {rounds} all of the budget: nothing ends early. {remedy}"
     else:
-        rest = _describe_rest(pace, spec.episodes)
-        yield f"{judged}, of {_describe_size(pace)} episodes here: once {holds}, {rest}"
-
-
-def _describe_whole(pace: RoundPace) -> str:
-    if pace.ahead:
-        return "two rounds, which are open together, hold all of the budget"
-    return "one round holds all of the budget"
-
-
-def _describe_remedy(pace: RoundPace) -> str:
-    return f"Give it more episodes, or a smaller {pace.setting}."
-
-
-def _describe_size(pace: RoundPace) -> str:
-    return f"{pace.later}" if pace.first == pace.later else f"up to {max(pace.first, pace.later)}"
-
-
-def _describe_rest(pace: RoundPace, episodes: int) -> str:
-    open_then = (1 + pace.ahead) * max(pace.first, pace.later) - 1
-    why = ", as the next round is open by then" if pace.ahead else ""
-    return f"up to {min(open_then, episodes - 1)} more are run{why}."
+        largest = max(pace.first, pace.later)
+        size = f"{largest}" if pace.first == pace.later else f"up to {largest}"
+        # The round that a rule is judged after is over: one episode less than all open ones.
+        open_then = min((1 + pace.ahead) * largest - 1, spec.episodes - 1)
+        why = ", as the next round is open by then" if pace.ahead else ""
+        more = f"up to {open_then} more are run{why}."
+        yield f"{judged}, of {size} episodes here: once {holds}, {more}"
 
 
 def find_pace(campaign: resolution.ResolvedCampaign) -> RoundPace | None:

@@ -12,7 +12,7 @@ from eigenfail.values.report import Cell, ReportPicture, ReportSection
 from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns.costs import find_spending
 from eigenfail_services.campaigns.minimal_failures import METHOD, find_minimal_failure
-from eigenfail_services.campaigns.region import find_region
+from eigenfail_services.comparison.region import find_region
 from eigenfail_services.reports import page
 from eigenfail_services.reports.material import Material, Subject
 from eigenfail_services.reports.outcomes import list_bounds

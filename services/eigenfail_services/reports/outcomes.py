@@ -16,7 +16,7 @@ from eigenfail.settings import defaults_of
 from eigenfail.values import Campaign, CampaignSpec, Rate
 from eigenfail.values.report import Cell, ReportSection
 from eigenfail.worlds import describe_disturbance, describe_requirements, world_of
-from eigenfail_services.campaigns.comparison import warn_of_seeds
+from eigenfail_services.comparison.sides import warn_of_seeds
 from eigenfail_services.reports import page
 from eigenfail_services.reports.material import Material, Subject
 from eigenfail_services.store.schema import VERSION

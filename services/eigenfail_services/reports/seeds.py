@@ -3,7 +3,7 @@
 from eigenfail.presentation.seeds import OVER_SEEDS, tabulate_spreads
 from eigenfail.values.report import Cell, ReportSection
 from eigenfail.values.seeds import SeedFigure, SeedSpread
-from eigenfail_services.campaigns.seeds import make_spreads
+from eigenfail_services.comparison.seeds import make_spreads
 from eigenfail_services.reports.material import Material
 from eigenfail_services.reports.page import Grid, ReportPart, make_table
 

@@ -1,4 +1,4 @@
-"""Comparisons of two samples: paired episodes, effect sizes, rank correlation."""
+"""Comparisons of two samples: effect sizes, rank correlation."""
 
 from collections.abc import Sequence
 from math import atanh, comb, sqrt, tanh
@@ -13,31 +13,7 @@ from eigenfail.values import (
     Figure,
     Interval,
     Magnitude,
-    McNemar,
-    PairTotals,
 )
-
-
-def mcnemar(pairs: PairTotals) -> McNemar:
-    """Return McNemar's exact test: only pairs in which just one side failed distinguish the sides.
-
-    If both sides were equally prone to fail, each would be that one with probability 1/2: the
-    p-value is twice the binomial tail of the rarer, at most 1. Source: McNemar 1947, Psychometrika
-    12, 153–157.
-    """
-    from scipy.special import bdtr  # imported late: the API starts sooner without it
-
-    rarer = min(pairs.only_first, pairs.only_second)
-    discordant = pairs.only_first + pairs.only_second
-    return McNemar(
-        n=pairs.n,
-        both=pairs.both,
-        only_a=pairs.only_first,
-        only_b=pairs.only_second,
-        neither=pairs.neither,
-        p_value=min(1.0, 2.0 * float(bdtr(rarer, discordant, 0.5))),
-    )
-
 
 SIGNIFICANCE = 0.05
 

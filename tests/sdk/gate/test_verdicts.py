@@ -15,10 +15,9 @@ from eigenfail.gate.verdicts import (
     judge_outcome,
     judge_pairs,
 )
-from eigenfail.intervals import difference, wilson
+from eigenfail.intervals import difference, mcnemar, wilson
 from eigenfail.values import Comparison as Found
 from eigenfail.values import Cost, Estimate, Interval, Outcome, PairTotals, Rate, Side
-from eigenfail_services.statistics.comparison import mcnemar
 
 HIT, SAFE, FAILED = Outcome.COLLISION, Outcome.SAFE, Outcome.ERRORED
 DOUBT = "unresolved"

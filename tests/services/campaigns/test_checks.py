@@ -9,8 +9,7 @@ import pytest
 from eigenfail.errors import InputError, InvalidValue, UnknownName
 from eigenfail.settings import MAX_DEPTH
 from eigenfail.values import CampaignSpec, DisturbanceModel, StopRules
-from eigenfail_services.campaigns.drafts import fill_defaults
-from eigenfail_services.campaigns.resolution import resolve_campaign
+from eigenfail_services.campaigns.resolution import fill_defaults, resolve_campaign
 from eigenfail_services.campaigns.validation import check_spec
 
 GOOD = CampaignSpec(

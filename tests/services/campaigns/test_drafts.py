@@ -9,20 +9,20 @@ from eigenfail.bridges import BridgeOffer, OfferedPlanner, OfferedScenario
 from eigenfail.errors import InvalidValue, NotFound
 from eigenfail.values import AXES, Campaign, CampaignSpec, CampaignState
 from eigenfail.values.operations import Arrival
-from eigenfail_services.campaigns.comparison import (
-    MOST,
-    compare_settings,
-    group_by_seed,
-    pick_campaigns,
-)
 from eigenfail_services.campaigns.drafts import (
     change_fields,
     clone,
     describe_repetition,
-    fill_defaults,
     find_problems,
     list_continuations,
     read_draft,
+)
+from eigenfail_services.campaigns.resolution import fill_defaults
+from eigenfail_services.comparison.comparability import compare_settings
+from eigenfail_services.comparison.sides import (
+    MOST,
+    group_by_seed,
+    pick_campaigns,
 )
 from eigenfail_services.store import Store, open_store
 

@@ -26,21 +26,19 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import Delivery
 from eigenfail.wire.messages import Start, encode, read_learner_command
-from eigenfail_services.campaigns import learner_context as context_module
-from eigenfail_services.campaigns import resolution
-from eigenfail_services.campaigns.learner_context import (
+from eigenfail_services.campaigns import references as context_module
+from eigenfail_services.campaigns.references import (
     CompletedEpisode,
+    check_references,
     choose_episodes,
     learner_context,
+    leave_out_births,
     read_experience,
 )
 from eigenfail_services.campaigns.resolution import (
-    find_references,
-    leave_out_births,
     resolve_campaign,
 )
 from eigenfail_services.campaigns.rounds import run_in_process
-from eigenfail_services.campaigns.validation import check_references
 from eigenfail_services.hub.learner_process import create_rounds
 from eigenfail_services.store import open_store
 
@@ -58,9 +56,8 @@ class House:
         spec = CampaignSpec(
             **{"name": "t", "method": "monte_carlo", "episodes": 30} | WORLD | fields
         )
-        return self.store.campaigns.create(
-            check_references(resolve_campaign(spec), self.store).spec
-        ).id
+        check_references(resolve_campaign(spec), self.store)
+        return self.store.campaigns.create(spec).id
 
     def context(self, campaign: int):
         return learner_context(self.store.campaigns.get(campaign), self.store)
@@ -246,7 +243,8 @@ def data(numbers, **fields) -> CampaignSpec:
 
 
 def experience_of(spec: CampaignSpec, store):
-    found = find_references(resolve_campaign(spec), store)
+    found = resolve_campaign(spec)
+    check_references(found, store)
     return read_experience(found, store)
 
 
@@ -387,7 +385,7 @@ def test_data_of_other_episodes_or_of_too_many_is_refused(memory: House, monkeyp
     with pytest.raises(InvalidValue, match="have 100 steps, here they have 200") as refused:
         check_references(resolve_campaign(data([campaign], scenario="merge_in")), memory.store)
     assert refused.value.field == "settings.data_from"
-    monkeypatch.setattr(resolution, "MOST_READ", 5)
+    monkeypatch.setattr(context_module, "MOST_READ", 5)
     with pytest.raises(InvalidValue, match="6 episodes are more than the 5"):
         check_references(resolve_campaign(data([campaign])), memory.store)
 

@@ -21,7 +21,6 @@ from eigenfail.values import (
     NoiseTrajectory,
     Outcome,
 )
-from eigenfail_services.campaigns.learner_context import learner_context
 from eigenfail_services.campaigns.mode_probability import (
     add_probabilities,
     estimate_by_known_proposal,
@@ -29,6 +28,7 @@ from eigenfail_services.campaigns.mode_probability import (
     estimate_by_weights,
     estimate_share,
 )
+from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.campaigns.rounds import FORMAT, Checkpoint, write_checkpoint
 from eigenfail_services.methods.batch_learner import SimulationDriver
 from eigenfail_services.methods.subset import estimate_modes

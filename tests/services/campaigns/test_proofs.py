@@ -32,7 +32,6 @@ from eigenfail.worlds import list_channels
 from eigenfail_services.campaigns import explanations as words_module
 from eigenfail_services.campaigns import minimal_failures
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.learner_context import learner_context
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure, read_knowledge
 from eigenfail_services.campaigns.proofs import (
     launch_replays,
@@ -40,9 +39,9 @@ from eigenfail_services.campaigns.proofs import (
     read_drawn,
     summarise_proof,
 )
+from eigenfail_services.campaigns.references import check_references, learner_context
 from eigenfail_services.campaigns.resolution import resolve_campaign
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.campaigns.validation import check_references
 from eigenfail_services.methods.minimal import Minimal, MinimalFacts, read_state
 from eigenfail_services.methods.minimal_search import SearchPhase, compute_energy
 from eigenfail_services.methods.nearest import mix_noise
@@ -60,7 +59,8 @@ class House:
 
     def create(self, **fields) -> int:
         given = {"name": "t", "method": "monte_carlo", "episodes": 30} | WORLD | fields
-        spec = check_references(resolve_campaign(CampaignSpec(**given)), self.store).spec
+        spec = CampaignSpec(**given)
+        check_references(resolve_campaign(spec), self.store)
         return self.store.campaigns.create(spec).id
 
     def finish(self, number: int, episodes: int | None = None) -> int:

@@ -4,14 +4,10 @@ import pytest
 
 from eigenfail.errors import StoreUnavailable
 from eigenfail_services import __main__ as module
-from eigenfail_services.campaigns import launcher_options
 
 
 class Launcher:
     stopped = 0
-
-    def __init__(self, _arguments) -> None:
-        pass
 
     def start(self, hub: str, _key: object, _given_up: object) -> None:
         pass
@@ -29,7 +25,7 @@ def test_workers_are_taken_down_although_the_store_is_away_at_the_end(
     monkeypatch.setattr(module.signal, "signal", lambda *_: None)
     monkeypatch.setattr(module, "supervise", lambda *_: None)
     monkeypatch.setattr(module.Supervisor, "release", away)
-    monkeypatch.setitem(launcher_options.LAUNCHERS, "none", Launcher)
+    monkeypatch.setattr(module, "NoLauncher", Launcher)
     with pytest.raises(StoreUnavailable):
         module.serve(
             module.parse(["--database", f"sqlite:///{tmp_path}/e.db", "--launcher", "none"])

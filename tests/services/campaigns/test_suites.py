@@ -5,7 +5,7 @@ from store_checks.examples import deliver, running
 
 from eigenfail.errors import NotFound
 from eigenfail.testing.examples import collision, result, spec
-from eigenfail_services.campaigns.suites import make_suite_table
+from eigenfail_services.comparison.seeds import make_suite_table
 from eigenfail_services.store import open_store
 
 

@@ -14,7 +14,7 @@ from eigenfail import plugins
 from eigenfail.values import CampaignSpec, CampaignState
 from eigenfail.values.records import Delivery, Verdict
 from eigenfail.wire.messages import PROTOCOL, Hello, Observed, Start, Stop
-from eigenfail_services.campaigns.learner_context import learner_context
+from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.campaigns.rounds import Rounds
 from eigenfail_services.hub import runs
 from eigenfail_services.hub.commits import JudgedResult

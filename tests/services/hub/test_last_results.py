@@ -20,7 +20,7 @@ from eigenfail.wire.messages import (
     encode,
     read_hub_message,
 )
-from eigenfail_services.campaigns.learner_context import learner_context
+from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.hub import commits
 from eigenfail_services.hub.runs import RunSpec
 from eigenfail_services.hub.server import Hub

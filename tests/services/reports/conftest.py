@@ -11,7 +11,7 @@ from eigenfail.settings import read_settings
 from eigenfail.values import AnalysisSettings, CampaignSpec, CampaignState, DisturbanceModel
 from eigenfail.values.records import Delivery
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.learner_context import learner_context
+from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.reports.report import Made, make
 from eigenfail_services.store import Store, open_store

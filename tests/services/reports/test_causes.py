@@ -11,7 +11,7 @@ from eigenfail_services.analysis.footprints import find_struck
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
 from eigenfail_services.campaigns.proofs import launch_replays, summarise_proof
-from eigenfail_services.campaigns.region import find_region
+from eigenfail_services.comparison.region import find_region
 from eigenfail_services.reports.material import Material, gather_material
 from eigenfail_services.reports.page import ReportPart
 from eigenfail_services.reports.report import costs, evidence

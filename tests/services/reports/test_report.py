@@ -20,8 +20,8 @@ from eigenfail.values.report import Report, ReportTable
 from eigenfail.values.triage import TriageChange, TriageState
 from eigenfail.wire.http import decode
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.seeds import find_spreads
 from eigenfail_services.campaigns.summary import find_safety, summarise
+from eigenfail_services.comparison.seeds import find_spreads
 from eigenfail_services.reports.page import MOST_ROWS, format_plain, to_csv
 from eigenfail_services.reports.report import Made, make
 from eigenfail_services.store import Store, open_store

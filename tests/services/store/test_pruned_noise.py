@@ -20,9 +20,9 @@ from eigenfail.values.operations import Retention
 from eigenfail.values.records import Delivery
 from eigenfail.values.report import ExportRequest
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
-from eigenfail_services.campaigns.pairing import pair_episodes
+from eigenfail_services.campaigns.references import check_references, read_experience
 from eigenfail_services.campaigns.resolution import resolve_campaign
-from eigenfail_services.campaigns.validation import check_references
+from eigenfail_services.comparison.comparability import pair_episodes
 from eigenfail_services.export_formats import make_export_source, write_parquet
 from eigenfail_services.store import Store, open_store
 from eigenfail_services.upkeep.maintenance import PruneSelection, prune
@@ -80,8 +80,11 @@ def test_a_campaign_cannot_learn_from_what_is_gone(sqlite_url) -> None:
         wanted = spec(method="difs", settings={"data_from": [1]})
         check_references(resolve_campaign(wanted), store)
         prune(sqlite_url, FIFTHS, EVERYTHING)
-        with pytest.raises(InvalidValue, match=f"noise of {LOST} episodes of campaign 1"):
+        refused = f"settings.data_from: the noise of {LOST} episodes of campaign 1"
+        with pytest.raises(InvalidValue, match=refused):
             check_references(resolve_campaign(wanted), store)
+        with pytest.raises(InvalidValue, match=refused):  # created although it was pruned meanwhile
+            read_experience(resolve_campaign(wanted), store)
 
 
 def really_run(store: Store) -> None:

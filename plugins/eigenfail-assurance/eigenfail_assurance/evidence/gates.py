@@ -20,8 +20,8 @@ from eigenfail.gate.verdicts import (
     judge_rate,
     judge_rate_by_chance,
 )
-from eigenfail.intervals import bound_both_sides, difference, sum_lower_tail
-from eigenfail.values import CampaignState, Difference, McNemar, Outcome, Rate
+from eigenfail.intervals import bound_both_sides, difference, mcnemar
+from eigenfail.values import CampaignState, Difference, McNemar, Outcome, PairTotals, Rate
 from eigenfail_assurance.evidence import counting
 from eigenfail_assurance.evidence.records import RecordedEpisode, place_episode
 
@@ -223,15 +223,13 @@ def _count_pairs(before: counting.CountedCampaign, now: counting.CountedCampaign
         was = known.get((each.index, each.seed, each.source), Outcome.ERRORED)
         if Outcome.ERRORED not in {was, each.outcome}:
             pairs[was.is_failure, each.outcome.is_failure] += 1
-    only_before, only_now = pairs[True, False], pairs[False, True]
-    tail = sum_lower_tail(min(only_before, only_now), only_before + only_now, 0.5)
-    return McNemar(
-        n=pairs.total(),
-        both=pairs[True, True],
-        only_a=only_before,
-        only_b=only_now,
-        neither=pairs[False, False],
-        p_value=min(1.0, 2.0 * tail),
+    return mcnemar(
+        PairTotals(
+            both=pairs[True, True],
+            only_first=pairs[True, False],
+            only_second=pairs[False, True],
+            neither=pairs[False, False],
+        )
     )
 
 

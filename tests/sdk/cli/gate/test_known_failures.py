@@ -7,8 +7,8 @@ from msgspec.structs import replace
 from eigenfail import plugins
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.values.records import Delivery
-from eigenfail_services.campaigns.learner_context import learner_context
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure
+from eigenfail_services.campaigns.references import learner_context
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods.minimal import Minimal
 

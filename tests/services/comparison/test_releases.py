@@ -10,8 +10,8 @@ from eigenfail.presentation.releases import compare_newest
 from eigenfail.values import AnalysedCampaign, AnalysisSettings, StopRules
 from eigenfail.values.release import ModeStatus
 from eigenfail.values.triage import TriageChange, TriageState
-from eigenfail_services.campaigns import releases
-from eigenfail_services.campaigns.releases import (
+from eigenfail_services.comparison import releases
+from eigenfail_services.comparison.releases import (
     find_history,
     list_questions,
     make_release_table,

@@ -2,25 +2,38 @@
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from functools import lru_cache, partial
+from functools import partial
 from itertools import islice
 from typing import NamedTuple
 
-import msgspec
 from msgspec.structs import replace
 
 from eigenfail.errors import NotFound
 from eigenfail.methods import traits_of
-from eigenfail.values import Campaign, CampaignSpec, Mode, release
+from eigenfail.presentation.figures import format_number, format_upper_bound, round_up
+from eigenfail.presentation.rates import format_rate
+from eigenfail.values import Campaign, Mode, release
 from eigenfail.values.triage import TriageState
 from eigenfail.worlds import describe_requirements
 from eigenfail_services.analysis import mode_matching
-from eigenfail_services.campaigns import release_reading, release_words
 from eigenfail_services.campaigns.cache import StoreCache
-from eigenfail_services.campaigns.drafts import fill_defaults
+from eigenfail_services.comparison import release_reading
+from eigenfail_services.comparison.comparability import write_release_question
 from eigenfail_services.store import Store
 
 NO_COLLISION = "no collision"
+
+NO_PROOF = "Not met in this search; this is no proof: replay its failures."
+
+CHOSEN = "A search chose the episodes, so that this is no proof."
+
+FIXED_YET_THERE = (
+    "Mode {mode.number}, {mode.name}, is marked {words} (analysis {fixed.analysis}, mode "
+    "{fixed.mode}), and {version} has failures of it."
+)
+
+DIGITS = 2
+"""Significant digits of a probability."""
 
 _cached_matches = StoreCache[tuple[mode_matching.Sightings, ...]](100)
 
@@ -59,7 +72,7 @@ def _group_campaigns(campaigns: Sequence[Campaign], project: str | None) -> list
     found: dict[str, list[Campaign]] = {}
     for campaign in campaigns:
         if project is None or campaign.spec.project == project:
-            found.setdefault(_find_key(campaign.spec), []).append(campaign)
+            found.setdefault(write_release_question(campaign.spec), []).append(campaign)
     return [*found.values()]
 
 
@@ -69,9 +82,9 @@ def make_release_table(store: Store, campaign: int) -> release.ReleaseTable:
     Raises:
         NotFound: there is no such campaign, or it does not name the version of its planner.
     """
-    key = _find_key(store.campaigns.get(campaign).spec)
+    key = write_release_question(store.campaigns.get(campaign).spec)
     read = _list_campaigns(store)
-    alike = [each for each in read.items if _find_key(each.spec) == key]
+    alike = [each for each in read.items if write_release_question(each.spec) == key]
     if campaign not in {each.id for each in alike}:
         raise NotFound(
             f"Campaign {campaign} is part of no release.",
@@ -103,7 +116,7 @@ def _make_table(
         question=_make_question(alike),
         releases=tuple(each.release for each in read),
         modes=modes,
-        notes=(*release_words.list_notes(read), *_list_fixed(modes, known), *read_notes),
+        notes=(*release_reading.list_notes(read), *_list_fixed(modes, known), *read_notes),
     )
 
 
@@ -149,24 +162,6 @@ def _list_campaigns(store: Store) -> _VersionedCampaigns:
     )
 
 
-def _find_key(spec: CampaignSpec) -> str:
-    fields = ("method", "planner", "scenario", "scenario_parameters", "simulator", "disturbance")
-    asked = CampaignSpec(
-        **{name: getattr(spec, name) for name in fields},
-        name="-",
-        episodes=1,
-        requirements=spec.all_requirements,
-    )
-    return _write_key(msgspec.json.encode(asked, order="deterministic"))
-
-
-@lru_cache(maxsize=release_reading.MOST_CAMPAIGNS)
-def _write_key(asked: bytes) -> str:
-    spec = fill_defaults(msgspec.json.decode(asked, type=CampaignSpec))
-    same = replace(spec, settings={}, planner_settings={})
-    return msgspec.json.encode(same, order="deterministic").decode()
-
-
 def _make_question(campaigns: Sequence[Campaign]) -> release.ReleaseQuestion:
     newest = campaigns[0]
     versions = dict.fromkeys(each.spec.version for each in reversed(campaigns))
@@ -187,6 +182,7 @@ def _compare_modes(
 ) -> tuple[release.ReleaseMode, ...]:
     """Return the modes over all releases; those with a problem say nothing of a mode."""
     compared = [each for each in read if not each.release.problem]
+    # Accelerations over steps of different length are no points of one space.
     steps_s = {each.step_s for each in compared if each.step_s is not None}
     if len(steps_s) != 1:
         return ()
@@ -250,8 +246,72 @@ def _make_sighting(
         chance=found.chance if read.release.is_random else None,
         analysis=source.analysis if source else None,
         mode=source.number if source else None,
-        words=release_words.describe_sighting(read, found, compared),
+        words=_describe_sighting(read, found, compared),
     )
+
+
+def _describe_sighting(
+    read: release_reading.ReadRelease,
+    found: mode_matching.Sighting,
+    compared: Sequence[release_reading.ReadRelease],
+) -> str:
+    """Return why the status of a mode is what it is; empty before the mode was found.
+
+    Args:
+        read: the release.
+        found: what became of the mode in it.
+        compared: all releases that are compared, as `Sighting.same_as` counts them.
+    """
+    if found.status is None:
+        return ""
+    counted = _count(read, found.failures)
+    if found.same_as is not None:
+        earlier = compared[found.same_as].release.version
+        return f"{counted}; the same code and settings as {earlier}."
+    if found.status is release.ModeStatus.NOT_MET:
+        return f"{counted}. {NO_PROOF}"
+    if not read.release.is_random:
+        is_open = found.status is release.ModeStatus.UNDECIDED
+        return f"{counted}. {CHOSEN}" if is_open else f"{counted}."
+    return f"{counted}{_describe_test(found.chance)}"
+
+
+def _count(read: release_reading.ReadRelease, failures: int) -> str:
+    """Return the number of failures, with its rate where the episodes are a random sample."""
+    found = read.release
+    if not found.failures:
+        return f"No failure in {found.episodes:,} episodes" + _bound_rate(read)
+    if found.analysed < found.failures:
+        analysed = f"{failures:,} of the {found.analysed:,} failures analysed"
+        return f"{analysed}; {found.failures:,} were found"
+    if not found.is_random:
+        return f"{failures:,} of the {found.failures:,} failures"
+    if not failures:
+        return f"0 of {found.episodes:,} episodes{_bound_rate(read)}"
+    rate = read.make_rate(failures)
+    return f"{failures:,} of {found.episodes:,} episodes: {format_rate(rate)}"
+
+
+def _bound_rate(read: release_reading.ReadRelease) -> str:
+    """Return the upper bound of a rate of which no event is known."""
+    if not read.release.episodes:
+        return ""
+    interval = read.make_rate(0).interval
+    return f": {format_upper_bound(interval.high)}" if interval else ""
+
+
+def _describe_test(chance: float | None) -> str:
+    """Return the end of a sentence: what a test of the numbers of failures found."""
+    if chance is None:
+        return "."
+    bound = format_number(min(1.0, round_up(chance, DIGITS)), DIGITS)
+    test = (
+        "if its rate were unchanged, a count this uneven would have a probability of at most "
+        f"{bound}."
+    )
+    if chance <= mode_matching.LEVEL:
+        return f"; {test}"
+    return "; chance may explain it." if chance >= 1.0 else f"; chance may explain it: {test}"
 
 
 _ModesByPlace = Mapping[tuple[int | None, int | None], Mode]
@@ -271,6 +331,7 @@ def _name_modes(
     modes: Sequence[release.ReleaseMode], known: _ModesByPlace
 ) -> Iterator[release.ReleaseMode]:
     """Yield modes with names and triage of their newest sightings."""
+    # A mode that is gone keeps the name that it had in the last version with failures of it.
     newest = [
         next(
             known[one.analysis, one.mode]
@@ -292,5 +353,12 @@ def _list_fixed(modes: Sequence[release.ReleaseMode], known: _ModesByPlace) -> I
         for one in reversed(mode.sightings):
             place = one.analysis, one.mode
             if place in known and known[place].state is TriageState.FIXED:
-                yield from release_words.describe_fixed(mode, one)
+                compared = [each for each in mode.sightings if each.status is not None]
+                if compared[-1].failures:
+                    yield FIXED_YET_THERE.format(
+                        mode=mode,
+                        words=TriageState.FIXED.words,
+                        fixed=one,
+                        version=compared[-1].version,
+                    )
                 break

@@ -1,16 +1,13 @@
 """What releases are compared by: campaigns of a version, its code and settings, and its modes."""
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
-from contextlib import suppress
-from functools import lru_cache
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
-from eigenfail.errors import EigenfailError, InputError
+from eigenfail.errors import InputError
 from eigenfail.methods import traits_of
-from eigenfail.suites import list_leaves
 from eigenfail.values import FINAL_STATES, AnalysisResult, Campaign, CampaignSpec, Rate
 from eigenfail.values.operations import Versions
 from eigenfail.values.records import FailureCourse
@@ -21,6 +18,7 @@ from eigenfail_services.analysis.mode_regions import ModeBehaviours
 from eigenfail_services.analysis.sampling_design import SamplingDesign
 from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.campaigns.summary import count_doubtful
+from eigenfail_services.comparison.comparability import flatten_spec
 from eigenfail_services.store import Store
 from eigenfail_services.store.analyses import UNFINISHED
 
@@ -32,6 +30,8 @@ SAMPLED = 40
 
 NEWEST_ANALYSES = 20
 """Newest analyses of a campaign among which one that has not ended is looked for."""
+
+PLANNER = "planner_settings."
 
 PlannerSettings = Mapping[str, str]
 """Settings of a planner with their defaults, as text by dotted path."""
@@ -176,18 +176,12 @@ def _list_different(codes: Iterable[Versions]) -> tuple[Versions, ...]:
 
 
 def _read_settings(spec: CampaignSpec) -> PlannerSettings:
-    fields = ("method", "planner", "planner_settings", "scenario", "simulator")
-    asked = CampaignSpec(**{name: getattr(spec, name) for name in fields}, name="-", episodes=1)
-    return _fill_settings(msgspec.json.encode(asked, order="deterministic"))
-
-
-@lru_cache(maxsize=MOST_CAMPAIGNS)
-def _fill_settings(asked: bytes) -> PlannerSettings:
-    spec = msgspec.json.decode(asked, type=CampaignSpec)
-    # A planner that is not installed here any more has the settings that were written.
-    with suppress(EigenfailError):
-        spec = world_of(spec.simulator).fill_planner(spec)
-    return {".".join(path): str(value) for path, value in list_leaves(spec.planner_settings)}
+    flat = flatten_spec(spec)
+    return {
+        path.removeprefix(PLANNER): value
+        for path, value in flat.items()
+        if path.startswith(PLANNER)
+    }
 
 
 def _drop_repeated(campaigns: Sequence[Campaign]) -> list[Campaign]:
@@ -287,3 +281,88 @@ def _make_behaviours(
     contacts = [motion.contacts.get((campaign, course.index)) for course in courses]
     struck = tuple(each.struck for each in contacts if each)
     return ModeBehaviours(accelerations, struck if len(struck) == len(rows) else (), failures)
+
+
+SEARCH = (
+    "A search chooses its episodes: that it does not find a mode does not prove that the mode is "
+    "gone. Replay the failures of the mode with the new version."
+)
+
+
+def list_notes(read: Sequence[ReadRelease]) -> Iterator[str]:
+    """Yield what limits the comparison of releases, in sentences."""
+    for place, each in enumerate(read):
+        release = each.release
+        if release.problem:
+            yield f"The failure modes of {release.version} are not compared. {release.problem}"
+        if len(release.fingerprints) > 1:
+            yield _describe_codes(each)
+        yield from _compare_builds(each, read[:place])
+        for analysis in each.groups:
+            yield (
+                f"{release.version}: the groups of analysis {analysis} cannot be told from chance; "
+                "read them as a summary."
+            )
+    if any(not each.release.is_random for each in read):
+        yield SEARCH
+
+
+def _compare_builds(read: ReadRelease, earlier: Sequence[ReadRelease]) -> Iterator[str]:
+    """Yield which earlier release has the same code, and which settings differ."""
+    if not earlier:
+        return
+    version = read.release.version
+    with_code = [each for each in earlier if each.code and each.code == read.code]
+    with_build = [each for each in with_code if each.build and each.build == read.build]
+    other = (with_build or with_code or [*earlier])[-1]
+    differing = _list_other_settings(read, other)
+    if with_build:
+        yield f"{version} has the same code and settings as {other.release.version}."
+    elif with_code and differing:
+        yield f"{version} has the code of {other.release.version} and other settings: {differing}."
+    elif with_code:
+        yield f"{version} has the same code as {other.release.version}."
+    elif differing:
+        yield f"{version} has other settings than {other.release.version}: {differing}."
+
+
+def _list_other_settings(read: ReadRelease, other: ReadRelease) -> str:
+    """Return the settings of the planner that differ between two releases; empty if none does."""
+    now, before = (_join_settings(each.settings.values()) for each in (read, other))
+    differing = (
+        f"{name} {now.get(name, 'unset')} instead of {before.get(name, 'unset')}"
+        for name in sorted(now.keys() | before.keys())
+        if now.get(name) != before.get(name)
+    )
+    return ", ".join(differing)
+
+
+def _join_settings(campaigns: Iterable[Mapping[str, str]]) -> dict[str, str]:
+    """Return the values of each setting over the campaigns of a release."""
+    found: dict[str, dict[str, None]] = {}
+    for settings in campaigns:
+        for name, value in settings.items():
+            found.setdefault(name, {})[value] = None
+    return {name: " and ".join(sorted(values)) for name, values in found.items()}
+
+
+def _describe_codes(read: ReadRelease) -> str:
+    """Return in which packages the campaigns of one version had different code."""
+    packages = sorted({name for code in read.release.fingerprints for name in code})
+    differing = [
+        f"{package} " + ", ".join(f"{digest} ({ids})" for digest, ids in by_digest.items())
+        for package in packages
+        if len(by_digest := _group_campaigns(read, package)) > 1
+    ]
+    return f"Version {read.release.version} ran with different code: {'; '.join(differing)}."
+
+
+def _group_campaigns(read: ReadRelease, package: str) -> dict[str, str]:
+    found: dict[str, list[int]] = {}
+    for campaign, codes in read.codes.items():
+        for digest in dict.fromkeys(code.get(package, "none") for code in codes):
+            found.setdefault(digest, []).append(campaign)
+    return {
+        digest: f"campaign{'s' * (len(ids) > 1)} {', '.join(map(str, ids))}"
+        for digest, ids in found.items()
+    }

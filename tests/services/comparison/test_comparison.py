@@ -27,13 +27,13 @@ from eigenfail.values import (
     StopRules,
 )
 from eigenfail.values.requirements import NoCollision, TimeHeadway
-from eigenfail_services.campaigns.comparison import compare
-from eigenfail_services.campaigns.pairing import (
+from eigenfail_services.comparison.comparability import (
     THINGS,
     find_differing_fields,
     find_distinctions,
     find_mixed_fields,
 )
+from eigenfail_services.comparison.sides import compare
 from eigenfail_services.statistics.intervals import clopper_pearson, rate
 from eigenfail_services.store import Store, open_store
 

@@ -7,8 +7,8 @@ from store_checks.examples import deliver, running
 from eigenfail.testing.examples import collision, result, spec
 from eigenfail.values.comparison import Peers, Pool
 from eigenfail.values.disturbance import DisturbanceModel
-from eigenfail_services.campaigns.costs import compare_peers
-from eigenfail_services.campaigns.seeds import find_spreads
+from eigenfail_services.comparison.peers import compare_peers
+from eigenfail_services.comparison.seeds import find_spreads
 from eigenfail_services.store import open_store
 
 PEERS = Peers(

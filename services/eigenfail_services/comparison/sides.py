@@ -3,11 +3,10 @@
 from collections.abc import Iterator, Sequence
 from math import comb
 
-import msgspec
 from msgspec.structs import replace
 
 from eigenfail.errors import InvalidValue
-from eigenfail.intervals import difference, paired_difference
+from eigenfail.intervals import difference, mcnemar, paired_difference
 from eigenfail.presentation import figures
 from eigenfail.presentation.rates import explain_design, format_counted_rate, format_rate
 from eigenfail.values import (
@@ -26,18 +25,17 @@ from eigenfail.values import (
 from eigenfail.versions import describe_mixed
 from eigenfail_services.analysis import campaign_figures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
-from eigenfail_services.campaigns.pairing import (
-    NOTHING,
+from eigenfail_services.campaigns.summary import count_doubtful, divide, find_failure_rate
+from eigenfail_services.comparison.comparability import (
+    Group,
     PairedEpisodes,
     find_differing_fields,
     find_distinctions,
     find_mixed_fields,
-    flatten_spec,
+    group_alike,
     list_unpairable,
     pair_episodes,
 )
-from eigenfail_services.campaigns.seeds import Group, group_alike
-from eigenfail_services.campaigns.summary import count_doubtful, divide, find_failure_rate
 from eigenfail_services.statistics import comparison
 from eigenfail_services.store import Store
 
@@ -50,7 +48,7 @@ def _list_sentences(found: Comparison) -> tuple[str, ...]:
         f"A {_describe_failures(a)}; B {_describe_failures(b)}.",
         *(
             [_compare_rates(found.difference, pairs)]
-            if found.difference and are_sampled(a, b)
+            if found.difference and found.is_sampled
             else []
         ),
         _describe_pairs(pairs) if pairs else f"Episodes are not paired: {found.unpaired_because}",
@@ -69,11 +67,6 @@ def _describe_failures(side: Side) -> str:
     if not rate.k:
         return f"fails in {format_counted_rate(rate)}"
     return f"fails in {format_rate(rate)} of {rate.n} episodes"
-
-
-def are_sampled(*sides: Side) -> bool:
-    """Return whether the episodes of all sides are random samples, whose rates can be compared."""
-    return all(side.failure_rate is not None and side.failure_rate.sampled for side in sides)
 
 
 def _compare_rates(found: Difference, pairs: McNemar | None) -> str:
@@ -100,6 +93,7 @@ def is_beyond_chance(found: Difference, pairs: McNemar | None) -> bool:
     The interval excludes 0. Of pairs, whose score interval is approximate, McNemar's exact test
     distinguishes the sides as well: with few pairs that differ the interval alone is too bold.
     """
+    # Tango's score interval is approximate, and too narrow where few pairs differ.
     excludes_none = not found.interval.low <= 0.0 <= found.interval.high
     is_exact = not found.is_paired or (
         pairs is not None and pairs.p_value < comparison.SIGNIFICANCE
@@ -232,16 +226,18 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
         b=right,
         difference=_find_paired_difference(pairing, [*ones, *others])
         or _find_difference(left, right, ones, others),
-        pairs=comparison.mcnemar(pairing.totals) if pairing.totals else None,
+        pairs=mcnemar(pairing.totals) if pairing.totals else None,
         unpaired_because=pairing.because,
         effect=_find_effect(left, right),
         distinctions=find_distinctions(_list_specs(ones), _list_specs(others)),
     )
+    rates = [side.failure_rate for side in (left, right) if side.failure_rate]
     caveats = (
         *_list_confounders(find_differing_fields(found.distinctions)),
         *_warn_of_mixture("A", find_mixed_fields(_list_specs(ones))),
         *_warn_of_mixture("B", find_mixed_fields(_list_specs(others))),
-        *_explain_designs(left, right),
+        # Both sides mostly have one design: it is explained once.
+        *dict.fromkeys(filter(None, map(explain_design, rates))),
         *warn_of_seeds([*ones, *others]),
         *_warn_of_errors("A", ones),
         *_warn_of_errors("B", others),
@@ -249,11 +245,6 @@ def compare(store: Store, a: Sequence[int], b: Sequence[int]) -> Comparison:
         *warn_of_unfinished([*ones, *others]),
     )
     return replace(found, sentences=_list_sentences(found), warnings=caveats)
-
-
-def _explain_designs(*sides: Side) -> tuple[str, ...]:
-    rates = [side.failure_rate for side in sides if side.failure_rate]
-    return tuple(dict.fromkeys(filter(None, map(explain_design, rates))))
 
 
 def _list_specs(campaigns: Sequence[Campaign]) -> list[CampaignSpec]:
@@ -286,6 +277,7 @@ def _summarise_side(store: Store, campaigns: Sequence[Campaign]) -> Side:
     errored = sum(campaign.counts.errored for campaign in campaigns)
     counted = [(campaign, count_doubtful(store, campaign)) for campaign in campaigns]
     rates = [find_failure_rate(*each) for each in counted]
+    # Read after the counts: of a campaign that is running they may be of more episodes.
     unresolved = min(sum(doubtful for _, doubtful in counted), completed - failures)
     design = SamplingDesign.of_failures(campaigns)
     pooled = design.make_rate(failures, completed, errored, unresolved) if completed else None
@@ -373,23 +365,6 @@ def _explain_no_effect(a: Side, b: Side) -> Iterator[str]:
 FEWEST, MOST = 2, 12
 
 
-class SettingValues(msgspec.Struct, frozen=True):
-    """The values of one setting in several campaigns, as text.
-
-    Attributes:
-        path: path in a CampaignSpec.
-        values: values in the order of the campaigns.
-    """
-
-    path: str
-    values: tuple[str, ...]
-
-    @property
-    def differs(self) -> bool:
-        """Whether the campaigns have different values."""
-        return len(set(self.values)) > 1
-
-
 def pick_campaigns(ids: Sequence[int], store: Store) -> tuple[Campaign, ...]:
     """Return the campaigns to be compared, each once, in the order of their ids.
 
@@ -414,16 +389,3 @@ def against_first(store: Store, found: Sequence[Group]) -> tuple[Comparison, ...
     """Compare every group but the first, as B, with the first, as A."""
     first, *others = ([campaign.id for campaign in group] for group in found)
     return tuple(compare(store, first, other) for other in others)
-
-
-def compare_settings(campaigns: Sequence[Campaign]) -> tuple[SettingValues, ...]:
-    """Return all settings of campaigns, with the defaults of installed plug-ins."""
-    flat = [flatten_spec(each.spec) for each in campaigns]
-    paths = sorted(dict.fromkeys(path for each in flat for path in each), key=_rank_path)
-    return tuple(
-        SettingValues(path, tuple(each.get(path, NOTHING) for each in flat)) for path in paths
-    )
-
-
-def _rank_path(path: str) -> int:
-    return CampaignSpec.__struct_fields__.index(path.partition(".")[0])

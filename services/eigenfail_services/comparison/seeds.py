@@ -1,29 +1,32 @@
-"""Campaigns that differ in their seeds alone: how they are found, and their figures over seeds."""
+"""Figures over seeds, of campaigns that differ in their seeds alone; tables of suites."""
 
 from collections.abc import Iterator, Sequence
 from math import inf
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import msgspec
 from msgspec.structs import replace
 
+from eigenfail import suites
+from eigenfail.errors import NotFound
 from eigenfail.intervals import ERROR, find_upper_bound
 from eigenfail.presentation.rates import explain_design, format_counted_rate
-from eigenfail.suites import KeyPath, format_value, list_leaves, shorten_paths
-from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, Cost, Priority, Rate, Summary
+from eigenfail.suites import KeyPath, format_value, shorten_paths
+from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, Cost, Rate, Summary
 from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread, SeedValue
+from eigenfail.values.suite import SuiteRow, SuiteTable, member_of
 from eigenfail.values.variation import in_words
 from eigenfail_services.analysis.campaign_figures import price_failures
 from eigenfail_services.analysis.sampling_design import SamplingDesign
-from eigenfail_services.campaigns.drafts import fill_defaults
+from eigenfail_services.campaigns.suites import list_members
 from eigenfail_services.campaigns.summary import summaries_of
+from eigenfail_services.comparison.comparability import (
+    Group,
+    group_alike,
+    list_differing,
+    list_given_settings,
+)
 from eigenfail_services.statistics.seed_spread import PairSums, find_ratio, measure_spread
 from eigenfail_services.store import Store
-
-Group = tuple[Campaign, ...]
-
-DRAWN = "scenario_parameters"
-"""A parameter may have a distribution in place of a value: that is one setting."""
 
 SEED: KeyPath = ("seed",)
 DEFAULTS = "defaults"
@@ -54,44 +57,6 @@ class _Member(NamedTuple):
         """Number of episodes up to the first failure; infinite without one."""
         found = self.summary.first_failure
         return inf if found is None else found + 1.0
-
-
-def group_alike(campaigns: Sequence[Campaign]) -> tuple[Group, ...]:
-    """Group campaigns that differ only in name, priority and seed, in the order of their first."""
-    found: dict[bytes, list[Campaign]] = {}
-    filled: dict[bytes, bytes] = {}
-    for campaign in campaigns:
-        alike = replace(campaign.spec, name="alike", seed=0, priority=Priority.NORMAL)
-        # Filling in defaults takes most of the time: once for all campaigns that are written alike.
-        written = msgspec.msgpack.encode(alike, order="sorted")
-        if written not in filled:
-            filled[written] = msgspec.msgpack.encode(fill_defaults(alike), order="sorted")
-        found.setdefault(filled[written], []).append(campaign)
-    return tuple(map(tuple, found.values()))
-
-
-def list_differing(specs: Sequence[CampaignSpec]) -> list[KeyPath]:
-    """Return the paths at which specs differ, in the order of a spec's fields; names aside."""
-    given = [list_given_settings(spec) for spec in specs]
-    paths = dict.fromkeys(path for one in given for path in one)
-    absent = object()
-    found = [path for path in paths if any(_differs(path, given[0], one, absent) for one in given)]
-    return sorted(found, key=lambda path: CampaignSpec.__struct_fields__.index(path[0]))
-
-
-def _differs(
-    path: KeyPath, one: dict[KeyPath, Any], other: dict[KeyPath, Any], absent: object
-) -> bool:
-    return bool(one.get(path, absent) != other.get(path, absent))
-
-
-def list_given_settings(spec: CampaignSpec) -> dict[KeyPath, Any]:
-    """Return all settings of a campaign but name and priority, by path."""
-    table = msgspec.to_builtins(spec)
-    del table["name"], table["priority"]
-    drawn = table.pop(DRAWN)
-    found: dict[KeyPath, Any] = {path: value for path, value in list_leaves(table) if value != {}}
-    return found | {(DRAWN, name): value for name, value in drawn.items()}
 
 
 def find_spreads(store: Store, campaigns: Sequence[int]) -> tuple[SeedSpread, ...]:
@@ -125,12 +90,12 @@ def make_spreads(
     groups = group_alike(campaigns)
     paths = list_differing([campaign.spec for campaign in campaigns]) if len(groups) > 1 else []
     names = shorten_paths(path for path in paths if path != SEED)
-    found = (_make_spread(group, summary_of, names) for group in groups if _has_seeds(group))
+    found = (
+        _make_spread(group, summary_of, names)
+        for group in groups
+        if len({campaign.spec.seed for campaign in group}) > 1
+    )
     return tuple(spread for spread in found if spread is not None)
-
-
-def _has_seeds(group: Group) -> bool:
-    return len({campaign.spec.seed for campaign in group}) > 1
 
 
 def _make_spread(
@@ -140,7 +105,9 @@ def _make_spread(
     if not members:
         return None
     summaries = [member.summary for member in members]
-    lost = _count_lost(group, members)
+    # Seeds of which no episode was completed may hide failures, too.
+    known = {member.seed for member in members}
+    lost = sum(each.counts.errored for each in group if each.spec.seed not in known)
     pooled = _pool_rates(members, lost)
     worst = min(members, key=lambda member: (member.share, -member.first, member.seed))
     return SeedSpread(
@@ -166,6 +133,7 @@ def _make_spread(
 def _pick_members(group: Group, summary_of: dict[int, Summary]) -> list[_Member]:
     """Return the campaigns with a completed episode by seed; of one seed the one furthest on."""
     found: dict[int, _Member] = {}
+    # The last one wins: of one seed that is the campaign with most episodes, then the newest.
     for campaign in sorted(group, key=lambda each: (summary_of[each.id].counts.completed, each.id)):
         if summary_of[campaign.id].counts.completed:
             found[campaign.spec.seed] = _Member(campaign, summary_of[campaign.id])
@@ -212,12 +180,6 @@ def _price_failures(members: Sequence[_Member], pooled: Rate) -> Cost:
         sum(bill.instance_hours for bill in bills),
         pooled,
     )
-
-
-def _count_lost(group: Group, members: Sequence[_Member]) -> int:
-    """Return the errored episodes of the seeds of which no episode was completed."""
-    known = {member.seed for member in members}
-    return sum(each.counts.errored for each in group if each.spec.seed not in known)
 
 
 def _pool_rates(members: Sequence[_Member], lost: int) -> Rate:
@@ -293,3 +255,53 @@ def _describe_pooled_rate(rate: Rate) -> str:
 
 def _join(seeds: Sequence[int]) -> str:
     return ", ".join(map(str, seeds))
+
+
+def make_suite_table(store: Store, suite: str, most: int = suites.MOST_MEMBERS) -> SuiteTable:
+    """Return the newest campaign of each member, with the settings in which members differ.
+
+    Args:
+        store: where campaigns are.
+        suite: its name.
+        most: rows of the table at most; beyond that members with the newest campaigns are shown.
+
+    Raises:
+        NotFound: no campaign belongs to such a suite.
+    """
+    campaigns = list(list_members(store, suite))
+    if not campaigns:
+        raise NotFound(
+            f"No campaign belongs to a suite '{suite}'.",
+            "`eigenfail suite list` shows which suites there are.",
+        )
+    newest = {member_of(each.spec.name): each for each in reversed(campaigns)}
+    shown = dict(sorted(newest.items(), key=lambda one: -one[1].id)[:most])
+    members = [(name, shown[name]) for name in newest if name in shown]
+    columns = suites.shorten_paths(list_differing([each.spec for _, each in members]))
+    found = [each for _, each in members]
+    summaries = summaries_of(store, found)
+    return SuiteTable(
+        suite=suite,
+        columns=tuple(columns.values()),
+        members=tuple(
+            _make_row(name, each, columns, summary)
+            for (name, each), summary in zip(members, summaries, strict=True)
+        ),
+        earlier=len(campaigns) - len(newest),
+        left_out=len(newest) - len(members),
+        over_seeds=make_spreads(found, summaries),
+    )
+
+
+def _make_row(
+    member: str, campaign: Campaign, columns: dict[suites.KeyPath, str], summary: Summary
+) -> SuiteRow:
+    given = list_given_settings(campaign.spec)
+    return SuiteRow(
+        member=member,
+        campaign=campaign.id,
+        state=campaign.state,
+        stopped_because=campaign.stopped_because,
+        settings={name: given[path] for path, name in columns.items() if path in given},
+        summary=summary,
+    )

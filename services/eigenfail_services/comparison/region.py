@@ -16,14 +16,14 @@ from eigenfail.values.comparison import MOST_TRIALS
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis.region import RegionQuestion, find_failing_region
 from eigenfail_services.analysis.sampling_design import SamplingDesign
-from eigenfail_services.campaigns.comparison import warn_of_unfinished
-from eigenfail_services.campaigns.pairing import find_mixed_fields, list_unpairable
+from eigenfail_services.comparison.comparability import find_mixed_fields, list_unpairable
+from eigenfail_services.comparison.sides import warn_of_unfinished
 from eigenfail_services.store import Store
 
 Parameters = dict[str, object]
 
 
-MODULE = "eigenfail_services.campaigns.region"
+MODULE = "eigenfail_services.comparison.region"
 
 
 APART = frozenset({"method", "planner", "simulator", "disturbance model"})

@@ -12,9 +12,9 @@ from eigenfail.presentation.seeds import list_spread
 from eigenfail.presentation.tables import format_cell
 from eigenfail.testing.examples import collision, make_errored_result, result
 from eigenfail.values import Campaign, CampaignState, Priority
-from eigenfail_services.campaigns.comparison import group_by_seed
-from eigenfail_services.campaigns.seeds import OF_THE_SEARCH, find_spreads, group_alike
-from eigenfail_services.campaigns.suites import make_suite_table
+from eigenfail_services.comparison.comparability import group_alike
+from eigenfail_services.comparison.seeds import OF_THE_SEARCH, find_spreads, make_suite_table
+from eigenfail_services.comparison.sides import group_by_seed
 from eigenfail_services.statistics.intervals import rate
 from eigenfail_services.statistics.seed_spread import PairSums, find_ratio, measure_spread
 from eigenfail_services.store import Store, open_store

@@ -1,0 +1,493 @@
+"""What the settings of a campaign name: noise, episodes and learners of earlier campaigns.
+
+They are checked once, before the campaign is created. What they name has ended by then: only its
+noise can still be lost. So the claim of a campaign reads it, as the context of the learner.
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from typing import TYPE_CHECKING, Any
+
+import msgspec
+import numpy as np
+
+from eigenfail import values
+from eigenfail.contracts import Injection, Reference
+from eigenfail.errors import InvalidValue, NotFound, ProtocolError
+from eigenfail.methods import describe_method, traits_of
+from eigenfail.worlds import list_channels, world_of
+from eigenfail_services.campaigns.resolution import (
+    ResolvedCampaign,
+    ResolvedMethod,
+    check_estimates,
+    list_varied,
+    resolve_campaign,
+    resolve_method,
+)
+from eigenfail_services.campaigns.rounds import read_checkpoint
+
+if TYPE_CHECKING:  # a spec is checked without SQLAlchemy, which takes its time to load
+    from eigenfail_services.store import Store
+
+MOST_READ = 100_000
+"""Episodes that are looked through as data, of all campaigns together."""
+
+MOST_EPISODES = 10_000
+MOST_NUMBERS = 25_000_000
+"""Of noise; they travel in one message."""
+
+PAGE = 5_000
+
+AT_BIRTH = frozenset({Reference.OWN_LEARNER, Reference.EPISODES})
+"""What came of these is in a learner's state, so that a learner that is restored needs them not."""
+
+FAILURE_SETTINGS = ("campaign", "episode", "analysis", "mode")
+"""Settings that name one failure: the first two together, or the last two."""
+
+LEARNERS = (Reference.LEARNER, Reference.OWN_LEARNER)
+
+
+def check_references(campaign: ResolvedCampaign, store: "Store") -> None:
+    """Make sure that everything that the settings of a campaign name can be used.
+
+    Raises:
+        UnknownName: the method of an earlier campaign is not installed here.
+        InvalidValue: one does not exist; or it is to be built upon and has not ended, has learnt
+            nothing, is pruned, or has episodes of another length or with other channels.
+    """
+    method = campaign.searching
+    for name, number in method.given_references(Reference.NOISE).items():
+        field = f"{method.field}.{name}"
+        try:
+            source = store.analyses.get(number).campaign if name == "analysis" else number
+            before = store.campaigns.get(source)
+        except NotFound as error:
+            raise InvalidValue(field, error.problem, error.remedy) from error
+        _check_channels(before, field, campaign.channels)
+    injects = method.traits.injects
+    if injects is Injection.FAILURES:
+        _check_failures(campaign, store)
+    if injects is Injection.ONE_FAILURE:
+        _check_failure(campaign, store)
+    if injects is Injection.TRAJECTORIES:
+        _check_trajectories(method, store)
+    for name, number in method.given_references(*LEARNERS).items():
+        _check_predecessor(campaign, name, number, store)
+    for name, numbers in method.given_references(Reference.EPISODES).items():
+        _check_data(campaign, f"{method.field}.{name}", numbers, store)
+
+
+def _check_trajectories(method: ResolvedMethod, store: "Store") -> None:
+    """Check that the noise that a replay names exists.
+
+    The failures of a whole campaign are not read: their number is not bounded.
+
+    Raises:
+        InvalidValue: nothing is named; or the analysis is not done, or has no mode or not the one
+            that is named; or an episode has no result.
+    """
+    settings = method.given
+    if settings.get("analysis") is None and settings.get("campaign") is None:
+        problem = "they name neither an analysis nor a campaign whose noise is replayed."
+        raise InvalidValue(method.field, problem, 'Give "analysis", or "campaign".')
+    if settings.get("analysis") is None and not settings.get("episodes"):
+        return
+    try:
+        known = read_trajectories(method, store)
+    except NotFound as error:
+        raise InvalidValue(f"{method.field}.episodes", error.problem, error.remedy) from error
+    if not known:
+        problem = "that analysis found no failure mode to replay."
+        raise InvalidValue(f"{method.field}.analysis", problem, "Name one that has failure modes.")
+
+
+def _check_failure(campaign: ResolvedCampaign, store: "Store") -> None:
+    """Make sure that one failure is named, and that all replays will be in its scenario.
+
+    Raises:
+        InvalidValue: it is not exactly one; there is no such episode or mode; the episode did not
+            end in a collision; or the scenario's parameters vary.
+    """
+    method = campaign.searching
+    settings = method.given
+    named = {name for name in FAILURE_SETTINGS if settings.get(name) is not None}
+    if named not in ({"campaign", "episode"}, {"analysis", "mode"}):
+        words = ", ".join(sorted(named)) or "nothing"
+        remedy = 'Give "campaign" and "episode", or "analysis" and "mode", and nothing else.'
+        raise InvalidValue(method.field, f"they name {words}, which is not one failure.", remedy)
+    if "episode" in named:
+        field = f"{method.field}.episode"
+        _check_collision(settings["campaign"], settings["episode"], field, store)
+    read_trajectories(method, store)
+    for name in campaign.spec.disturbance.searched_parameters:
+        problem = "is chosen by the noise, and minimal takes noise away that could be without."
+        remedy = f"Leave out the channel scenario.{name}, and give the parameter a value."
+        raise InvalidValue(f"scenario_parameters.{name}", problem, remedy)
+    for name in list_varied(campaign.spec):
+        raise InvalidValue(
+            f"scenario_parameters.{name}",
+            "varies, so that each replay would be in another scenario than the failure.",
+            "`eigenfail episode shrink CAMPAIGN/EPISODE` fixes what the episode drew; or give a"
+            " value, for a mode that of its medoid.",
+        )
+
+
+def _check_collision(campaign: int, episode: int, field: str, store: "Store") -> None:
+    try:
+        result = store.episodes.get(campaign, episode)
+    except NotFound as error:
+        raise InvalidValue(field, error.problem, error.remedy) from error
+    if not result.is_failure:
+        problem = f"episode {campaign}/{episode} is {result.outcome.word}, not a collision."
+        remedy = f"`eigenfail episode list {campaign} --outcome collision` lists failures."
+        raise InvalidValue(field, problem, remedy)
+
+
+def _check_failures(campaign: ResolvedCampaign, store: "Store") -> None:
+    """Check that the named campaign has failures that can be injected here.
+
+    Raises:
+        InvalidValue: it has not ended, has no failure, or has episodes of another length.
+    """
+    field = f"{campaign.searching.field}.campaign"
+    before = _find_ended(campaign.searching.given["campaign"], field, store)
+    if not before.counts.failures:
+        problem = f"campaign {before.id} has no failure to start from."
+        raise InvalidValue(field, problem, "Name a campaign with failures, such as one of ast.")
+    _check_horizon(before, field, campaign.horizon)
+
+
+def _check_predecessor(campaign: ResolvedCampaign, name: str, number: int, store: "Store") -> None:
+    """Make sure that the learner of an earlier campaign can be gone on with, or used.
+
+    Args:
+        campaign: the campaign that names it.
+        name: the setting that does.
+        number: id of the earlier campaign.
+        store: where it is.
+
+    Raises:
+        UnknownName: its method is not installed here.
+        InvalidValue: it has not ended, has other channels, or has learnt nothing of use.
+    """
+    searching = campaign.searching
+    field = f"{searching.field}.{name}"
+    before = _find_ended(number, field, store)
+    _check_channels(before, field, campaign.channels)
+    if searching.traits.references[name] is Reference.OWN_LEARNER:
+        if before.spec.method != searching.name:
+            there = before.spec.method
+            problem = f"campaign {before.id} is one of {there} and has no policy of"
+            remedy = f"Name a campaign of {searching.name}."
+            raise InvalidValue(field, f"{problem} {searching.name}.", remedy)
+    else:
+        check_has_knowledge(before, field)
+        if campaign.spec.stop.cv is not None and searching is campaign.method:
+            own = resolve_method(before.spec.method, before.spec.settings)
+            check_estimates(own, "stop.cv", of_exploits=True)
+    _read_last_state(before, field, store)
+
+
+def _check_data(
+    campaign: ResolvedCampaign, field: str, numbers: Sequence[int], store: "Store"
+) -> None:
+    """Make sure that a campaign can learn from the episodes of earlier ones.
+
+    Raises:
+        InvalidValue: one has not ended, has no episode, or its robustness means something else; its
+            noise has another form or was pruned; or there are too many episodes.
+    """
+    spec, completed = campaign.spec, 0
+    for before in [_find_ended(number, field, store) for number in sorted(set(numbers))]:
+        if not before.counts.completed:
+            problem = f"campaign {before.id} has not completed a single episode."
+            raise InvalidValue(field, problem, "Name one that has.")
+        _check_horizon(before, field, campaign.horizon)
+        there = before.spec.all_requirements, before.spec.importance
+        if there != (spec.all_requirements, spec.importance):
+            problem = f"campaign {before.id} has other requirements, or another importance."
+            raise InvalidValue(field, problem, "Name campaigns that have the same.")
+        _check_channels(before, field, campaign.channels)
+        _refuse_pruned(before.id, field, store)
+        completed += before.counts.completed
+    if completed > MOST_READ:
+        problem = (
+            f"{completed:,} episodes are more than the {MOST_READ:,} that can be looked through."
+        )
+        raise InvalidValue(field, problem, "Name fewer or smaller campaigns.")
+
+
+def _refuse_pruned(campaign: int, field: str, store: "Store") -> None:
+    # What pruning has left is another sample than the campaign's episodes.
+    if records := store.retention.of(campaign):
+        lost = sum(each.weight.episodes for each in records)
+        problem = f"the noise of {lost:,} episodes of campaign {campaign} was pruned."
+        raise InvalidValue(field, problem, "Name another, or restore a backup from before.")
+
+
+def _check_channels(before: values.Campaign, field: str, channels: Sequence[str]) -> None:
+    """Make sure that the noise of an earlier campaign has the same channels as here.
+
+    Those of functions may have other names.
+
+    Raises:
+        InvalidValue: it has others, or in another order.
+    """
+    there = list_channels(before.spec)
+    if len(there) != len(channels):
+        problem = (
+            f"the noise of campaign {before.id} has another number of channels: {len(there)} "
+            f"there, {len(channels)} here."
+        )
+        raise InvalidValue(field, problem, "Name one whose noise has as many channels.")
+    if there != tuple(channels) and world_of(before.spec.simulator).has_road:
+        problem = (
+            f"the noise of campaign {before.id} has other channels: {', '.join(there)} there, "
+            f"{', '.join(channels)} here."
+        )
+        raise InvalidValue(field, problem, "Name one with the same channels in the same order.")
+
+
+def _check_horizon(before: values.Campaign, field: str, steps: int) -> None:
+    """Make sure that the episodes of an earlier campaign have as many steps as here.
+
+    Raises:
+        InvalidValue: they have not.
+    """
+    there = world_of(before.spec.simulator).horizon(before.spec)
+    if there != steps:
+        problem = (
+            f"the episodes of campaign {before.id} have {there} steps, here they have {steps}."
+        )
+        raise InvalidValue(field, problem, "Name campaigns in scenarios of as many steps.")
+
+
+def _find_ended(campaign: int, field: str, store: "Store") -> values.Campaign:
+    """Return an earlier campaign that a setting names.
+
+    Raises:
+        InvalidValue: it does not exist, or has not ended.
+    """
+    # A campaign that goes on would make a later one depend on the clock.
+    try:
+        before = store.campaigns.get(campaign)
+    except NotFound as error:
+        raise InvalidValue(field, error.problem, error.remedy) from error
+    if before.state not in values.FINAL_STATES:
+        problem = f"campaign {campaign} is {before.state} and has not ended."
+        remedy = f"Wait for its end (`eigenfail campaign watch {campaign}`), or cancel it."
+        raise InvalidValue(field, problem, remedy)
+    return before
+
+
+def check_has_knowledge(before: values.Campaign, field: str) -> None:
+    """Make sure that a campaign's method has knowledge to be used.
+
+    Raises:
+        UnknownName: the method is not installed here.
+        InvalidValue: it has none.
+    """
+    spec = before.spec
+    method = describe_method(spec.method)
+    if method.traits.has_members:
+        members = method.read_settings(spec.settings, "settings")
+        method = describe_method(members.method)
+    if not method.exploits:
+        problem = (
+            f"campaign {before.id} is one of {method.name}, which learns nothing that could be"
+            " used."
+        )
+        raise InvalidValue(field, problem, "Name a campaign of a method that learns, such as ast.")
+
+
+def learner_context(campaign: values.Campaign, store: "Store") -> values.LearnerContext:
+    """Return what the learner of a campaign is given at its birth.
+
+    Raises:
+        InputError: a plug-in of the campaign is gone or refuses its settings; or these name
+            trajectories, or a learner's state, that do not exist or are of no use.
+        NotFound: its settings name a campaign, analysis or episode that does not exist.
+    """
+    resolved = resolve_campaign(campaign.spec)
+    method = resolved.searching
+    trajectories = read_trajectories(method, store)
+    learners = method.given_references(*LEARNERS)
+    return values.LearnerContext(
+        seed=values.learner_seed(campaign.spec.seed),
+        episodes=campaign.spec.episodes,
+        horizon=resolved.horizon,
+        trajectories=stack_noise(trajectories, resolved.horizon, len(resolved.channels)),
+        predecessors=tuple(
+            _read_predecessor(number, f"{method.field}.{name}", store)
+            for name, number in learners.items()
+        ),
+        experience=read_experience(resolved, store),
+        parallel=campaign.spec.parallel,
+    )
+
+
+def _read_predecessor(campaign: int, field: str, store: "Store") -> values.Predecessor:
+    before = store.campaigns.get(campaign)
+    spec = before.spec
+    return values.Predecessor(
+        campaign=before.id,
+        method=spec.method,
+        settings=leave_out_births(spec.method, spec.settings),
+        seed=values.learner_seed(spec.seed),
+        episodes=spec.episodes,
+        horizon=world_of(spec.simulator).horizon(spec),
+        state=_read_last_state(before, field, store),
+    )
+
+
+def _read_last_state(before: values.Campaign, field: str, store: "Store") -> bytes:
+    try:
+        checkpoint = store.checkpoints.load(before.id)
+        if checkpoint is not None:
+            return read_checkpoint(checkpoint).learner
+    except ProtocolError as error:
+        raise InvalidValue(field, f"campaign {before.id}: {error.problem}", error.remedy) from error
+    problem = f"campaign {before.id} ended before its first round and has no checkpoint."
+    raise InvalidValue(field, problem, "Launch a copy of it, and use its id.")
+
+
+def leave_out_births(method: str, settings: dict[str, Any]) -> dict[str, Any]:
+    """Return the settings without those that matter at a learner's birth alone."""
+    traits = traits_of(method)
+    kept = {
+        name: value
+        for name, value in settings.items()
+        if traits.references.get(name) not in AT_BIRTH
+    }
+    if traits.has_members and "settings" in kept:
+        kept["settings"] = leave_out_births(kept.get("method", ""), kept["settings"])
+    return kept
+
+
+def read_trajectories(method: ResolvedMethod, store: "Store") -> Sequence[values.Floats]:
+    """Return the noise trajectories that a method's settings name; none if they name none.
+
+    An analysis counts before a campaign: a proof names both, the analysis for its modes.
+
+    Raises:
+        InvalidValue: an analysis is not done, or has no such mode.
+        NotFound: there is no such analysis or episode.
+    """
+    named = method.given_references(Reference.NOISE)
+    if "analysis" in named:
+        return _read_analysed(method, store)
+    if "campaign" not in named:
+        return ()
+    campaign, given = named["campaign"], method.given
+    episodes = given.get("episodes")
+    if given.get("episode") is not None:
+        episodes = (given["episode"],)
+    if not episodes:
+        return store.episodes.failures(campaign).noise
+    return [store.episodes.get(campaign, index).noise.z for index in episodes]
+
+
+def _read_analysed(method: ResolvedMethod, store: "Store") -> Sequence[values.Floats]:
+    """Return the noise that stands for the modes of an analysis, kind by kind."""
+    analysis = store.analyses.get(method.given["analysis"])
+    modes = _choose_modes(analysis, method)
+    found: list[values.Floats] = []
+    # A method that does not choose the kinds injects eigenfailures.
+    for kind in getattr(method.settings, "what", (values.ReplayKind.EIGENFAILURE,)):
+        if kind is values.ReplayKind.EIGENFAILURE:
+            found += [mode.eigenfailure for mode in modes]
+        else:
+            places = ((each.medoid_campaign or analysis.campaign, each.medoid) for each in modes)
+            found += [store.episodes.get(*place).noise.z for place in places]
+    return found
+
+
+def _choose_modes(
+    analysis: values.Analysis, method: ResolvedMethod
+) -> Sequence[values.FailureMode]:
+    if analysis.result is None:
+        problem = f"analysis {analysis.id} is {analysis.state} and has no eigenfailures."
+        raise InvalidValue("settings.analysis", problem, "Wait for it, or launch another.")
+    modes = analysis.result.modes
+    field = "mode" if method.given.get("mode") is not None else "modes"
+    numbers = (method.given["mode"],) if field == "mode" else method.given.get("modes", ())
+    for number in numbers:
+        if number > len(modes):
+            problem = f"analysis {analysis.id} has {len(modes)} modes, and none of number {number}."
+            raise InvalidValue(f"settings.{field}", problem, "They are counted from 1.")
+    return [modes[number - 1] for number in numbers] if numbers else modes
+
+
+class CompletedEpisode(msgspec.Struct, frozen=True, order=True):
+    """A completed episode; they are ordered by robustness, then as they were run."""
+
+    robustness_m: float
+    campaign: int
+    index: int
+
+
+def read_experience(campaign: ResolvedCampaign, store: "Store") -> values.Experience | None:
+    """Return noise and robustness of the completed episodes that a campaign learns from.
+
+    None where it names no campaigns to learn from.
+
+    In order of campaign and index. Where there are more than `MOST_EPISODES`, or than hold
+    `MOST_NUMBERS`, it is the least robust, and an even sample of the others by robustness, as many
+    of these as of those.
+
+    Raises:
+        InvalidValue: the noise of one of them was pruned.
+    """
+    method, data = campaign.searching, set[int]()
+    for name, numbers in method.given_references(Reference.EPISODES).items():
+        data |= set(numbers)
+        # Noise may have been pruned between the check of a campaign and its creation.
+        for number in sorted(set(numbers)):
+            _refuse_pruned(number, f"{method.field}.{name}", store)
+    if not data:
+        return None
+    horizon, channels = campaign.horizon, len(campaign.channels)
+    completed = sorted(one for number in sorted(data) for one in _list_completed(number, store))
+    kept = choose_episodes(completed, min(MOST_EPISODES, MOST_NUMBERS // (channels * horizon)))
+    kept.sort(key=lambda one: (one.campaign, one.index))
+    results = [
+        result
+        for number, ours in groupby(kept, key=lambda one: one.campaign)
+        for result in store.episodes.finished(number, [one.index for one in ours])
+    ]
+    return values.Experience(
+        z=stack_noise([result.noise.z for result in results], horizon, channels),
+        steps=np.array([result.steps for result in results], np.float32),
+        robustness_m=np.array([one.robustness_m for one in kept], np.float32),
+    )
+
+
+def _list_completed(campaign: int, store: "Store") -> Iterator[CompletedEpisode]:
+    after: int | None = None
+    while True:
+        page = store.episodes.page(campaign, PAGE, after)
+        for row in page.items:
+            if row.outcome is not values.Outcome.ERRORED and row.robustness_m is not None:
+                yield CompletedEpisode(row.robustness_m, campaign, row.index)
+        if (after := page.next) is None:
+            return
+
+
+def choose_episodes(completed: Sequence[CompletedEpisode], most: int) -> list[CompletedEpisode]:
+    """Return at most that many of episodes in order: the least robust half, the others evenly."""
+    if len(completed) <= most:
+        return list(completed)
+    least, others = completed[: most // 2], completed[most // 2 :]
+    places = np.linspace(0, len(others) - 1, most - len(least)).round().astype(int)
+    return [*least, *(others[place] for place in places)]
+
+
+def stack_noise(noises: Sequence[values.Floats], steps: int, channels: int) -> values.Floats:
+    """Return trajectories of any length as one array, shape (n, steps, channels).
+
+    They are padded with zeros; without a trajectory n is 0.
+    """
+    stacked = np.zeros((len(noises), steps, channels), np.float32)
+    for row, noise in zip(stacked, noises, strict=True):
+        row[: len(noise)] = noise[:steps]
+    return stacked
