@@ -82,6 +82,7 @@ def create(
     written = file or Path(f"{name}.key")
     until_ms = _end_of(expires)
     with _opened(data, folder) as keys:
+        # A key that exists already is left as it is, and is no change for the audit log.
         is_known = keys.knows(name)
         made = keys.create(name, written, until_ms)
     if not is_known:

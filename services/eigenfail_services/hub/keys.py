@@ -160,6 +160,8 @@ class KeyFolder:
         hub = derive_public_key(self.secret())
         if self.knows(name):
             return NewWorkerKey(self._find_created(name, hub, file).summarize())
+        # The worker's file comes first: if it cannot be written, the hub accepts no key that
+        # nobody has.
         created = self._create(name, file, until_ms)
         self._write(name, created)
         return NewWorkerKey(created.summarize(), abbreviate_key(hub) if is_new_hub else "")
@@ -175,6 +177,7 @@ class KeyFolder:
         """
         at_ms = self._now_ms()
         old = [key.expire_by(old_until_ms) for key in self._find(name)]
+        # As in `create`, the file comes first: the old keys stay if it cannot be written.
         created = self._create(name, file, until_ms)
         self._write(name, *(key for key in old if key.is_valid(at_ms)), created)
         return NewWorkerKey(created.summarize())

@@ -220,6 +220,7 @@ class LearnerLink:
         """
         if self._process is not None and exit_status(self._process) is None:
             self.send(messages.Stop())
+        # The request to stop still leaves within this time. [ms]
         self.socket.close(linger=100)
         if self._process is not None:
             wait_for_exit(self._process, STOP_S)

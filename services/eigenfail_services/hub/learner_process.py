@@ -82,6 +82,7 @@ def main() -> None:
     logs.configure("services")
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     plugins.keep_import_effects()
+    # Taken out of the environment, which processes that the method starts inherit.
     process = LearnerProcess(sys.argv[1], os.environ.pop(KEY_VARIABLE))
     try:
         process.serve()

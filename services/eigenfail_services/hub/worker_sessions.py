@@ -67,6 +67,7 @@ class Draining:
             sessions: sessions of all workers.
             now_s: monotonic time. [s]
         """
+        # Sessions, not names: a worker that came back under its name was not asked yet.
         connected = {sessions[worker] for worker in draining}
         self._told_s = {each: at_s for each, at_s in self._told_s.items() if each in connected}
         for worker in draining:
@@ -144,6 +145,8 @@ class WorkerSessions:
             self._refuse(worker, reason, named=message.worker, host=message.host)
             return
         session = self._leases.touch(worker, time.monotonic())
+        # A hello is repeated until its welcome comes. To open the session again would take back
+        # what was leased in between.
         if session is None or not session.was_opened_by(message):
             log.info("worker joined", worker=message.worker, host=message.host, pid=message.pid)
             _log_version_difference(message.worker, message.versions)
@@ -225,6 +228,7 @@ class WorkerSessions:
         quiet = self._leases.list_silent(now_s, transport.QUIET_HEARTBEATS * HEARTBEAT_S)
         for worker in self._probe.find_closed(quiet, now_s):
             self._record_loss(worker, why="its connection is closed")
+            # It has until then to come back, which is as long as a silent worker has.
             heard_s = self._leases.sessions[worker].last_heard_s
             self._leases.end_disconnected_session(worker, heard_s + SILENCE_LIMIT_S)
         self._leases.expire_disconnected(now_s)
