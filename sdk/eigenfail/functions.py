@@ -307,6 +307,7 @@ def allow_functions(specs: Iterable[CampaignSpec]) -> None:
 def look_in_this_folder() -> None:
     """Have modules of the working folder found, after all others."""
     if (here := str(Path.cwd())) not in sys.path:
+        # At the end: a file of this folder must not replace an installed module of its name.
         sys.path.append(here)
 
 

@@ -20,6 +20,7 @@ import msgspec
 from eigenfail.errors import EigenfailError, ServiceError
 from eigenfail.wire.http import Problem, make_error, make_problem
 
+# Numbers of <linux/prctl.h>, which Python does not have.
 PR_SET_PDEATHSIG = 1
 
 
@@ -89,6 +90,7 @@ def die_with_parent(by: signal.Signals = signal.SIGKILL) -> None:
         CDLL(None).prctl(PR_SET_PDEATHSIG, by)
     parent = os.environ.pop(PARENT_VARIABLE, None)
     if parent is not None and os.getppid() != int(parent):  # it died before the kernel was asked
+        # The status that a shell reports of a process that was killed.
         os._exit(128 + signal.SIGKILL)
 
 
@@ -202,7 +204,10 @@ def run_question(module: str, question: bytes, patience_s: float) -> bytes:
         env=os.environ | NUMERIC_ENVIRONMENT | as_parent(),
         process_group=0,
     )
+    # The process alone holds this end now, so that writing fails once it has died.
     os.close(read)
+    # A pipe holds 64 KiB: without a thread, a process that does not read would hold this one
+    # up, and `patience_s` would not count.
     Thread(target=write_question, args=(write, question), daemon=True).start()
     with asked:
         try:
@@ -248,6 +253,7 @@ def answer(reply: Callable[[bytes], bytes]) -> None:
     die_with_parent()
     with suppress(OSError):
         os.nice(GENTLENESS)
+    # What plug-ins print must not get into the answer: it goes to standard error.
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     reply_sent: Answered | Refused

@@ -256,6 +256,7 @@ def choose_ports(plan: Plan) -> tuple[int, int]:
 
 def _bind_port(port: int, name: str) -> int:
     with socket.socket() as probe:
+        # As servers do: connections that closed a moment ago do not keep a port.
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((HOST, port))

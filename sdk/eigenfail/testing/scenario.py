@@ -65,6 +65,7 @@ def _expect_free_places(situation: ReactiveSituation) -> None:
         for number in there.keys() - before:
             apart = are_apart(ego, there[number])
             expect(apart, f"Vehicle {number} overlaps the ego when it appears, at step {step}.")
+        # A vehicle that the ego runs into later is a failure of the ego, not of the scenario.
         before |= there.keys()
 
 
@@ -175,6 +176,7 @@ def _kept(ego: VehicleState, time_s: float) -> VehicleState:
 
 def are_apart(one: VehicleState, other: VehicleState) -> bool:
     """Return whether two footprints neither touch nor overlap."""
+    # Two rectangles are apart if and only if a side of one separates them (separating axes).
     return _separated(one, other) or _separated(other, one)
 
 
@@ -195,6 +197,7 @@ def _in_frame(one: VehicleState, other: VehicleState) -> tuple[float, float]:
 
 
 def _is_finite(vehicle: VehicleState) -> bool:
+    # A sum with NaN or infinity in it is not finite.
     return isfinite(sum(msgspec.structs.astuple(vehicle)))
 
 

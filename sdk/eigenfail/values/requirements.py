@@ -160,6 +160,7 @@ class SafeDistance(Requirement, frozen=True, tag="rss_distance"):
     def find_robustness(self, course: DrivenCourse) -> float:
         """Return the smallest gap minus the safe distance."""
         own = course.signals["speed_mps"]
+        # Squared below, a vehicle that moves backwards would need room to stop in.
         ahead = np.maximum(course.signals["leader_speed_mps"], 0.0)
         rho_s, a = self.response_s, self.accelerate_mps2
         stopping_m = (own + rho_s * a) ** 2 / (2.0 * self.brake_mps2)

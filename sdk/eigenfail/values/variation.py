@@ -47,12 +47,14 @@ class Uniform(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         low, high = self.uniform
         if isinstance(like, int):
             return int(random.integers(int(low), int(high), endpoint=True))
+        # Rounding may lead beyond an end, and the parameter's bounds were checked at the ends.
         return min(max(float(random.uniform(low, high)), low), high)
 
     def find_quantile(self, p: float, like: Any) -> Number:
         """The value of the kind that `like` has below which lies a share p."""
         low, high = self.uniform
         if isinstance(like, int):
+            # p may be 1.
             return min(int(low) + int(p * (int(high) - int(low) + 1)), int(high))
         return min(max(low + p * (high - low), low), high)
 

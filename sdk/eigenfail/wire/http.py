@@ -256,6 +256,8 @@ def read_body(data: bytes, kind: type[Body]) -> Body:
     try:
         body = msgspec.json.decode(data or b"{}", type=kind)
     except msgspec.ValidationError as error:
+        # msgspec stops at the first wrong value; an unknown name explains more, and is looked
+        # for first.
         given = msgspec.UNSET
         with suppress(*NOT_JSON):
             given = msgspec.json.decode(data or b"{}")
@@ -263,6 +265,7 @@ def read_body(data: bytes, kind: type[Body]) -> Body:
         raise invalid_value(error, kind, given) from None
     except NOT_JSON as error:
         raise ProtocolError(f"The body is not JSON: {error}.", "Send a JSON object.") from None
+    # Only such bodies can hold invisible characters; all others are not read a second time.
     if not data.isascii() or ESCAPE in data:
         refuse_hidden(msgspec.json.decode(data))
     return body

@@ -162,6 +162,7 @@ def split_time(campaign: values.Campaign, totals: values.SpendingTotals) -> valu
         return values.TimeSplit(active_s=campaign.active_s, worker_s=worker_s, problem=NOT_MEASURED)
     lost_worker_s = totals.errored_worker_s + overhead.discarded_s
     learns = traits_of(campaign.spec.method).learns
+    # The supervisor bills a moment after the hub has accounted for its time; see `SLACK_S`.
     busy_s = max(campaign.active_s - overhead.learning_s - overhead.waiting_s, 0.0)
     lost_s = busy_s * _measure_discarded(worker_s, lost_worker_s)
     learning_s, waiting_s = _split_idle(campaign.active_s - busy_s, overhead)

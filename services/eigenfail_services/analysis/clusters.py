@@ -213,6 +213,7 @@ def compute_noise_silhouette(
     elliptical cloud exceeds the largest of the draws in one case of twenty; one that is skewed or
     bent does so more often, without having groups.
     """
+    # Seeded, so that an analysis that is repeated has the same digest.
     generator = np.random.default_rng(SEED)
     draws = (draw_without_groups(scores, generator) for _ in range(NOISE_DRAWS))
     found = (_find_partition(noise, clusters, clusterer, resolution) for noise in draws)
@@ -290,6 +291,7 @@ def order_by_size(labels: Labels, episodes: NDArray[np.int64]) -> Labels:
     """
     names, sizes = np.unique(labels, return_counts=True)
     earliest = [episodes[labels == name].min() for name in names]
+    # The last key of `lexsort` counts first.
     order = np.lexsort((earliest, -sizes))
     return np.argsort(order)[np.searchsorted(names, labels)]
 

@@ -119,7 +119,9 @@ def _accumulate(data: Data, mean: Array, count: int) -> Directions:
         centred = block - mean
         squares += centred.T @ centred
     values, vectors = np.linalg.eigh(squares)
+    # `eigh` returns the smallest eigenvalue first.
     largest = slice(None, -count - 1, -1)
+    # Rounding may leave an eigenvalue of 0 a little below it.
     return Directions(vectors.T[largest], np.sqrt(np.maximum(values[largest], 0.0)))
 
 
@@ -138,6 +140,7 @@ def _make_flat_space(data: Data, mean: Array) -> ComponentSpace:
 def fix_signs(components: Array) -> Array:
     """Return the directions, each with its largest entry positive; of equal ones the first."""
     sizes = np.abs(components)
+    # Entries that differ by rounding alone are equal, or the processor would choose the sign.
     largest = np.argmax(sizes >= (1.0 - ROUNDING) * sizes.max(axis=1, keepdims=True), axis=1)
     signs = np.sign(np.take_along_axis(components, largest[:, None], axis=1))
     return np.asarray(components * signs, np.float64)

@@ -238,6 +238,7 @@ class MixtureSampling:
             if (refit := self._refit(seen, broad)) is not None:
                 mixture = refit.join(first, FIRST_MIXTURE_SHARE)
         count = self._budget - self._requested
+        # In proportion to the draws: the last ones are so many times those of the trial.
         self.promised = find_effective(seen[-1]) * count / int(TRIAL_SHARE * self._budget)
         if self.promised < LEAST_PROMISE * count_needed(self.size):
             yield from self._hand_on()
@@ -309,6 +310,7 @@ class MixtureSampling:
             # False where robustness is NaN, so that the chain stays.
             accept = (yield from self._request(mixed if is_mixed else replaced)) <= 0.0
             z = np.where(accept[:, None], mixed if is_mixed else replaced, z)
+            # Each of the two kinds of moves is made, and adapted, every other time.
             change = np.exp((accept[:, None] - ACCEPTANCE) / sqrt(move // 2 + 1))
             if is_mixed:
                 step = np.clip(step * change, SMALLEST_STEP, 1.0)
@@ -327,6 +329,7 @@ class MixtureSampling:
         if len(z) < FEWEST_FITTED:
             return None
         wanted = min(max(4 * self.size, 60), 0.5 * len(z))
+        # Relative to the largest, as weights may be too small for doubles.
         power, relative = 1.0, log_weights - log_weights.max()
         while subset_estimate.count_effective(np.exp(power * relative)) < wanted and power > 0.02:
             power *= TEMPERING
