@@ -243,7 +243,6 @@ def compare_results(stored: EpisodeResult, again: EpisodeResult) -> Replayed:
 
 
 def _compare(index: int, stored: tuple[Outcome, str], again: EpisodeResult) -> Replayed:
-
     outcome, digest = stored
     return Replayed(
         index=index,

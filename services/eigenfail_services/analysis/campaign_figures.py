@@ -33,10 +33,11 @@ def make_course(
         per: how many indices a block spans.
         totals: totals of the blocks that have a completed episode.
     """
+    learns = traits_of(campaign.spec.method).learns
     return values.Course(
         campaign=campaign.id,
         method=campaign.spec.method,
-        heading=title_course(campaign.spec.method),
+        heading="Learning curve" if learns else "Failures over episodes",
         per=per,
         blocks=tuple(_make_block(each, per, campaign) for each in totals),
     )
@@ -78,11 +79,6 @@ def choose_block_length(counts: values.Counts, wanted: int | None = None) -> int
     return wanted
 
 
-def title_course(method: str) -> str:
-    """Return the heading of a campaign's course."""
-    return "Learning curve" if traits_of(method).learns else "Failures over episodes"
-
-
 SECONDS_PER_HOUR = 3600.0
 
 
@@ -113,9 +109,6 @@ def price_failures(
         at_least_usd, total_usd / (failures.trials * failures.interval.low)
     )
     return values.Cost(total_usd, instance_hours, per_failure_usd, interval_usd, at_least_usd)
-
-
-NOT_MEASURED = "It was run by an older release that did not record the time breakdown."
 
 
 BY_CLOCK = (
@@ -158,35 +151,25 @@ def bill_usd(campaign: values.Campaign, active_s: float) -> float:
 def split_time(campaign: values.Campaign, totals: values.SpendingTotals) -> values.TimeSplit:
     """What the time that was billed went into; the parts sum to it."""
     worker_s, overhead = totals.completed_worker_s, campaign.overhead
-    if overhead is None:
-        return values.TimeSplit(active_s=campaign.active_s, worker_s=worker_s, problem=NOT_MEASURED)
     lost_worker_s = totals.errored_worker_s + overhead.discarded_s
     learns = traits_of(campaign.spec.method).learns
     # The supervisor bills a moment after the hub has accounted for its time; see `SLACK_S`.
     busy_s = max(campaign.active_s - overhead.learning_s - overhead.waiting_s, 0.0)
-    lost_s = busy_s * _measure_discarded(worker_s, lost_worker_s)
-    learning_s, waiting_s = _split_idle(campaign.active_s - busy_s, overhead)
+    # Workers are busy side by side, so that wall time is shared out as their time is.
+    lost_share = lost_worker_s / (worker_s + lost_worker_s) if lost_worker_s > 0.0 else 0.0
+    lost_s = busy_s * lost_share
+    idle_s = campaign.active_s - busy_s
+    learning_s = min(overhead.learning_s, idle_s)
     return values.TimeSplit(
         active_s=campaign.active_s,
         worker_s=worker_s,
         simulation_s=busy_s - lost_s,
         startup_s=0.0 if learns else learning_s,
         learning_s=learning_s if learns else 0.0,
-        waiting_s=waiting_s,
+        waiting_s=idle_s - learning_s,
         lost_s=lost_s,
         lost_worker_s=lost_worker_s,
     )
-
-
-def _measure_discarded(kept_s: float, lost_s: float) -> float:
-    """The share of worker time whose results were thrown away."""
-    return lost_s / (kept_s + lost_s) if lost_s > 0.0 else 0.0
-
-
-def _split_idle(idle_s: float, overhead: values.Overhead) -> tuple[float, float]:
-    """Split time without a running episode into learning and waiting. [s]"""
-    learning_s = min(overhead.learning_s, idle_s)
-    return learning_s, idle_s - learning_s
 
 
 def make_cost_curve(

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eigenfail.explanations import NOTHING, _read_word
+from eigenfail.explanations import NOTHING, read_word
 from eigenfail.presentation.figures import count_noun
 from eigenfail.values import (
     AXES,
@@ -287,7 +287,7 @@ def describe_account(episode: ExplainedEpisode, clock: Clock) -> str:
 
 def _describe_rules(steps: Sequence[ExplainedStep], _clock: Clock) -> Iterator[str]:
     """Which rules decided, and in how many of the steps."""
-    counted = Counter(rule for step in steps if (rule := _read_word(step, "rule")) not in NOTHING)
+    counted = Counter(rule for step in steps if (rule := read_word(step, "rule")) not in NOTHING)
     if counted:
         shares = (
             f"{_make_plain(name)} in {count} of {len(steps)} steps"
@@ -298,7 +298,7 @@ def _describe_rules(steps: Sequence[ExplainedStep], _clock: Clock) -> Iterator[s
 
 def _describe_overrides(steps: Sequence[ExplainedStep], clock: Clock) -> Iterator[str]:
     """What overrode the plan, from when to when."""
-    names = [_read_word(step, "override") for step in steps]
+    names = [read_word(step, "override") for step in steps]
     for name in sorted({*names} - NOTHING):
         places = [place for place, each in enumerate(names) if each == name]
         window = clock.window(places[0], places[-1])
