@@ -170,6 +170,7 @@ def _find_hardest_braking(episode: ExplainedEpisode) -> Iterator[_Event]:
 
 
 def _describe_end(episode: ExplainedEpisode) -> Iterator[_Event]:
+    # Events are sorted by time, and the end is told last.
     yield _Event(float("inf"), _END_DESCRIPTIONS[episode.result.outcome](episode))
 
 

@@ -268,6 +268,7 @@ def refuse_unlisted(place: str, remedy: str = "") -> None:
 def is_listed(place: str) -> bool:
     """Whether the module, or a package around it, may be imported here."""
     module, listed = place.partition(":")[0], os.environ.get(ALLOWED_VARIABLE, "")
+    # With a dot behind both, so that `plan` does not list `planner`.
     return any(f"{module}.".startswith(f"{name.strip()}.") for name in listed.split(","))
 
 

@@ -77,7 +77,7 @@ and workers' inner processes. Libraries read it when they are loaded."""
 
 
 def as_parent() -> dict[str, str]:
-    """What the environment of a process says that is to die with this one."""
+    """Return the variable that makes a child process end with this one; see `die_with_parent`."""
     return {PARENT_VARIABLE: str(os.getpid())}
 
 
@@ -104,7 +104,7 @@ def adopt_orphans() -> None:
 
 
 def exit_status(process: Popen[bytes]) -> int | None:
-    """None while it lives; negative if a signal ended it.
+    """Return the exit status of a process: None while it lives, negative if a signal ended it.
 
     It is not waited for: until then its number is not reused, and `kill_group` finds by it what
     it left behind.
@@ -172,7 +172,7 @@ class Refused(msgspec.Struct, frozen=True, tag=True):
 
 
 def ask(module: str, question: bytes, patience_s: float) -> bytes:
-    """What the module answers.
+    """Ask a question of a new process that runs a module, and return its answer.
 
     Args:
         module: module that calls `answer` when it is run.
@@ -195,7 +195,7 @@ def ask(module: str, question: bytes, patience_s: float) -> bytes:
 
 
 def run_question(module: str, question: bytes, patience_s: float) -> bytes:
-    """What a process of the module writes; see `ask`."""
+    """Return what a process of the module writes; see `ask`."""
     read, write = os.pipe()
     asked = subprocess.Popen(
         [sys.executable, "-m", module],

@@ -65,32 +65,18 @@ def make_span(
         idle_s: how long fewer must have been enough; None is a minute. [s]
 
     Raises:
-        InvalidValue: the numbers exclude each other.
+        InvalidValue: the numbers exclude each other, or are out of range.
     """
     if most is None:
         _refuse_half(least, idle_s)
-        return _make_fixed(workers)
+        n = (os.cpu_count() or 1) if workers is None else workers
+        if n < 0:
+            raise InvalidValue("--workers", f"{n} is below 0.")
+        return Span(n, n)
     if workers is not None:
         problem = "sets a fixed number of workers and cannot be combined with --max-workers."
         raise InvalidValue("--workers", problem, "Use only one of them.")
     return _make_scaled(least or 0, most, IDLE_S if idle_s is None else idle_s)
-
-
-def _make_fixed(workers: int | None) -> Span:
-    """Return a fixed number of workers, or one per core.
-
-    Raises:
-        InvalidValue: fewer than none.
-    """
-    n = _default_workers() if workers is None else workers
-    if n < 0:
-        raise InvalidValue("--workers", f"{n} is below 0.")
-    return Span(n, n)
-
-
-def _default_workers() -> int:
-    """How many workers keep this machine busy."""
-    return os.cpu_count() or 1
 
 
 def _refuse_half(least: int | None, idle_s: float | None) -> None:

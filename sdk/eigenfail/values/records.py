@@ -135,6 +135,7 @@ def _of_collision(measures: Measures) -> ConflictClass | None:
     if measures.collided_s is None:
         return None
     need_mps2 = measures.drac_at_warning_mps2
+    # Without a warning there was nothing to brake for before the contact.
     hopeless = need_mps2 is None or need_mps2 > PEAK_BRAKING_MPS2
     return ConflictClass.UNAVOIDABLE if hopeless else ConflictClass.PLANNER_FAILURE
 

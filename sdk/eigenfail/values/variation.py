@@ -301,6 +301,7 @@ def read_variation(
         problem = f"the distributions have more than {MAX_CORNERS} combinations of ends."
         raise InvalidValue(field, problem, "Vary fewer parameters, or choose from fewer values.")
     variation = Variation(kind, field, fixed, varied, chosen, correlations)
+    # To read a corner checks it: draws between corners are within the bounds, too.
     for _ in variation.corners():
         pass
     return variation

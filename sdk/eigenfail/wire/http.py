@@ -96,6 +96,7 @@ def make_error(problem: Problem) -> EigenfailError:
     """Return the error that a problem describes."""
     kinds = {NAMESPACE + slugify(kind): kind for kind in list_error_types(EigenfailError)}
     kind = kinds.get(problem.type) or _get_type_for_status(problem.status)
+    # `InputError` puts the field in front of the problem again.
     detail = problem.detail.removeprefix(f"{problem.field}: ")
     if issubclass(kind, UnknownName):
         return kind(problem.field, problem.name, problem.known, detail)

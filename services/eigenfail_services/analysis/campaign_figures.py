@@ -11,7 +11,7 @@ from eigenfail import values
 from eigenfail.errors import InvalidValue
 from eigenfail.methods import traits_of
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
-from eigenfail.values.safety import TAIL_LEVEL, FailurePoint
+from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.values.summary import MOST_BLOCKS
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis.sampling_design import SamplingDesign
@@ -149,7 +149,7 @@ def bill_usd(campaign: values.Campaign, active_s: float) -> float:
 
 
 def split_time(campaign: values.Campaign, totals: values.SpendingTotals) -> values.TimeSplit:
-    """What the time that was billed went into; the parts sum to it."""
+    """Return how the time that was billed was spent; the parts sum to it."""
     worker_s, overhead = totals.completed_worker_s, campaign.overhead
     lost_worker_s = totals.errored_worker_s + overhead.discarded_s
     learns = traits_of(campaign.spec.method).learns
@@ -175,7 +175,7 @@ def split_time(campaign: values.Campaign, totals: values.SpendingTotals) -> valu
 def make_cost_curve(
     campaign: values.Campaign, totals: values.SpendingTotals, modes: KnownModes
 ) -> Iterator[values.CostPoint]:
-    """From nothing spent to everything, point by point."""
+    """Yield the points of the cost curve, from nothing spent to the whole bill."""
     spent_s = _list_active_s(campaign, [each.at_ms for each in totals.progress])
     yield _make_point(campaign, 0.0, (0, 0), 0 if modes.found_ms is not None else None)
     for each, active_s in zip(totals.progress, spent_s, strict=True):
@@ -202,7 +202,7 @@ def _make_point(
 
 
 def _count_modes(modes: KnownModes, at_ms: int) -> int | None:
-    """How many modes had been found."""
+    """Return how many modes had been found by then; None if modes are not known."""
     return None if modes.found_ms is None else sum(each <= at_ms for each in modes.found_ms)
 
 
@@ -273,7 +273,11 @@ def make_safety(
         SamplingDesign.of_failures([campaign]),
     )
     doubtful = errored, unresolved.doubtful
-    severity, correlation = tail_risk(totals.severities, level), _correlate(totals.points)
+    severity = tail_risk(totals.severities, level)
+    correlation = rank_correlation(
+        np.array([point.log_probability_per_step for point in totals.points]),
+        np.array([point.severity for point in totals.points]),
+    )
     if not traits_of(method).independent:
         severity, correlation = _drop_intervals(severity), _drop_interval(correlation)
     has_road = world_of(campaign.spec.simulator).has_road
@@ -353,7 +357,7 @@ def _count_violations(
     completed: int,
     errored: int,
 ) -> values.Violations:
-    """A row of the table."""
+    """Return the figures of a measure against its threshold."""
     return values.Violations(
         threshold=threshold,
         beyond=_make_share(design, totals.violations, completed, errored),
@@ -363,21 +367,13 @@ def _count_violations(
     )
 
 
-def _correlate(points: Sequence[FailurePoint]) -> values.Figure | None:
-    """Return the correlation of severity and likelihood over the points that are shown."""
-    return rank_correlation(
-        np.array([point.log_probability_per_step for point in points]),
-        np.array([point.severity for point in points]),
-    )
-
-
 def _list_notes(
     campaign: values.Campaign,
     totals: values.SafetyTotals,
     unresolved: values.Unresolved,
     conflicts: values.Conflicts,
 ) -> Iterator[str]:
-    """What the numbers cannot know."""
+    """Yield the remarks on what the numbers leave out."""
     if words := unresolved.words(totals.completed):
         yield words
     if conflicts.allowed:

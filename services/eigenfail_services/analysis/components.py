@@ -73,7 +73,9 @@ def fit_components(data: Data, wanted: int) -> ComponentSpace:
     smallest = ROUNDING * np.sqrt(sum(float(np.sum(block**2)) for block in iterate_blocks(data)))
     total = sum(float(np.sum((block - mean) ** 2)) for block in iterate_blocks(data))
     if np.sqrt(total) <= smallest:
-        return _make_flat_space(data, mean)
+        # Rows that are all alike span no direction: their space is a point.
+        rows, columns = data.shape
+        return ComponentSpace(mean, np.zeros((0, columns)), np.zeros(0), np.zeros((rows, 0)))
     found = _find_directions(data, mean, min(wanted, *data.shape))
     kept = found.singular > smallest
     components = fix_signs(found.vectors[kept])
@@ -129,12 +131,6 @@ def iterate_blocks(data: Data) -> Iterator[Array]:
     """Yield the rows in double precision, in blocks."""
     for first in range(0, len(data), BLOCK):
         yield data[first : first + BLOCK].astype(np.float64)
-
-
-def _make_flat_space(data: Data, mean: Array) -> ComponentSpace:
-    """The space of rows that are all alike: a point."""
-    rows, columns = data.shape
-    return ComponentSpace(mean, np.zeros((0, columns)), np.zeros(0), np.zeros((rows, 0)))
 
 
 def fix_signs(components: Array) -> Array:

@@ -51,7 +51,7 @@ def find_tenths(failures: Aligned, episodes: Mapping[int, int]) -> NDArray[np.in
 def _summarize_interval(
     failures: Aligned, space: ComponentSpace, tenth: int, rows: NDArray[np.intp]
 ) -> TrainingInterval:
-    """One of them, with the failures in these rows."""
+    """Return an interval of the training, with the failures in these rows."""
     own = failures._replace(noise=failures.noise[rows])
     mean = np.zeros((failures.horizon, len(failures.channels)))
     for block in iterate_blocks(own.noise):

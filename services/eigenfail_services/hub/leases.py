@@ -27,6 +27,7 @@ class LeaseTable:
 
     def has_leases(self, campaign: int) -> bool:
         """Return whether a worker holds any episode of a campaign."""
+        # Not by index, which would add the campaign to a `defaultdict`.
         return bool(self._holders.get(campaign))
 
     def find_task(self, key: worker_table.Key) -> EpisodeTask | None:
@@ -101,6 +102,7 @@ class InterruptedEpisodes:
     def __init__(self) -> None:
         self._lost: dict[worker_table.Key, EpisodeTask] = {}
         self._disconnections: dict[str, Disconnection] = {}
+        # By episode, then by worker: several may have run it, one after the other.
         self._running: dict[worker_table.Key, dict[str, EpisodeTask]] = {}
 
     def __iter__(self) -> Iterator[tuple[int, EpisodeTask]]:
@@ -193,6 +195,7 @@ class Leases:
         self._queue = worker_table.EpisodeQueue()
         self._holdings = worker_table.Holdings()
         self._interrupted = InterruptedEpisodes()
+        # Episodes whose results wait for their commit: to run them again would be a waste.
         self._uncommitted: set[worker_table.Key] = set()
 
     def open_session(self, worker: bytes, hello: Hello, now_s: float) -> None:

@@ -205,6 +205,7 @@ class WorkerSessions:
         except ProtocolError as error:
             self._send(worker, messages.Refusal(str(error)))
             return
+        # A piece of pieces would get around the bounds of one assembler.
         if isinstance(message, messages.Piece):
             self._send(worker, messages.Refusal("A piece of a message holds another piece."))
         elif message is not None:
@@ -271,6 +272,7 @@ class WorkerSessions:
 
     def assign(self, runs: Mapping[int, CampaignRun]) -> None:
         """Adopt what workers hold, lease what waits, and send what those leases need first."""
+        # First: what a worker holds must not be leased to another one.
         self._adopt(runs)
         is_new = time.monotonic() - self._began_s < ADOPTION_GRACE_S
         if is_new and any(run.resumed for run in runs.values()):
@@ -292,6 +294,8 @@ class WorkerSessions:
         """Send the setup and the policies that an assignment needs and the worker does not have."""
         worker, campaign = assignment.worker, assignment.campaign
         session = self._leases.sessions[worker]
+        # A worker runs nothing before it has the setup of the campaign and the policies of the
+        # tasks.
         if campaign not in session.setups:
             session.setups.add(campaign)
             self.prepared.append((campaign, session.arrival.versions))

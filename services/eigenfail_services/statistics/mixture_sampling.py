@@ -226,6 +226,8 @@ class MixtureSampling:
             gaussian_mixture.make_scaled_proposal(self.size, scale),
         )
         broad = prior.components + scaled.components
+        # The chains start from failures in random order, so that every third one is a random
+        # choice.
         held_out = np.arange(len(ends)) % HELD_OUT == HELD_OUT - 1
         known = ends[~held_out]
         pure = gaussian_mixture.fit_mixture(
@@ -299,6 +301,8 @@ class MixtureSampling:
         between preconditioned Crank–Nicolson's and new draws of random values of z.
         """
         rng, budget = self._rng, int(CHAIN_SHARE * self._budget)
+        # Rather fewer chains than too few moves of each: a short chain still shows the wide
+        # noise.
         chains = min(len(failures), max(budget // MOVES, FEWEST_DRAWS))
         z = failures[rng.choice(len(failures), chains, replace=False)]
         step, share = np.full((chains, 1), FIRST_STEP), np.full((chains, 1), 0.5)

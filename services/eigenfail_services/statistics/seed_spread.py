@@ -43,6 +43,7 @@ def measure_spread(
     mean = least if least == most else float(ordered.mean())
     deviation = None if n < 2 else 0.0 if least == most else float(ordered.std(ddof=1))
     interval = None
+    # Equal values have no spread from which an interval could follow.
     if deviation:
         half_width = find_quantile(1.0 - ERROR / 2.0, n) * deviation / sqrt(n)
         interval = Interval(max(mean - half_width, lowest), min(mean + half_width, highest))
