@@ -322,6 +322,7 @@ def check_channels(offer: BridgeOffer, names: Collection[str]) -> None:
     """
     for name in names:
         channel = split_name(name)
+        # `every.speed` of an offer stands for `vehicle_3.speed`, too.
         is_numbered = channel.vehicle is not None
         if name not in offer.channels and not (
             is_numbered and f"{EVERY}.{channel.quantity}" in offer.channels

@@ -66,6 +66,7 @@ def measure_gap(
         return None, None
     half_lengths_m = float(scene.sizes[[0, vehicle], 0].sum()) / 2.0
     closing_mps = ego[3] * cos(ego[2]) - other[3] * cos(other[2])
+    # Positions are those of centres.
     return other[0] - ego[0] - half_lengths_m, closing_mps
 
 
@@ -150,6 +151,7 @@ def _find_leads(episode: ExplainedEpisode) -> Iterator[_Event]:
 
 def _find_overrides(episode: ExplainedEpisode) -> Iterator[_Event]:
     names = dict.fromkeys(read_word(step, "override") for step in episode.steps)
+    # A set has no order, but the events of all finders are sorted by time.
     for name in names.keys() - {"", "none"}:
         spans = _find_spans(episode.steps, partial(_has_word, "override", name))
         yield from _describe_spans(spans, f"the plan was overridden: {name.replace('_', ' ')}")
@@ -271,6 +273,7 @@ def _is_one_of(times_s: set[float], step: ExplainedStep) -> bool:
 
 def _list_numbers(numbers: Iterable[int | None]) -> list[int]:
     """Return the numbers that occur, in their order."""
+    # A dict keeps the order in which vehicles come up.
     return [number for number in dict.fromkeys(numbers) if number is not None]
 
 

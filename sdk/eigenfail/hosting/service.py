@@ -292,6 +292,7 @@ def find_ready_line(lines: Sequence[str]) -> Ready | None:
     """The line by which the services say that they serve."""
     for line in lines:
         try:
+            # All other lines are those of the log.
             return msgspec.json.decode(line, type=Ready)
         except msgspec.DecodeError:
             continue
@@ -315,6 +316,7 @@ def register_planners(folder: Path, planners: Mapping[str, str]) -> tuple[Path, 
         if not name.isidentifier() or name in plugins.names(plugins.PLANNERS):
             remedy = "Choose another name, of letters, digits and underscores."
             raise InvalidValue("planners", f"'{name}' is not a valid name, or is in use.", remedy)
+        # A mistake shows here, and not in the log of a worker.
         plugins.load_class(place)
     listed = "\n".join(f"{name} = {place}" for name, place in planners.items())
     notes = folder / NAME

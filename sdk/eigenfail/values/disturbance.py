@@ -192,6 +192,7 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             for channel in model.list_channels()
         ]
         mine, theirs = (
+            # For as many vehicles as either of them names.
             replace(model.write_out(max(numbers)), occlusion=model.is_occluding)
             for model in (self, other)
         )

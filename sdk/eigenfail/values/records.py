@@ -55,8 +55,7 @@ class Assessment(msgspec.Struct, frozen=True):
             either.
         drac_lead_s: the same for DRAC.
         unresolved: whether it ended at its horizon while braking could not avoid a collision any
-            more; None if that is not known: an older release did not measure enough to say, or an
-            older service does not report it.
+            more; None if too little was measured to say.
     """
 
     conflict: ConflictClass | None = None

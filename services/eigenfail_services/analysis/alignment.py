@@ -186,6 +186,7 @@ class Aligned(NamedTuple):
 
         Each has the shape (rows, their steps, channels).
         """
+        # Failures of one length make an array without gaps.
         for steps in np.unique(self.steps).tolist():
             rows = np.flatnonzero(self.steps == steps)
             place = self.alignment.place(steps, self.horizon)
@@ -291,6 +292,7 @@ def select_latest(failures: Aligned, campaigns: Collection[int]) -> Aligned:
     """
     kept = np.ones(len(failures.episodes), np.bool_)
     for campaign in campaigns:
+        # Rows are in the order of the noise; "latest" is by the number of the episode.
         own = np.flatnonzero(failures.campaigns == campaign)
         in_time = own[np.argsort(failures.episodes[own])]
         kept[in_time[: len(own) // 2]] = False

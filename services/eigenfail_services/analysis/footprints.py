@@ -127,6 +127,7 @@ def find_contact(end: Floats, sizes: Floats) -> Contact | None:
     struck = _find_struck(vehicles[-1], sizes_m)
     # A vehicle that appeared in the last step has no place before it.
     before = vehicles[0] if np.isfinite(vehicles[0, struck]).all() else vehicles[-1]
+    # Corners of the struck vehicle, seen from the ego.
     corners = _transform(before[:1, :3], before[struck : struck + 1, :3], sizes_m[struck, None])[0]
     half_length_m, half_width_m = 0.5 * sizes_m[0]
     (rear_m, right_m), (front_m, left_m) = corners.min(axis=0), corners.max(axis=0)

@@ -192,6 +192,8 @@ def _record_change(
 
     service = DataFolder(data)
     url = os.environ.get(DATABASE_VARIABLE)
+    # A folder of keys that was named may be another service's, whose database is not known
+    # here.
     if not url and folder is None and service.database_file.exists():
         url = service.database
     if not url:

@@ -205,6 +205,7 @@ class KeyFolder:
             NotFound: no key has the name.
         """
         *_, newest = self._find(name)
+        # Another command may have revoked it meanwhile.
         (self._workers / name).unlink(missing_ok=True)
         return newest.summarize()
 
@@ -254,6 +255,7 @@ class KeyFolder:
 
     def _prepare(self, name: str) -> bool:
         """Create the folder and the hub's key; return whether there was no hub key before."""
+        # The name becomes that of a file: it must not lead out of the folder.
         if not NAME.fullmatch(name):
             remedy = "Use up to 64 letters, digits, dots, dashes and underscores; no dot at first."
             raise InvalidValue("NAME", f"'{name}' is not a valid key name.", remedy)

@@ -145,6 +145,7 @@ class RefusalLog:
         now_s = time.monotonic()
         if now_s >= self._quiet_until_s.get(reason, 0.0):
             self._quiet_until_s[reason] = now_s + LOG_INTERVAL_S
+            # Refusals since the last line are counted in this one.
             times = self._unlogged.pop(reason)
             log.warning("worker refused", reason=reason, times=times, **facts)
 

@@ -187,6 +187,8 @@ class ConditionalSampler:
 
     def _adapt(self, accepted: float, move: int, weight: float) -> None:
         """Take larger steps while too many moves are accepted, smaller ones while too few."""
+        # Smaller and smaller changes, so that the step settles. A group has a part of the say,
+        # by its share of the chains.
         change = exp(weight * (accepted - self._acceptance) / sqrt(move))
         self._step = min(max(self._step * change, SMALLEST_STEP), 1.0)
 
