@@ -215,6 +215,7 @@ class Variation(msgspec.Struct, frozen=True, eq=False):
         if not self.correlations:
             return z
         names = tuple(self.searched)
+        # z of each parameter acts on itself and on those behind it in this order.
         factor = np.linalg.cholesky(make_correlation_matrix(names, self.correlations))
         correlated = factor @ np.array([z[name] for name in names])
         return dict(zip(names, correlated.tolist(), strict=True))
@@ -292,6 +293,8 @@ def read_variation(
     """
     varied = {
         name: read_distribution(value, f"{field}.{name}")
+        # By name: values are drawn in this order, and must not depend on how a file was
+        # written.
         for name, value in sorted(given.items())
         if isinstance(value, dict) and not KINDS.keys().isdisjoint(value)
     }

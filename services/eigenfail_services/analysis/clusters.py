@@ -336,5 +336,6 @@ def _measure_likeness(
     space = fit_components(data[resample], settings.components)
     clusterer = CLUSTERERS[settings.clusterer]
     again = divide(space.scores, settings.clusters, clusterer, resolution)
+    # A row that was drawn twice would agree with itself.
     rows, first = np.unique(resample, return_index=True)
     return float(adjusted_rand_score(labels[rows], again.labels[first]))

@@ -208,6 +208,7 @@ def draw_sobol_normal(rng: np.random.Generator, draws: int, size: int) -> batche
     from scipy.stats.qmc import Sobol
 
     sequence = Sobol(size, bits=SOBOL_BITS, rng=rng)
+    # The sequence is balanced in powers of two.
     points = sequence.random_base2((draws - 1).bit_length())[:draws]
     # Points are corners of cells, 0 among them, whose normal value would be infinite.
     inside = rng.random(points.shape) * 2.0**-SOBOL_BITS

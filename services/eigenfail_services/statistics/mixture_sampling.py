@@ -435,6 +435,7 @@ def fit_tail(weights: Array) -> WeightTail | None:
     Vehtari et al.
     """
     ordered = np.sort(weights)
+    # The size of the tail by Vehtari et al.
     tail = int(min(len(ordered) / 5, 3.0 * sqrt(len(ordered))))
     if tail < FEWEST_IN_TAIL:
         return None
@@ -452,4 +453,5 @@ def fit_tail(weights: Array) -> WeightTail | None:
     posterior = np.exp(likelihoods - np.logaddexp.reduce(likelihoods))
     rate = float(posterior @ rates)
     shape = float(np.log1p(-rate * excess).mean())
+    # Their prior counts as 10 weights with a shape of 0.5.
     return WeightTail(tail, start, -shape / rate, (count * shape + 10.0 * 0.5) / (count + 10.0))

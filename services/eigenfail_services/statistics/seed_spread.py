@@ -123,6 +123,7 @@ def find_ratio(sums: PairSums) -> Ratio:
     half = price * failures - factor * (sums.products - n * price * failures)
     constant = price**2 - factor * max(sums.price_squares - n * price**2, 0.0)
     root = sqrt(max(half**2 - square * constant, 0.0))
+    # Pairs that are all in one proportion leave an interval of rounding alone.
     if root <= ROUNDING * abs(half):
         return Ratio(value, None, None)
     if square > 0.0:
