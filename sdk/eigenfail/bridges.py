@@ -203,11 +203,13 @@ def parameters_kind(given: Mapping[str, Any]) -> type[msgspec.Struct]:
     """
     others = [str(name) for name in given if name not in OWN]
     for name in others:
+        # Parameters become fields of a struct.
         if not name.isidentifier():
             problem = "is not a valid parameter name."
             raise InvalidValue(f"scenario_parameters.{name}", problem, "Use letters, digits and _.")
     return msgspec.defstruct(
         "BridgeParameters",
+        # `steps` has no default, and fields without one stand before those with one.
         [("steps", Steps), *((name, Plain) for name in others), ("dt_s", StepTime, 0.1)],
         frozen=True,
         forbid_unknown_fields=True,
@@ -320,6 +322,7 @@ def check_channels(offer: BridgeOffer, names: Collection[str]) -> None:
     """
     for name in names:
         channel = split_name(name)
+        # `every.speed` of an offer stands for `vehicle_3.speed`, too.
         is_numbered = channel.vehicle is not None
         if name not in offer.channels and not (
             is_numbered and f"{EVERY}.{channel.quantity}" in offer.channels

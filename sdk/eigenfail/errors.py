@@ -90,6 +90,7 @@ def clean_text(text: str, longest: int = LONGEST_TEXT) -> str:
         longest: maximum length; a longer text is cut off [characters].
     """
     plain = "".join((text[: longest + 1],))  # an exact str, also of a subclass
+    # Most texts are printable, and need no look at each letter.
     if not plain.isprintable():
         plain = "".join(map(_escape, plain))
     return plain if len(plain) <= longest else f"{plain[: longest - len(CUT)]}{CUT}"

@@ -66,6 +66,7 @@ def measure_gap(
         return None, None
     half_lengths_m = float(scene.sizes[[0, vehicle], 0].sum()) / 2.0
     closing_mps = ego[3] * cos(ego[2]) - other[3] * cos(other[2])
+    # Positions are those of centres.
     return other[0] - ego[0] - half_lengths_m, closing_mps
 
 
@@ -94,7 +95,7 @@ def _find_lost_tracks(episode: ExplainedEpisode) -> Iterator[_Event]:
         if _read_figure(now, "lost_tracks") <= _read_figure(before, "lost_tracks"):
             continue
         numbers: list[int | None]
-        numbers = [int(each) for each in _read_word(now, "lost_vehicles").split() if each.isdigit()]
+        numbers = [int(each) for each in read_word(now, "lost_vehicles").split() if each.isdigit()]
         only = find_only_vehicle(scene)
         for vehicle in numbers or (only,):
             lost = _name_vehicle(episode, vehicle, "")
@@ -108,7 +109,6 @@ def _find_lost_tracks(episode: ExplainedEpisode) -> Iterator[_Event]:
 
 
 def _find_blindness(episode: ExplainedEpisode) -> Iterator[_Event]:
-
     def is_blind(vehicle: int, step: ExplainedStep) -> bool:
         return _has_word("heeds", "nobody", step) and step.ahead == vehicle
 
@@ -140,7 +140,6 @@ def _find_misjudged_speeds(episode: ExplainedEpisode) -> Iterator[_Event]:
 
 
 def _find_leads(episode: ExplainedEpisode) -> Iterator[_Event]:
-
     def is_lead(vehicle: int | None, step: ExplainedStep) -> bool:
         return _has_word("heeds", "lead", step) and step.vehicle == vehicle
 
@@ -151,23 +150,21 @@ def _find_leads(episode: ExplainedEpisode) -> Iterator[_Event]:
 
 
 def _find_overrides(episode: ExplainedEpisode) -> Iterator[_Event]:
-
-    names = dict.fromkeys(_read_word(step, "override") for step in episode.steps)
+    names = dict.fromkeys(read_word(step, "override") for step in episode.steps)
+    # A set has no order, but the events of all finders are sorted by time.
     for name in names.keys() - {"", "none"}:
         spans = _find_spans(episode.steps, partial(_has_word, "override", name))
         yield from _describe_spans(spans, f"the plan was overridden: {name.replace('_', ' ')}")
 
 
 def _find_unsolved_programs(episode: ExplainedEpisode) -> Iterator[_Event]:
-
     spans = _find_spans(
-        episode.steps, lambda step: _read_word(step, "qp_status") not in ("", "solved")
+        episode.steps, lambda step: read_word(step, "qp_status") not in ("", "solved")
     )
     yield from _describe_spans(spans, "the quadratic program was not solved")
 
 
 def _find_hardest_braking(episode: ExplainedEpisode) -> Iterator[_Event]:
-
     hardest = min(episode.steps, key=lambda step: step.acceleration_mps2, default=None)
     if hardest is not None and hardest.acceleration_mps2 < -BRAKED_MPS2:
         braked = f"it asked for its hardest braking: {-hardest.acceleration_mps2:.2f} m/s²"
@@ -175,7 +172,7 @@ def _find_hardest_braking(episode: ExplainedEpisode) -> Iterator[_Event]:
 
 
 def _describe_end(episode: ExplainedEpisode) -> Iterator[_Event]:
-
+    # Events are sorted by time, and the end is told last.
     yield _Event(float("inf"), _END_DESCRIPTIONS[episode.result.outcome](episode))
 
 
@@ -195,7 +192,6 @@ def _describe_violation(episode: ExplainedEpisode) -> str:
 
 
 def _describe_safe_end(episode: ExplainedEpisode) -> str:
-
     measures = episode.result.measures
     if measures is not None and measures.collided_s is not None:
         return f"{_describe_collision(episode)}, which no requirement forbids"
@@ -204,7 +200,6 @@ def _describe_safe_end(episode: ExplainedEpisode) -> str:
 
 
 def _describe_error(episode: ExplainedEpisode) -> str:
-
     result = episode.result
     why = result.fault.message.rstrip(".") if result.fault else "no reason was stored"
     return f"After {result.steps} steps the episode was aborted: {why}"
@@ -231,12 +226,10 @@ _EVENT_FINDERS = (
 
 
 def _format_number(value: float | None, digits: int) -> str:
-
     return "–" if value is None or not isfinite(value) else f"{value:.{digits}f}"
 
 
 def _describe_spans(spans: Sequence[Steps], what: str) -> Iterator[_Event]:
-
     if len(spans) <= _MOST_SENTENCES:
         yield from (_Event(span[0].time_s, f"{_format_span(span)} {what}") for span in spans)
         return
@@ -252,39 +245,35 @@ def _find_spans(steps: Steps, holds: Callable[[ExplainedStep], bool]) -> list[St
 
 
 def _format_span(span: Steps) -> str:
-
     first, last = _format_time(span[0]), _format_time(span[-1])
     return f"At {first}" if first == last else f"From {first} to {last}"
 
 
 def _format_time(step: ExplainedStep) -> str:
-
     return f"{step.time_s:.1f} s"
 
 
-def _read_word(step: ExplainedStep, name: str) -> str:
-
+def read_word(step: ExplainedStep, name: str) -> str:
+    """Return a text of the planner's account of a step; empty if it has none of that name."""
     return str(step.account.get(name, ""))
 
 
 def _has_word(name: str, text: str, step: ExplainedStep) -> bool:
-
-    return _read_word(step, name) == text
+    return read_word(step, name) == text
 
 
 def _read_figure(step: ExplainedStep, name: str) -> float:
-
     value = step.account.get(name, 0.0)
     return value if isinstance(value, float) else 0.0
 
 
 def _is_one_of(times_s: set[float], step: ExplainedStep) -> bool:
-
     return step.time_s in times_s
 
 
 def _list_numbers(numbers: Iterable[int | None]) -> list[int]:
     """Return the numbers that occur, in their order."""
+    # A dict keeps the order in which vehicles come up.
     return [number for number in dict.fromkeys(numbers) if number is not None]
 
 
@@ -296,7 +285,6 @@ def _find_speed_error(step: ExplainedStep) -> float | None:
 
 
 def _is_misjudged(step: ExplainedStep) -> bool:
-
     return (_find_speed_error(step) or 0.0) > MISJUDGED_MPS
 
 
@@ -445,13 +433,12 @@ def find_moments(steps: Sequence[ExplainedStep]) -> tuple[NotableMoment, ...]:
 
 
 def _find_beginnings(before: ExplainedStep, now: ExplainedStep) -> Iterator[NotableMoment]:
-
     if _read_figure(now, "lost_tracks") > _read_figure(before, "lost_tracks"):
         yield NotableMoment(now.time_s, "track lost")
-    override = _read_word(now, "override")
-    if override not in NOTHING and override != _read_word(before, "override"):
+    override = read_word(now, "override")
+    if override not in NOTHING and override != read_word(before, "override"):
         yield NotableMoment(now.time_s, override.replace("_", " "))
-    if _read_word(now, "qp_status") not in SOLVED and _read_word(before, "qp_status") in SOLVED:
+    if read_word(now, "qp_status") not in SOLVED and read_word(before, "qp_status") in SOLVED:
         yield NotableMoment(now.time_s, "program not solved")
 
 

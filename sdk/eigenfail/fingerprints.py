@@ -22,6 +22,7 @@ CODE = "code of "
 LARGEST_BYTES = 64_000_000
 """Largest package that a worker reads as it starts. [bytes]"""
 
+# Compiled files differ between machines whose code is the same.
 _NOT_CODE = "__pycache__"
 _GROUPS = (plugins.PLANNERS, plugins.SCENARIOS, plugins.SIMULATORS)
 
@@ -76,6 +77,8 @@ def _fingerprint_package(package: str) -> str:
         if sum(file.stat().st_size for _, file in _list_files(package)) <= LARGEST_BYTES:
             digest = sha256()
             for name, content in read_package_files(package):
+                # With names and lengths: otherwise text that moves from one file to the next
+                # would not show.
                 digest.update(f"{name}\0{len(content)}\0".encode() + content)
             return digest.hexdigest()[:LENGTH]
     return ""

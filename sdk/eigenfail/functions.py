@@ -268,6 +268,7 @@ def refuse_unlisted(place: str, remedy: str = "") -> None:
 def is_listed(place: str) -> bool:
     """Whether the module, or a package around it, may be imported here."""
     module, listed = place.partition(":")[0], os.environ.get(ALLOWED_VARIABLE, "")
+    # With a dot behind both, so that `plan` does not list `planner`.
     return any(f"{module}.".startswith(f"{name.strip()}.") for name in listed.split(","))
 
 
@@ -307,6 +308,7 @@ def allow_functions(specs: Iterable[CampaignSpec]) -> None:
 def look_in_this_folder() -> None:
     """Have modules of the working folder found, after all others."""
     if (here := str(Path.cwd())) not in sys.path:
+        # At the end: a file of this folder must not replace an installed module of its name.
         sys.path.append(here)
 
 

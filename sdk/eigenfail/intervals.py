@@ -10,6 +10,7 @@ from eigenfail.values import Difference, Interval, McNemar, PairTotals, Rate
 ERROR = 0.05
 Z = NormalDist().inv_cdf(1.0 - ERROR / 2.0)
 
+# 2^-60 is less than the distance of doubles near 1.
 HALVINGS = 60
 
 
@@ -32,6 +33,7 @@ def find_interval(k: int, n: int, doubtful: int = 0) -> Interval:
     most = min(k + doubtful, n)
     if k == 0:
         return Interval(0.0, find_upper_bound(most, n, ERROR))
+    # With k < n, the lower end is still exact: no trial that is known to be none remains.
     if most == n:
         return Interval(find_lower_bound(k, n, ERROR), 1.0)
     return Interval(wilson(k, n).low, wilson(most, n).high)
@@ -110,6 +112,7 @@ def sum_lower_tail(k: int, n: int, p: float) -> float:
     total = 0.0
     for events in range(k, max(int(mean - reach), 0) - 1, -1):
         total += term
+        # P(events − 1) ÷ P(events): one logarithm of factorials is enough for the whole sum.
         term *= events / (n - events + 1.0) * (1.0 - p) / p
     return min(total, 1.0)
 
@@ -200,6 +203,7 @@ def _score_pairs(more: int, fewer: int, n: int, at: float) -> float:
     """Return by how many standard deviations the observed difference is above a given one."""
     away = more - fewer - n * at
     half = ((2 * n - more + fewer) * at - more - fewer) / 2.0
+    # Rounding may lead a little below 0, here and in the next line.
     root = sqrt(max(half * half + 2.0 * n * fewer * at * (1.0 - at), 0.0))
     rarer = max(root - half, 0.0) / (2.0 * n)
     variance = n * (2.0 * rarer + at * (1.0 - at))
@@ -212,4 +216,5 @@ def _place_rate(rate: Rate) -> tuple[float, float, float]:
     """Return the estimate of a rate, inside its interval, and both ends of that."""
     bounds = rate.interval or Interval(0.0, 1.0)
     value = rate.share if rate.value is None else rate.value
+    # An estimate without bias may lie a little outside of its interval.
     return min(max(value, bounds.low), bounds.high), bounds.low, bounds.high

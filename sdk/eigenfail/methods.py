@@ -115,6 +115,7 @@ def count_open_episodes(spec: CampaignSpec) -> int | None:
 
 def _count_open(description: MethodDescription, sizes: RoundSizes, parallel: int | None) -> int:
     if sizes.width is None:
+        # The oldest round, and those that are open besides it.
         return sizes.later * (1 + description.count_rounds_ahead(parallel, sizes.later))
     if parallel is None:
         return sizes.width

@@ -20,6 +20,7 @@ import msgspec
 from eigenfail.errors import EigenfailError, ServiceError
 from eigenfail.wire.http import Problem, make_error, make_problem
 
+# Numbers of <linux/prctl.h>, which Python does not have.
 PR_SET_PDEATHSIG = 1
 
 
@@ -76,7 +77,7 @@ and workers' inner processes. Libraries read it when they are loaded."""
 
 
 def as_parent() -> dict[str, str]:
-    """What the environment of a process says that is to die with this one."""
+    """Return the variable that makes a child process end with this one; see `die_with_parent`."""
     return {PARENT_VARIABLE: str(os.getpid())}
 
 
@@ -89,6 +90,7 @@ def die_with_parent(by: signal.Signals = signal.SIGKILL) -> None:
         CDLL(None).prctl(PR_SET_PDEATHSIG, by)
     parent = os.environ.pop(PARENT_VARIABLE, None)
     if parent is not None and os.getppid() != int(parent):  # it died before the kernel was asked
+        # The status that a shell reports of a process that was killed.
         os._exit(128 + signal.SIGKILL)
 
 
@@ -102,7 +104,7 @@ def adopt_orphans() -> None:
 
 
 def exit_status(process: Popen[bytes]) -> int | None:
-    """None while it lives; negative if a signal ended it.
+    """Return the exit status of a process: None while it lives, negative if a signal ended it.
 
     It is not waited for: until then its number is not reused, and `kill_group` finds by it what
     it left behind.
@@ -170,7 +172,7 @@ class Refused(msgspec.Struct, frozen=True, tag=True):
 
 
 def ask(module: str, question: bytes, patience_s: float) -> bytes:
-    """What the module answers.
+    """Ask a question of a new process that runs a module, and return its answer.
 
     Args:
         module: module that calls `answer` when it is run.
@@ -193,7 +195,7 @@ def ask(module: str, question: bytes, patience_s: float) -> bytes:
 
 
 def run_question(module: str, question: bytes, patience_s: float) -> bytes:
-    """What a process of the module writes; see `ask`."""
+    """Return what a process of the module writes; see `ask`."""
     read, write = os.pipe()
     asked = subprocess.Popen(
         [sys.executable, "-m", module],
@@ -202,7 +204,10 @@ def run_question(module: str, question: bytes, patience_s: float) -> bytes:
         env=os.environ | NUMERIC_ENVIRONMENT | as_parent(),
         process_group=0,
     )
+    # The process alone holds this end now, so that writing fails once it has died.
     os.close(read)
+    # A pipe holds 64 KiB: without a thread, a process that does not read would hold this one
+    # up, and `patience_s` would not count.
     Thread(target=write_question, args=(write, question), daemon=True).start()
     with asked:
         try:
@@ -248,6 +253,7 @@ def answer(reply: Callable[[bytes], bytes]) -> None:
     die_with_parent()
     with suppress(OSError):
         os.nice(GENTLENESS)
+    # What plug-ins print must not get into the answer: it goes to standard error.
     answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     reply_sent: Answered | Refused

@@ -80,6 +80,7 @@ class Pace:
         """Failures; rate and time to go, once they are known."""
         now_s = time.monotonic()
         if self.first is None:
+            # Episodes that ended before the first look took a time that is not known here.
             self.first = (now_s, seen.done)
         elapsed_s, done = now_s - self.first[0], seen.done - self.first[1]
         text = f"{seen.failures} failure{'s' * (seen.failures != 1)}"

@@ -107,6 +107,8 @@ def _ask_process(
 def answer_replays(question: ReplayQuestion) -> bytes:
     """Return the outcomes of the episodes up to the first that changed process-wide state."""
     plugins.keep_import_effects()
+    # After the import of plug-ins, whose effects are part of the state that episodes begin
+    # with.
     engine, outcomes = load_engine()(question.spec.setup()), list[ReplayedOutcome]()
     state = ProcessState()
     try:
@@ -241,7 +243,6 @@ def compare_results(stored: EpisodeResult, again: EpisodeResult) -> Replayed:
 
 
 def _compare(index: int, stored: tuple[Outcome, str], again: EpisodeResult) -> Replayed:
-
     outcome, digest = stored
     return Replayed(
         index=index,

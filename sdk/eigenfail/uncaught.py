@@ -5,7 +5,6 @@ import threading
 import traceback
 from collections.abc import Callable
 from contextlib import suppress
-from types import TracebackType
 
 Report = Callable[[BaseException], None]
 
@@ -25,17 +24,11 @@ def report_uncaught(report: Report = print_uncaught) -> None:
         report: reports an error.
     """
     if sys.excepthook is sys.__excepthook__:
-        sys.excepthook = _make_hook(report)
+        sys.excepthook = lambda _kind, error, _trace: _report_error(report, error)
     if threading.excepthook is threading.__excepthook__:
         threading.excepthook = lambda found: _report_error(report, found.exc_value)
     if sys.unraisablehook is sys.__unraisablehook__:
         sys.unraisablehook = lambda found: _report_error(report, found.exc_value)
-
-
-def _make_hook(
-    report: Report,
-) -> Callable[[type[BaseException], BaseException, TracebackType | None], None]:
-    return lambda _kind, error, _trace: _report_error(report, error)
 
 
 def _report_error(report: Report, error: BaseException | None) -> None:

@@ -1,24 +1,25 @@
-"""With what episodes are run: where it differs, so may the last bit of a result."""
+"""Versions of what runs episodes: where they differ, the last bits of results may differ."""
 
 import platform
 import sys
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distributions, version
+from itertools import pairwise
 
 from eigenfail.processes import find_processor
-from eigenfail.values.campaign import Campaign, RunPart
+from eigenfail.values.campaign import Campaign
 from eigenfail.values.operations import Versions
 
+PACKAGE = "eigenfail"
 NUMERICS = ("eigenfail", "gymnasium", "highway-env", "msgspec", "numpy", "osqp", "scipy")
 LEARNERS = ("scikit-learn", "stable-baselines3", "torch")
 GROUP = "eigenfail."
 NOTHING = "none"
-PACKAGE = "eigenfail"
 
 
 @cache
 def versions() -> dict[str, str]:
-    """By name: Python, machine, processor, what computes, every package with a plug-in of ours."""
+    """Return the versions of Python, machine, processor, numerical and plug-in packages by name."""
     found = {
         "python": platform.python_version(),
         "machine": f"{platform.machine()} {sys.platform} {platform.libc_ver()[1]}".strip(),
@@ -31,12 +32,12 @@ def versions() -> dict[str, str]:
 
 @cache
 def learner_versions() -> dict[str, str]:
-    """By name: what a learner runs with, where what it proposes may depend on it."""
+    """Return `versions` and those of the packages that decide what a learner proposes, by name."""
     return versions() | {name: of for name in LEARNERS if (of := read_version(name))}
 
 
 def read_version(package: str) -> str:
-    """The version of a package; empty if it is not installed."""
+    """Return the version of an installed package; empty if it is not installed."""
     try:
         return version(package)
     except PackageNotFoundError:
@@ -44,7 +45,7 @@ def read_version(package: str) -> str:
 
 
 def with_plugins() -> set[str]:
-    """The packages in which simulators, scenarios, planners or methods are."""
+    """Return the names of the installed packages that register plug-ins of eigenfail."""
     return {
         found.name
         for found in distributions()
@@ -67,13 +68,14 @@ def describe_mixed(campaign: Campaign) -> tuple[str, ...]:
 
     Nothing is said of a takeover before the first result: no result of other versions is in it.
     """
-    earlier = (None, *campaign.parts)
-    sentences = [
-        f"Campaign {campaign.id} went on with other versions after {now.results:,} "
-        f"result{'s' * (now.results != 1)}: {_changes(before, now)}."
-        for before, now in zip(earlier, campaign.parts, strict=False)
-        if now.results
-    ]
+    sentences = []
+    for before, now in pairwise(campaign.parts):
+        if now.results:
+            changes = "; ".join(differences(before.versions, now.versions))
+            sentences.append(
+                f"Campaign {campaign.id} went on with other versions after {now.results:,} "
+                f"result{'s' * (now.results != 1)}: {changes}."
+            )
     return (*sentences, NOT_OF_ONE_RELEASE) if sentences else ()
 
 
@@ -81,9 +83,3 @@ NOT_OF_ONE_RELEASE = (
     "What was searched before and after may differ from a campaign that one release ran: run it "
     "again for evidence that can be reproduced."
 )
-
-
-def _changes(before: RunPart | None, now: RunPart) -> str:
-    if before is None:
-        return f"the earlier release recorded none; {PACKAGE} {now.versions.get(PACKAGE)} now"
-    return "; ".join(differences(before.versions, now.versions))

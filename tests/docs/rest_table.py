@@ -45,7 +45,7 @@ def main():
     document = create_app(store, ApiSettings(), extensions=()).openapi()
     store.close()
     text = json.dumps(document, indent=1, ensure_ascii=False)
-    (DOCS / "openapi.json").write_text(f"{text}\n")
+    (DOCS.parent / "api" / "openapi.json").write_text(f"{text}\n")
     before, _, rest = PAGE.read_text().partition(BEGIN)
     PAGE.write_text(f"{before}{BEGIN}\n{table(document['paths'])}\n{END}{rest.partition(END)[2]}")
 

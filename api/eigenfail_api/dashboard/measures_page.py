@@ -125,8 +125,7 @@ class SpendingView(msgspec.Struct, frozen=True, kw_only=True):
     Attributes:
         analysis: the one that the modes are of; None where they are of none.
         modes: how many there are and why, or why they are not known.
-        parts: parts of the time; empty where it was not measured, or none has passed.
-        problem: why the parts are missing; empty otherwise.
+        parts: parts of the time; empty while none has passed.
     """
 
     tiles: tuple[tuple[str, Tile], ...]
@@ -135,7 +134,6 @@ class SpendingView(msgspec.Struct, frozen=True, kw_only=True):
     chart: Chart | None
     parts: tuple[TimePart, ...]
     active: str
-    problem: str
     notes: tuple[str, ...]
 
 
@@ -148,7 +146,6 @@ def make_spending_view(found: CampaignCost) -> SpendingView:
         chart=make_curve_chart(found) if len(found.curve) > 1 else None,
         parts=time_parts(found.time),
         active=format_duration(found.time.active_s),
-        problem=found.time.problem,
         notes=found.notes,
     )
 
@@ -207,11 +204,11 @@ def make_curve_chart(found: CampaignCost) -> Chart:
 
 
 def time_parts(time: TimeSplit) -> tuple[TimePart, ...]:
-    """The four parts, as far as they were measured."""
-    if time.simulation_s is None or time.active_s <= 0.0:
+    """The four parts; none while no time has passed."""
+    if time.active_s <= 0.0:
         return ()
     return tuple(
-        time_part(name, meaning, getattr(time, field) or 0.0, time.active_s)
+        time_part(name, meaning, getattr(time, field), time.active_s)
         for name, (field, meaning) in PARTS.items()
     )
 

@@ -68,6 +68,7 @@ class DataFolder:
                     "Use that service, stop it, or choose another folder: data=… "
                     "(on the command line --data).",
                 )
+            # A service that was killed has left its address.
             self.address_file.unlink(missing_ok=True)
             try:
                 yield
@@ -94,6 +95,7 @@ class DataFolder:
         draft = self.address_file.with_suffix(".new")
         with open_private(draft, "wb") as file:
             file.write(msgspec.json.encode(address))
+        # As a whole, so that no command reads half an address.
         draft.replace(self.address_file)
 
     def address(self) -> Address | None:
@@ -101,6 +103,7 @@ class DataFolder:
         with suppress(OSError, msgspec.DecodeError):
             address = msgspec.json.decode(self.address_file.read_bytes(), type=Address)
             with self.lock.open("rb") as lock:
+                # A lock that is free shows that the service of this address was killed.
                 return None if _lock(lock) else address
         return None
 

@@ -91,6 +91,7 @@ class Log:
             except OSError:
                 draft.unlink(missing_ok=True)
                 raise
+            # The oldest first, which makes room for the next one.
             for number in range(FILES - 1, 1, -1):
                 with suppress(FileNotFoundError):
                     self.older(number - 1).replace(self.older(number))
@@ -168,6 +169,7 @@ class ServicePart:
         with suppress(OSError):
             Log(log).rotate()
         self._start = self._told = log.stat().st_size if log.exists() else 0
+        # Unbuffered, as `wait_until_ready` reads what a part prints while it runs.
         marks = {OWNER_MARK: owner, "PYTHONUNBUFFERED": "1"}
         environment = os.environ | marks | dict(variables)
         with open_private(log, "ab") as stream:
@@ -250,6 +252,8 @@ def stop_parts(parts: Sequence[ServicePart], owner: str, grace_s: float = GRACE_
         deadline[0] = time.monotonic()
 
     with handle_signals(hurry):
+        # Before the parts end: afterwards their children have another parent, and those that
+        # replaced their environment could no longer be found.
         family = find_marked(owner)
         for part in parts:
             part.process.terminate()
@@ -302,6 +306,7 @@ def remove_afterwards(folder: Path) -> Iterator[None]:
 @contextmanager
 def _run_guard(words: list[str]) -> Iterator[None]:
     """Run a guard process for the block, which cleans up if this process dies within it."""
+    # With the mark, the guard would be among the processes that it kills.
     unmarked = {name: text for name, text in os.environ.items() if name != OWNER_MARK}
     process = subprocess.Popen(
         [sys.executable, "-m", __name__, *words],

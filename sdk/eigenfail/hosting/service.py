@@ -65,32 +65,18 @@ def make_span(
         idle_s: how long fewer must have been enough; None is a minute. [s]
 
     Raises:
-        InvalidValue: the numbers exclude each other.
+        InvalidValue: the numbers exclude each other, or are out of range.
     """
     if most is None:
         _refuse_half(least, idle_s)
-        return _make_fixed(workers)
+        n = (os.cpu_count() or 1) if workers is None else workers
+        if n < 0:
+            raise InvalidValue("--workers", f"{n} is below 0.")
+        return Span(n, n)
     if workers is not None:
         problem = "sets a fixed number of workers and cannot be combined with --max-workers."
         raise InvalidValue("--workers", problem, "Use only one of them.")
     return _make_scaled(least or 0, most, IDLE_S if idle_s is None else idle_s)
-
-
-def _make_fixed(workers: int | None) -> Span:
-    """Return a fixed number of workers, or one per core.
-
-    Raises:
-        InvalidValue: fewer than none.
-    """
-    n = _default_workers() if workers is None else workers
-    if n < 0:
-        raise InvalidValue("--workers", f"{n} is below 0.")
-    return Span(n, n)
-
-
-def _default_workers() -> int:
-    """How many workers keep this machine busy."""
-    return os.cpu_count() or 1
 
 
 def _refuse_half(least: int | None, idle_s: float | None) -> None:
@@ -256,6 +242,7 @@ def choose_ports(plan: Plan) -> tuple[int, int]:
 
 def _bind_port(port: int, name: str) -> int:
     with socket.socket() as probe:
+        # As servers do: connections that closed a moment ago do not keep a port.
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
             probe.bind((HOST, port))
@@ -305,6 +292,7 @@ def find_ready_line(lines: Sequence[str]) -> Ready | None:
     """The line by which the services say that they serve."""
     for line in lines:
         try:
+            # All other lines are those of the log.
             return msgspec.json.decode(line, type=Ready)
         except msgspec.DecodeError:
             continue
@@ -328,6 +316,7 @@ def register_planners(folder: Path, planners: Mapping[str, str]) -> tuple[Path, 
         if not name.isidentifier() or name in plugins.names(plugins.PLANNERS):
             remedy = "Choose another name, of letters, digits and underscores."
             raise InvalidValue("planners", f"'{name}' is not a valid name, or is in use.", remedy)
+        # A mistake shows here, and not in the log of a worker.
         plugins.load_class(place)
     listed = "\n".join(f"{name} = {place}" for name, place in planners.items())
     notes = folder / NAME

@@ -79,10 +79,15 @@ class Local(AbstractContextManager[Client]):
         if self._service is not None:
             raise ServiceError(f"This service is already running at {self.url}.", "Use its client.")
         with ExitStack() as stack:
-            data = self.data or self._temporary(stack)
+            data = self.data
+            if data is None:
+                data = Path(mkdtemp(prefix="eigenfail-"))
+                stack.enter_context(remove_afterwards(data))
             path = register_planners(data / "plugins", self._planners)
             service = stack.enter_context(local_service(self._plan(data, path=path)))
             client = stack.enter_context(Client(service.address.url))
+            # Only now may the service outlive this block: an error before ends all that was
+            # started.
             self._service, self._stack = service, stack.pop_all()
         atexit.register(self.stop)
         return client
@@ -124,11 +129,6 @@ class Local(AbstractContextManager[Client]):
                 "This service is not running.", "Call start(), or use the object in a with block."
             )
         return self._service
-
-    def _temporary(self, stack: ExitStack) -> Path:
-        folder = Path(mkdtemp(prefix="eigenfail-"))
-        stack.enter_context(remove_afterwards(folder))
-        return folder
 
 
 def _check_planners(given: object) -> None:

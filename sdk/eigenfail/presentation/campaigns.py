@@ -403,7 +403,6 @@ def describe_safety(found: Safety) -> tuple[tables.Block, ...]:
 
 def describe_costs(found: Sequence[CampaignCost]) -> tuple[tables.Block, ...]:
     """Return the costs of campaigns, how their time was spent, and failures over cost."""
-    notes = ((*each.notes, each.time.problem) for each in found)
     return (
         tabulate_bill(found),
         "",
@@ -411,7 +410,7 @@ def describe_costs(found: Sequence[CampaignCost]) -> tuple[tables.Block, ...]:
         "",
         _tabulate_purchases(found),
         *(f"Campaign {each.campaign}: {each.modes_in_words}" for each in found),
-        *tables.list_notes(notes),
+        *tables.list_notes(each.notes for each in found),
     )
 
 
@@ -454,8 +453,7 @@ def _list_time(found: CampaignCost) -> Iterator[tables.Cell]:
     time = found.time
     yield format_quantity(time.active_s, "s")
     for name in PARTS_OF_TIME:
-        part_s = getattr(time, name)
-        yield None if part_s is None or not time.active_s else part_s / time.active_s
+        yield getattr(time, name) / time.active_s if time.active_s else None
 
 
 def _tabulate_purchases(found: Sequence[CampaignCost]) -> tables.Table:

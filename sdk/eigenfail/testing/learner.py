@@ -131,6 +131,7 @@ class ToyEngine:
         y = 0.0
         for t in range(len(states)):
             states[t, 0], states[t, -1] = y, t / len(states)
+            # In the scale of `STATE`: per 3 sigma.
             states[t, SCENE_STATE : SCENE_STATE + channels] = z[t - 1] / 3.0 if t else 0.0
             held = t % policy.hold
             if held:
@@ -157,6 +158,7 @@ def decide(policy: Policy, state: Floats, eps: NDArray[np.float64]) -> NDArray[n
     h: NDArray[np.floating] = state
     for layer in policy.hidden:
         h = np.maximum(_affine(layer, h), 0.0)
+    # The bounds that `Policy.log_std` states.
     std = np.exp(np.clip(_affine(policy.log_std, h), -20.0, 2.0))
     z: NDArray[np.float64] = policy.amplitude * np.tanh(_affine(policy.mean, h) + std * eps)
     return z
@@ -166,6 +168,7 @@ def _affine(layer: Layer, h: NDArray[np.floating]) -> NDArray[np.floating]:
     return layer.weight @ h + layer.bias
 
 
+# 0xC1 is the one byte with which no MessagePack begins.
 GARBAGE = (b"", b"\xc1", b"no state", msgspec.msgpack.encode({"kind": "another"}))
 
 

@@ -152,6 +152,7 @@ def explains_without_a_trace(make: MakePlanner) -> None:
     The same for its path, if it reports one: pairs of finite numbers.
     """
     asked = make()
+    # Of a planner without them: called, `dict` and `tuple` return nothing to check.
     explain, path = getattr(asked, "explain", dict), getattr(asked, "path", tuple)
     asked.reset(msgspec.structs.replace(MISSION))
     answers = []

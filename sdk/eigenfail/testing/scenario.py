@@ -65,6 +65,7 @@ def _expect_free_places(situation: ReactiveSituation) -> None:
         for number in there.keys() - before:
             apart = are_apart(ego, there[number])
             expect(apart, f"Vehicle {number} overlaps the ego when it appears, at step {step}.")
+        # A vehicle that the ego runs into later is a failure of the ego, not of the scenario.
         before |= there.keys()
 
 
@@ -163,24 +164,27 @@ def _script(situation: AnySituation) -> list[dict[int, VehicleState]]:
 
 def _list_egos(situation: AnySituation) -> list[VehicleState]:
     """Return the ego at every step, at constant velocity."""
-    dt_s = situation.mission.dt_s
-    return [_kept(situation.ego, step * dt_s) for step in range(situation.steps)]
-
-
-def _kept(ego: VehicleState, time_s: float) -> VehicleState:
-    way = ego.speed_mps * time_s
-    x_m, y_m = ego.x_m + way * cos(ego.heading_rad), ego.y_m + way * sin(ego.heading_rad)
-    return msgspec.structs.replace(ego, x_m=x_m, y_m=y_m)
+    start, egos = situation.ego, []
+    for step in range(situation.steps):
+        way = start.speed_mps * (step * situation.mission.dt_s)
+        x_m = start.x_m + way * cos(start.heading_rad)
+        y_m = start.y_m + way * sin(start.heading_rad)
+        egos.append(msgspec.structs.replace(start, x_m=x_m, y_m=y_m))
+    return egos
 
 
 def are_apart(one: VehicleState, other: VehicleState) -> bool:
     """Return whether two footprints neither touch nor overlap."""
+    # Two rectangles are apart if and only if a side of one separates them (separating axes).
     return _separated(one, other) or _separated(other, one)
 
 
 def _separated(one: VehicleState, other: VehicleState) -> bool:
     """Whether a side of the first rectangle separates it from the second one."""
-    along, across = _in_frame(one, other)
+    # The centre of the second one, seen from the first one along its heading.
+    dx, dy = other.x_m - one.x_m, other.y_m - one.y_m
+    cosine, sine = cos(one.heading_rad), sin(one.heading_rad)
+    along, across = cosine * dx + sine * dy, cosine * dy - sine * dx
     turn = other.heading_rad - one.heading_rad
     c, s = abs(cos(turn)), abs(sin(turn))
     reach_along = 0.5 * (one.length_m + other.length_m * c + other.width_m * s)
@@ -188,13 +192,8 @@ def _separated(one: VehicleState, other: VehicleState) -> bool:
     return abs(along) > reach_along or abs(across) > reach_across
 
 
-def _in_frame(one: VehicleState, other: VehicleState) -> tuple[float, float]:
-    dx, dy = other.x_m - one.x_m, other.y_m - one.y_m
-    c, s = cos(one.heading_rad), sin(one.heading_rad)
-    return c * dx + s * dy, c * dy - s * dx
-
-
 def _is_finite(vehicle: VehicleState) -> bool:
+    # A sum with NaN or infinity in it is not finite.
     return isfinite(sum(msgspec.structs.astuple(vehicle)))
 
 

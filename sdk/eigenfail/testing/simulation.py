@@ -106,6 +106,7 @@ def counts_steps(open_simulation: OpenSimulation) -> None:
 
 def ends_at_a_collision(open_simulation: OpenSimulation) -> None:
     """A collision ends the episode, and no vehicle was touched before."""
+    # It accelerates, and so runs into the vehicle ahead in most scenarios.
     with closing(open_simulation(Cruise(Control(3.0, 0.0)))) as simulation:
         for seen in course(simulation):
             apart = all(are_apart(seen.ego, other) for other in seen.others)
@@ -138,6 +139,7 @@ def repeats_itself(open_simulation: OpenSimulation) -> None:
     with closing(open_simulation(Follower())) as simulation:
         first = course(simulation)
         expect(course(simulation) == first, "The second episode differs from the first.")
+        # An episode that is left before its end.
         simulation.reset(SEED + 1)
         simulation.step(wave(1))
         expect(course(simulation) == first, "An abandoned episode leaves something behind.")
@@ -200,6 +202,7 @@ def refuses_what_is_over(open_simulation: OpenSimulation) -> None:
     course(simulation)
     with expect_error(EpisodeError, "A step after the end must be an EpisodeError."):
         simulation.step(NONE)
+    # Twice: clean-up code may close what is closed already.
     simulation.close()
     simulation.close()
     with expect_error(EpisodeError, "A reset after the close must be an EpisodeError."):

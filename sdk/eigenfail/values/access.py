@@ -222,7 +222,7 @@ class AuditEntry(Change, frozen=True, kw_only=True):
         address: address from which the request came.
         status: status of the answer.
         details: fields that the request gave, with their values; without any that may hold a
-            secret, and empty where there are none or an earlier release recorded none.
+            secret, and empty where there are none.
     """
 
     id: int

@@ -281,8 +281,7 @@ class FailureMode(Brief, Shown, Plottable, msgspec.Struct, frozen=True, eq=False
         probability: probability of a failure of this mode under p(x), where the campaign's method
             estimates it; None otherwise.
         band: band from the 10 % to the 90 % quantile of its failures' z at each step, of those that
-            lasted so long, shape (2, steps, channels), aligned as `eigenfailure`; None in results
-            of older releases. [sigma]
+            lasted so long, shape (2, steps, channels), aligned as `eigenfailure`. [sigma]
         components: principal components of the noise of its failures alone, shape (at most as many
             as the analysis has, steps, channels), in its alignment; None where failures were
             grouped by their noise.
@@ -380,7 +379,7 @@ def propose_mode_names(words: Sequence[str]) -> tuple[str, ...]:
     with the number of the mode in parentheses; and "Mode 3" where none fits.
 
     Args:
-        words: the descriptions in the order of the modes, empty in results of older releases.
+        words: the descriptions in the order of the modes; empty ones give "Mode 3" and the like.
     """
     plain = [text.removeprefix(f"Mode {n}: ") for n, text in enumerate(words, start=1)]
     firsts = [_find_phrases(text.split(". ")[0].removesuffix(".")) for text in plain]
@@ -413,7 +412,7 @@ def _tell_apart(number: int, name: str, names: Sequence[str], beginnings: Sequen
 
 
 class AnalysisResult(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq=False):
-    """What PCA and clustering found. Fields that older releases did not store have their default.
+    """What PCA and clustering found.
 
     Attributes:
         episodes: index of the episode in each row of the data.
@@ -472,7 +471,7 @@ class AnalysisResult(Brief, Tabular, Plottable, msgspec.Struct, frozen=True, eq=
     behaviour: Behaviour | None = None
 
     def __post_init__(self) -> None:
-        # Results of earlier releases were stored without numbers, which follow from the order.
+        # A mode is made before its place is known, and its number is its place.
         numbered = (
             mode if mode.number == number else msgspec.structs.replace(mode, number=number)
             for number, mode in enumerate(self.modes, start=1)

@@ -52,6 +52,7 @@ def unpack(packed: PackedArray) -> Floats:
     """
     shape, data = packed.shape, packed.data
     is_bounded, elements = len(shape) <= MAX_DIMENSIONS, 1
+    # Only the first sizes: a hostile message may hold a million of them.
     for size in shape[:MAX_DIMENSIONS]:
         is_bounded = is_bounded and 0 <= size <= MAX_ELEMENTS
         elements *= size
@@ -59,6 +60,7 @@ def unpack(packed: PackedArray) -> Floats:
         raise ProtocolError(f"An array of shape {shape} is outside what may travel.")
     if elements * LITTLE_ENDIAN_FLOAT.itemsize != len(data):
         raise ProtocolError(f"Shape {shape} does not fit {len(data)} bytes of float32.")
+    # A view of the received bytes: nothing is copied, and nobody can write to it.
     return np.ndarray(shape, LITTLE_ENDIAN_FLOAT, data)
 
 

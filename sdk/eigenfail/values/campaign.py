@@ -111,11 +111,11 @@ class Campaign(Shown, Plottable, msgspec.Struct, frozen=True, kw_only=True):
         digest: over all results in index order, once the campaign is done.
         estimate: estimate of the failure probability; None where the method gives none, or none
             yet.
-        overhead: the part of `active_s` that was no simulation; None where it was not measured.
+        overhead: the part of `active_s` that was no simulation.
         trained_episodes: how many its learner was trained with so far; None where the method does
             not say.
-        parts: the versions of the services that ran it, one after the other; empty where an older
-            release, which recorded none, ran all of it.
+        parts: the versions of the services that ran it, one after the other; empty until a service
+            has taken it over.
         code: fingerprints of the code that workers ran its episodes with, by package; several where
             workers had different code, and none where it is in no package with plug-ins.
         archived_ms: when it was archived; None if it is not, and lists have it. [ms since 1970]
@@ -132,7 +132,7 @@ class Campaign(Shown, Plottable, msgspec.Struct, frozen=True, kw_only=True):
     stopped_because: str = ""
     digest: str | None = None
     estimate: Estimate | None = None
-    overhead: Overhead | None = None
+    overhead: Overhead = Overhead()
     trained_episodes: int | None = None
     parts: tuple[RunPart, ...] = ()
     code: tuple[Versions, ...] = ()

@@ -192,6 +192,7 @@ class DisturbanceModel(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             for channel in model.list_channels()
         ]
         mine, theirs = (
+            # For as many vehicles as either of them names.
             replace(model.write_out(max(numbers)), occlusion=model.is_occluding)
             for model in (self, other)
         )
@@ -400,9 +401,8 @@ def sum_log_densities(trajectories: Sequence[NoiseTrajectory]) -> list[float]:
 def _find_log_densities(trajectories: Sequence[NoiseTrajectory]) -> Doubles:
     """log p of every step of the trajectories, one after the other, shape (all steps,)."""
     density = _find_channel_densities(trajectories)
-    if density.shape[1] == len(
-        AXES
-    ):  # the usual case, for which numpy's sum takes ten times as long
+    # Two channels are the usual case, for which numpy's sum takes ten times as long.
+    if density.shape[1] == len(AXES):
         pairs: Doubles = density[:, 0] + density[:, 1]
         return pairs
     total: Doubles = density.sum(axis=1)

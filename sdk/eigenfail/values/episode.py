@@ -243,6 +243,7 @@ def unrunnable(task: EpisodeTask, fault: EpisodeFault) -> EpisodeResult:
     )
 
 
+# The largest integer that databases hold.
 MAX_SEED = 2**63 - 1
 
 

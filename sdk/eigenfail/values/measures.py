@@ -67,7 +67,7 @@ class Measure(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LaterMeasures(msgspec.Struct, frozen=True, kw_only=True):
-    """Measures that came after the first release; None where an older release stored the episode.
+    """The measures behind those of `Measures`; None where a measure does not apply.
 
     Times are in seconds from the start. Violations are those of the vehicle that was struck or,
     without a collision, the earliest of any vehicle.
@@ -219,7 +219,7 @@ class Measures(LaterMeasures, frozen=True, gc=False):
     """Measures of one episode; formulas and sources are in docs/measures.md.
 
     Times are in seconds from the start. Violations are those of the vehicle that was struck or,
-    without a collision, the earliest of any vehicle. What an older release did not measure is None.
+    without a collision, the earliest of any vehicle.
     """
 
     robustness_m: Annotated[

@@ -55,8 +55,7 @@ class Assessment(msgspec.Struct, frozen=True):
             either.
         drac_lead_s: the same for DRAC.
         unresolved: whether it ended at its horizon while braking could not avoid a collision any
-            more; None if that is not known: an older release did not measure enough to say, or an
-            older service does not report it.
+            more; None if too little was measured to say.
     """
 
     conflict: ConflictClass | None = None
@@ -135,6 +134,7 @@ def _of_collision(measures: Measures) -> ConflictClass | None:
     if measures.collided_s is None:
         return None
     need_mps2 = measures.drac_at_warning_mps2
+    # Without a warning there was nothing to brake for before the contact.
     hopeless = need_mps2 is None or need_mps2 > PEAK_BRAKING_MPS2
     return ConflictClass.UNAVOIDABLE if hopeless else ConflictClass.PLANNER_FAILURE
 

@@ -160,6 +160,7 @@ class SafeDistance(Requirement, frozen=True, tag="rss_distance"):
     def find_robustness(self, course: DrivenCourse) -> float:
         """Return the smallest gap minus the safe distance."""
         own = course.signals["speed_mps"]
+        # Squared below, a vehicle that moves backwards would need room to stop in.
         ahead = np.maximum(course.signals["leader_speed_mps"], 0.0)
         rho_s, a = self.response_s, self.accelerate_mps2
         stopping_m = (own + rho_s * a) ** 2 / (2.0 * self.brake_mps2)
@@ -320,7 +321,7 @@ class MeasureLimit(Requirement, frozen=True, tag="measure"):
             raise UnknownName(f"{field}.measure", self.measure, allowed)
         is_count = MEASURES[self.measure].is_count
         limits = [limit for limit in (self.at_least, self.at_most) if limit is not None]
-        if is_count and not all(map(_is_whole, limits)):
+        if is_count and any(limit < 0.0 or limit != round(limit) for limit in limits):
             problem = f"{self.measure} is a count."
             raise InvalidValue(field, problem, "Give whole numbers of 0 or more as its limits.")
         if not limits:
@@ -351,10 +352,6 @@ class MeasureLimit(Requirement, frozen=True, tag="measure"):
         words = [f"{side} {limit:g}" for side, limit in limits if limit is not None]
         unit = f" {self.unit}" if self.unit else ""
         return f"{MEASURES[self.measure].label} {' and '.join(words)}{unit}"
-
-
-def _is_whole(limit: float) -> bool:
-    return limit >= 0.0 and limit == round(limit)
 
 
 class Formula(Requirement, frozen=True, tag="formula"):

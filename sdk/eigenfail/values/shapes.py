@@ -82,6 +82,8 @@ class Correlated(
 
     def step_back(self, u: Row, before: Row | None, _sigma: Row) -> Row:
         """z_t of u_t and u_{t-1}."""
+        # The first step is drawn from the stationary distribution, hence without a start-up
+        # phase.
         if before is None:
             return u
         (phi_x, phi_y), (new_x, new_y) = self._kept, self._new
@@ -100,6 +102,7 @@ class Correlated(
     @property
     def _new(self) -> Pair:
         phi_x, phi_y = self._kept
+        # 1 − phi² would lose its digits where phi is near 1.
         return sqrt((1.0 - phi_x) * (1.0 + phi_x)), sqrt((1.0 - phi_y) * (1.0 + phi_y))
 
     def in_words(self) -> str:
@@ -185,6 +188,7 @@ class Autoregressive(
 
     @property
     def _new(self) -> float:
+        # As in `Correlated`: 1 − phi² would lose its digits.
         return sqrt((1.0 - self.correlation) * (1.0 + self.correlation))
 
     def in_words(self) -> str:
@@ -300,6 +304,7 @@ def _negative_entropy(p: float) -> float:
     return sum(each * log(each) for each in (p, 1.0 - p) if each > 0.0)
 
 
+# A constant rate asks for the same few values at every step.
 @lru_cache(maxsize=64)
 def _find_threshold(probability: float) -> float:
     """Return the value that a standard normal variable exceeds with that probability."""

@@ -51,6 +51,7 @@ def split_t_mass(t: float, nu: float) -> tuple[float, float]:
     and Stegun, 26.7.1); of the two, that is computed whose continued fraction converges fast.
     """
     x, rest = t * t / (nu + t * t), nu / (nu + t * t)
+    # (a + 1) / (a + b + 2) with a = 1/2 and b = nu/2: the fraction converges fast below it.
     if x < 3.0 / (5.0 + nu):
         inside = _incomplete_beta(0.5, 0.5 * nu, x, rest)
         return inside, 1.0 - inside
@@ -61,6 +62,7 @@ def split_t_mass(t: float, nu: float) -> tuple[float, float]:
 def _incomplete_beta(a: float, b: float, x: float, rest: float) -> float:
     """I_x(a, b), given rest = 1 - x as well (DLMF 8.17.22); for x up to (a + 1) / (a + b + 2)."""
     fraction = 1.0
+    # From the innermost term outwards.
     for m in range(FRACTION_TERMS, 0, -1):
         even = m * (b - m) * x / ((a + 2 * m - 1) * (a + 2 * m))
         odd = -(a + m) * (a + b + m) * x / ((a + 2 * m) * (a + 2 * m + 1))
@@ -82,6 +84,7 @@ class LogStretch:
         self._nu = nu
         # At z = 0, t/z is the ratio of the two densities there.
         self._values = [-LOG_SQRT_TWO_PI - log_t_density(0.0, nu)]
+        # The function is even.
         self._slopes = [0.0]
         for knot in range(1, int(REACH * KNOTS_PER_SIGMA) + 1):
             self._append(knot / KNOTS_PER_SIGMA)
@@ -96,6 +99,7 @@ class LogStretch:
     def __call__(self, z: float) -> float:
         """The value at z."""
         at = z * KNOTS_PER_SIGMA
+        # z = REACH belongs to the last piece.
         knot = min(int(at), len(self._values) - 2)
         s = at - knot
         left, right = self._values[knot], self._values[knot + 1]
@@ -109,6 +113,7 @@ def _log_t(z: float, nu: float, guess: float) -> float:
     central = z < 1.0
     target = log(erf(z / SQRT_TWO) if central else erfc(z / SQRT_TWO))
     log_t = guess
+    # The guess has several digits, whose number each step of Newton's method about doubles.
     for _ in range(4):
         inside, outside = split_t_mass(exp(log_t), nu)
         mass = inside if central else -outside

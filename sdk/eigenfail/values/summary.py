@@ -315,8 +315,6 @@ class CostPoint(msgspec.Struct, frozen=True, kw_only=True):
 class TimeSplit(msgspec.Struct, frozen=True, kw_only=True):
     """Breakdown of the time for which a campaign was billed; the five parts sum to `active_s`.
 
-    The parts are None where the hub did not measure: in campaigns of older releases.
-
     Attributes:
         active_s: time during which the campaign was running.
         simulation_s: time in which at least one episode was with a worker, less `lost_s`.
@@ -330,18 +328,16 @@ class TimeSplit(msgspec.Struct, frozen=True, kw_only=True):
         worker_s: worker time in completed episodes, summed over all workers.
         lost_worker_s: worker time in episodes that errored, in second results of an
             episode, and in results that the store did not want.
-        problem: why the parts are missing; empty otherwise.
     """
 
     active_s: float
     worker_s: float
-    simulation_s: float | None = None
-    startup_s: float | None = None
-    learning_s: float | None = None
-    waiting_s: float | None = None
-    lost_s: float | None = None
-    lost_worker_s: float | None = None
-    problem: str = ""
+    simulation_s: float
+    startup_s: float
+    learning_s: float
+    waiting_s: float
+    lost_s: float
+    lost_worker_s: float
 
 
 class CampaignCost(Brief, Shown, Tabular, Plottable, msgspec.Struct, frozen=True, kw_only=True):

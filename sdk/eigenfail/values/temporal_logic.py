@@ -130,6 +130,7 @@ class Combination(Node):
     def evaluate(self, signals: Signals, dt_s: float) -> Samples:
         """Return the combined values."""
         values = [part.evaluate(signals, dt_s) for part in self.parts]
+        # `reduce` would return a single value as it is: `not` and `abs` have one part.
         if len(values) == 1:
             return np.asarray(self._combine(values[0]))
         return np.asarray(reduce(self._combine, values))
@@ -168,6 +169,7 @@ class Window(Node):
         extreme = np.fmin if self._smallest else np.fmax
         if self.bounds == UNBOUNDED:
             return np.asarray(extreme.accumulate(values[::-1])[::-1])
+        # A window that reaches beyond the course holds nothing more.
         first, last = (min(each, len(values)) for each in self.bounds.count_steps(dt_s))
         padded = np.concatenate([values, np.full(last, np.nan)])[first:]
         windows = sliding_window_view(padded, last - first + 1)
@@ -194,6 +196,7 @@ class Until(Node):
         first, last = 0, steps
         if self.bounds != UNBOUNDED:
             first, last = self.bounds.count_steps(dt_s)
+        # At the first step nothing has to have held before.
         found, held = np.full(steps, np.nan), np.full(steps, inf)
         for ahead in range(min(last, steps - 1) + 1):
             reached = steps - ahead
@@ -258,6 +261,7 @@ class FormulaParser:
                 raise InvalidValue(self._field, f"'{rest}' cannot stand in a formula.", REMEDY)
             tokens.append(Token(token[1], token.start(1) + 1))
             place = token.end()
+        # An empty token ends the list, so that there always is a next one to look at.
         return [*tokens, Token("", len(self._formula) + 1)]
 
     def _at(self, *texts: str) -> bool:
@@ -284,6 +288,7 @@ class FormulaParser:
         left = self._read_chain("or")
         if not self._take("implies"):
             return left
+        # `a implies b implies c` is `a implies (b implies c)`.
         return Combination(find_larger, Combination(np.negative, left), self._read_formula())
 
     def _read_chain(self, word: str) -> Node:
@@ -331,6 +336,7 @@ class FormulaParser:
         open_ones = 0
         for token in self._tokens[self._place :]:
             open_ones += (token.text == "(") - (token.text == ")")
+            # Only a formula has a comparison inside its parentheses.
             if token.text in {"<", "<=", ">", ">="} or open_ones == 0:
                 return open_ones > 0
         return True
@@ -407,6 +413,7 @@ class FormulaParser:
         return found
 
 
+# Every episode of a campaign evaluates the same formulas.
 @lru_cache(maxsize=64)
 def parse_formula(formula: str, field: str = "formula") -> Node:
     """Return a formula that can be evaluated.

@@ -47,12 +47,14 @@ class Uniform(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         low, high = self.uniform
         if isinstance(like, int):
             return int(random.integers(int(low), int(high), endpoint=True))
+        # Rounding may lead beyond an end, and the parameter's bounds were checked at the ends.
         return min(max(float(random.uniform(low, high)), low), high)
 
     def find_quantile(self, p: float, like: Any) -> Number:
         """The value of the kind that `like` has below which lies a share p."""
         low, high = self.uniform
         if isinstance(like, int):
+            # p may be 1.
             return min(int(low) + int(p * (int(high) - int(low) + 1)), int(high))
         return min(max(low + p * (high - low), low), high)
 
@@ -213,6 +215,7 @@ class Variation(msgspec.Struct, frozen=True, eq=False):
         if not self.correlations:
             return z
         names = tuple(self.searched)
+        # z of each parameter acts on itself and on those behind it in this order.
         factor = np.linalg.cholesky(make_correlation_matrix(names, self.correlations))
         correlated = factor @ np.array([z[name] for name in names])
         return dict(zip(names, correlated.tolist(), strict=True))
@@ -290,6 +293,8 @@ def read_variation(
     """
     varied = {
         name: read_distribution(value, f"{field}.{name}")
+        # By name: values are drawn in this order, and must not depend on how a file was
+        # written.
         for name, value in sorted(given.items())
         if isinstance(value, dict) and not KINDS.keys().isdisjoint(value)
     }
@@ -299,6 +304,7 @@ def read_variation(
         problem = f"the distributions have more than {MAX_CORNERS} combinations of ends."
         raise InvalidValue(field, problem, "Vary fewer parameters, or choose from fewer values.")
     variation = Variation(kind, field, fixed, varied, chosen, correlations)
+    # To read a corner checks it: draws between corners are within the bounds, too.
     for _ in variation.corners():
         pass
     return variation

@@ -96,6 +96,7 @@ def make_error(problem: Problem) -> EigenfailError:
     """Return the error that a problem describes."""
     kinds = {NAMESPACE + slugify(kind): kind for kind in list_error_types(EigenfailError)}
     kind = kinds.get(problem.type) or _get_type_for_status(problem.status)
+    # `InputError` puts the field in front of the problem again.
     detail = problem.detail.removeprefix(f"{problem.field}: ")
     if issubclass(kind, UnknownName):
         return kind(problem.field, problem.name, problem.known, detail)
@@ -256,6 +257,8 @@ def read_body(data: bytes, kind: type[Body]) -> Body:
     try:
         body = msgspec.json.decode(data or b"{}", type=kind)
     except msgspec.ValidationError as error:
+        # msgspec stops at the first wrong value; an unknown name explains more, and is looked
+        # for first.
         given = msgspec.UNSET
         with suppress(*NOT_JSON):
             given = msgspec.json.decode(data or b"{}")
@@ -263,6 +266,7 @@ def read_body(data: bytes, kind: type[Body]) -> Body:
         raise invalid_value(error, kind, given) from None
     except NOT_JSON as error:
         raise ProtocolError(f"The body is not JSON: {error}.", "Send a JSON object.") from None
+    # Only such bodies can hold invisible characters; all others are not read a second time.
     if not data.isascii() or ESCAPE in data:
         refuse_hidden(msgspec.json.decode(data))
     return body

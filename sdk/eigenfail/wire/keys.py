@@ -137,6 +137,7 @@ def encode_key(key: bytes) -> str:
 def decode_key(text: str, length: int) -> bytes | None:
     """Return the bytes of a key in URL-safe Base64; None if the text is no key of this length."""
     try:
+        # `encode_key` left the padding to a multiple of four characters out.
         key = base64.b64decode(text + "=" * (-len(text) % 4), altchars=b"-_", validate=True)
     except (binascii.Error, ValueError):
         return None

@@ -441,6 +441,7 @@ class AssemblerTable:
         try:
             return assembler.add(piece)
         finally:
+            # Also after an error, which drops what was held.
             held_bytes = assembler.held_bytes
             self._held_bytes += held_bytes - before
             if not held_bytes:

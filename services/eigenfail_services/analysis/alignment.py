@@ -186,6 +186,7 @@ class Aligned(NamedTuple):
 
         Each has the shape (rows, their steps, channels).
         """
+        # Failures of one length make an array without gaps.
         for steps in np.unique(self.steps).tolist():
             rows = np.flatnonzero(self.steps == steps)
             place = self.alignment.place(steps, self.horizon)
@@ -262,10 +263,12 @@ def gather_failures(
     keys = [key for part in parts for key in part.keys]
     if not keys:
         raise explain_no_failures()
+    # A key begins with a hash of the noise; campaign and index only order equal noise.
     order = sorted(range(len(keys)), key=keys.__getitem__)
     _, campaigns, episodes = zip(*(keys[row] for row in order), strict=True)
     steps = np.array([steps for part in parts for steps in part.steps])
     noise = np.concatenate([part.noise for part in parts])
+    # All noise is in one array now; the parts would double the memory.
     del parts
     return Aligned(
         campaigns=np.array(campaigns),
@@ -289,6 +292,7 @@ def select_latest(failures: Aligned, campaigns: Collection[int]) -> Aligned:
     """
     kept = np.ones(len(failures.episodes), np.bool_)
     for campaign in campaigns:
+        # Rows are in the order of the noise; "latest" is by the number of the episode.
         own = np.flatnonzero(failures.campaigns == campaign)
         in_time = own[np.argsort(failures.episodes[own])]
         kept[in_time[: len(own) // 2]] = False
@@ -379,6 +383,7 @@ def find_moments(influence: Floats, failures: Aligned, step_s: float | None) -> 
         Moment(
             axis=axis,
             step=place.start + peak,
+            # In doubles 3 · 0.1 is 0.30000000000000004.
             before_collision_s=None if step_s is None else round((steps - peak) * step_s, 9),
             influence=float(course[peak]),
         )

@@ -76,17 +76,13 @@ def read_motion(courses: Iterable[tuple[int, FailureCourse]], origin: Origin) ->
         accelerations = np.diff(course.speed_mps.astype(np.float64)) / course.dt_s
         if origin == "collision":
             accelerations = accelerations[-round(WINDOW_S / course.dt_s) :]
-            if contact := _read_contact(course):
-                contacts[campaign, course.index] = contact
+            if course.end is not None and course.sizes is not None:
+                contact = find_contact(course.end, course.sizes)
+                if contact is not None:
+                    contacts[campaign, course.index] = contact
         # Speeds are stored in single precision: what their rounding leaves is no behaviour.
         found[campaign, course.index] = np.round(accelerations, DECIMALS).astype(np.float32)
     return Motion(origin, durations_s.pop(), found, contacts) if len(durations_s) == 1 else None
-
-
-def _read_contact(course: FailureCourse) -> Contact | None:
-    if course.end is None or course.sizes is None:
-        return None
-    return find_contact(course.end, course.sizes)
 
 
 def align_motion(failures: Aligned, motion: Motion) -> Floats | None:
@@ -292,15 +288,12 @@ def describe_contacts(groups: Sequence[Sequence[Contact]]) -> tuple[str, ...]:
     common = [Counter(group).most_common(1) for group in groups]
     if len({contact for found in common for contact, _ in found}) < 2:
         return ("",) * len(groups)
-    return tuple(
-        _describe_contact(contact, count, len(group))
-        for group, ((contact, count),) in zip(groups, common, strict=True)
-    )
-
-
-def _describe_contact(contact: Contact, count: int, total: int) -> str:
-    some = "" if count == total else f" in {count} of {total} failures"
-    return f"The {contact.side} of the ego collides with vehicle {contact.struck}{some}."
+    sentences = []
+    for group, ((contact, count),) in zip(groups, common, strict=True):
+        some = "" if count == len(group) else f" in {count} of {len(group)} failures"
+        struck = f"collides with vehicle {contact.struck}{some}"
+        sentences.append(f"The {contact.side} of the ego {struck}.")
+    return tuple(sentences)
 
 
 def describe_motion(
@@ -344,6 +337,8 @@ def _describe_effort(
     steps, largest = np.arange(strengths.shape[1]), strengths.max(axis=1)
     is_weak = strengths < 0.5 * largest[:, None]
     peaks = strengths.argmax(axis=1)[:, None]
+    # An effort lasts from the last weak step before its strongest one to the first one after
+    # it.
     before = np.where(is_weak & (steps < peaks), steps, -1).max(axis=1)
     after = np.where(is_weak & (steps > peaks), steps, len(steps)).min(axis=1)
     first, last = np.median(before + 1), np.median(after - 1)

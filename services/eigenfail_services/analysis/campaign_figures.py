@@ -11,7 +11,7 @@ from eigenfail import values
 from eigenfail.errors import InvalidValue
 from eigenfail.methods import traits_of
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
-from eigenfail.values.safety import TAIL_LEVEL, FailurePoint
+from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.values.summary import MOST_BLOCKS
 from eigenfail.worlds import world_of
 from eigenfail_services.analysis.sampling_design import SamplingDesign
@@ -33,10 +33,11 @@ def make_course(
         per: how many indices a block spans.
         totals: totals of the blocks that have a completed episode.
     """
+    learns = traits_of(campaign.spec.method).learns
     return values.Course(
         campaign=campaign.id,
         method=campaign.spec.method,
-        heading=title_course(campaign.spec.method),
+        heading="Learning curve" if learns else "Failures over episodes",
         per=per,
         blocks=tuple(_make_block(each, per, campaign) for each in totals),
     )
@@ -78,11 +79,6 @@ def choose_block_length(counts: values.Counts, wanted: int | None = None) -> int
     return wanted
 
 
-def title_course(method: str) -> str:
-    """Return the heading of a campaign's course."""
-    return "Learning curve" if traits_of(method).learns else "Failures over episodes"
-
-
 SECONDS_PER_HOUR = 3600.0
 
 
@@ -113,9 +109,6 @@ def price_failures(
         at_least_usd, total_usd / (failures.trials * failures.interval.low)
     )
     return values.Cost(total_usd, instance_hours, per_failure_usd, interval_usd, at_least_usd)
-
-
-NOT_MEASURED = "It was run by an older release that did not record the time breakdown."
 
 
 BY_CLOCK = (
@@ -156,42 +149,33 @@ def bill_usd(campaign: values.Campaign, active_s: float) -> float:
 
 
 def split_time(campaign: values.Campaign, totals: values.SpendingTotals) -> values.TimeSplit:
-    """What the time that was billed went into; the parts sum to it."""
+    """Return how the time that was billed was spent; the parts sum to it."""
     worker_s, overhead = totals.completed_worker_s, campaign.overhead
-    if overhead is None:
-        return values.TimeSplit(active_s=campaign.active_s, worker_s=worker_s, problem=NOT_MEASURED)
     lost_worker_s = totals.errored_worker_s + overhead.discarded_s
     learns = traits_of(campaign.spec.method).learns
+    # The supervisor bills a moment after the hub has accounted for its time; see `SLACK_S`.
     busy_s = max(campaign.active_s - overhead.learning_s - overhead.waiting_s, 0.0)
-    lost_s = busy_s * _measure_discarded(worker_s, lost_worker_s)
-    learning_s, waiting_s = _split_idle(campaign.active_s - busy_s, overhead)
+    # Workers are busy side by side, so that wall time is shared out as their time is.
+    lost_share = lost_worker_s / (worker_s + lost_worker_s) if lost_worker_s > 0.0 else 0.0
+    lost_s = busy_s * lost_share
+    idle_s = campaign.active_s - busy_s
+    learning_s = min(overhead.learning_s, idle_s)
     return values.TimeSplit(
         active_s=campaign.active_s,
         worker_s=worker_s,
         simulation_s=busy_s - lost_s,
         startup_s=0.0 if learns else learning_s,
         learning_s=learning_s if learns else 0.0,
-        waiting_s=waiting_s,
+        waiting_s=idle_s - learning_s,
         lost_s=lost_s,
         lost_worker_s=lost_worker_s,
     )
 
 
-def _measure_discarded(kept_s: float, lost_s: float) -> float:
-    """The share of worker time whose results were thrown away."""
-    return lost_s / (kept_s + lost_s) if lost_s > 0.0 else 0.0
-
-
-def _split_idle(idle_s: float, overhead: values.Overhead) -> tuple[float, float]:
-    """Split time without a running episode into learning and waiting. [s]"""
-    learning_s = min(overhead.learning_s, idle_s)
-    return learning_s, idle_s - learning_s
-
-
 def make_cost_curve(
     campaign: values.Campaign, totals: values.SpendingTotals, modes: KnownModes
 ) -> Iterator[values.CostPoint]:
-    """From nothing spent to everything, point by point."""
+    """Yield the points of the cost curve, from nothing spent to the whole bill."""
     spent_s = _list_active_s(campaign, [each.at_ms for each in totals.progress])
     yield _make_point(campaign, 0.0, (0, 0), 0 if modes.found_ms is not None else None)
     for each, active_s in zip(totals.progress, spent_s, strict=True):
@@ -218,7 +202,7 @@ def _make_point(
 
 
 def _count_modes(modes: KnownModes, at_ms: int) -> int | None:
-    """How many modes had been found."""
+    """Return how many modes had been found by then; None if modes are not known."""
     return None if modes.found_ms is None else sum(each <= at_ms for each in modes.found_ms)
 
 
@@ -289,7 +273,11 @@ def make_safety(
         SamplingDesign.of_failures([campaign]),
     )
     doubtful = errored, unresolved.doubtful
-    severity, correlation = tail_risk(totals.severities, level), _correlate(totals.points)
+    severity = tail_risk(totals.severities, level)
+    correlation = rank_correlation(
+        np.array([point.log_probability_per_step for point in totals.points]),
+        np.array([point.severity for point in totals.points]),
+    )
     if not traits_of(method).independent:
         severity, correlation = _drop_intervals(severity), _drop_interval(correlation)
     has_road = world_of(campaign.spec.simulator).has_road
@@ -369,7 +357,7 @@ def _count_violations(
     completed: int,
     errored: int,
 ) -> values.Violations:
-    """A row of the table."""
+    """Return the figures of a measure against its threshold."""
     return values.Violations(
         threshold=threshold,
         beyond=_make_share(design, totals.violations, completed, errored),
@@ -379,21 +367,13 @@ def _count_violations(
     )
 
 
-def _correlate(points: Sequence[FailurePoint]) -> values.Figure | None:
-    """Return the correlation of severity and likelihood over the points that are shown."""
-    return rank_correlation(
-        np.array([point.log_probability_per_step for point in points]),
-        np.array([point.severity for point in points]),
-    )
-
-
 def _list_notes(
     campaign: values.Campaign,
     totals: values.SafetyTotals,
     unresolved: values.Unresolved,
     conflicts: values.Conflicts,
 ) -> Iterator[str]:
-    """What the numbers cannot know."""
+    """Yield the remarks on what the numbers leave out."""
     if words := unresolved.words(totals.completed):
         yield words
     if conflicts.allowed:

@@ -48,7 +48,7 @@ class Clusterer(Protocol):
     """A way to find groups, repeatable."""
 
     def choices(self, wanted: int | None) -> Sequence[int]:
-        """The numbers of groups to try; the best silhouette decides."""
+        """Return the numbers of groups to try, of which the best silhouette is taken."""
 
     def fit(self, scores: Scores, groups: int) -> Grouping | None:
         """Groups among rows that differ at least as often as there are groups; None if none show.
@@ -74,11 +74,11 @@ class KMeansClusterer:
     """Round groups, all of about one width (Lloyd 1982); several seeded starts."""
 
     def choices(self, wanted: int | None) -> Sequence[int]:
-        """As wanted, or 2 to 8."""
+        """Return the number that was asked for, or 2 to 8."""
         return CHOICES if wanted is None else (wanted,)
 
     def fit(self, scores: Scores, groups: int) -> Grouping:
-        """The partition of least squares."""
+        """Return the groups with the smallest sum of squared distances from their means."""
         means = KMeans(
             groups, init="k-means++", n_init=STARTS, random_state=SEED, algorithm="lloyd"
         )
@@ -89,7 +89,7 @@ class MixtureClusterer:
     """A mixture of normal distributions with full covariances: groups of different widths."""
 
     def choices(self, wanted: int | None) -> Sequence[int]:
-        """As wanted, or 2 to 8."""
+        """Return the number that was asked for, or 2 to 8."""
         return CHOICES if wanted is None else (wanted,)
 
     def fit(self, scores: Scores, groups: int) -> Grouping:
@@ -110,11 +110,11 @@ class DensityClusterer:
     """
 
     def choices(self, _wanted: int | None) -> Sequence[int]:
-        """It finds the number itself; two groups are the fewest."""
+        """Return a single number: the clusterer finds the number of groups itself."""
         return CHOICES[:1]
 
     def fit(self, scores: Scores, _groups: int) -> Grouping | None:
-        """The regions, if there are at least two."""
+        """Return the dense regions; None if there are fewer than two."""
         size = max(FEWEST, round(SMALLEST_SHARE * len(scores)))
         if len(scores) < 2 * size:
             return None
@@ -158,7 +158,7 @@ def divide(
     clusterer: Clusterer = KMEANS,
     resolution: float = 0.0,
 ) -> Partition:
-    """The rows in groups, repeatable.
+    """Divide rows into groups; the same rows always give the same groups.
 
     One group results where a division would say nothing: unless there are more different rows
     than groups, or as many with a resolution; and where all groups are nearer to each other than
@@ -171,9 +171,11 @@ def divide(
         resolution: distance below which rows are as good as equal; see `_compute_silhouette`.
     """
     found = _find_partition(scores, clusters, clusterer, resolution)
-    if found.silhouette is not None and _measure_extent(scores, found.labels) < resolution:
-        return _join(scores)
-    return found
+    if found.silhouette is None:
+        return found
+    centres = [scores[found.labels == label].mean(axis=0) for label in np.unique(found.labels)]
+    is_one = float(pairwise_distances(centres).max()) < resolution
+    return _join(scores) if is_one else found
 
 
 def _find_partition(
@@ -195,12 +197,6 @@ def _join(scores: Scores) -> Partition:
     return Partition(np.zeros(len(scores), np.intp), None)
 
 
-def _measure_extent(scores: Scores, labels: Labels) -> float:
-    """Return the largest distance between the centres of two groups."""
-    centres = [scores[labels == label].mean(axis=0) for label in np.unique(labels)]
-    return float(pairwise_distances(centres).max())
-
-
 def compute_noise_silhouette(
     scores: Scores,
     clusters: int | None,
@@ -213,6 +209,7 @@ def compute_noise_silhouette(
     elliptical cloud exceeds the largest of the draws in one case of twenty; one that is skewed or
     bent does so more often, without having groups.
     """
+    # Seeded, so that an analysis that is repeated has the same digest.
     generator = np.random.default_rng(SEED)
     draws = (draw_without_groups(scores, generator) for _ in range(NOISE_DRAWS))
     found = (_find_partition(noise, clusters, clusterer, resolution) for noise in draws)
@@ -274,7 +271,7 @@ def draw_rows(rows: int, most: int) -> NDArray[np.intp]:
 
 
 def _count_different(scores: Scores) -> int:
-    """How many of the rows differ by more than rounding."""
+    """Return how many of the rows differ by more than rounding."""
     largest = np.abs(scores).max(initial=0.0)
     if largest == 0.0:
         return 1
@@ -290,6 +287,7 @@ def order_by_size(labels: Labels, episodes: NDArray[np.int64]) -> Labels:
     """
     names, sizes = np.unique(labels, return_counts=True)
     earliest = [episodes[labels == name].min() for name in names]
+    # The last key of `lexsort` counts first.
     order = np.lexsort((earliest, -sizes))
     return np.argsort(order)[np.searchsorted(names, labels)]
 
@@ -338,5 +336,6 @@ def _measure_likeness(
     space = fit_components(data[resample], settings.components)
     clusterer = CLUSTERERS[settings.clusterer]
     again = divide(space.scores, settings.clusters, clusterer, resolution)
+    # A row that was drawn twice would agree with itself.
     rows, first = np.unique(resample, return_index=True)
     return float(adjusted_rand_score(labels[rows], again.labels[first]))

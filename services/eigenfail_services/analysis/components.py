@@ -73,7 +73,9 @@ def fit_components(data: Data, wanted: int) -> ComponentSpace:
     smallest = ROUNDING * np.sqrt(sum(float(np.sum(block**2)) for block in iterate_blocks(data)))
     total = sum(float(np.sum((block - mean) ** 2)) for block in iterate_blocks(data))
     if np.sqrt(total) <= smallest:
-        return _make_flat_space(data, mean)
+        # Rows that are all alike span no direction: their space is a point.
+        rows, columns = data.shape
+        return ComponentSpace(mean, np.zeros((0, columns)), np.zeros(0), np.zeros((rows, 0)))
     found = _find_directions(data, mean, min(wanted, *data.shape))
     kept = found.singular > smallest
     components = fix_signs(found.vectors[kept])
@@ -119,7 +121,9 @@ def _accumulate(data: Data, mean: Array, count: int) -> Directions:
         centred = block - mean
         squares += centred.T @ centred
     values, vectors = np.linalg.eigh(squares)
+    # `eigh` returns the smallest eigenvalue first.
     largest = slice(None, -count - 1, -1)
+    # Rounding may leave an eigenvalue of 0 a little below it.
     return Directions(vectors.T[largest], np.sqrt(np.maximum(values[largest], 0.0)))
 
 
@@ -129,15 +133,10 @@ def iterate_blocks(data: Data) -> Iterator[Array]:
         yield data[first : first + BLOCK].astype(np.float64)
 
 
-def _make_flat_space(data: Data, mean: Array) -> ComponentSpace:
-    """The space of rows that are all alike: a point."""
-    rows, columns = data.shape
-    return ComponentSpace(mean, np.zeros((0, columns)), np.zeros(0), np.zeros((rows, 0)))
-
-
 def fix_signs(components: Array) -> Array:
     """Return the directions, each with its largest entry positive; of equal ones the first."""
     sizes = np.abs(components)
+    # Entries that differ by rounding alone are equal, or the processor would choose the sign.
     largest = np.argmax(sizes >= (1.0 - ROUNDING) * sizes.max(axis=1, keepdims=True), axis=1)
     signs = np.sign(np.take_along_axis(components, largest[:, None], axis=1))
     return np.asarray(components * signs, np.float64)

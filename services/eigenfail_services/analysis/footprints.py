@@ -71,12 +71,15 @@ def measure_times_to_collision(scene: Scene) -> Array:
     way = np.zeros_like(vehicles)
     way[..., :2] = 0.5 * MOVED_S * velocity
     apart_m = _measure_clearances(vehicles, sizes)
+    # A central difference, whose error shrinks with the square of the time.
     before_m, after_m = (
         _measure_clearances(each, sizes) for each in (vehicles - way, vehicles + way)
     )
     there = np.isfinite(apart_m)
+    # Distances of absent vehicles are infinite, and infinity less infinity is NaN.
     closing_m = np.subtract(before_m, after_m, out=np.zeros_like(apart_m), where=there)
 
+    # Half of what a rectangle that is turned by its heading takes up across the road.
     half_m = 0.5 * (sizes[:, 0] * np.abs(np.sin(heading)) + sizes[:, 1] * np.abs(np.cos(heading)))
     offset_m = vehicles[:, 1:, 1] - vehicles[:, :1, 1]
     drift_mps = velocity[:, 1:, 1] - velocity[:, :1, 1]
@@ -122,7 +125,9 @@ def find_contact(end: Floats, sizes: Floats) -> Contact | None:
     if not np.isfinite(vehicles[-1, 1:]).all(axis=1).any():
         return None
     struck = _find_struck(vehicles[-1], sizes_m)
+    # A vehicle that appeared in the last step has no place before it.
     before = vehicles[0] if np.isfinite(vehicles[0, struck]).all() else vehicles[-1]
+    # Corners of the struck vehicle, seen from the ego.
     corners = _transform(before[:1, :3], before[struck : struck + 1, :3], sizes_m[struck, None])[0]
     half_length_m, half_width_m = 0.5 * sizes_m[0]
     (rear_m, right_m), (front_m, left_m) = corners.min(axis=0), corners.max(axis=0)

@@ -103,6 +103,8 @@ def _make_result(
     if features.name != "noise":
         grouping = fit_components(features.data, features.components)
     groups = grouping.scores, settings.clusters, clusterer, features.resolution
+    # The same arguments as for data without groups below, or the two silhouettes would not
+    # compare.
     partition = clusters.divide(*groups)
     labels = clusters.order_by_size(partition.labels, failures.episodes)
     components = failures.by_step(space.components)

@@ -190,6 +190,7 @@ def _measure_gap(one: Points, other: Points) -> float:
     freedom = max(len(one) + len(other) - 2, 1)
     deviation = sqrt(sum(float(np.square(each).sum()) for each in along) / freedom)
     least = APART + APART_OF_FEW / (len(one) + len(other))
+    # Failures that are all alike have no deviation; what is within the resolution is one mode.
     return distance / (least * max(deviation, behaviour.RESOLUTION_MPS2 / APART))
 
 

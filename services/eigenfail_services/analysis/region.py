@@ -222,6 +222,7 @@ def _make_rate(asked: RegionQuestion, k: int, n: int) -> Rate:
 def split_in_halves(failed: Flags) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows to grow on and rows to judge by, with half of the failures in each; seeded."""
     random = np.random.default_rng(SEED)
+    # Failures and others apart: with few failures one half might get hardly any.
     mixed = [random.permutation(np.flatnonzero(failed == kind)) for kind in (True, False)]
     parts = [np.concatenate([each[start::2] for each in mixed]) for start in (0, 1)]
     return np.sort(parts[0]), np.sort(parts[1])
@@ -248,6 +249,7 @@ def _make_region(
     inside, failed = np.concatenate(rows), asked.failed
     all_failures = int(failed[held].sum())
     k, n = int(failed[inside].sum()), len(inside)
+    # Fisher's exact test, one-sided: k or more of the failures inside, were all rows alike.
     p_value = float(hypergeom.sf(k - 1, len(held), all_failures, n))
     if p_value > SIGNIFICANCE:
         return _make_empty_region(

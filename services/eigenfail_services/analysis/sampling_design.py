@@ -157,6 +157,7 @@ def _find_rounds(spec: CampaignSpec) -> tuple[int, int] | None:
         sizes = description.find_round_sizes(settings, spec.episodes)
     except EigenfailError:  # not installed here any more, or with other settings
         return None
+    # The looks of the rule are known only where all rounds have one size.
     if sizes is None or sizes.first != sizes.later:
         return None
     return sizes.later, min(description.lookahead, MOST_AHEAD)

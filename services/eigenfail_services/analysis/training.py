@@ -42,6 +42,7 @@ def find_tenths(failures: Aligned, episodes: Mapping[int, int]) -> NDArray[np.in
     for campaign in np.unique(failures.campaigns).tolist():
         own = failures.campaigns == campaign
         indices = failures.episodes[own]
+        # Counts and failures may have been read a few results apart.
         last = max(episodes.get(campaign, 0), int(indices.max()) + 1)
         tenths[own] = indices * TENTHS // last
     return tenths
@@ -50,7 +51,7 @@ def find_tenths(failures: Aligned, episodes: Mapping[int, int]) -> NDArray[np.in
 def _summarize_interval(
     failures: Aligned, space: ComponentSpace, tenth: int, rows: NDArray[np.intp]
 ) -> TrainingInterval:
-    """One of them, with the failures in these rows."""
+    """Return an interval of the training, with the failures in these rows."""
     own = failures._replace(noise=failures.noise[rows])
     mean = np.zeros((failures.horizon, len(failures.channels)))
     for block in iterate_blocks(own.noise):
@@ -59,6 +60,7 @@ def _summarize_interval(
     found = fit_components(own.data, wanted) if len(rows) > 1 and wanted else None
     components = found.components if found else space.components[:0]
     cosines = np.sum(components * space.components[: len(components)], axis=1)
+    # The sign of a component is arbitrary: that of the whole makes intervals comparable.
     turned = components * np.where(cosines < 0.0, -1.0, 1.0)[:, None]
     return TrainingInterval(
         start=tenth / TENTHS,
@@ -133,6 +135,7 @@ def measure_spread(failures: Aligned) -> float | None:
     None where there is no such step. [sigma]
     """
     reached = np.zeros((failures.horizon, 1))
+    # In two passes, as the difference of a mean square and a squared mean loses digits.
     sums, squares = (np.zeros((failures.horizon, len(failures.channels))) for _ in range(2))
     for noise in failures.runs():
         reached[: noise.shape[1]] += len(noise)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from eigenfail.explanations import NOTHING, _read_word
+from eigenfail.explanations import NOTHING, read_word
 from eigenfail.presentation.figures import count_noun
 from eigenfail.values import (
     AXES,
@@ -96,15 +96,15 @@ class Clock(NamedTuple):
     step_s: float | None
     event: str = "the impact"
 
-    def moment(self, step: int) -> str:
-        """When a step begins."""
+    def describe_time(self, step: int) -> str:
+        """Return when a step begins."""
         before = self.impact - step
         if self.step_s is None:
             return f"{before} steps before {self.event}"
         return f"{before * self.step_s:.1f} s before {self.event}"
 
-    def window(self, first: int, last: int) -> str:
-        """From a step to another, both included; without what comes after them."""
+    def describe_span(self, first: int, last: int) -> str:
+        """Return the times from the beginning of a step to the end of another one."""
         before = self.impact - first, self.impact - last - 1
         if self.step_s is None:
             return f"{before[0]} … {before[1]} steps"
@@ -212,11 +212,12 @@ def _describe_columns(
     most_channels: int,
 ) -> str:
     """Return a sentence on the first channels, and how many further ones there are."""
-    text = "; ".join(
-        _describe_column(column, pushes[:most_pushes], clock)
-        + _count_weaker(len(pushes) - most_pushes)
-        for column, pushes in ranked[:most_channels]
-    )
+    phrases = []
+    for column, pushes in ranked[:most_channels]:
+        phrase = _describe_column(column, pushes[:most_pushes], clock)
+        weaker = len(pushes) - most_pushes
+        phrases.append(f"{phrase}, and {weaker} weaker" if weaker > 0 else phrase)
+    text = "; ".join(phrases)
     if len(ranked) > most_channels:
         text += f"; {count_noun(len(ranked) - most_channels, 'further channel')} with less noise"
     return f"{text[:1].upper()}{text[1:]}."
@@ -227,34 +228,26 @@ def _sum_push(push: Push) -> float:
     return abs(push.mean) * push.steps
 
 
-def _count_weaker(count: int) -> str:
-    """Return the phrase that counts the pushes left out of the sentence."""
-    return f", and {count} weaker" if count > 0 else ""
-
-
 def _describe_column(column: ChannelNoise, found: Sequence[Push], clock: Clock) -> str:
     """Return the description of the noise of one channel."""
     channel, noise = column.name, column.noise
     if not noise.any():
         return f"{channel} does not occur" if column.is_event else f"{channel} noise has no effect"
     if not found:
-        return f"{channel} noise stays within {_format_bound(noise)} sigma"
+        # Rounded up, so that the bound holds as it is written.
+        bound = np.ceil(10.0 * float(np.abs(noise).max())) / 10.0
+        return f"{channel} noise stays within {bound:.1f} sigma"
     in_time = sorted(found, key=lambda push: push.first)
     describe_one = _describe_event if column.is_event else _describe_push
     text = ", ".join(describe_one(push, channel, clock) for push in in_time)
     return f"{channel} {text} before {clock.event}"
 
 
-def _format_bound(noise: Floats) -> str:
-    """Return a bound on the noise, rounded up."""
-    return f"{np.ceil(10.0 * float(np.abs(noise).max())) / 10.0:.1f}"
-
-
 def _describe_event(push: Push, _channel: str, clock: Clock) -> str:
     """Return when an event lasts."""
     length = push.last - push.first + 1
     some = "" if push.steps == length else f"in {push.steps} of {length} steps "
-    return f"{some}during {clock.window(push.first, push.last)}"
+    return f"{some}during {clock.describe_span(push.first, push.last)}"
 
 
 def _describe_push(push: Push, channel: str, clock: Clock) -> str:
@@ -265,7 +258,7 @@ def _describe_push(push: Push, channel: str, clock: Clock) -> str:
     length = push.last - push.first + 1
     some = "" if push.steps == length else f" in {push.steps} of {length} steps"
     more = "" if peak == mean else f", peak {peak},"
-    return f"{mean} sigma{way}{more}{some} during {clock.window(push.first, push.last)}"
+    return f"{mean} sigma{way}{more}{some} during {clock.describe_span(push.first, push.last)}"
 
 
 MOST_RULES = 2
@@ -287,7 +280,7 @@ def describe_account(episode: ExplainedEpisode, clock: Clock) -> str:
 
 def _describe_rules(steps: Sequence[ExplainedStep], _clock: Clock) -> Iterator[str]:
     """Which rules decided, and in how many of the steps."""
-    counted = Counter(rule for step in steps if (rule := _read_word(step, "rule")) not in NOTHING)
+    counted = Counter(rule for step in steps if (rule := read_word(step, "rule")) not in NOTHING)
     if counted:
         shares = (
             f"{_make_plain(name)} in {count} of {len(steps)} steps"
@@ -298,10 +291,10 @@ def _describe_rules(steps: Sequence[ExplainedStep], _clock: Clock) -> Iterator[s
 
 def _describe_overrides(steps: Sequence[ExplainedStep], clock: Clock) -> Iterator[str]:
     """What overrode the plan, from when to when."""
-    names = [_read_word(step, "override") for step in steps]
+    names = [read_word(step, "override") for step in steps]
     for name in sorted({*names} - NOTHING):
         places = [place for place, each in enumerate(names) if each == name]
-        window = clock.window(places[0], places[-1])
+        window = clock.describe_span(places[0], places[-1])
         some = "a step" if len(places) == 1 else f"{len(places)} steps"
         yield f"overridden by {_make_plain(name)} in {some} during {window} before {clock.event}"
 
@@ -312,7 +305,7 @@ def _describe_losses(steps: Sequence[ExplainedStep], clock: Clock) -> Iterator[s
     places = [place for place in range(1, len(lost)) if lost[place] > lost[place - 1]]
     if places:
         times = "once," if len(places) == 1 else f"{len(places)} times, the last"
-        yield f"it lost a track {times} {clock.moment(places[-1])}"
+        yield f"it lost a track {times} {clock.describe_time(places[-1])}"
 
 
 def _count(step: ExplainedStep, name: str) -> float:

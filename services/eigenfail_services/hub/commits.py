@@ -20,10 +20,13 @@ from eigenfail_services.observability import span
 from eigenfail_services.store.campaigns import CampaignStore
 from eigenfail_services.store.episodes import EpisodeStore
 
+# Results that come within this time share a transaction. The last ones of a round wait for no
+# others: `Hub._has_last_results`.
 MAX_WAIT_S = 0.05
 
 MAX_RESULTS = 1_000
 
+# A store that is away is tried once a second, not at each of the hub's turns.
 RETRY_S = 1.0
 
 HUB = b"hub"
@@ -111,6 +114,9 @@ class CommitQueue:
         while groups:
             try:
                 judged += self._commit(groups[0])
+            # The groups before this one are in the store. Their verdicts are returned, so that
+            # workers may forget those results; the next call meets the failure again and raises
+            # it.
             except StoreUnavailable:
                 # Behind them are those that came during the attempt.
                 self._pending[:0] = [each for group in groups for each in group]
@@ -185,6 +191,7 @@ class WorkerDeaths:
         try:
             return self._episodes.add_death(campaign, task.index)
         except NotFound:  # the campaign was removed
+            # The hub then makes a result that nobody wants, and the episode is leased no more.
             return MAX_DEATHS
 
     def _give_up(self, campaign: int, task: EpisodeTask) -> None:
@@ -222,6 +229,7 @@ class CodeRecorder:
             campaign, noted = key = next(iter(self._pending))
             self._write_code(campaign, dict(noted))
             self._written.add(key)
+            # Only now, as the store may have been away.
             del self._pending[key]
 
     def _write_code(self, campaign: int, versions: Mapping[str, str]) -> None:

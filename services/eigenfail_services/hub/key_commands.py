@@ -80,12 +80,13 @@ def create(
     The file is secret, and the only copy of the key.
     """
     written = file or Path(f"{name}.key")
-    until_ms = _end_of(expires)
-    with _opened(data, folder) as keys:
+    until_ms = _find_expiry_ms(expires)
+    with _open_folder(data, folder) as keys:
+        # A key that exists already is left as it is, and is no change for the audit log.
         is_known = keys.knows(name)
         made = keys.create(name, written, until_ms)
     if not is_known:
-        _note(data, folder, "POST", "/worker-keys", f"/worker-keys/{name}", CREATED)
+        _record_change(data, folder, "POST", "/worker-keys", f"/worker-keys/{name}", CREATED)
     if made.new_hub:
         typer.echo(
             f"The hub had no key in {keys.path}: a new one was made there, {made.new_hub}. "
@@ -98,7 +99,7 @@ def create(
 @app.command("list")
 def list_keys(folder: Folder = None, data: Data = DEFAULT_DATA, as_json: AsJson = False) -> None:
     """List the keys that the hub accepts and expired ones, by name."""
-    with _opened(data, folder) as keys:
+    with _open_folder(data, folder) as keys:
         found = keys.list()
     show(found, as_json, lambda: _draw_keys(found))
 
@@ -118,11 +119,11 @@ def rotate(
     Workers with the old key are disconnected within seconds, or after --keep-old.
     """
     written = file or Path(f"{name}.key")
-    keep_until_ms, until_ms = _end_of(keep_old), _end_of(expires)
-    with _opened(data, folder) as keys:
+    keep_until_ms, until_ms = _find_expiry_ms(keep_old), _find_expiry_ms(expires)
+    with _open_folder(data, folder) as keys:
         made = keys.rotate(name, written, until_ms, keep_until_ms or 0)
     subject = f"/worker-keys/{name}"
-    _note(data, folder, "POST", "/worker-keys/{name}/rotations", subject, CREATED)
+    _record_change(data, folder, "POST", "/worker-keys/{name}/rotations", subject, CREATED)
     typer.echo(to_json(made.worker) if as_json else _describe_new_key(made.worker, written))
 
 
@@ -132,9 +133,9 @@ def rotate_hub(folder: Folder = None, data: Data = DEFAULT_DATA, as_json: AsJson
 
     Workers' keys stay valid, but need `worker key follow` to know the hub's new key.
     """
-    with _opened(data, folder) as keys:
+    with _open_folder(data, folder) as keys:
         made = keys.rotate_hub()
-    _note(data, folder, "POST", "/hub-key", "/hub-key", CREATED)
+    _record_change(data, folder, "POST", "/hub-key", "/hub-key", CREATED)
     words = (
         f"The hub's key is {made.key} from its next start on. Beside each worker's file, run:\n\n"
         f"eigenfail worker key follow FILE {made.hub}"
@@ -161,15 +162,15 @@ def revoke(
     name: Name, folder: Folder = None, data: Data = DEFAULT_DATA, as_json: AsJson = False
 ) -> None:
     """Revoke a key permanently; its workers are disconnected within seconds."""
-    with _opened(data, folder) as keys:
+    with _open_folder(data, folder) as keys:
         revoked = keys.revoke(name)
-    _note(data, folder, "DELETE", "/worker-keys/{name}", f"/worker-keys/{name}", DONE)
+    _record_change(data, folder, "DELETE", "/worker-keys/{name}", f"/worker-keys/{name}", DONE)
     words = f"Key {revoked.key} of '{name}' is revoked; workers that use it are disconnected."
     typer.echo(to_json(revoked) if as_json else words)
 
 
 @contextmanager
-def _opened(data: Path, folder: Path | None) -> Iterator["KeyFolder"]:
+def _open_folder(data: Path, folder: Path | None) -> Iterator["KeyFolder"]:
     require_installed()
     from eigenfail_services.hub.keys import KeyFolder, unusable_folder
 
@@ -180,7 +181,7 @@ def _opened(data: Path, folder: Path | None) -> Iterator["KeyFolder"]:
         raise unusable_folder(path, error) from error
 
 
-def _note(
+def _record_change(
     data: Path, folder: Path | None, method: str, route: str, subject: str, status: int
 ) -> None:
     """Write a line of the audit log, or the reason why there is none to standard error.
@@ -191,6 +192,8 @@ def _note(
 
     service = DataFolder(data)
     url = os.environ.get(DATABASE_VARIABLE)
+    # A folder of keys that was named may be another service's, whose database is not known
+    # here.
     if not url and folder is None and service.database_file.exists():
         url = service.database
     if not url:
@@ -212,8 +215,8 @@ def find_user() -> str:
         return str(os.getuid())
 
 
-def _end_of(life: str | None) -> int | None:
-    # In milliseconds since 1970, from a duration such as 90d.
+def _find_expiry_ms(life: str | None) -> int | None:
+    """Return when a key with a lifetime such as 90d expires. [ms since 1970]"""
     return None if life is None else round(1_000 * time()) + 1_000 * parse_duration(life)
 
 

@@ -160,6 +160,8 @@ class KeyFolder:
         hub = derive_public_key(self.secret())
         if self.knows(name):
             return NewWorkerKey(self._find_created(name, hub, file).summarize())
+        # The worker's file comes first: if it cannot be written, the hub accepts no key that
+        # nobody has.
         created = self._create(name, file, until_ms)
         self._write(name, created)
         return NewWorkerKey(created.summarize(), abbreviate_key(hub) if is_new_hub else "")
@@ -175,6 +177,7 @@ class KeyFolder:
         """
         at_ms = self._now_ms()
         old = [key.expire_by(old_until_ms) for key in self._find(name)]
+        # As in `create`, the file comes first: the old keys stay if it cannot be written.
         created = self._create(name, file, until_ms)
         self._write(name, *(key for key in old if key.is_valid(at_ms)), created)
         return NewWorkerKey(created.summarize())
@@ -202,6 +205,7 @@ class KeyFolder:
             NotFound: no key has the name.
         """
         *_, newest = self._find(name)
+        # Another command may have revoked it meanwhile.
         (self._workers / name).unlink(missing_ok=True)
         return newest.summarize()
 
@@ -251,6 +255,7 @@ class KeyFolder:
 
     def _prepare(self, name: str) -> bool:
         """Create the folder and the hub's key; return whether there was no hub key before."""
+        # The name becomes that of a file: it must not lead out of the folder.
         if not NAME.fullmatch(name):
             remedy = "Use up to 64 letters, digits, dots, dashes and underscores; no dot at first."
             raise InvalidValue("NAME", f"'{name}' is not a valid key name.", remedy)

@@ -122,7 +122,7 @@ class LearnerRestarts:
         return f"{failure.problem} {again} {failure.remedy}".strip()
 
 
-def lock(socket: "zmq.Socket[bytes]") -> str:
+def encrypt_listener(socket: "zmq.Socket[bytes]") -> str:
     """Set up CURVE on a socket that is not bound yet; return the public key to connect with.
 
     Other users of the machine can reach a learner's port. CURVE does not answer anyone without the
@@ -134,7 +134,7 @@ def lock(socket: "zmq.Socket[bytes]") -> str:
     return public.decode()
 
 
-def unlock(socket: "zmq.Socket[bytes]", key: str) -> None:
+def encrypt_caller(socket: "zmq.Socket[bytes]", key: str) -> None:
     """Set up CURVE on a socket that is not connected yet, with the public key of its peer."""
     public, secret = zmq.curve_keypair()
     socket.setsockopt(zmq.CURVE_SERVERKEY, key.encode())
@@ -160,7 +160,7 @@ class LearnerLink:
         self.socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.PAIR)
         self._unsent: deque[bytes] = deque()
         self._bounds = bounds
-        self._environment = {KEY_VARIABLE: lock(self.socket)}
+        self._environment = {KEY_VARIABLE: encrypt_listener(self.socket)}
         self._address = f"tcp://127.0.0.1:{self.socket.bind_to_random_port('tcp://127.0.0.1')}"
         self._process: subprocess.Popen[bytes] | None = None
         self._clock = clock
@@ -220,6 +220,7 @@ class LearnerLink:
         """
         if self._process is not None and exit_status(self._process) is None:
             self.send(messages.Stop())
+        # The request to stop still leaves within this time. [ms]
         self.socket.close(linger=100)
         if self._process is not None:
             wait_for_exit(self._process, STOP_S)
@@ -232,6 +233,7 @@ def check_numbers(message: messages.Message) -> messages.Message:
     No worker could use such a policy, and no page could show such an estimate.
     """
     if isinstance(message, messages.Proposed):
+        # The first one is enough: the whole proposal is refused.
         for place in _find_non_finite(message):
             return messages.Diverged(
                 f"{place} holds a number that is NaN or infinite.", DIVERGENCE_REMEDY

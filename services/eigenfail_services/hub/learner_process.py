@@ -15,7 +15,7 @@ from eigenfail.processes import die_with_parent
 from eigenfail.settings import read_settings
 from eigenfail.wire import messages
 from eigenfail_services.campaigns.rounds import Rounds
-from eigenfail_services.hub.learner_link import KEY_VARIABLE, unlock
+from eigenfail_services.hub.learner_link import KEY_VARIABLE, encrypt_caller
 
 
 def create_rounds(start: messages.Start) -> Rounds:
@@ -50,7 +50,7 @@ class LearnerProcess:
 
     def __init__(self, address: str, key: str) -> None:
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.PAIR)
-        unlock(self._socket, key)
+        encrypt_caller(self._socket, key)
         self._socket.connect(address)
 
     def serve(self) -> None:
@@ -82,6 +82,7 @@ def main() -> None:
     logs.configure("services")
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     plugins.keep_import_effects()
+    # Taken out of the environment, which processes that the method starts inherit.
     process = LearnerProcess(sys.argv[1], os.environ.pop(KEY_VARIABLE))
     try:
         process.serve()

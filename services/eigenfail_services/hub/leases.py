@@ -27,6 +27,7 @@ class LeaseTable:
 
     def has_leases(self, campaign: int) -> bool:
         """Return whether a worker holds any episode of a campaign."""
+        # Not by index, which would add the campaign to a `defaultdict`.
         return bool(self._holders.get(campaign))
 
     def find_task(self, key: worker_table.Key) -> EpisodeTask | None:
@@ -101,6 +102,7 @@ class InterruptedEpisodes:
     def __init__(self) -> None:
         self._lost: dict[worker_table.Key, EpisodeTask] = {}
         self._disconnections: dict[str, Disconnection] = {}
+        # By episode, then by worker: several may have run it, one after the other.
         self._running: dict[worker_table.Key, dict[str, EpisodeTask]] = {}
 
     def __iter__(self) -> Iterator[tuple[int, EpisodeTask]]:
@@ -193,6 +195,7 @@ class Leases:
         self._queue = worker_table.EpisodeQueue()
         self._holdings = worker_table.Holdings()
         self._interrupted = InterruptedEpisodes()
+        # Episodes whose results wait for their commit: to run them again would be a waste.
         self._uncommitted: set[worker_table.Key] = set()
 
     def open_session(self, worker: bytes, hello: Hello, now_s: float) -> None:
@@ -203,6 +206,8 @@ class Leases:
         """
         for old in self._workers.find_connections(worker, hello):
             self.end_session(old)
+        # What it ran waits again, so that `adopt` leases it to this worker if its hello names
+        # it.
         if disconnection := self._interrupted.reconnect(hello.life):
             self._put_back(disconnection.key[0], disconnection.task)
         self._workers.add(worker, hello, now_s)
@@ -281,6 +286,7 @@ class Leases:
     def end_lost_session(self, worker: bytes) -> None:
         """End the session of a lost worker: what it ran is suspected, the rest waits again."""
         session = self.sessions[worker]
+        # First, as `end_session` has all the rest wait again at once.
         if session.running is not None and session.running in session.held:
             self._interrupted.add(session.running, self._table.end(session.running).task)
         self.end_session(worker)
@@ -305,6 +311,7 @@ class Leases:
 
     def list_interrupted(self) -> list[tuple[int, EpisodeTask]]:
         """Return the campaigns and episodes that ran when their workers were lost, uncounted."""
+        # A copy, as episodes are cleared while the caller goes through them.
         return [*self._interrupted]
 
     def clear_interrupted(self, campaign: int, index: int) -> None:
@@ -315,11 +322,14 @@ class Leases:
     def _free(
         self, session: worker_table.WorkerSession, keys: Collection[worker_table.Key]
     ) -> None:
+        # Each goes to the front of its queue, so that the first one leased has to be put there
+        # last.
         for key in reversed([key for key in session.held if key in keys]):
             self._put_back(key[0], self._table.revoke(key))
 
     def _put_back(self, campaign: int, task: EpisodeTask) -> None:
         key = campaign, task.index
+        # Several workers may have held it, one after the other, and each of them puts it back.
         is_free = self._table.find_task(key) is None and not self._interrupted.withholds(key, task)
         if is_free and task.index not in self._queue.tasks(campaign):
             self._queue.put_back(campaign, task)
@@ -340,6 +350,8 @@ class Leases:
         leased = self._table.find_task(key)
         if leased is None or is_same_task(leased, task):
             return leased is not None
+        # The worker runs another task under this index, say of an older policy. Its time stays
+        # charged.
         self._table.end(key)
         return False
 
@@ -401,6 +413,7 @@ class Leases:
         self._interrupted.pop(key)
         self._queue.complete(campaign, index)
         lease = self._table.complete(key, by)
+        # A late result of a campaign that is over would bring back its clock and its estimates.
         if self._queue.has_campaign(campaign):
             self._scheduler.record_duration(campaign, wall_s, lease)
 

@@ -249,6 +249,7 @@ class TimeAccounting:
     def set_phase(self, phase: CampaignPhase | None) -> None:
         """Set the current phase; None when the hub is done with the campaign."""
         with self._lock:
+            # First, as the time until now belongs to the phase that ends.
             self._add_elapsed()
             self._phase = phase
 
@@ -305,6 +306,7 @@ class Timeout:
     def has_expired(self) -> bool:
         """Count the time since the last look; return whether there has been too much of it."""
         now_s = self._clock()
+        # A process that did not look was stopped itself: that is not its learner's fault.
         self._spent_s += min(now_s - self._looked_s, MAX_COUNTED_GAP_S)
         self._looked_s = now_s
         return self._spent_s > self._limit_s

@@ -62,6 +62,7 @@ class RoundCollector:
         """Close the oldest round and return its results, if all are there."""
         if not self._rounds:
             return None
+        # Rounds are observed in order, whichever is complete first.
         number = min(self._rounds)
         if self._missing[number]:
             return None
@@ -155,6 +156,7 @@ class OpenRounds:
         kept = self._store.episodes.finished(self._campaign, self._to_look_up)
         for result in kept:
             self._add(result)
+        # Last, so that the next call asks again if the store is away.
         self._to_look_up.clear()
         return len(kept)
 

@@ -168,11 +168,15 @@ class CampaignRun:
             self._handle_failure(failure)
 
     def _handle_proposed(self, message: Proposed) -> None:
+        # The checkpoint is stored before any of its episodes is leased. So a new learner or hub
+        # proposes the same episodes again, and what workers hold stays valid.
         campaign, claim = self.spec.campaign, self.spec.claim()
         learned = message.estimate, message.trained_episodes
         self._store.checkpoints.save(campaign, message.checkpoint, *learned, claim)
         self._metrics.learner_s.observe(self.learner_s)
         self._learning_since_s = None
+        # A learner that dies at its first round proposes that round again at each start, which
+        # is no progress: only a round that was learned ends a row of failures.
         if self._has_observed:
             self._restarts.reset()
         if not message.rounds:
@@ -209,6 +213,8 @@ class CampaignRun:
         log.warning("learner lost", campaign=campaign, problem=failure.problem)
         self._metrics.learners_lost.labels(failure.kind).inc()
         self._restarts.add(failure)
+        # The next learner offers these episodes again; without it, nobody would take their
+        # results.
         self._leases.unqueue_campaign(campaign)
         self._end_learner()
         self._spawn_learner()

@@ -67,6 +67,7 @@ class FairShare:
         for campaign in set(campaigns) - self._had_work:
             self._clocks_s[campaign] = max(self._now_s, self._clocks_s.get(campaign, 0.0))
         self._had_work = frozenset(campaigns)
+        # Of equal clocks the older campaign, by its id.
         chosen = min(campaigns, key=lambda campaign: (self._clocks_s[campaign], campaign))
         self._now_s = self._clocks_s[chosen]
         return chosen
@@ -209,6 +210,7 @@ class Scheduler:
 
     def remove_worker(self, worker: bytes, session: worker_table.WorkerSession) -> None:
         """Assign nothing more to a worker."""
+        # Otherwise the next update of the loads would put it back.
         self._changed.pop(worker, None)
         pool = self._pools[session.has_bridge]
         pool.workers.discard(worker)
@@ -254,6 +256,8 @@ class Scheduler:
     ) -> Assignment | None:
         """Take the next assignment from the queue; None if no worker needs work that it can run."""
         self._update_loads()
+        # A pool whose workers can run nothing that waits must not keep the other pool from its
+        # turn.
         served = [pool for pool in self._pools.values() if self._campaigns_for(pool, queue)]
         entries = [entry for pool in served if (entry := pool.needing_work.first()) is not None]
         if not entries:
@@ -267,6 +271,8 @@ class Scheduler:
         if campaign is None:
             return None
         work_s = self.estimate_work_s(campaign, session)
+        # Long episodes are leased one at a time. Of short ones each waiting campaign gets its
+        # part of the worker's room, so that campaigns alternate at a worker within seconds.
         room = (
             1
             if work_s >= worker_table.LONG_EPISODE_S

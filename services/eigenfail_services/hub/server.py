@@ -32,6 +32,7 @@ from eigenfail_services.hub.worker_sessions import Draining, WorkerSessions
 from eigenfail_services.hub.worker_table import RosterWriter, UnrunnableCampaigns
 from eigenfail_services.store import Store
 
+# Commands come through a queue, which wakes no poller: they wait up to this long.
 TICK_MS = 20
 MESSAGES_PER_TURN = 2_000
 """Messages that are handled before the rest of a turn. A result of usual size comes in two pieces,
@@ -136,6 +137,7 @@ class Hub:
 
     def workers(self) -> list[str]:
         """Return the names of the connected workers."""
+        # A copy, as the hub's thread may change the table meanwhile.
         return [session.name for session in list(self._leases.sessions.values())]
 
     def measure_demand(self) -> WorkerDemand:
@@ -177,9 +179,11 @@ class Hub:
                 self._commands.get_nowait()()
         self._receive()
         self._halt_declined()
+        # After the messages, which show that a worker lives although the hub read them late.
         self._sessions.expire_silent()
         self._sessions.drain(self._draining)
         with self._tolerate_store_failure():
+            # Before the leases, so that workers get the episodes of a new round in this turn.
             self._poll_runs()
             # Workers run what is leased while the store is busy with what they have brought.
             self._assign()
@@ -252,12 +256,14 @@ class Hub:
     def _commit(self, *, now: bool = False) -> None:
         judged = self._commits.flush(now=now or self._has_last_results())
         self._sessions.acknowledge(judged)
+        # `flush` returns the results of a campaign next to each other, as `groupby` needs them.
         for campaign, of_campaign in groupby(judged, attrgetter("campaign")):
             if run := self._runs.get(campaign):
                 run.take_verdicts(of_campaign)
 
     def _has_last_results(self) -> bool:
         """Return whether the last results of a round wait, with no others to share their commit."""
+        # A store that could not take them is tried once a second, not at every turn.
         campaigns = set() if self._commits.stuck else self._commits.campaigns()
         return not all(map(self._leases.expects_results, campaigns))
 
@@ -274,6 +280,8 @@ class Hub:
                 self._next_warning_s = now_s + WARNING_INTERVAL_S
                 log.warning("store unavailable", problem=str(error))
             self._is_store_away = True
+            # Messages of learners that were not read keep their sockets readable: no poll would
+            # wait.
             time.sleep(TICK_MS / 1_000)
 
     def _await_results(self) -> None:

@@ -127,6 +127,7 @@ class AuthenticatedRouter(Router):
 
     def send_multipart(self, parts: Sequence[bytes], flags: int = 0, **_: Any) -> None:  # type: ignore[override]
         """Send a message, unless its receiver is cut off."""
+        # It gets no answer to its heartbeats either, so that it connects again and is refused.
         if parts[0] not in self.cut_off:
             super().send_multipart(parts, flags)
 
@@ -144,6 +145,7 @@ class RefusalLog:
         now_s = time.monotonic()
         if now_s >= self._quiet_until_s.get(reason, 0.0):
             self._quiet_until_s[reason] = now_s + LOG_INTERVAL_S
+            # Refusals since the last line are counted in this one.
             times = self._unlogged.pop(reason)
             log.warning("worker refused", reason=reason, times=times, **facts)
 
@@ -184,6 +186,8 @@ class ZapAuthenticator:
         is_open, next_read_s = True, 0.0
         while is_open:
             ready = dict(poller.poll(KEYS_INTERVAL_MS))
+            # Read again for each question, so that a key made a moment ago opens the door at
+            # once.
             if questions in ready or time.monotonic() >= next_read_s:
                 accepted = self._read_keys()
                 next_read_s = time.monotonic() + KEYS_INTERVAL_MS / 1_000
@@ -363,6 +367,7 @@ class ConnectionProbe:
             return []
         self._next_probe_s = now_s + PROBE_INTERVAL_S
         self._closed_at_s = {
+            # A closed connection is not probed again: a worker that comes back has a new one.
             worker: self._closed_at_s.get(worker, now_s)
             for worker in quiet
             if worker in self._closed_at_s or not self._is_connected(worker)

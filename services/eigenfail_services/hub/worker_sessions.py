@@ -67,6 +67,7 @@ class Draining:
             sessions: sessions of all workers.
             now_s: monotonic time. [s]
         """
+        # Sessions, not names: a worker that came back under its name was not asked yet.
         connected = {sessions[worker] for worker in draining}
         self._told_s = {each: at_s for each, at_s in self._told_s.items() if each in connected}
         for worker in draining:
@@ -144,6 +145,8 @@ class WorkerSessions:
             self._refuse(worker, reason, named=message.worker, host=message.host)
             return
         session = self._leases.touch(worker, time.monotonic())
+        # A hello is repeated until its welcome comes. To open the session again would take back
+        # what was leased in between.
         if session is None or not session.was_opened_by(message):
             log.info("worker joined", worker=message.worker, host=message.host, pid=message.pid)
             _log_version_difference(message.worker, message.versions)
@@ -202,6 +205,7 @@ class WorkerSessions:
         except ProtocolError as error:
             self._send(worker, messages.Refusal(str(error)))
             return
+        # A piece of pieces would get around the bounds of one assembler.
         if isinstance(message, messages.Piece):
             self._send(worker, messages.Refusal("A piece of a message holds another piece."))
         elif message is not None:
@@ -225,6 +229,7 @@ class WorkerSessions:
         quiet = self._leases.list_silent(now_s, transport.QUIET_HEARTBEATS * HEARTBEAT_S)
         for worker in self._probe.find_closed(quiet, now_s):
             self._record_loss(worker, why="its connection is closed")
+            # It has until then to come back, which is as long as a silent worker has.
             heard_s = self._leases.sessions[worker].last_heard_s
             self._leases.end_disconnected_session(worker, heard_s + SILENCE_LIMIT_S)
         self._leases.expire_disconnected(now_s)
@@ -267,6 +272,7 @@ class WorkerSessions:
 
     def assign(self, runs: Mapping[int, CampaignRun]) -> None:
         """Adopt what workers hold, lease what waits, and send what those leases need first."""
+        # First: what a worker holds must not be leased to another one.
         self._adopt(runs)
         is_new = time.monotonic() - self._began_s < ADOPTION_GRACE_S
         if is_new and any(run.resumed for run in runs.values()):
@@ -288,6 +294,8 @@ class WorkerSessions:
         """Send the setup and the policies that an assignment needs and the worker does not have."""
         worker, campaign = assignment.worker, assignment.campaign
         session = self._leases.sessions[worker]
+        # A worker runs nothing before it has the setup of the campaign and the policies of the
+        # tasks.
         if campaign not in session.setups:
             session.setups.add(campaign)
             self.prepared.append((campaign, session.arrival.versions))

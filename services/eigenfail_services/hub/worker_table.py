@@ -121,6 +121,7 @@ class WorkerSession:
         """Remove an episode from those that the worker holds."""
         work_s = self._work_s.pop(key)
         task = self.held.pop(key)
+        # Sums of floats drift; without an episode the load is 0.
         self.load_s = self.load_s - work_s if self.held else 0.0
         return EndedLease(task, work_s, self)
 
@@ -174,6 +175,7 @@ class WorkerTable:
     def __init__(self) -> None:
         self.sessions: dict[bytes, WorkerSession] = {}
         self._by_life: dict[str, bytes] = {}
+        # Who spoke last is last, which `move_to_end` keeps up to date without sorting.
         self._by_silence: OrderedDict[bytes, None] = OrderedDict()
 
     def find_connections(self, worker: bytes, hello: Hello) -> list[bytes]:
@@ -207,12 +209,14 @@ class WorkerTable:
     def excuse_silence(self, duration_s: float, now_s: float) -> None:
         """Do not count as silence a time in which the hub itself could read no messages."""
         for session in self.sessions.values():
+            # All shift alike, so that the order of `_by_silence` stays right.
             session.last_heard_s = min(now_s, session.last_heard_s + duration_s)
 
     def remove(self, worker: bytes) -> None:
         """Close the session of a worker."""
         session = self.sessions.pop(worker)
         del self._by_silence[worker]
+        # Its process may have another connection by now, to which the name belongs.
         if self._by_life.get(session.life) == worker:
             del self._by_life[session.life]
 
@@ -221,6 +225,7 @@ class EpisodeQueue:
     """Episodes that wait for a worker, in order for each campaign, and those that need a result."""
 
     def __init__(self) -> None:
+        # Episodes are appended, put to the front, and removed by index: all in O(1).
         self._queues: dict[int, OrderedDict[int, EpisodeTask]] = {}
         self._needed: dict[int, set[int]] = {}
         self._nonempty: dict[int, None] = {}
@@ -322,6 +327,7 @@ class Holdings:
         """
         while self._changed:
             campaign = self._changed.pop()
+            # A copy, as `discard` changes the tables.
             holdings = [
                 (index, worker, held)
                 for index, workers in self._fingerprints.get(campaign, {}).items()
@@ -417,6 +423,7 @@ class RosterWriter:
         now_s = time.monotonic()
         if now_s < self._next_update_s:
             return
+        # Arrivals first: offers and departures are written to the rows that arrivals made.
         arrived = [each for each in self._sessions.values() if each not in self._numbers]
         if arrived:
             numbers = self._roster.arrived([session.arrival for session in arrived])
@@ -431,6 +438,7 @@ class RosterWriter:
         if now_s >= self._next_heartbeat_s and self._numbers:
             self._roster.heard(self._numbers.values())
             self._next_heartbeat_s = now_s + HEARTBEAT_INTERVAL_S
+        # Last, so that the next turn tries again if the store is away.
         self._next_update_s = now_s + ROSTER_INTERVAL_S
 
     def _write_offers(self) -> None:

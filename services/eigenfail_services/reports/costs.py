@@ -96,9 +96,6 @@ def make_cost(material: Material) -> page.ReportPart:
 
 def list_notes(spent: Spent) -> Iterator[str]:
     """Return the remarks on approximate and missing figures."""
-    who = f"Campaign {spent.subject.id}"
-    if spent.found.time.problem and spent.found.completed:
-        yield f"{who}: {spent.found.time.problem}"
     yield from (f"Cost curve: {note}" for note in spent.found.notes)
 
 

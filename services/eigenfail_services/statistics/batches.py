@@ -84,6 +84,8 @@ def divide_chains(chains: int, parallel: int | None) -> list[NDArray[np.intp]]:
         chains: number of chains.
         parallel: trajectories that are to run at a time; None for a single group.
     """
+    # Two at least: while the last episodes of one group run, the other group keeps workers
+    # busy.
     wanted = max(ceil(chains / choose_group_size(parallel)), 2) if parallel else 1
     return np.array_split(np.arange(chains), min(wanted, chains))
 

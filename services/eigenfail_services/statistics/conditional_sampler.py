@@ -187,6 +187,8 @@ class ConditionalSampler:
 
     def _adapt(self, accepted: float, move: int, weight: float) -> None:
         """Take larger steps while too many moves are accepted, smaller ones while too few."""
+        # Smaller and smaller changes, so that the step settles. A group has a part of the say,
+        # by its share of the chains.
         change = exp(weight * (accepted - self._acceptance) / sqrt(move))
         self._step = min(max(self._step * change, SMALLEST_STEP), 1.0)
 
@@ -206,6 +208,7 @@ def draw_sobol_normal(rng: np.random.Generator, draws: int, size: int) -> batche
     from scipy.stats.qmc import Sobol
 
     sequence = Sobol(size, bits=SOBOL_BITS, rng=rng)
+    # The sequence is balanced in powers of two.
     points = sequence.random_base2((draws - 1).bit_length())[:draws]
     # Points are corners of cells, 0 among them, whose normal value would be infinite.
     inside = rng.random(points.shape) * 2.0**-SOBOL_BITS

@@ -242,6 +242,7 @@ def _choose_means(samples: WeightedSamples, count: int, rng: np.random.Generator
     while len(means) < count:
         nearest = np.minimum(nearest, np.square(z - means[-1]).sum(axis=1))
         odds = nearest * weights
+        # All other samples are equal to a mean: there is nothing left to choose.
         if not odds.sum() > 0.0:
             break
         means.append(z[rng.choice(len(z), p=odds / odds.sum())])
@@ -263,7 +264,9 @@ def _maximise_likelihood(
         memberships = np.exp(joint - np.logaddexp.reduce(joint)) * weights
         shares = memberships.sum(axis=1) / weights.sum()
         kept = [k for k in range(len(broad), len(shares)) if shares[k] > LEAST_SHARE]
+        # One stays at least: `even_out` and `join` share out what the fitted ones have.
         kept = kept or [len(broad) + int(shares[len(broad) :].argmax())]
+        # A component far from all samples has memberships of 0, and its mean would divide by 0.
         fitted = [_fit_component(z, memberships[k] + TINY) for k in kept]
         least_broad = np.maximum(shares[: len(broad)], LEAST_BROAD_SHARE)
         chosen = np.concatenate([least_broad, np.maximum(shares[kept], LEAST_SHARE)])

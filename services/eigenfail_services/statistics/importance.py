@@ -97,7 +97,10 @@ class WeightedFailures(msgspec.Struct, frozen=True):
         if effective < FEWEST_EFFECTIVE:
             problem = explain_too_few(self, effective, advice)
             return Estimate(by=BY, episodes=episodes, effective=effective, problem=problem)
+        # The sum of weights may exceed the number of episodes by chance; no probability exceeds
+        # 1.
         probability = exp(min(self.log_first - log(self.episodes), 0.0))
+        # The variance of the mean weight over its square: sum w² ÷ (sum w)² − 1 ÷ n.
         cv = sqrt(max(1.0 / effective - 1.0 / self.episodes, 0.0))
         return Estimate(
             by=BY,
@@ -112,6 +115,7 @@ class WeightedFailures(msgspec.Struct, frozen=True):
 
 def _add_logs(logs: Sequence[float]) -> float:
     """log of the sum of exponentials; not a number if one of them is none."""
+    # A weight that is not known makes the sum NaN, which is the answer and no warning.
     with np.errstate(invalid="ignore"):
         return float(np.logaddexp.reduce(logs))
 
@@ -151,6 +155,7 @@ def expected_log_probability(noise: NoiseTrajectory) -> float:
     that the expectation goes step by step: E[z²] = 1, and the slope by quadrature.
     """
     z = noise.z.astype(np.float64)
+    # Row 0 is for the first step, row 1 for each later one.
     expected = expected_slopes(noise.shape, z.shape[1])[np.minimum(np.arange(len(z)), 1)]
     if isinstance(noise.shape, PerChannel) and len(z):
         for way, chain in noise.shape.rated.items():
@@ -166,6 +171,7 @@ def expected_slopes(shape: NoiseShape | ChannelShape, channels: int) -> NDArray[
     Of an event whose rate depends on the distance it is that at no distance.
     """
     expected = _average_slopes(shape, channels)
+    # It is cached: a caller that wrote to it would change all later answers.
     expected.setflags(write=False)
     return expected
 

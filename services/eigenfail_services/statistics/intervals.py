@@ -67,6 +67,7 @@ PRIOR = 0.5
 """Both parameters of the mixing Beta distribution of `confidence_sequence`: near 0 and 1, where
 failures are rare or the rule, its sets are narrower than those of the uniform distribution."""
 
+# 2^-60 of the way is less than the distance of doubles near 1: more halvings change nothing.
 BISECTIONS = 60
 
 
@@ -112,6 +113,7 @@ def bound_sequence(k: int, n: int, doubtful: int = 0) -> Interval:
 
 def _find_end(is_inside: Callable[[float], bool], inside: float, outside: float) -> float:
     """Return where a set that holds one point ends on the way to another one."""
+    # The set of p reaches 0 or 1 where all trials ended alike; there is no end to bisect for.
     if is_inside(outside):
         return outside
     for _ in range(BISECTIONS):

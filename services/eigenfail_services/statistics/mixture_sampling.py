@@ -226,6 +226,8 @@ class MixtureSampling:
             gaussian_mixture.make_scaled_proposal(self.size, scale),
         )
         broad = prior.components + scaled.components
+        # The chains start from failures in random order, so that every third one is a random
+        # choice.
         held_out = np.arange(len(ends)) % HELD_OUT == HELD_OUT - 1
         known = ends[~held_out]
         pure = gaussian_mixture.fit_mixture(
@@ -238,6 +240,7 @@ class MixtureSampling:
             if (refit := self._refit(seen, broad)) is not None:
                 mixture = refit.join(first, FIRST_MIXTURE_SHARE)
         count = self._budget - self._requested
+        # In proportion to the draws: the last ones are so many times those of the trial.
         self.promised = find_effective(seen[-1]) * count / int(TRIAL_SHARE * self._budget)
         if self.promised < LEAST_PROMISE * count_needed(self.size):
             yield from self._hand_on()
@@ -298,6 +301,8 @@ class MixtureSampling:
         between preconditioned Crank–Nicolson's and new draws of random values of z.
         """
         rng, budget = self._rng, int(CHAIN_SHARE * self._budget)
+        # Rather fewer chains than too few moves of each: a short chain still shows the wide
+        # noise.
         chains = min(len(failures), max(budget // MOVES, FEWEST_DRAWS))
         z = failures[rng.choice(len(failures), chains, replace=False)]
         step, share = np.full((chains, 1), FIRST_STEP), np.full((chains, 1), 0.5)
@@ -309,6 +314,7 @@ class MixtureSampling:
             # False where robustness is NaN, so that the chain stays.
             accept = (yield from self._request(mixed if is_mixed else replaced)) <= 0.0
             z = np.where(accept[:, None], mixed if is_mixed else replaced, z)
+            # Each of the two kinds of moves is made, and adapted, every other time.
             change = np.exp((accept[:, None] - ACCEPTANCE) / sqrt(move // 2 + 1))
             if is_mixed:
                 step = np.clip(step * change, SMALLEST_STEP, 1.0)
@@ -327,6 +333,7 @@ class MixtureSampling:
         if len(z) < FEWEST_FITTED:
             return None
         wanted = min(max(4 * self.size, 60), 0.5 * len(z))
+        # Relative to the largest, as weights may be too small for doubles.
         power, relative = 1.0, log_weights - log_weights.max()
         while subset_estimate.count_effective(np.exp(power * relative)) < wanted and power > 0.02:
             power *= TEMPERING
@@ -428,6 +435,7 @@ def fit_tail(weights: Array) -> WeightTail | None:
     Vehtari et al.
     """
     ordered = np.sort(weights)
+    # The size of the tail by Vehtari et al.
     tail = int(min(len(ordered) / 5, 3.0 * sqrt(len(ordered))))
     if tail < FEWEST_IN_TAIL:
         return None
@@ -445,4 +453,5 @@ def fit_tail(weights: Array) -> WeightTail | None:
     posterior = np.exp(likelihoods - np.logaddexp.reduce(likelihoods))
     rate = float(posterior @ rates)
     shape = float(np.log1p(-rate * excess).mean())
+    # Their prior counts as 10 weights with a shape of 0.5.
     return WeightTail(tail, start, -shape / rate, (count * shape + 10.0 * 0.5) / (count + 10.0))

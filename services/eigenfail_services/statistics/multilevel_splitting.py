@@ -132,6 +132,7 @@ class SplittingRun:
         stayed = int(np.count_nonzero(self.courses[wave.rows, -1] <= wave.level))
         self.counts = SplittingCounts(
             counts.waves + 1,
+            # The first wave fills the run: nothing was given up for it.
             counts.log_kept + (log1p(-len(wave.rows) / n) if counts.waves else 0.0),
             counts.unfaithful + (stayed if counts.waves else 0),
         )
@@ -157,6 +158,7 @@ class SplittingRun:
         parents = random.choice(remaining, len(rows))
         courses = self.courses[parents]
         crossing = (courses > level).argmax(axis=1)
+        # Up to the step that exceeded the level: a continuation begins above the level.
         is_common = np.arange(courses.shape[1]) <= crossing[:, None]
         reached = courses[np.arange(len(rows)), crossing]
         z = np.where(is_common[:, :, None], self.z[parents], self._draw_noise(len(rows)))
@@ -193,6 +195,7 @@ def make_course(importance: Floats, collided: bool, steps: int) -> Floats:
     """
     course = np.full(steps, -np.inf, np.float32)
     course[: len(importance)] = np.nan_to_num(importance, nan=-np.inf, neginf=-np.inf)
+    # Infinity is kept for collisions: an importance that grows without bound is no failure.
     course = np.minimum(np.maximum.accumulate(course), np.finfo(np.float32).max)
     if collided:
         course[max(len(importance) - 1, 0) :] = np.inf

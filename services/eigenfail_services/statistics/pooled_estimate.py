@@ -15,6 +15,7 @@ from eigenfail.values import Estimate, Interval
 from eigenfail.values.estimates import BY_MONTE_CARLO
 from eigenfail_services.statistics import intervals, subset_estimate, subset_simulation
 
+# Of one side: 99.9 % of the differences of two estimates that agree are smaller.
 DISAGREEMENT = 0.9995
 """Quantile of the difference of two estimates beyond which they disagree."""
 
@@ -37,6 +38,8 @@ def pool_estimates(estimates: Sequence[Estimate]) -> Estimate:
             problem = f"Member {number}: {one.problem}"
             return Estimate(by=one.by, episodes=episodes, problem=problem)
     known = [
+        # An estimate that names no effective number has a variation that is known, not
+        # estimated.
         (one.probability, one.cv, one.effective or inf)
         for one in estimates
         if one.probability and one.cv is not None
@@ -94,6 +97,7 @@ def combine_cvs(
     if len(known) < len(found) or not mean:
         return None
     own = hypot(*(p * weight * cv for p, weight, cv in zip(found, weights, known, strict=True)))
+    # The error of the weighted mean if each member has the variance that all of them show.
     apart = stdev(found) * hypot(*weights) if len(found) > 1 else 0.0
     return max(own, apart) / mean
 
@@ -211,6 +215,7 @@ def _multiply_pooled_shares(found: Sequence[subset_estimate.SubsetEstimate]) -> 
     """Return the product of the shares of the levels, each of the samples of all runs on it."""
     shares = []
     for number in range(max(len(one.levels) for one in found)):
+        # A run that died out has a share of 0 at its last level, and no samples below that.
         there = [one for one in found if number < len(one.levels)]
         reached = fsum(one.draws * one.levels[number].share for one in there)
         shares.append(reached / sum(one.draws for one in there))
@@ -322,6 +327,7 @@ def estimate_from_draws(refused: Estimate, counts: subset_simulation.PlainCounts
         by=BY_MONTE_CARLO,
         episodes=episodes,
         probability=share,
+        # Binomial: sqrt(p · (1 − p) ÷ n) ÷ p.
         cv=sqrt((1.0 - share) / failures),
         interval=intervals.bound_stated_share(failures, draws, failures + errored),
         note=f"The share of failures among the {what}.{lost} {refused.by.capitalize()} gave no "

@@ -43,6 +43,7 @@ def measure_spread(
     mean = least if least == most else float(ordered.mean())
     deviation = None if n < 2 else 0.0 if least == most else float(ordered.std(ddof=1))
     interval = None
+    # Equal values have no spread from which an interval could follow.
     if deviation:
         half_width = find_quantile(1.0 - ERROR / 2.0, n) * deviation / sqrt(n)
         interval = Interval(max(mean - half_width, lowest), min(mean + half_width, highest))
@@ -122,6 +123,7 @@ def find_ratio(sums: PairSums) -> Ratio:
     half = price * failures - factor * (sums.products - n * price * failures)
     constant = price**2 - factor * max(sums.price_squares - n * price**2, 0.0)
     root = sqrt(max(half**2 - square * constant, 0.0))
+    # Pairs that are all in one proportion leave an interval of rounding alone.
     if root <= ROUNDING * abs(half):
         return Ratio(value, None, None)
     if square > 0.0:

@@ -89,6 +89,7 @@ def estimate_cv(effective: float, draws: int, levels: int) -> float:
     first draws (Lee and Whiteley 2018, equation 9). With one level it is the binomial one.
     """
     kept = (1.0 - 1.0 / effective) * (draws / (draws - 1.0)) ** levels
+    # The estimate of the square may be negative by chance.
     return sqrt(max(1.0 - kept, 0.0))
 
 
@@ -97,6 +98,7 @@ def estimate_from_failures(
 ) -> SubsetEstimate:
     """Return the estimate of a run that reached failures, with its log-normal interval."""
     failures = (chains.values <= 0.0).sum(axis=0)
+    # Samples of one lineage depend on each other; lineages are nearly independent.
     descendants = np.bincount(chains.first_draw_of_chain, failures)
     probability = prod(one.share for one in levels)
     effective = count_effective(descendants)

@@ -143,6 +143,8 @@ class FirstRun:
                 return subset_estimate.SubsetEnd.REACHED
             starts = conditional_sampler.find_starts(chains, threshold)
             moves = ceil(self.draws / len(starts)) - 1
+            # A level that cannot be finished is not begun, so that plain draws get all that is
+            # left.
             if moves * len(starts) > self._count_free():
                 return subset_estimate.SubsetEnd.CUT
             chains = yield from sampler.move_chains(chains, threshold, starts, moves)
@@ -272,6 +274,7 @@ class WideNoise:
     def run(self) -> batches.Requests:
         """Draw all trajectories at once. To be called once."""
         size = prod(self._shape)
+        # The mean of |z|² is size · scale², hence size + WIDE_REACH².
         scale = sqrt(1.0 + WIDE_REACH**2 / size)
         z = scale * self._rng.standard_normal((self._draws, *self._shape))
         robustness = yield (z,)
@@ -283,6 +286,7 @@ class WideNoise:
             gaussian_mixture.make_prior_proposal(size),
         )
         log_weights = prior.log_density(failures) - wide.log_density(failures)
+        # Errored draws stay in the denominator: they count as no failure.
         shares = np.exp(log_weights) / max(len(z), 1)
         rest = shares.sum() - shares.max(initial=0.0)
         self.estimate = WideEstimate(float(shares.sum()), float(rest))
@@ -401,6 +405,7 @@ class SubsetSimulation:
         left = self._budget - spent
         if self.end is not subset_estimate.SubsetEnd.REACHED:
             if left > 0 and self._samplers[0].trajectories_run:
+                # A stream behind those of the runs and of wide noise.
                 self.plain = PlainDraws(left, self._shape, (*self._seed, settings.runs + 1))
                 yield from self.plain.run()
             return
@@ -421,13 +426,17 @@ class SubsetSimulation:
         self.runs = [self.first, *others]
         running = [each.run() for each in others]
         planned = spent + sum(each.max_trajectories for each in others)
+        # A share of what is really run: the runs may take less than the budget.
         if draws := min(most_wide, ceil(WIDE_SHARE * planned)):
+            # The stream behind those of the runs, whose numbers are smaller.
             rng = np.random.default_rng([*self._seed, settings.runs])
             self.wide = WideNoise(draws, self._shape, rng)
             running.append(self.wide.run())
         yield from self._run_together(running)
 
     def _make_sampler(self) -> conditional_sampler.ConditionalSampler:
+        # A stream of its own, so that a run's draws do not depend on how far other runs have
+        # come.
         rng = np.random.default_rng([*self._seed, len(self._samplers)])
         sampler = conditional_sampler.ConditionalSampler(
             rng, self._settings.acceptance, self._parallel

@@ -304,13 +304,10 @@ class CampaignStore:
     ) -> None:
         """Add to the time during which the campaign was running, and to what that went into.
 
-        The overhead of a campaign of which an older release did not measure it stays unknown.
-
         Raises:
             NotFound: no such campaign.
             ClaimLost: the claim is no longer the campaign's; nothing is added.
         """
-        # Where it was not measured from the beginning on, NULL + x stays NULL.
         more = {name: campaigns.c[name] + getattr(overhead, name) for name in OVERHEAD}
         statement = (
             update(campaigns)

@@ -160,7 +160,7 @@ def to_campaign(found: RowMapping) -> Campaign:
         estimate=found_estimate and found_estimate.bound_below(counts.errored),
         parts=() if parts is None else _parts.decode(parts),
         code=() if code is None else _codes.decode(code),
-        overhead=None if None in spent else Overhead(*spent),
+        overhead=Overhead(*spent),
         **values,
     )
 

@@ -81,8 +81,8 @@ def test_a_campaign_that_the_service_paused_exits_with_3_and_says_why(
 
 @pytest.mark.fault("campaign resumed by another release")
 def test_a_campaign_of_two_releases_shows_which_versions_changed(check_session, done, store):
-    # The played services of this test record no versions, as older releases did not.
-    store.campaigns.begin_part(done, {"eigenfail": "9.9.9"})
+    for version in ("9.9.8", "9.9.9"):
+        store.campaigns.begin_part(done, {"eigenfail": version})
     check_session("cli/two_releases", ("campaign", "show", done))
 
 

@@ -304,9 +304,11 @@ def bill(spent, lost_s, per_mode=0.4):
         active_s=100.0,
         worker_s=90.0,
         simulation_s=60.0,
+        startup_s=0.0,
         learning_s=25.0,
         waiting_s=15.0,
         lost_s=lost_s,
+        lost_worker_s=0.0,
     )
     cost = Cost(spent, 1.0, None, None, None)
     return CampaignCost(

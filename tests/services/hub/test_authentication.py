@@ -20,7 +20,7 @@ from eigenfail.wire.messages import PROTOCOL, Hello, Observed, Welcome, encode
 from eigenfail_services.bounds import NO_BOUNDS
 from eigenfail_services.hub import transport
 from eigenfail_services.hub.keys import HubKeys, KeyFolder, derive_public_key, generate_secret
-from eigenfail_services.hub.learner_link import LearnerLink, unlock
+from eigenfail_services.hub.learner_link import LearnerLink, encrypt_caller
 from eigenfail_services.hub.server import Hub
 from eigenfail_services.store import open_store
 from eigenfail_workers.worker import hub_connection
@@ -411,7 +411,7 @@ def test_nobody_else_speaks_with_a_learner(monkeypatch: pytest.MonkeyPatch, gues
     link = LearnerLink(NO_BOUNDS)
     with zmq.Context.instance().socket(zmq.PAIR) as stranger:
         if guessed:
-            unlock(stranger, zmq.curve_keypair()[0].decode())
+            encrypt_caller(stranger, zmq.curve_keypair()[0].decode())
         stranger.setsockopt(zmq.LINGER, 0)
         stranger.connect(link.socket.getsockopt_string(zmq.LAST_ENDPOINT))
         link.send(Observed(()))

@@ -27,7 +27,7 @@ from eigenfail.wire.messages import PROTOCOL, Hello, Observed, Proposed, Start, 
 from eigenfail_services.bounds import NO_BOUNDS
 from eigenfail_services.hub import learner_link, open_rounds, runs
 from eigenfail_services.hub.commits import JudgedResult
-from eigenfail_services.hub.learner_link import LearnerLink, lock, unlock
+from eigenfail_services.hub.learner_link import LearnerLink, encrypt_caller, encrypt_listener
 from eigenfail_services.hub.leases import Leases
 from eigenfail_services.hub.metrics import CampaignPhase
 from eigenfail_services.hub.runs import CampaignRun, RunEnd, RunSpec
@@ -298,7 +298,11 @@ def test_what_is_thrown_away_is_written_down(stage: Stage) -> None:
 def keys(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What learners are told, so that a test can speak in their place."""
     told: list[str] = []
-    monkeypatch.setattr(learner_link, "lock", lambda socket: told.append(lock(socket)) or told[-1])
+    monkeypatch.setattr(
+        learner_link,
+        "encrypt_listener",
+        lambda socket: told.append(encrypt_listener(socket)) or told[-1],
+    )
     return told
 
 
@@ -327,7 +331,7 @@ def test_words_that_cannot_be_read_are_trouble(mute: LearnerLink, keys: list[str
     import zmq
 
     learner = zmq.Context.instance().socket(zmq.PAIR)
-    unlock(learner, keys[0])
+    encrypt_caller(learner, keys[0])
     learner.connect(mute.socket.getsockopt_string(zmq.LAST_ENDPOINT))
     learner.send(b"\xc1")
     assert mute.socket.poll(60_000)
