@@ -60,7 +60,8 @@ def _describe_types(kinds: list[Any]) -> tuple[tuple[Node, ...], Node]:
 
     def describe_array(kind: type) -> Node:
         # A new object for each field: `_describe_fields` writes the field's description into it.
-        return {np.ndarray: {"$ref": REF.format(name="Numbers")}}[kind]
+        arrays: dict[type, Node] = {np.ndarray: {"$ref": REF.format(name="Numbers")}}
+        return arrays[kind]
 
     return msgspec.json.schema_components(kinds, schema_hook=describe_array, ref_template=REF)
 

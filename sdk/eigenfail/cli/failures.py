@@ -5,10 +5,10 @@ from typing import Annotated
 import typer
 
 from eigenfail.cli import completion
-from eigenfail.cli.connection import connect_to
-from eigenfail.cli.options import AsJson, Limit, Url
-from eigenfail.cli.render import show_rows
-from eigenfail.hosting.folder import DEFAULT_URL
+from eigenfail.cli.options import Limit
+from eigenfail.cli.render import Answer, first_rows
+from eigenfail.cli.service_command import asks_service
+from eigenfail.client import Client
 from eigenfail.presentation.episodes import tabulate_failures
 from eigenfail.presentation.terminal import render
 from eigenfail.values.failures import FAILURE_ORDERS, MOST_SEVERE_FIRST
@@ -35,9 +35,9 @@ Archived = Annotated[
 ]
 
 
+@asks_service()
 def list_failures(
-    context: typer.Context,
-    url: Url = DEFAULT_URL,
+    client: Client,
     project: Project = None,
     planner: Planner = None,
     planner_version: PlannerVersion = None,
@@ -45,19 +45,17 @@ def list_failures(
     sort: Sort = MOST_SEVERE_FIRST,
     archived: Archived = False,
     limit: Limit = 20,
-    as_json: AsJson = False,
-) -> None:
+) -> Answer:
     """List the collisions of all campaigns, the most severe first.
 
     Campaigns that repeat earlier failures are left out unless --method names theirs.
     """
-    with connect_to(context, url) as client:
-        found = client.episodes.list_failures(
-            project=project,
-            planner=planner,
-            planner_version=planner_version,
-            method=method,
-            sort=sort,
-            archived=archived,
-        )
-        show_rows(found, limit, as_json, lambda rows: render(tabulate_failures(rows)))
+    found = client.episodes.list_failures(
+        project=project,
+        planner=planner,
+        planner_version=planner_version,
+        method=method,
+        sort=sort,
+        archived=archived,
+    )
+    return first_rows(found, limit, lambda rows: render(tabulate_failures(rows)))

@@ -7,11 +7,10 @@ import typer
 from rich.markup import escape
 from rich.table import Table
 
-from eigenfail.cli.connection import connect_to
-from eigenfail.cli.options import AsJson, Url
-from eigenfail.cli.render import make_console, show, to_json
+from eigenfail.cli.render import Answer
+from eigenfail.cli.service_command import asks_service
 from eigenfail.cli.triage import AnalysisId, ModeNumber, triage_mode
-from eigenfail.hosting.folder import DEFAULT_URL
+from eigenfail.client import Client
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.values import Mode
 from eigenfail.values.triage import TriageState
@@ -34,38 +33,23 @@ def mode() -> None:
 
 
 @app.command("list")
-def list_modes(
-    context: typer.Context,
-    analysis: AnalysisId,
-    url: Url = DEFAULT_URL,
-    state: OnlyState = None,
-    as_json: AsJson = False,
-) -> None:
+@asks_service()
+def list_modes(client: Client, analysis: AnalysisId, state: OnlyState = None) -> Answer:
     """List the failure modes of an analysis, with their names, failures and triage.
 
     A mode that was given no name has the beginning of its description for one.
     """
-    with connect_to(context, url) as client:
-        found = client.analyses.modes(analysis, state)
-    show(found, as_json, lambda: _draw_modes(found))
+    found = client.analyses.modes(analysis, state)
+    return Answer(found, lambda: _draw_modes(found))
 
 
 @app.command("rename")
-def rename_mode(
-    context: typer.Context,
-    analysis: AnalysisId,
-    number: ModeNumber,
-    name: ModeName,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
-) -> None:
+@asks_service()
+def rename_mode(client: Client, analysis: AnalysisId, number: ModeNumber, name: ModeName) -> Answer:
     """Give a failure mode a name, which its page, its episodes' pages and `mode list` show."""
-    with connect_to(context, url) as client:
-        renamed = client.analyses.rename_mode(analysis, number, name)
-    if as_json:
-        typer.echo(to_json(renamed))
-        return
-    make_console().print(f"Mode {renamed.number} of analysis {analysis}: {escape(renamed.name)}")
+    renamed = client.analyses.rename_mode(analysis, number, name)
+    words = f"Mode {renamed.number} of analysis {analysis}: {escape(renamed.name)}"
+    return Answer(renamed, lambda: words)
 
 
 def _draw_modes(modes: Iterable[Mode]) -> Table:

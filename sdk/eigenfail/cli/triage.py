@@ -5,11 +5,10 @@ from typing import Annotated
 import typer
 from rich.console import RenderableType
 
-from eigenfail.cli.connection import connect_to
-from eigenfail.cli.options import AsJson, Url
-from eigenfail.cli.render import show
+from eigenfail.cli.render import Answer
+from eigenfail.cli.service_command import asks_service
+from eigenfail.client import Client
 from eigenfail.client.triage import TriageFields
-from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.presentation.figures import format_local_time
 from eigenfail.presentation.tables import FactTable
 from eigenfail.presentation.terminal import render
@@ -32,16 +31,15 @@ NewNote = Annotated[
 ]
 
 
+@asks_service()
 def triage_mode(
-    context: typer.Context,
+    client: Client,
     analysis: AnalysisId,
     number: ModeNumber,
     state: NewState = None,
     ticket: NewTicket = None,
     note: NewNote = None,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
-) -> None:
+) -> Answer:
     """Show the triage of a failure mode; change its state, ticket or note if one is given."""
     fields = TriageFields()
     if state is not None:
@@ -50,12 +48,11 @@ def triage_mode(
         fields["ticket"] = ticket
     if note is not None:
         fields["note"] = note
-    with connect_to(context, url) as client:
-        if fields:
-            found = client.triage.change_mode(analysis, number, **fields)
-        else:
-            found = client.triage.get_mode(analysis, number)
-    show(found, as_json, lambda: _draw_triage(found))
+    if fields:
+        found = client.triage.change_mode(analysis, number, **fields)
+    else:
+        found = client.triage.get_mode(analysis, number)
+    return Answer(found, lambda: _draw_triage(found))
 
 
 def _draw_triage(found: Triage) -> RenderableType:

@@ -1,0 +1,63 @@
+"""Commands that ask a service, and print its answer."""
+
+import inspect
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from functools import wraps
+from typing import Any, Protocol
+
+import typer
+
+from eigenfail.cli.connection import connect_to
+from eigenfail.cli.options import AsJson
+from eigenfail.progress import announce
+
+
+class Printable(Protocol):
+    """What a command prints, and the exit code that follows from it."""
+
+    @property
+    def exit_code(self) -> int:
+        """The exit code of the command."""
+
+    def print(self, as_json: bool) -> None:
+        """Print it as JSON, or as a table."""
+
+
+def asks_service(
+    activity: str = "", opened_by: Callable[..., AbstractContextManager[Any]] = connect_to
+) -> Callable[[Callable[..., Printable]], Callable[..., None]]:
+    """Return a decorator that makes a command of a function from an open service to an answer.
+
+    The options of `opened_by`, such as --url, and --json follow the function's own parameters. So
+    each command declares only what is its own.
+
+    Args:
+        activity: what standard error says where the answer takes more than a moment.
+        opened_by: opens what the function gets as its first argument. The names of its parameters
+            and the function's must differ.
+    """
+
+    def decorate(function: Callable[..., Printable]) -> Callable[..., None]:
+        _, *own = inspect.signature(function).parameters.values()
+        opening = inspect.signature(opened_by).parameters
+        json = inspect.Parameter("as_json", inspect.Parameter.KEYWORD_ONLY, default=False)
+        parameters = (*own, *opening.values(), json.replace(annotation=AsJson))
+
+        @wraps(function)
+        def command(*, as_json: bool, **given: Any) -> None:
+            opened = opened_by(**{name: given.pop(name) for name in opening})
+            with opened as source:
+                with announce(activity) if activity else nullcontext():
+                    answer = function(source, **given)
+                # A view that is watched asks the service again while it is printed.
+                answer.print(as_json)
+            if answer.exit_code:
+                raise typer.Exit(answer.exit_code)
+
+        # Typer reads options from the signature. By keyword, a default may precede an argument.
+        by_keyword = [each.replace(kind=inspect.Parameter.KEYWORD_ONLY) for each in parameters]
+        command.__signature__ = inspect.Signature(by_keyword)  # type: ignore[attr-defined]
+        return command
+
+    return decorate
