@@ -3,12 +3,10 @@
 import argparse
 import gc
 import json
-import os
 import signal
 import sys
 import time
 from contextlib import ExitStack
-from pathlib import Path
 from threading import Event
 from typing import NoReturn
 
@@ -20,12 +18,13 @@ from eigenfail.errors import EigenfailError, StoreUnavailable
 from eigenfail.hosting.service import Launcher
 from eigenfail.processes import die_with_parent, end_now
 from eigenfail.values.access import redact
-from eigenfail_services import bounds, observability
+from eigenfail_services import observability, options
+from eigenfail_services.bounds import SettingBounds
 from eigenfail_services.campaigns import analysis_jobs, launcher_options
 from eigenfail_services.campaigns.launcher import WorkerScaling
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.server import Hub
-from eigenfail_services.hub.transport import KEYS_VARIABLE, load_keys
+from eigenfail_services.hub.transport import load_keys
 from eigenfail_services.store import open_store
 from eigenfail_services.webhooks import addresses
 from eigenfail_services.webhooks.dispatcher import WebhookDispatcher
@@ -45,17 +44,8 @@ log = structlog.get_logger()
 def parse(words: list[str] | None = None) -> argparse.Namespace:
     """What the command line says."""
     parser = Parser(prog="eigenfail_services", description=__doc__)
-    parser.add_argument(
-        "--database", default=os.environ.get(analysis_jobs.DATABASE_VARIABLE), help="URL"
-    )
     parser.set_defaults(command=serve)
-    parser.add_argument("--hub", default="tcp://127.0.0.1:*", help="address to listen on")
-    parser.add_argument("--advertise", help="the hub's address, as workers of Ray reach it")
-    keys = os.environ.get(KEYS_VARIABLE) or None
-    parser.add_argument("--hub-keys", type=Path, default=keys, help="folder of its keys")
-    launcher_options.add_arguments(parser)
-    bounds.add_arguments(parser)
-    observability.add_arguments(parser)
+    options.add_options(parser)
     addresses.add_arguments(parser)
     commands = parser.add_subparsers(title="commands")
     analyse = commands.add_parser("analyse", help="work on one analysis, then end")
@@ -99,8 +89,10 @@ def serve(arguments: argparse.Namespace) -> None:
         signal.signal(number, lambda *_: stopping.set())
     store = open_store(arguments.database)
     hub_store = open_store(arguments.database, wait_s=HUB_WAIT_S)
-    hub = Hub(hub_store, arguments.hub, keys, bounds.of_learners(arguments))
-    analyses = analysis_jobs.AnalysisJobs(store, arguments.database, bounds.of_analyses(arguments))
+    of_learners = SettingBounds(arguments.learner_limit, arguments.learner_memory)
+    of_analyses = SettingBounds(arguments.analysis_limit, arguments.learner_memory)
+    hub = Hub(hub_store, arguments.hub, keys, of_learners)
+    analyses = analysis_jobs.AnalysisJobs(store, arguments.database, of_analyses)
     supervisor = Supervisor(store, hub, analyses, arguments.campaigns)
     staffing = WorkerScaling(launcher, hub, store.events)
     webhooks = WebhookDispatcher(store, arguments.webhook_networks)

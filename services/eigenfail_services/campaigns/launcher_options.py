@@ -58,23 +58,6 @@ LAUNCHERS: dict[Launcher, Callable[[argparse.Namespace], WorkerLauncher]] = {
 }
 
 
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the options for the number of workers and their launcher."""
-    parser.add_argument("--workers", type=int, help="number of workers; default: one per core")
-    parser.add_argument("--min-workers", type=int, help="minimum number of workers; 0")
-    parser.add_argument("--max-workers", type=int, help="scale with the work, up to this number")
-    parser.add_argument(
-        "--idle-s", type=float, help="time after which idle workers are stopped [s]; 60"
-    )
-    parser.add_argument(
-        "--launcher",
-        choices=[one.value for one in Launcher],
-        default=Launcher.RAY.value,
-        help="what starts workers",
-    )
-    parser.add_argument("--ray-address", default=None, help="of a running cluster")
-
-
 def create_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
     """Return the launcher that the options name.
 
