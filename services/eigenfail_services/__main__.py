@@ -20,7 +20,7 @@ from eigenfail.processes import die_with_parent, end_now
 from eigenfail.values.access import redact
 from eigenfail_services import observability, options
 from eigenfail_services.bounds import SettingBounds
-from eigenfail_services.campaigns import analysis_jobs, launcher_options
+from eigenfail_services.campaigns import analysis_jobs
 from eigenfail_services.campaigns.launcher import WorkerScaling
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.server import Hub
@@ -82,7 +82,7 @@ def serve(arguments: argparse.Namespace) -> None:
     """Run hub, supervisor and workers until SIGTERM or Ctrl-C."""
     keys, launcher = (
         load_keys(arguments.hub, arguments.hub_keys),
-        launcher_options.create_launcher(arguments),
+        options.create_launcher(arguments),
     )
     stopping = Event()
     for number in (signal.SIGTERM, signal.SIGINT):

@@ -1,4 +1,7 @@
-"""The options of the services' command line, each declared once with its environment variable."""
+"""The options of the services' command line, and the launcher of workers that they choose.
+
+Each option is declared once, with its environment variable.
+"""
 
 import argparse
 import os
@@ -7,9 +10,13 @@ from math import inf
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from eigenfail.hosting.service import Launcher
+from eigenfail.errors import InvalidValue
+from eigenfail.hosting.service import Launcher, Span, make_span, refuse_scaling
 from eigenfail_services import bounds, observability
 from eigenfail_services.campaigns.analysis_jobs import DATABASE_VARIABLE
+from eigenfail_services.campaigns.launcher import NoLauncher, WorkerLauncher
+from eigenfail_services.campaigns.process_launcher import ProcessLauncher
+from eigenfail_services.campaigns.ray_launcher import RayLauncher
 from eigenfail_services.hub.transport import KEYS_VARIABLE
 
 
@@ -113,3 +120,60 @@ def add_options(parser: argparse.ArgumentParser) -> None:
             choices=option.choices or None,
             help=option.help,
         )
+
+
+def make_ray_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
+    """Return a launcher that has Ray start the workers.
+
+    Raises:
+        InvalidValue: the numbers of workers do not go together.
+    """
+    return RayLauncher(_read_span(arguments), arguments.ray_address)
+
+
+def make_process_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
+    """Return a launcher whose workers are processes of this machine.
+
+    Raises:
+        InvalidValue: the numbers of workers do not go together, or a cluster is named.
+    """
+    if arguments.ray_address is not None:
+        problem = "names a running Ray, and --launcher local uses none."
+        raise InvalidValue("--ray-address", problem, "Omit it, or take --launcher ray.")
+    return ProcessLauncher(_read_span(arguments))
+
+
+def _read_span(arguments: argparse.Namespace) -> Span:
+    """Return the numbers of workers.
+
+    Raises:
+        InvalidValue: they do not go together.
+    """
+    least, most = arguments.min_workers, arguments.max_workers
+    return make_span(arguments.workers, least, most, arguments.idle_s)
+
+
+def make_no_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
+    """Return a launcher that starts no workers.
+
+    Raises:
+        InvalidValue: numbers of workers are given although none are started here.
+    """
+    refuse_scaling(arguments.min_workers, arguments.max_workers, arguments.idle_s)
+    return NoLauncher()
+
+
+LAUNCHERS: dict[Launcher, Callable[[argparse.Namespace], WorkerLauncher]] = {
+    Launcher.RAY: make_ray_launcher,
+    Launcher.LOCAL: make_process_launcher,
+    Launcher.NONE: make_no_launcher,
+}
+
+
+def create_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
+    """Return the launcher that the options name.
+
+    Raises:
+        InvalidValue: the numbers of workers do not go together.
+    """
+    return LAUNCHERS[Launcher(arguments.launcher)](arguments)

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from eigenfail.cli import completion, options
+from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.render import (
     Answer,
@@ -16,7 +17,6 @@ from eigenfail.cli.render import (
     judge,
     show,
 )
-from eigenfail.cli.service_command import asks_service
 from eigenfail.cli.specs import describe_check, parse_changes, read_spec
 from eigenfail.client import Client
 from eigenfail.client.campaigns import Campaigns
@@ -54,7 +54,7 @@ app = typer.Typer(
 
 
 @app.command()
-@asks_service()
+@prints_answer()
 def create(
     client: Client,
     file: options.SpecFile,
@@ -70,7 +70,7 @@ def create(
 
 
 @app.command()
-@asks_service()
+@prints_answer()
 def check(
     client: Client,
     file: options.SpecFile,
@@ -93,7 +93,7 @@ def check(
 
 
 @app.command()
-@asks_service()
+@prints_answer()
 def clone(
     client: Client,
     campaign: options.CampaignId,
@@ -140,7 +140,7 @@ ACTS: dict[str, tuple[Act, str]] = {
 def _make_command(act: Act) -> Callable[..., None]:
     """Return the command that does it, and shows what has become of the campaign."""
 
-    @asks_service()
+    @prints_answer()
     def command(client: Client, campaign: options.CampaignId) -> Answer:
         return _show_facts(act(client.campaigns, campaign))
 
@@ -182,7 +182,7 @@ VariedIds = Annotated[
 
 
 @app.command("list")
-@asks_service()
+@prints_answer()
 def list_campaigns(
     client: Client,
     state: State = None,
@@ -217,7 +217,7 @@ def list_campaigns(
 
 
 @app.command("show")
-@asks_service()
+@prints_answer()
 def show_campaign(
     client: Client, campaign: options.CampaignId, watched: options.Watched = False
 ) -> TerminalView[tuple[Campaign, Summary]]:
@@ -236,7 +236,7 @@ def show_campaign(
 
 
 @app.command()
-@asks_service("Reading the episodes")
+@prints_answer("Reading the episodes")
 def course(
     client: Client,
     campaign: options.CampaignId,
@@ -253,7 +253,7 @@ for _name, (_act, _text) in ACTS.items():
 
 
 @app.command()
-@asks_service()
+@prints_answer()
 def priority(
     client: Client,
     campaign: options.CampaignId,
@@ -264,7 +264,7 @@ def priority(
 
 
 @app.command()
-@asks_service("Reading the results")
+@prints_answer("Reading the results")
 def digest(client: Client, campaign: options.CampaignId) -> Answer:
     """Print the digest over all results.
 
@@ -293,7 +293,7 @@ def watch(
 
 
 @app.command()
-@asks_service("Reading the measures")
+@prints_answer("Reading the measures")
 def safety(client: Client, campaign: options.CampaignId, level: Level = TAIL_LEVEL) -> Answer:
     """Show collisions, near misses, MinTTC, DRAC and severity of a campaign's episodes."""
     found = client.campaigns.safety(campaign, level)
@@ -301,7 +301,7 @@ def safety(client: Client, campaign: options.CampaignId, level: Level = TAIL_LEV
 
 
 @app.command()
-@asks_service("Searching for the failing region")
+@prints_answer("Searching for the failing region")
 def region(client: Client, campaigns: VariedIds) -> Answer:
     """Show where among the scenario's parameters the episodes of campaigns fail."""
     found = client.campaigns.region(campaigns)
@@ -309,7 +309,7 @@ def region(client: Client, campaigns: VariedIds) -> Answer:
 
 
 @app.command()
-@asks_service("Reading the costs")
+@prints_answer("Reading the costs")
 def cost(client: Client, campaigns: Ids) -> Answer:
     """Show cost per failure and per failure mode, cost over time, and the use of time.
 
@@ -320,7 +320,7 @@ def cost(client: Client, campaigns: Ids) -> Answer:
 
 
 @app.command()
-@asks_service()
+@prints_answer()
 def workers(client: Client, campaign: options.CampaignId) -> Answer:
     """Show the workers that ran a campaign's episodes, with their number and speed."""
     found = client.campaigns.workers(campaign)

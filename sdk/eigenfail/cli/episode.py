@@ -8,11 +8,10 @@ import msgspec
 import typer
 from msgspec.structs import replace
 
-from eigenfail.cli import options
+from eigenfail.cli import completion, options
+from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import connect_to
-from eigenfail.cli.failures import list_failures
 from eigenfail.cli.render import Answer, first_rows, follow, judge, to_json
-from eigenfail.cli.service_command import asks_service
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, NoisePruned, NotFound
 from eigenfail.exchange import KNOWN
@@ -28,6 +27,7 @@ from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
 from eigenfail.replays import explain_episode, redraw_episode, replay_episode
 from eigenfail.values import CampaignSpec, Outcome, Replayed
+from eigenfail.values.failures import FAILURE_ORDERS, MOST_SEVERE_FIRST
 from eigenfail.values.operations import Versions
 from eigenfail.values.report import ExportFormat, ExportRequest
 from eigenfail.versions import differences, versions
@@ -48,7 +48,7 @@ To = Annotated[
 Replays = Annotated[int, typer.Option("--episodes", min=1, help="Budget of replays.")]
 
 
-@asks_service()
+@prints_answer()
 def replay(client: Client, episode: options.EpisodeId) -> Answer:
     """Replay a stored episode on this machine; exit with 1 if the result differs.
 
@@ -70,7 +70,7 @@ def replay(client: Client, episode: options.EpisodeId) -> Answer:
     return Answer(replayed, lambda: render(facts), 0 if replayed.same else DIFFERENT)
 
 
-@asks_service()
+@prints_answer()
 def explain(
     client: Client,
     episode: options.EpisodeId,
@@ -99,7 +99,7 @@ def explain(
     )
 
 
-@asks_service()
+@prints_answer()
 def shrink(client: Client, episode: options.EpisodeId, replays: Replays = SHRINK_WITHIN) -> Answer:
     """Reduce the noise of a failure as long as it still fails, by a campaign of replays."""
     campaign, index = options.parse_episode_id(episode)
@@ -219,7 +219,7 @@ Noise = Annotated[
 
 
 @app.command("list")
-@asks_service()
+@prints_answer()
 def list_episodes(
     client: Client,
     campaign: options.CampaignId,
@@ -298,7 +298,7 @@ def _parse_campaign_id(text: str) -> int:
 
 
 @app.command("show")
-@asks_service()
+@prints_answer()
 def show_episode(client: Client, episode: options.EpisodeId) -> Answer:
     """Show one episode; with --json its noise and scene, too."""
     campaign, index = options.parse_episode_id(episode)
@@ -310,4 +310,51 @@ def show_episode(client: Client, episode: options.EpisodeId) -> Answer:
 
 for page in (replay, explain, shrink):
     app.command()(page)
-app.command("failures")(list_failures)
+
+OfProject = Annotated[str | None, typer.Option(help="Only failures of this project.")]
+OfPlanner = Annotated[
+    str | None,
+    typer.Option(
+        help="Only failures of this planner.", autocompletion=completion.complete_planners
+    ),
+]
+OfPlannerVersion = Annotated[
+    str | None, typer.Option(help="Only failures of this version of a planner.")
+]
+OfMethod = Annotated[
+    str | None,
+    typer.Option(
+        help="Only failures that this method found.", autocompletion=completion.complete_methods
+    ),
+]
+FailureSort = Annotated[str, typer.Option(help=f"{' or '.join(FAILURE_ORDERS)}.")]
+OfArchived = Annotated[
+    bool, typer.Option("--archived", help="List failures of archived campaigns, too.")
+]
+
+
+@app.command("failures")
+@prints_answer()
+def list_failures(
+    client: Client,
+    project: OfProject = None,
+    planner: OfPlanner = None,
+    planner_version: OfPlannerVersion = None,
+    method: OfMethod = None,
+    sort: FailureSort = MOST_SEVERE_FIRST,
+    archived: OfArchived = False,
+    limit: options.Limit = 20,
+) -> Answer:
+    """List the collisions of all campaigns, the most severe first.
+
+    Campaigns that repeat earlier failures are left out unless --method names theirs.
+    """
+    found = client.episodes.list_failures(
+        project=project,
+        planner=planner,
+        planner_version=planner_version,
+        method=method,
+        sort=sort,
+        archived=archived,
+    )
+    return first_rows(found, limit, lambda rows: render(episodes.tabulate_failures(rows)))

@@ -12,10 +12,10 @@ from msgspec.structs import asdict
 from rich.markup import escape
 from rich.table import Table
 
+from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, Database, Limit, Url
 from eigenfail.cli.render import Answer, first_rows, to_json
-from eigenfail.cli.service_command import asks_service
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.service import load_database_tool
@@ -133,7 +133,7 @@ def open_keys(
 
 
 @app.command()
-@asks_service(opened_by=open_keys)
+@prints_answer(opened_by=open_keys)
 def create(
     keys: Any,
     name: Name,
@@ -151,7 +151,7 @@ def create(
 
 
 @app.command("list")
-@asks_service(opened_by=open_keys)
+@prints_answer(opened_by=open_keys)
 def list_keys(keys: Any) -> Answer:
     """List keys, newest first, expired and revoked ones included."""
     found = tuple(keys.list())
@@ -159,7 +159,7 @@ def list_keys(keys: Any) -> Answer:
 
 
 @app.command()
-@asks_service(opened_by=open_keys)
+@prints_answer(opened_by=open_keys)
 def limit(
     keys: Any,
     key: KeyId,
@@ -175,7 +175,7 @@ def limit(
 
 
 @app.command()
-@asks_service(opened_by=open_keys)
+@prints_answer(opened_by=open_keys)
 def revoke(keys: Any, key: KeyId) -> Answer:
     """Revoke a key permanently."""
     found = keys.revoke(key)
@@ -183,7 +183,7 @@ def revoke(keys: Any, key: KeyId) -> Answer:
 
 
 @app.command()
-@asks_service(opened_by=open_keys)
+@prints_answer(opened_by=open_keys)
 def audit(keys: Any, limit: Limit = 50) -> Answer:
     """Show the audit log: changes with time, user, address and result, newest first."""
     return first_rows(keys.audit(), limit, _draw_audit)

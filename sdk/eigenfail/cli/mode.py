@@ -4,18 +4,37 @@ from collections.abc import Iterable
 from typing import Annotated
 
 import typer
+from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
 
+from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.render import Answer
-from eigenfail.cli.service_command import asks_service
-from eigenfail.cli.triage import AnalysisId, ModeNumber, triage_mode
 from eigenfail.client import Client
-from eigenfail.presentation.terminal import start_grid
+from eigenfail.client.triage import TriageFields
+from eigenfail.presentation.figures import format_local_time
+from eigenfail.presentation.tables import FactTable
+from eigenfail.presentation.terminal import render, start_grid
 from eigenfail.values import Mode
-from eigenfail.values.triage import TriageState
+from eigenfail.values.triage import Triage, TriageState
 
 app = typer.Typer(add_completion=False, no_args_is_help=True)
+
+AnalysisId = Annotated[int, typer.Argument(metavar="ANALYSIS", min=1, help="Id of an analysis.")]
+ModeNumber = Annotated[
+    int, typer.Argument(metavar="NUMBER", min=1, help="Number of the mode, from 1.")
+]
+NewState = Annotated[TriageState | None, typer.Option("--state", help="The new state.")]
+NewTicket = Annotated[
+    str | None,
+    typer.Option("--ticket", metavar="URL", help='Address of its ticket; "" for none.'),
+]
+NewNote = Annotated[
+    str | None,
+    typer.Option(
+        "--note", metavar="TEXT", help='The note, in place of the one before; "" for none.'
+    ),
+]
 
 ModeName = Annotated[
     str, typer.Argument(metavar="NAME", help="Its name, of at most 80 characters.")
@@ -33,7 +52,7 @@ def mode() -> None:
 
 
 @app.command("list")
-@asks_service()
+@prints_answer()
 def list_modes(client: Client, analysis: AnalysisId, state: OnlyState = None) -> Answer:
     """List the failure modes of an analysis, with their names, failures and triage.
 
@@ -44,7 +63,7 @@ def list_modes(client: Client, analysis: AnalysisId, state: OnlyState = None) ->
 
 
 @app.command("rename")
-@asks_service()
+@prints_answer()
 def rename_mode(client: Client, analysis: AnalysisId, number: ModeNumber, name: ModeName) -> Answer:
     """Give a failure mode a name, which its page, its episodes' pages and `mode list` show."""
     renamed = client.analyses.rename_mode(analysis, number, name)
@@ -62,4 +81,37 @@ def _draw_modes(modes: Iterable[Mode]) -> Table:
     return grid
 
 
-app.command("triage")(triage_mode)
+@app.command("triage")
+@prints_answer()
+def triage_mode(
+    client: Client,
+    analysis: AnalysisId,
+    number: ModeNumber,
+    state: NewState = None,
+    ticket: NewTicket = None,
+    note: NewNote = None,
+) -> Answer:
+    """Show the triage of a failure mode; change its state, ticket or note if one is given."""
+    fields = TriageFields()
+    if state is not None:
+        fields["state"] = state
+    if ticket is not None:
+        fields["ticket"] = ticket
+    if note is not None:
+        fields["note"] = note
+    if fields:
+        found = client.triage.change_mode(analysis, number, **fields)
+    else:
+        found = client.triage.get_mode(analysis, number)
+    return Answer(found, lambda: _draw_triage(found))
+
+
+def _draw_triage(found: Triage) -> RenderableType:
+    changed = "" if found.changed_ms is None else format_local_time(found.changed_ms)
+    facts = (
+        ("state", found.state.words),
+        ("ticket", found.ticket or "none"),
+        ("note", found.note or "none"),
+        ("changed", f"{changed}, by {found.changed_by}" if changed else "never"),
+    )
+    return render(FactTable("Triage", facts))

@@ -5,10 +5,10 @@ from typing import Annotated
 
 import typer
 
+from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import MaybeUrl, Place, connect_for_suite
 from eigenfail.cli.options import AsJson, Data, Gate, Limit, Workers
 from eigenfail.cli.render import Answer, first_rows, judge, make_errored_error, run_suite, show
-from eigenfail.cli.service_command import asks_service
 from eigenfail.client import Client
 from eigenfail.errors import ServiceError
 from eigenfail.hosting.folder import DEFAULT_DATA
@@ -86,7 +86,7 @@ def run_and_show(
 
 
 @app.command("list")
-@asks_service()
+@prints_answer()
 def list_suites(client: Client, limit: Limit = 50) -> Answer:
     """List the suites that a service knows, those with the newest campaigns first."""
     found = client.suites.list()
@@ -94,7 +94,7 @@ def list_suites(client: Client, limit: Limit = 50) -> Answer:
 
 
 @app.command("show")
-@asks_service()
+@prints_answer()
 def show_suite(client: Client, suite: SuiteOrFile) -> Answer:
     """Show the table of a suite as it stands.
 

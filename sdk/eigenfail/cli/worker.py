@@ -16,10 +16,10 @@ from rich.text import Text
 from typer.core import TyperGroup
 
 from eigenfail.bridges import ADDRESS_OPTION, EPISODE_OPTION, EPISODE_VARIABLE
+from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.main import DeferredCommand, load_server_app
 from eigenfail.cli.options import AsJson, Bridge, Watched
 from eigenfail.cli.render import TerminalView, to_json
-from eigenfail.cli.service_command import asks_service
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.presentation.figures import UNKNOWN, format_local_time
@@ -47,7 +47,7 @@ Seen = tuple[tuple[WorkerActivity, ...], tuple[Campaign, ...]]
 """Workers, and the campaigns that are running."""
 
 
-@asks_service()
+@prints_answer()
 def list_workers(
     client: Client, within_s: Within = 600, watched: Watched = False
 ) -> TerminalView[Seen]:

@@ -9,9 +9,9 @@ from msgspec.structs import asdict
 from eigenfail.errors import QuotaExceeded
 from eigenfail.values import CampaignSpec, Page, access
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.codec import Rows
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_key_error
-from eigenfail_services.store.rows import Rows
 from eigenfail_services.store.schema import audit, campaigns, keys
 
 DAY_MS = 24 * 3_600_000

@@ -18,7 +18,7 @@ from eigenfail.values.records import JobKind
 from eigenfail.values.triage import TriageState
 from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import pack, to_analysis_result, to_json, to_settings
+from eigenfail_services.store.codec import Rows, pack, to_analysis_result, to_json, to_settings
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_analysis_error, make_mode_error
 from eigenfail_services.store.events import append_event, describe_analysis
@@ -27,7 +27,6 @@ from eigenfail_services.store.judging import keep_finite
 from eigenfail_services.store.listing import contains_text
 from eigenfail_services.store.outbox import queue_analysis_end
 from eigenfail_services.store.references import hold_noise
-from eigenfail_services.store.rows import Rows
 from eigenfail_services.store.schema import (
     analyses,
     mode_members,

@@ -16,9 +16,9 @@ from eigenfail.presentation.figures import count_noun
 from eigenfail.values.operations import Retention
 from eigenfail.versions import describe_mixed
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.codec import Rows
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.lifecycle import PHRASES
-from eigenfail_services.store.rows import Rows
 from eigenfail_services.store.schema import campaigns, event_counter, events
 
 

@@ -8,11 +8,11 @@ from eigenfail.values import FINAL_STATES, Outcome
 from eigenfail.values.operations import Pruning, Retention, Weight
 from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.codec import Rows
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_needed_error, make_running_error
 from eigenfail_services.store.events import append_event, describe_pruning
 from eigenfail_services.store.references import find_noise_in_use
-from eigenfail_services.store.rows import Rows
 from eigenfail_services.store.schema import episode_index, episodes, prunings, scenes, trajectories
 
 SLICE = 2_000

@@ -9,8 +9,8 @@ from sqlalchemy import ColumnElement, Connection, Update, delete, insert, select
 from eigenfail.bridges import BridgeOffer
 from eigenfail.values.operations import Arrival, Presence
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.codec import Rows
 from eigenfail_services.store.engine import Database, chunks
-from eigenfail_services.store.rows import Rows
 from eigenfail_services.store.schema import arrivals
 
 PRESENT_S = 15

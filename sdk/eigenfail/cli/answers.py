@@ -1,4 +1,4 @@
-"""Commands that ask a service, and print its answer."""
+"""Commands that ask a service or a database, and print the answer."""
 
 import inspect
 from collections.abc import Callable
@@ -24,18 +24,18 @@ class Printable(Protocol):
         """Print it as JSON, or as a table."""
 
 
-def asks_service(
+def prints_answer(
     activity: str = "", opened_by: Callable[..., AbstractContextManager[Any]] = connect_to
 ) -> Callable[[Callable[..., Printable]], Callable[..., None]]:
-    """Return a decorator that makes a command of a function from an open service to an answer.
+    """Return a decorator that makes a command of a function from what is asked to its answer.
 
     The options of `opened_by`, such as --url, and --json follow the function's own parameters. So
     each command declares only what is its own.
 
     Args:
         activity: what standard error says where the answer takes more than a moment.
-        opened_by: opens what the function gets as its first argument. The names of its parameters
-            and the function's must differ.
+        opened_by: opens what is asked, by default a client of a service: the first argument of
+            the function. The names of its parameters and the function's must differ.
     """
 
     def decorate(function: Callable[..., Printable]) -> Callable[..., None]:
