@@ -89,6 +89,7 @@ PUBLIC = [
 NAMES_FOR_FRAMEWORKS = [
     "model_config",  # pydantic
     "__getattr__",  # Python, of modules
+    "__signature__",  # inspect, of functions: typer reads it
     *("_missing_", "_repr_html_", "handleError", "msg"),  # enum, IPython, logging
     *("collect",),  # prometheus_client
     *("observation_space", "action_space"),  # gymnasium's

@@ -39,7 +39,7 @@ SPECS = {
 Node = dict[str, Any]
 
 
-class Reference(dict[str, Any]):
+class TypeReference(dict[str, Any]):
     """Reference to the component that describes a type, with the type itself.
 
     FastAPI keeps what a route says of its answers and bodies, so the document finds in the routes
@@ -68,7 +68,7 @@ def _describe_types(kinds: list[Any]) -> tuple[tuple[Node, ...], Node]:
 
 def schema(kind: Any) -> Node:
     """Return the description of content that is of a type."""
-    return {"schema": Reference(kind)}
+    return {"schema": TypeReference(kind)}
 
 
 def document_route(
@@ -185,7 +185,7 @@ def build_document(app: FastAPI) -> Node:
 
 def _list_types(node: Any) -> Iterator[Any]:
     """Yield the types to which a description refers, as often as it does."""
-    if isinstance(node, Reference):
+    if isinstance(node, TypeReference):
         yield node.kind
     elif isinstance(node, dict):
         for below in node.values():

@@ -9,7 +9,9 @@ from typing import Any, Protocol
 import typer
 
 from eigenfail.cli.connection import connect_to
-from eigenfail.cli.options import AsJson
+from eigenfail.cli.options import AsJson, Url
+from eigenfail.client import Client
+from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.progress import announce
 
 
@@ -24,8 +26,13 @@ class Printable(Protocol):
         """Print it as JSON, or as a table."""
 
 
+def open_client(context: typer.Context, url: Url = DEFAULT_URL) -> Client:
+    """Return a client of the service at an address."""
+    return connect_to(context, url)
+
+
 def prints_answer(
-    activity: str = "", opened_by: Callable[..., AbstractContextManager[Any]] = connect_to
+    activity: str = "", opened_by: Callable[..., AbstractContextManager[Any]] = open_client
 ) -> Callable[[Callable[..., Printable]], Callable[..., None]]:
     """Return a decorator that makes a command of a function from what is asked to its answer.
 

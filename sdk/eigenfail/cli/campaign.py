@@ -9,7 +9,7 @@ from eigenfail.cli import completion, options
 from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.render import (
-    Answer,
+    CommandResult,
     TerminalView,
     describe_method_result,
     find_missing_workers,
@@ -63,7 +63,7 @@ def create(
     priority: options.Urgency = None,
     values: options.Changed = None,
     quiet: Quiet = False,
-) -> Answer:
+) -> CommandResult:
     """Launch the campaign that a TOML file describes, and print it."""
     spec = read_spec(file, changes=values, episodes=episodes, seed=seed, priority=priority)
     return _show_launched(client.campaigns.create(spec), quiet)
@@ -79,7 +79,7 @@ def check(
     priority: options.Urgency = None,
     values: options.Changed = None,
     quiet: QuietCheck = False,
-) -> Answer:
+) -> CommandResult:
     """Print the full specification of the campaign in a TOML file without launching it.
 
     Exits with 2 if it cannot be launched.
@@ -89,7 +89,7 @@ def check(
     exit_code = make_error(found.problems[0]).exit_code if found.problems else 0
     if quiet:
         raise typer.Exit(exit_code)
-    return Answer(found, lambda: describe_check(found), exit_code)
+    return CommandResult(found, lambda: describe_check(found), exit_code)
 
 
 @app.command()
@@ -104,7 +104,7 @@ def clone(
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the new campaign.")] = None,
     values: options.Changed = None,
     quiet: Quiet = False,
-) -> Answer:
+) -> CommandResult:
     """Launch a copy of an earlier campaign with changed values, and print it."""
     given = {"name": name, "episodes": episodes, "seed": seed}
     named = {field: value for field, value in given.items() if value is not None}
@@ -112,15 +112,15 @@ def clone(
     return _show_launched(client.campaigns.clone(campaign, **changes), quiet)
 
 
-def _show_launched(campaign: Campaign, quiet: bool) -> Answer:
+def _show_launched(campaign: Campaign, quiet: bool) -> CommandResult:
     """Return a campaign that was just launched, or its id alone, which is JSON, too."""
     if quiet:
-        return Answer(campaign.id, lambda: str(campaign.id))
+        return CommandResult(campaign.id, lambda: str(campaign.id))
     return _show_facts(campaign)
 
 
-def _show_facts(campaign: Campaign) -> Answer:
-    return Answer(campaign, lambda: render(list_campaign_facts(campaign)))
+def _show_facts(campaign: Campaign) -> CommandResult:
+    return CommandResult(campaign, lambda: render(list_campaign_facts(campaign)))
 
 
 Act = Callable[[Campaigns, int], Campaign]
@@ -141,7 +141,7 @@ def _make_command(act: Act) -> Callable[..., None]:
     """Return the command that does it, and shows what has become of the campaign."""
 
     @prints_answer()
-    def command(client: Client, campaign: options.CampaignId) -> Answer:
+    def command(client: Client, campaign: options.CampaignId) -> CommandResult:
         return _show_facts(act(client.campaigns, campaign))
 
     return command
@@ -241,11 +241,11 @@ def course(
     client: Client,
     campaign: options.CampaignId,
     per: Annotated[int | None, typer.Option(min=1, help="Number of episodes in a block.")] = None,
-) -> Answer:
+) -> CommandResult:
     """Show how failure rate, likelihood and robustness moved: the learning curve."""
     found = client.campaigns.course(campaign, per)
     unit = find_robustness_unit(client.campaigns.get(campaign).spec)
-    return Answer(found, lambda: render(*tabulate_course(found, unit)))
+    return CommandResult(found, lambda: render(*tabulate_course(found, unit)))
 
 
 for _name, (_act, _text) in ACTS.items():
@@ -258,20 +258,20 @@ def priority(
     client: Client,
     campaign: options.CampaignId,
     wanted: Annotated[Priority, typer.Argument(metavar="PRIORITY", help="low, normal or high.")],
-) -> Answer:
+) -> CommandResult:
     """Change the priority of a campaign: its share of the workers and its place in the queue."""
     return _show_facts(client.campaigns.prioritise(campaign, wanted))
 
 
 @app.command()
 @prints_answer("Reading the results")
-def digest(client: Client, campaign: options.CampaignId) -> Answer:
+def digest(client: Client, campaign: options.CampaignId) -> CommandResult:
     """Print the digest over all results.
 
     The same campaign has the same digest with the same release and kind of processor.
     """
     found = client.campaigns.digest(campaign)
-    return Answer({"campaign": campaign, "digest": found}, lambda: found)
+    return CommandResult({"campaign": campaign, "digest": found}, lambda: found)
 
 
 @app.command()
@@ -294,34 +294,36 @@ def watch(
 
 @app.command()
 @prints_answer("Reading the measures")
-def safety(client: Client, campaign: options.CampaignId, level: Level = TAIL_LEVEL) -> Answer:
+def safety(
+    client: Client, campaign: options.CampaignId, level: Level = TAIL_LEVEL
+) -> CommandResult:
     """Show collisions, near misses, MinTTC, DRAC and severity of a campaign's episodes."""
     found = client.campaigns.safety(campaign, level)
-    return Answer(found, lambda: render(*describe_safety(found)))
+    return CommandResult(found, lambda: render(*describe_safety(found)))
 
 
 @app.command()
 @prints_answer("Searching for the failing region")
-def region(client: Client, campaigns: VariedIds) -> Answer:
+def region(client: Client, campaigns: VariedIds) -> CommandResult:
     """Show where among the scenario's parameters the episodes of campaigns fail."""
     found = client.campaigns.region(campaigns)
-    return Answer(found, lambda: render(*describe_region(found)))
+    return CommandResult(found, lambda: render(*describe_region(found)))
 
 
 @app.command()
 @prints_answer("Reading the costs")
-def cost(client: Client, campaigns: Ids) -> Answer:
+def cost(client: Client, campaigns: Ids) -> CommandResult:
     """Show cost per failure and per failure mode, cost over time, and the use of time.
 
     A Monte Carlo campaign without a failure shows a lower bound of the cost per failure (95 %).
     """
     found = [client.campaigns.cost(campaign) for campaign in campaigns]
-    return Answer(found, lambda: render(*describe_costs(found)))
+    return CommandResult(found, lambda: render(*describe_costs(found)))
 
 
 @app.command()
 @prints_answer()
-def workers(client: Client, campaign: options.CampaignId) -> Answer:
+def workers(client: Client, campaign: options.CampaignId) -> CommandResult:
     """Show the workers that ran a campaign's episodes, with their number and speed."""
     found = client.campaigns.workers(campaign)
-    return Answer(found, lambda: render(tabulate_workers(found)))
+    return CommandResult(found, lambda: render(tabulate_workers(found)))

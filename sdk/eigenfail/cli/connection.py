@@ -15,7 +15,6 @@ from msgspec.structs import replace
 
 from eigenfail import functions
 from eigenfail.bridges import ADDRESS_OPTION, ADDRESS_VARIABLE
-from eigenfail.cli.options import Url
 from eigenfail.cli.render import skip_check
 from eigenfail.cli.specs import check_local_bridge, check_plugins
 from eigenfail.client import Client
@@ -37,7 +36,7 @@ class Environment:
     connect: Callable[[str], Client] = Client
 
 
-def connect_to(context: typer.Context, url: Url = DEFAULT_URL) -> Client:
+def connect_to(context: typer.Context, url: str) -> Client:
     """A client of the service at an address.
 
     Raises:

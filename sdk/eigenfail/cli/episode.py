@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from eigenfail.cli import completion, options
 from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import connect_to
-from eigenfail.cli.render import Answer, first_rows, follow, judge, to_json
+from eigenfail.cli.render import CommandResult, first_rows, follow, judge, to_json
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, NoisePruned, NotFound
 from eigenfail.exchange import KNOWN
@@ -49,7 +49,7 @@ Replays = Annotated[int, typer.Option("--episodes", min=1, help="Budget of repla
 
 
 @prints_answer()
-def replay(client: Client, episode: options.EpisodeId) -> Answer:
+def replay(client: Client, episode: options.EpisodeId) -> CommandResult:
     """Replay a stored episode on this machine; exit with 1 if the result differs.
 
     Noise that was pruned is drawn again if it follows from the episode's seed.
@@ -67,7 +67,7 @@ def replay(client: Client, episode: options.EpisodeId) -> Answer:
         differing = _list_differences(client, spec, campaign, index)
         replayed = replace(replayed, differing=differing)
     facts = _list_replay_facts(episode, replayed)
-    return Answer(replayed, lambda: render(facts), 0 if replayed.same else DIFFERENT)
+    return CommandResult(replayed, lambda: render(facts), 0 if replayed.same else DIFFERENT)
 
 
 @prints_answer()
@@ -78,7 +78,7 @@ def explain(
     every: Every = ALL_STEPS.every,
     since_s: From = ALL_STEPS.since_s,
     until_s: To = ALL_STEPS.until_s,
-) -> Answer:
+) -> CommandResult:
     """Replay a stored episode, and print what happened, from the planner's own account.
 
     With --steps, --every, --from or --to, what the planner believed and decided in these steps
@@ -92,7 +92,7 @@ def explain(
     with announce(f"Running episode {episode} again"):
         replayed, explained = explain_episode(spec, stored)
     explanation = build_explanation(episode, spec.planner, replayed, explained, window)
-    return Answer(
+    return CommandResult(
         explanation,
         lambda: render(*episodes.describe_explanation(explanation, with_steps=with_steps)),
         0 if replayed.same else DIFFERENT,
@@ -100,14 +100,16 @@ def explain(
 
 
 @prints_answer()
-def shrink(client: Client, episode: options.EpisodeId, replays: Replays = SHRINK_WITHIN) -> Answer:
+def shrink(
+    client: Client, episode: options.EpisodeId, replays: Replays = SHRINK_WITHIN
+) -> CommandResult:
     """Reduce the noise of a failure as long as it still fails, by a campaign of replays."""
     campaign, index = options.parse_episode_id(episode)
     with interruptible():
         ended = follow(client, client.campaigns.shrink(campaign, index, replays).id)
         judge(ended, gate=False)
         found = client.campaigns.minimal(ended.id)
-    return Answer(found, lambda: render(*episodes.describe_minimal_failure(found)))
+    return CommandResult(found, lambda: render(*episodes.describe_minimal_failure(found)))
 
 
 def _list_differences(
@@ -228,7 +230,7 @@ def list_episodes(
     sort: Sort = "index",
     fields: Fields = "",
     limit: options.Limit = 20,
-) -> Answer:
+) -> CommandResult:
     """List the episodes of a campaign."""
     if columns := parse_fields(fields):
         picked = client.episodes.list(
@@ -299,13 +301,13 @@ def _parse_campaign_id(text: str) -> int:
 
 @app.command("show")
 @prints_answer()
-def show_episode(client: Client, episode: options.EpisodeId) -> Answer:
+def show_episode(client: Client, episode: options.EpisodeId) -> CommandResult:
     """Show one episode; with --json its noise and scene, too."""
     campaign, index = options.parse_episode_id(episode)
     found, spec = client.episodes.get(campaign, index), client.campaigns.get(campaign).spec
     drawn_here = drawn_for(spec, found.seed) | placed_for(spec, found.noise)
     facts = episodes.list_episode_facts(campaign, spec, found, drawn_here)
-    return Answer(found, lambda: render(facts))
+    return CommandResult(found, lambda: render(facts))
 
 
 for page in (replay, explain, shrink):
@@ -344,7 +346,7 @@ def list_failures(
     sort: FailureSort = MOST_SEVERE_FIRST,
     archived: OfArchived = False,
     limit: options.Limit = 20,
-) -> Answer:
+) -> CommandResult:
     """List the collisions of all campaigns, the most severe first.
 
     Campaigns that repeat earlier failures are left out unless --method names theirs.

@@ -15,7 +15,7 @@ from rich.table import Table
 from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, Database, Limit, Url
-from eigenfail.cli.render import Answer, first_rows, to_json
+from eigenfail.cli.render import CommandResult, first_rows, to_json
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.service import load_database_tool
@@ -142,20 +142,20 @@ def create(
     max_open: MaxOpen = None,
     max_episodes: MaxEpisodes = None,
     max_episodes_per_day: MaxEpisodesPerDay = None,
-) -> Answer:
+) -> CommandResult:
     """Create a key and print it. It is shown only once."""
     life = None if expires is None else parse_duration(expires)
     given = _change_quotas(UNLIMITED, max_open, max_episodes, max_episodes_per_day)
     made = keys.create(name, scope, life, given)
-    return Answer(made, lambda: escape(_describe_new_key(made)))
+    return CommandResult(made, lambda: escape(_describe_new_key(made)))
 
 
 @app.command("list")
 @prints_answer(opened_by=open_keys)
-def list_keys(keys: Any) -> Answer:
+def list_keys(keys: Any) -> CommandResult:
     """List keys, newest first, expired and revoked ones included."""
     found = tuple(keys.list())
-    return Answer(found, lambda: _draw_keys(found))
+    return CommandResult(found, lambda: _draw_keys(found))
 
 
 @app.command()
@@ -166,25 +166,25 @@ def limit(
     max_open: MaxOpen = None,
     max_episodes: MaxEpisodes = None,
     max_episodes_per_day: MaxEpisodesPerDay = None,
-) -> Answer:
+) -> CommandResult:
     """Change quotas of a key; other quotas and existing campaigns do not change."""
     before = keys.get(key).quotas
     wanted = _change_quotas(before, max_open, max_episodes, max_episodes_per_day)
     found = keys.limit(key, wanted)
-    return Answer(found, lambda: _draw_keys([found]))
+    return CommandResult(found, lambda: _draw_keys([found]))
 
 
 @app.command()
 @prints_answer(opened_by=open_keys)
-def revoke(keys: Any, key: KeyId) -> Answer:
+def revoke(keys: Any, key: KeyId) -> CommandResult:
     """Revoke a key permanently."""
     found = keys.revoke(key)
-    return Answer(found, lambda: _draw_keys([found]))
+    return CommandResult(found, lambda: _draw_keys([found]))
 
 
 @app.command()
 @prints_answer(opened_by=open_keys)
-def audit(keys: Any, limit: Limit = 50) -> Answer:
+def audit(keys: Any, limit: Limit = 50) -> CommandResult:
     """Show the audit log: changes with time, user, address and result, newest first."""
     return first_rows(keys.audit(), limit, _draw_audit)
 

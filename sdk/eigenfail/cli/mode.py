@@ -9,7 +9,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from eigenfail.cli.answers import prints_answer
-from eigenfail.cli.render import Answer
+from eigenfail.cli.render import CommandResult
 from eigenfail.client import Client
 from eigenfail.client.triage import TriageFields
 from eigenfail.presentation.figures import format_local_time
@@ -53,22 +53,24 @@ def mode() -> None:
 
 @app.command("list")
 @prints_answer()
-def list_modes(client: Client, analysis: AnalysisId, state: OnlyState = None) -> Answer:
+def list_modes(client: Client, analysis: AnalysisId, state: OnlyState = None) -> CommandResult:
     """List the failure modes of an analysis, with their names, failures and triage.
 
     A mode that was given no name has the beginning of its description for one.
     """
     found = client.analyses.modes(analysis, state)
-    return Answer(found, lambda: _draw_modes(found))
+    return CommandResult(found, lambda: _draw_modes(found))
 
 
 @app.command("rename")
 @prints_answer()
-def rename_mode(client: Client, analysis: AnalysisId, number: ModeNumber, name: ModeName) -> Answer:
+def rename_mode(
+    client: Client, analysis: AnalysisId, number: ModeNumber, name: ModeName
+) -> CommandResult:
     """Give a failure mode a name, which its page, its episodes' pages and `mode list` show."""
     renamed = client.analyses.rename_mode(analysis, number, name)
     words = f"Mode {renamed.number} of analysis {analysis}: {escape(renamed.name)}"
-    return Answer(renamed, lambda: words)
+    return CommandResult(renamed, lambda: words)
 
 
 def _draw_modes(modes: Iterable[Mode]) -> Table:
@@ -90,7 +92,7 @@ def triage_mode(
     state: NewState = None,
     ticket: NewTicket = None,
     note: NewNote = None,
-) -> Answer:
+) -> CommandResult:
     """Show the triage of a failure mode; change its state, ticket or note if one is given."""
     fields = TriageFields()
     if state is not None:
@@ -103,7 +105,7 @@ def triage_mode(
         found = client.triage.change_mode(analysis, number, **fields)
     else:
         found = client.triage.get_mode(analysis, number)
-    return Answer(found, lambda: _draw_triage(found))
+    return CommandResult(found, lambda: _draw_triage(found))
 
 
 def _draw_triage(found: Triage) -> RenderableType:

@@ -78,7 +78,7 @@ def show(value: Any, as_json: bool, draw: Callable[[], RenderableType]) -> None:
 
 
 @dataclass(frozen=True)
-class Answer:
+class CommandResult:
     """What a command found.
 
     Attributes:
@@ -98,14 +98,14 @@ class Answer:
 
 def first_rows(
     rows: Iterable[Row], limit: int, draw: Callable[[Sequence[Row]], RenderableType]
-) -> Answer:
+) -> CommandResult:
     """Return the first rows, as a table that says whether there are more."""
     # One row more than is shown tells whether there are more: a list may have thousands.
     found = list(islice(rows, limit + 1))
     shown = found[:limit]
     words = f"The first {limit}; there are more. Show more with --limit."
     more = (words,) if len(found) > limit else ()
-    return Answer(shown, lambda: Group(draw(shown), *more))
+    return CommandResult(shown, lambda: Group(draw(shown), *more))
 
 
 Snapshot = TypeVar("Snapshot")

@@ -8,7 +8,14 @@ import typer
 from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import MaybeUrl, Place, connect_for_suite
 from eigenfail.cli.options import AsJson, Data, Gate, Limit, Workers
-from eigenfail.cli.render import Answer, first_rows, judge, make_errored_error, run_suite, show
+from eigenfail.cli.render import (
+    CommandResult,
+    first_rows,
+    judge,
+    make_errored_error,
+    run_suite,
+    show,
+)
 from eigenfail.client import Client
 from eigenfail.errors import ServiceError
 from eigenfail.hosting.folder import DEFAULT_DATA
@@ -87,7 +94,7 @@ def run_and_show(
 
 @app.command("list")
 @prints_answer()
-def list_suites(client: Client, limit: Limit = 50) -> Answer:
+def list_suites(client: Client, limit: Limit = 50) -> CommandResult:
     """List the suites that a service knows, those with the newest campaigns first."""
     found = client.suites.list()
     return first_rows(found, limit, lambda rows: render(suites.tabulate_suites(rows)))
@@ -95,7 +102,7 @@ def list_suites(client: Client, limit: Limit = 50) -> Answer:
 
 @app.command("show")
 @prints_answer()
-def show_suite(client: Client, suite: SuiteOrFile) -> Answer:
+def show_suite(client: Client, suite: SuiteOrFile) -> CommandResult:
     """Show the table of a suite as it stands.
 
     Of a file: all of its members, also those that have no campaign yet. Of a name: the newest
@@ -103,10 +110,10 @@ def show_suite(client: Client, suite: SuiteOrFile) -> Answer:
     """
     if suite.endswith(".toml") or Path(suite).is_file():
         result = summarize_suite(client, Suite.read(suite))
-        return Answer(result, lambda: render(*suites.describe_suite_result(result)))
+        return CommandResult(result, lambda: render(*suites.describe_suite_result(result)))
     with announce(f"Reading the results of {suite}"):
         found = client.suites.table(suite)
-    return Answer(found, lambda: render(*suites.describe_suite(found)))
+    return CommandResult(found, lambda: render(*suites.describe_suite(found)))
 
 
 def summarize_suite(client: Client, suite: Suite) -> suites.SuiteResult:

@@ -9,7 +9,7 @@ from msgspec.structs import asdict
 from eigenfail.errors import QuotaExceeded
 from eigenfail.values import CampaignSpec, Page, access
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import Rows
+from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_key_error
 from eigenfail_services.store.schema import audit, campaigns, keys
@@ -142,8 +142,8 @@ KEPT_CHANGES = 1_000_000
 PRUNED_EVERY = 1_000
 
 
-_KEYS = Rows(keys, access.ApiKey)
-_CHANGES = Rows(audit, access.AuditEntry)
+_KEYS = StructRows(keys, access.ApiKey)
+_CHANGES = StructRows(audit, access.AuditEntry)
 
 
 class KeyStore:

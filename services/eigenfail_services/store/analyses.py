@@ -18,7 +18,13 @@ from eigenfail.values.records import JobKind
 from eigenfail.values.triage import TriageState
 from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import Rows, pack, to_analysis_result, to_json, to_settings
+from eigenfail_services.store.codec import (
+    StructRows,
+    pack,
+    to_analysis_result,
+    to_json,
+    to_settings,
+)
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_analysis_error, make_mode_error
 from eigenfail_services.store.events import append_event, describe_analysis
@@ -38,10 +44,10 @@ from eigenfail_services.store.schema import (
 UNFINISHED = (AnalysisState.QUEUED, AnalysisState.RUNNING)
 
 _PARSERS: dict[str, Callable[[Any], Any]] = {"settings": to_settings, "result": to_analysis_result}
-_WHOLE = Rows(analyses, Analysis, _PARSERS)
+_WHOLE = StructRows(analyses, Analysis, _PARSERS)
 # Results have megabytes: lists of analyses do not read them.
-_BRIEF = Rows(analyses, Analysis, _PARSERS, without=("result",))
-_MODE = Rows(modes, Mode)
+_BRIEF = StructRows(analyses, Analysis, _PARSERS, without=("result",))
+_MODE = StructRows(modes, Mode)
 _MODES = select(*_MODE.columns).order_by(modes.c.number)
 
 

@@ -257,7 +257,7 @@ Value = TypeVar("Value", bound=msgspec.Struct)
 NO_PARSERS: Mapping[str, Callable[[Any], Any]] = MappingProxyType({})
 
 
-class Rows(Generic[Value]):
+class StructRows(Generic[Value]):
     """Rows of a table that are values of one type.
 
     A field of the type is the column of its name. A field that is a struct without such a column

@@ -16,7 +16,7 @@ from eigenfail.presentation.figures import count_noun
 from eigenfail.values.operations import Retention
 from eigenfail.versions import describe_mixed
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import Rows
+from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.lifecycle import PHRASES
 from eigenfail_services.store.schema import campaigns, event_counter, events
@@ -130,7 +130,7 @@ def append_event(
     return event
 
 
-_ROWS = Rows(events, values.Event)
+_ROWS = StructRows(events, values.Event)
 
 
 class EventLog:

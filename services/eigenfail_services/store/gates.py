@@ -12,14 +12,14 @@ from eigenfail.gate.results import GateResult, GateSummary, make_result, summari
 from eigenfail.values import Page
 from eigenfail.values.webhooks import WebhookEvent
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import Rows
+from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_gate_error
 from eigenfail_services.store.events import append_event, describe_gate
 from eigenfail_services.store.outbox import queue_gate_failure
 from eigenfail_services.store.schema import gates
 
-_SUMMARIES = Rows(gates, GateSummary, {"counts": msgspec.json.decode})
+_SUMMARIES = StructRows(gates, GateSummary, {"counts": msgspec.json.decode})
 
 _reports = msgspec.json.Decoder(GateReport)
 

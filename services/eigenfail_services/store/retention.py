@@ -8,7 +8,7 @@ from eigenfail.values import FINAL_STATES, Outcome
 from eigenfail.values.operations import Pruning, Retention, Weight
 from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import Rows
+from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_needed_error, make_running_error
 from eigenfail_services.store.events import append_event, describe_pruning
@@ -31,7 +31,7 @@ _BYTES = (
     + sa.func.coalesce(sa.func.length(scenes.c.scene), 0)
 )
 _HAS_SCENE = scenes.c.campaign.is_not(None)
-_ROWS = Rows(prunings, Pruning)
+_ROWS = StructRows(prunings, Pruning)
 
 
 class RetentionStore:

@@ -9,7 +9,7 @@ from sqlalchemy import ColumnElement, Connection, Update, delete, insert, select
 from eigenfail.bridges import BridgeOffer
 from eigenfail.values.operations import Arrival, Presence
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import Rows
+from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.schema import arrivals
 
@@ -26,7 +26,7 @@ KEPT_ARRIVALS = 100_000
 PRUNED_EVERY = 1_000
 _ARRIVED = insert(arrivals).returning(arrivals.c.id, sort_by_parameter_order=True)
 
-_ROWS = Rows(arrivals, Presence, {"versions": msgspec.json.decode})
+_ROWS = StructRows(arrivals, Presence, {"versions": msgspec.json.decode})
 
 _offers = msgspec.json.Decoder(BridgeOffer)
 

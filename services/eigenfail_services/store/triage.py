@@ -7,12 +7,12 @@ from sqlalchemy import Connection, select, update
 from eigenfail.values.triage import Triage, TriageChange, change_triage
 from eigenfail_services.store.analyses import require_analysis
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import Rows
+from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_mode_error
 from eigenfail_services.store.schema import modes
 
-_ROWS = Rows(modes, Triage)
+_ROWS = StructRows(modes, Triage)
 
 
 def accept(_triage: Triage) -> None:

@@ -14,7 +14,7 @@ from rich.text import Text
 
 from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.options import Data, Database, Repair, Replay
-from eigenfail.cli.render import Answer
+from eigenfail.cli.render import CommandResult
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import DEFAULT_DATA, DataFolder
 from eigenfail.hosting.service import require_installed
@@ -79,7 +79,7 @@ def claim_database(database: Database = None, data: Data = DEFAULT_DATA) -> Iter
 
 @app.command()
 @prints_answer("Upgrading the schema", opened_by=name_database)
-def upgrade(url: str) -> Answer:
+def upgrade(url: str) -> CommandResult:
     """Create the schema, or upgrade it to this release."""
     from eigenfail_services.store import migrate
 
@@ -90,14 +90,14 @@ def upgrade(url: str) -> Answer:
 
 @app.command()
 @prints_answer(opened_by=name_database)
-def current(url: str) -> Answer:
+def current(url: str) -> CommandResult:
     """Print the schema's revision."""
     return _show_revision("current", url, "{}")
 
 
 @app.command()
 @prints_answer(opened_by=name_database)
-def check(url: str) -> Answer:
+def check(url: str) -> CommandResult:
     """Check whether the schema is that of this release; exit with 3 if not."""
     from eigenfail_services.store import open_store
 
@@ -107,7 +107,7 @@ def check(url: str) -> Answer:
 
 @app.command()
 @prints_answer("Verifying the database", opened_by=name_database)
-def verify(url: str, replay: Replay = 0, repair: Repair = False) -> Answer:
+def verify(url: str, replay: Replay = 0, repair: Repair = False) -> CommandResult:
     """Verify the contents of a database; exit with 1 if there are defects.
 
     A service may use it meanwhile.
@@ -115,12 +115,14 @@ def verify(url: str, replay: Replay = 0, repair: Repair = False) -> Answer:
     from eigenfail_services.upkeep import verify as verification
 
     found = verification.verify(url, replay, repair=repair)
-    return Answer(found, lambda: _draw_verification(found), DEFECTS_FOUND if found.defects else 0)
+    return CommandResult(
+        found, lambda: _draw_verification(found), DEFECTS_FOUND if found.defects else 0
+    )
 
 
 @app.command()
 @prints_answer(opened_by=name_database)
-def backup(url: str, file: File, force: Force = False) -> Answer:
+def backup(url: str, file: File, force: Force = False) -> CommandResult:
     """Back up a SQLite database to a file; a running service may use it meanwhile.
 
     The file appears once it is complete and checked. For PostgreSQL, use pg_dump.
@@ -130,12 +132,12 @@ def backup(url: str, file: File, force: Force = False) -> Answer:
     with announce(f"Writing {file}"):
         made = backups.backup(url, file, force=force)
     words = f"{made.file} holds all of {made.database} ({made.bytes} bytes)."
-    return Answer(made, lambda: escape(words))
+    return CommandResult(made, lambda: escape(words))
 
 
 @app.command()
 @prints_answer(opened_by=claim_database)
-def restore(url: str, file: File, force: Force = False) -> Answer:
+def restore(url: str, file: File, force: Force = False) -> CommandResult:
     """Restore a backup into an empty database, or with --force over an existing one.
 
     Either everything is restored or nothing changes. Stop all services of the database first.
@@ -146,7 +148,7 @@ def restore(url: str, file: File, force: Force = False) -> Answer:
     with announce(f"Restoring {file}"):
         restored = backups.restore(url, file, force=force)
     words = f"{restored.database} holds what {restored.file} held (schema {restored.revision})."
-    return Answer(restored, lambda: escape(words))
+    return CommandResult(restored, lambda: escape(words))
 
 
 @app.command()
@@ -158,7 +160,7 @@ def prune(
     older_than: OlderThan = 0.0,
     campaigns: Campaigns = [],  # noqa: B006 - typer takes no tuple of any length
     dry_run: DryRun = False,
-) -> Answer:
+) -> CommandResult:
     """Remove noise and scenes of safe episodes in campaigns that have ended.
 
     Rows and failures stay, and with them counts, rates, measures and costs. A running service
@@ -172,12 +174,12 @@ def prune(
     kept = _retention(keep_every, source)
     with announce("Counting what would be removed" if dry_run else "Removing noise and scenes"):
         found = act(url, kept, which)
-    return Answer(found, lambda: _draw_pruning(found))
+    return CommandResult(found, lambda: _draw_pruning(found))
 
 
 @app.command()
 @prints_answer("Returning free space to the disk", opened_by=claim_database)
-def vacuum(url: str) -> Answer:
+def vacuum(url: str) -> CommandResult:
     """Return free space inside a database to the disk.
 
     SQLite rewrites the file: stop the service first, and leave room for a second copy.
@@ -188,14 +190,14 @@ def vacuum(url: str) -> Answer:
     done = vacuuming.vacuum(url)
     freed = max(0, done.bytes_before - done.bytes_after)
     words = f"{done.database} takes {done.bytes_after:,} bytes; {freed:,} were given back."
-    return Answer(done, lambda: escape(words))
+    return CommandResult(done, lambda: escape(words))
 
 
-def _show_revision(action: str, url: str, words: str) -> Answer:
+def _show_revision(action: str, url: str, words: str) -> CommandResult:
     from eigenfail_services.store import migrate
 
     revision = migrate.read_version(url) or "empty"
-    return Answer({"action": action, "said": revision}, lambda: words.format(revision))
+    return CommandResult({"action": action, "said": revision}, lambda: words.format(revision))
 
 
 def _retention(keep_every: int, source: str) -> operations.Retention:
