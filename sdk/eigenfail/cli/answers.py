@@ -23,7 +23,7 @@ class Printable(Protocol):
         """The exit code of the command."""
 
     def print(self, as_json: bool) -> None:
-        """Print it as JSON, or as a table."""
+        """Print the result as JSON, or as a table."""
 
 
 def open_client(context: typer.Context, url: Url = DEFAULT_URL) -> Client:

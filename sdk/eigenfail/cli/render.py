@@ -92,7 +92,7 @@ class CommandResult:
     exit_code: int = 0
 
     def print(self, as_json: bool) -> None:
-        """Print it as JSON, or as a table."""
+        """Print the result as JSON, or as a table."""
         show(self.data, as_json, self.draw)
 
 
@@ -134,7 +134,7 @@ class TerminalView(Generic[Snapshot]):
     exit_code: int = 0
 
     def print(self, as_json: bool) -> None:
-        """Print it once, or watch it."""
+        """Print the snapshot once, or watch the campaigns."""
         with interruptible():
             if self.watched:
                 self.watch(as_json)
