@@ -94,9 +94,10 @@ PUBLIC = [
     "env",
 ]
 NAMES_FOR_FRAMEWORKS = [
-    # pydantic, Python (of modules), enum, IPython, logging
+    # pydantic, Python (of modules and functions), enum, IPython, logging
     "model_config",
     "__getattr__",
+    "__signature__",
     "_missing_",
     "_repr_html_",
     "handleError",

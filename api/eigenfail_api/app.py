@@ -181,9 +181,7 @@ def create_app(
     app.state.registry.register(operations.CampaignCollector(store))
     app.router.routes.extend(_included_routers(installed))
     app.mount("/static", Assets(directory=STATIC), name="static")
-    bodies = [body for each in installed for body in each.bodies]
-    examples = {name: body for each in installed for name, body in each.examples.items()}
-    app.openapi = lambda: openapi.build_document(app, bodies, examples)  # type: ignore[method-assign]  # FastAPI's own way
+    app.openapi = lambda: openapi.build_document(app)  # type: ignore[method-assign]  # FastAPI's own way
     # The middleware added last sees a request first.
     app.add_middleware(Disconnects)
     app.add_middleware(EntityTags)

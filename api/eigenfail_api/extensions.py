@@ -1,10 +1,8 @@
 """What other distributions add to the service: routes, pages and entries of the navigation."""
 
 import logging
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
-from types import MappingProxyType
-from typing import Any
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 
 from fastapi import APIRouter
 from fastapi.routing import APIRoute
@@ -23,8 +21,6 @@ class Extension:
     Attributes:
         routers: routers of FastAPI. Addresses of the REST API begin with `/api/v1`; pages of the
             dashboard are outside the schema.
-        bodies: structs of requests and answers, for the OpenAPI document.
-        examples: examples of bodies in that document, by the name of the route's function.
         templates: package with a folder `templates`; pages name a template `PACKAGE/FILE`.
         navigation: links in the head of every page.
         viewer_requests: requests such as "POST /area" that a viewer may send, since they change
@@ -32,8 +28,6 @@ class Extension:
     """
 
     routers: tuple[APIRouter, ...]
-    bodies: tuple[Any, ...] = ()
-    examples: Mapping[str, dict[str, Any]] = field(default_factory=lambda: MappingProxyType({}))
     templates: str = ""
     navigation: tuple[NavigationEntry, ...] = ()
     viewer_requests: tuple[str, ...] = ()

@@ -1,108 +1,24 @@
 """The OpenAPI document: schemas of the SDK's structs, and descriptions of routes and answers."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from http import HTTPStatus
-from types import MappingProxyType
 from typing import Any
 
 import msgspec
 import numpy as np
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
+from fastapi.routing import APIRoute, iter_route_contexts
 
 from eigenfail import __version__, values
 from eigenfail.errors import EigenfailError
-from eigenfail.gate.report import GateReport
-from eigenfail.gate.results import GateResult, GateSummary
-from eigenfail.suites import SuiteRequest
-from eigenfail.values import webhooks
-from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey, Quotas, Usage
-from eigenfail.values.campaign_spec import PriorityChange
-from eigenfail.values.comparison import PeerCosts
-from eigenfail.values.estimates import ChainMixing
-from eigenfail.values.operations import Presence, Pruning, Staffing, WorkerShare
-from eigenfail.values.records import EpisodeDetail, EpisodeRow
-from eigenfail.values.release import ReleaseQuestion, ReleaseTable
-from eigenfail.values.report import Export, ExportRequest, Report
-from eigenfail.values.seeds import SeedSpread
-from eigenfail.values.suite import SuiteStanding, SuiteTable
-from eigenfail.values.triage import Triage, TriageChange
+from eigenfail.values.records import EpisodeRow
 from eigenfail.wire import http
 
 REF = "#/components/schemas/{name}"
 JSON = "application/json"
 STREAM = "text/event-stream"
-BODIES = (
-    values.Analysis,
-    values.AnalysisSettings,
-    ApiKey,
-    AuditEntry,
-    values.Campaign,
-    http.CampaignCheck,
-    values.CampaignCost,
-    values.CampaignSpec,
-    ChainMixing,
-    values.Comparison,
-    values.Course,
-    EpisodeDetail,
-    values.Event,
-    values.Explanation,
-    Export,
-    ExportRequest,
-    GateReport,
-    GateResult,
-    GateSummary,
-    KeyRequest,
-    values.MinimalFailure,
-    NewKey,
-    webhooks.NewWebhook,
-    values.Page[values.Analysis],
-    values.Page[ApiKey],
-    values.Page[AuditEntry],
-    values.Page[values.Campaign],
-    values.Page[EpisodeRow],
-    values.Page[values.Event],
-    values.Page[values.FailureMode],
-    values.Page[GateSummary],
-    values.Page[values.Mode],
-    values.Mode,
-    values.Page[PeerCosts],
-    values.Page[Pruning],
-    values.Page[SeedSpread],
-    values.Page[values.Summary],
-    values.Page[Presence],
-    values.Page[WorkerShare],
-    Staffing,
-    values.Page[SuiteStanding],
-    values.Page[webhooks.Webhook],
-    values.Page[http.PluginInfo],
-    values.Policy,
-    PriorityChange,
-    http.Problem,
-    values.Proof,
-    Quotas,
-    values.Region,
-    values.Page[ReleaseQuestion],
-    ReleaseTable,
-    Report,
-    values.Safety,
-    SuiteRequest,
-    SuiteTable,
-    values.Summary,
-    Triage,
-    TriageChange,
-    Usage,
-    webhooks.Webhook,
-    webhooks.WebhookDelivery,
-    webhooks.WebhookRequest,
-    http.Digest,
-    http.Health,
-    http.ModeName,
-    http.ProofRequest,
-    http.ReplayRequest,
-    http.ShrinkRequest,
-)
 NUMBERS = {
     "description": "Numbers, or equally long rows of them: an array, row by row.",
     "type": "array",
@@ -120,33 +36,73 @@ SPECS = {
 }
 
 
+Node = dict[str, Any]
+
+
+class TypeReference(dict[str, Any]):
+    """Reference to the component that describes a type, with the type itself.
+
+    FastAPI keeps what a route says of its answers and bodies, so the document finds in the routes
+    which types it has to describe.
+
+    Args:
+        kind: type that msgspec can encode.
+    """
+
+    def __init__(self, kind: Any) -> None:
+        (reference,), _ = _describe_types([kind])
+        super().__init__(reference)
+        self.kind = kind
+
+
+def _describe_types(kinds: list[Any]) -> tuple[tuple[Node, ...], Node]:
+    """Return the reference to each type, and the components that describe them, by name."""
+
+    def describe_array(kind: type) -> Node:
+        # A new object for each field: `_describe_fields` writes the field's description into it.
+        arrays: dict[type, Node] = {np.ndarray: {"$ref": REF.format(name="Numbers")}}
+        return arrays[kind]
+
+    return msgspec.json.schema_components(kinds, schema_hook=describe_array, ref_template=REF)
+
+
+def schema(kind: Any) -> Node:
+    """Return the description of content that is of a type."""
+    return {"schema": TypeReference(kind)}
+
+
 def document_route(
-    answer: Any, status: int = 200, body: type[msgspec.Struct] | None = None
-) -> dict[str, Any]:
+    answer: Any,
+    status: int = 200,
+    body: type[msgspec.Struct] | Node | None = None,
+    example: Node | None = None,
+) -> Node:
     """Return keyword arguments for the decorator of a route that document it.
 
     Args:
         answer: type of the answer.
         status: status of the answer.
-        body: type of the request's body.
+        body: type of the request's body; or the schema of a body that no struct describes.
+        example: example of the request's body.
     """
-    options: dict[str, Any] = {
+    options: Node = {
         "status_code": status,
         "responses": {status: {"content": {JSON: schema(answer)}}, "default": problem_response()},
     }
-    if body is not None:
-        request = {"content": {JSON: schema(body)}, "required": bool(_required_fields(body))}
-        options["openapi_extra"] = {"requestBody": request}
+    if body is None:
+        return options
+    if isinstance(body, dict):
+        content, required = {"schema": body}, body["type"] == "array"
+    else:
+        content = schema(body)
+        required = any(field.required for field in msgspec.structs.fields(body))
+    if example is not None:
+        content["example"] = example
+    options["openapi_extra"] = {"requestBody": {"content": {JSON: content}, "required": required}}
     return options
 
 
-def document_plain_route(answer: Any, status: int, body: dict[str, Any]) -> dict[str, Any]:
-    """Return what `document_route` returns, for a body that has a schema but no struct."""
-    request = {"content": {JSON: {"schema": body}}, "required": body["type"] == "array"}
-    return {**document_route(answer, status), "openapi_extra": {"requestBody": request}}
-
-
-def document_stream() -> dict[str, Any]:
+def document_stream() -> Node:
     """Return what `document_route` returns, for a stream of events, in OpenAPI 3.1 a text."""
     description = (
         "Server-sent events. The data of each is the JSON of an Event, its id the Event's id."
@@ -155,29 +111,10 @@ def document_stream() -> dict[str, Any]:
     return {"responses": {200: {"content": {STREAM: stream}}, "default": problem_response()}}
 
 
-def problem_response() -> dict[str, Any]:
+def problem_response() -> Node:
     """Return the description of an answer that is a problem."""
     return {"description": "A problem.", "content": {http.PROBLEM_JSON: schema(http.Problem)}}
 
-
-def _required_fields(kind: type[msgspec.Struct]) -> list[str]:
-    return [field.name for field in msgspec.structs.fields(kind) if field.required]
-
-
-def schema(kind: Any) -> dict[str, Any]:
-    """Return a reference to the component that describes a type."""
-    (reference,), _ = msgspec.json.schema_components(
-        [kind], schema_hook=_describe_array, ref_template=REF
-    )
-    return {"schema": reference}
-
-
-def _describe_array(kind: type) -> dict[str, Any]:
-    known: dict[type, dict[str, Any]] = {np.ndarray: {"$ref": REF.format(name="Numbers")}}
-    return known[kind]
-
-
-Node = dict[str, Any]
 
 TAGS = {
     "campaigns": "Budgeted searches for failures: create, follow, steer, summarise, compare.",
@@ -213,29 +150,6 @@ KEY = {
     "scheme": "bearer",
     "description": "An API key, `ef_<id>_<secret>`; required once the first key was created.",
 }
-EXAMPLES: dict[str, Node] = {
-    "create_campaign": {"name": "first try", "method": "monte_carlo", "episodes": 100},
-    "check_campaign": {"name": "first try", "method": "monte_carlo", "episodes": 100},
-    "clone_campaign": {"name": "another seed", "seed": 1},
-    "create_key": {"name": "nightly pipeline", "scope": "runner", "expires_s": 7_776_000},
-    "create_webhook": {
-        "url": "https://hooks.example.org/eigenfail",
-        "events": ["campaign.ended", "gate.failed"],
-    },
-    "record_gate": {
-        "gate": {"suite": "nightly", "version": "v2", "run": "nightly @ v2", "baseline": "v1"},
-        "open": True,
-        "counts": {"fixed": 1},
-        "members": [
-            {
-                "member": "cut-in",
-                "known": [{"verdict": "fixed", "what": "medoid 1, 3/115", "was": "3/115"}],
-            }
-        ],
-    },
-    "create_analysis": {"components": 20, "clusters": 4},
-}
-NO_EXAMPLES: Mapping[str, Node] = MappingProxyType({})
 EVERYWHERE = (400, 401, 403, 406, 422, 500, 503)
 WITH_ID = (404, 409, 410)
 WITH_BODY = (409, 410, 413, 415)
@@ -245,34 +159,40 @@ MADE = ("201", "202")
 ATTRIBUTE = re.compile(r"(?P<name>\w+): (?P<words>.+)")
 
 
-def build_document(
-    app: FastAPI, bodies: Sequence[Any] = (), examples: Mapping[str, Node] = NO_EXAMPLES
-) -> Node:
-    """Return the application's OpenAPI document, built at the first call.
-
-    Args:
-        app: the application.
-        bodies: structs of requests and answers of its extensions.
-        examples: examples of bodies of their routes, by the name of the route's function.
-    """
+def build_document(app: FastAPI) -> Node:
+    """Return the application's OpenAPI document, built at the first call."""
     if app.openapi_schema is None:
         document = get_openapi(
             title="eigenfail", version=__version__, summary=app.summary, routes=app.routes
         )
-        _, components = msgspec.json.schema_components(
-            (*BODIES, *bodies), schema_hook=_describe_array, ref_template=REF
-        )
-        schemas = document.setdefault("components", {}).setdefault("schemas", {})
-        schemas.update(components, Numbers=NUMBERS)
+        kinds: list[Any] = []
+        for context in iter_route_contexts(app.routes):
+            route = context.original_route
+            if isinstance(route, APIRoute) and route.include_in_schema:
+                kinds += _list_types(route.responses)
+                kinds += _list_types(route.openapi_extra)
+        _, components = _describe_types(kinds)
+        schemas = {**document["components"]["schemas"], **components, "Numbers": NUMBERS}
+        # Sorted, so that a route that moves changes no line of docs/openapi.json but its own.
+        document["components"]["schemas"] = dict(sorted(schemas.items()))
         events = document["paths"][f"{http.PREFIX}/events"]["get"]["responses"]["200"]
         # FastAPI describes streams in the terms of OpenAPI 3.2, under the number 3.1.
         events["content"][STREAM].pop("itemSchema")
-        _complete(document, {**EXAMPLES, **examples})
+        _complete(document)
         app.openapi_schema = document
     return app.openapi_schema
 
 
-def _complete(document: Node, examples: Mapping[str, Node]) -> None:
+def _list_types(node: Any) -> Iterator[Any]:
+    """Yield the types to which a description refers, as often as it does."""
+    if isinstance(node, TypeReference):
+        yield node.kind
+    elif isinstance(node, dict):
+        for below in node.values():
+            yield from _list_types(below)
+
+
+def _complete(document: Node) -> None:
     """Add descriptions of tags, parameters, answers, refusals and fields."""
     operations = [one for item in document["paths"].values() for one in item.values()]
     used = {tag for operation in operations for tag in operation["tags"]}
@@ -287,13 +207,15 @@ def _complete(document: Node, examples: Mapping[str, Node]) -> None:
     for path, item in document["paths"].items():
         for verb, operation in item.items():
             _complete_operation(path, verb, operation)
-            if example := examples.get(operation["operationId"]):
-                operation["requestBody"]["content"][JSON]["example"] = example
     components = document["components"]["schemas"]
-    for name in sorted(components):
-        _describe_fields(components[name])
+    for component in components.values():
+        _describe_fields(component)
     for kind in (values.Measures, EpisodeRow):
-        _describe_measures(components[kind.__name__])
+        # Definition and unit of each measure are declared once, for pages and tables as well.
+        described = components[kind.__name__]["properties"]
+        for name, measure in values.MEASURES.items():
+            unit = f" [{measure.unit}]" if measure.unit else ""
+            described[name].setdefault("description", f"{measure.formula}{unit}.")
 
 
 def _complete_operation(path: str, verb: str, operation: Node) -> None:
@@ -365,13 +287,6 @@ def _describe_fields(schema: Node) -> None:
     for name, words in parse_attributes(attributes):
         if name in schema["properties"]:
             schema["properties"][name].setdefault("description", words)
-
-
-def _describe_measures(schema: Node) -> None:
-    """Add definition and unit of each measure, from its declaration."""
-    for name, measure in values.MEASURES.items():
-        unit = f" [{measure.unit}]" if measure.unit else ""
-        schema["properties"][name].setdefault("description", f"{measure.formula}{unit}.")
 
 
 def parse_attributes(attributes: str) -> Iterator[tuple[str, str]]:

@@ -3,12 +3,10 @@
 import argparse
 import gc
 import json
-import os
 import signal
 import sys
 import time
 from contextlib import ExitStack
-from pathlib import Path
 from threading import Event
 from typing import NoReturn
 
@@ -16,18 +14,17 @@ import structlog
 
 from eigenfail import logs
 from eigenfail.command_line import Parser, checked_stdout
-from eigenfail.errors import EigenfailError, InvalidValue, StoreUnavailable
-from eigenfail.hosting.service import Launcher, make_span, refuse_scaling
+from eigenfail.errors import EigenfailError, StoreUnavailable
+from eigenfail.hosting.service import Launcher
 from eigenfail.processes import die_with_parent, end_now
 from eigenfail.values.access import redact
-from eigenfail_services import bounds, observability
+from eigenfail_services import observability, options
+from eigenfail_services.bounds import SettingBounds
 from eigenfail_services.campaigns import analysis_jobs
-from eigenfail_services.campaigns.launcher import NoLauncher, WorkerLauncher, WorkerScaling
-from eigenfail_services.campaigns.process_launcher import ProcessLauncher
-from eigenfail_services.campaigns.ray_launcher import RayLauncher
+from eigenfail_services.campaigns.launcher import WorkerScaling
 from eigenfail_services.campaigns.supervisor import Supervisor
 from eigenfail_services.hub.server import Hub
-from eigenfail_services.hub.transport import KEYS_VARIABLE, load_keys
+from eigenfail_services.hub.transport import load_keys
 from eigenfail_services.store import open_store
 from eigenfail_services.webhooks import addresses
 from eigenfail_services.webhooks.dispatcher import WebhookDispatcher
@@ -47,61 +44,14 @@ log = structlog.get_logger()
 def parse(words: list[str] | None = None) -> argparse.Namespace:
     """What the command line says."""
     parser = Parser(prog="eigenfail_services", description=__doc__)
-    parser.add_argument(
-        "--database", default=os.environ.get(analysis_jobs.DATABASE_VARIABLE), help="URL"
-    )
     parser.set_defaults(command=serve)
-    parser.add_argument("--hub", default="tcp://127.0.0.1:*", help="address to listen on")
-    parser.add_argument("--advertise", help="the hub's address, as workers of Ray reach it")
-    keys = os.environ.get(KEYS_VARIABLE) or None
-    parser.add_argument("--hub-keys", type=Path, default=keys, help="folder of its keys")
-    _add_launcher_options(parser)
-    bounds.add_arguments(parser)
-    observability.add_arguments(parser)
+    options.add_options(parser)
     addresses.add_arguments(parser)
     commands = parser.add_subparsers(title="commands")
     analyse = commands.add_parser("analyse", help="work on one analysis, then end")
     analyse.add_argument("analysis", type=int)
     analyse.set_defaults(command=analyse_one)
     return parser.parse_args(words)
-
-
-def _add_launcher_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for the number of workers and their launcher."""
-    parser.add_argument("--workers", type=int, help="number of workers; default: one per core")
-    parser.add_argument("--min-workers", type=int, help="minimum number of workers; 0")
-    parser.add_argument("--max-workers", type=int, help="scale with the work, up to this number")
-    parser.add_argument(
-        "--idle-s", type=float, help="time after which idle workers are stopped [s]; 60"
-    )
-    parser.add_argument(
-        "--launcher",
-        choices=[one.value for one in Launcher],
-        default=Launcher.RAY.value,
-        help="what starts workers",
-    )
-    parser.add_argument("--ray-address", default=None, help="of a running cluster")
-
-
-def create_launcher(arguments: argparse.Namespace) -> WorkerLauncher:
-    """Return the launcher that the options name.
-
-    Raises:
-        InvalidValue: the numbers of workers do not go together, or are given where none starts; or
-            a cluster is named that the launcher does not use.
-    """
-    launcher = Launcher(arguments.launcher)
-    least, most = arguments.min_workers, arguments.max_workers
-    if launcher is Launcher.NONE:
-        refuse_scaling(least, most, arguments.idle_s)
-        return NoLauncher()
-    if launcher is Launcher.LOCAL and arguments.ray_address is not None:
-        problem = "names a running Ray, and --launcher local uses none."
-        raise InvalidValue("--ray-address", problem, "Omit it, or take --launcher ray.")
-    span = make_span(arguments.workers, least, most, arguments.idle_s)
-    if launcher is Launcher.LOCAL:
-        return ProcessLauncher(span)
-    return RayLauncher(span, arguments.ray_address)
 
 
 def analyse_one(arguments: argparse.Namespace) -> NoReturn:
@@ -132,15 +82,17 @@ def serve(arguments: argparse.Namespace) -> None:
     """Run hub, supervisor and workers until SIGTERM or Ctrl-C."""
     keys, launcher = (
         load_keys(arguments.hub, arguments.hub_keys),
-        create_launcher(arguments),
+        options.create_launcher(arguments),
     )
     stopping = Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stopping.set())
     store = open_store(arguments.database)
     hub_store = open_store(arguments.database, wait_s=HUB_WAIT_S)
-    hub = Hub(hub_store, arguments.hub, keys, bounds.of_learners(arguments))
-    analyses = analysis_jobs.AnalysisJobs(store, arguments.database, bounds.of_analyses(arguments))
+    of_learners = SettingBounds(arguments.learner_limit, arguments.learner_memory)
+    of_analyses = SettingBounds(arguments.analysis_limit, arguments.learner_memory)
+    hub = Hub(hub_store, arguments.hub, keys, of_learners)
+    analyses = analysis_jobs.AnalysisJobs(store, arguments.database, of_analyses)
     supervisor = Supervisor(store, hub, analyses, arguments.campaigns)
     staffing = WorkerScaling(launcher, hub, store.events)
     webhooks = WebhookDispatcher(store, arguments.webhook_networks)

@@ -1,8 +1,6 @@
 """What the process of a learner, or of an analysis, may take of the machine."""
 
-import argparse
 import contextlib
-import os
 import resource
 import sys
 from math import inf
@@ -73,63 +71,11 @@ def memory_mib(containers_limit: Path = CONTAINERS_LIMIT) -> float:
     return float(most // MIB)
 
 
-def most_campaigns(memory_mib: float) -> int:
+def count_fitting_learners(memory_mib: float) -> int:
     """Return the number of learners that fit into a memory before their first step; at least 1."""
     return max(1, int(memory_mib // LEARNER_MIB))
 
 
-def campaigns_at_once(text: str) -> int:
-    """How many campaigns run at a time, as the command line has it.
-
-    Raises:
-        ArgumentTypeError: it is no whole number above 0, or their learners have no room here.
-    """
-    most = most_campaigns(memory_mib())
-    if not (text.isdecimal() and text.isascii() and int(text[:9])):
-        raise argparse.ArgumentTypeError(f"'{text[:20]}' is not an integer above 0")
-    if int(text[:9]) > most:
-        needs = f"a learner takes {LEARNER_MIB:g} MiB before its first step"
-        raise argparse.ArgumentTypeError(f"{text[:9]} are too many here, at most {most}: {needs}")
-    return int(text[:9])
-
-
-def positive(text: str) -> float:
-    """A limit, as the command line has it.
-
-    Raises:
-        ArgumentTypeError: it is no number above 0.
-    """
-    try:
-        limit = float(text)
-    except ValueError:
-        limit = 0.0
-    if limit > 0.0:
-        return limit
-    raise argparse.ArgumentTypeError(f"'{text}' is not a number above 0; 'inf' is no limit at all")
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Options, with the environment behind them."""
-    for option, variable, default, words in (
-        ("--learner-limit", LEARNER_LIMIT, HOUR_S, "over one step of a learner [s]"),
-        ("--analysis-limit", ANALYSIS_LIMIT, HOUR_S, "over an analysis [s]"),
-        ("--learner-memory", LEARNER_MEMORY, half_of_the_memory_mib(), "of either of them [MiB]"),
-    ):
-        given = os.environ.get(variable) or str(default)
-        parser.add_argument(option, type=positive, default=given, help=words)
-    parser.add_argument(
-        "--campaigns",
-        type=campaigns_at_once,
-        default=os.environ.get(CAMPAIGNS) or str(min(SOME_CAMPAIGNS, most_campaigns(memory_mib()))),
-        help="how many run at a time, each with a learner of its own",
-    )
-
-
-def of_learners(arguments: argparse.Namespace) -> SettingBounds:
-    """What the command line allows a learner."""
-    return SettingBounds(arguments.learner_limit, arguments.learner_memory)
-
-
-def of_analyses(arguments: argparse.Namespace) -> SettingBounds:
-    """What the command line allows an analysis."""
-    return SettingBounds(arguments.analysis_limit, arguments.learner_memory)
+def choose_campaigns() -> int:
+    """Return how many campaigns run at a time unless an option says it."""
+    return min(SOME_CAMPAIGNS, count_fitting_learners(memory_mib()))

@@ -1,6 +1,5 @@
 """Observability of the services: the port that Prometheus scrapes, and OpenTelemetry traces."""
 
-import argparse
 import os
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -15,12 +14,6 @@ from eigenfail.addresses import TRUST_VARIABLE, is_loopback
 from eigenfail.errors import InvalidValue, PortTaken
 
 VARIABLE = "EIGENFAIL_METRICS"
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """The option, with the environment behind it."""
-    given = os.environ.get(VARIABLE, "")
-    parser.add_argument("--metrics", default=given, help="host:port where Prometheus may scrape")
 
 
 def serve(address: str, registry: CollectorRegistry) -> Callable[[], None]:

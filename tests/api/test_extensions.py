@@ -44,7 +44,7 @@ class Flock(msgspec.Struct, frozen=True):
     sheep: int = 0
 
 
-@router.post("/sheep", **document_route(Flock, body=Flock))
+@router.post("/sheep", **document_route(Flock, body=Flock, example={"name": "hill"}))
 def count_sheep(store: Stored, flock: Annotated[Flock, Depends(body_of(Flock))]) -> Json:
     """Count the sheep of a flock."""
     if not flock.name:
@@ -66,8 +66,6 @@ def show_sheep() -> HTMLResponse:
 
 extension = Extension(
     routers=(router, pages),
-    bodies=(Flock,),
-    examples={"count_sheep": {"name": "hill"}},
     templates="eigenfail_sheep",
     navigation=(NavigationEntry("Sheep", "/sheep"),),
     viewer_requests=("POST /api/v1/sheep",),

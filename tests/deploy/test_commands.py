@@ -16,6 +16,7 @@ from eigenfail.cli.main import DeferredCommand, app
 from eigenfail.errors import EigenfailError
 from eigenfail_api import __main__ as api
 from eigenfail_services import __main__ as services
+from eigenfail_services import options
 from eigenfail_workers import __main__ as workers
 
 SETTINGS = (DEPLOY.parent / "docs" / "configuration.md").read_text()
@@ -86,7 +87,7 @@ def parse_eigenfail(words, monkeypatch):
 def parse_services(words, monkeypatch):
     arguments = services.parse(words)
     if arguments.command is services.serve:
-        services.create_launcher(arguments)
+        options.create_launcher(arguments)
     return arguments
 
 

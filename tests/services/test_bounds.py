@@ -19,7 +19,7 @@ def test_without_a_word_it_is_an_hour_and_half_of_the_memory(monkeypatch) -> Non
         monkeypatch.delenv(variable, raising=False)
     given = services.parse([])
     half = bounds.half_of_the_memory_mib()
-    assert bounds.of_learners(given) == bounds.of_analyses(given) == SettingBounds(3600.0, half)
+    assert (given.learner_limit, given.analysis_limit, given.learner_memory) == (3600, 3600, half)
     assert bounds.LEAST_MIB <= half <= max(bounds.LEAST_MIB, psutil.virtual_memory().total / 2**21)
 
 
@@ -28,8 +28,7 @@ def test_options_outdo_the_environment(monkeypatch) -> None:
     monkeypatch.setenv(bounds.ANALYSIS_LIMIT, "inf")
     monkeypatch.setenv(bounds.LEARNER_MEMORY, "700")
     given = services.parse(["--learner-limit", "2.5"])
-    assert bounds.of_learners(given) == SettingBounds(2.5, 700.0)
-    assert bounds.of_analyses(given) == SettingBounds(inf, 700.0)
+    assert (given.learner_limit, given.analysis_limit, given.learner_memory) == (2.5, inf, 700)
 
 
 @pytest.mark.parametrize("text", ["0", "-1", "nan", "an hour", ""])

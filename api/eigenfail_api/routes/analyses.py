@@ -36,7 +36,12 @@ OnlyState = Annotated[TriageState | None, Query(description="Only modes in this 
 
 @router.post(
     "/campaigns/{campaign}/analyses",
-    **document_route(values.Analysis, 201, body=values.AnalysisSettings),
+    **document_route(
+        values.Analysis,
+        201,
+        body=values.AnalysisSettings,
+        example={"components": 20, "clusters": 4},
+    ),
 )
 def create_analysis(
     store: parameters.Stored,

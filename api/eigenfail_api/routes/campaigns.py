@@ -21,7 +21,7 @@ from eigenfail.values.suite import SuiteStanding, SuiteTable
 from eigenfail.wire.http import PREFIX, CampaignCheck, Digest, ShrinkRequest, make_problem
 from eigenfail_api import parameters
 from eigenfail_api.concurrency import ConcurrencyLimit
-from eigenfail_api.openapi import FIELDS, SPECS, document_plain_route, document_route
+from eigenfail_api.openapi import FIELDS, SPECS, document_route
 from eigenfail_services.campaigns import drafts, summary, validation
 from eigenfail_services.campaigns.chain_mixing import find_chain_mixing
 from eigenfail_services.campaigns.minimal_failures import find_minimal_failure, make_minimal_spec
@@ -124,6 +124,7 @@ Sort = Annotated[
         description=f"Order: {', '.join(CAMPAIGN_ORDERS)}; with a minus, the largest first.",
     ),
 ]
+FIRST_TRY = {"name": "first try", "method": "monte_carlo", "episodes": 100}
 Items = Annotated[list[Any], Depends(parameters.plain_body(list))]
 
 
@@ -173,7 +174,9 @@ def _launch(
     return parameters.Json(made, 201, {"Location": f"{PREFIX}/campaigns/{made.id}"})
 
 
-@router.post("", **document_route(values.Campaign, 201, body=values.CampaignSpec))
+@router.post(
+    "", **document_route(values.Campaign, 201, body=values.CampaignSpec, example=FIRST_TRY)
+)
 def create_campaign(
     store: parameters.Stored,
     spec: Annotated[values.CampaignSpec, Depends(parameters.body_of(values.CampaignSpec))],
@@ -184,7 +187,7 @@ def create_campaign(
     return _launch(store, validation.validate_campaign(spec, store), idempotency_key, made_by)
 
 
-@router.post("/check", **document_plain_route(CampaignCheck, 200, FIELDS))
+@router.post("/check", **document_route(CampaignCheck, body=FIELDS, example=FIRST_TRY))
 def check_campaign(store: parameters.Stored, fields: Fields) -> parameters.Json:
     """Validate a new campaign: its full specification, or all its errors. Nothing is created."""
     if problems := drafts.find_problems(fields, store):
@@ -194,7 +197,7 @@ def check_campaign(store: parameters.Stored, fields: Fields) -> parameters.Json:
     return parameters.Json(CampaignCheck(fill_defaults(campaign.spec), notes=notes))
 
 
-@router.post("/bulk", **document_plain_route(values.Page[values.Campaign], 201, SPECS))
+@router.post("/bulk", **document_route(values.Page[values.Campaign], 201, body=SPECS))
 def create_campaigns(
     store: parameters.Stored,
     specs: Items,
@@ -243,7 +246,12 @@ def get_campaign(store: parameters.Stored, campaign: parameters.CampaignId) -> p
     return parameters.Json(store.campaigns.get(campaign))
 
 
-@router.post("/{campaign}/clone", **document_plain_route(values.Campaign, 201, FIELDS))
+@router.post(
+    "/{campaign}/clone",
+    **document_route(
+        values.Campaign, 201, body=FIELDS, example={"name": "another seed", "seed": 1}
+    ),
+)
 def clone_campaign(
     store: parameters.Stored,
     campaign: parameters.CampaignId,

@@ -16,7 +16,20 @@ router = APIRouter(prefix=PREFIX, tags=["gates"])
 GateId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of the result of a gate.")]
 
 
-@router.post("/gates", **document_route(GateSummary, 201, body=GateReport))
+EXAMPLE = {
+    "gate": {"suite": "nightly", "version": "v2", "run": "nightly @ v2", "baseline": "v1"},
+    "open": True,
+    "counts": {"fixed": 1},
+    "members": [
+        {
+            "member": "cut-in",
+            "known": [{"verdict": "fixed", "what": "medoid 1, 3/115", "was": "3/115"}],
+        }
+    ],
+}
+
+
+@router.post("/gates", **document_route(GateSummary, 201, body=GateReport, example=EXAMPLE))
 def record_gate(store: Stored, report: Annotated[GateReport, Depends(body_of(GateReport))]) -> Json:
     """Store the report of a gate once; a closed gate also sends messages of webhooks."""
     check_report(report)

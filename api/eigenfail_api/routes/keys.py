@@ -17,7 +17,10 @@ router = APIRouter(prefix=PREFIX, tags=["keys"])
 KeyId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of a key.")]
 
 
-@router.post("/keys", **document_route(NewKey, 201, body=KeyRequest))
+EXAMPLE = {"name": "nightly pipeline", "scope": "runner", "expires_s": 7_776_000}
+
+
+@router.post("/keys", **document_route(NewKey, 201, body=KeyRequest, example=EXAMPLE))
 def create_key(
     store: Stored,
     authenticator: Annotated[Authenticator, Depends(authenticator_of)],

@@ -17,7 +17,13 @@ router = APIRouter(prefix=PREFIX, tags=["webhooks"])
 WebhookId = Annotated[int, Path(ge=1, le=LARGEST, description="Id of a webhook.")]
 
 
-@router.post("/webhooks", **document_route(NewWebhook, 201, body=WebhookRequest))
+EXAMPLE = {
+    "url": "https://hooks.example.org/eigenfail",
+    "events": ["campaign.ended", "gate.failed"],
+}
+
+
+@router.post("/webhooks", **document_route(NewWebhook, 201, body=WebhookRequest, example=EXAMPLE))
 def create_webhook(
     store: Stored, request: Annotated[WebhookRequest, Depends(body_of(WebhookRequest))]
 ) -> Json:

@@ -6,8 +6,10 @@ from typing import Annotated
 import typer
 
 from eigenfail.cli import completion, options
+from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.render import (
+    CommandResult,
     TerminalView,
     describe_method_result,
     find_missing_workers,
@@ -16,6 +18,7 @@ from eigenfail.cli.render import (
     show,
 )
 from eigenfail.cli.specs import describe_check, parse_changes, read_spec
+from eigenfail.client import Client
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.filters import CAMPAIGN_ORDERS, NEWEST_FIRST
 from eigenfail.hosting.folder import DEFAULT_URL
@@ -32,8 +35,7 @@ from eigenfail.presentation.campaigns import (
     tabulate_workers,
 )
 from eigenfail.presentation.terminal import render
-from eigenfail.progress import announce
-from eigenfail.values import Campaign, CampaignState, Priority
+from eigenfail.values import Campaign, CampaignState, Priority, Summary
 from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.wire.http import make_error
 from eigenfail.worlds import find_robustness_unit
@@ -46,51 +48,55 @@ QuietCheck = Annotated[
 ]
 
 
+app = typer.Typer(
+    add_completion=False, no_args_is_help=True, help="Create, monitor and control campaigns."
+)
+
+
+@app.command()
+@prints_answer()
 def create(
-    context: typer.Context,
+    client: Client,
     file: options.SpecFile,
-    url: options.Url = DEFAULT_URL,
     episodes: options.Episodes = None,
     seed: options.Seed = None,
     priority: options.Urgency = None,
     values: options.Changed = None,
     quiet: Quiet = False,
-    as_json: options.AsJson = False,
-) -> None:
+) -> CommandResult:
     """Launch the campaign that a TOML file describes, and print it."""
     spec = read_spec(file, changes=values, episodes=episodes, seed=seed, priority=priority)
-    with connect_to(context, url) as client:
-        _show_launched(client.campaigns.create(spec), quiet, as_json)
+    return _show_launched(client.campaigns.create(spec), quiet)
 
 
+@app.command()
+@prints_answer()
 def check(
-    context: typer.Context,
+    client: Client,
     file: options.SpecFile,
-    url: options.Url = DEFAULT_URL,
     episodes: options.Episodes = None,
     seed: options.Seed = None,
     priority: options.Urgency = None,
     values: options.Changed = None,
     quiet: QuietCheck = False,
-    as_json: options.AsJson = False,
-) -> None:
+) -> CommandResult:
     """Print the full specification of the campaign in a TOML file without launching it.
 
     Exits with 2 if it cannot be launched.
     """
     spec = read_spec(file, changes=values, episodes=episodes, seed=seed, priority=priority)
-    with connect_to(context, url) as client:
-        found = client.campaigns.check(spec)
-    if not quiet:
-        show(found, as_json, lambda: describe_check(found))
-    if found.problems:
-        raise typer.Exit(make_error(found.problems[0]).exit_code)
+    found = client.campaigns.check(spec)
+    exit_code = make_error(found.problems[0]).exit_code if found.problems else 0
+    if quiet:
+        raise typer.Exit(exit_code)
+    return CommandResult(found, lambda: describe_check(found), exit_code)
 
 
+@app.command()
+@prints_answer()
 def clone(
-    context: typer.Context,
+    client: Client,
     campaign: options.CampaignId,
-    url: options.Url = DEFAULT_URL,
     name: Annotated[str | None, typer.Option(help="Name of the new campaign.")] = None,
     episodes: Annotated[
         int | None, typer.Option(min=1, help="Budget of the new campaign. [episodes]")
@@ -98,29 +104,23 @@ def clone(
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the new campaign.")] = None,
     values: options.Changed = None,
     quiet: Quiet = False,
-    as_json: options.AsJson = False,
-) -> None:
+) -> CommandResult:
     """Launch a copy of an earlier campaign with changed values, and print it."""
     given = {"name": name, "episodes": episodes, "seed": seed}
     named = {field: value for field, value in given.items() if value is not None}
     changes = {**named, **parse_changes(values or [])}
-    with connect_to(context, url) as client:
-        created = client.campaigns.clone(campaign, **changes)
-    _show_launched(created, quiet, as_json)
+    return _show_launched(client.campaigns.clone(campaign, **changes), quiet)
 
 
-def _show_launched(campaign: Campaign, quiet: bool, as_json: bool) -> None:
-    """Print a campaign that was just launched, or its id alone, which is JSON, too."""
+def _show_launched(campaign: Campaign, quiet: bool) -> CommandResult:
+    """Return a campaign that was just launched, or its id alone, which is JSON, too."""
     if quiet:
-        typer.echo(campaign.id)
-        return
-    show(campaign, as_json, lambda: render(list_campaign_facts(campaign)))
+        return CommandResult(campaign.id, lambda: str(campaign.id))
+    return _show_facts(campaign)
 
 
-def _add_launching(app: typer.Typer) -> None:
-    """Add the commands."""
-    for command in (create, check, clone):
-        app.command()(command)
+def _show_facts(campaign: Campaign) -> CommandResult:
+    return CommandResult(campaign, lambda: render(list_campaign_facts(campaign)))
 
 
 Act = Callable[[Campaigns, int], Campaign]
@@ -138,44 +138,14 @@ ACTS: dict[str, tuple[Act, str]] = {
 
 
 def _make_command(act: Act) -> Callable[..., None]:
-    """The command that does it, and shows what has become of the campaign."""
+    """Return the command that does it, and shows what has become of the campaign."""
 
-    def command(
-        context: typer.Context,
-        campaign: options.CampaignId,
-        url: options.Url = DEFAULT_URL,
-        as_json: options.AsJson = False,
-    ) -> None:
-        with connect_to(context, url) as client:
-            found = act(client.campaigns, campaign)
-        show(found, as_json, lambda: render(list_campaign_facts(found)))
+    @prints_answer()
+    def command(client: Client, campaign: options.CampaignId) -> CommandResult:
+        return _show_facts(act(client.campaigns, campaign))
 
     return command
 
-
-def priority(
-    context: typer.Context,
-    campaign: options.CampaignId,
-    wanted: Annotated[Priority, typer.Argument(metavar="PRIORITY", help="low, normal or high.")],
-    url: options.Url = DEFAULT_URL,
-    as_json: options.AsJson = False,
-) -> None:
-    """Change the priority of a campaign: its share of the workers and its place in the queue."""
-    with connect_to(context, url) as client:
-        found = client.campaigns.prioritise(campaign, wanted)
-    show(found, as_json, lambda: render(list_campaign_facts(found)))
-
-
-def _add_steering(app: typer.Typer) -> None:
-    """Add the commands."""
-    for name, (act, text) in ACTS.items():
-        app.command(name, help=text)(_make_command(act))
-    app.command()(priority)
-
-
-app = typer.Typer(
-    add_completion=False, no_args_is_help=True, help="Create, monitor and control campaigns."
-)
 
 State = Annotated[CampaignState | None, typer.Option(help="Only campaigns in this state.")]
 Method = Annotated[
@@ -210,13 +180,11 @@ VariedIds = Annotated[
     ),
 ]
 
-_add_launching(app)
-
 
 @app.command("list")
+@prints_answer()
 def list_campaigns(
-    context: typer.Context,
-    url: options.Url = DEFAULT_URL,
+    client: Client,
     state: State = None,
     method: Method = None,
     search: Search = None,
@@ -227,84 +195,83 @@ def list_campaigns(
     archived: Archived = False,
     limit: options.Limit = 20,
     watched: options.Watched = False,
-    as_json: options.AsJson = False,
-) -> None:
+) -> TerminalView[tuple[Campaign, ...]]:
     """List campaigns, by default newest first."""
-    with interruptible(), connect_to(context, url) as client:
-        found = client.campaigns.list(
-            state,
-            method=method,
-            search=search,
-            sort=sort,
-            project=project,
-            tag=tag,
-            planner_version=planner_version,
-            archived=archived,
-        )
-        page = TerminalView(
-            look=lambda: found.first(limit),
-            campaigns=lambda seen: seen,
-            to_data=lambda seen: seen,
-            draw=lambda seen: render(tabulate_campaigns(seen)),
-        )
-        page.watch(as_json) if watched else page.show(as_json)
+    found = client.campaigns.list(
+        state,
+        method=method,
+        search=search,
+        sort=sort,
+        project=project,
+        tag=tag,
+        planner_version=planner_version,
+        archived=archived,
+    )
+    return TerminalView(
+        look=lambda: found.first(limit),
+        campaigns=lambda seen: seen,
+        to_data=lambda seen: seen,
+        draw=lambda seen: render(tabulate_campaigns(seen)),
+        watched=watched,
+    )
 
 
 @app.command("show")
+@prints_answer()
 def show_campaign(
-    context: typer.Context,
-    campaign: options.CampaignId,
-    url: options.Url = DEFAULT_URL,
-    watched: options.Watched = False,
-    as_json: options.AsJson = False,
-) -> None:
+    client: Client, campaign: options.CampaignId, watched: options.Watched = False
+) -> TerminalView[tuple[Campaign, Summary]]:
     """Show the settings, progress and results of a campaign."""
-    with interruptible(), connect_to(context, url) as client:
-        page = TerminalView(
-            look=lambda: (client.campaigns.get(campaign), client.campaigns.summary(campaign)),
-            campaigns=lambda seen: seen[:1],
-            to_data=lambda seen: seen[0],
-            draw=lambda seen: render(
-                *describe_campaign(*seen),
-                *find_missing_workers(client, seen[0]),
-                *describe_method_result(client, seen[0]),
-            ),
-        )
-        page.watch(as_json) if watched else page.show(as_json)
+    return TerminalView(
+        look=lambda: (client.campaigns.get(campaign), client.campaigns.summary(campaign)),
+        campaigns=lambda seen: seen[:1],
+        to_data=lambda seen: seen[0],
+        draw=lambda seen: render(
+            *describe_campaign(*seen),
+            *find_missing_workers(client, seen[0]),
+            *describe_method_result(client, seen[0]),
+        ),
+        watched=watched,
+    )
 
 
 @app.command()
+@prints_answer("Reading the episodes")
 def course(
-    context: typer.Context,
+    client: Client,
     campaign: options.CampaignId,
     per: Annotated[int | None, typer.Option(min=1, help="Number of episodes in a block.")] = None,
-    url: options.Url = DEFAULT_URL,
-    as_json: options.AsJson = False,
-) -> None:
+) -> CommandResult:
     """Show how failure rate, likelihood and robustness moved: the learning curve."""
-    with connect_to(context, url) as client, announce("Reading the episodes"):
-        found = client.campaigns.course(campaign, per)
-        unit = find_robustness_unit(client.campaigns.get(campaign).spec)
-    show(found, as_json, lambda: render(*tabulate_course(found, unit)))
+    found = client.campaigns.course(campaign, per)
+    unit = find_robustness_unit(client.campaigns.get(campaign).spec)
+    return CommandResult(found, lambda: render(*tabulate_course(found, unit)))
 
 
-_add_steering(app)
+for _name, (_act, _text) in ACTS.items():
+    app.command(_name, help=_text)(_make_command(_act))
 
 
 @app.command()
-def digest(
-    context: typer.Context,
+@prints_answer()
+def priority(
+    client: Client,
     campaign: options.CampaignId,
-    url: options.Url = DEFAULT_URL,
-    as_json: options.AsJson = False,
-) -> None:
+    wanted: Annotated[Priority, typer.Argument(metavar="PRIORITY", help="low, normal or high.")],
+) -> CommandResult:
+    """Change the priority of a campaign: its share of the workers and its place in the queue."""
+    return _show_facts(client.campaigns.prioritise(campaign, wanted))
+
+
+@app.command()
+@prints_answer("Reading the results")
+def digest(client: Client, campaign: options.CampaignId) -> CommandResult:
     """Print the digest over all results.
 
     The same campaign has the same digest with the same release and kind of processor.
     """
-    with connect_to(context, url) as client, announce("Reading the results"):
-        found = client.campaigns.digest(campaign)
-    show({"campaign": campaign, "digest": found}, as_json, lambda: found)
+    found = client.campaigns.digest(campaign)
+    return CommandResult({"campaign": campaign, "digest": found}, lambda: found)
 
 
 @app.command()
@@ -320,61 +287,43 @@ def watch(
         ended = follow(client, campaign)
         summary = client.campaigns.summary(campaign)
         words = describe_method_result(client, ended)
+    # Printed before it is judged: a gate that fails ends the command.
     show(summary, as_json, lambda: render(tabulate_results([summary]), *words))
     judge(ended, gate, summary)
 
 
 @app.command()
+@prints_answer("Reading the measures")
 def safety(
-    context: typer.Context,
-    campaign: options.CampaignId,
-    level: Level = TAIL_LEVEL,
-    url: options.Url = DEFAULT_URL,
-    as_json: options.AsJson = False,
-) -> None:
+    client: Client, campaign: options.CampaignId, level: Level = TAIL_LEVEL
+) -> CommandResult:
     """Show collisions, near misses, MinTTC, DRAC and severity of a campaign's episodes."""
-    with connect_to(context, url) as client, announce("Reading the measures"):
-        found = client.campaigns.safety(campaign, level)
-    show(found, as_json, lambda: render(*describe_safety(found)))
+    found = client.campaigns.safety(campaign, level)
+    return CommandResult(found, lambda: render(*describe_safety(found)))
 
 
 @app.command()
-def region(
-    context: typer.Context,
-    campaigns: VariedIds,
-    url: options.Url = DEFAULT_URL,
-    as_json: options.AsJson = False,
-) -> None:
+@prints_answer("Searching for the failing region")
+def region(client: Client, campaigns: VariedIds) -> CommandResult:
     """Show where among the scenario's parameters the episodes of campaigns fail."""
-    with connect_to(context, url) as client, announce("Searching for the failing region"):
-        found = client.campaigns.region(campaigns)
-    show(found, as_json, lambda: render(*describe_region(found)))
+    found = client.campaigns.region(campaigns)
+    return CommandResult(found, lambda: render(*describe_region(found)))
 
 
 @app.command()
-def cost(
-    context: typer.Context,
-    campaigns: Ids,
-    url: options.Url = DEFAULT_URL,
-    as_json: options.AsJson = False,
-) -> None:
+@prints_answer("Reading the costs")
+def cost(client: Client, campaigns: Ids) -> CommandResult:
     """Show cost per failure and per failure mode, cost over time, and the use of time.
 
     A Monte Carlo campaign without a failure shows a lower bound of the cost per failure (95 %).
     """
-    with connect_to(context, url) as client, announce("Reading the costs"):
-        found = [client.campaigns.cost(campaign) for campaign in campaigns]
-    show(found, as_json, lambda: render(*describe_costs(found)))
+    found = [client.campaigns.cost(campaign) for campaign in campaigns]
+    return CommandResult(found, lambda: render(*describe_costs(found)))
 
 
 @app.command()
-def workers(
-    context: typer.Context,
-    campaign: options.CampaignId,
-    url: options.Url = DEFAULT_URL,
-    as_json: options.AsJson = False,
-) -> None:
+@prints_answer()
+def workers(client: Client, campaign: options.CampaignId) -> CommandResult:
     """Show the workers that ran a campaign's episodes, with their number and speed."""
-    with connect_to(context, url) as client:
-        found = client.campaigns.workers(campaign)
-    show(found, as_json, lambda: render(tabulate_workers(found)))
+    found = client.campaigns.workers(campaign)
+    return CommandResult(found, lambda: render(tabulate_workers(found)))

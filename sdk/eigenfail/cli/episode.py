@@ -1,6 +1,5 @@
 """`eigenfail episode`: list, show, export, replay, explain and shrink episodes."""
 
-from functools import partial
 from math import inf
 from pathlib import Path
 from typing import Annotated
@@ -9,10 +8,11 @@ import msgspec
 import typer
 from msgspec.structs import replace
 
-from eigenfail.cli import options
+from eigenfail.cli import completion, options
+from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import connect_to
-from eigenfail.cli.failures import list_failures
-from eigenfail.cli.render import follow, judge, show, show_rows, to_json
+from eigenfail.cli.render import CommandResult, first_rows, follow, judge, to_json
+from eigenfail.client import Client
 from eigenfail.contracts.recording import KNOWN, EgoControl
 from eigenfail.errors import InvalidValue, NoisePruned, NotFound
 from eigenfail.explanations import StepWindow, build_explanation, describe_unsteadiness
@@ -26,8 +26,8 @@ from eigenfail.presentation.terminal import render
 from eigenfail.progress import announce
 from eigenfail.replays import explain_episode, redraw_episode, replay_episode
 from eigenfail.values import CampaignSpec, Outcome, Replayed
+from eigenfail.values.failures import FAILURE_ORDERS, MOST_SEVERE_FIRST
 from eigenfail.values.operations import Versions
-from eigenfail.values.records import EpisodeDetail
 from eigenfail.values.report import ExportFormat, ExportRequest
 from eigenfail.versions import differences, versions
 from eigenfail.wire.http import SHRINK_WITHIN
@@ -47,48 +47,37 @@ To = Annotated[
 Replays = Annotated[int, typer.Option("--episodes", min=1, help="Budget of replays.")]
 
 
-def replay(
-    context: typer.Context,
-    episode: options.EpisodeId,
-    url: options.Url = DEFAULT_URL,
-    as_json: options.AsJson = False,
-) -> None:
+@prints_answer()
+def replay(client: Client, episode: options.EpisodeId) -> CommandResult:
     """Replay a stored episode on this machine; exit with 1 if the result differs.
 
     Noise that was pruned is drawn again if it follows from the episode's seed.
     """
-    replayed = _run_again(context, url, episode)
-    if not replayed.same:
-        replayed = replace(replayed, differing=_list_differences(context, url, episode))
-    show(replayed, as_json, lambda: render(_list_replay_facts(episode, replayed)))
-    if not replayed.same:
-        raise typer.Exit(DIFFERENT)
-
-
-def _run_again(context: typer.Context, url: str, episode: str) -> Replayed:
-    """Run an episode again, with its stored noise or with noise drawn from its seed."""
+    campaign, index = options.parse_episode_id(episode)
+    spec = client.campaigns.get(campaign).spec
     try:
-        stored, spec = find_stored_episode(context, url, episode)
+        stored = client.episodes.get(campaign, index)
     except NoisePruned:
-        campaign, index = options.parse_episode_id(episode)
-        with connect_to(context, url) as client:
-            only = f"index = {index}"
-            row = next(iter(client.episodes.list(campaign, filter=only)))
-            spec = client.campaigns.get(campaign).spec
-        return redraw_episode(spec, row)
-    return replay_episode(spec, stored)
+        row = next(iter(client.episodes.list(campaign, filter=f"index = {index}")))
+        replayed = redraw_episode(spec, row)
+    else:
+        replayed = replay_episode(spec, stored)
+    if not replayed.same:
+        differing = _list_differences(client, spec, campaign, index)
+        replayed = replace(replayed, differing=differing)
+    facts = _list_replay_facts(episode, replayed)
+    return CommandResult(replayed, lambda: render(facts), 0 if replayed.same else DIFFERENT)
 
 
+@prints_answer()
 def explain(
-    context: typer.Context,
+    client: Client,
     episode: options.EpisodeId,
-    url: options.Url = DEFAULT_URL,
     steps: WithSteps = False,
     every: Every = ALL_STEPS.every,
     since_s: From = ALL_STEPS.since_s,
     until_s: To = ALL_STEPS.until_s,
-    as_json: options.AsJson = False,
-) -> None:
+) -> CommandResult:
     """Replay a stored episode, and print what happened, from the planner's own account.
 
     With --steps, --every, --from or --to, what the planner believed and decided in these steps
@@ -96,50 +85,40 @@ def explain(
     """
     window = StepWindow(since_s, until_s, every)
     with_steps = steps or window != ALL_STEPS
-    stored, spec = find_stored_episode(context, url, episode)
+    campaign, index = options.parse_episode_id(episode)
+    stored = client.episodes.get(campaign, index)
+    spec = client.campaigns.get(campaign).spec
     with announce(f"Running episode {episode} again"):
         replayed, explained = explain_episode(spec, stored)
     explanation = build_explanation(episode, spec.planner, replayed, explained, window)
-    drawn = partial(episodes.describe_explanation, explanation, with_steps=with_steps)
-    show(explanation, as_json, lambda: render(*drawn()))
-    if not replayed.same:
-        raise typer.Exit(DIFFERENT)
+    return CommandResult(
+        explanation,
+        lambda: render(*episodes.describe_explanation(explanation, with_steps=with_steps)),
+        0 if replayed.same else DIFFERENT,
+    )
 
 
+@prints_answer()
 def shrink(
-    context: typer.Context,
-    episode: options.EpisodeId,
-    url: options.Url = DEFAULT_URL,
-    replays: Replays = SHRINK_WITHIN,
-    as_json: options.AsJson = False,
-) -> None:
+    client: Client, episode: options.EpisodeId, replays: Replays = SHRINK_WITHIN
+) -> CommandResult:
     """Reduce the noise of a failure as long as it still fails, by a campaign of replays."""
     campaign, index = options.parse_episode_id(episode)
-    with interruptible(), connect_to(context, url) as client:
+    with interruptible():
         ended = follow(client, client.campaigns.shrink(campaign, index, replays).id)
         judge(ended, gate=False)
         found = client.campaigns.minimal(ended.id)
-    show(found, as_json, lambda: render(*episodes.describe_minimal_failure(found)))
+    return CommandResult(found, lambda: render(*episodes.describe_minimal_failure(found)))
 
 
-def find_stored_episode(
-    context: typer.Context, url: str, episode: str
-) -> tuple[EpisodeDetail, CampaignSpec]:
-    """Return the episode named CAMPAIGN/INDEX, and the spec of its campaign."""
-    campaign, index = options.parse_episode_id(episode)
-    with connect_to(context, url) as client:
-        return client.episodes.get(campaign, index), client.campaigns.get(campaign).spec
-
-
-def _list_differences(context: typer.Context, url: str, episode: str) -> tuple[str, ...] | None:
-    """The versions that are not what they were when it was run; None if those are not known."""
-    campaign, index = options.parse_episode_id(episode)
-    with connect_to(context, url) as client:
-        try:
-            then = client.episodes.worker(campaign, index).versions
-            spec = client.campaigns.get(campaign).spec
-        except NotFound:
-            return None
+def _list_differences(
+    client: Client, spec: CampaignSpec, campaign: int, index: int
+) -> tuple[str, ...] | None:
+    """Return the versions that differ from those of the run; None if those are not known."""
+    try:
+        then = client.episodes.worker(campaign, index).versions
+    except NotFound:
+        return None
     # Code counts where the campaign needs it and the worker has recorded it.
     code = {f"{CODE}{package}" for package in select_code(then, spec)}
     now = versions() | fingerprint_plugins()
@@ -241,30 +220,26 @@ Noise = Annotated[
 
 
 @app.command("list")
+@prints_answer()
 def list_episodes(
-    context: typer.Context,
+    client: Client,
     campaign: options.CampaignId,
-    url: options.Url = DEFAULT_URL,
     outcome: OnlyOutcome = None,
     conditions: Filter = "",
     sort: Sort = "index",
     fields: Fields = "",
     limit: options.Limit = 20,
-    as_json: options.AsJson = False,
-) -> None:
+) -> CommandResult:
     """List the episodes of a campaign."""
-    columns = parse_fields(fields)
-    with connect_to(context, url) as client:
-        if columns:
-            picked = client.episodes.list(
-                campaign, outcome, filter=conditions, sort=sort, fields=columns
-            )
-            show_rows(
-                picked, limit, as_json, lambda rows: render(episodes.tabulate_fields(columns, rows))
-            )
-            return
-        found = client.episodes.list(campaign, outcome, filter=conditions, sort=sort)
-        show_rows(found, limit, as_json, lambda rows: render(episodes.tabulate_episodes(rows)))
+    if columns := parse_fields(fields):
+        picked = client.episodes.list(
+            campaign, outcome, filter=conditions, sort=sort, fields=columns
+        )
+        return first_rows(
+            picked, limit, lambda rows: render(episodes.tabulate_fields(columns, rows))
+        )
+    found = client.episodes.list(campaign, outcome, filter=conditions, sort=sort)
+    return first_rows(found, limit, lambda rows: render(episodes.tabulate_episodes(rows)))
 
 
 @app.command()
@@ -324,23 +299,63 @@ def _parse_campaign_id(text: str) -> int:
 
 
 @app.command("show")
-def show_episode(
-    context: typer.Context,
-    episode: options.EpisodeId,
-    url: options.Url = DEFAULT_URL,
-    as_json: options.AsJson = False,
-) -> None:
+@prints_answer()
+def show_episode(client: Client, episode: options.EpisodeId) -> CommandResult:
     """Show one episode; with --json its noise and scene, too."""
-    found, spec = find_stored_episode(context, url, episode)
+    campaign, index = options.parse_episode_id(episode)
+    found, spec = client.episodes.get(campaign, index), client.campaigns.get(campaign).spec
     drawn_here = drawn_for(spec, found.seed) | placed_for(spec, found.noise)
-    campaign, _ = options.parse_episode_id(episode)
-    show(
-        found,
-        as_json,
-        lambda: render(episodes.list_episode_facts(campaign, spec, found, drawn_here)),
-    )
+    facts = episodes.list_episode_facts(campaign, spec, found, drawn_here)
+    return CommandResult(found, lambda: render(facts))
 
 
 for page in (replay, explain, shrink):
     app.command()(page)
-app.command("failures")(list_failures)
+
+OfProject = Annotated[str | None, typer.Option(help="Only failures of this project.")]
+OfPlanner = Annotated[
+    str | None,
+    typer.Option(
+        help="Only failures of this planner.", autocompletion=completion.complete_planners
+    ),
+]
+OfPlannerVersion = Annotated[
+    str | None, typer.Option(help="Only failures of this version of a planner.")
+]
+OfMethod = Annotated[
+    str | None,
+    typer.Option(
+        help="Only failures that this method found.", autocompletion=completion.complete_methods
+    ),
+]
+FailureSort = Annotated[str, typer.Option(help=f"{' or '.join(FAILURE_ORDERS)}.")]
+OfArchived = Annotated[
+    bool, typer.Option("--archived", help="List failures of archived campaigns, too.")
+]
+
+
+@app.command("failures")
+@prints_answer()
+def list_failures(
+    client: Client,
+    project: OfProject = None,
+    planner: OfPlanner = None,
+    planner_version: OfPlannerVersion = None,
+    method: OfMethod = None,
+    sort: FailureSort = MOST_SEVERE_FIRST,
+    archived: OfArchived = False,
+    limit: options.Limit = 20,
+) -> CommandResult:
+    """List the collisions of all campaigns, the most severe first.
+
+    Campaigns that repeat earlier failures are left out unless --method names theirs.
+    """
+    found = client.episodes.list_failures(
+        project=project,
+        planner=planner,
+        planner_version=planner_version,
+        method=method,
+        sort=sort,
+        archived=archived,
+    )
+    return first_rows(found, limit, lambda rows: render(episodes.tabulate_failures(rows)))

@@ -15,7 +15,7 @@ from eigenfail.cli.connection import MaybeUrl, connect_for_suite, connect_to, th
 from eigenfail.cli.gate_runs import Runner
 from eigenfail.cli.gate_tables import draw_report, draw_summaries
 from eigenfail.cli.options import AsJson, Data, Limit, Url, Workers
-from eigenfail.cli.render import INTERRUPTED, show, show_rows
+from eigenfail.cli.render import INTERRUPTED, first_rows, show
 from eigenfail.client import Client
 from eigenfail.errors import EigenfailError, InvalidValue, ServiceError
 from eigenfail.fingerprints import LENGTH, list_packages, read_package_files
@@ -279,7 +279,7 @@ def list_gates(
 ) -> None:
     """List the results of gates, newest first."""
     with connect_to(context, url) as client:
-        show_rows(client.gates.list(), limit, as_json, draw_summaries)
+        first_rows(client.gates.list(), limit, draw_summaries).print(as_json)
 
 
 @app.command("show")

@@ -12,9 +12,10 @@ from msgspec.structs import asdict
 from rich.markup import escape
 from rich.table import Table
 
+from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.connection import connect_to
 from eigenfail.cli.options import AsJson, Database, Limit, Url
-from eigenfail.cli.render import show, show_rows, to_json
+from eigenfail.cli.render import CommandResult, first_rows, to_json
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import DEFAULT_URL
 from eigenfail.hosting.service import load_database_tool
@@ -119,84 +120,73 @@ MaxEpisodesPerDay = Annotated[
 KeyId = Annotated[int, typer.Argument(metavar="KEY", min=1, help="Id of a key.")]
 
 
+@contextmanager
+def open_keys(
+    context: typer.Context, database: Database = None, url: Url = DEFAULT_URL
+) -> Iterator[Any]:
+    """Yield the keys of a database, if one is named; otherwise those of the service at the URL."""
+    if database is not None:
+        yield load_database_tool("keys")(database)
+        return
+    with connect_to(context, url) as client:
+        yield client.keys
+
+
 @app.command()
+@prints_answer(opened_by=open_keys)
 def create(
-    context: typer.Context,
+    keys: Any,
     name: Name,
     scope: Which = Scope.VIEWER,
     expires: Expires = None,
     max_open: MaxOpen = None,
     max_episodes: MaxEpisodes = None,
     max_episodes_per_day: MaxEpisodesPerDay = None,
-    database: Database = None,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
-) -> None:
+) -> CommandResult:
     """Create a key and print it. It is shown only once."""
-    with _open_keys(context, url, database) as keys:
-        life = None if expires is None else parse_duration(expires)
-        given = _change_quotas(UNLIMITED, max_open, max_episodes, max_episodes_per_day)
-        made = keys.create(name, scope, life, given)
-    typer.echo(to_json(made) if as_json else _describe_new_key(made))
+    life = None if expires is None else parse_duration(expires)
+    given = _change_quotas(UNLIMITED, max_open, max_episodes, max_episodes_per_day)
+    made = keys.create(name, scope, life, given)
+    return CommandResult(made, lambda: escape(_describe_new_key(made)))
 
 
 @app.command("list")
-def list_keys(
-    context: typer.Context,
-    database: Database = None,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
-) -> None:
+@prints_answer(opened_by=open_keys)
+def list_keys(keys: Any) -> CommandResult:
     """List keys, newest first, expired and revoked ones included."""
-    with _open_keys(context, url, database) as keys:
-        found = tuple(keys.list())
-    show(found, as_json, lambda: _draw_keys(found))
+    found = tuple(keys.list())
+    return CommandResult(found, lambda: _draw_keys(found))
 
 
 @app.command()
+@prints_answer(opened_by=open_keys)
 def limit(
-    context: typer.Context,
+    keys: Any,
     key: KeyId,
     max_open: MaxOpen = None,
     max_episodes: MaxEpisodes = None,
     max_episodes_per_day: MaxEpisodesPerDay = None,
-    database: Database = None,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
-) -> None:
+) -> CommandResult:
     """Change quotas of a key; other quotas and existing campaigns do not change."""
-    with _open_keys(context, url, database) as keys:
-        before = keys.get(key).quotas
-        wanted = _change_quotas(before, max_open, max_episodes, max_episodes_per_day)
-        found = keys.limit(key, wanted)
-    show(found, as_json, lambda: _draw_keys([found]))
+    before = keys.get(key).quotas
+    wanted = _change_quotas(before, max_open, max_episodes, max_episodes_per_day)
+    found = keys.limit(key, wanted)
+    return CommandResult(found, lambda: _draw_keys([found]))
 
 
 @app.command()
-def revoke(
-    context: typer.Context,
-    key: KeyId,
-    database: Database = None,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
-) -> None:
+@prints_answer(opened_by=open_keys)
+def revoke(keys: Any, key: KeyId) -> CommandResult:
     """Revoke a key permanently."""
-    with _open_keys(context, url, database) as keys:
-        found = keys.revoke(key)
-    show(found, as_json, lambda: _draw_keys([found]))
+    found = keys.revoke(key)
+    return CommandResult(found, lambda: _draw_keys([found]))
 
 
 @app.command()
-def audit(
-    context: typer.Context,
-    limit: Limit = 50,
-    database: Database = None,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
-) -> None:
+@prints_answer(opened_by=open_keys)
+def audit(keys: Any, limit: Limit = 50) -> CommandResult:
     """Show the audit log: changes with time, user, address and result, newest first."""
-    with _open_keys(context, url, database) as keys:
-        show_rows(keys.audit(), limit, as_json, _draw_audit)
+    return first_rows(keys.audit(), limit, _draw_audit)
 
 
 @app.command()
@@ -217,16 +207,6 @@ def first(
     if answer.made is None:
         words = "A valid administrator key already exists; no key was created."
     typer.echo(to_json(answer) if as_json else words)
-
-
-@contextmanager
-def _open_keys(context: typer.Context, url: str, database: str | None) -> Iterator[Any]:
-    """Return the keys of a database, where one is named; else those of the service at the URL."""
-    if database is not None:
-        yield load_database_tool("keys")(database)
-        return
-    with connect_to(context, url) as client:
-        yield client.keys
 
 
 def parse_duration(life: str) -> int:

@@ -4,19 +4,37 @@ from collections.abc import Iterable
 from typing import Annotated
 
 import typer
+from rich.console import RenderableType
 from rich.markup import escape
 from rich.table import Table
 
-from eigenfail.cli.connection import connect_to
-from eigenfail.cli.options import AsJson, Url
-from eigenfail.cli.render import make_console, show, to_json
-from eigenfail.cli.triage import AnalysisId, ModeNumber, triage_mode
-from eigenfail.hosting.folder import DEFAULT_URL
-from eigenfail.presentation.terminal import start_grid
+from eigenfail.cli.answers import prints_answer
+from eigenfail.cli.render import CommandResult
+from eigenfail.client import Client
+from eigenfail.client.triage import TriageFields
+from eigenfail.presentation.figures import format_local_time
+from eigenfail.presentation.tables import FactTable
+from eigenfail.presentation.terminal import render, start_grid
 from eigenfail.values import Mode
-from eigenfail.values.triage import TriageState
+from eigenfail.values.triage import Triage, TriageState
 
 app = typer.Typer(add_completion=False, no_args_is_help=True)
+
+AnalysisId = Annotated[int, typer.Argument(metavar="ANALYSIS", min=1, help="Id of an analysis.")]
+ModeNumber = Annotated[
+    int, typer.Argument(metavar="NUMBER", min=1, help="Number of the mode, from 1.")
+]
+NewState = Annotated[TriageState | None, typer.Option("--state", help="The new state.")]
+NewTicket = Annotated[
+    str | None,
+    typer.Option("--ticket", metavar="URL", help='Address of its ticket; "" for none.'),
+]
+NewNote = Annotated[
+    str | None,
+    typer.Option(
+        "--note", metavar="TEXT", help='The note, in place of the one before; "" for none.'
+    ),
+]
 
 ModeName = Annotated[
     str, typer.Argument(metavar="NAME", help="Its name, of at most 80 characters.")
@@ -34,38 +52,25 @@ def mode() -> None:
 
 
 @app.command("list")
-def list_modes(
-    context: typer.Context,
-    analysis: AnalysisId,
-    url: Url = DEFAULT_URL,
-    state: OnlyState = None,
-    as_json: AsJson = False,
-) -> None:
+@prints_answer()
+def list_modes(client: Client, analysis: AnalysisId, state: OnlyState = None) -> CommandResult:
     """List the failure modes of an analysis, with their names, failures and triage.
 
     A mode that was given no name has the beginning of its description for one.
     """
-    with connect_to(context, url) as client:
-        found = client.analyses.modes(analysis, state)
-    show(found, as_json, lambda: _draw_modes(found))
+    found = client.analyses.modes(analysis, state)
+    return CommandResult(found, lambda: _draw_modes(found))
 
 
 @app.command("rename")
+@prints_answer()
 def rename_mode(
-    context: typer.Context,
-    analysis: AnalysisId,
-    number: ModeNumber,
-    name: ModeName,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
-) -> None:
+    client: Client, analysis: AnalysisId, number: ModeNumber, name: ModeName
+) -> CommandResult:
     """Give a failure mode a name, which its page, its episodes' pages and `mode list` show."""
-    with connect_to(context, url) as client:
-        renamed = client.analyses.rename_mode(analysis, number, name)
-    if as_json:
-        typer.echo(to_json(renamed))
-        return
-    make_console().print(f"Mode {renamed.number} of analysis {analysis}: {escape(renamed.name)}")
+    renamed = client.analyses.rename_mode(analysis, number, name)
+    words = f"Mode {renamed.number} of analysis {analysis}: {escape(renamed.name)}"
+    return CommandResult(renamed, lambda: words)
 
 
 def _draw_modes(modes: Iterable[Mode]) -> Table:
@@ -78,4 +83,37 @@ def _draw_modes(modes: Iterable[Mode]) -> Table:
     return grid
 
 
-app.command("triage")(triage_mode)
+@app.command("triage")
+@prints_answer()
+def triage_mode(
+    client: Client,
+    analysis: AnalysisId,
+    number: ModeNumber,
+    state: NewState = None,
+    ticket: NewTicket = None,
+    note: NewNote = None,
+) -> CommandResult:
+    """Show the triage of a failure mode; change its state, ticket or note if one is given."""
+    fields = TriageFields()
+    if state is not None:
+        fields["state"] = state
+    if ticket is not None:
+        fields["ticket"] = ticket
+    if note is not None:
+        fields["note"] = note
+    if fields:
+        found = client.triage.change_mode(analysis, number, **fields)
+    else:
+        found = client.triage.get_mode(analysis, number)
+    return CommandResult(found, lambda: _draw_triage(found))
+
+
+def _draw_triage(found: Triage) -> RenderableType:
+    changed = "" if found.changed_ms is None else format_local_time(found.changed_ms)
+    facts = (
+        ("state", found.state.words),
+        ("ticket", found.ticket or "none"),
+        ("note", found.note or "none"),
+        ("changed", f"{changed}, by {found.changed_by}" if changed else "never"),
+    )
+    return render(FactTable("Triage", facts))

@@ -10,13 +10,14 @@ from typing import Any, Generic, TypeVar
 import msgspec
 import numpy as np
 import typer
-from rich.console import Console, RenderableType
+from rich.console import Console, Group, RenderableType
 from rich.live import Live
 
 from eigenfail.client import Client
 from eigenfail.client.campaigns import AT_REST
 from eigenfail.client.link import wait_until
 from eigenfail.errors import Conflict, EigenfailError, IllegalTransition, ServiceError
+from eigenfail.hosting.processes import interruptible
 from eigenfail.presentation.analyses import describe_chain_mixing
 from eigenfail.presentation.episodes import describe_minimal_failure
 from eigenfail.presentation.figures import count_noun
@@ -71,18 +72,40 @@ def show(value: Any, as_json: bool, draw: Callable[[], RenderableType]) -> None:
     if as_json:
         typer.echo(to_json(value))
         return
-    make_console().print(draw())
+    drawn = draw()
+    # The terminal breaks a long sentence itself, so that a key or digest in it is copied whole.
+    make_console().print(drawn, soft_wrap=isinstance(drawn, str))
 
 
-def show_rows(
-    rows: Iterable[Row], limit: int, as_json: bool, draw: Callable[[Sequence[Row]], RenderableType]
-) -> None:
-    """Print the first rows as JSON, or as a table that says whether there are more."""
+@dataclass(frozen=True)
+class CommandResult:
+    """What a command found.
+
+    Attributes:
+        data: what `--json` prints.
+        draw: draws it for people.
+        exit_code: exit code of the command.
+    """
+
+    data: object
+    draw: Callable[[], RenderableType]
+    exit_code: int = 0
+
+    def print(self, as_json: bool) -> None:
+        """Print the result as JSON, or as a table."""
+        show(self.data, as_json, self.draw)
+
+
+def first_rows(
+    rows: Iterable[Row], limit: int, draw: Callable[[Sequence[Row]], RenderableType]
+) -> CommandResult:
+    """Return the first rows, as a table that says whether there are more."""
+    # One row more than is shown tells whether there are more: a list may have thousands.
     found = list(islice(rows, limit + 1))
     shown = found[:limit]
-    show(shown, as_json, lambda: draw(shown))
-    if len(found) > limit and not as_json:
-        make_console().print(f"The first {limit}; there are more. Show more with --limit.")
+    words = f"The first {limit}; there are more. Show more with --limit."
+    more = (words,) if len(found) > limit else ()
+    return CommandResult(shown, lambda: Group(draw(shown), *more))
 
 
 Snapshot = TypeVar("Snapshot")
@@ -100,17 +123,24 @@ class TerminalView(Generic[Snapshot]):
         campaigns: campaigns of the suite; watching ends once all of them have ended or are paused.
         to_data: makes the data that `--json` prints.
         draw: it, for people.
+        watched: whether it is printed until all campaigns are at rest, not once.
     """
 
     look: Callable[[], Snapshot]
     campaigns: Callable[[Snapshot], Iterable[Campaign]]
     to_data: Callable[[Snapshot], object]
     draw: Callable[[Snapshot], RenderableType]
+    watched: bool
+    exit_code: int = 0
 
-    def show(self, as_json: bool) -> None:
-        """Print it once."""
-        seen = self.look()
-        show(self.to_data(seen), as_json, lambda: self.draw(seen))
+    def print(self, as_json: bool) -> None:
+        """Print the snapshot once, or watch the campaigns."""
+        with interruptible():
+            if self.watched:
+                self.watch(as_json)
+                return
+            seen = self.look()
+            show(self.to_data(seen), as_json, lambda: self.draw(seen))
 
     def watch(self, as_json: bool) -> None:
         """Show it again and again: in one place of a terminal, elsewhere what has changed."""

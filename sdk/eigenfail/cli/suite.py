@@ -5,12 +5,20 @@ from typing import Annotated
 
 import typer
 
-from eigenfail.cli.connection import MaybeUrl, Place, connect_for_suite, connect_to
-from eigenfail.cli.options import AsJson, Data, Gate, Limit, Url, Workers
-from eigenfail.cli.render import judge, make_errored_error, run_suite, show, show_rows
+from eigenfail.cli.answers import prints_answer
+from eigenfail.cli.connection import MaybeUrl, Place, connect_for_suite
+from eigenfail.cli.options import AsJson, Data, Gate, Limit, Workers
+from eigenfail.cli.render import (
+    CommandResult,
+    first_rows,
+    judge,
+    make_errored_error,
+    run_suite,
+    show,
+)
 from eigenfail.client import Client
 from eigenfail.errors import ServiceError
-from eigenfail.hosting.folder import DEFAULT_DATA, DEFAULT_URL
+from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
 from eigenfail.presentation import suites
 from eigenfail.presentation.terminal import render
@@ -85,40 +93,27 @@ def run_and_show(
 
 
 @app.command("list")
-def list_suites(
-    context: typer.Context, limit: Limit = 50, url: Url = DEFAULT_URL, as_json: AsJson = False
-) -> None:
+@prints_answer()
+def list_suites(client: Client, limit: Limit = 50) -> CommandResult:
     """List the suites that a service knows, those with the newest campaigns first."""
-    with connect_to(context, url) as client:
-        found = client.suites.list()
-        show_rows(found, limit, as_json, lambda rows: render(suites.tabulate_suites(rows)))
+    found = client.suites.list()
+    return first_rows(found, limit, lambda rows: render(suites.tabulate_suites(rows)))
 
 
 @app.command("show")
-def show_suite(
-    context: typer.Context,
-    suite: SuiteOrFile,
-    url: Url = DEFAULT_URL,
-    as_json: AsJson = False,
-) -> None:
+@prints_answer()
+def show_suite(client: Client, suite: SuiteOrFile) -> CommandResult:
     """Show the table of a suite as it stands.
 
     Of a file: all of its members, also those that have no campaign yet. Of a name: the newest
     campaign of each member that the service knows, and the settings in which members differ.
     """
-    with connect_to(context, url) as client:
-        if _is_file(suite):
-            result = summarize_suite(client, Suite.read(suite))
-            show(result, as_json, lambda: render(*suites.describe_suite_result(result)))
-        else:
-            with announce(f"Reading the results of {suite}"):
-                found = client.suites.table(suite)
-            show(found, as_json, lambda: render(*suites.describe_suite(found)))
-
-
-def _is_file(suite: str) -> bool:
-    """Whether a file is meant, and not a name."""
-    return suite.endswith(".toml") or Path(suite).is_file()
+    if suite.endswith(".toml") or Path(suite).is_file():
+        result = summarize_suite(client, Suite.read(suite))
+        return CommandResult(result, lambda: render(*suites.describe_suite_result(result)))
+    with announce(f"Reading the results of {suite}"):
+        found = client.suites.table(suite)
+    return CommandResult(found, lambda: render(*suites.describe_suite(found)))
 
 
 def summarize_suite(client: Client, suite: Suite) -> suites.SuiteResult:

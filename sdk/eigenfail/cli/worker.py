@@ -16,14 +16,12 @@ from rich.text import Text
 from typer.core import TyperGroup
 
 from eigenfail.bridges import ADDRESS_OPTION, EPISODE_OPTION, EPISODE_VARIABLE
-from eigenfail.cli.connection import connect_to
+from eigenfail.cli.answers import prints_answer
 from eigenfail.cli.main import DeferredCommand, load_server_app
-from eigenfail.cli.options import AsJson, Bridge, Url, Watched
+from eigenfail.cli.options import AsJson, Bridge, Watched
 from eigenfail.cli.render import TerminalView, to_json
 from eigenfail.client import Client
 from eigenfail.errors import InvalidValue, ServiceError
-from eigenfail.hosting.folder import DEFAULT_URL
-from eigenfail.hosting.processes import interruptible
 from eigenfail.presentation.figures import UNKNOWN, format_local_time
 from eigenfail.presentation.terminal import start_grid
 from eigenfail.presentation.workers import PACKAGE, WorkerActivity, combine_activity
@@ -49,33 +47,24 @@ Seen = tuple[tuple[WorkerActivity, ...], tuple[Campaign, ...]]
 """Workers, and the campaigns that are running."""
 
 
+@prints_answer()
 def list_workers(
-    context: typer.Context,
-    within_s: Within = 600,
-    url: Url = DEFAULT_URL,
-    watched: Watched = False,
-    as_json: AsJson = False,
-) -> None:
+    client: Client, within_s: Within = 600, watched: Watched = False
+) -> TerminalView[Seen]:
     """List connected workers and those with recent results; latest results first."""
-    with interruptible(), connect_to(context, url) as client:
-        page: TerminalView[Seen] = TerminalView(
-            look=lambda: _look(client, within_s),
-            campaigns=lambda seen: seen[1],
-            to_data=lambda seen: seen[0],
-            draw=lambda seen: _draw_activity(seen[0], within_s),
-        )
-        page.watch(as_json) if watched else page.show(as_json)
 
+    def look() -> Seen:
+        # Campaigns first: once none runs any more, the workers' counts are the last ones.
+        running = tuple(client.campaigns.list(CampaignState.RUNNING))
+        return list_activity(client, within_s), running
 
-def _look(client: Client, within_s: int) -> Seen:
-    """What there is now; once nothing runs any more, the workers' counts are the last ones."""
-    campaigns = _list_running_campaigns(client)
-    return list_activity(client, within_s), campaigns
-
-
-def _list_running_campaigns(client: Client) -> tuple[Campaign, ...]:
-    """The campaigns that there is work for."""
-    return tuple(client.campaigns.list(CampaignState.RUNNING))
+    return TerminalView(
+        look=look,
+        campaigns=lambda seen: seen[1],
+        to_data=lambda seen: seen[0],
+        draw=lambda seen: _draw_activity(seen[0], within_s),
+        watched=watched,
+    )
 
 
 def list_activity(client: Client, within_s: int) -> tuple[WorkerActivity, ...]:

@@ -9,6 +9,7 @@ from msgspec.structs import asdict
 from eigenfail.errors import QuotaExceeded
 from eigenfail.values import CampaignSpec, Page, access
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_key_error
 from eigenfail_services.store.schema import audit, campaigns, keys
@@ -89,10 +90,7 @@ def make_refusal(key: int, name: str, demand: Demand) -> QuotaExceeded:
     )
 
 
-QUOTAS = access.Quotas.__struct_fields__
-
-
-_LIMITS = sa.select(keys.c.name, *(keys.c[name] for name in QUOTAS))
+_LIMITS = sa.select(keys.c.name, *(keys.c[name] for name in access.Quotas.__struct_fields__))
 
 
 def admit_campaigns(
@@ -144,7 +142,8 @@ KEPT_CHANGES = 1_000_000
 PRUNED_EVERY = 1_000
 
 
-_SHOWN = tuple(column for column in keys.c if column is not keys.c.digest)
+_KEYS = StructRows(keys, access.ApiKey)
+_CHANGES = StructRows(audit, access.AuditEntry)
 
 
 class KeyStore:
@@ -163,10 +162,14 @@ class KeyStore:
     ) -> access.ApiKey:
         """Create a key; of its secret only the digest is stored."""
         values = {"name": name, "scope": scope.value, "digest": digest, "expires_ms": expires_ms}
-        made = sa.insert(keys).values(created_ms=now_ms(), **values, **asdict(quotas))
-        statement = made.returning(*_SHOWN)
+        statement = (
+            sa.insert(keys)
+            .values(created_ms=now_ms(), **values, **asdict(quotas))
+            .returning(*_KEYS.columns)
+        )
         with self._database.writing() as connection:
-            return _to_key(connection.execute(statement).mappings().one())
+            (made,) = _KEYS.list(connection, statement)
+        return made
 
     def find(self, key: int) -> access.KeyRecord:
         """Return a key with the digest of its secret.
@@ -174,20 +177,17 @@ class KeyStore:
         Raises:
             NotFound: no such key.
         """
+        query = sa.select(keys).where(keys.c.id == key)
         with self._database.reading() as connection:
-            found = connection.execute(sa.select(keys).where(keys.c.id == key)).mappings().first()
+            found = connection.execute(query).mappings().first()
         if found is None:
             raise make_key_error(key)
-        values = dict(found)
-        digest = values.pop("digest")
-        return access.KeyRecord(_to_key(values), digest)
+        return access.KeyRecord(_KEYS.read(found), found["digest"])
 
     def page(self, limit: int, before: int | None = None) -> Page[access.ApiKey]:
         """Return keys, newest first, with ids below `before`, with revoked and expired ones."""
-        query = _select_newest(sa.select(*_SHOWN), keys.c.id, limit, before)
         with self._database.reading() as connection:
-            found = [_to_key(row) for row in connection.execute(query).mappings()]
-        return Page(tuple(found[:limit]), found[limit - 1].id if len(found) > limit else None)
+            return _KEYS.page(connection, limit, before)
 
     def revoke(self, key: int) -> access.ApiKey:
         """Revoke a key; a second time changes nothing.
@@ -211,12 +211,12 @@ class KeyStore:
             return count_usage(connection, wanted)
 
     def _change(self, key: int, **values: Any) -> access.ApiKey:
-        change = sa.update(keys).where(keys.c.id == key).values(**values).returning(*_SHOWN)
+        change = sa.update(keys).where(keys.c.id == key).values(**values)
         with self._database.writing() as connection:
-            found = connection.execute(change).mappings().first()
+            found = _KEYS.first(connection, change.returning(*_KEYS.columns))
         if found is None:
             raise make_key_error(key)
-        return _to_key(found)
+        return found
 
     def used(self, key: int, at_ms: int) -> None:
         """Record when a key was last used; an unknown key is ignored."""
@@ -257,21 +257,5 @@ class AuditLog:
 
     def page(self, limit: int, before: int | None = None) -> Page[access.AuditEntry]:
         """Return changes, newest first, with ids below `before`."""
-        query = _select_newest(sa.select(audit), audit.c.id, limit, before)
         with self._database.reading() as connection:
-            found = [access.AuditEntry(**row) for row in connection.execute(query).mappings()]
-        return Page(tuple(found[:limit]), found[limit - 1].id if len(found) > limit else None)
-
-
-def _select_newest(
-    query: sa.Select[Any], number: sa.ColumnElement[int], limit: int, before: int | None
-) -> sa.Select[Any]:
-    """Select one row more than a page has, with numbers below `before`."""
-    ordered = query.order_by(number.desc()).limit(limit + 1)
-    return ordered if before is None else ordered.where(number < before)
-
-
-def _to_key(found: sa.RowMapping | dict[str, Any]) -> access.ApiKey:
-    values: dict[str, Any] = dict(found)
-    quotas = access.Quotas(**{name: values.pop(name) for name in QUOTAS})
-    return access.ApiKey(scope=access.Scope(values.pop("scope")), quotas=quotas, **values)
+            return _CHANGES.page(connection, limit, before)

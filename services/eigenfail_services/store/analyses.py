@@ -1,9 +1,10 @@
 """Analyses, their results, and the campaigns that replay them."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
-from sqlalchemy import Connection, RowMapping, Select, Table, insert, select, update
+from msgspec.structs import asdict
+from sqlalchemy import Connection, Table, insert, select, update
 
 from eigenfail.values import (
     Analysis,
@@ -17,7 +18,13 @@ from eigenfail.values.records import JobKind
 from eigenfail.values.triage import TriageState
 from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
-from eigenfail_services.store.codec import pack, to_analysis_result, to_json, to_settings
+from eigenfail_services.store.codec import (
+    StructRows,
+    pack,
+    to_analysis_result,
+    to_json,
+    to_settings,
+)
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_analysis_error, make_mode_error
 from eigenfail_services.store.events import append_event, describe_analysis
@@ -36,14 +43,12 @@ from eigenfail_services.store.schema import (
 
 UNFINISHED = (AnalysisState.QUEUED, AnalysisState.RUNNING)
 
-BRIEF = (
-    analyses.c.id,
-    analyses.c.campaign,
-    analyses.c.settings,
-    analyses.c.state,
-    analyses.c.created_ms,
-    analyses.c.problem,
-)
+_PARSERS: dict[str, Callable[[Any], Any]] = {"settings": to_settings, "result": to_analysis_result}
+_WHOLE = StructRows(analyses, Analysis, _PARSERS)
+# Results have megabytes: lists of analyses do not read them.
+_BRIEF = StructRows(analyses, Analysis, _PARSERS, without=("result",))
+_MODE = StructRows(modes, Mode)
+_MODES = select(*_MODE.columns).order_by(modes.c.number)
 
 
 class AnalysisStore:
@@ -67,12 +72,12 @@ class AnalysisStore:
                 created_ms=now_ms(),
                 problem="",
             )
-            .returning(*BRIEF)
+            .returning(*_BRIEF.columns)
         )
         with self._database.writing() as connection:
             hold_noise(connection, [campaign])
             read_campaign(connection, campaign)
-            analysis = _analysis(connection.execute(statement).mappings().one())
+            (analysis,) = _BRIEF.list(connection, statement)
             enqueue(connection, JobKind.ANALYSIS, analysis.id)
             _log(connection, analysis)
         return analysis
@@ -83,26 +88,20 @@ class AnalysisStore:
         Raises:
             NotFound: no such analysis.
         """
-        query = select(*BRIEF, analyses.c.result).where(analyses.c.id == analysis)
+        query = select(*_WHOLE.columns).where(analyses.c.id == analysis)
         with self._database.reading() as connection:
-            found = connection.execute(query).mappings().one_or_none()
+            found = _WHOLE.first(connection, query)
         if found is None:
             raise make_analysis_error(analysis)
-        return _analysis(found)
+        return found
 
     def page(
         self, limit: int, before: int | None = None, campaign: int | None = None
     ) -> Page[Analysis]:
         """Return analyses, newest first, with ids below `before`, without their results."""
-        query = select(*BRIEF).order_by(analyses.c.id.desc()).limit(limit + 1)
-        if before is not None:
-            query = query.where(analyses.c.id < before)
-        if campaign is not None:
-            query = query.where(analyses.c.campaign == campaign)
+        where = () if campaign is None else (analyses.c.campaign == campaign,)
         with self._database.reading() as connection:
-            found = [_analysis(row) for row in connection.execute(query).mappings()]
-        items = tuple(found[:limit])
-        return Page(items, items[-1].id if len(found) > limit else None)
+            return _BRIEF.page(connection, limit, before, *where)
 
     def start(self, analysis: int) -> None:
         """Mark an analysis as running."""
@@ -141,7 +140,7 @@ class AnalysisStore:
         with self._database.reading() as connection:
             require_analysis(connection, analysis)
             query = _MODES.where(modes.c.analysis == analysis)
-            return _read_modes(
+            return _MODE.list(
                 connection, query if state is None else query.where(modes.c.state == state)
             )
 
@@ -170,25 +169,25 @@ class AnalysisStore:
         member = mode_members.c
         same = (member.analysis == modes.c.analysis) & (member.number == modes.c.number)
         query = (
-            select(*_MODE)
+            select(*_MODE.columns)
             .select_from(modes.join(mode_members, same))
             .where(member.campaign == campaign, member["index"] == index)
             .order_by(modes.c.analysis.desc())
         )
         with self._database.reading() as connection:
-            return _read_modes(connection, query)
+            return _MODE.list(connection, query)
 
     def search_modes(self, text: str, limit: int) -> tuple[Mode, ...]:
         """Return modes whose names contain a text in small or large letters, newest first."""
         matching = contains_text(modes.c.name, text)
         query = (
-            select(*_MODE)
+            select(*_MODE.columns)
             .where(matching)
             .order_by(modes.c.analysis.desc(), modes.c.number)
             .limit(limit)
         )
         with self._database.reading() as connection:
-            return _read_modes(connection, query)
+            return _MODE.list(connection, query)
 
     def find_newest(self, campaign: int) -> int | None:
         """Return the id of the newest analysis of a campaign that has a mode; None without one."""
@@ -233,13 +232,12 @@ def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -
         update(analyses)
         .where(analyses.c.id == analysis, analyses.c.state.in_(UNFINISHED))
         .values(**columns)
-        .returning(*BRIEF, analyses.c.result)
+        .returning(*_WHOLE.columns)
     )
-    changed = connection.execute(statement).mappings().one_or_none()
-    if changed is None:
+    after = _WHOLE.first(connection, statement)
+    if after is None:
         require_analysis(connection, analysis)
         return None
-    after = _analysis(changed)
     if after.state not in UNFINISHED:
         queue_analysis_end(connection, after)
     _log(connection, after)
@@ -249,7 +247,7 @@ def _change(connection: Connection, analysis: int, columns: Mapping[str, Any]) -
 def _insert_modes(connection: Connection, analysis: Analysis, result: AnalysisResult) -> None:
     """Insert the modes of a result, and the failures that belong to them."""
     rows: tuple[tuple[Table, list[dict[str, Any]]], ...] = (
-        (modes, [_to_mode_row(mode) for mode in result.list_modes(analysis.id)]),
+        (modes, [asdict(mode) for mode in result.list_modes(analysis.id)]),
         (
             mode_members,
             [
@@ -263,31 +261,13 @@ def _insert_modes(connection: Connection, analysis: Analysis, result: AnalysisRe
             connection.execute(insert(table), inserted)
 
 
-def _to_mode_row(mode: Mode) -> dict[str, Any]:
-    return {column.name: getattr(mode, column.name) for column in _MODE}
-
-
-_MODE = tuple(modes.c[name] for name in Mode.__struct_fields__)
-_MODES = select(*_MODE).order_by(modes.c.number)
-
-
-def _read_modes(connection: Connection, query: Select[Any]) -> tuple[Mode, ...]:
-    return tuple(map(_to_mode, connection.execute(query).mappings()))
-
-
-def _to_mode(found: RowMapping) -> Mode:
-    named: dict[str, Any] = {column.name: found[column] for column in _MODE}
-    return Mode(**named | {"state": TriageState(named["state"])})
-
-
 def _read_mode(connection: Connection, analysis: int, number: int) -> Mode:
-    found = _read_modes(
-        connection, _MODES.where(modes.c.analysis == analysis, modes.c.number == number)
-    )
-    if not found:
+    query = _MODES.where(modes.c.analysis == analysis, modes.c.number == number)
+    found = _MODE.first(connection, query)
+    if found is None:
         require_analysis(connection, analysis)
         raise make_mode_error(analysis, number)
-    return found[0]
+    return found
 
 
 def require_analysis(connection: Connection, analysis: int) -> None:
@@ -304,14 +284,3 @@ def _replays(connection: Connection, analysis: int) -> tuple[int, ...]:
 
 def _log(connection: Connection, analysis: Analysis) -> None:
     append_event(connection, "analysis.state", describe_analysis(analysis), analysis.campaign)
-
-
-def _analysis(found: RowMapping) -> Analysis:
-    values: dict[str, Any] = dict(found)
-    result = values.pop("result", None)
-    return Analysis(
-        settings=to_settings(values.pop("settings")),
-        state=AnalysisState(values.pop("state")),
-        result=None if result is None else to_analysis_result(result),
-        **values,
-    )

@@ -16,6 +16,7 @@ from eigenfail.presentation.figures import count_noun
 from eigenfail.values.operations import Retention
 from eigenfail.versions import describe_mixed
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.lifecycle import PHRASES
 from eigenfail_services.store.schema import campaigns, event_counter, events
@@ -129,6 +130,9 @@ def append_event(
     return event
 
 
+_ROWS = StructRows(events, values.Event)
+
+
 class EventLog:
     """The newest events, in order; older ones are deleted."""
 
@@ -146,7 +150,7 @@ class EventLog:
         if campaign is not None:
             query = query.where(events.c.campaign == campaign)
         with self._database.reading() as connection:
-            return [values.Event(**found) for found in connection.execute(query).mappings()]
+            return [*_ROWS.list(connection, query)]
 
     def latest(self, limit: int, campaign: int | None = None) -> list[values.Event]:
         """Return the newest events, newest first."""
@@ -154,7 +158,7 @@ class EventLog:
         if campaign is not None:
             query = query.where(events.c.campaign == campaign)
         with self._database.reading() as connection:
-            return [values.Event(**found) for found in connection.execute(query).mappings()]
+            return [*_ROWS.list(connection, query)]
 
     def newest(self, kinds: Collection[str]) -> list[values.Event]:
         """Return the newest event of these kinds of each running campaign, by campaign."""
@@ -170,7 +174,7 @@ class EventLog:
         )
         query = select(events).where(events.c.id.in_(ids)).order_by(events.c.campaign)
         with self._database.reading() as connection:
-            return [values.Event(**found) for found in connection.execute(query).mappings()]
+            return [*_ROWS.list(connection, query)]
 
     def last(self) -> int:
         """Return the id of the newest event, or 0."""

@@ -4,27 +4,24 @@ import hashlib
 
 import msgspec
 from msgspec.structs import replace
-from sqlalchemy import Connection, RowMapping, insert, select
+from sqlalchemy import Connection, insert, select
 from sqlalchemy.exc import IntegrityError
 
 from eigenfail.gate.report import GateReport, MemberReport
 from eigenfail.gate.results import GateResult, GateSummary, make_result, summarise_report
-from eigenfail.gate.verdicts import GateVerdict
 from eigenfail.values import Page
 from eigenfail.values.webhooks import WebhookEvent
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_gate_error
 from eigenfail_services.store.events import append_event, describe_gate
 from eigenfail_services.store.outbox import queue_gate_failure
 from eigenfail_services.store.schema import gates
 
-_SUMMARY = tuple(
-    column for column in gates.c if column is not gates.c.report and column is not gates.c.digest
-)
+_SUMMARIES = StructRows(gates, GateSummary, {"counts": msgspec.json.decode})
 
 _reports = msgspec.json.Decoder(GateReport)
-_counts = msgspec.json.Decoder(dict[GateVerdict, int])
 
 
 class GateStore:
@@ -62,19 +59,15 @@ class GateStore:
 
     def page(self, limit: int, before: int | None = None) -> Page[GateSummary]:
         """Return results without their reports, newest first, with ids below `before`."""
-        query = select(*_SUMMARY).order_by(gates.c.id.desc()).limit(limit + 1)
-        if before is not None:
-            query = query.where(gates.c.id < before)
         with self._database.reading() as connection:
-            found = [_to_summary(row) for row in connection.execute(query).mappings()]
-        return Page(tuple(found[:limit]), found[limit - 1].id if len(found) > limit else None)
+            return _SUMMARIES.page(connection, limit, before)
 
 
 def _record_once(connection: Connection, report: GateReport) -> GateSummary:
     digest = _digest_judged(report)
-    query = select(*_SUMMARY).where(gates.c.digest == digest)
-    if (known := connection.execute(query).mappings().one_or_none()) is not None:
-        return _to_summary(known)
+    query = select(*_SUMMARIES.columns).where(gates.c.digest == digest)
+    if (known := _SUMMARIES.first(connection, query)) is not None:
+        return known
     made = summarise_report(report, 0, now_ms())
     statement = insert(gates).values(
         created_ms=made.created_ms,
@@ -88,7 +81,7 @@ def _record_once(connection: Connection, report: GateReport) -> GateSummary:
         conclusion=made.conclusion,
         report=msgspec.json.encode(report).decode(),
     )
-    summary = _to_summary(connection.execute(statement.returning(*_SUMMARY)).mappings().one())
+    (summary,) = _SUMMARIES.list(connection, statement.returning(*_SUMMARIES.columns))
     queue_gate_failure(connection, summary.id, report)
     append_event(connection, _choose_kind(report), describe_gate(report))
     return summary
@@ -126,8 +119,3 @@ def _remove_links(member: MemberReport) -> MemberReport:
         rerun = replace(rerun, findings=findings, new_modes=new_modes)
     known = tuple(replace(each, link="") for each in member.known)
     return replace(member, known=known, rerun=rerun)
-
-
-def _to_summary(found: RowMapping) -> GateSummary:
-    values = dict(found)
-    return GateSummary(counts=_counts.decode(values.pop("counts")), **values)

@@ -3,12 +3,12 @@
 from typing import Any
 
 import sqlalchemy as sa
-from sqlalchemy.engine import RowMapping
 
 from eigenfail.values import FINAL_STATES, Outcome
 from eigenfail.values.operations import Pruning, Retention, Weight
 from eigenfail_services.store.campaign_rows import lock_campaign, read_campaign
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_needed_error, make_running_error
 from eigenfail_services.store.events import append_event, describe_pruning
@@ -31,6 +31,7 @@ _BYTES = (
     + sa.func.coalesce(sa.func.length(scenes.c.scene), 0)
 )
 _HAS_SCENE = scenes.c.campaign.is_not(None)
+_ROWS = StructRows(prunings, Pruning)
 
 
 class RetentionStore:
@@ -98,7 +99,7 @@ class RetentionStore:
         """Return the prunings of a campaign, oldest first."""
         query = sa.select(prunings).where(prunings.c.campaign == campaign).order_by(prunings.c.id)
         with self._database.reading() as connection:
-            return tuple(map(_to_pruning, connection.execute(query).mappings()))
+            return _ROWS.list(connection, query)
 
 
 def _select_with_blobs(*columns: sa.ColumnElement[Any]) -> Any:
@@ -165,11 +166,5 @@ def _record_slice(connection: sa.Connection, begun: int, found: list[Any]) -> Pr
         scenes=c.scenes + sum(1 for row in found if row.has_scene),
         bytes=c.bytes + sum(row.bytes for row in found),
     )
-    return _to_pruning(connection.execute(change.returning(prunings)).mappings().one())
-
-
-def _to_pruning(found: RowMapping) -> Pruning:
-    values = dict(found)
-    rule = Retention(values.pop("keep_every"), values.pop("source"))
-    weight = Weight(values.pop("episodes"), values.pop("scenes"), values.pop("bytes"))
-    return Pruning(retention=rule, weight=weight, **values)
+    (pruning,) = _ROWS.list(connection, change.returning(prunings))
+    return pruning

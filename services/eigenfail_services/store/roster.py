@@ -4,11 +4,12 @@ from collections.abc import Collection, Mapping, Sequence
 
 import msgspec
 from msgspec.structs import asdict
-from sqlalchemy import ColumnElement, Connection, RowMapping, Update, delete, insert, select, update
+from sqlalchemy import ColumnElement, Connection, Update, delete, insert, select, update
 
 from eigenfail.bridges import BridgeOffer
-from eigenfail.values.operations import Arrival, Presence, Versions
+from eigenfail.values.operations import Arrival, Presence
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database, chunks
 from eigenfail_services.store.schema import arrivals
 
@@ -25,9 +26,8 @@ KEPT_ARRIVALS = 100_000
 PRUNED_EVERY = 1_000
 _ARRIVED = insert(arrivals).returning(arrivals.c.id, sort_by_parameter_order=True)
 
-_PRESENCE = tuple(column for column in arrivals.c if column is not arrivals.c.offer)
+_ROWS = StructRows(arrivals, Presence, {"versions": msgspec.json.decode})
 
-_versions = msgspec.json.Decoder(Versions)
 _offers = msgspec.json.Decoder(BridgeOffer)
 
 
@@ -86,18 +86,17 @@ class Roster:
 
     def present(self, since_ms: int) -> tuple[Presence, ...]:
         """Return the workers that were heard since a moment and have not left, by name."""
-        query = select(*_PRESENCE).where(_is_here(since_ms))
+        query = select(*_ROWS.columns).where(_is_here(since_ms))
         query = query.order_by(arrivals.c.worker, arrivals.c.id)
         with self._database.reading() as connection:
-            return tuple(map(_presence, connection.execute(query).mappings()))
+            return _ROWS.list(connection, query)
 
     def last(self, worker: str, at_ms: int) -> Presence | None:
         """Return the latest arrival under a name up to a moment, if it is still on record."""
         named = (arrivals.c.worker == worker) & (arrivals.c.arrived_ms <= at_ms)
-        query = select(*_PRESENCE).where(named).order_by(arrivals.c.id.desc()).limit(1)
+        query = select(*_ROWS.columns).where(named).order_by(arrivals.c.id.desc()).limit(1)
         with self._database.reading() as connection:
-            found = connection.execute(query).mappings().first()
-        return None if found is None else _presence(found)
+            return _ROWS.first(connection, query)
 
 
 def _is_here(since_ms: int) -> ColumnElement[bool]:
@@ -119,8 +118,3 @@ def _prune(connection: Connection, numbers: Sequence[int]) -> None:
 def _row(arrival: Arrival, at_ms: int) -> dict[str, object]:
     versions = msgspec.json.encode(arrival.versions).decode()
     return asdict(arrival) | {"versions": versions, "arrived_ms": at_ms, "heard_ms": at_ms}
-
-
-def _presence(found: RowMapping) -> Presence:
-    values = dict(found)
-    return Presence(versions=_versions.decode(values.pop("versions")), **values)

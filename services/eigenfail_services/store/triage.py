@@ -4,14 +4,15 @@ from collections.abc import Callable
 
 from sqlalchemy import Connection, select, update
 
-from eigenfail.values.triage import Triage, TriageChange, TriageState, change_triage
+from eigenfail.values.triage import Triage, TriageChange, change_triage
 from eigenfail_services.store.analyses import require_analysis
 from eigenfail_services.store.clock import now_ms
+from eigenfail_services.store.codec import StructRows
 from eigenfail_services.store.engine import Database
 from eigenfail_services.store.errors import make_mode_error
 from eigenfail_services.store.schema import modes
 
-_COLUMNS = tuple(modes.c[name] for name in Triage.__struct_fields__)
+_ROWS = StructRows(modes, Triage)
 
 
 def accept(_triage: Triage) -> None:
@@ -68,18 +69,17 @@ class TriageStore:
 
     def list_by_number(self, analysis: int) -> dict[int, Triage]:
         """Return the triage of all modes of an analysis, by number and in this order."""
-        query = select(modes.c.number, *_COLUMNS).where(modes.c.analysis == analysis)
+        query = select(modes.c.number, *_ROWS.columns).where(modes.c.analysis == analysis)
         with self._database.reading() as connection:
-            found = connection.execute(query.order_by(modes.c.number))
-            return {number: Triage(TriageState(state), *rest) for number, state, *rest in found}
+            found = connection.execute(query.order_by(modes.c.number)).mappings()
+            return {row["number"]: _ROWS.read(row) for row in found}
 
 
 def _read(connection: Connection, analysis: int, number: int, *, lock: bool = False) -> Triage:
-    query = select(*_COLUMNS).where(modes.c.analysis == analysis, modes.c.number == number)
+    query = select(*_ROWS.columns).where(modes.c.analysis == analysis, modes.c.number == number)
     # Changes of one mode come one after the other: each sees what the one before has written.
-    found = connection.execute(query.with_for_update() if lock else query).one_or_none()
+    found = _ROWS.first(connection, query.with_for_update() if lock else query)
     if found is None:
         require_analysis(connection, analysis)
         raise make_mode_error(analysis, number)
-    state, *rest = found
-    return Triage(TriageState(state), *rest)
+    return found

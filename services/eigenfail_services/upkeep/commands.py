@@ -1,7 +1,7 @@
 """`eigenfail db`: create, upgrade, check, back up, restore and thin out a database."""
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -12,8 +12,9 @@ from rich.markup import escape
 from rich.table import Table
 from rich.text import Text
 
-from eigenfail.cli.options import AsJson, Data, Database, Repair, Replay
-from eigenfail.cli.render import show, to_json
+from eigenfail.cli.answers import prints_answer
+from eigenfail.cli.options import Data, Database, Repair, Replay
+from eigenfail.cli.render import CommandResult
 from eigenfail.errors import InvalidValue
 from eigenfail.hosting.folder import DEFAULT_DATA, DataFolder
 from eigenfail.hosting.service import require_installed
@@ -62,65 +63,66 @@ def _require_server() -> None:
     require_installed()
 
 
+@contextmanager
+def name_database(database: Database = None, data: Data = DEFAULT_DATA) -> Iterator[str]:
+    """Yield the URL of a database."""
+    yield database or DataFolder(data).database
+
+
+@contextmanager
+def claim_database(database: Database = None, data: Data = DEFAULT_DATA) -> Iterator[str]:
+    """Yield the URL of a database that no service of the data folder uses meanwhile."""
+    # Other clients of a database that is named on the command line are the user's business.
+    with nullcontext() if database else DataFolder(data).claimed():
+        yield database or DataFolder(data).database
+
+
 @app.command()
-def upgrade(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJson = False) -> None:
+@prints_answer("Upgrading the schema", opened_by=name_database)
+def upgrade(url: str) -> CommandResult:
     """Create the schema, or upgrade it to this release."""
     from eigenfail_services.store import migrate
 
-    url = database or DataFolder(data).database
-    with announce("Upgrading the schema"):
-        migrate.upgrade(url)
+    migrate.upgrade(url)
     words = "The database's schema is at revision {}, which is this program's."
-    _show_revision("upgrade", _find_revision(url), words, as_json)
+    return _show_revision("upgrade", url, words)
 
 
 @app.command()
-def current(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJson = False) -> None:
+@prints_answer(opened_by=name_database)
+def current(url: str) -> CommandResult:
     """Print the schema's revision."""
-    revision = _find_revision(database or DataFolder(data).database)
-    _show_revision("current", revision, "{}", as_json)
+    return _show_revision("current", url, "{}")
 
 
 @app.command()
-def check(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJson = False) -> None:
+@prints_answer(opened_by=name_database)
+def check(url: str) -> CommandResult:
     """Check whether the schema is that of this release; exit with 3 if not."""
     from eigenfail_services.store import open_store
 
-    url = database or DataFolder(data).database
     open_store(url, migrate=False).close()
-    words = "The database's schema is this program's: revision {}."
-    _show_revision("check", _find_revision(url), words, as_json)
+    return _show_revision("check", url, "The database's schema is this program's: revision {}.")
 
 
 @app.command()
-def verify(
-    database: Database = None,
-    data: Data = DEFAULT_DATA,
-    replay: Replay = 0,
-    repair: Repair = False,
-    as_json: AsJson = False,
-) -> None:
+@prints_answer("Verifying the database", opened_by=name_database)
+def verify(url: str, replay: Replay = 0, repair: Repair = False) -> CommandResult:
     """Verify the contents of a database; exit with 1 if there are defects.
 
     A service may use it meanwhile.
     """
     from eigenfail_services.upkeep import verify as verification
 
-    with announce("Verifying the database"):
-        found = verification.verify(database or DataFolder(data).database, replay, repair=repair)
-    show(found, as_json, lambda: _draw_verification(found))
-    if found.defects:
-        raise typer.Exit(DEFECTS_FOUND)
+    found = verification.verify(url, replay, repair=repair)
+    return CommandResult(
+        found, lambda: _draw_verification(found), DEFECTS_FOUND if found.defects else 0
+    )
 
 
 @app.command()
-def backup(
-    file: File,
-    database: Database = None,
-    data: Data = DEFAULT_DATA,
-    force: Force = False,
-    as_json: AsJson = False,
-) -> None:
+@prints_answer(opened_by=name_database)
+def backup(url: str, file: File, force: Force = False) -> CommandResult:
     """Back up a SQLite database to a file; a running service may use it meanwhile.
 
     The file appears once it is complete and checked. For PostgreSQL, use pg_dump.
@@ -128,19 +130,14 @@ def backup(
     from eigenfail_services.upkeep import backup as backups
 
     with announce(f"Writing {file}"):
-        made = backups.backup(database or DataFolder(data).database, file, force=force)
+        made = backups.backup(url, file, force=force)
     words = f"{made.file} holds all of {made.database} ({made.bytes} bytes)."
-    typer.echo(to_json(made) if as_json else words)
+    return CommandResult(made, lambda: escape(words))
 
 
 @app.command()
-def restore(
-    file: File,
-    database: Database = None,
-    data: Data = DEFAULT_DATA,
-    force: Force = False,
-    as_json: AsJson = False,
-) -> None:
+@prints_answer(opened_by=claim_database)
+def restore(url: str, file: File, force: Force = False) -> CommandResult:
     """Restore a backup into an empty database, or with --force over an existing one.
 
     Either everything is restored or nothing changes. Stop all services of the database first.
@@ -148,23 +145,22 @@ def restore(
     """
     from eigenfail_services.upkeep import backup as backups
 
-    with _claim(database, data), announce(f"Restoring {file}"):
-        restored = backups.restore(database or DataFolder(data).database, file, force=force)
+    with announce(f"Restoring {file}"):
+        restored = backups.restore(url, file, force=force)
     words = f"{restored.database} holds what {restored.file} held (schema {restored.revision})."
-    typer.echo(to_json(restored) if as_json else words)
+    return CommandResult(restored, lambda: escape(words))
 
 
 @app.command()
+@prints_answer(opened_by=name_database)
 def prune(
-    database: Database = None,
-    data: Data = DEFAULT_DATA,
+    url: str,
     keep_every: KeepEvery = operations.KEEP_EVERY,
     source: Source = operations.DRAWN_AGAIN,
     older_than: OlderThan = 0.0,
     campaigns: Campaigns = [],  # noqa: B006 - typer takes no tuple of any length
     dry_run: DryRun = False,
-    as_json: AsJson = False,
-) -> None:
+) -> CommandResult:
     """Remove noise and scenes of safe episodes in campaigns that have ended.
 
     Rows and failures stay, and with them counts, rates, measures and costs. A running service
@@ -177,12 +173,13 @@ def prune(
     which = maintenance.PruneSelection(tuple(campaigns), older_than)
     kept = _retention(keep_every, source)
     with announce("Counting what would be removed" if dry_run else "Removing noise and scenes"):
-        found = act(database or DataFolder(data).database, kept, which)
-    show(found, as_json, lambda: _draw_pruning(found))
+        found = act(url, kept, which)
+    return CommandResult(found, lambda: _draw_pruning(found))
 
 
 @app.command()
-def vacuum(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJson = False) -> None:
+@prints_answer("Returning free space to the disk", opened_by=claim_database)
+def vacuum(url: str) -> CommandResult:
     """Return free space inside a database to the disk.
 
     SQLite rewrites the file: stop the service first, and leave room for a second copy.
@@ -190,27 +187,17 @@ def vacuum(database: Database = None, data: Data = DEFAULT_DATA, as_json: AsJson
     """
     from eigenfail_services.upkeep import maintenance as vacuuming
 
-    with _claim(database, data), announce("Returning free space to the disk"):
-        done = vacuuming.vacuum(database or DataFolder(data).database)
+    done = vacuuming.vacuum(url)
     freed = max(0, done.bytes_before - done.bytes_after)
     words = f"{done.database} takes {done.bytes_after:,} bytes; {freed:,} were given back."
-    typer.echo(to_json(done) if as_json else words)
+    return CommandResult(done, lambda: escape(words))
 
 
-def _claim(database: str | None, data: Path) -> AbstractContextManager[None]:
-    # Other clients of a database that is named on the command line are the user's business.
-    return nullcontext() if database else DataFolder(data).claimed()
-
-
-def _find_revision(url: str) -> str:
+def _show_revision(action: str, url: str, words: str) -> CommandResult:
     from eigenfail_services.store import migrate
 
-    return migrate.read_version(url) or "empty"
-
-
-def _show_revision(action: str, revision: str, words: str, as_json: bool) -> None:
-    answer = {"action": action, "said": revision}
-    typer.echo(to_json(answer) if as_json else words.format(revision))
+    revision = migrate.read_version(url) or "empty"
+    return CommandResult({"action": action, "said": revision}, lambda: words.format(revision))
 
 
 def _retention(keep_every: int, source: str) -> operations.Retention:

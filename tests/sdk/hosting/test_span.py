@@ -49,7 +49,8 @@ def test_what_does_not_go_together_is_refused_by_name(given, problem) -> None:
 
 @pytest.mark.parametrize("option", ["--min-workers=1", "--max-workers=2", "--idle-s=5"])
 def test_workers_that_nobody_starts_are_not_scaled(option, tmp_path) -> None:
-    from eigenfail_services.__main__ import create_launcher, parse
+    from eigenfail_services.__main__ import parse
+    from eigenfail_services.options import create_launcher
 
     problem = f"{option.partition('=')[0]}: scales workers, and --launcher none starts none."
     with pytest.raises(InvalidValue, match=problem):

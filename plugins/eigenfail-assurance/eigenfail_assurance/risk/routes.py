@@ -18,8 +18,18 @@ from eigenfail_assurance.risk.question import RiskQuestion
 router = APIRouter(prefix=PREFIX, tags=["campaigns"])
 
 
+EXAMPLE = {
+    "name": "motorway",
+    "target": {"per_hour": 0.001},
+    "exposure": {"hours": 1200.0, "kilometres": 96000.0},
+    "scenarios": [{"name": "cut-in", "encounters": 340, "campaigns": [1]}],
+}
+
+
 @router.post(
-    "/risk", dependencies=[COMPARISONS], **document_route(RiskAssessment, body=RiskQuestion)
+    "/risk",
+    dependencies=[COMPARISONS],
+    **document_route(RiskAssessment, body=RiskQuestion, example=EXAMPLE),
 )
 def find_risk(
     store: Stored, question: Annotated[RiskQuestion, Depends(body_of(RiskQuestion))]
@@ -30,15 +40,6 @@ def find_risk(
 
 extension = Extension(
     routers=(router, page.router),
-    bodies=(RiskAssessment, RiskQuestion),
-    examples={
-        "find_risk": {
-            "name": "motorway",
-            "target": {"per_hour": 0.001},
-            "exposure": {"hours": 1200.0, "kilometres": 96000.0},
-            "scenarios": [{"name": "cut-in", "encounters": 340, "campaigns": [1]}],
-        },
-    },
     templates="eigenfail_assurance",
     navigation=(NavigationEntry("Risk", "/risk"),),
     viewer_requests=(f"POST {PREFIX}/risk", "POST /risk"),

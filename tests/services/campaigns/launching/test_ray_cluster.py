@@ -12,6 +12,7 @@ import pytest
 
 from eigenfail.hosting.service import Launcher, Plan, make_commands
 from eigenfail_services import __main__ as services
+from eigenfail_services import options
 from eigenfail_services.campaigns.ray_process import ALONE, ENVIRONMENT, RayCluster
 
 WANTED = ("RAY_AUTH_MODE", "RAY_ENABLE_WINDOWS_OR_OSX_CLUSTER")
@@ -66,4 +67,4 @@ def test_up_has_ray_started_so_and_nobody_else():
     ]
     arguments = services.parse(words[words.index("eigenfail_services") + 1 :])
     assert (arguments.launcher, arguments.ray_address) == ("ray", None)
-    assert services.create_launcher(arguments)
+    assert options.create_launcher(arguments)
