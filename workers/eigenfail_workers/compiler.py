@@ -42,6 +42,7 @@ def compile_modules(folder: Path) -> None:
     Raises:
         SystemExit: the compiler refuses them.
     """
+    # Imported here: workers run without mypyc and setuptools, which are tools of the build.
     from mypyc.build import mypycify
     from setuptools import setup
 
@@ -50,6 +51,7 @@ def compile_modules(folder: Path) -> None:
         for package in (PACKAGE, "eigenfail"):
             shutil.copytree(find_package(package), Path(place, package), ignore=_ignore_binaries)
         built = Path(place, "built")
+        # mypyc names a module by its path from the working folder.
         os.chdir(place)
         os.environ["CFLAGS"] = f"{os.environ.get('CFLAGS', '')} {C_FLAGS}"
         extensions = mypycify(
@@ -61,11 +63,14 @@ def compile_modules(folder: Path) -> None:
         )
         arguments = ["--quiet", "build_ext", "--build-lib", str(built), "--build-temp", "objects"]
         setup(name=PACKAGE, ext_modules=extensions, script_args=arguments)
+        # Renamed into place once it is whole, so that a process which starts meanwhile imports
+        # either no compiled module or all of them.
         shutil.rmtree(COPIES, ignore_errors=True)
         COPIES.mkdir(exist_ok=True)
         with tempfile.TemporaryDirectory(dir=COPIES) as whole:
             shutil.copytree(built, Path(whole, "copy"))
             Path(whole, "copy").rename(folder)
+        # The temporary folder is about to be removed: it must not stay the working folder.
         os.chdir(COPIES)
 
 

@@ -27,6 +27,7 @@ def clip_control(control: Control, speed_mps: float) -> Control:
 
 def max_drive_mps2(speed_mps: float) -> float:
     """Largest acceleration of the truck at a speed. [m/s²]"""
+    # Compared as products: a division would fail for a truck at rest.
     if speed_mps * MAX_DRIVE_MPS2 * MASS_KG <= POWER_W:
         return MAX_DRIVE_MPS2
     return POWER_W / (MASS_KG * speed_mps)

@@ -80,10 +80,12 @@ class SensorErrors:
         actor = places[find_nearest(now.ego, now.others)]
         others = dict(zip(places, now.others, strict=True))
         if self._delays:
+            # The delay comes first, so that the errors of this step are added to the old picture.
             others = self._find_delayed(others, dt_s, errors)
         changed = self._disturb(now.ego, others, actor, errors)
         missed: set[int] = set()
         if self._occlusion:
+            # Read from where the vehicles truly are, also under a delay (docs/noise.md, occlusion).
             missed = {places[hidden] for hidden in find_hidden(now.ego, now.others)}
         for place, target in self._misses:
             if errors[place] > 0.5:
@@ -93,6 +95,8 @@ class SensorErrors:
             for number, other in others.items()
             if number not in missed
         }
+        # Taken before the ghost comes and numbers are swapped: the record shows where the planner
+        # sees the nearest vehicle itself, by whatever number.
         position = (seen[actor].x_m, seen[actor].y_m) if actor in seen else NOWHERE
         for place in self._ghosts:
             self._ghost = self._follow_ghost(now.ego) if errors[place] > 0.5 else None
@@ -112,6 +116,7 @@ class SensorErrors:
         for place, target, field in self._errors:
             vehicle = actor if target == NEAREST else target
             if vehicle not in changed:
+                # The vehicle of this channel has gone, or has not come yet.
                 if vehicle != EGO and vehicle not in others:
                     continue
                 changed[vehicle] = list_fields(ego if vehicle == EGO else others[vehicle])

@@ -57,8 +57,10 @@ class Deviations:
                 found.append(1.0)
                 continue
             place = actor if target < 0 else target
+            # Vehicles that come and go change their places, but keep their numbers.
             if target >= 0 and observation.ids is not None:
                 place = _find_place(observation.ids, target + 1)
+            # The ego in place of another vehicle makes every distance 0.
             other = ego if target == EGO or place < 0 else others[place]
             dx, dy = abs(other.x_m - ego.x_m), abs(other.y_m - ego.y_m)
             apart_m = dx if distance == _ALONG else dy if distance == _ACROSS else hypot(dx, dy)

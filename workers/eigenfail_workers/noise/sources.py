@@ -76,6 +76,8 @@ def generator(seed: int, stream: int = NOISE_STREAM) -> np.random.Generator:
 def from_prior(_source: values.PriorSource, context: NoiseContext) -> NoiseSource:
     """Return noise that is drawn at once from the standard normal distribution."""
     shape = context.horizon, context.channels
+    # Drawn row by row, a step each: a longer horizon leaves the first rows as they are, which
+    # `CampaignNoise.choose` relies on.
     draws = generator(context.seed).standard_normal(shape, dtype=np.float32)
     return TrajectoryNoise(draws)
 
@@ -104,6 +106,8 @@ def from_policy(source: values.PolicySource, context: NoiseContext) -> NoiseSour
         )
     fixed: dict[int, float] = {}
     if context.once:
+        # A stream of their own: otherwise the number of these channels would change the policy's
+        # noise.
         drawn = generator(context.seed, ONCE_STREAM).standard_normal(
             len(context.once), dtype=np.float32
         )

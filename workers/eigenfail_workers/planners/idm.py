@@ -142,6 +142,7 @@ class GapAcceptance:
         return foreseen_m >= self._settings.gap_behind_m
 
 
+# A gap of noise may be 0 or less. The interaction is that of a short gap then, and stays finite.
 CONTACT_M = 0.1
 
 
@@ -209,6 +210,7 @@ class IntelligentDriver:
     def _bounded(self, acceleration: float) -> float:
         """Return the acceleration that the brakes allow: slow to build up, at once released."""
         settings = self._settings
+        # Brakes build up from 0: there is nothing to release first when the truck was accelerating.
         built_up = min(self._acceleration_mps2, 0.0) - settings.brake_build_up_mps3 * self._dt_s
         self._acceleration_mps2 = max(acceleration, built_up, -settings.max_deceleration_mps2)
         return self._acceleration_mps2
