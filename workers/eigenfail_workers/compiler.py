@@ -24,6 +24,9 @@ C_FLAGS = "-ffp-contract=off -fno-builtin-sin -fno-builtin-cos"
 # More takes longer to compile, and no less to run: the time is in calls of Python's own functions.
 OPTIMISATION = "1"
 
+IGNORED = shutil.ignore_patterns("__pycache__", COPIES.name)
+"""Files beside the sources, which are not copied."""
+
 
 def find_obstacle() -> str | None:
     """Return the missing part for compiling, as a phrase; None if there is none."""
@@ -49,7 +52,7 @@ def compile_modules(folder: Path) -> None:
     with tempfile.TemporaryDirectory(prefix="eigenfail-compiled-") as place:
         # Copies, so that neither an installation's folder nor a checkout is written to.
         for package in (PACKAGE, "eigenfail"):
-            shutil.copytree(find_package(package), Path(place, package), ignore=_ignore_binaries)
+            shutil.copytree(find_package(package), Path(place, package), ignore=IGNORED)
         built = Path(place, "built")
         # mypyc names a module by its path from the working folder.
         os.chdir(place)
@@ -72,10 +75,6 @@ def compile_modules(folder: Path) -> None:
             Path(whole, "copy").rename(folder)
         # The temporary folder is about to be removed: it must not stay the working folder.
         os.chdir(COPIES)
-
-
-def _ignore_binaries(_folder: str, names: list[str]) -> list[str]:
-    return [name for name in names if name in {"__pycache__", COPIES.name}]
 
 
 def main() -> None:

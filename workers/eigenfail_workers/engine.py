@@ -120,7 +120,9 @@ class Engine:
         # the simulator.
         with wrap_errors(errors.SimulatorError, "The episode", "Look into simulator and scenario."):
             noise, simulation = self._begin(task)
-            driven = self._add_signals(simulation)
+            driven = simulation
+            if self._planner_signals:
+                driven = SignallingSimulation(simulation, self._planner, self._planner_signals)
             run_episode(driven, task.seed, self._model, noise, recorder)
             return make_result(self._setup, task, noise, recorder, simulation.dt_s)
 
@@ -133,12 +135,6 @@ class Engine:
         z = noise.choose(task, self._horizon) if noise.searched else {}
         simulation = self._open(self._variation.draw(task.seed, z))
         return noise.begin(task, simulation.steps), simulation
-
-    def _add_signals(self, simulation: Simulation) -> Simulation:
-        """Return a simulation that reports the signals of the planner which requirements need."""
-        if not self._planner_signals:
-            return simulation
-        return SignallingSimulation(simulation, self._planner, self._planner_signals)
 
     def _open(self, parameters: Any) -> Simulation:
         """Return the simulation for these parameters, opened with a new planner if necessary."""

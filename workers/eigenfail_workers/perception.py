@@ -81,7 +81,10 @@ class SensorErrors:
         others = dict(zip(places, now.others, strict=True))
         if self._delays:
             # The delay comes first, so that the errors of this step are added to the old picture.
-            others = self._find_delayed(others, dt_s, errors)
+            self._seen.append(others)
+            delay_s = sum(abs(errors[place]) for place in self._delays)
+            # At the start there is no earlier picture: the first one stays until the delay is over.
+            others = self._seen[max(len(self._seen) - 1 - round(delay_s / dt_s), 0)]
         changed = self._disturb(now.ego, others, actor, errors)
         missed: set[int] = set()
         if self._occlusion:
@@ -123,14 +126,6 @@ class SensorErrors:
             changed[vehicle][field] += errors[place]
         return {vehicle: make_state(fields) for vehicle, fields in changed.items()}
 
-    def _find_delayed(
-        self, others: dict[int, VehicleState], dt_s: float, errors: Row
-    ) -> dict[int, VehicleState]:
-        """Return the other vehicles as they were before the delay, or at the start."""
-        self._seen.append(others)
-        delay_s = sum(abs(errors[place]) for place in self._delays)
-        return self._seen[max(len(self._seen) - 1 - round(delay_s / dt_s), 0)]
-
     def _follow_ghost(self, ego: VehicleState) -> VehicleState:
         """Return the ghost, which stands where it was when its event began."""
         if self._ghost is not None:
@@ -140,9 +135,10 @@ class SensorErrors:
 
 
 def _exchange_nearest(now: Observation) -> dict[int, int]:
-    """Return the two vehicles whose centres are nearest to the ego's, each with the other one.
+    """Return a mapping that swaps the two vehicles whose centres are nearest to the ego's.
 
-    Nothing where there is one vehicle, as behind a bridge, whose vehicles a campaign does not know.
+    It is empty if there is only one vehicle. Behind a bridge, a campaign does not know how many
+    there are.
     """
     ego, others = now.ego, now.others
     if len(others) < 2:

@@ -106,12 +106,6 @@ def test_before_the_runs_have_ended_there_is_none() -> None:
     assert estimate_modes(simulation(4000, 1), [], {}, 2) is None
 
 
-def test_episodes_that_the_simulation_did_not_ask_for_make_no_number() -> None:
-    values, mode_of = simulated(4000, 1)
-    assert estimate_modes(simulation(4000, 1), values, mode_of, 2) is not None
-    assert estimate_modes(simulation(4000, 1), [*values, 1.0], mode_of, 2) is None
-
-
 @pytest.fixture
 def store():
     made = open_store("memory://")

@@ -236,6 +236,8 @@ class BridgeEngine:
     @property
     def _left_s(self) -> float:
         """Time until shortly before the worker would kill this process for taking too long. [s]"""
+        # The worker multiplies its limit by the episodes that it has begun; those to run again
+        # count.
         held = max(1, len(self._slots) + len(self._retries))
         return held * self._connection.timeouts.episode_s - (monotonic() - self._progress_s)
 
@@ -267,6 +269,7 @@ class BridgeEngine:
         self._start_retries()
         if self._slots:
             try:
+                # Opened again here if an error has closed it: waiting episodes need no other path.
                 connection = self._connection.get(self._left_s)
                 self._slots.send_requests(connection)
                 answer = connection.receive(self._left_s)

@@ -261,7 +261,7 @@ def _measure(before: Pair, after: Pair, share: float) -> float:
 def _find_touch(before: Pair, after: Pair, contact: float) -> float:
     """Return the share of the step at which two footprints first touch, given one at which they do.
 
-    Bisection, of which the end that touches is returned: the separation there is exactly 0.
+    By bisection. The footprints touch at the returned share: their separation there is exactly 0.
     """
     apart, touching = 0.0, contact
     for _ in range(MOST_TURNS):

@@ -24,7 +24,7 @@ def find_nearest(ego: VehicleState, others: Sequence[VehicleState]) -> int:
 def find_struck(ego: VehicleState, others: Sequence[VehicleState]) -> int:
     """Return the index of the vehicle that the ego touches: the one at the smallest distance.
 
-    Of several that overlap it is the one whose centre is nearest, for its size.
+    If several overlap the ego, it is the one whose circumcircle overlaps the ego's most.
     """
     return min(range(len(others)), key=lambda vehicle: _closeness(ego, others[vehicle]))
 
@@ -119,7 +119,7 @@ class _View(NamedTuple):
 
 
 def find_hidden(ego: VehicleState, others: Sequence[VehicleState]) -> set[int]:
-    """Return the indexes of the vehicles of which the ego's sensor sees nothing.
+    """Return the indexes of the vehicles that the ego's sensor cannot see.
 
     The sensor is at the centre of the ego's front and looks in all directions. A vehicle is hidden
     if every ray to its footprint first meets another one; the ego itself hides nothing. Footprints

@@ -121,11 +121,11 @@ class ViolationTracker:
         """Largest DRAC towards any vehicle; None without a conflict. [m/s²]"""
         return self._max_drac_mps2 if self._max_drac_mps2 > 0.0 else None
 
-    def of_vehicle(self, vehicle: int) -> FirstViolations:
+    def get_first_violations(self, vehicle: int) -> FirstViolations:
         """Return the first violations by one vehicle."""
         return self._first.get(vehicle, NO_VIOLATIONS)
 
-    def of_any_vehicle(self) -> FirstViolations:
+    def find_earliest_violations(self) -> FirstViolations:
         """Return the earliest violations by any vehicle; DRAC is that of the earliest warning."""
         warned = [first for first in self._first.values() if first.ttc_step is not None]
         warning = min(warned, key=_ttc_step, default=NO_VIOLATIONS)
@@ -282,11 +282,11 @@ class Recorder:
         """Return the measures of the episode; on a collision, robustness is exactly 0."""
         last, found, ride = self._course[-1], self._violations, self._ride
         collided = self.collided
-        first = found.of_any_vehicle()
+        first = found.find_earliest_violations()
         if collided:
             # After a crash only warnings of the struck vehicle count. The warning of another
             # vehicle would give a lead time to a crash that came without one.
-            first = found.of_vehicle(last.numbers[find_struck(last.ego, last.others)])
+            first = found.get_first_violations(last.numbers[find_struck(last.ego, last.others)])
         return values.Measures(
             robustness_m=0.0 if collided else self._robustness_m,
             severity=compute_severity(last) if collided else None,

@@ -42,9 +42,8 @@ class Deviations:
     def compute(self, observation: Observation, actor: int) -> Row:
         """Return sigma at the true distances between centres.
 
-        Of an event it is 1, or the probability that it begins where that depends on the distance.
-
-        A vehicle that is not there has the sigma of no distance.
+        An event has 1, or the probability that it begins, if that depends on the distance. A
+        vehicle that is not there counts as if it were at the ego.
 
         Args:
             observation: the truth.
@@ -76,7 +75,7 @@ def _find_place(ids: tuple[int, ...], number: int) -> int:
 def _make_term(channel: Channel, scale: float) -> tuple[int, int, float, float, float, float]:
     """Return target, kind of distance, slope, base, scale and largest value of a channel.
 
-    There is no base for an event with a constant rate.
+    The base of an event with a constant rate is 0.
     """
     _, quantity = split_name(channel.name)
     distance = _DISTANCES.get(quantity, _APART)

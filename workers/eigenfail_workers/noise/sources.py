@@ -14,7 +14,8 @@ NOISE_STREAM = 1
 """Separates the draws of the noise from those of a scenario with the same seed."""
 
 ONCE_STREAM = 3
-"""The same of channels that are drawn once, which no policy chooses. 2 is of variations."""
+"""Stream of the channels that are drawn once an episode, which no policy chooses. Stream 2 draws
+the scenario parameters that vary."""
 
 
 class NoiseSource(Protocol):

@@ -87,7 +87,7 @@ class ProcessFailures:
 
 
 class CampaignSetups:
-    """Setups and policies from the hub, kept until the campaign is dropped for each new child.
+    """Setups and policies from the hub, which each new child needs until the campaign is dropped.
 
     Attributes:
         setups: setups by campaign.
