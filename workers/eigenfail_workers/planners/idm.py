@@ -168,6 +168,8 @@ class IdmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     exponent: Annotated[float, Meta(ge=1.0, le=10.0, description="delta: free-road exponent.")] = (
         4.0
     )
+    # Half the widths of truck and car together: nearer than this their footprints overlap
+    # laterally.
     lane_half_width_m: Annotated[
         float,
         Meta(gt=0.0, le=3.5, description="A vehicle this near to the ego's line is its lead [m]."),
