@@ -69,7 +69,7 @@ class Evaluate:
 
         proposed: Annotated[int, msgspec.Meta(ge=0)]
         learner: bytes
-        sums: WeightedFailures = WeightedFailures()
+        sums: WeightedFailures
 
     traits = contracts.MethodTraits(
         tolerates_delay=True,

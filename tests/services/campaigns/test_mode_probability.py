@@ -56,7 +56,7 @@ def simulated(budget: int, seed: int) -> tuple[list[float], dict[int, int]]:
     """Robustness of all episodes of a simulation, and the mode of each failure."""
     driver, values, sides = SimulationDriver(simulation(budget, seed)), [], []
     while not driver.is_done:
-        x = driver.take(budget)[:, 0, 0]
+        x = driver.take_trajectories(budget)[:, 0, 0]
         found = robustness(x).tolist()
         values += found
         sides += (x < 0.0).tolist()
