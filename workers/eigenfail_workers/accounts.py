@@ -28,11 +28,10 @@ class RecordedStep(NamedTuple):
 
 def read_account(given: Mapping[str, object]) -> Account:
     """Return an account with texts and floats alone."""
-    return {read_text(name): _to_plain(value) for name, value in given.items()}
-
-
-def _to_plain(value: object) -> str | float:
-    return float(value) if isinstance(value, (int, float)) else read_text(value)
+    return {
+        read_text(name): float(value) if isinstance(value, (int, float)) else read_text(value)
+        for name, value in given.items()
+    }
 
 
 def thin_path(path: Sequence[tuple[float, float]]) -> Path:
@@ -40,6 +39,7 @@ def thin_path(path: Sequence[tuple[float, float]]) -> Path:
     last = len(path) - 1
     kept: Sequence[int] = range(last + 1)
     if last >= MAX_POINTS:
+        # Whole numbers, so that the last point is exactly the last one.
         kept = [place * last // (MAX_POINTS - 1) for place in range(MAX_POINTS)]
     return tuple((float(path[place][0]), float(path[place][1])) for place in kept)
 
@@ -68,6 +68,7 @@ class RecordingPlanner:
 
     def act(self, perception: Perception) -> Control:
         """Return the planner's control, after recording its explanation."""
+        # `explain` speaks of the last decision: `act` must come first.
         control = validate_control(self._planner.act(perception))
         with wrap_errors(PlannerError, "The planner's account", "Look into its `explain`."):
             account = read_account(self._explain())

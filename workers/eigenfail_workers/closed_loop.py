@@ -5,7 +5,7 @@ from typing import Any, Protocol
 
 from eigenfail.contracts import Planner, ReactiveSituation, Scenario, Situation
 from eigenfail.errors import InvalidValue, PlannerError, SimulatorError
-from eigenfail.values import Control, Mission, Observation, Perception
+from eigenfail.values import Control, Mission, Observation
 from eigenfail.values.arrays import RANGE, fits_float32
 from eigenfail.values.shapes import Row
 from eigenfail_workers.faults import wrap_errors
@@ -94,7 +94,9 @@ class DrivenSimulation:
         if now is None or now.ended or self._closed:
             raise SimulatorError("There is no episode to go on with.", "Reset the simulation.")
         perception, position = self._errors.perceive(now, self.dt_s, disturbance)
-        control = self._plan(perception)
+        with self._planner_errors:
+            control = validate_control(self._planner.act(perception))
+        # Clipped before the world moves: the limits of the truck are the same in every physics.
         applied = clip_control(control, now.ego.speed_mps)
         truth = self._world.advance(applied)
         step = now.step + 1
@@ -125,10 +127,6 @@ class DrivenSimulation:
             lost = self._count_losses(number) > 0
         return f"{challenge}, track {'lost' if lost else 'kept'}"
 
-    def _plan(self, perception: Perception) -> Control:
-        with self._planner_errors:
-            return validate_control(self._planner.act(perception))
-
     def close(self) -> None:
         """Refuse further steps."""
         self._closed = True
@@ -146,4 +144,5 @@ def validate_control(answer: object) -> Control:
         raise PlannerError(f"The planner returned {type(answer).__name__}.", remedy)
     if not (fits_float32(answer.acceleration_mps2) and fits_float32(answer.steering_rad)):
         raise PlannerError(f"The planner returned {answer}.", remedy)
+    # Converted where they come in: compiled code takes what is annotated as a float for one.
     return Control(float(answer.acceleration_mps2), float(answer.steering_rad))

@@ -81,6 +81,7 @@ def find_copy() -> Path:
 
     All sources count that the compiled code was checked against, and this version of Python.
     """
+    # The suffix names the version of Python and the platform that an extension is built for.
     found = hashlib.sha256(EXTENSION_SUFFIXES[0].encode())
     for package in (_FOLDER, find_package("eigenfail.values")):
         for source in sorted(package.rglob("*.py")):
@@ -91,10 +92,12 @@ def find_copy() -> Path:
 
 def use_compiled_modules() -> None:
     """Import the compiled modules from now on, unless there are none or they are switched off."""
+    # To find the copy, all sources are read. A process that has no copy at all need not do so.
     if os.environ.get(INTERPRETED_VARIABLE) or not COPIES.is_dir():
         return
     folder = find_copy()
     if folder.is_dir():
+        # Before the finder of files, which would find the sources under the same names.
         sys.meta_path.insert(0, CompiledModules(folder))
 
 

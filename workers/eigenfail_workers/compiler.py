@@ -24,6 +24,9 @@ C_FLAGS = "-ffp-contract=off -fno-builtin-sin -fno-builtin-cos"
 # More takes longer to compile, and no less to run: the time is in calls of Python's own functions.
 OPTIMISATION = "1"
 
+IGNORED = shutil.ignore_patterns("__pycache__", COPIES.name)
+"""Files beside the sources, which are not copied."""
+
 
 def find_obstacle() -> str | None:
     """Return the missing part for compiling, as a phrase; None if there is none."""
@@ -42,14 +45,16 @@ def compile_modules(folder: Path) -> None:
     Raises:
         SystemExit: the compiler refuses them.
     """
+    # Imported here: workers run without mypyc and setuptools, which are tools of the build.
     from mypyc.build import mypycify
     from setuptools import setup
 
     with tempfile.TemporaryDirectory(prefix="eigenfail-compiled-") as place:
         # Copies, so that neither an installation's folder nor a checkout is written to.
         for package in (PACKAGE, "eigenfail"):
-            shutil.copytree(find_package(package), Path(place, package), ignore=_ignore_binaries)
+            shutil.copytree(find_package(package), Path(place, package), ignore=IGNORED)
         built = Path(place, "built")
+        # mypyc names a module by its path from the working folder.
         os.chdir(place)
         os.environ["CFLAGS"] = f"{os.environ.get('CFLAGS', '')} {C_FLAGS}"
         extensions = mypycify(
@@ -61,16 +66,15 @@ def compile_modules(folder: Path) -> None:
         )
         arguments = ["--quiet", "build_ext", "--build-lib", str(built), "--build-temp", "objects"]
         setup(name=PACKAGE, ext_modules=extensions, script_args=arguments)
+        # Renamed into place once it is whole, so that a process which starts meanwhile imports
+        # either no compiled module or all of them.
         shutil.rmtree(COPIES, ignore_errors=True)
         COPIES.mkdir(exist_ok=True)
         with tempfile.TemporaryDirectory(dir=COPIES) as whole:
             shutil.copytree(built, Path(whole, "copy"))
             Path(whole, "copy").rename(folder)
+        # The temporary folder is about to be removed: it must not stay the working folder.
         os.chdir(COPIES)
-
-
-def _ignore_binaries(_folder: str, names: list[str]) -> list[str]:
-    return [name for name in names if name in {"__pycache__", COPIES.name}]
 
 
 def main() -> None:

@@ -62,6 +62,7 @@ class Engine:
         self._simulation: Simulation | None = None
         self._planner: Planner | None = None
         judge = setup.make_judge()
+        # Sorted: the order of a set of texts differs from process to process.
         self._planner_signals = sorted(
             [
                 name.removeprefix(f"{PLANNER}.")
@@ -115,9 +116,13 @@ class Engine:
         return make_state_change_error(kind, named, changes, result)
 
     def _run_to_end(self, task: EpisodeTask, recorder: Recorder) -> EpisodeResult:
+        # Inner blocks have told the planner's errors apart: whatever has no kind yet is blamed on
+        # the simulator.
         with wrap_errors(errors.SimulatorError, "The episode", "Look into simulator and scenario."):
             noise, simulation = self._begin(task)
-            driven = self._add_signals(simulation)
+            driven = simulation
+            if self._planner_signals:
+                driven = SignallingSimulation(simulation, self._planner, self._planner_signals)
             run_episode(driven, task.seed, self._model, noise, recorder)
             return make_result(self._setup, task, noise, recorder, simulation.dt_s)
 
@@ -131,18 +136,14 @@ class Engine:
         simulation = self._open(self._variation.draw(task.seed, z))
         return noise.begin(task, simulation.steps), simulation
 
-    def _add_signals(self, simulation: Simulation) -> Simulation:
-        """Return a simulation that reports the signals of the planner which requirements need."""
-        if not self._planner_signals:
-            return simulation
-        return SignallingSimulation(simulation, self._planner, self._planner_signals)
-
     def _open(self, parameters: Any) -> Simulation:
         """Return the simulation for these parameters, opened with a new planner if necessary."""
+        # The same parameters reuse the simulation: opening one may take longer than an episode.
         if parameters != self._parameters:
             self._discard()
         if self._simulation is None:
             planner = self._new_planner()
+            # Simulators without occlusion do not have this argument.
             occlusion = {"occlusion": True} if self._model.is_occluding else {}
             self._simulation = self._simulator.open(
                 self._scenario, parameters, planner, self._noise.perceived, **occlusion

@@ -78,6 +78,8 @@ class EpisodeDriver:
         actor = find_nearest(observation.ego, observation.others)
         sigma = self._deviations.compute(observation, actor)
         z = self._noise.draw(observation, observation.others[actor])
+        # Recorded before the simulation steps: if the step fails, the noise that caused it is kept,
+        # and the episode can be replayed.
         recorder.add_disturbance(z, sigma)
         injected = self._conversion.inject(z, sigma)
         if self._perceives_all:
@@ -127,11 +129,14 @@ def make_result(
     failed = recorder.collided
     values: tuple[float | None, ...] = ()
     if judged is not None:
+        # Methods search by `robustness_m`. With requirements it is the margin to the first
+        # violation; the distance, which it is without them, keeps a column of its own.
         failed, values = judged.violated is not None, judged.values
         measures = replace(
             measures,
             robustness_m=judged.smallest,
             nearest_m=measures.robustness_m,
+            # People count requirements from 1.
             violated=None if judged.violated is None else judged.violated + 1,
         )
     failure = Outcome.COLLISION if recorder.collided else Outcome.VIOLATION
@@ -155,6 +160,7 @@ def _refuse_lost_measures(measures: Measures) -> None:
     """Refuse distances and severities that would not be stored; other measures may then lack."""
     for name in ("robustness_m", "severity"):
         value = getattr(measures, name)
+        # Written with "not", so that NaN is refused as well.
         if value is not None and not abs(value) <= MAX_MAGNITUDE:
             problem = f"The episode has {MEASURES[name].label} {value:g}."
             remedy = f"Measures are kept up to {MAX_MAGNITUDE:g}: look at positions and speeds."

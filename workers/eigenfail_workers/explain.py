@@ -34,6 +34,7 @@ def explain(setup: values.EpisodeSetup, task: values.EpisodeTask) -> values.Expl
         raise InvalidValue("episode", why, REPLAY)
     run = _run_on_bridge if world_of(setup.simulator).needs_bridge else _run_here
     recorded: list[RecordedStep] = []
+    # The truth beside the account is read from the scene, which safe episodes may not keep.
     result = run(msgspec.structs.replace(setup, scene_every=1), task, recorded)
     channels = [split_name(each.name) for each in resolve_disturbance(setup).list_channels()]
     truth = TrueTraffic(result, [channel.quantity for channel in channels])
@@ -98,6 +99,7 @@ class TrueTraffic:
 
     def _find_vehicle(self, number: int, step: RecordedStep) -> int | None:
         """Return the vehicle that an account is about; None where it may be another one."""
+        # Two numbers were swapped in this step: the account names the other vehicle.
         if any(self._result.noise.injected[number, place] > 0.5 for place in self._swaps):
             return None
         named = step.account.get("vehicle")

@@ -29,6 +29,7 @@ NULL_VEHICLE = values.VehicleState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 """What an adversary observes of every vehicle, as a function has none."""
 
 NUMERIC_KINDS = frozenset("iuf")
+# A timer that is set to 0 is switched off. An outer one whose time is over must still fire.
 MIN_TIMER_S = 1e-3
 DECORATORS = "eigenfail.functions"
 IMPORT_TIME_KEY = "__eigenfail_written_ns__"
@@ -80,6 +81,7 @@ class FunctionEngine:
     def _run(self, task: values.EpisodeTask) -> values.EpisodeResult:
         began = perf_counter()
         try:
+            # A function stands in for the simulator: its faults are of that kind.
             with wrap_errors(SimulatorError, "The noise", "Look into its source."):
                 drawn = self._draw_noise(task)
             result = self._call_function(drawn)
@@ -199,6 +201,7 @@ def _limit_time(limit_s: float) -> Iterator[None]:
     try:
         yield
     finally:
+        # The timer is stopped before the handler goes: by default an alarm ends the process.
         signal.setitimer(signal.ITIMER_REAL, 0.0)
         signal.signal(signal.SIGALRM, handler)
         if left_s:  # a timer that was set outside goes on
@@ -242,7 +245,9 @@ def _import_module(name: str, place: str) -> ModuleType:
         raise
     except (Exception, SystemExit) as error:
         raise functions.make_import_error(place, _format_error(error)) from error
-    written_ns = _find_write_time_ns(module)
+    file = Path(getattr(module, "__file__", None) or "")
+    written_ns = file.stat().st_mtime_ns if file.is_file() else 0
+    # Modules are imported once a process, which would go on with the old text.
     if vars(module).setdefault(IMPORT_TIME_KEY, written_ns) != written_ns:
         problem = f"the file of '{name}' was changed after this worker imported it."
         raise InvalidValue("planner", problem, "Start the service again: it runs the old code.")
@@ -263,11 +268,6 @@ def _check_module(name: str, place: str) -> None:
     if source is None or DECORATORS not in Path(source).read_text("utf-8", "replace"):
         remedy = f"Import of_trajectory or of_batch from {DECORATORS} in it."
         raise InvalidValue("planner", f"'{place}' is in no module of functions.", remedy)
-
-
-def _find_write_time_ns(module: ModuleType) -> int:
-    file = Path(getattr(module, "__file__", None) or "")
-    return file.stat().st_mtime_ns if file.is_file() else 0
 
 
 def _format_error(error: BaseException) -> str:

@@ -170,8 +170,10 @@ def apply_kernel_limits(files: int = DEFAULT_FILES) -> None:
         files: open files of each process.
     """
     if sys.platform == "linux":
+        # A process without privileges cannot raise its hard limit.
         files = min(files, resource.getrlimit(resource.RLIMIT_NOFILE)[1])
         resource.setrlimit(resource.RLIMIT_NOFILE, (files, files))
+        # A planner that crashes again and again would fill the disk with dumps of its memory.
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
         with contextlib.suppress(OSError):  # /proc may be read-only
             Path("/proc/self/oom_score_adj").write_text(MAX_OOM_SCORE)

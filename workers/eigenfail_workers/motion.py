@@ -27,6 +27,7 @@ def clip_control(control: Control, speed_mps: float) -> Control:
 
 def max_drive_mps2(speed_mps: float) -> float:
     """Largest acceleration of the truck at a speed. [m/s²]"""
+    # Compared as products: a division would fail for a truck at rest.
     if speed_mps * MAX_DRIVE_MPS2 * MASS_KG <= POWER_W:
         return MAX_DRIVE_MPS2
     return POWER_W / (MASS_KG * speed_mps)
@@ -48,7 +49,7 @@ def is_off_road(mission: Mission, vehicle: VehicleState) -> bool:
 def find_lane(mission: Mission, vehicle: VehicleState) -> LanePosition:
     """Return where a vehicle is in the lane whose centre is nearest to its own.
 
-    Beyond the end of lane 0 that is no lane any more.
+    Beyond its end, lane 0 does not count.
     """
     width_m, ends_x_m = mission.lane_width_m, mission.lane_0_ends_x_m
     first = 1 if ends_x_m is not None and vehicle.x_m > ends_x_m else 0

@@ -80,10 +80,15 @@ class SensorErrors:
         actor = places[find_nearest(now.ego, now.others)]
         others = dict(zip(places, now.others, strict=True))
         if self._delays:
-            others = self._find_delayed(others, dt_s, errors)
+            # The delay comes first, so that the errors of this step are added to the old picture.
+            self._seen.append(others)
+            delay_s = sum(abs(errors[place]) for place in self._delays)
+            # At the start there is no earlier picture: the first one stays until the delay is over.
+            others = self._seen[max(len(self._seen) - 1 - round(delay_s / dt_s), 0)]
         changed = self._disturb(now.ego, others, actor, errors)
         missed: set[int] = set()
         if self._occlusion:
+            # Read from where the vehicles truly are, also under a delay (docs/noise.md, occlusion).
             missed = {places[hidden] for hidden in find_hidden(now.ego, now.others)}
         for place, target in self._misses:
             if errors[place] > 0.5:
@@ -93,6 +98,8 @@ class SensorErrors:
             for number, other in others.items()
             if number not in missed
         }
+        # Taken before the ghost comes and numbers are swapped: the record shows where the planner
+        # sees the nearest vehicle itself, by whatever number.
         position = (seen[actor].x_m, seen[actor].y_m) if actor in seen else NOWHERE
         for place in self._ghosts:
             self._ghost = self._follow_ghost(now.ego) if errors[place] > 0.5 else None
@@ -112,19 +119,12 @@ class SensorErrors:
         for place, target, field in self._errors:
             vehicle = actor if target == NEAREST else target
             if vehicle not in changed:
+                # The vehicle of this channel has gone, or has not come yet.
                 if vehicle != EGO and vehicle not in others:
                     continue
                 changed[vehicle] = list_fields(ego if vehicle == EGO else others[vehicle])
             changed[vehicle][field] += errors[place]
         return {vehicle: make_state(fields) for vehicle, fields in changed.items()}
-
-    def _find_delayed(
-        self, others: dict[int, VehicleState], dt_s: float, errors: Row
-    ) -> dict[int, VehicleState]:
-        """Return the other vehicles as they were before the delay, or at the start."""
-        self._seen.append(others)
-        delay_s = sum(abs(errors[place]) for place in self._delays)
-        return self._seen[max(len(self._seen) - 1 - round(delay_s / dt_s), 0)]
 
     def _follow_ghost(self, ego: VehicleState) -> VehicleState:
         """Return the ghost, which stands where it was when its event began."""
@@ -135,9 +135,10 @@ class SensorErrors:
 
 
 def _exchange_nearest(now: Observation) -> dict[int, int]:
-    """Return the two vehicles whose centres are nearest to the ego's, each with the other one.
+    """Return a mapping that swaps the two vehicles whose centres are nearest to the ego's.
 
-    Nothing where there is one vehicle, as behind a bridge, whose vehicles a campaign does not know.
+    It is empty if there is only one vehicle. Behind a bridge, a campaign does not know how many
+    there are.
     """
     ego, others = now.ego, now.others
     if len(others) < 2:

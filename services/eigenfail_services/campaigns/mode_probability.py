@@ -118,7 +118,7 @@ def estimate_by_weights(
             ]
         learner.observe(results)
         seen += len(results)
-    return [learner.tell(one, context.horizon) for one in sums]
+    return [learner.estimate_from_sums(one, context.horizon) for one in sums]
 
 
 def _list_rounds(

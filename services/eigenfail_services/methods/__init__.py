@@ -73,6 +73,8 @@ def robustness_m(result: EpisodeResult) -> float:
     """Return the robustness: 0 of a failure, NaN if unknown. [m]"""
     if result.is_failure:
         return 0.0
+    # NaN, not infinity: an episode that could not be run is not safe, and must not rank as if it
+    # were.
     if result.outcome is Outcome.ERRORED or result.measures is None:
         return nan
     return result.measures.robustness_m

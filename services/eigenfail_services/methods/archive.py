@@ -55,6 +55,8 @@ def write(kind: str, facts: msgspec.Struct, arrays: Arrays) -> bytes:
         facts: values besides arrays, such as counters.
         arrays: float32, float64 or int64, by name.
     """
+    # No pickle: a checkpoint comes from a database, and no data may run code (docs/reliability.md,
+    # promise 9).
     raw = {name: _raw(array) for name, array in arrays.items()}
     body = msgspec.msgpack.encode(ArchiveBody(msgspec.Raw(msgspec.msgpack.encode(facts)), raw))
     return msgspec.msgpack.encode(Archive(kind, VERSION, hashlib.sha256(body).digest(), body))
@@ -70,6 +72,7 @@ def read(kind: str, data: bytes, facts: type[Facts]) -> tuple[Facts, dict[str, A
         archive = _archives.decode(data)
         if (archive.kind, archive.version) != (kind, VERSION):
             raise ValueError(f"they are {archive.kind} version {archive.version}")
+        # A damaged state that can be decoded would train on quietly.
         if hashlib.sha256(archive.body).digest() != archive.sha256:
             raise ValueError("their SHA-256 does not match")
         body = _bodies.decode(archive.body)
@@ -86,6 +89,7 @@ def wrap_errors(kind: str) -> Iterator[None]:
     """
     try:
         yield
+    # msgspec's errors of decoding and validation are ValueErrors; torch raises RuntimeError.
     except (ValueError, KeyError, TypeError, RuntimeError) as error:
         raise ProtocolError(
             f"These bytes are not a state of {kind} version {VERSION}: {error}.",
@@ -117,4 +121,5 @@ def _array(raw: RawArray) -> Array:
     dtype = np.dtype(raw.dtype)
     if any(n < 0 for n in raw.shape) or prod(raw.shape) * dtype.itemsize != len(raw.data):
         raise ValueError(f"shape {raw.shape} does not fit {len(raw.data)} bytes of {raw.dtype}")
+    # A copy: arrays over bytes cannot be written to.
     return np.frombuffer(raw.data, dtype).reshape(raw.shape).astype(dtype.newbyteorder("="))

@@ -35,7 +35,7 @@ class SimulationDriver(Generic[S]):
     Attributes:
         simulation: simulation that requests the trajectories.
         robustness: robustness of all trajectories so far, in order, NaN of errored episodes. [m]
-        taken: number of trajectories that were taken of the batches that are not complete.
+        taken: number of trajectories that were taken from the open batches.
     """
 
     def __init__(self, simulation: S) -> None:
@@ -53,10 +53,10 @@ class SimulationDriver(Generic[S]):
 
     @property
     def requested(self) -> int:
-        """Number of trajectories of the batches that are not complete."""
+        """Number of trajectories of the open batches, which still lack results."""
         return sum(map(len, self._batches))
 
-    def take(self, n: int) -> Array:
+    def take_trajectories(self, n: int) -> Array:
         """Return at most n trajectories, (up to n, steps, channels): the next ones of one batch.
 
         Raises:
@@ -68,6 +68,7 @@ class SimulationDriver(Generic[S]):
                 chosen = batch[before : before + n]
                 self.taken += len(chosen)
                 return chosen
+            # `taken` counts over all open batches: those before this one were taken whole.
             before -= len(batch)
         raise ValueError("there is no trajectory to be taken")
 
@@ -83,12 +84,9 @@ class SimulationDriver(Generic[S]):
             self.robustness.append(value)
             self._received.append(value)
             if len(self._received) == len(self._batches[0]):
-                self._complete_batch()
-
-    def _complete_batch(self) -> None:
-        self.taken -= len(self._batches.popleft())
-        self._batches.extend(self._requester.answer(np.array(self._received)))
-        self._received = []
+                self.taken -= len(self._batches.popleft())
+                self._batches.extend(self._requester.answer(np.array(self._received)))
+                self._received = []
 
 
 MAX_VALUES_PER_ROUND = 5_000_000
@@ -130,7 +128,7 @@ class BatchLearner(ABC, Generic[S]):
     lookahead = 0
 
     class _Facts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-        """State besides robustness: number of episodes that were proposed of open batches."""
+        """State besides robustness: how many episodes of the open batches were proposed."""
 
         proposed: Annotated[int, msgspec.Meta(ge=0)]
 
@@ -160,7 +158,8 @@ class BatchLearner(ABC, Generic[S]):
         """Return the next trajectories of a batch, at most a round; nothing after the end."""
         if self._driver.is_done:
             return Proposal(())
-        chosen = self._driver.take(min(n, self._round_size)).astype(np.float32)
+        # Rounded as messages and the database keep it, so that a replay has the same noise.
+        chosen = self._driver.take_trajectories(min(n, self._round_size)).astype(np.float32)
         self._look_ahead()
         return Proposal(tuple(map(TrajectorySource, chosen)))
 
@@ -182,6 +181,7 @@ class BatchLearner(ABC, Generic[S]):
             ProtocolError: the bytes are not a state of this method.
         """
         facts, arrays = archive.read(self.kind, state, self._Facts)
+        # A new simulation, kept only if the whole state could be read.
         driver = SimulationDriver(self._make_simulation())
         with archive.wrap_errors(self.kind):
             driver.add_robustness(arrays["robustness_m"].astype(np.float64).tolist())

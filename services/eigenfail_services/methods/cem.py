@@ -69,7 +69,7 @@ def fit_gaussian(elite: Sequence[Floats], proposal: GaussianProposal) -> tuple[A
 
     Behind its end, an episode counts as a draw from the prior, as noise there would not have
     mattered. The variance of the episodes that still run has Bessel's correction, as small elites
-    would narrow it in each round; where only one runs, it is that of the proposal.
+    would narrow it in each round. If only one still runs, the proposal's variance is kept.
 
     Args:
         elite: z of each episode, shape (steps, channels); at least one.
@@ -77,11 +77,14 @@ def fit_gaussian(elite: Sequence[Floats], proposal: GaussianProposal) -> tuple[A
     """
     z, running = _pad(elite, proposal.mean.shape)
     count = running.sum(axis=0)
+    # `_pad` has zeros where nothing ran: the sum is that of the steps that ran.
     centre = z.sum(axis=0) / np.maximum(count, 1)
     squares = np.where(running, (z - centre) ** 2, 0.0).sum(axis=0)
     unknown = proposal.std.astype(np.float64) ** 2
     variance = np.where(count > 1, squares / np.maximum(count - 1, 1), unknown)
     share = count / len(elite)
+    # Variance of a mixture: of the share that runs about its mean, and of the prior about 0. The
+    # last factor also holds the spread between the two means.
     mixed = share * variance + (1.0 - share) * (1.0 + share * centre**2)
     return share * centre, np.sqrt(mixed)
 
@@ -132,6 +135,7 @@ def select_elite(
     ran = [result for result in results if isfinite(robustness_m(result))]
     failures = [result for result in ran if result.is_failure]
     count = max(1, round(share * len(ran)))
+    # Once there are enough failures, robustness cannot tell them apart: likelihood decides.
     if len(failures) >= count:
         noise = [result.noise.z for result in failures]
         best = _lowest(noise, -log_weights(noise, proposal), count)
@@ -145,6 +149,7 @@ def _lowest(noise: Sequence[Floats], scores: Array, count: int) -> list[Floats]:
     """Return the noise with the `count` lowest scores, and with scores equal to the last one."""
     if not noise:
         return []
+    # Ties are kept together: to cut among equals would be to choose by the order of the draws.
     last = np.sort(scores)[count - 1]
     return [z for z, score in zip(noise, scores, strict=True) if score <= last]
 
@@ -153,13 +158,6 @@ ADVICE = (
     "Take method subset, or give it more episodes, larger rounds and no narrower noise: "
     "batch = 200, min_std = 1, mean_smoothing = 0.3."
 )
-
-
-BLANK = (0.0, *astuple(WeightedFailures()))
-
-
-NO_SUMS: dict[str, archive.Array] = {"sums": np.array(BLANK)}
-"""Default for states of early versions, which have no sums."""
 
 
 Smoothing = Annotated[float, msgspec.Meta(gt=0.0, le=1.0)]
@@ -264,13 +262,13 @@ class CrossEntropyMethod:
         failures = [result.noise.z for result in ran if result.is_failure]
         return sums.after(log_weights(failures, self.proposal), len(ran))
 
-    def tell(self, sums: WeightedFailures, _horizon: int) -> Estimate | None:
+    def estimate_from_sums(self, sums: WeightedFailures, _horizon: int) -> Estimate | None:
         """Return the failure probability by importance sampling; None without episodes."""
         return sums.estimate(ADVICE) if sums.episodes else None
 
     def estimate(self) -> Estimate | None:
         """Return the estimate over the second half of the budget."""
-        estimate = self.tell(self._sums, len(self.proposal.mean))
+        estimate = self.estimate_from_sums(self._sums, len(self.proposal.mean))
         return estimate or explain_nothing_counted(self._seen, self._budget)
 
     def state(self) -> bytes:
@@ -292,7 +290,7 @@ class CrossEntropyMethod:
         shape = self.proposal.mean.shape
         with archive.wrap_errors("cem"):
             mean, std = (archive.take(arrays, name, shape) for name in ("mean", "std"))
-            seen, *sums = archive.take(NO_SUMS | arrays, "sums", (len(BLANK),)).tolist()
+            seen, *sums = archive.take(arrays, "sums", (1 + len(astuple(self._sums)),)).tolist()
         self._rounds = facts.rounds
         self._seen, self._sums = int(seen), WeightedFailures(*sums)
         self.proposal = GaussianProposal(mean, std)

@@ -131,7 +131,7 @@ class EvolutionRun:
         self.distribution = self._start()
         self._candidates = self._draw_candidates()
 
-    def take(self, n: int) -> Array:
+    def take_candidates(self, n: int) -> Array:
         """Return the next candidates of the generation, shape (up to n, dimension)."""
         taken = self._candidates[self.proposed : self.proposed + n]
         self.proposed += len(taken)
@@ -153,6 +153,8 @@ class EvolutionRun:
 
     def _finish_generation(self) -> None:
         scores = level_failures(self.scores, self._settings.failing_share)
+        # Ties, such as failures that rank equal, stay in the order of their draw: `sorted` is
+        # stable.
         order = sorted(range(len(scores)), key=scores.__getitem__)
         self.draw += 1
         # A generation in which no episode could be run has no information: it is drawn again.
@@ -231,14 +233,19 @@ class CovarianceAdaptation:
         """Return the rest of the generation of the run whose turn it is."""
         run = self._runs[self._facts.proposed % len(self._runs)]
         self._facts = self._Facts(self._facts.proposed + 1, self._facts.observed)
-        return values.Proposal(tuple(values.TrajectorySource(self._hold(x)) for x in run.take(n)))
+        return values.Proposal(
+            tuple(values.TrajectorySource(self._hold(x)) for x in run.take_candidates(n))
+        )
 
     def _hold(self, candidate: Array) -> values.Floats:
         knots = candidate.reshape(-1, self._channels).astype(np.float32)
+        # The last value is cut where the horizon is not a multiple of `hold`.
         return np.repeat(knots, self._settings.hold, axis=0)[: self._horizon]
 
     def observe(self, results: Sequence[values.EpisodeResult]) -> None:
         """Give the scores of a round to its run."""
+        # Rounds are observed in the order in which they were proposed: the turn says whose they
+        # are.
         run = self._runs[self._facts.observed % len(self._runs)]
         self._facts = self._Facts(self._facts.proposed, self._facts.observed + 1)
         run.add([score_episode(result) for result in results])

@@ -206,8 +206,7 @@ class Ensemble:
             waiting: members with open rounds, in the order of the rounds.
             left: number of episodes that each member may still propose.
             policies: newest policy of each member.
-            unjudged: number of episodes in which each member is still to be judged; empty in states
-                from before members could be judged.
+            unjudged: number of episodes in which each member is still to be judged.
             judging: number of open rounds of such episodes; they are the last of those waiting.
             records: what each member did in such episodes.
         """
@@ -218,9 +217,9 @@ class Ensemble:
         left: tuple[int, ...]
         policies: bytes
         learners: tuple[bytes, ...]
-        unjudged: tuple[int, ...] = ()
-        judging: Annotated[int, msgspec.Meta(ge=0)] = 0
-        records: tuple[JudgingRecord, ...] = ()
+        unjudged: tuple[int, ...]
+        judging: Annotated[int, msgspec.Meta(ge=0)]
+        records: tuple[JudgingRecord, ...]
 
     def __init__(self, context: LearnerContext, settings: EnsembleSettings) -> None:
         count = settings.members
@@ -235,11 +234,13 @@ class Ensemble:
         self._number = 0
         self._look_ahead()
         self._exploiters = [one for one in self._members if isinstance(one, Exploiter)]
+        # An attribute and not a method: `Exploiter` is asked for by the presence of `exploit`.
         if len(self._exploiters) == count:
             self.exploit = self._exploit
 
     def propose(self, n: int) -> Proposal:
         """Return a round of the next member that has one; in the end, rounds that judge them."""
+        # All members learn to their end before the first is judged.
         for propose in (self._propose_from, self._judge):
             for _ in self._members:
                 proposal = propose(self._next_turn(), n)
@@ -250,6 +251,7 @@ class Ensemble:
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:
         """Let the member that proposed the round learn from it, or be judged by it."""
+        # Rounds that judge are opened last, so that they are the last of those that wait.
         is_judged = len(self._waiting) == self._judging
         one = self._waiting.popleft()
         if is_judged:
@@ -297,9 +299,7 @@ class Ensemble:
         count = len(self._members)
         with archive.wrap_errors("ensemble"):
             policies = _policies.decode(facts.policies)
-            unjudged = facts.unjudged or (0,) * count
-            records = facts.records or (JudgingRecord(),) * count
-            parts = (policies, facts.left, facts.learners, unjudged, records)
+            parts = (policies, facts.left, facts.learners, facts.unjudged, facts.records)
             if {len(part) for part in parts} != {count}:
                 raise ValueError(f"they are of {len(facts.learners)} members, not {count}")
         for one, learner in zip(self._members, facts.learners, strict=True):
@@ -307,8 +307,8 @@ class Ensemble:
         self._turn, self._number = facts.turn, facts.number
         self._waiting = deque(facts.waiting)
         self._left, self._policies = list(facts.left), policies
-        self._unjudged, self._judging = list(unjudged), facts.judging
-        self._records = list(records)
+        self._unjudged, self._judging = list(facts.unjudged), facts.judging
+        self._records = list(facts.records)
         self._look_ahead()
 
     def _look_ahead(self) -> None:
@@ -358,6 +358,7 @@ class Ensemble:
 
     def _number_policy(self, one: int, proposal: Proposal) -> Proposal:
         """Return a member's proposal with its policy numbered by round."""
+        # A member may send no policy with a round, but each round needs a version of its own.
         policy = proposal.policy or self._policies[one]
         self._policies = (*self._policies[:one], policy, *self._policies[one + 1 :])
         number = self._number

@@ -23,7 +23,7 @@ class Weigher(Protocol):
     ) -> WeightedFailures:
         """Return the sums with episodes of `exploit`, weighted by its present density."""
 
-    def tell(self, sums: WeightedFailures, horizon: int) -> values.Estimate | None:
+    def estimate_from_sums(self, sums: WeightedFailures, horizon: int) -> values.Estimate | None:
         """Return the estimate from some sums; None where there is none.
 
         Args:
@@ -69,7 +69,7 @@ class Evaluate:
 
         proposed: Annotated[int, msgspec.Meta(ge=0)]
         learner: bytes
-        sums: WeightedFailures = WeightedFailures()
+        sums: WeightedFailures
 
     traits = contracts.MethodTraits(
         tolerates_delay=True,
@@ -100,8 +100,16 @@ class Evaluate:
         """
         proposal = self._exploit(min(n, self._round_size))
         for source in proposal.sources:
+            # A trajectory of another length would be cut, or filled with zeros that nobody has
+            # learnt.
             if isinstance(source, values.TrajectorySource) and len(source.z) != self._horizon:
-                raise _make_horizon_error(self._campaign, len(source.z), self._horizon)
+                raise InvalidValue(
+                    "settings.campaign",
+                    f"campaign {self._campaign} learnt noise of {len(source.z)} steps, but an "
+                    f"episode has {self._horizon} here.",
+                    "Evaluate it in a scenario of as many steps, or evaluate a policy (ast), which "
+                    "fits any.",
+                )
         self._proposed += len(proposal.sources)
         return proposal
 
@@ -113,7 +121,11 @@ class Evaluate:
     def estimate(self) -> values.Estimate | None:
         """Return the failure probability from all episodes; None for an unknown density."""
         weigher = self._learner
-        return weigher.tell(self._sums, self._horizon) if isinstance(weigher, Weigher) else None
+        return (
+            weigher.estimate_from_sums(self._sums, self._horizon)
+            if isinstance(weigher, Weigher)
+            else None
+        )
 
     def state(self) -> bytes:
         """Return number of episodes, state of the earlier learner, and sums of the weights."""
@@ -171,12 +183,4 @@ def _get_exploit(learner: contracts.Learner, campaign: int) -> Callable[[int], v
         "settings.campaign",
         f"the method of campaign {campaign} learns nothing that could be used.",
         "Name a campaign of a method that learns, such as ast, difs or cem.",
-    )
-
-
-def _make_horizon_error(campaign: int, steps: int, horizon: int) -> InvalidValue:
-    return InvalidValue(
-        "settings.campaign",
-        f"campaign {campaign} learnt noise of {steps} steps, but an episode has {horizon} here.",
-        "Evaluate it in a scenario of as many steps, or evaluate a policy (ast), which fits any.",
     )

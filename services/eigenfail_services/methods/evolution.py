@@ -54,6 +54,7 @@ def choose_rates(dimension: int, population: int) -> EvolutionRates:
     mu_eff = float(np.sum(parents) ** 2 / np.sum(parents**2))
     mu_eff_others = float(np.sum(others) ** 2 / np.sum(others**2))
     c_1 = 2.0 / ((n + 1.3) ** 2 + mu_eff)  # (57)
+    # With alpha_cov = 2, the tutorial's default.
     mass = 2.0 * (mu_eff - 2.0 + 1.0 / mu_eff) / ((n + 2.0) ** 2 + mu_eff)
     c_mu = min(1.0 - c_1, mass)  # (58)
     negative = min(
@@ -122,6 +123,7 @@ class SearchDistribution(msgspec.Struct, frozen=True, eq=False):
         whitened = (y @ axes) / scales  # C^(-1/2) y in the basis of the axes
         parents = np.maximum(rates.weights, 0.0)
         move = parents @ y  # (41)
+        # C^(-1/2) times the move: whitened along the axes, and turned back.
         straight = axes @ (parents @ whitened)
 
         c, mu_eff = rates.c_sigma, rates.mu_eff
@@ -129,6 +131,8 @@ class SearchDistribution(msgspec.Struct, frozen=True, eq=False):
         length = float(np.linalg.norm(path_sigma))
         step = self.step * exp(c / rates.d_sigma * (length / rates.chi - 1.0))  # (44)
 
+        # The path is still short in the first generations, as it starts at 0; h_sigma allows for
+        # that.
         settled = sqrt(1.0 - (1.0 - c) ** (2 * (generation + 1)))
         is_short = length / settled < (1.4 + 2.0 / (n + 1.0)) * rates.chi  # h_sigma
         c = rates.c_c
@@ -136,6 +140,9 @@ class SearchDistribution(msgspec.Struct, frozen=True, eq=False):
         path_c = (1.0 - c) * self.path_c + pushed  # (45)
 
         lengths = np.sum(whitened**2, axis=1)
+        # Bad candidates that are far away would take more variance off than there is: each counts
+        # as if it were at the expected distance. The tiny number spares a division by 0 for one at
+        # the mean.
         shrunk = n / np.maximum(lengths, 1e-300)
         weights = rates.weights * np.where(rates.weights >= 0.0, 1.0, shrunk)  # (46)
         missing = 0.0 if is_short else c * (2.0 - c)
@@ -148,6 +155,7 @@ class SearchDistribution(msgspec.Struct, frozen=True, eq=False):
         return SearchDistribution(
             mean=self.mean + self.step * move,  # (42)
             step=step,
+            # Rounding makes it asymmetric, and `eigh` reads one triangle alone.
             covariance=(covariance + covariance.T) / 2.0,
             path_sigma=path_sigma,
             path_c=path_c,

@@ -69,12 +69,15 @@ class HeldNoise:
     def propose(self, n: int) -> Proposal:
         """Return a round of held noise, which depends on the seed and the number of the round."""
         random = np.random.default_rng([self._seed, self._rounds])
+        # The number of the round seeds its draws: a state needs no generator.
         self._rounds += 1
         count = min(n, self._settings.round_size)
         return Proposal(tuple(TrajectorySource(self._draw(random)) for _ in range(count)))
 
     def _draw(self, random: np.random.Generator) -> Floats:
         hold, channels = self._settings.hold, self._channels
+        # A phase moves the last step by up to hold − 1 steps: two values more than there are whole
+        # holds cover it.
         values = random.normal(0.0, self._settings.scale, (self._horizon // hold + 2, channels))
         phases = random.integers(0, hold, channels)
         steps = np.arange(self._horizon)[:, None] + phases

@@ -116,6 +116,7 @@ class Minimal:
             LearnerFailed: the failure does not reproduce at full strength.
         """
         if self._search.phase is SearchPhase.FULL:
+            # A search that starts from a replay that is safe would take every removal for harmful.
             for result in results:
                 _refuse_safe_replay(result)
         self._ends += tuple(map(_find_end, results))

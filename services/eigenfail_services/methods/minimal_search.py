@@ -8,7 +8,7 @@ one by one are then removed in unions. The rest is weakened by bisection, and se
 Noise is z of shape (steps, channels), and a block is a mask of that shape.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from enum import StrEnum
 from typing import NamedTuple
 
@@ -63,7 +63,7 @@ def list_unions(z: Floats, removable: Sequence[Mask]) -> Iterator[Mask]:
     seen = set()
     for order in (by_energy, by_time):
         for size in _list_sizes(len(order)):
-            union = _unite(order[:size])
+            union: Mask = np.logical_or.reduce(order[:size])
             if union.tobytes() not in seen:
                 seen.add(union.tobytes())
                 yield union
@@ -73,12 +73,6 @@ def _list_sizes(count: int) -> list[int]:
     """Return sizes from all blocks down to an eighth of them, at least two."""
     graded = {-(-count * share // UNION_SIZES) for share in range(1, UNION_SIZES + 1)}
     return sorted((size for size in graded if size > 1), reverse=True)
-
-
-def _unite(masks: Iterable[Mask]) -> Mask:
-    """Return the union of some masks."""
-    union: Mask = np.logical_or.reduce(list(masks))
-    return union
 
 
 MAX_ALONE = 16
@@ -173,6 +167,13 @@ def _list_scales(search: Search) -> list[float]:
     return [search.low + step * part for part in range(1, PARTS)]
 
 
+def _remove_unions(search: Search) -> list[Floats]:
+    """Return the noise without each union of the blocks that can be removed one by one."""
+    every = make_blocks(search.z, search.width)
+    removable = [every[number] for number in search.removable]
+    return [remove_block(search.z, union) for union in list_unions(search.z, removable)]
+
+
 def _cut_after(z: Floats, end: int) -> Floats:
     """Return noise of shape (steps, channels) with zeros after its end."""
     kept = z.copy()
@@ -183,12 +184,14 @@ def _cut_after(z: Floats, end: int) -> Floats:
 def _find_least(search: Search, ends: Sequence[int]) -> FailingNoise | None:
     """Return the candidate that failed with the least noise up to its end."""
     tried = enumerate(zip(list_candidates(search), ends, strict=True), search.tried)
+    # Noise behind the collision did nothing: it is taken off before candidates are compared.
     failed = [FailingNoise(_cut_after(z, end), number) for number, (z, end) in tried if end > SAFE]
     return min(failed, key=lambda each: compute_energy(each.z), default=None)
 
 
 def _start_width(search: Search, width: int) -> Search:
     """Return the search with blocks of another width."""
+    # With two blocks, keeping one alone is the same as removing the other.
     few = 2 < len(make_blocks(search.z, width)) <= MAX_ALONE
     phase = SearchPhase.ALONE if few else SearchPhase.LEFT_OUT
     return msgspec.structs.replace(search, phase=phase, width=width)
@@ -258,8 +261,10 @@ def _advance_scales(search: Search, ends: Sequence[int]) -> Search:
     narrowed = msgspec.structs.replace(search, low=low, high=high, best=best)
     if narrowed.high - narrowed.low > RESOLUTION:
         return narrowed
+    # No weaker noise failed: nothing has changed that could make blocks removable.
     if narrowed.high == 1.0:
         return msgspec.structs.replace(narrowed, phase=SearchPhase.OVER, scaled=True)
+    # Weaker noise may do without further blocks: their removal is tried once more.
     weaker = narrowed.z * np.float32(narrowed.high)
     return msgspec.structs.replace(narrowed, phase=SearchPhase.LEFT_OUT, z=weaker, scaled=True)
 
@@ -272,11 +277,7 @@ CANDIDATES: dict[SearchPhase, Callable[[Search], list[Floats]]] = {
     SearchPhase.LEFT_OUT: lambda search: [
         remove_block(search.z, b) for b in make_blocks(search.z, search.width)
     ],
-    SearchPhase.TOGETHER: lambda search: [
-        remove_block(search.z, union)
-        for every in (make_blocks(search.z, search.width),)
-        for union in list_unions(search.z, [every[number] for number in search.removable])
-    ],
+    SearchPhase.TOGETHER: _remove_unions,
     SearchPhase.SCALES: lambda search: [
         search.z * np.float32(scale) for scale in _list_scales(search)
     ],

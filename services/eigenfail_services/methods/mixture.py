@@ -145,6 +145,7 @@ def _hand_on(simulation: mixture_sampling.MixtureSampling) -> Estimate:
     """Return the estimate of the method that had the rest of the budget, with the reason."""
     refused = _refuse(simulation.episodes_run, _explain_early_end(simulation))
     successor = simulation.successor
+    # Draws from p(x) need no model: their share of failures stands whatever went wrong before.
     if isinstance(successor, PlainDraws) and successor.counts:
         return pooled_estimate.estimate_from_draws(refused, successor.counts)
     if not isinstance(successor, SubsetSimulation):

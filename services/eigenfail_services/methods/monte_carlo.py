@@ -47,6 +47,7 @@ class MonteCarlo:
 
     def propose(self, n: int) -> Proposal:
         """Return a round of draws from the prior."""
+        # Workers draw the noise themselves, by the seed of the episode: no noise is sent.
         return Proposal((PriorSource(),) * min(n, self._round_size))
 
     def observe(self, results: Sequence[EpisodeResult]) -> None:

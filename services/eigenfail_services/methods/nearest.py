@@ -39,11 +39,13 @@ def list_next_points(tried: Tried) -> list[float]:
     if tried[0.0]:
         return []
     grid = [step / GRID for step in range(1, GRID)]
+    # The whole grid at once: its points do not depend on each other, and workers run side by side.
     if missing := [t for t in grid if t not in tried]:
         return missing
     if len(tried) >= MOST_EPISODES:
         return []
     failing = find_nearest(tried)
+    # t = 0 was tried and is safe here, so that there is one.
     below = max(t for t in tried if t < failing)
     return [(below + failing) / 2.0]
 
@@ -54,7 +56,7 @@ def find_nearest(tried: Tried) -> float:
 
 
 class Trial(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
-    """An episode: its mode, counted from 0 among those of the campaign, and where it is on its way.
+    """An episode at the point t of a mode's way; the modes of the campaign are counted from 0.
 
     Attributes:
         failed: whether it ended in a collision; None while it has no result.
@@ -73,10 +75,12 @@ class NearestSearch:
         self._modes = modes
 
     def open(self, most: int) -> list[Trial]:
-        """Return the next points of all modes, at most as many, which `close` awaits."""
+        """Return up to `most` points to try next; `close` takes their outcomes in this order."""
         points = (
             Trial(mode, t) for mode in range(self._modes) for t in list_next_points(self.read(mode))
         )
+        # All modes at once: a mode has few points at a time, and one alone would leave workers
+        # idle.
         opened = list(points)[:most]
         self.trials += opened
         return opened

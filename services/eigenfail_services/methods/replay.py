@@ -85,6 +85,8 @@ class Replay:
                 "there is no noise trajectory to replay.",
                 "Name an analysis with failure modes, or a campaign with failures.",
             )
+        # float32 times float32: the noise keeps the type in which it is stored, and with scale 1
+        # every bit.
         self._trajectories = [np.float32(settings.scale) * z for z in context.trajectories]
         self._round_size = settings.round_size
         self.lookahead = count_rounds_ahead(context.parallel, self._round_size, self.lookahead)

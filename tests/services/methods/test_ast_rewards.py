@@ -51,7 +51,7 @@ def test_a_failure_earns_its_distance_from_the_nearest_failure_known(episode):
 
 def test_behind_an_episodes_end_there_is_no_noise(episode):
     seen = reward("dissimilarity").update([episode(Z)])
-    assert seen.distance(episode(Z[:3])) == pytest.approx(sqrt(2.0**2 / 8))
+    assert seen.measure_distance(episode(Z[:3])) == pytest.approx(sqrt(2.0**2 / 8))
 
 
 def test_a_failure_like_one_before_earns_nothing(episode):

@@ -87,7 +87,7 @@ def test_forty_steps_lead_to_the_same_weights(monkeypatch, channels):
     sac._buffer.generator = Rows(rows)
     sac._model.train(gradient_steps=40, batch_size=BATCH)
     for i in range(40):
-        fast.step(fast.memory.take(rows[i]), eps[i, 0], eps[i, 1])
+        fast.step(fast.memory.select_rows(rows[i]), eps[i, 0], eps[i, 1])
     mirror = FastTrainer(options)
     copy_weights(sac, mirror)
     started = FastTrainer(options)

@@ -57,7 +57,7 @@ def test_responsibilities_follow_bayes_where_noise_was_seen():
     random = np.random.default_rng(0)
     z = random.standard_normal((6, HORIZON, 2))
     unseen = np.array([[False, False], [False, True]] * 3)
-    found = Mixture(SHARES, MEANS).responsibilities(z, unseen)
+    found = Mixture(SHARES, MEANS).compute_responsibilities(z, unseen)
     for each, one, hidden in zip(found, z, unseen, strict=True):
         away = (one - MEANS.reshape(2, HORIZON, 2))[:, ~hidden]
         density = SHARES * np.exp(-0.5 * (away**2).sum(axis=(1, 2)))

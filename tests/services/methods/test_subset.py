@@ -12,7 +12,6 @@ from eigenfail.errors import InvalidValue, ProtocolError
 from eigenfail.settings import read_settings
 from eigenfail.values import LearnerContext, learner_seed
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.methods import archive
 from eigenfail_services.methods.subset import MOST_VALUES, SubsetMethod
 from eigenfail_services.statistics.subset_simulation import (
     PLANNED_LEVELS,
@@ -279,15 +278,6 @@ def test_a_state_of_more_episodes_than_were_asked_for_is_refused(searched):
     with pytest.raises(ProtocolError, match="more episodes than"):
         # With fewer samples on its only level it has ended sooner.
         subset(3_000, samples=20).restore(learner.state())
-
-
-def test_a_state_of_the_method_with_a_pilot_run_is_refused():
-    """Its robustness belongs to other noise, which no check of a campaign would show."""
-    learner = subset(3_000)
-    facts = SubsetMethod._Facts(0)
-    before = archive.write("subset", facts, {"robustness_m": np.zeros(0)})
-    with pytest.raises(ProtocolError, match="they are subset version 1"):
-        learner.restore(before)
 
 
 def test_a_long_campaign_has_a_small_state(searched):

@@ -43,8 +43,8 @@ def test_the_first_steps_beyond_the_thresholds() -> None:
         Heard(6, 0, TrafficConflict(0.5, 7.1)),
         Heard(7, 0, TrafficConflict(0.2, 40.0)),
     )
-    assert found.of_vehicle(0) == FirstViolations(4, 6, 4.5)
-    assert found.of_any_vehicle() == found.of_vehicle(0)
+    assert found.get_first_violations(0) == FirstViolations(4, 6, 4.5)
+    assert found.find_earliest_violations() == found.get_first_violations(0)
     assert (found.min_ttc_s, found.max_drac_mps2) == (0.2, 40.0)
 
 
@@ -54,7 +54,7 @@ def test_fast_closing_violates_drac_before_ttc() -> None:
         Heard(n, 0, TrafficConflict(ttc, 12.0 / ttc)) for n, ttc in enumerate((1.8, 1.7, 1.6, 1.5))
     )
     found = heeded(*course, Heard(4, 0, TrafficConflict(1.4, 12.0 / 1.4)))
-    assert found.of_vehicle(0) == FirstViolations(4, 1, 12.0 / 1.4)
+    assert found.get_first_violations(0) == FirstViolations(4, 1, 12.0 / 1.4)
 
 
 def test_each_vehicle_has_its_own_and_the_earliest_stand_for_all() -> None:
@@ -63,23 +63,23 @@ def test_each_vehicle_has_its_own_and_the_earliest_stand_for_all() -> None:
         Heard(5, 0, TrafficConflict(0.8, 7.5)),
         Heard(9, 1, TrafficConflict(0.4, 12.0)),
     )
-    assert found.of_vehicle(1) == FirstViolations(2, 9, 0.5)
-    assert found.of_vehicle(0) == FirstViolations(5, 5, 7.5)
-    assert found.of_any_vehicle() == FirstViolations(2, 5, 0.5)
-    assert found.of_vehicle(2) == NO_VIOLATIONS
+    assert found.get_first_violations(1) == FirstViolations(2, 9, 0.5)
+    assert found.get_first_violations(0) == FirstViolations(5, 5, 7.5)
+    assert found.find_earliest_violations() == FirstViolations(2, 5, 0.5)
+    assert found.get_first_violations(2) == NO_VIOLATIONS
 
 
 def test_nothing_is_not_zero() -> None:
     found = ViolationTracker()
     assert (found.min_ttc_s, found.max_drac_mps2) == (None, None)
-    assert found.of_any_vehicle() == found.of_vehicle(0) == NO_VIOLATIONS
+    assert found.find_earliest_violations() == found.get_first_violations(0) == NO_VIOLATIONS
 
 
 @many
 @given(courses)
 def test_there_is_a_first_violation_just_if_the_extreme_is_one(course: list[Heard]) -> None:
     found = heeded(*course)
-    first = found.of_any_vehicle()
+    first = found.find_earliest_violations()
     assert (first.ttc_step is not None) == (found.min_ttc_s is not None and found.min_ttc_s < 1.5)
     drac = found.max_drac_mps2
     assert (first.drac_step is not None) == (drac is not None and drac > 7.0)
@@ -91,7 +91,7 @@ def test_there_is_a_first_violation_just_if_the_extreme_is_one(course: list[Hear
 def test_what_comes_later_changes_no_first_violation(course: list[Heard], cut: int) -> None:
     early, whole = heeded(*course[:cut]), heeded(*course)
     for vehicle in range(3):
-        before, after = early.of_vehicle(vehicle), whole.of_vehicle(vehicle)
+        before, after = early.get_first_violations(vehicle), whole.get_first_violations(vehicle)
         assert before.ttc_step in {None, after.ttc_step}
         assert before.drac_step in {None, after.drac_step}
         assert before.drac_at_warning_mps2 in {None, after.drac_at_warning_mps2}
@@ -106,7 +106,7 @@ def test_it_does_not_matter_how_the_vehicles_are_counted(
 ) -> None:
     found = heeded(*course)
     renamed = heeded(*(heard._replace(vehicle=names[heard.vehicle]) for heard in course))
-    assert renamed.of_any_vehicle() == found.of_any_vehicle()
-    assert [renamed.of_vehicle(names[vehicle]) for vehicle in range(3)] == [
-        found.of_vehicle(n) for n in range(3)
+    assert renamed.find_earliest_violations() == found.find_earliest_violations()
+    assert [renamed.get_first_violations(names[vehicle]) for vehicle in range(3)] == [
+        found.get_first_violations(n) for n in range(3)
     ]

@@ -56,8 +56,8 @@ class BridgeSimulation:
     Args:
         connection: used by nothing else at the same time; it stays open.
         start: what to begin; the seed is that of each reset.
-        channels: the channels, in the order of the disturbances; default: those of the position
-            that the bridge offers, of disturbances of both.
+        channels: the channels, in the order of the disturbances. By default, disturbances are of
+            both channels of the position, and those that the bridge does not offer are left out.
     """
 
     def __init__(
@@ -159,6 +159,7 @@ def _adapt(check: Callable[..., None]) -> Check:
     def run(connection: Connection, start: messages.SlotStart) -> None:
         check(lambda _planner: BridgeSimulation(connection, start))
 
+    # The report prints the name of a check, and the first line of its docstring.
     run.__name__, run.__doc__ = check.__name__, check.__doc__
     return run
 
@@ -260,6 +261,7 @@ def disturbs_each_channel(connection: Connection, start: messages.SlotStart) -> 
         channel = Channel(one).filled()
         with closing(BridgeSimulation(connection, start, (channel,))) as simulation:
             first, again = (course(simulation, _make_wave(channel)) for _ in range(2))
+        # By text: a position that is not shown is NaN, which is unlike itself.
         expect(repr(first) == repr(again), f"With '{one}' disturbed, the second episode differs.")
 
 
@@ -352,6 +354,7 @@ def measure_pace(connection: Connection, start: messages.SlotStart) -> BridgePac
     """
     beside = min(connection.welcome.slots, MAX_BESIDE)
     dt_s = find_scenario(connection.welcome.offer, start.scenario).dt_s
+    # Thrown away: a bridge may load maps and models in its first episode.
     _measure_step_s(connection, start, 1)
     alone_s, together_s = (_measure_step_s(connection, start, many) for many in (1, beside))
     return BridgePace(dt_s, alone_s, together_s, beside)

@@ -53,6 +53,8 @@ class BridgeTimeouts(msgspec.Struct, frozen=True):
 
 def make_timeouts(limit_s: float) -> BridgeTimeouts:
     """Return the time limits that follow from the wall time of an episode. [s]"""
+    # The error is reported before the worker kills this process, which would name no cause. Short
+    # limits get a margin in proportion.
     margin_s = min(MARGIN_S, limit_s / 6.0)
     return BridgeTimeouts(limit_s, limit_s - margin_s, limit_s / 2.0, min(HELLO_S, limit_s / 6.0))
 
@@ -100,6 +102,7 @@ class Connection:
         self._socket: zmq.Socket[bytes] = zmq.Context.instance().socket(zmq.DEALER)
         self._socket.setsockopt(zmq.LINGER, LINGER_MS)
         self._socket.setsockopt(zmq.MAXMSGSIZE, messages.MAX_MESSAGE_BYTES)
+        # ZeroMQ connects to an address of IPv6 only with this option.
         self._socket.setsockopt(zmq.IPV6, int("[" in address))
         self._monitor: zmq.Socket[bytes] = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
         self._poller = zmq.Poller()
@@ -119,6 +122,8 @@ class Connection:
         until_s = time.monotonic() + left_s
         for pause_s in _iterate_pauses():
             answer = self._say_hello(until_s - time.monotonic())
+            # A full bridge frees a session when another worker has ended: it is asked again for a
+            # while.
             if not (isinstance(answer, messages.BridgeRefusal) and answer.full):
                 break
             if time.monotonic() + pause_s > until_s:
@@ -175,6 +180,7 @@ class Connection:
         """
         answer_s = self.timeouts.answer_s
         data = self._receive(min(within_s, answer_s))
+        # Two limits run at once: the message names the one that has ended the wait.
         if data is None and within_s < answer_s:
             raise self.make_timeout()
         if data is None:
@@ -198,8 +204,11 @@ class Connection:
         while (left_s := until_s - time.monotonic()) > 0.0:
             ready = dict(self._poller.poll(int(left_s * 1000.0) + 1))
             if self._socket in ready:
+                # A REP socket answers with a delimiter, a DEALER socket may leave it out: the data
+                # come last.
                 *_, data = self._socket.recv_multipart()
                 return data
+            # After the socket: an answer that was sent before the end is still taken.
             if self._monitor in ready:
                 recv_monitor_message(self._monitor)
                 raise self._make_loss("went away")
@@ -276,6 +285,8 @@ class SharedConnection:
 
     def _open(self, until_s: float) -> Connection:
         give_up_s = until_s
+        # A bridge that has run before is probably starting again. One that never answered is
+        # probably not there, and an episode must not wait out its whole limit for that.
         if not self._was_reachable:
             give_up_s = min(until_s, time.monotonic() + self.timeouts.hello_s)
         for pause_s in _iterate_pauses():
@@ -326,5 +337,6 @@ def connect_from_environment() -> SharedConnection:
 @cache
 def _get_shared(address: str) -> SharedConnection:
     connection = SharedConnection(address)
+    # A bridge that holds a single session would refuse the next process until this one is closed.
     atexit.register(connection.close)
     return connection

@@ -52,6 +52,7 @@ class RetryQueue:
                 said = f"It was loss no. {MAX_LOSSES} while this episode ran, the last time alone."
                 last = BridgeLost(f"{error.problem} {said}", error.remedy)
                 results.append(episode.fail(last, len(episodes)))
+        # Those that may run beside others go first; a suspect must wait until it is alone.
         self._waiting = deque(sorted(self._waiting, key=self.is_suspect))
         return results
 
@@ -107,6 +108,7 @@ class SlotTable:
 
     def add(self, slot: int, episode: BridgeEpisode) -> None:
         """Add an episode, which begins with the next request of its group."""
+        # Groups of equal size keep both the bridge and this process busy.
         min(self._groups, key=len)[slot] = episode
 
     def send_requests(self, connection: Connection) -> None:
@@ -115,6 +117,7 @@ class SlotTable:
         Raises:
             BridgeLost: a request cannot be sent.
         """
+        # By identity: groups are dictionaries, and two empty ones are equal.
         waiting = [id(request.group) for request in self._pending.values()]
         for group in self._groups:
             if id(group) not in waiting:
@@ -123,6 +126,7 @@ class SlotTable:
     def _send(self, connection: Connection, group: SlotGroup) -> None:
         new = tuple(slot for slot, episode in group.items() if not episode.has_begun)
         begun = tuple(slot for slot, episode in group.items() if episode.has_begun)
+        # Episodes begin and go on in one turn of the group: two requests, in this order.
         if new:
             starts = tuple([group[slot].make_start(slot) for slot in new])
             reset = messages.ResetRequest(connection.session, connection.next_id(), starts)
@@ -232,6 +236,8 @@ class BridgeEngine:
     @property
     def _left_s(self) -> float:
         """Time until shortly before the worker would kill this process for taking too long. [s]"""
+        # The worker multiplies its limit by the episodes that it has begun; those to run again
+        # count.
         held = max(1, len(self._slots) + len(self._retries))
         return held * self._connection.timeouts.episode_s - (monotonic() - self._progress_s)
 
@@ -246,6 +252,7 @@ class BridgeEngine:
     def _start(self, task: EpisodeTask) -> None:
         z = self._campaign.noise.choose(task, self._horizon)
         parameters = self._variation.draw(task.seed, z)
+        # With episodes in flight a disconnection must count as a loss of each of them.
         if not self._slots:
             self._connection.drop_if_dead()
         slot = self._slots.find_free()
@@ -262,6 +269,7 @@ class BridgeEngine:
         self._start_retries()
         if self._slots:
             try:
+                # Opened again here if an error has closed it: waiting episodes need no other path.
                 connection = self._connection.get(self._left_s)
                 self._slots.send_requests(connection)
                 answer = connection.receive(self._left_s)

@@ -95,7 +95,17 @@ class BridgeEpisode:
         named = msgspec.structs.asdict(parameters)
         self._steps, self._dt_s = int(named["steps"]), float(named["dt_s"])
         offer = welcome.offer
-        bridges.check_demand(offer, self._make_demand())
+        bridges.check_demand(
+            offer,
+            bridges.EpisodeDemand(
+                campaign.setup.scenario,
+                campaign.setup.planner,
+                self._parameters,
+                campaign.settings,
+                self._steps,
+                self._dt_s,
+            ),
+        )
         bridges.check_channels(offer, [channel.name for channel in campaign.noise.perceived])
         if campaign.judge is not None:
             bridges.check_signals(offer, campaign.judge.signals)
@@ -113,17 +123,6 @@ class BridgeEpisode:
     def has_begun(self) -> bool:
         """Whether the bridge has reported the start of the episode."""
         return self._reader.has_begun
-
-    def _make_demand(self) -> bridges.EpisodeDemand:
-        setup = self._campaign.setup
-        return bridges.EpisodeDemand(
-            setup.scenario,
-            setup.planner,
-            self._parameters,
-            self._campaign.settings,
-            self._steps,
-            self._dt_s,
-        )
 
     def make_start(self, slot: int) -> messages.SlotStart:
         """Return what a reset asks for in a slot."""
@@ -180,6 +179,7 @@ class BridgeEpisode:
             scene = done.scene and self._reader.complete_scene(done.scene)
             return replace(done, wall_s=wall_s, scene=scene)
         self._disturbance = disturbance
+        # After the observation was taken in: an episode that has just ended is not late.
         if wall_s > connection.timeouts.episode_s:
             raise connection.make_timeout()
         return None
@@ -192,6 +192,7 @@ class BridgeEpisode:
     def _measure_wall_s(self, beside: int) -> float:
         """Share of this episode in the wall time, divided among open episodes. [s]"""
         now_s = perf_counter()
+        # A step serves all episodes that run, and nobody can say how much of it was whose.
         self._wall_s += (now_s - self._measured_s) / beside
         self._measured_s = now_s
         return self._wall_s
@@ -299,6 +300,7 @@ class ObservationReader:
         ids = self._register(seen, others)
         for channel in self._channels:
             vehicle = split_name(channel.name).vehicle
+            # With `ids` a vehicle may come later: its channel waits for it.
             if ids is None and vehicle is not None and vehicle > len(others):
                 problem = f"'{channel.name}' is of vehicle {vehicle}, and there are {len(others)}."
                 raise InvalidValue(CHANNELS_FIELD, problem, "Vehicles are numbered from 1.")
@@ -320,6 +322,7 @@ class ObservationReader:
     ) -> Observation:
         ego, others = _read_ego(seen, before.step + 1), _read_others(seen)
         ids = self._register(seen, others)
+        # Vehicles are told apart by place or by id; a mixture would mix up two vehicles in silence.
         if (ids is None) is not (before.ids is None):
             problem = "Some observations of the episode have `ids`, and some do not."
             raise SimulatorError(problem, "Give them in each, or in none.")
@@ -357,6 +360,7 @@ class ObservationReader:
             raise SimulatorError(problem, "Each vehicle has an id of its own.")
         for name, other in zip(ids, others, strict=True):
             size = other.length_m, other.width_m
+            # A footprint that changes is probably a new vehicle under an old id.
             known = self._vehicles.setdefault(name, (len(self._vehicles) + 1, size))
             if known[1] != size:
                 problem = f"Vehicle {name!r} had another footprint before."
@@ -381,6 +385,7 @@ def record_step(seen: messages.SlotObservation, now: Observation, dt_s: float) -
     account: Account = {}
     path: Path = ()
     if isinstance(seen, messages.DetailedObservation):
+        # An account may be plain text: it is kept under one name.
         given = {"account": seen.account} if isinstance(seen.account, str) else seen.account
         account, path = read_account(given or {}), thin_path(seen.path or ())
     control = now.control or Control(0.0, 0.0)

@@ -81,7 +81,7 @@ class SlotStart(msgspec.Struct, frozen=True):
 
     Attributes:
         seed: as text where the bridge asks for that.
-        channels: channels of which each step has a value (version 2).
+        channels: channels for which each step holds a value (version 2).
         explain: whether the bridge is to say what its planner computes (version 2).
     """
 
@@ -362,6 +362,7 @@ def read_answer(data: bytes, protocol: int = PROTOCOL) -> Answer:
         answer = _decoders[protocol].decode(data)
     except _UNREADABLE as error:
         raise _make_unreadable(error) from None
+    # Slot by slot: an observation that cannot be read is the fault of its own episode alone.
     if isinstance(answer, RawObservations):
         return Observations(answer.id, tuple(map(_read_slot, answer.slots)))
     found: Answer = answer
@@ -375,6 +376,7 @@ def read_hello_answer(data: bytes) -> Answer:
         SimulatorError: the bytes do not follow the protocol.
     """
     try:
+        # Read first and alone: the other fields of an answer depend on it.
         protocol = _protocol_decoder.decode(data).protocol
     except _UNREADABLE as error:
         raise _make_unreadable(error) from None
@@ -421,6 +423,7 @@ def match_answer(
     Raises:
         SimulatorError: the answer belongs to another request, or has another number of slots.
     """
+    # A late answer to an earlier request would put one step's state into another.
     if isinstance(answer, Closed) or answer.id != request_id:
         raise errors.SimulatorError("The bridge answered another question.", "It repeats its `id`.")
     if len(answer.slots) != slots:

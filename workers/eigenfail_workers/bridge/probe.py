@@ -66,6 +66,8 @@ class BridgeProbe:
                 pass  # What waits in the socket is of the connection that was lost.
         for data in self._receive():
             self._process_answer(data)
+        # Not before a connection: hellos that wait in the queue would open sessions that nobody
+        # closes.
         is_due = self._is_connected and not self._is_asked
         if is_due and may_ask and time.monotonic() >= self._next_ask_s:
             self._is_asked, self._session = True, uuid4().hex

@@ -120,6 +120,8 @@ def move(before: VehicleState, after: VehicleState, share: float) -> VehicleStat
         share: part of the step that is over, in [0, 1].
     """
     turn_rad = remainder(after.heading_rad - before.heading_rad, pi)
+    # From the nearer sample, so that at both ends the heading is exactly that of the sample, also
+    # if the tracker has turned the vehicle round in between.
     if share < 0.5:
         heading_rad = before.heading_rad + share * turn_rad
     else:
@@ -180,6 +182,7 @@ def find_pass(
     if begin >= 0.0 or end <= 0.0 or first_m == 0.0 or last_m == 0.0:
         return None
     least_m = min(first_m, last_m)
+    # Both tangents lie below the distance; the larger of the two is least where they cross.
     crossing = (last_m - end - first_m) / (begin - end)
     if first_m + begin * crossing >= least_m - HIDDEN_M:
         return None
@@ -258,11 +261,12 @@ def _measure(before: Pair, after: Pair, share: float) -> float:
 def _find_touch(before: Pair, after: Pair, contact: float) -> float:
     """Return the share of the step at which two footprints first touch, given one at which they do.
 
-    Bisection, of which the end that touches is returned: the separation there is exactly 0.
+    By bisection. The footprints touch at the returned share: their separation there is exactly 0.
     """
     apart, touching = 0.0, contact
     for _ in range(MOST_TURNS):
         middle = 0.5 * (apart + touching)
+        # No number is left between the two.
         if middle <= apart or middle >= touching:
             break
         if _measure(before, after, middle) == 0.0:
@@ -302,6 +306,8 @@ def may_touch(before: TrafficSample, after: TrafficSample) -> bool:
     bend_m = _bound_bend(was, ego)
     for place in range(len(after.others)):
         other, other_was = after.others[place], before.others[place]
+        # Half of length and width together is more than the half-diagonal, and needs no root. This
+        # test runs for every vehicle in every step.
         reach = 0.5 * (ego.length_m + ego.width_m + other.length_m + other.width_m)
         reach += bend_m + _bound_bend(other_was, other)
         reach += abs(other.x_m - other_was.x_m - ego_x) + abs(other.y_m - other_was.y_m - ego_y)
@@ -350,9 +356,13 @@ def find_contact(
         if share == 1.0 and number in shown_after:
             shown.append(_find_touch(start, end, share))
         else:
+            # A vehicle that is put elsewhere "touches" all that lies between, without having been
+            # there.
             _check_way(number, was, other, dt_s)
             _check_way(0, before.ego, after.ego, dt_s)
             hidden.append(_find_touch(start, end, share))
+    # The ego has hit a vehicle that the sample shows, before it would have met one within the step:
+    # the sample itself is the contact.
     if not hidden or (shown and min(hidden) >= min(shown)):
         return None
     first = min(hidden)
@@ -449,6 +459,7 @@ def end_at_contact(before: Observation | None, now: Observation, dt_s: float) ->
     if before is None and (touches or now.collided):
         raise make_start_error()
     if now.collided and not touches:
+        # Some simulators test rounder shapes than rectangles: near enough is believed.
         _check_reported(before or now, now, dt_s)
     if touches or now.collided:
         return now if now.collided and now.ended else replace(now, collided=True, ended=True)
@@ -507,6 +518,8 @@ def _measure_speed(ego: VehicleState, other: VehicleState) -> float:
 
 def list_conflicts(before: Pair, after: Pair, dt_s: float) -> list[TrafficConflict]:
     """Return the conflicts within a step, at moments no further apart than LONGEST_STEP_S."""
+    # The tolerance is for rounding: three steps of 0.1 s are 0.30000000000000004 s, and need no
+    # fourth part.
     parts = ceil(dt_s / LONGEST_STEP_S - 1e-9)
     found = []
     for part in range(1, parts):

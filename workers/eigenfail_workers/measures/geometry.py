@@ -24,7 +24,7 @@ def find_nearest(ego: VehicleState, others: Sequence[VehicleState]) -> int:
 def find_struck(ego: VehicleState, others: Sequence[VehicleState]) -> int:
     """Return the index of the vehicle that the ego touches: the one at the smallest distance.
 
-    Of several that overlap it is the one whose centre is nearest, for its size.
+    If several overlap the ego, it is the one whose circumcircle overlaps the ego's most.
     """
     return min(range(len(others)), key=lambda vehicle: _closeness(ego, others[vehicle]))
 
@@ -66,6 +66,9 @@ def _nearest_corner(a: VehicleState, b: VehicleState) -> tuple[bool, float, Poin
     ahead = behind = left = right = True
     best, best_x, best_y = inf, 0.0, 0.0
     for x, y in _corners_in_frame(a, b, cos_a, sin_a):
+        # If all corners of `b` lie beyond one side of `a`, that side separates the two. By the
+        # separating axis theorem two rectangles are apart if, and only if, one of them has such a
+        # side.
         ahead, behind = ahead and x > half_length, behind and x < -half_length
         left, right = left and y > half_width, right and y < -half_width
         out_x, out_y = _excess(x, half_length), _excess(y, half_width)
@@ -116,7 +119,7 @@ class _View(NamedTuple):
 
 
 def find_hidden(ego: VehicleState, others: Sequence[VehicleState]) -> set[int]:
-    """Return the indexes of the vehicles of which the ego's sensor sees nothing.
+    """Return the indexes of the vehicles that the ego's sensor cannot see.
 
     The sensor is at the centre of the ego's front and looks in all directions. A vehicle is hidden
     if every ray to its footprint first meets another one; the ego itself hides nothing. Footprints
@@ -131,12 +134,10 @@ def find_hidden(ego: VehicleState, others: Sequence[VehicleState]) -> set[int]:
     for number, view in enumerate(views):
         if view is None:
             continue
-        covered = [
-            interval
-            for place, cover in enumerate(views)
-            if place != number and cover is not None
-            for interval in _cover(x, y, (others[number], view), (others[place], cover))
-        ]
+        covered: list[Point] = []
+        for place, cover in enumerate(views):
+            if place != number and cover is not None:
+                covered += _cover(x, y, (others[number], view), (others[place], cover))
         if _is_covered(view, covered):
             hidden.add(number)
     return hidden
@@ -187,6 +188,8 @@ def _cover(
 
 def _measure_ray(x: float, y: float, ray_rad: float, vehicle: VehicleState) -> float:
     """Return the distance from a point to where a ray enters a footprint that it meets. [m]"""
+    # The slab method: in the frame of the footprint, the ray is inside once it is within both
+    # ranges.
     turn, dx, dy = ray_rad - vehicle.heading_rad, x - vehicle.x_m, y - vehicle.y_m
     cos_v, sin_v = cos(vehicle.heading_rad), sin(vehicle.heading_rad)
     return max(
@@ -197,6 +200,8 @@ def _measure_ray(x: float, y: float, ray_rad: float, vehicle: VehicleState) -> f
 
 def _measure_slab(start: float, speed: float, half: float) -> float:
     """Return when a point that moves along an axis enters the range from -half to half."""
+    # The ray runs along the range. It meets the footprint, so that it is within the range
+    # throughout.
     if speed == 0.0:
         return -inf
     edge = -half if speed > 0.0 else half

@@ -31,6 +31,7 @@ class Approach(NamedTuple):
 
 
 AHEAD_S: Final = 1.0
+# Keeps the value finite where the footprints would touch within that second.
 SMALLEST_GAP_M: Final = 0.05
 
 
@@ -48,6 +49,7 @@ def predict_required_braking(approach: Approach) -> float:
 
 
 def _predict_drac(conflict: TrafficConflict, acceleration_mps2: float) -> float:
+    # From TTC = gap ÷ closing and DRAC = closing² ÷ (2 · gap).
     closing_mps = 2.0 * conflict.drac_mps2 * conflict.ttc_s
     change_mps = acceleration_mps2 * AHEAD_S
     gap_m = closing_mps * conflict.ttc_s - (closing_mps + change_mps / 2.0) * AHEAD_S

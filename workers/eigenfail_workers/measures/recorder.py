@@ -1,6 +1,6 @@
 """The record of one episode: disturbances, observations and measures."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from math import inf, nan
 from typing import Any, Final, NamedTuple
 
@@ -12,9 +12,7 @@ from eigenfail.values import requirements
 from eigenfail.values.arrays import LARGEST_FLOAT32, RANGE, fits_float32
 from eigenfail.values.records import NEAR_MISS_TTC_S, PEAK_BRAKING_MPS2
 from eigenfail.values.shapes import Row
-from eigenfail.values.signals import (
-    DrivenCourse,
-)
+from eigenfail.values.signals import DrivenCourse
 from eigenfail_workers.measures import encounters
 from eigenfail_workers.measures.geometry import find_struck, separation, velocity
 from eigenfail_workers.measures.importance import Approach, compute_importance
@@ -57,6 +55,7 @@ class RideMonitor:
         change = abs(applied_mps2 - self._applied_mps2)
         self._largest_change_mps2 = max(self._largest_change_mps2, change)
         self._applied_mps2 = applied_mps2
+        # Counted when it begins: braking hard for three seconds is one event, not thirty.
         hard = applied_mps2 < -HARD_BRAKING_MPS2
         self._hard_brakings += hard and not self._braking_hard
         self._braking_hard = hard
@@ -122,24 +121,20 @@ class ViolationTracker:
         """Largest DRAC towards any vehicle; None without a conflict. [m/s²]"""
         return self._max_drac_mps2 if self._max_drac_mps2 > 0.0 else None
 
-    def of_vehicle(self, vehicle: int) -> FirstViolations:
+    def get_first_violations(self, vehicle: int) -> FirstViolations:
         """Return the first violations by one vehicle."""
         return self._first.get(vehicle, NO_VIOLATIONS)
 
-    def of_any_vehicle(self) -> FirstViolations:
+    def find_earliest_violations(self) -> FirstViolations:
         """Return the earliest violations by any vehicle; DRAC is that of the earliest warning."""
         warned = [first for first in self._first.values() if first.ttc_step is not None]
         warning = min(warned, key=_ttc_step, default=NO_VIOLATIONS)
-        drac_step = _earliest(first.drac_step for first in self._first.values())
-        return warning._replace(drac_step=drac_step)
+        drac_steps = [each.drac_step for each in self._first.values() if each.drac_step is not None]
+        return warning._replace(drac_step=min(drac_steps, default=None))
 
 
 def _ttc_step(first: FirstViolations) -> float:
     return inf if first.ttc_step is None else first.ttc_step
-
-
-def _earliest(steps: Iterable[int | None]) -> int | None:
-    return min((step for step in steps if step is not None), default=None)
 
 
 class Apart(NamedTuple):
@@ -222,6 +217,7 @@ class Recorder:
         if observation.off_road and self._left_road_step is None:
             self._left_road_step = observation.step
         self._last_drac_mps2 = 0.0
+        # Vehicles that are not there now are forgotten: when one comes back, nobody knows its way.
         before, self._apart = self._apart, {}
         compared = [
             self._compare(
@@ -286,9 +282,11 @@ class Recorder:
         """Return the measures of the episode; on a collision, robustness is exactly 0."""
         last, found, ride = self._course[-1], self._violations, self._ride
         collided = self.collided
-        first = found.of_any_vehicle()
+        first = found.find_earliest_violations()
         if collided:
-            first = found.of_vehicle(last.numbers[find_struck(last.ego, last.others)])
+            # After a crash only warnings of the struck vehicle count. The warning of another
+            # vehicle would give a lead time to a crash that came without one.
+            first = found.get_first_violations(last.numbers[find_struck(last.ego, last.others)])
         return values.Measures(
             robustness_m=0.0 if collided else self._robustness_m,
             severity=compute_severity(last) if collided else None,
@@ -355,6 +353,7 @@ class Recorder:
 def _check(observation: values.Observation) -> None:
     for vehicle in (observation.ego, *observation.others):
         numbers: Any = vehicle  # of whatever type they are
+        # A sum of magnitudes is not finite if any of them is not: none cancels another.
         total = (
             abs(numbers.x_m) + abs(numbers.y_m) + abs(numbers.heading_rad) + abs(numbers.speed_mps)
         )
@@ -400,7 +399,7 @@ def _place_vehicles(course: Sequence[values.Observation]) -> tuple[values.Floats
     sizes: dict[int, tuple[float, float]] = {}
     for row, seen in zip(vehicles, course, strict=True):
         for number, vehicle in zip((0, *seen.numbers), (seen.ego, *seen.others), strict=True):
-            row[number] = _pose(vehicle)
+            row[number] = vehicle.x_m, vehicle.y_m, vehicle.heading_rad, vehicle.speed_mps
             sizes.setdefault(number, (vehicle.length_m, vehicle.width_m))
     # A simulator may leave out numbers: NaN is the size of a vehicle that was never there.
     return vehicles, np.array([sizes.get(each, (nan, nan)) for each in range(last + 1)], np.float32)
@@ -416,10 +415,6 @@ def compute_severity(observation: values.Observation) -> float:
 
 def _time_s(step: int | None, dt_s: float) -> float | None:
     return None if step is None else step * dt_s
-
-
-def _pose(vehicle: values.VehicleState) -> tuple[float, float, float, float]:
-    return vehicle.x_m, vehicle.y_m, vehicle.heading_rad, vehicle.speed_mps
 
 
 def _to_array(rows: Sequence[Row], columns: int) -> values.Floats:

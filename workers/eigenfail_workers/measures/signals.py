@@ -56,6 +56,7 @@ class CutIns:
         for number, other in zip(numbers or range(len(others)), others, strict=True):
             reach_m = half_width_across_road(other) - abs(other.y_m - centre_m)
             inside_m = 0.5 * lane.width_m + reach_m
+            # It has left the lane: when it comes back, that is another cut-in.
             if inside_m <= 0.0:
                 self._inside.discard(number)
                 self._excused.discard(number)
@@ -161,6 +162,8 @@ class SignalRecorder:
             self._observe_reported(name, now)
 
     def _observe_reported(self, name: str, now: Observation) -> None:
+        # A bridge reports its signals by their own names. Those of a planner have their prefix
+        # already (`SignallingSimulation`).
         value = (now.signals or {}).get(name.removeprefix(f"{BRIDGE}."))
         if value is None:
             raise SimulatorError(
@@ -197,6 +200,7 @@ class SignalRecorder:
             if number not in excused
         ]
         nearest_m = min([NOBODY_M, *counted])
+        # The distance is 0 only if the vehicle that was struck is one that counts.
         struck = now.collided and nearest_m == min(distances)
         values["preventable_distance_m"].append(0.0 if struck else nearest_m)
         values["lane_offset_m"].append(lane.offset_m)
@@ -216,9 +220,11 @@ class SignalRecorder:
         found = {name: np.array(each, np.float64) for name, each in self._values.items() if each}
         speeds, accelerations = found["speed_mps"], found["acceleration_mps2"]
         changes = np.diff(speeds, prepend=speeds[:1]) / dt_s
+        # Bridges need not report the applied control: the change of speed stands in for it.
         accelerations = np.where(np.isnan(accelerations), changes, accelerations)
         found["acceleration_mps2"] = accelerations
         found["jerk_mps3"] = np.diff(accelerations, prepend=0.0) / dt_s
+        # Nothing is disturbed yet at the start, which has a sample, too.
         errors = np.vstack([np.zeros(len(channels)), noise.injected])
         found |= {f"{ERROR}.{name}": errors[:, k] for k, name in enumerate(channels)}
         return {name: found[name] for name in self._wanted}

@@ -60,6 +60,7 @@ class CampaignNoise:
         Raises:
             InvalidValue: the source cannot provide noise.
         """
+        # Parameters are chosen before the first step, of which a policy has nothing to observe.
         context = sources.NoiseContext(
             task.seed, horizon, self._policies, self._count, tuple(self._searched)
         )

@@ -42,9 +42,8 @@ class Deviations:
     def compute(self, observation: Observation, actor: int) -> Row:
         """Return sigma at the true distances between centres.
 
-        Of an event it is 1, or the probability that it begins where that depends on the distance.
-
-        A vehicle that is not there has the sigma of no distance.
+        An event has 1, or the probability that it begins, if that depends on the distance. A
+        vehicle that is not there counts as if it were at the ego.
 
         Args:
             observation: the truth.
@@ -57,8 +56,10 @@ class Deviations:
                 found.append(1.0)
                 continue
             place = actor if target < 0 else target
+            # Vehicles that come and go change their places, but keep their numbers.
             if target >= 0 and observation.ids is not None:
                 place = _find_place(observation.ids, target + 1)
+            # The ego in place of another vehicle makes every distance 0.
             other = ego if target == EGO or place < 0 else others[place]
             dx, dy = abs(other.x_m - ego.x_m), abs(other.y_m - ego.y_m)
             apart_m = dx if distance == _ALONG else dy if distance == _ACROSS else hypot(dx, dy)
@@ -74,7 +75,7 @@ def _find_place(ids: tuple[int, ...], number: int) -> int:
 def _make_term(channel: Channel, scale: float) -> tuple[int, int, float, float, float, float]:
     """Return target, kind of distance, slope, base, scale and largest value of a channel.
 
-    There is no base for an event with a constant rate.
+    The base of an event with a constant rate is 0.
     """
     _, quantity = split_name(channel.name)
     distance = _DISTANCES.get(quantity, _APART)

@@ -18,6 +18,8 @@ from eigenfail.values import AXES, STATE, Floats, Layer, Observation, Policy, Ve
 from eigenfail.values.learning import MOST_POLICIES, count_state
 from eigenfail.values.shapes import Row
 
+# The bounds of SAC's log standard deviation in Stable-Baselines3, which trains policies: with
+# others, a trained policy would act differently here than in its training.
 LOG_STD_MIN, LOG_STD_MAX = np.float32(-20.0), np.float32(2.0)
 
 
@@ -70,6 +72,7 @@ def copy_policy(policy: Policy) -> Policy:
     """Return a copy in one memory layout, as the last bits of a sum depend on the layout."""
     return msgspec.structs.replace(
         policy,
+        # A policy from a message and one from a trainer may differ in layout, and be equal.
         hidden=tuple(map(_copy_layer, policy.hidden)),
         mean=_copy_layer(policy.mean),
         log_std=_copy_layer(policy.log_std),

@@ -14,7 +14,8 @@ NOISE_STREAM = 1
 """Separates the draws of the noise from those of a scenario with the same seed."""
 
 ONCE_STREAM = 3
-"""The same of channels that are drawn once, which no policy chooses. 2 is of variations."""
+"""Stream of the channels that are drawn once an episode, which no policy chooses. Stream 2 draws
+the scenario parameters that vary."""
 
 
 class NoiseSource(Protocol):
@@ -76,6 +77,8 @@ def generator(seed: int, stream: int = NOISE_STREAM) -> np.random.Generator:
 def from_prior(_source: values.PriorSource, context: NoiseContext) -> NoiseSource:
     """Return noise that is drawn at once from the standard normal distribution."""
     shape = context.horizon, context.channels
+    # Drawn row by row, a step each: a longer horizon leaves the first rows as they are, which
+    # `CampaignNoise.choose` relies on.
     draws = generator(context.seed).standard_normal(shape, dtype=np.float32)
     return TrajectoryNoise(draws)
 
@@ -104,6 +107,8 @@ def from_policy(source: values.PolicySource, context: NoiseContext) -> NoiseSour
         )
     fixed: dict[int, float] = {}
     if context.once:
+        # A stream of their own: otherwise the number of these channels would change the policy's
+        # noise.
         drawn = generator(context.seed, ONCE_STREAM).standard_normal(
             len(context.once), dtype=np.float32
         )

@@ -142,6 +142,7 @@ class GapAcceptance:
         return foreseen_m >= self._settings.gap_behind_m
 
 
+# A gap of noise may be 0 or less. The interaction is that of a short gap then, and stays finite.
 CONTACT_M = 0.1
 
 
@@ -167,6 +168,8 @@ class IdmSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     exponent: Annotated[float, Meta(ge=1.0, le=10.0, description="delta: free-road exponent.")] = (
         4.0
     )
+    # Half the widths of truck and car together: nearer than this their footprints overlap
+    # laterally.
     lane_half_width_m: Annotated[
         float,
         Meta(gt=0.0, le=3.5, description="A vehicle this near to the ego's line is its lead [m]."),
@@ -209,6 +212,7 @@ class IntelligentDriver:
     def _bounded(self, acceleration: float) -> float:
         """Return the acceleration that the brakes allow: slow to build up, at once released."""
         settings = self._settings
+        # Brakes build up from 0: there is nothing to release first when the truck was accelerating.
         built_up = min(self._acceleration_mps2, 0.0) - settings.brake_build_up_mps3 * self._dt_s
         self._acceleration_mps2 = max(acceleration, built_up, -settings.max_deceleration_mps2)
         return self._acceleration_mps2

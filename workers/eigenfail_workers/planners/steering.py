@@ -24,6 +24,8 @@ class LaneKeeping:
 
     def __call__(self, ego: VehicleState) -> float:
         """Return the steering angle for an ego. [rad]"""
+        # Chosen once: chosen anew in each step, a disturbed position would make the truck change
+        # lanes.
         if self._centre_m is None:
             self._centre_m = self._nearest_centre_m(ego.y_m)
         return pursue(ego, self._centre_m)

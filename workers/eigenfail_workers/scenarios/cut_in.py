@@ -108,6 +108,7 @@ class CutIn:
         """Return the situation for some parameters; nothing in it is random."""
         closing_mps = parameters.ego_speed_mps - parameters.actor_speed_mps
         begins_s = (parameters.initial_gap_m - parameters.distance_m) / closing_mps
+        # A short distance at a low closing speed makes a late manoeuvre, which needs more steps.
         over_s = begins_s + parameters.lane_change_s
         actor_x_m = parameters.initial_gap_m + (TRUCK_LENGTH_M + CAR_LENGTH_M) / 2.0
         return CutInSituation(

@@ -14,6 +14,7 @@ from eigenfail_workers.scenarios import (
     make_truck,
 )
 
+# 15 s: within the bounds of the parameters the car has done with braking after 11.7 s.
 STEPS = 150
 GOAL_M = 1000.0
 
@@ -62,6 +63,7 @@ class LeadBrakeSituation(msgspec.Struct, frozen=True):
         braking_s = min(max(time_s - self.brakes_at_s, 0.0), self.braking_lasts_s)
         lost_mps = self.deceleration_mps2 * braking_s
         since_s = max(time_s - self.brakes_at_s - self.braking_lasts_s, 0.0)
+        # While it brakes it has lost half of the speed on average, and from then on all of it.
         lost_m = lost_mps * (0.5 * braking_s + since_s)
         return msgspec.structs.replace(
             start,

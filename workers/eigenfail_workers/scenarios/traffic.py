@@ -61,6 +61,8 @@ class PlannedCar:
             changing_s = min(since_s, change.lasts_s)
             gained_mps = change.acceleration_mps2 * changing_s
             along_mps += gained_mps
+            # While the speed changes it gains half of the final gain on average; after that, all of
+            # it.
             x_m += gained_mps * (since_s - 0.5 * changing_s)
         y_m, across_mps = self._y_m, 0.0
         for shift in self._shifts:
@@ -121,6 +123,7 @@ class FollowingCar:
             desired_gap_m: gap that it then desires, bumper to bumper.
         """
         state, law = self.state, self._law
+        # The queue is as long as the delay: its first entry was chosen that many steps ago.
         self._chosen_mps2.append(0.0)
         speed_mps = max(state.speed_mps + self._chosen_mps2.popleft() * self._dt_s, 0.0)
         x_m = state.x_m + 0.5 * (state.speed_mps + speed_mps) * self._dt_s

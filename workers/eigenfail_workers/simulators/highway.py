@@ -34,6 +34,7 @@ def drive(vehicle: VehicleState, control: Control, dt_s: float) -> VehicleState:
     if speed > MAX_SPEED_MPS:
         acceleration = min(acceleration, MAX_SPEED_MPS - speed)
     return VehicleState(
+        # The factors stand in highway-env's order: another order differs in the last bit.
         vehicle.x_m + speed * cos(course) * dt_s,
         vehicle.y_m + speed * sin(course) * dt_s,
         vehicle.heading_rad + speed * sin(slip) / (0.5 * vehicle.length_m) * dt_s,

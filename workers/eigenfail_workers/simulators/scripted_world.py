@@ -50,6 +50,7 @@ class ScriptedWorld:
         self._step += 1
         self._now = self._move(self._drive(before.ego, control, dt_s))
         earlier, later = _make_sample(before), _make_sample(self._now)
+        # In nearly all steps nothing can touch: the search of the step is spared.
         if may_touch(earlier, later):
             contact = find_contact(earlier, later, dt_s)
             if contact is not None:

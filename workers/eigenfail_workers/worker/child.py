@@ -88,6 +88,8 @@ class Child:
         self._make_engine = make_engine
         self._engines: dict[int, LockstepEngine] = {}
         self._refused: dict[int, EpisodeFault] = {}
+        # Kept apart from `_refused`: a refusal is the result of each episode, and a declined
+        # campaign has no results here, as another worker may be able to run it.
         self._declined: set[int] = set()
         self._waiting: deque[tuple[int, EpisodeTask]] = deque()
         self._running = 0
@@ -157,6 +159,8 @@ class Child:
         while self._waiting:
             campaign, task = self._waiting[0]
             engine = self._engines.get(campaign)
+            # Episodes side by side belong to one engine. Another campaign waits until all of them
+            # have ended.
             if self._running and (campaign != self._campaign or engine is None or not engine.room):
                 return
             self._waiting.popleft()
@@ -195,9 +199,12 @@ def main() -> None:
     """
     fork_under_guard()
     logs.configure("worker")
+    # After the fork: the guard must not be the first that the kernel kills for want of memory.
     apply_kernel_limits(*map(int, sys.argv[1:2]))
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     messages, out = _redirect_standard_streams()
+    # Before the first import of a plug-in: what it sets then stays, and its episodes may rely on
+    # it.
     plugins.keep_import_effects()
     child = Child(out, plugins.load(plugins.ENGINES, "default"))
     write_message(out, Heartbeat())

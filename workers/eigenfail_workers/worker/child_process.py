@@ -35,6 +35,7 @@ from eigenfail.wire.messages import (
 from eigenfail_workers.limits import Limits
 from eigenfail_workers.worker import resources
 
+# A pipe has no borders of messages: each is preceded by its length.
 LENGTH = struct.Struct("<I")
 
 
@@ -151,6 +152,7 @@ class ChildProcess:
             raise RuntimeError("pipes were asked for")
         self._stdout = pipes[1]
         self._output = resources.OutputLimiter(pipes[2], limits.output_kib)
+        # The loop of the parent serves the hub, too: it must never wait for half a message.
         os.set_blocking(self._stdout.fileno(), False)
         self._monitor = resources.ResourceMonitor(self._process.pid, limits)
         # A thread writes: parent and child never wait for each other over two full pipes.
@@ -270,8 +272,11 @@ class ChildProcess:
         """
         now_s, before_s = time.monotonic(), self._checked_s
         self._checked_s = now_s
+        # The child may have been stopped with this process. A limit that went on would kill it for
+        # that.
         if now_s - before_s > STANDSTILL_S:
             self._progress_s += now_s - before_s
+        # Episodes side by side share the time of one process.
         limit_s = limit_s * self.begun if self.begun else START_LIMIT_S
         return bool(self.running) and now_s - self._progress_s > limit_s
 
@@ -296,6 +301,8 @@ class ChildProcess:
     def end(self) -> int:
         """Kill the child and its descendants; return its exit status, or -signal."""
         if self._process.returncode is None:
+            # To the guard, which kills every descendant; the group below is what a dead guard may
+            # leave.
             os.kill(self._process.pid, signal.SIGTERM)
             processes.wait_for_exit(self._process, GUARD_S)
             processes.kill_group(self._process)

@@ -32,10 +32,12 @@ def fork_under_guard() -> None:
     if sys.platform != "linux":
         die_with_parent()
         return
+    # Blocked before the fork, so that a signal that comes at once waits for `sigwait`.
     signal.pthread_sigmask(signal.SIG_BLOCK, AWAITED)
     die_with_parent(END_SIGNAL)
     adopt_orphans()
     os.environ.update(as_parent())
+    # A process of its own is needed: only a parent can adopt and kill what a crashed child leaves.
     guarded = os.fork()
     if guarded:
         _guard(guarded)
@@ -46,18 +48,19 @@ def fork_under_guard() -> None:
 
 def _guard(guarded: int) -> NoReturn:
     try:
+        # The guard outlives the child: an open end of a pipe here would hide the child's end from
+        # the parent.
         os.closerange(0, os.sysconf("SC_OPEN_MAX"))
-        while signal.sigwait(AWAITED) != END_SIGNAL and not _has_ended(guarded):
+        while signal.sigwait(AWAITED) != END_SIGNAL:
+            # Not reaped: until then the kernel gives the number of its group to no other process.
+            if os.waitid(os.P_PID, guarded, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None:
+                break
             _reap(_list_adopted(guarded))
         _kill(guarded)
         _end_like(guarded)
     finally:
+        # Reached only if an error escaped: the guard must never run on as a second child.
         os._exit(os.EX_OSERR)
-
-
-def _has_ended(pid: int) -> bool:
-    # Not reaped: until then the kernel gives the number of its group to no other process.
-    return os.waitid(os.P_PID, pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
 
 def _kill(guarded: int) -> None:

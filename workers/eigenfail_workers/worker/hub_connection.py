@@ -185,6 +185,7 @@ class HubConnection:
             ServiceUnreachable: what listens at the address is not the hub.
         """
         if (now_s := time.monotonic()) >= self._next_check_s:
+            # This is called in every turn of the loop; a refusal need not be noticed sooner.
             self._next_check_s = now_s + CHECK_EVERY_S
             self.handshakes.check()
         while True:
@@ -212,6 +213,7 @@ class HubConnection:
         """
         with contextlib.suppress(zmq.ZMQError):  # ZeroMQ may have given it up already
             self.socket.disconnect(self.address)
+        # The rest of a message that was cut off will not come on another connection.
         self._assembler.clear()
         self.socket.connect(self.address)
 

@@ -74,6 +74,8 @@ class ProcessFailures:
             held: the episode.
             weight: number of deaths to count; 0 if the episode had not begun.
         """
+        # After so many, the episode is not to blame alone: each gets one attempt, not three, so
+        # that a worker that can run nothing says so soon.
         if self._failed_starts > MAX_FAILED_STARTS:
             weight = MAX_CHILD_DEATHS
         key = (held.campaign, held.task.index)
@@ -85,7 +87,7 @@ class ProcessFailures:
 
 
 class CampaignSetups:
-    """Setups and policies from the hub, kept until the campaign is dropped for each new child.
+    """Setups and policies from the hub, which each new child needs until the campaign is dropped.
 
     Attributes:
         setups: setups by campaign.
@@ -162,10 +164,13 @@ class InnerProcesses:
         """
         if group == self._group:
             return True
+        # Groups take turns only between episodes, so that one process works at a time.
         if self.active.running:
             return False
         if self.active.has_campaigns or group in self._idle:
             self._set_aside()
+            # Popped after the active one was set aside: the oldest idle process may have been
+            # closed for it.
             self.active = self._idle.pop(group) if group in self._idle else self._start()
         self._group = group
         return True
@@ -173,6 +178,7 @@ class InnerProcesses:
     def _set_aside(self) -> None:
         """Keep the active process as an idle one if it holds campaigns and uses little memory."""
         useful = self.active.has_campaigns and self._is_small(self.active)
+        # Without a group: its campaign was dropped, so that nobody would come back to it.
         if self._group is None or not useful:
             self._close(self.active)
             return
@@ -219,6 +225,7 @@ class InnerProcesses:
 
     def _close(self, process: ChildProcess) -> None:
         process.finish()
+        # It is not waited for: the next campaign starts meanwhile.
         self._closing.append((process, time.monotonic() + CLOSING_S))
 
     def end(self) -> None:

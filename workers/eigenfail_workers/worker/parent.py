@@ -186,6 +186,7 @@ class Parent:
 
     def _hand_over(self) -> None:
         """Run nothing more, and wait until the hub has acknowledged the results."""
+        # Results that the child has already written are whole episodes: they are kept.
         if self._shutdown.problem is None:
             self._listen_to_child()
         self._processes.end()
@@ -218,6 +219,7 @@ class Parent:
         log.info("welcomed", worker=self._hello.worker, hub=self._hub.address)
         self._heartbeat_s, self._refusal = message.heartbeat_s, ""
         self._hello = replace(self._hello, asked=self._hello.asked + 1)
+        # A new session, or a new hub, has not acknowledged them.
         for (campaign, _), result in self._outbox.items():
             self._hub.send(messages.Results(campaign, (result,)))
         self._report_offer()
@@ -242,9 +244,11 @@ class Parent:
     def _handle_lease(self, message: messages.Lease) -> None:
         if message.campaign in self._declined:
             return  # the lease was sent before the hub knew
+        # A hub that has restarted may lease again what runs here: it must not run twice.
         mine = {(each.campaign, each.task.index) for each in self._list_held()}
         for task in message.tasks:
             key = (message.campaign, task.index)
+            # The result was lost on its way: it is sent again, and the episode is not run again.
             if key in self._outbox:
                 self._hub.send(messages.Results(message.campaign, (self._outbox[key],)))
             elif key not in mine and min(key) >= 0:  # a hello cannot name a negative number
@@ -271,6 +275,8 @@ class Parent:
         if ended or not alive:
             self._replace_child("killed its process", 1 if self._child.begun else 0)
         elif self._child.is_overdue(self._episode_limit_s):
+            # An episode that hung would hang again for as long: it is given up at once. A process
+            # that was never ready has not begun it.
             weight = inner_processes.MAX_CHILD_DEATHS if self._child.ready else 0
             self._replace_child(f"took longer than {self._episode_limit_s:g} s", weight)
         elif excess := self._child.find_excess():
@@ -328,6 +334,7 @@ class Parent:
             self._shutdown.request(error)
             return
         self._processes.replace()
+        # They had begun beside the one that is blamed, or waited: they run again without a mark.
         self._waiting.extendleft(filter(self._setups.can_run, reversed(held[1:])))
         facts = {"campaign": held[0].campaign, "episode": held[0].task.index} if held else {}
         log.warning("child replaced", worker=self._hello.worker, status=status, why=what, **facts)
@@ -364,6 +371,7 @@ class Parent:
         if self._unanswered > MAX_UNANSWERED:
             log.warning("no answer", worker=self._hello.worker, hub=self._hub.address)
             self._hub.reconnect()
+            # A new connection begins with a hello: the hub may be another one.
             self._unanswered, self._heartbeat_s = 0, 0.0
         if not self._heartbeat_s:
             self._hub.send(replace(self._hello, holdings=self._list_holdings()))

@@ -75,6 +75,8 @@ class ResourceMonitor:
 
     def _find_excess_memory(self, members: list[psutil.Process]) -> str:
         limit_mib = self._limits.memory_mib
+        # Resident memory counts a shared page for each process: where even that is within the
+        # limit, no closer look is needed.
         if sum(map(resident_mib, members)) <= limit_mib:
             return ""
         # The proportional share takes longer to read, but counts no shared page twice.
@@ -133,6 +135,8 @@ class ProcessorTimeMeter:
     def _begin(self, used_s: float) -> None:
         now_s = self._clock()
         if self._episode is not None:
+            # Granted by the wall time that has passed, and not beyond what was used: saved time is
+            # not kept.
             granted_s = self._limits.processors * (now_s - self._since_s)
             self._before_s = min(used_s, self._before_s + granted_s)
         self._since_s = now_s
@@ -142,6 +146,7 @@ def list_process_tree(pid: int) -> list[psutil.Process]:
     """Return a process and its descendants."""
     found: list[psutil.Process] = []
     pids = [pid]
+    # The list grows while it is read: each process adds its children behind.
     for each in pids:
         with contextlib.suppress(*UNREADABLE):
             found.append(psutil.Process(each))
@@ -233,6 +238,7 @@ class OutputLimiter:
 
     def _copy(self, chunk: bytes) -> None:
         with self._lock:
+            # Only the counters need the lock: a slow terminal must not hold up `start_episode`.
             copied = chunk[: self._left]
             self._left -= len(copied)
             announces = len(copied) < len(chunk) and not self._is_announced

@@ -34,6 +34,8 @@ class Attempt(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
 
     def derive_seed(self, seed: int) -> int:
         """Return the seed of its networks and batches; that of the learner for the first one."""
+        # The first attempt has the learner's own seed: without a restart, nothing differs from a
+        # campaign without `patience`.
         if not self.number:
             return seed
         return int(np.random.SeedSequence([seed, self.number]).generate_state(1)[0])
@@ -66,6 +68,7 @@ class RestartRule(msgspec.Struct, frozen=True):
         if self.patience is None or len(recent) < WINDOW:
             return False
         tried, left = observed - attempt.first, self.episodes - observed
+        # With fewer left, another attempt would be given less than the one that has found nothing.
         is_due = tried >= self.patience <= left
         return is_due and sum(recent) < STUCK_SHARE * WINDOW
 

@@ -101,8 +101,10 @@ def make_decisions(
     rewards = np.add.reduceat(reward(result), first)
     found = Decisions(
         states=states,
+        # The noise as it was injected, not as the policy says now: it may have been trained since.
         actions=result.noise.z[first] / np.float32(amplitude),
         rewards=sum_discounted_rewards(rewards, process.n_step, process.gamma).astype(np.float32),
+        # Behind the end any state will do: `ends` switches its value off.
         next_states=states[np.minimum(behind, len(first) - 1)],
         ends=(behind >= len(first)).astype(np.float32),
     )

@@ -97,21 +97,6 @@ class AstFacts(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
             return self
         return msgspec.structs.replace(self, version=self.version + 1, amplitude=amplitude)
 
-    def with_episodes(self, failed: Sequence[bool]) -> "AstFacts":
-        """Return the state after episodes were added to the buffer."""
-        recent = (*self.recent, *failed)[-WINDOW:]
-        return msgspec.structs.replace(self, kept=self.kept + len(failed), recent=recent)
-
-    def with_attempt(self, attempt: Attempt) -> "AstFacts":
-        """Return the state at the start of an attempt, with the policy of its new networks."""
-        return msgspec.structs.replace(
-            self, version=self.version + 1, fresh=0, recent=(), attempt=attempt
-        )
-
-    def has_failure_share(self, share: float) -> bool:
-        """Whether at least a share of the last 100 episodes failed."""
-        return len(self.recent) == WINDOW and sum(self.recent) >= share * WINDOW
-
 
 FIELD = "settings.warm_start"
 
@@ -199,9 +184,11 @@ class AdaptiveStressTesting:
     def propose(self, n: int) -> values.Proposal:
         """Return a round with the newest policy."""
         count, facts = min(n, self._settings.round_size), self._facts
+        # Before the policy is made: workers keep a version as they first got it.
         facts = facts.with_amplitude(self._get_amplitude(facts.proposed))
         self._facts = structs.replace(facts, proposed=facts.proposed + count)
         policy = self._make_policy(facts)
+        # Noted now: by the time of its results, the policy has been trained further.
         self._probability.begin(facts.proposed, policy)
         return _propose_policy(policy, count)
 
@@ -215,9 +202,9 @@ class AdaptiveStressTesting:
         """Return the sums with episodes of `exploit`; unchanged where hold > 1."""
         return self._probability.weigh(sums, results, self._make_final_policy())
 
-    def tell(self, sums: WeightedFailures, horizon: int) -> values.Estimate | None:
+    def estimate_from_sums(self, sums: WeightedFailures, horizon: int) -> values.Estimate | None:
         """Return a lower bound of the failure probability; None without episodes."""
-        return self._probability.tell(sums, horizon, self._get_last_amplitude())
+        return self._probability.estimate_from_sums(sums, horizon, self._get_last_amplitude())
 
     def estimate(self) -> values.Estimate | None:
         """Return the estimate over the second half of the budget; None where hold > 1."""
@@ -241,6 +228,7 @@ class AdaptiveStressTesting:
         # A round that was proposed before a restart has the old amplitude, and is not learnt from.
         if not self._facts.converged and first >= self._facts.attempt.first:
             self._add_to_buffer([result for result in results if is_usable(result)], first)
+            # Before training: the policy that has converged is kept, without another step.
             self._facts = structs.replace(self._facts, converged=self._has_converged())
             self._train()
             self._restart_if_stuck()
@@ -305,13 +293,20 @@ class AdaptiveStressTesting:
             fresh += len(found.rewards)
         self._reward = self._reward.update(results)
         failed = [result.is_failure for result in results]
-        self._facts = structs.replace(facts.with_episodes(failed), fresh=fresh)
+        self._facts = structs.replace(
+            facts,
+            kept=facts.kept + len(failed),
+            recent=(*facts.recent, *failed)[-WINDOW:],
+            fresh=fresh,
+        )
 
     def _has_converged(self) -> bool:
         """Whether enough of the last episodes failed, all of them at the last amplitude."""
         share, facts = self._settings.converged_share, self._facts
         is_final = self._amplitudes.is_final(facts.observed - WINDOW)
-        return share is not None and is_final and facts.has_failure_share(share)
+        if share is None or not is_final or len(facts.recent) < WINDOW:
+            return False
+        return sum(facts.recent) >= share * WINDOW
 
     def _train(self) -> None:
         """Take the gradient steps for the fresh decisions."""
@@ -336,7 +331,10 @@ class AdaptiveStressTesting:
             attempt = rule.start_next(
                 facts.attempt, facts.proposed, facts.kept, found=facts.failures > 0
             )
-            self._facts = facts.with_attempt(attempt)
+            # A new version: workers know the last one as the policy of the old networks.
+            self._facts = structs.replace(
+                facts, version=facts.version + 1, fresh=0, recent=(), attempt=attempt
+            )
             self._trainer = self._make_trainer(attempt)
             self._average = PolicyAverage(self._settings.averaged)
 

@@ -45,9 +45,11 @@ def log_weights(results: Sequence[EpisodeResult], policy: Policy) -> Array:
 def log_weight(result: EpisodeResult, policy: Policy) -> float:
     """Return log p(z) − log q(z) of one episode."""
     mean, log_std = compute_gaussian(policy, np.asarray(result.states, np.float64))
+    # One such step spoils the whole product: the sums report it as an unknown weight.
     if log_std.min() < log(MIN_STD):
         return float("nan")
     z = result.noise.z.astype(np.float64)
+    # The amplitude in float32, as workers multiply by it.
     own = log_density(z, mean, np.exp(log_std), float(np.float32(policy.amplitude)))
     weights = -0.5 * z**2 - HALF_LOG_TWO_PI - own
     shape = result.noise.shape
@@ -83,6 +85,7 @@ def log_density(z: Array, mean: Array, std: Array, amplitude: float) -> Array:
         amplitude: above 0. [sigma]
     """
     squashed = z / amplitude
+    # arctanh of a rounded ±1 is infinite.
     outside = np.abs(squashed) > tanh(EDGE)
     inner = np.where(outside, 0.0, squashed)
     inside = -0.5 * ((np.arctanh(inner) - mean) / std) ** 2 - np.log(std) - HALF_LOG_TWO_PI
@@ -168,7 +171,9 @@ class PolicyProbability:
         failures = [result for result in ran if result.is_failure]
         return sums.after(log_weights(failures, policy), len(ran))
 
-    def tell(self, sums: WeightedFailures, horizon: int, amplitude: float) -> Estimate | None:
+    def estimate_from_sums(
+        self, sums: WeightedFailures, horizon: int, amplitude: float
+    ) -> Estimate | None:
         """Return the estimate from some sums; None without episodes.
 
         Args:
@@ -183,7 +188,7 @@ class PolicyProbability:
         """Return the estimate from the campaign's own sums; None where noise is held."""
         if not self._has_density:
             return None
-        told = self.tell(self.sums, horizon, amplitude)
+        told = self.estimate_from_sums(self.sums, horizon, amplitude)
         return told or explain_nothing_counted(observed, self._budget)
 
     def encode_open(self) -> bytes:
@@ -196,12 +201,12 @@ class PolicyProbability:
 
 
 def read_open_policies(data: bytes) -> dict[int, Policy]:
-    """Return the policies that `encode_open` encoded; states of early versions have none.
+    """Return the policies that `encode_open` encoded.
 
     Raises:
         ValueError: the bytes do not hold policies.
     """
-    return _policies.decode(data) if data else {}
+    return _policies.decode(data)
 
 
 def describe_reach(amplitude: float, horizon: int, channels: int) -> str:

@@ -61,6 +61,8 @@ class PaperReward(ConstantReward, frozen=True):
 
     def __call__(self, result: EpisodeResult) -> Rewards:
         """Return the reward of every step, shape (steps,)."""
+        # The reward of the end replaces log p of the last step: the cases of equation 4 exclude
+        # each other.
         rewards = result.noise.log_probability_per_step.copy()
         rewards[-1] = _reward_at_end(result, self.alpha, self.c_dist)
         return rewards
@@ -119,10 +121,10 @@ class DissimilarityReward(msgspec.Struct, frozen=True, eq=False):
         """Return the reward of every step, shape (steps,)."""
         rewards = self.paper(result)
         if result.is_failure:
-            rewards[-1] += self.c_dissimilarity * self.distance(result)
+            rewards[-1] += self.c_dissimilarity * self.measure_distance(result)
         return rewards
 
-    def distance(self, result: EpisodeResult) -> float:
+    def measure_distance(self, result: EpisodeResult) -> float:
         """Distance from the nearest known failure. [sigma]"""
         if not len(self.failures):
             return 0.0

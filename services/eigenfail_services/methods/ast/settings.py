@@ -174,6 +174,7 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     gamma: Annotated[
         float, msgspec.Meta(ge=0.0, le=1.0, description="discount from decision to decision")
     ] = 1.0
+    # With `hold` = 10, an episode of 100 steps is ten decisions: the default sums its whole return.
     n_step: Annotated[
         int,
         msgspec.Meta(ge=1, le=10_000, description="decisions whose rewards are summed"),
@@ -203,6 +204,7 @@ class AstSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_on
     round_size: Annotated[
         int, msgspec.Meta(ge=1, le=100_000, description="episodes between two policy versions")
     ] = 10
+    # Trials found more failures with 30 than with 60.
     warm_up: Annotated[
         int,
         msgspec.Meta(

@@ -18,7 +18,7 @@ from eigenfail_services.methods.archive import Array, Arrays, take
 from eigenfail_services.methods.ast.decisions import Decisions
 from eigenfail_services.methods.ast.settings import REWARD_SCALE, SacOptions
 
-# DOC: Small networks in numpy: all weights in one vector, so that a step is a few large operations.
+# Weight of shape (…, outputs, inputs) and bias of shape (…, 1, outputs), views of one vector.
 NetworkLayer = tuple[Floats, Floats]
 
 BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-8
@@ -83,6 +83,7 @@ class Network:
             learning_rate: learning rate of the step.
         """
         slopes = self._slopes(course, slope)[::-1]
+        # The gradients are views of one vector: filling them fills what Adam reads.
         for inputs, up, (weight, bias) in zip(course, slopes, self._gradients, strict=False):
             np.matmul(up.swapaxes(-1, -2), inputs, out=weight)
             np.sum(up, axis=-2, keepdims=True, out=bias)
@@ -127,6 +128,7 @@ class Network:
     def _adam(self, learning_rate: float) -> None:
         self._steps += 1
         gradient, mean, square = self._gradient, self._mean, self._square
+        # In place: these are other names of the network's own arrays.
         mean += np.float32(1.0 - BETA1) * (gradient - mean)
         square *= np.float32(BETA2)
         square += np.float32(1.0 - BETA2) * gradient * gradient
@@ -173,7 +175,7 @@ class TransitionBuffer:
             ring[places] = getattr(decisions, name)
         self._added += count
 
-    def take(self, rows: Array) -> Decisions:
+    def select_rows(self, rows: Array) -> Decisions:
         """Return the transitions of some rows."""
         picked: dict[str, Floats] = {name: ring[rows] for name, ring in self._rings.items()}
         return Decisions(**picked)
@@ -223,6 +225,7 @@ class FastTrainer:
         widths = (options.states + self._actions, *options.hidden, 1)
         self.critics = Network(widths, (2,), random)
         self.targets = Network(widths, (2,), random)
+        # Its own draw is dropped: targets start as copies, as in SB3.
         self.targets.weights[:] = self.critics.weights
         # Logarithm of the entropy coefficient, with Adam's two moments and step count.
         self.entropy = np.array([log(options.entropy * REWARD_SCALE), 0.0, 0.0, 0.0])
@@ -240,11 +243,12 @@ class FastTrainer:
             LearnerDiverged: a weight became NaN or infinite.
         """
         random, batch = np.random.default_rng([self._options.seed, draw]), self._options.batch_size
+        # A diverging run is found below, by its weights: warnings would come by the thousand.
         with np.errstate(over="ignore", invalid="ignore"):
             for _ in range(steps):
                 rows = random.integers(len(self.memory), size=batch)
                 eps = random.standard_normal((2, batch, self._actions), np.float32)
-                self.step(self.memory.take(rows), eps[0], eps[1])
+                self.step(self.memory.select_rows(rows), eps[0], eps[1])
         parts = (self.actor.weights, self.critics.weights, self.targets.weights, self.entropy)
         if not all(np.isfinite(part).all() for part in parts):
             raise LearnerDiverged(
@@ -260,10 +264,14 @@ class FastTrainer:
             eps: standard normal draws for the actions in the states, shape (batch, actions).
             next_eps: the same for the next states.
         """
+        # Before its own step, as in SB3: critics and actor use the coefficient of the last one.
         coefficient = np.float32(exp(self.entropy[0]))
         choice = self._choose(batch.states, eps)
         self._step_entropy(float(np.mean(choice.log_probability)))
-        self._step_critics(batch, self._find_wanted(batch, next_eps, coefficient))
+        wanted = self._find_wanted(batch, next_eps, coefficient)
+        course = self.critics.forward(np.concatenate([batch.states, batch.actions], axis=1))
+        slope = (course[-1] - wanted[:, None]) / np.float32(len(wanted))
+        self.critics.descend(course, slope, self._options.learning_rate)
         self._step_actor(batch.states, choice, coefficient)
         self.targets.follow(self.critics, self._options.tau)
 
@@ -321,6 +329,8 @@ class FastTrainer:
         std = np.exp(clamped)
         actions = np.tanh(mean + std * eps)
         room: Floats = np.float32(1.0) - actions * actions
+        # log N(u) − log(1 − tanh²) (Haarnoja et al. 2018, appendix C), with SB3's 1e-6 in the
+        # logarithm.
         density = -0.5 * eps * eps - clamped - LOG_SQRT_TWO_PI - np.log(room + TINY)
         inside = (log_std == clamped).astype(np.float32)
         likelihood: Floats = density.sum(axis=1)
@@ -350,20 +360,18 @@ class FastTrainer:
         wanted: Floats = batch.rewards + discount * later
         return wanted
 
-    def _step_critics(self, batch: Decisions, wanted: Floats) -> None:
-        course = self.critics.forward(np.concatenate([batch.states, batch.actions], axis=1))
-        slope = (course[-1] - wanted[:, None]) / np.float32(len(wanted))
-        self.critics.descend(course, slope, self._options.learning_rate)
-
     def _step_actor(self, states: Floats, choice: DrawnActions, coefficient: np.float32) -> None:
         """Minimise the mean of coefficient · log pi - min Q."""
         count = np.float32(len(states))
         course = self.critics.forward(np.concatenate([states, choice.actions], axis=1))
         values = course[-1]
+        # The gradient of a minimum flows through the lesser critic alone.
         lesser = values == values.min(axis=0)
         slope = self.critics.compute_input_gradient(course, -lesser.astype(np.float32) / count)
         sums = slope.sum(axis=0)[:, -self._actions :] * choice.room
         sums += coefficient / count * 2.0 * choice.actions * choice.room / (choice.room + TINY)
+        # d log_std: through the action, eps · std, and directly through the density, −1. Clipped
+        # values have no slope.
         widths = (sums * choice.std * choice.eps - coefficient / count) * choice.inside
         self.actor.descend(
             choice.course, np.concatenate([sums, widths], axis=1), self._options.learning_rate

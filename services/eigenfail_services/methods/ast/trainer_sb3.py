@@ -36,6 +36,7 @@ class SeededBuffer(ReplayBuffer):
 
     def sample(self, batch_size: int, env: object = None) -> ReplayBufferSamples:  # noqa: ARG002 - SB3's signature
         """Return a batch, drawn with replacement."""
+        # SB3 draws from numpy's global generator, which any plug-in may move.
         rows = self.generator.integers(self.size(), size=batch_size)
         columns = {name: self.to_torch(getattr(self, name)[rows, 0]) for name in KEPT}
         return ReplayBufferSamples(
@@ -55,6 +56,7 @@ class SacTrainer:
         self._options = options
         with tensors.isolate_randomness(options.seed, 0):
             self._model = _sac(options)
+        # SB3 makes a logger in `learn`, which is never called here, and `train` logs to it.
         self._model.set_logger(Logger(None, []))
         self._buffer = cast("SeededBuffer", self._model.replay_buffer)
 
@@ -67,6 +69,7 @@ class SacTrainer:
                 decisions.actions[i],
                 decisions.rewards[i] * REWARD_SCALE,
                 decisions.ends[i],
+                # An info without "TimeLimit.truncated": an end is an end.
                 [{}],
             )
 

@@ -112,11 +112,14 @@ class DiffusionFailureSampling:
         fresh.add(results)
         if not len(fresh):
             return
+        # Before the model's first draw all episodes come from the prior, which says nothing of
+        # guidance.
         sampled = self._facts.draws > 0
         self._trials.add(results)
         self._lower_threshold(fresh)
         if sampled:
             self._adapt_guidance(float(np.mean(fresh.robustness <= 0.0)))
+        # The last part of a plan is sampled from one finished model.
         if self._facts.proposed <= self._plan.final:
             self._train()
 
@@ -173,6 +176,7 @@ class DiffusionFailureSampling:
         reached = fresh.quantile(self._settings.quantile)
         before = self._facts.threshold_m
         if before is None:
+            # Fixed by the first round: a condition must mean the same in all trainings.
             scale = max(fresh.quantile(0.5), SMALLEST_SCALE_M)
             self._update_facts(threshold_m=reached, scale_m=scale)
         else:
@@ -185,6 +189,7 @@ class DiffusionFailureSampling:
         """
         if self._trials.has_elites(self._settings.elite, self._assign_kinds()):
             change = exp(GUIDANCE_GAIN * (self._settings.target_rate - rate))
+            # The weight is 1 + w: it is changed by a factor, so that it stays positive.
             moved = (1.0 + self._facts.guidance) * change - 1.0
             most = max(LARGEST_GUIDANCE, self._settings.guidance)
             self._update_facts(guidance=min(max(moved, SMALLEST_GUIDANCE), most))
@@ -193,6 +198,7 @@ class DiffusionFailureSampling:
         """Return robustness ÷ scale of samples: uniform up to the threshold, a share of them 0."""
         threshold = max(self._facts.threshold_m or 0.0, 0.0) / self._facts.scale_m
         random = np.random.default_rng([self._seed, self._next_draw()])
+        # From −0.1, as in the reference code (sisl/DiFS): a share of all draws asks for failures.
         return np.maximum(random.uniform(-0.1, threshold, count), 0.0).astype(np.float32)
 
     def _sample_failures(self, n: int, draw: int) -> tuple[values.TrajectorySource, ...]:
@@ -224,6 +230,7 @@ class DiffusionFailureSampling:
             z=trials.z[rows],
             unseen=trials.find_unseen()[rows],
             condition=distances[rows] / np.float32(facts.scale_m),
+            # By its number: a trajectory is held out in every training, or in none.
             held_out=rows % HELD_OUT_EVERY == 0,
             elite=np.isin(rows, elite),
             modes=known if trials.has_elites(self._settings.elite, kinds) else MOST_MODES,

@@ -112,6 +112,7 @@ def sample_ancestral(v: Velocity, start: Tensor, steps: int, generator: torch.Ge
     """
     x = start
     for t, s in pairwise(_list_times(steps)):
+        # At pi/2 there is no signal yet; the quotient is 0 there but for rounding.
         rho = cos(t) / cos(s) if t < pi / 2 else 0.0
         pull = cos(s) * (1.0 - rho**2) / sin(t)
         noise = torch.randn(x.shape, generator=generator, dtype=x.dtype, device=x.device)
@@ -189,10 +190,12 @@ class DiffusionModel:
 
     @tensors.wrap_memory_errors()
     def __init__(self, options: DiffusionOptions) -> None:
+        # Several learners share a machine, and sums over threads would depend on their number.
         torch.set_num_threads(1)
         self._options = options
         self._device = _device(options.device)
         with tensors.isolate_randomness(options.seed, 0):
+            # On the CPU and then moved, so that the first weights are the same on every device.
             denoiser = Denoiser(options.horizon, options.channels, options.width)
             self._denoiser = denoiser.to(self._device)
         self.mixture = modes.make_prior_mixture(options.horizon * options.channels)
@@ -261,7 +264,13 @@ class DiffusionModel:
         with torch.no_grad():
             sample = SAMPLERS[options.sampler]
             x = sample(velocity, start, options.sampling_steps, generator)
-        return _check_finite(x.cpu().numpy().reshape(shape))
+        samples: Floats = x.cpu().numpy().reshape(shape)
+        if not np.isfinite(samples).all():
+            raise LearnerDiverged(
+                "The diffusion model sampled numbers that are not finite.",
+                "Lower learning_rate or guidance and launch the campaign again.",
+            )
+        return samples
 
     def arrays(self) -> Arrays:
         """Return mixture, weights, their averages and the optimizer's moments."""
@@ -294,11 +303,13 @@ class DiffusionModel:
         for _ in range(steps if len(given.z) else 0):
             noised = self._add_noise(given, chances, self._options.batch_size, generator)
             predicted = self._correct(self._denoiser, noised)
+            # What the mixture explains is taken off: the network starts at the answer for a normal.
             loss = torch.nn.functional.mse_loss(predicted, noised.left)
             self._optimizer.zero_grad()
             torch.autograd.backward(loss)
             self._optimizer.step()
             with torch.no_grad():
+                # One call for all weights, which are many small tensors.
                 torch._foreach_lerp_(averages, weights, 1.0 - self._options.ema)
 
     @staticmethod
@@ -317,6 +328,7 @@ class DiffusionModel:
             with torch.no_grad():
                 noised = self._add_noise(held_out, chances, TRUST_SAMPLES, generator)
                 correction = self._correct(self._average, noised)
+                # An untrained correction is 0 everywhere: the trust is then 0, not NaN.
                 size = (correction**2).sum().clamp_min(torch.finfo(correction.dtype).tiny)
                 trust = ((noised.left * correction).sum() / size).clamp(0.0, 1.0)
         for network in (self._denoiser, self._average):
@@ -331,6 +343,7 @@ class DiffusionModel:
         size = (count, 1)
         by = torch.randint(-most, most + 1, size, generator=generator, device=self._device)
         z, unseen = shift_in_time(drawn.z, drawn.unseen, by)
+        # Steps behind an episode's end get new draws each time (see `TrialMemory.find_unseen`).
         x0 = torch.where(unseen[..., None], self._randn(z.shape, generator), z).flatten(1)
         eps = self._randn(x0.shape, generator)
         angle = torch.rand(count, generator=generator, device=self._device) * (pi / 2)
@@ -355,15 +368,6 @@ class DiffusionModel:
 
     def _make_tensor(self, array: NDArray[np.floating]) -> Tensor:
         return torch.from_numpy(np.array(array, np.float32)).to(self._device)
-
-
-def _check_finite(samples: NDArray[np.float32]) -> NDArray[np.float32]:
-    if not np.isfinite(samples).all():
-        raise LearnerDiverged(
-            "The diffusion model sampled numbers that are not finite.",
-            "Lower learning_rate or guidance and launch the campaign again.",
-        )
-    return samples
 
 
 def _optimizer(denoiser: Denoiser, options: DiffusionOptions) -> torch.optim.AdamW:

@@ -42,10 +42,10 @@ class Mixture(NamedTuple):
         """Return the likeliest component of each trajectory, shape (n,)."""
         if len(self.shares) == 1:
             return np.zeros(len(z), np.intp)
-        most: Rows = self.responsibilities(z, unseen).argmax(axis=1)
+        most: Rows = self.compute_responsibilities(z, unseen).argmax(axis=1)
         return most
 
-    def responsibilities(self, z: Floats, unseen: NDArray[np.bool_]) -> Array:
+    def compute_responsibilities(self, z: Floats, unseen: NDArray[np.bool_]) -> Array:
         """Return P(component | z in the observed steps), shape (n, components).
 
         Args:
@@ -55,6 +55,7 @@ class Mixture(NamedTuple):
         seen = np.repeat(~unseen, z.shape[2], axis=1).astype(np.float64)
         across = (z.reshape(seen.shape) * seen) @ self.means.T
         exponents = np.log(self.shares) + across - 0.5 * seen @ (self.means**2).T
+        # The largest exponent is taken off, as the products over hundreds of steps would underflow.
         density = np.exp(exponents - exponents.max(axis=1, keepdims=True))
         each: Array = density / density.sum(axis=1, keepdims=True)
         return each
@@ -135,6 +136,7 @@ def fit_mixture(elite: Elite, most: int) -> Mixture:
     """
     count = len(elite.z)
     fold = np.arange(count) % FOLDS
+    # All folds are fitted as one batch. The last fit holds nothing out: it is the answer.
     trained = np.ones((FOLDS + 1, count, 1))
     trained[fold, np.arange(count)] = 0.0
     belongs, fits = trained, _maximise(trained, elite)
@@ -159,9 +161,10 @@ def _score_held_out(elite: Elite, fits: MixtureFits, fold: NDArray[np.intp]) -> 
 
 def _are_distinct(elite: Elite, fits: MixtureFits, fold: NDArray[np.intp]) -> bool:
     """Whether the means are distant, and few held-out trajectories lie between two of them."""
-    return (
-        _find_least_distance(fits.means[-1]) > APART and _compute_scatter(elite, fits, fold) <= GAP
-    )
+    means = fits.means[-1]
+    distances = np.linalg.norm(means[:, None] - means, axis=2)
+    least = distances[np.triu_indices(len(means), 1)].min()
+    return bool(least > APART) and _compute_scatter(elite, fits, fold) <= GAP
 
 
 def _compute_scatter(elite: Elite, fits: MixtureFits, fold: NDArray[np.intp]) -> float:
@@ -218,6 +221,7 @@ def _split_component(belongs: Array, fits: MixtureFits, elite: Elite) -> Array:
     whole = belongs[each, :, most]
     away = whole[..., None] * (elite.smoothed - fits.means[each, most][:, None])
     direction = np.linalg.svd(away, full_matrices=False)[2][:, 0]
+    # Cut in two by the sign along it: EM moves the border from there.
     moved = whole * ((away @ direction[..., None])[..., 0] > 0.0)
     left = belongs.copy()
     left[each, :, most] -= moved
@@ -240,9 +244,3 @@ def _squared_distances(elite: Elite, means: Array) -> Array:
     seen = elite.seen.astype(np.float64)
     distances: Array = squares - 2.0 * across + seen @ (means**2).transpose(0, 2, 1)
     return distances
-
-
-def _find_least_distance(means: Array) -> float:
-    """Return the smallest distance between two means of shape (components, size)."""
-    distances = np.linalg.norm(means[:, None] - means, axis=2)
-    return float(distances[np.triu_indices(len(means), 1)].min())

@@ -53,6 +53,7 @@ class ResidualBlock(nn.Module):
         positions, reach = hidden.shape[1], self._dilation
         padded = functional.pad(hidden, (0, 0, reach, reach))
         seen = [padded[:, :positions], hidden, padded[:, 2 * reach :]]
+        # The mean over positions: the convolutions alone see a few neighbours.
         context = torch.cat([features, hidden.mean(dim=1)], dim=1)
         scale, shift = self.modulation(context)[:, None].chunk(2, dim=2)
         local = self.convolution(torch.cat(seen, dim=2)) * (1.0 + torch.tanh(scale)) + shift

@@ -91,6 +91,7 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
             "none: the schedule's"
         ),
     ] = None
+    # The paper keeps the lowest 30 %; the reference code (sisl/DiFS) half.
     quantile: Annotated[
         float,
         msgspec.Meta(gt=0.0, lt=1.0, description="share of a round that sets the threshold"),
@@ -159,6 +160,8 @@ class DifsSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True, kw_o
         Literal["ancestral", "dpm_solver", "ddpm"],
         msgspec.Meta(description="sampler of trajectories; ddpm takes 1000 steps"),
     ] = "ancestral"
+    # The reference takes 1000 steps. Twenty cost a fiftieth, and `ancestral` stays exact for a
+    # normal.
     sampling_steps: Annotated[
         int, msgspec.Meta(ge=1, le=10_000, description="steps of the other samplers")
     ] = 20
@@ -218,11 +221,10 @@ class TrialMemory:
         """Add completed episodes."""
         for result in results:
             if result.outcome is not Outcome.ERRORED and result.measures is not None:
-                self._append(
-                    _padded(result.noise.z, self.z.shape[1])[None],
-                    np.array([len(result.noise.z)]),
-                    np.array([result.measures.robustness_m]),
-                )
+                steps = len(result.noise.z)
+                padded = np.zeros((1, *self.z.shape[1:]), np.float32)
+                padded[0, :steps] = result.noise.z
+                self._append(padded, np.array([steps]), np.array([result.measures.robustness_m]))
         self._forget()
 
     def add_experience(self, experience: Experience) -> None:
@@ -246,6 +248,7 @@ class TrialMemory:
             kinds: component of each trajectory, shape (n,).
         """
         kept = self._list_kinds(count, kinds)
+        # Rounded up, so that every kind has a part.
         each = ceil(count / len(kept))
         return np.concatenate([self._best(rows, each, likely_share) for rows in kept])
 
@@ -287,6 +290,7 @@ class TrialMemory:
     def _list_kinds(self, count: int, kinds: Rows) -> list[Rows]:
         """Return the trajectories of each kind; with enough failures, only of kinds that failed."""
         each = [np.flatnonzero(kinds == kind) for kind in np.unique(kinds)]
+        # So few failures do not show that a kind has none.
         if np.count_nonzero(self.robustness <= 0.0) < PATIENCE * count:
             return each
         return [rows for rows in each if len(self._failures(rows))]
@@ -315,16 +319,11 @@ class TrialMemory:
 
     def _forget(self) -> None:
         if len(self) > self._memory:
+            # `lexsort` sorts by its last key first: by robustness, and among equals the newest.
             newest_first = -np.arange(len(self))
             kept = np.sort(np.lexsort((newest_first, self.robustness))[: self._memory])
             self.z, self.steps = self.z[kept], self.steps[kept]
             self.robustness = self.robustness[kept]
-
-
-def _padded(z: Floats, horizon: int) -> Floats:
-    padded = np.zeros((horizon, z.shape[1]), np.float32)
-    padded[: len(z)] = z
-    return padded
 
 
 PAPER_SIZE = 500
@@ -381,6 +380,7 @@ class ManyRounds:
 
     def plan(self, episodes: int, settings: DifsSettings) -> DifsPlan:
         """Return 8 % from the prior, at least four for each of the elite; rounds of 4 %."""
+        # With fewer, the elite would hardly be better than the draws that it comes from.
         fewest = min(DRAWS_PER_ELITE * settings.elite, episodes // 2)
         round_size = max(SMALLEST_ROUND, round(ROUND_SHARE * episodes))
         initial = max(round(FIRST_SHARE * episodes), fewest)

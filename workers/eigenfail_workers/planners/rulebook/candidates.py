@@ -91,9 +91,12 @@ def roll_out(name: str, start: PlanStart, target_mps2: float, limits: TruckLimit
     accelerations, ways, speeds = [], [], []
     change = limits.comfort_jerk_mps3 * KNOT_S
     speed, acceleration, way = start.speed_mps, start.acceleration_mps2, 0.0
+    # A truck that is already faster than its target may brake gently: it is not slowed down at
+    # once.
     fastest = max(speed, start.task.target_mps)
     for _ in range(KNOTS):
         acceleration = limit_change(target_mps2, acceleration, change)
+        # The accelerations that are handed on are those that the clipped speeds have.
         reached = min(max(speed + acceleration * KNOT_S, 0.0), fastest)
         way += 0.5 * (speed + reached) * KNOT_S
         accelerations.append((reached - speed) / KNOT_S)

@@ -60,6 +60,7 @@ class ChangePlanner:
         course = self._approach(gap.ahead, start, LOOK_KNOTS)
         short = self._find_missing(gap, course, 1.0)
         begins = len(course)
+        # Backwards from the end: a gap that fits now and closes later does not fit.
         while begins > 0 and max(short[begins - 1]) <= 0.0:
             begins -= 1
         if begins == len(course):
@@ -138,6 +139,7 @@ def _hit_mps(behind: values.Neighbour | None, course: Sequence[ApproachPoint]) -
         return 0.0
     for knot, now in enumerate(course):
         if behind.gap_m + now.way_m <= behind.speed_mps * KNOT_S * knot:
+            # Not 0 even for a slow touch: 0 means no collision.
             return max(behind.speed_mps - now.speed_mps, 0.1)
     return 0.0
 

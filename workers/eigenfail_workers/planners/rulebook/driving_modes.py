@@ -18,15 +18,16 @@ class ModeMachine:
 
     def update(self, ego: VehicleState) -> tuple[DrivingMode, Task]:
         """Return the mode of an ego, and its task."""
-        if self._mode is DrivingMode.DEPARTURE and ego.speed_mps >= self._departed_mps:
+        settings = self._settings
+        departed_mps = min(settings.departed_mps, 0.9 * self._cruise_mps)
+        if self._mode is DrivingMode.DEPARTURE and ego.speed_mps >= departed_mps:
             self._mode = DrivingMode.HIGHWAY
-        if self._remaining_m(ego) <= self._arrival_m(ego.speed_mps):
+        braking_m = ego.speed_mps**2 / (2.0 * settings.arrival_deceleration_mps2)
+        # After the departure: a goal that is near at the start is an arrival from the first step
+        # on.
+        if self._remaining_m(ego) <= braking_m + settings.arrival_margin_m:
             self._mode = DrivingMode.ARRIVAL
         return self._mode, TASKS[self._mode](self, ego)
-
-    @property
-    def _departed_mps(self) -> float:
-        return min(self._settings.departed_mps, 0.9 * self._cruise_mps)
 
     @property
     def _cruise_mps(self) -> float:
@@ -34,11 +35,6 @@ class ModeMachine:
 
     def _remaining_m(self, ego: VehicleState) -> float:
         return self._mission.goal_x_m - ego.x_m
-
-    def _arrival_m(self, speed_mps: float) -> float:
-        """Braking distance from a speed, and the margin. [m]"""
-        braking_m = speed_mps**2 / (2.0 * self._settings.arrival_deceleration_mps2)
-        return braking_m + self._settings.arrival_margin_m
 
     def depart(self, _ego: VehicleState) -> Task:
         """Return the task of a departure."""
@@ -53,6 +49,8 @@ class ModeMachine:
         way_m = max(self._remaining_m(ego), 0.0)
         settings = self._settings
         braking = settings.arrival_deceleration_mps2
+        # v = sqrt(2 b s) stops at the goal. The truck lags behind its target: it gets the target of
+        # a moment later.
         speed_mps = max(sqrt(2.0 * braking * way_m) - braking * settings.arrival_lead_s, 0.0)
         return Task(min(speed_mps, self._cruise_mps), settings.departure_acceleration_mps2)
 

@@ -229,6 +229,8 @@ class ApproachingGap(PathFollower):
         before = [profile for profile in offered if profile.name == self._name]
         is_rival = choice.rule == progress.__name__ and choice.profile.name != self._name
         self._rival_steps = self._rival_steps + 1 if before and is_rival else 0
+        # Two gaps may promise about the same progress, and noise decides which is better: without
+        # this the truck would turn from one to the other. Safety rules are obeyed at once.
         if 0 < self._rival_steps < self._ramp.settings.commit:
             return values.RuleChoice(before[0], COMMITMENT)
         self._rival_steps = 0
@@ -245,6 +247,7 @@ class ChangingLane(PathFollower):
         self._ramp = ramp
         self._name = name
         self._left_m = self._path.length_m
+        # Overwritten by `observe`, which comes before `propose`.
         self._can_turn_back = True
 
     def observe(
@@ -265,6 +268,7 @@ class ChangingLane(PathFollower):
 
     def _make_abort(self, start: values.PlanStart, traffic: values.Traffic) -> values.Profile:
         settings = self._ramp.candidates
+        # Back in the lane, its end comes nearer: the harder of the two counts.
         gentle, firm = hold(start, traffic, settings), stop(start, traffic, settings) or 0.0
         return roll_out(ABORT, start, min(gentle, firm), self._ramp.limits)
 

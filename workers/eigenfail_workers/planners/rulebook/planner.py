@@ -28,6 +28,7 @@ class EmergencyBrake:
             return False
         closing_mps = speed_mps - lead.speed_mps
         need = required_deceleration(lead.gap_m, closing_mps, self._settings.margin_m)
+        # Two thresholds: with one, the brake would open and close in turn around it.
         bar = self._settings.release_at_mps2 if self._braking else self._settings.brake_at_mps2
         self._braking = need > bar or lead.gap_m < closing_mps * self._settings.brake_at_s
         return self._braking
@@ -74,6 +75,7 @@ class Rulebook:
         tracks = self._tracker.update(perception)
         for track in tracks:
             update_intent(track, ego, self._mission.dt_s, settings.intent)
+        # Before the lane adds to it: gaps are of the next lane, the lead of the truck's own.
         traffic = find_traffic(tracks, ego, settings.beside_m, self._tracker.braking)
         traffic = self._lane.observe(tracks, ego, traffic)
         mode, task = self._modes.update(ego)
@@ -145,6 +147,7 @@ class Rulebook:
         speed_mps: float,
     ) -> tuple[values.Override, float]:
         """Return the override, and the wanted acceleration. [m/s²]"""
+        # Asked first, and in every step, as it remembers whether it brakes.
         if self._brake.update(traffic.lead, speed_mps):
             return values.Override.EMERGENCY_BRAKE, -self._settings.truck.peak_braking_mps2
         if refined is None:

@@ -69,6 +69,7 @@ Matrix = NDArray[np.float64]
 
 STATUS: dict[int, QpStatus] = {
     osqp.SolverStatus.OSQP_SOLVED: QpStatus.SOLVED,
+    # An inaccurate answer may break the constraints, and counts as none.
     osqp.SolverStatus.OSQP_SOLVED_INACCURATE: QpStatus.ITERATION_LIMIT,
     osqp.SolverStatus.OSQP_MAX_ITER_REACHED: QpStatus.ITERATION_LIMIT,
     osqp.SolverStatus.OSQP_PRIMAL_INFEASIBLE: QpStatus.INFEASIBLE,
@@ -101,12 +102,14 @@ class QuadraticProgram:
         rows, columns = constraints.shape
         if cost.shape != (columns, columns):
             raise SolverError(f"P is {cost.shape} and A {constraints.shape}.", "Make them fit.")
+        # OSQP reads the upper triangle of P alone.
         self._cost = sparse.csc_matrix(np.triu(cost))
         self._constraints = sparse.csc_matrix(constraints)
         self._settings = settings
         self.linear: Vector = np.zeros(columns)
         self.lower: Vector = np.full(rows, -OPEN)
         self.upper: Vector = np.full(rows, OPEN)
+        # A cold start in the form of a warm one: it costs no new factorisation.
         self._start = np.zeros(columns), np.zeros(rows)
         self._shares = np.full(columns, 1.0 / columns)
         self.set_up()
@@ -129,6 +132,7 @@ class QuadraticProgram:
         ordered = np.count_nonzero(lower <= upper) == lower.size
         if not (ordered and self._is_finite(linear)):
             return Solution(_objection(linear, lower, upper))
+        # Both return an error code, and 0 if there is none.
         if solver.update_data_vec(linear, lower, upper) or solver.solve():
             return self._fail(QpStatus.OTHER)
         return self._answer()

@@ -34,6 +34,7 @@ class Refiner:
         self._follow = -2.0 * knot_s * candidate_shares(settings)
         self._continue = -2.0 * settings.jerk_weight / knot_s
         self._first = first_shares(settings)
+        # Only vectors change from step to step: the matrices are scaled and factored once.
         self._program = QuadraticProgram(_cost(settings), _constraints(settings), settings.solver)
         self._allocate(limits)
 
@@ -70,6 +71,7 @@ class Refiner:
         now = start.acceleration_mps2
         np.dot(self._follow, profile.accelerations, out=self._pull)
         self._pull[0] += self._continue * now
+        # Set in every step, with the mode; the lower limits are the truck's, and stay.
         self._highest.fill(start.task.max_acceleration_mps2)
         self._least_change[0] = now - self._change
         self._most_change[0] = now + self._change
@@ -78,6 +80,8 @@ class Refiner:
         if lead is None:
             self._room.fill(FREE_M)
             return
+        # `way_k` of the constraints is the way beyond that at the present speed, so that A stays
+        # constant: the present speed is taken from the lead's way here.
         np.multiply(self._times_s, lead.speed_mps - start.speed_mps, out=self._room)
         self._room += lead.gap_m - self._settings.margin_m
 
@@ -86,6 +90,7 @@ def candidate_shares(settings: RefineSettings) -> Matrix:
     """Return the share of each knot (row) in each knot of the candidate (column); rows sum to 1."""
     ends_s = settings.knot_s * np.arange(settings.knots + 1)
     borders_s = KNOT_S * np.arange(KNOTS + 1)
+    # Beyond its horizon the candidate's last acceleration goes on.
     borders_s[-1] = np.inf
     common_s = np.minimum.outer(ends_s[1:], borders_s[1:])
     common_s -= np.maximum.outer(ends_s[:-1], borders_s[:-1])
@@ -115,6 +120,8 @@ def _constraints(settings: RefineSettings) -> Matrix:
     """Return A: accelerations, their changes, distances minus slack, slack."""
     knots, each = settings.knots, np.eye(settings.knots)
     order = np.arange(knots)
+    # A unit of a_j, constant over knot j, adds h² / 2 to the way by the end of that knot, and h²
+    # more by the end of each later one.
     ahead = np.maximum(order[:, None] - order[None, :] + 0.5, 0.0)
     rows: Matrix = np.zeros((3 * knots + 1, knots + 1))
     rows[:knots, :knots] = each

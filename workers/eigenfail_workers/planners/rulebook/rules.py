@@ -38,6 +38,7 @@ def collision(profile: values.Profile, context: values.RuleContext) -> float:
         return 0.0
     for knot in range(KNOTS):
         if lead.gap_m + lead.speed_mps * KNOT_S * (knot + 1) <= profile.ways[knot]:
+            # Not 0 even for a slow touch: 0 means no collision.
             return max(profile.speeds[knot] - lead.speed_mps, 0.1)
     return 0.0
 
@@ -57,6 +58,7 @@ def right_of_way(profile: values.Profile, context: values.RuleContext) -> float:
     threshold, margin_m = settings.lead_need_mps2, settings.lead_margin_m
     if not lead.is_braking:
         now = needed_deceleration(lead, lead.gap_m, context.speed_mps, margin_m)
+        # What the lead requires now is no fault of a candidate: only an increase costs.
         threshold = max(now, threshold)
     return max(_need_later(profile, lead, margin_m) - threshold, 0.0)
 
@@ -129,6 +131,7 @@ def _need_later(profile: values.Profile, other: values.Neighbour, margin_m: floa
 
 
 HIERARCHY = (
+    # Tolerances keep rounding and noise in the estimates from deciding in the place of lower rules.
     Rule("no_collision", collision, 0.1),
     Rule("right_of_way", right_of_way, 0.02),
     Rule("clearance", clearance, 0.02),
@@ -150,6 +153,8 @@ def choose(
         if len(left) == 1:
             break
         costs = [rule.cost(profile, context) for profile in left]
+        # Relative to the best, not to 0: if every candidate breaks a rule, the least breach goes
+        # on.
         bar = min(costs) + rule.tolerance
         kept = [left[place] for place, cost in enumerate(costs) if cost <= bar]
         decided = rule.name if len(kept) < len(left) else decided

@@ -51,6 +51,7 @@ class TrackerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
         lateral_speed_sd_mps: standard deviation of the lateral speed of a new track, around 0.
     """
 
+    # The paper's sigma: under the default disturbance model the filters know their noise exactly.
     range_slope: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.02
     range_base_m: Positive = 1.0
     lateral_slope: Annotated[float, Meta(ge=0.0, le=1.0)] = 0.00625
@@ -61,6 +62,9 @@ class TrackerSettings(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     misses_to_delete: Count = 8
     hits_to_confirm: Count = 5
     tentative_misses: Count = 2
+    # A vehicle that is seen for the first time may have any speed. One that is seen again is taken
+    # to drive like the truck, with far too little doubt: this is the planner's known flaw
+    # (`tracker`).
     first_speed_sd_mps: Positive = 8.0
     again_speed_sd_mps: Positive = 1.75
     lateral_speed_sd_mps: Positive = 1.0

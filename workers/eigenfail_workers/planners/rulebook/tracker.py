@@ -147,6 +147,8 @@ class Tracker:
         """Update the tracks by one perception, and return them, tentative ones included."""
         ego = perception.ego
         self.lost_now = []
+        # A vehicle that the sensor does not report counts as missed, as one outside of the gate
+        # does. The list is made first: the loop deletes tracks.
         for slot in [slot for slot in self._tracks if slot not in perception.ids]:
             unseen = self._tracks[slot]
             self._predict(unseen)
@@ -163,6 +165,8 @@ class Tracker:
 
     def _start_track(self, slot: int, seen: VehicleState, ego: VehicleState) -> Track:
         settings, again = self._settings, slot in self._known
+        # The known weakness: a vehicle that was lost is taken to drive as fast as the truck, with
+        # little doubt, so that its true positions may miss the gate again.
         sd_mps = settings.again_speed_sd_mps if again else settings.first_speed_sd_mps
         along_sd, across_sd = self._sensor_deviations(seen.x_m - ego.x_m, seen.y_m - ego.y_m)
         along = AxisFilter(seen.x_m, ego.speed_mps, along_sd, sd_mps)
@@ -185,6 +189,7 @@ class Tracker:
             along.position_m - ego.x_m, across.position_m - ego.y_m
         )
         var_x, var_y = sd_x * sd_x, sd_y * sd_y
+        # One gate over both axes: chi-square with two degrees of freedom.
         innovation = along.squared_innovation(seen.x_m, var_x) + across.squared_innovation(
             seen.y_m, var_y
         )
@@ -211,6 +216,7 @@ class Tracker:
             self._known.add(slot)
         if track.state is TrackState.DELETED:
             del self._tracks[slot]
+            # A tentative track that dies was never acted on: it is no loss.
             if track.hits >= self._settings.hits_to_confirm:
                 self.lost += 1
                 self.lost_now.append(slot)
@@ -260,6 +266,7 @@ class BrakeLightTracker(Tracker):
             if self._brakes(slot, seen.speed_mps) and slot in self._tracks
         }
         for track in self.braking:
+            # Before the update, so that this step's gate is already as wide as the braking demands.
             track.along.p11 += (self._lights.acceleration_mps2 * self._dt_s) ** 2
         return super().update(perception)
 
@@ -274,6 +281,7 @@ def update_intent(track: Track, ego: VehicleState, dt_s: float, settings: Intent
 
     The difference between the two thresholds keeps noise from switching the lead on and off.
     """
+    # The lateral speed of a young track is mostly noise, and is multiplied by the preview.
     if track.age * dt_s < settings.youngest_s:
         return
     across = track.across

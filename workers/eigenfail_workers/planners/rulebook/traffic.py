@@ -32,6 +32,7 @@ def find_traffic(
     lead: Neighbour | None = None
     neighbour: Neighbour | None = None
     for track in tracks:
+        # A tentative track may be noise: to brake for it would be a phantom.
         if not track.is_trusted or track.along.position_m <= ego.x_m:
             continue
         other = make_neighbour_ahead(track, ego, track in braking)
@@ -124,10 +125,13 @@ class GapFinder:
         only the gap beside the truck.
         """
         ahead, behind = self._split(tracks, ego)
+        # Its centre is ahead, but its rear is not: it is beside the truck, and bounds both gaps.
         if ahead and make_neighbour_ahead(ahead[0], ego).gap_m <= 0.0:
             passing, *ahead = ahead
             behind = [passing, *behind]
-        elif not (behind and self._is_near(behind[0], ego)):
+        elif not (
+            behind and make_neighbour_behind(behind[0], ego).gap_m < self._settings.clear_behind_m
+        ):
             return self._make_gaps({CHANGE_LANE: (ahead, behind)}, ego)
         return self._make_gaps(
             {MERGE_EARLY: (ahead, behind), MERGE_LATE: (behind, behind[1:])}, ego
@@ -149,17 +153,16 @@ class GapFinder:
 
     def _split(self, tracks: Iterable[Track], ego: VehicleState) -> Bounds:
         """Return the tracks of the lane ahead of the truck's centre and behind, nearest first."""
-        there = [one for one in tracks if self._is_in_lane(one)]
+        there = [
+            one
+            for one in tracks
+            if abs(one.across.position_m - self._centre_m) < self._half_width_m
+        ]
+        # Sorted here: the order of the tracks is that of their birth.
         there.sort(key=lambda one: one.along.position_m)
         ahead = [one for one in there if one.along.position_m > ego.x_m]
         behind = [one for one in reversed(there) if one.along.position_m <= ego.x_m]
         return ahead, behind
-
-    def _is_in_lane(self, track: Track) -> bool:
-        return abs(track.across.position_m - self._centre_m) < self._half_width_m
-
-    def _is_near(self, track: Track, ego: VehicleState) -> bool:
-        return make_neighbour_behind(track, ego).gap_m < self._settings.clear_behind_m
 
     def _between(self, ahead: Tracks, behind: Tracks, ego: VehicleState) -> Gap:
         return Gap(
