@@ -20,12 +20,10 @@ from eigenfail.wire.http import PREFIX
 from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_api.dashboard.charts import Chart, make_parallel_chart, spread
 from eigenfail_api.dashboard.rendering import (
-    ANALYSIS_BADGES,
     CLUSTERERS,
     Badge,
     make_outcome_badge,
     page,
-    write_time,
 )
 from eigenfail_api.parameters import LARGEST, CampaignId, Stored
 from eigenfail_services.store import Store
@@ -114,17 +112,6 @@ class EpisodeList(msgspec.Struct, frozen=True):
     last: int | None
     is_open: bool
     nothing: str
-
-
-class AnalysisLine(msgspec.Struct, frozen=True):
-    """An analysis in a list."""
-
-    id: int
-    is_done: bool
-    badge: Badge
-    settings: str
-    created: str
-    problem: str
 
 
 def make_episode_list(
@@ -279,18 +266,6 @@ def list_analysis_choices(spec: values.CampaignSpec) -> AnalysisChoices:
     collides = world.has_road and spec.fails_by_collision_alone
     alignments = {"start": "start"} | ({"collision": "collision"} if collides else {})
     return AnalysisChoices(words.several.capitalize(), axes, alignments)
-
-
-def make_analysis_line(analysis: values.Analysis, channels: Sequence[str]) -> AnalysisLine:
-    """Return the line of an analysis of noise of these channels."""
-    return AnalysisLine(
-        id=analysis.id,
-        is_done=analysis.state is values.AnalysisState.DONE,
-        badge=ANALYSIS_BADGES[analysis.state],
-        settings=", ".join(describe_settings(analysis.settings, channels)),
-        created=write_time(analysis.created_ms),
-        problem=analysis.problem,
-    )
 
 
 def describe_settings(settings: values.AnalysisSettings, channels: Sequence[str]) -> Iterator[str]:

@@ -3,12 +3,12 @@
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
-from urllib.parse import parse_qsl, urlencode
+from urllib.parse import urlencode
 from uuid import NAMESPACE_URL, uuid4, uuid5
 
 import msgspec
 from anyio.to_thread import run_sync
-from fastapi import APIRouter, HTTPException, Request
+from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import InputError, InvalidValue, UnknownName
@@ -20,7 +20,7 @@ from eigenfail_api.dashboard import launch_fields
 from eigenfail_api.dashboard.copying import Service, format_curl, read_service
 from eigenfail_api.dashboard.launch_layout import LaunchPart, make_layout
 from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.parameters import LARGEST, Stored, read_within
+from eigenfail_api.parameters import LARGEST, Stored, read_form
 from eigenfail_services.campaigns import drafts
 from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.store import Store
@@ -101,11 +101,6 @@ class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
     curl: str
     completed: tuple[tuple[str, str], ...]
     token: str
-
-    @property
-    def wrong(self) -> str:
-        """How many problems there are."""
-        return count_noun(len(self.troubles), "problem")
 
     def opens(self, group: launch_fields.LaunchGroup) -> bool:
         """Whether something in a group is given, or wrong, or differs."""
@@ -303,23 +298,9 @@ def show_launch(request: Request, store: Stored) -> HTMLResponse:
 @router.post("/launch/form")
 async def show_form(request: Request, store: Stored) -> HTMLResponse:
     """Serve the form, checked on request; nothing is launched."""
-    typed = await read_form(request)
+    typed = await read_form(request, MOST_FIELDS)
     view = await run_sync(launch_view, store, typed, read_service(request))
     return page("launch.html", view)
-
-
-async def read_form(request: Request) -> dict[str, str]:
-    """Return the texts of a form, by the names of its elements.
-
-    Raises:
-        HTTPException: 400, it is not a form; 413, it is larger than the limit.
-    """
-    body = await read_within(request)
-    try:
-        pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)
-    except ValueError as error:
-        raise HTTPException(400, f"The form is invalid: {error}.") from None
-    return dict(pairs)
 
 
 def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> LaunchView:

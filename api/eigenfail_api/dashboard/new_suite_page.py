@@ -10,50 +10,15 @@ from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import InputError, InvalidValue
 from eigenfail.presentation.figures import count_noun
-from eigenfail.suites import Suite, SuiteRequest
+from eigenfail.suites import SuiteRequest
 from eigenfail.wire.http import read_body
 from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.dashboard import launch_page
 from eigenfail_api.dashboard.rendering import page
 from eigenfail_api.dashboard.suites_page import make_suite_address
-from eigenfail_api.parameters import Stored
+from eigenfail_api.parameters import Stored, read_form
 from eigenfail_services.campaigns.suites import check_suite, read_suite
 from eigenfail_services.store import Store
-
-
-class NewSuiteView(msgspec.Struct, frozen=True, kw_only=True):
-    """The page.
-
-    Attributes:
-        text: text of the file.
-        suite: the suite in it; None while there is none.
-        refused: names of the members with problems.
-        body: body of the request that creates the suite.
-        key: idempotency key of this request; empty while there is nothing to launch.
-        address: page of the suite.
-    """
-
-    text: str = ""
-    troubles: tuple[launch_page.LaunchTrouble, ...] = ()
-    suite: Suite | None = None
-    refused: frozenset[str] = frozenset()
-    body: str = ""
-    key: str = ""
-    address: str = ""
-
-    @property
-    def wrong(self) -> str:
-        """How many problems there are."""
-        return count_noun(len(self.troubles), "problem")
-
-    @property
-    def size(self) -> str:
-        """How many campaigns and episodes there are."""
-        if self.suite is None:
-            return ""
-        campaigns = count_noun(len(self.suite.members), "campaign")
-        return f"{campaigns}, {count_noun(self.suite.episodes, 'episode')}"
-
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
@@ -63,7 +28,7 @@ PATH = "/launch/suite"
 @router.get(PATH)
 def show_new_suite() -> HTMLResponse:
     """Serve the page without a file."""
-    return page("new_suite.html", NewSuiteView())
+    return page("new_suite.html", {"text": ""})
 
 
 FORMS = Depends(ConcurrencyLimit("forms of suites"), scope="function")
@@ -72,31 +37,30 @@ FORMS = Depends(ConcurrencyLimit("forms of suites"), scope="function")
 @router.post(PATH, dependencies=[FORMS])
 async def preview_new_suite(request: Request, store: Stored) -> HTMLResponse:
     """Serve the preview of a file; nothing is launched."""
-    typed = await launch_page.read_form(request)
+    typed = await read_form(request, launch_page.MOST_FIELDS)
     return page(
-        "new_suite.html", await run_sync(make_new_suite, store, typed.get(launch_page.TOML, ""))
+        "new_suite.html", await run_sync(preview_suite, store, typed.get(launch_page.TOML, ""))
     )
 
 
-def make_new_suite(store: Store, text: str) -> NewSuiteView:
-    """Return the page for the text of a file."""
+def preview_suite(store: Store, text: str) -> dict[str, object]:
+    """Return what the page shows of a file: its suite, or why there is none."""
     try:
         body = encode_suite(text)
         suite = read_suite(read_body(body, SuiteRequest))
         problems = check_suite(store, suite).problems
     except InputError as error:
-        return NewSuiteView(
-            text=text, troubles=(launch_page.LaunchTrouble(describe_problem(error)),)
-        )
-    return NewSuiteView(
-        text=text,
-        troubles=tuple(list_member_troubles(problems)),
-        suite=suite,
-        refused=frozenset(problems),
-        body=body.decode(),
-        key="" if problems else launch_page.make_key("", msgspec.json.decode(body)),
-        address=make_suite_address(suite.name),
-    )
+        return {"text": text, "troubles": [launch_page.LaunchTrouble(describe_problem(error))]}
+    return {
+        "text": text,
+        "troubles": list(list_member_troubles(problems)),
+        "suite": suite,
+        "refused": frozenset(problems),
+        "body": body.decode(),
+        # The same file has the same key, so that a second click launches nothing.
+        "key": "" if problems else launch_page.make_key("", msgspec.json.decode(body)),
+        "address": make_suite_address(suite.name),
+    }
 
 
 def encode_suite(text: str) -> bytes:

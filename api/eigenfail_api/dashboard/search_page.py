@@ -18,7 +18,7 @@ from eigenfail.errors import NotFound
 from eigenfail.values import Campaign
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.campaign_spec import LONGEST_NAME, Tag
-from eigenfail_api.dashboard.rendering import Badge, make_campaign_badge, page
+from eigenfail_api.dashboard.rendering import CAMPAIGN_BADGES, Badge, page
 from eigenfail_api.parameters import LARGEST, Stored
 from eigenfail_services.store import Store
 
@@ -160,8 +160,7 @@ def _cut_hits(title: str, hits: tuple[Hit, ...]) -> HitGroup:
 def _make_campaign_hit(campaign: Campaign) -> Hit:
     spec = campaign.spec
     note = f"campaign {campaign.id}, {spec.method} on {spec.planner} in {spec.scenario}"
-    badge = make_campaign_badge(campaign.state, campaign.counts)
-    return Hit(spec.name, f"/campaigns/{campaign.id}", note, badge)
+    return Hit(spec.name, f"/campaigns/{campaign.id}", note, CAMPAIGN_BADGES[campaign.state_word])
 
 
 def _search_modes(store: Store, text: str) -> tuple[Hit, ...]:

@@ -6,84 +6,42 @@ The form works without JavaScript: it leads back to the page that it is on.
 import re
 from collections.abc import Mapping
 from typing import Annotated
-from urllib.parse import parse_qsl
 
-import msgspec
-from fastapi import APIRouter, Depends, HTTPException, Request
+from fastapi import APIRouter, Depends, Request
 from fastapi.responses import RedirectResponse
-from markupsafe import Markup
 
 from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.settings import refuse_hidden
 from eigenfail.values.triage import (
-    LONGEST_NOTE,
-    LONGEST_TICKET,
     Triage,
     TriageChange,
-    TriageState,
     check_change,
 )
 from eigenfail.wire.http import read_fields
 from eigenfail_api.access.change_details import record_form
-from eigenfail_api.dashboard.rendering import write_time
-from eigenfail_api.parameters import AnalysisId, CallerName, ModeNumber, Stored, read_within
+from eigenfail_api.parameters import AnalysisId, CallerName, ModeNumber, Stored, read_form
 
 MOST_FIELDS = 100
 SEE_OTHER = 303
 VERSION = re.compile(r"\d{1,15}", re.ASCII)
 
-STATES = tuple((state.value, state.words) for state in TriageState)
-"""Values and words of the states, for a choice."""
-
-
-class TriageView(msgspec.Struct, frozen=True, kw_only=True):
-    """The triage of a mode on its page.
-
-    Attributes:
-        triage: its triage.
-        changed: when and by whom it was changed last; empty if it never was.
-        states: values and words of the states, for a choice.
-        longest_ticket: most characters of a ticket.
-        longest_note: most characters of a note.
-    """
-
-    triage: Triage
-    changed: str
-    states: tuple[tuple[str, str], ...] = STATES
-    longest_ticket: int = LONGEST_TICKET
-    longest_note: int = LONGEST_NOTE
-
-
-def make_triage_view(found: Triage) -> TriageView:
-    """Return the triage of a mode as its page shows it."""
-    by = f", by {found.changed_by}" if found.changed_by else ""
-    at = write_time(found.changed_ms)
-    changed = "" if found.changed_ms is None else Markup("{}{}").format(at, by)
-    return TriageView(triage=found, changed=changed)
-
-
 router = APIRouter(include_in_schema=False)
 
 
-async def read_form(request: Request) -> dict[str, str]:
-    """Return the fields of a form; an empty one has an empty text.
+async def read_triage_form(request: Request) -> dict[str, str]:
+    """Return the fields of the form.
 
     Raises:
         HTTPException: 400, the body is no form.
         InvalidValue: a text has an invisible character.
     """
-    body = await read_within(request)
-    try:
-        pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)
-    except ValueError as error:
-        raise HTTPException(400, f"The form is invalid: {error}.") from None
-    form = dict(pairs)
+    form = await read_form(request, MOST_FIELDS)
     refuse_hidden(form)
     record_form(request.scope, form)
     return form
 
 
-Form = Annotated[dict[str, str], Depends(read_form)]
+Form = Annotated[dict[str, str], Depends(read_triage_form)]
 
 
 def read_change(form: Mapping[str, str]) -> TriageChange:

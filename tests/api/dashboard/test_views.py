@@ -32,7 +32,7 @@ from eigenfail_api.dashboard.charts import make_curve_chart, make_robustness_cha
 from eigenfail_api.dashboard.cost_charts import make_cost_chart
 from eigenfail_api.dashboard.episodes_page import make_headings
 from eigenfail_api.dashboard.overlays import Compared, make_distance_chart
-from eigenfail_api.dashboard.rendering import make_standing
+from eigenfail_api.dashboard.rendering import TEMPLATES, describe_remaining
 from eigenfail_api.dashboard.scene import find_nearest_actors
 from eigenfail_services.campaigns.summary import summarise
 from eigenfail_services.statistics.intervals import rate
@@ -260,9 +260,11 @@ def test_evenly_spread_positions_are_distinct(count, most):
 def test_a_campaign_that_stopped_early_is_full_and_says_what_was_left_unrun():
     counts = Counts(400, completed=36, failures=10, errored=1, cancelled=363)
     stopped = campaign(counts, CampaignState.DONE, active_s=10.0)
-    now = make_standing(stopped, summarise(stopped, Totals(10, -1.0, 1, 1.0)))
-    assert (now.ended, now.planned, now.wanted) == (37, 400, 37)
-    assert now.remaining == "363 not run"
+    remaining = describe_remaining(stopped, summarise(stopped, Totals(10, -1.0, 1, 1.0)))
+    assert remaining == "363 not run"
+    bar = TEMPLATES.get_template("macros.html").module.progress(counts, remaining)
+    assert '<progress max="37" value="37"' in bar
+    assert "37 / 400, 363 not run" in bar
 
 
 def test_what_varies_in_the_scenario_stands_in_words():
