@@ -1,6 +1,7 @@
 """The page of an analysis: its modes, how sure they are, and when noise matters."""
 
 from collections.abc import Iterator, Sequence
+from functools import partial
 
 import msgspec
 import numpy as np
@@ -13,12 +14,12 @@ from eigenfail.exchange.recording import ANIMATION
 from eigenfail.presentation import analyses, figures
 from eigenfail.presentation.tables import Table
 from eigenfail.values.analysis import propose_mode_names
+from eigenfail.values.episode import ERRORED
 from eigenfail.values.triage import TriageState
 from eigenfail.worlds import find_robustness_unit, world_of
 from eigenfail_api.dashboard.analysis_charts import make_detail_charts, make_mode_charts
 from eigenfail_api.dashboard.episodes_page import describe_settings, list_analysis_choices
-from eigenfail_api.dashboard.proof import describe_reproduction, make_proof_view
-from eigenfail_api.dashboard.rendering import Tile, page
+from eigenfail_api.dashboard.rendering import CAMPAIGN_BADGES, OUTCOME_BADGES, Badge, Tile, page
 from eigenfail_api.parameters import AnalysisId, Stored
 from eigenfail_services.campaigns.analysis_jobs import leaves_early_out
 from eigenfail_services.campaigns.proofs import summarise_proof
@@ -244,6 +245,66 @@ def describe_peak(mode: values.FailureMode, channels: Sequence[str]) -> str:
     value, channel = float(z[step, way]), channels[int(way)]
     signs = WAYS.get(channel, (f"of positive {channel}", f"of negative {channel}"))
     return f"{figures.format_number(abs(value), 2)} sigma {signs[value < 0.0]} at step {step}"
+
+
+CAME_TO_NOTHING = frozenset({values.CampaignState.CANCELLED, values.CampaignState.DEAD})
+NOT_TRIED = Tile(figures.UNKNOWN, ("no replay completed",))
+
+
+def make_proof_view(found: values.Proof, unit: str) -> dict[str, object]:
+    """Return what the page shows of an analysis's replays; robustness in a unit, or none."""
+    replays = [replay for scenario in found.scenarios for replay in scenario.replays]
+    cut_off = any(scenario.state in CAME_TO_NOTHING for scenario in found.scenarios)
+    return {
+        "found": found,
+        "ended": sum(replay.outcome is not None for replay in replays),
+        "planned": len(replays),
+        # Asking replays something only where nothing was replayed, some of it was cut off, or
+        # centres do not fail.
+        "may_ask": not found.scenarios or cut_off or bool(found.done and found.unplaced),
+        "tallies": make_tallies(found, unit),
+        "describe": partial(describe_reproduction, unit=unit),
+        "badge_of": make_scenario_badge,
+        "outcomes": OUTCOME_BADGES,
+    }
+
+
+def make_tallies(found: values.Proof, unit: str) -> tuple[tuple[str, Tile], ...]:
+    """Return the tiles of replays in the same scenario, and in all if there are several."""
+    same = (("Eigenfailures, same scenario", describe_reproduction(found.reproduced, unit)),)
+    count = len(found.scenarios)
+    if count < 2:
+        return (*same, ("Medoids", describe_reproduction(found.medoids, unit)))
+    return (
+        *same,
+        (f"Eigenfailures, {count} scenarios", describe_reproduction(found.eigenfailures, unit)),
+        (f"Medoids, {count} scenarios", describe_reproduction(found.medoids, unit)),
+    )
+
+
+def describe_reproduction(found: values.Reproduction, unit: str) -> Tile:
+    """Return how many replays failed again, of those tried, and how near they came if none did.
+
+    Args:
+        found: count of the replays.
+        unit: unit of robustness; empty for a function.
+    """
+    rate = found.rate
+    if rate is None:
+        return NOT_TRIED
+    nearest = "\u00a0".join(
+        filter(None, (figures.format_number(found.smallest_robustness_m), unit))
+    )
+    lines = () if rate.k else (f"smallest robustness {nearest}",)
+    return Tile(f"{rate.k} of {rate.n}", lines)
+
+
+def make_scenario_badge(scenario: values.ProvenScenario) -> Badge:
+    """Return the badge of the campaign that replays: errored if every replay of it errored."""
+    ended = [replay.outcome for replay in scenario.replays if replay.outcome is not None]
+    is_errored = bool(ended) and all(outcome is values.Outcome.ERRORED for outcome in ended)
+    is_done = scenario.state is values.CampaignState.DONE
+    return CAMPAIGN_BADGES[ERRORED if is_done and is_errored else scenario.state]
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)

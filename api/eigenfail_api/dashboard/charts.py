@@ -1,6 +1,6 @@
 """Charts: the data that the browser draws, and the table behind each."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import msgspec
@@ -9,9 +9,10 @@ import numpy as np
 from eigenfail.errors import NoisePruned
 from eigenfail.filters import Condition, Conditions, Operator, read_value
 from eigenfail.presentation import figures
-from eigenfail.presentation.analyses import MOST_CHANNELS
+from eigenfail.presentation.analyses import MOST_CHANNELS, pick_channels, rank_channels
 from eigenfail.presentation.rates import name_rates
-from eigenfail.values import Campaign, Course, CourseBlock, NoiseTrajectory, Rate
+from eigenfail.presentation.tables import Cell, format_line
+from eigenfail.values import Campaign, Course, CourseBlock, Floats, NoiseTrajectory, Rate
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.summary import EpisodeSample
 from eigenfail_services.campaigns.cache import StoreCache
@@ -24,15 +25,22 @@ DIGITS = 5
 MOST_ROWS = 200
 
 
-class ChannelTable(msgspec.Struct, frozen=True):
-    """A table with columns for every channel of the noise."""
+Row = tuple[Cell, ...]
 
-    channels: int
+
+class ChartTable(msgspec.Struct, frozen=True, kw_only=True):
+    """The numbers of a chart, for readers without scripts."""
+
     columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    cells: tuple[Row, ...]
+
+    @property
+    def rows(self) -> tuple[tuple[str, ...], ...]:
+        """The cells as text."""
+        return tuple(tuple(map(format_line, row)) for row in self.cells)
 
 
-class Chart(msgspec.Struct, frozen=True):
+class Chart(ChartTable, frozen=True, kw_only=True):
     """A chart for the browser, and the text that stands for it where scripts are off.
 
     Attributes:
@@ -41,8 +49,6 @@ class Chart(msgspec.Struct, frozen=True):
         title: what it shows.
         caption: how to read it, in a sentence.
         data: for the module, plain JSON.
-        columns: columns of the table.
-        rows: rows of the table, as text.
         note: what the table leaves out.
         every: the table of all channels, where there are so many that the table and the chart show
             the most influential ones at first.
@@ -53,10 +59,8 @@ class Chart(msgspec.Struct, frozen=True):
     title: str
     caption: str
     data: dict[str, object]
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
     note: str = ""
-    every: ChannelTable | None = None
+    every: ChartTable | None = None
 
     @property
     def channels(self) -> int:
@@ -70,11 +74,42 @@ class Chart(msgspec.Struct, frozen=True):
         return min(self.channels, MOST_CHANNELS)
 
 
-def describe_shown(shown: Sequence[int], channels: Sequence[str], why: str) -> str:
-    """Return a sentence on the channels that are shown at first; empty if all of them are."""
-    if len(shown) == len(channels):
-        return ""
-    return f" The {len(shown)} of {len(channels)} channels with {why} are shown first."
+class ChannelPlot(NamedTuple):
+    """Values of several channels of noise, of which a page shows the most influential ones first.
+
+    Attributes:
+        channels: names of the channels.
+        weights: what counts for each, as `pick_channels` takes it.
+        draw: returns data for the browser of the channels in these columns of the noise.
+        tabulate: returns heads and rows of the table of these channels.
+    """
+
+    channels: Sequence[str]
+    weights: Floats
+    draw: Callable[[Sequence[int]], dict[str, object]]
+    tabulate: Callable[[Sequence[int]], tuple[Sequence[str], Iterable[Row]]]
+
+    def make_chart(self, name: str, kind: str, title: str, caption: str, why: str) -> Chart:
+        """Return the chart; its caption says why some channels are shown first."""
+        shown = pick_channels(self.weights)
+        ranked, every = shown, None
+        if len(shown) < len(self.channels):
+            ranked = rank_channels(self.weights)
+            titles, rows = self.tabulate(ranked)
+            every = ChartTable(columns=tuple(titles), cells=tuple(rows))
+            of_all = f"{len(shown)} of {len(self.channels)} channels"
+            caption = f"{caption} The {of_all} with {why} are shown first."
+        columns, cells = self.tabulate(shown)
+        return Chart(
+            id=name,
+            kind=kind,
+            title=title,
+            caption=caption,
+            data=self.draw(ranked),
+            columns=tuple(columns),
+            cells=tuple(cells),
+            every=every,
+        )
 
 
 def round_values(values: Iterable[float | None]) -> list[float | None]:
@@ -128,15 +163,15 @@ def make_curve_chart(course: Course, unit: str = "m") -> Chart:
             "log p per step of the failures",
             add_unit("Median robustness", unit),
         ),
-        rows=tuple(
+        cells=tuple(
             (
                 format_span(block),
-                figures.format_count(block.failure_rate.k),
-                figures.format_count(block.failure_rate.n),
+                block.failure_rate.k,
+                block.failure_rate.n,
                 figures.format_share(block.failure_rate.value),
                 format_bounds(block.failure_rate),
-                figures.format_number(block.log_probability_per_step),
-                figures.format_number(block.median_robustness_m),
+                block.log_probability_per_step,
+                block.median_robustness_m,
             )
             for block in blocks
         ),
@@ -203,12 +238,12 @@ def make_robustness_chart(
             "Completed",
             *(add_unit(title, unit) for title in ("Smallest", "Median")),
         ),
-        rows=tuple(
+        cells=tuple(
             (
                 format_span(block),
-                figures.format_count(block.failure_rate.n),
-                figures.format_number(block.smallest_robustness_m),
-                figures.format_number(block.median_robustness_m),
+                block.failure_rate.n,
+                block.smallest_robustness_m,
+                block.median_robustness_m,
             )
             for block in course.blocks
         ),
@@ -254,15 +289,8 @@ def make_parallel_chart(rows: Sequence[EpisodeRow], *, is_all: bool) -> Chart:
             "failure": [row.outcome.is_failure for row in rows],
         },
         columns=("Episode", "Outcome", *AXES.values()),
-        rows=tuple(
-            (
-                str(row.index),
-                row.outcome.word,
-                *(
-                    figures.format_number(value)
-                    for value in (read_number(row, name) for name in AXES)
-                ),
-            )
+        cells=tuple(
+            (str(row.index), row.outcome.word, *(read_number(row, name) for name in AXES))
             for row in rows[:MOST_ROWS]
         ),
         note=f"The first {MOST_ROWS}." if len(rows) > MOST_ROWS else "",
@@ -400,13 +428,9 @@ def make_reference(noises: list[NoiseTrajectory]) -> PriorReference | None:
     steps = sum(len(noise.z) for noise in noises)
     if not steps:
         return None
+    silent = (NoiseTrajectory(np.zeros_like(each.z), each.sigma, each.shape) for each in noises)
     return PriorReference(
         typical=sum(map(expected_log_probability, noises)) / steps,
-        none=sum(noise.log_probability for noise in map(remove_noise, noises)) / steps,
+        none=sum(noise.log_probability for noise in silent) / steps,
         failures=len(noises),
     )
-
-
-def remove_noise(noise: NoiseTrajectory) -> NoiseTrajectory:
-    """The same steps without noise."""
-    return NoiseTrajectory(np.zeros_like(noise.z), noise.sigma, noise.shape)

@@ -12,7 +12,7 @@ from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import InputError, InvalidValue, UnknownName
-from eigenfail.presentation.figures import count_noun, format_count, format_duration, format_usd
+from eigenfail.presentation.figures import format_duration, format_usd
 from eigenfail.suites import describes_suite
 from eigenfail.values import Campaign, CampaignSpec, CampaignState
 from eigenfail.values.campaign import CampaignFilter
@@ -49,72 +49,6 @@ class LaunchPage(msgspec.Struct, frozen=True, kw_only=True):
     problem: str
     before: str | None
     swaps: bool
-
-
-class LaunchLink(msgspec.Struct, frozen=True):
-    """A way to build on the earlier campaign."""
-
-    words: str
-    address: str
-
-
-class LaunchOrigin(msgspec.Struct, frozen=True, kw_only=True):
-    """The campaign that the form began with.
-
-    Attributes:
-        extends: whether it is asked for more episodes than that one had.
-        repeats: what more episodes begin with.
-    """
-
-    id: int
-    name: str
-    extends: bool
-    repeats: str
-    links: tuple[LaunchLink, ...]
-    is_open: bool
-
-
-class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
-    """The page that launches a campaign.
-
-    Attributes:
-        shown: texts shown, by the name of the field.
-        origin: the campaign that the form began with; None without one.
-        body: body of the request that launches what is typed.
-        checked: in words, once it was checked and is in order; empty otherwise.
-        estimate: duration and cost after those of earlier campaigns of the same kind, or that there
-            are none, as a sentence.
-        key: idempotency key of this launch; empty while there is nothing to launch.
-        curl: the command that launches the same; empty while there is nothing to launch.
-        completed: fields of the campaign and their values, by path; empty before the check.
-        token: token of this page.
-    """
-
-    parts: tuple[LaunchPart, ...]
-    shown: Mapping[str, LaunchPage]
-    troubles: tuple[LaunchTrouble, ...]
-    origin: LaunchOrigin | None
-    body: Mapping[str, Any]
-    checked: str
-    estimate: str
-    key: str
-    curl: str
-    completed: tuple[tuple[str, str], ...]
-    token: str
-
-    def opens(self, group: launch_fields.LaunchGroup) -> bool:
-        """Whether something in a group is given, or wrong, or differs."""
-        return self.count_given(group) > 0
-
-    def count_given(self, group: launch_fields.LaunchGroup) -> int:
-        """How many fields of a group hold more than their default."""
-        return sum(is_told(self.shown[field.name]) for field in group.all_fields())
-
-    def describe_group(self, group: launch_fields.LaunchGroup) -> str:
-        """How many fields a group has, and how many of them hold more than their default."""
-        given = self.count_given(group)
-        told = f"{format_count(given)} changed" if given else "all at their defaults"
-        return f"{format_count(sum(1 for _ in group.all_fields()))}, {told}"
 
 
 def list_fields(parts: Sequence[LaunchPart]) -> tuple[launch_fields.LaunchField, ...]:
@@ -188,46 +122,38 @@ def find_changed_text(
         launch_fields.format_entry(texts.entry(field)),
         launch_fields.format_entry(began.entry(field)),
     )
-    return None if now == before else before or f"its default{describe_default(field)}"
+    default = f"its default ({field.default})" if field.default else "its default"
+    return None if now == before else before or default
 
 
-def describe_default(field: launch_fields.LaunchField) -> str:
-    """Return the default in brackets, if there is one."""
-    return f" ({field.default})" if field.default else ""
-
-
-def make_origin(campaign: Campaign, body: Mapping[str, Any]) -> LaunchOrigin:
+def make_origin(campaign: Campaign, body: Mapping[str, Any]) -> dict[str, object]:
     """Return the campaign that the form began with, and what can be built on it."""
     episodes = body.get("episodes")
     extends = isinstance(episodes, int) and episodes > campaign.spec.episodes
+    # A link keeps the budget that was typed, if it is larger than that of the earlier campaign.
     budget = {"episodes": episodes} if extends else {}
-    links = (
-        LaunchLink(each.words, make_address(campaign.id, {**budget, **each.changes}))
-        for each in drafts.list_continuations(campaign)
-    )
-    return LaunchOrigin(
-        id=campaign.id,
-        name=campaign.spec.name,
-        extends=extends,
-        repeats=drafts.describe_repetition(campaign.spec),
-        links=tuple(links),
-        is_open=campaign.ended_ms is None,
-    )
-
-
-def make_address(campaign: int, changes: Mapping[str, Any]) -> str:
-    """Return the address of the form that begins with a campaign and some changes."""
-    return f"/launch?{urlencode({'from': campaign, **changes})}"
-
-
-def describe_checked(body: Mapping[str, Any]) -> str:
-    """Return that the spec can be launched, and how large the campaign is."""
-    return f"Valid: {count_noun(int(body['episodes']), 'episode')} can be launched."
+    return {
+        "campaign": campaign,
+        "extends": extends,
+        "repeats": drafts.describe_repetition(campaign.spec),
+        "links": [
+            (
+                each.words,
+                f"/launch?{urlencode({'from': campaign.id, **budget, **each.changes})}",
+            )
+            for each in drafts.list_continuations(campaign)
+        ],
+    }
 
 
 def is_told(one: LaunchPage) -> bool:
     """Whether a field holds more than its default."""
     return bool(launch_fields.format_entry(one.entry) or one.problem or one.before)
+
+
+def count_given(group: launch_fields.LaunchGroup, shown: Mapping[str, LaunchPage]) -> int:
+    """Return how many fields of a group hold more than their default."""
+    return sum(is_told(shown[field.name]) for field in group.all_fields())
 
 
 MOST_PRECEDENTS = 100
@@ -271,12 +197,10 @@ def iterate_leaves(value: Mapping[str, Any], above: str = "") -> Iterator[tuple[
         if isinstance(part, dict) and part and not {"uniform", "choice"} & part.keys():
             yield from iterate_leaves(part, f"{above}{name}.")
         else:
-            yield f"{above}{name}", part if isinstance(part, str) else as_text(part)
-
-
-def as_text(value: Any) -> str:
-    """A value as JSON."""
-    return msgspec.json.encode(value).decode()
+            yield (
+                f"{above}{name}",
+                part if isinstance(part, str) else msgspec.json.encode(part).decode(),
+            )
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -303,7 +227,7 @@ async def show_form(request: Request, store: Stored) -> HTMLResponse:
     return page("launch.html", view)
 
 
-def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> LaunchView:
+def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> dict[str, object]:
     """Return the form for typed texts, with the address of the service.
 
     Raises:
@@ -326,21 +250,26 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> Lau
     # A file may hold fields that the form does not have.
     problems = refused or (drafts.find_problems(table or body, store) if wish else ())
     troubles = list_troubles(problems, fields)
-    in_order = wish != "" and not problems
     token = typed.get(TOKEN, "") or str(uuid4())
-    return LaunchView(
-        parts=parts,
-        shown=make_shown_fields(fields, texts, troubles, origin),
-        troubles=troubles,
-        origin=make_origin(origin, body) if origin else None,
-        body=body,
-        checked=describe_checked(body) if in_order else "",
-        estimate=describe_estimate(store, drafts.read_draft(body, store).spec) if in_order else "",
-        completed=list_full_spec(body, store) if in_order else (),
-        key=make_key(token, body) if in_order else "",
-        token=token,
-        curl=format_curl(service, "/campaigns", body) if in_order else "",
-    )
+    view: dict[str, object] = {
+        "parts": parts,
+        "shown": make_shown_fields(fields, texts, troubles, origin),
+        "count_given": count_given,
+        "troubles": troubles,
+        "origin": make_origin(origin, body) if origin else None,
+        "body": body,
+        "key": "",
+        "token": token,
+    }
+    if not wish or problems:
+        return view
+    spec = drafts.read_draft(body, store).spec
+    return view | {
+        "estimate": describe_estimate(store, spec),
+        "completed": tuple(iterate_leaves(msgspec.to_builtins(drafts.fill_defaults(spec)))),
+        "key": make_key(token, body),
+        "curl": format_curl(service, "/campaigns", body),
+    }
 
 
 def read_imported(text: str) -> tuple[dict[str, Any], tuple[InputError, ...]]:
@@ -384,15 +313,6 @@ def make_base(origin: Campaign | None, typed: Mapping[str, str]) -> dict[str, An
         return {}
     chosen = {name: typed[name] for name in drafts.COMPANIONS if typed.get(name)}
     return drafts.change_fields(msgspec.to_builtins(origin.spec), chosen)
-
-
-def list_full_spec(body: Mapping[str, Any], store: Store) -> tuple[tuple[str, str], ...]:
-    """Return the full specification of a campaign, including defaults, by path."""
-    return tuple(
-        iterate_leaves(
-            msgspec.to_builtins(drafts.fill_defaults(drafts.read_draft(body, store).spec))
-        )
-    )
 
 
 def make_key(token: str, body: Mapping[str, Any]) -> str:

@@ -1,24 +1,40 @@
-"""The page of a failure mode: what it is, what it costs, and the failures that belong to it."""
+"""The page of a failure mode: what it is, what it costs, its failures, and its triage.
 
+The form of the triage works without JavaScript: it leads back to the page that it is on.
+"""
+
+import re
+from collections.abc import Mapping
 from typing import Annotated
 
-from fastapi import APIRouter, Query
-from fastapi.responses import HTMLResponse
+from fastapi import APIRouter, Depends, Query, Request
+from fastapi.responses import HTMLResponse, RedirectResponse
 
+from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.exchange import list_formats
 from eigenfail.exchange.recording import ANIMATION
 from eigenfail.filters import SortOrder, parse_sort
 from eigenfail.presentation import figures
 from eigenfail.presentation.tables import format_cell
+from eigenfail.settings import refuse_hidden
 from eigenfail.values import Analysis, Campaign, Mode, Proof
 from eigenfail.values.analysis import LONGEST_MODE_NAME
 from eigenfail.values.records import EpisodeRow
-from eigenfail.values.triage import LONGEST_NOTE, LONGEST_TICKET, TriageState
+from eigenfail.values.triage import (
+    LONGEST_NOTE,
+    LONGEST_TICKET,
+    Triage,
+    TriageChange,
+    TriageState,
+    check_change,
+)
+from eigenfail.wire.http import read_fields
 from eigenfail.worlds import find_robustness_unit, world_of
+from eigenfail_api.access.change_details import record_form
 from eigenfail_api.dashboard import episodes_page
 from eigenfail_api.dashboard.analysis_page import ModeCard, make_mode_cards
 from eigenfail_api.dashboard.rendering import Tile, page
-from eigenfail_api.parameters import AnalysisId, ModeNumber, Stored
+from eigenfail_api.parameters import AnalysisId, CallerName, ModeNumber, Stored, read_form
 from eigenfail_services.campaigns.proofs import read_result, summarise_proof
 from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.store import Store
@@ -130,3 +146,67 @@ def show_mode(
         store, seen, found, parse_sort(sort or usual), summarise_proof(store, seen)
     )
     return page("mode.html", view)
+
+
+MOST_FIELDS = 100
+SEE_OTHER = 303
+VERSION = re.compile(r"\d{1,15}", re.ASCII)
+
+
+async def read_triage_form(request: Request) -> dict[str, str]:
+    """Return the fields of the form.
+
+    Raises:
+        HTTPException: 400, the body is no form.
+        InvalidValue: a text has an invisible character.
+    """
+    form = await read_form(request, MOST_FIELDS)
+    refuse_hidden(form)
+    record_form(request.scope, form)
+    return form
+
+
+Form = Annotated[dict[str, str], Depends(read_triage_form)]
+
+
+def read_change(form: Mapping[str, str]) -> TriageChange:
+    """Return the change of a form that shows the whole triage.
+
+    Raises:
+        InvalidValue: a value is outside its bounds.
+    """
+    given = {name: form.get(name) for name in TriageChange.__struct_fields__}
+    return check_change(read_fields(given, TriageChange))
+
+
+def read_version(form: Mapping[str, str]) -> int | None:
+    """Return when the triage that a form shows was changed last; None if it never was. [ms]
+
+    Raises:
+        InvalidValue: it is no such time.
+    """
+    text = form.get("changed_ms", "")
+    if text and not VERSION.fullmatch(text):
+        raise InvalidValue(
+            "changed_ms", "it is not a time in milliseconds.", "Open the page again."
+        )
+    return int(text) if text else None
+
+
+@router.post("/analyses/{analysis}/modes/{mode}/triage")
+def triage_mode(
+    store: Stored, analysis: AnalysisId, mode: ModeNumber, form: Form, who: CallerName
+) -> RedirectResponse:
+    """Change the triage of a failure mode."""
+    shown_ms = read_version(form)
+
+    def refuse_newer(found: Triage) -> None:
+        if found.changed_ms != shown_ms:
+            by = f", by {found.changed_by}" if found.changed_by else ""
+            raise Conflict(
+                f"The triage of this mode was changed meanwhile{by}.",
+                "Open the page again, and change what it shows now.",
+            )
+
+    store.triage.change(analysis, mode, read_change(form), who, refuse_newer)
+    return RedirectResponse(f"/analyses/{analysis}/modes/{mode}#triage", SEE_OTHER)

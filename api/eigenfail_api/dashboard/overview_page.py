@@ -242,6 +242,7 @@ def show_overview(
     replays = sum(pool.campaigns for pool in pools if pool.method == cost_charts.REPLAY)
     here, stranded = count_present(store), list_unrunnable(store)
     has_archive = bool(store.campaigns.page(1, where=CampaignFilter(archived=True)).items)
+    method_charts, method_notes = cost_charts.make_method_costs(compare_peers(pools))
     view = {
         "wanted": wanted,
         "headings": make_campaign_headings(wanted),
@@ -260,7 +261,8 @@ def show_overview(
             *make_tiles(found.items, summaries),
             *make_worker_tiles(here, list_recent_workers(store, ACTIVE_S), ACTIVE_S),
         ),
-        "panel": cost_charts.make_method_costs(compare_peers(pools)),
+        "method_charts": method_charts,
+        "method_notes": method_notes,
         "costs": cost_charts.make_cost_chart(summaries),
         "wants_workers": not here and any(each.state in WORKING for each in found.items),
         "stranded": stranded,

@@ -1,7 +1,6 @@
 """HTML from view data; everything is escaped unless a template is its author."""
 
 import re
-import tomllib
 from collections.abc import Callable, Coroutine, Mapping
 from contextvars import ContextVar
 from datetime import UTC, datetime
@@ -26,61 +25,6 @@ from eigenfail.values.campaign import state_word
 from eigenfail.values.episode import ERRORED
 from eigenfail.wire import http
 from eigenfail.wire.http import PREFIX, Problem
-
-FILE = Path(__file__).with_name("glossary.toml")
-
-
-MORE = re.compile(r", .*| \[.*| (?:below|above) .*| \d.*")
-"""What follows a label: an interval, a unit, a threshold, a level."""
-
-
-class Term(msgspec.Struct, frozen=True, kw_only=True):
-    """Definition of a figure, in a sentence or two.
-
-    Attributes:
-        key: identifier of the term in addresses.
-        name: name of the term.
-        words: what the figure is, and what it is not.
-        unit: unit of the figure; empty without one.
-        labels: texts under which the figure stands in tables and on pages, without unit, threshold
-            or interval.
-    """
-
-    key: str
-    name: str
-    words: str
-    unit: str = ""
-    labels: tuple[str, ...] = ()
-
-
-class TermGroup(msgspec.Struct, frozen=True):
-    """Terms on one subject."""
-
-    title: str
-    terms: tuple[Term, ...]
-
-
-@cache
-def read_glossary() -> tuple[TermGroup, ...]:
-    """Return all terms, grouped by subject."""
-    return msgspec.convert(tomllib.loads(FILE.read_text())["group"], tuple[TermGroup, ...])
-
-
-def list_terms() -> tuple[Term, ...]:
-    """Return all terms in the order of the glossary."""
-    return tuple(term for group in read_glossary() for term in group.terms)
-
-
-def find_term(label: str) -> Term | None:
-    """Return the term under whose label a figure stands; None where it needs no definition."""
-    by_label = _map_labels()
-    return by_label.get(label) or by_label.get(MORE.sub("", label))
-
-
-@cache
-def _map_labels() -> dict[str, Term]:
-    return {label: term for term in list_terms() for label in term.labels}
-
 
 FOLDER = Path(__file__).parent
 
@@ -414,7 +358,6 @@ def make_environment() -> jinja2.Environment:
         "clusterers": CLUSTERERS,
         "modules_of": list_modules,
         "charted_methods": list_charted_methods,
-        "term_of": find_term,
         "navigation": _navigation.get,
         "analysis_badges": ANALYSIS_BADGES,
         "campaign_badges": CAMPAIGN_BADGES,
