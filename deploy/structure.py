@@ -79,7 +79,7 @@ PUBLIC = [
     *("costs_by_method", "simulators", "from_injected", "cumulative"),
     *("change_mode", "change_episode", "wait_for_proof", "to_pandas", "to_arrow"),
     *("LearnerSuite", "SIMULATION_CHECKS", "analysis_result", "read_disturbance", "write_new"),
-    *("recorded_ms", "aligned_at_end", "bounds_probability"),
+    *("recorded_ms", "campaign_name", "aligned_at_end", "bounds_probability"),
     # Fields and choices that are only read from JSON, or set from it.
     *("began_ms", "size_bytes", "left_road_s", "spec_sha256", "data_from", "protocols"),
     *("LONGITUDINAL", "LATERAL", "GAUSSIAN_MIXTURE"),

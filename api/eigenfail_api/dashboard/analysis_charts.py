@@ -98,6 +98,7 @@ def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
             for share, side in zip(("10 %", "90 %"), band, strict=True):
                 columns += [f"{name} {channel} {share}" for channel in shown]
                 lines.append(side)
+        # One matrix for modes and bands: a table has one row for each step.
         values = np.concatenate([line[:, ways] for line in lines], axis=1)
         return ("Step", *columns), list_steps(values)
 
@@ -112,6 +113,7 @@ def make_eigenfailure_chart(result: AnalysisResult) -> Chart:
 def make_scores_chart(result: AnalysisResult, campaign: int) -> Chart:
     """Return the chart of failures in PCA space, of `campaign` unless the result names others."""
     chosen = pick_evenly(len(result.episodes), MOST_POINTS)
+    # With a single component both axes show it, so that the chart is a diagonal and no error.
     second = 1 if result.scores.shape[1] > 1 else 0
     owners = result.campaigns or (campaign,) * len(result.episodes)
     names = [f"{owner}/{index}" for owner, index in zip(owners, result.episodes, strict=True)]
@@ -198,6 +200,7 @@ def list_steps(columns: Floats) -> Iterator[Row]:
 def pick_evenly(count: int, most: int) -> list[int]:
     """Return at most `most` of `count` positions, spread evenly."""
     taken = min(count, most)
+    # Integers alone: positions are distinct, and the same on every machine.
     return [place * count // taken for place in range(taken)] if taken else []
 
 
@@ -226,11 +229,12 @@ def make_training_charts(result: AnalysisResult) -> tuple[Chart, ...]:
 
     def tabulate_means(ways: Sequence[int]) -> tuple[Sequence[str], Iterable[Row]]:
         means = [each.mean[:, [way]] for way in ways for each in intervals]
+        # By channel first, so that the tenths of one channel stand beside each other.
         columns = (f"{result.channels[way]} {span}" for way in ways for span in spans)
         return ("Step", *columns), list_steps(np.concatenate(means, axis=1))
 
     count = max(len(each.components) for each in intervals)
-    names = [f"component {place + 1}" for place in range(count)]
+    names = tuple(f"component {place + 1}" for place in range(count))
 
     def draw_components(ways: Sequence[int]) -> dict[str, object]:
         return make_ridges(result, ways, names, lambda each: each.components, unit="")
@@ -273,6 +277,7 @@ def list_component_rows(interval: TrainingInterval) -> list[Row]:
         (*head, str(place), format_share(float(share)), float(likeness))
         for place, (share, likeness) in enumerate(found, start=1)
     ]
+    # A tenth without failures keeps its row: that nothing was found is a result, too.
     return rows or [(*head, *[UNKNOWN] * 3)]
 
 
@@ -290,6 +295,7 @@ def make_ridges(
         "channels": {
             result.channels[way]: [
                 [round_ridge_values(line[steps, way]) for line in lines(each)]
+                # Without failures there is no mean; an empty list keeps the place of its tenth.
                 if each.failures
                 else []
                 for each in intervals

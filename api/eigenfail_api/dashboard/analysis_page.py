@@ -53,6 +53,7 @@ def make_finding_tiles(result: values.AnalysisResult, *, is_whole: bool = True) 
             the first tenths hold no mode by construction, and when modes were seen tells nothing.
     """
     found = result.diversity
+    # Figures of modes would call groups of failures modes.
     of_modes = found if result.distinct else None
     episodes = sum(source.episodes for source in result.sources)
     of_all = (f"of {figures.count_noun(episodes, 'episode')}",) if episodes else ()
@@ -177,6 +178,7 @@ def make_analysis_view(
 
 def find_given_names(result: values.AnalysisResult, modes: Sequence[values.Mode]) -> dict[int, str]:
     """Return the names that were given to modes by number, without those that are proposed."""
+    # Proposed names repeat the words of the card.
     proposed = propose_mode_names(result.words or ("",) * len(result.modes))
     return {mode.number: mode.name for mode in modes if mode.name != proposed[mode.number - 1]}
 
@@ -240,6 +242,7 @@ WAYS = {"longitudinal": ("ahead", "back"), "lateral": ("towards +y", "towards âˆ
 
 def describe_peak(mode: values.FailureMode, channels: Sequence[str]) -> str:
     """Return the channel, strength and time of an eigenfailure's strongest noise."""
+    # The sign of a position has words of its own; other channels are plus or minus.
     z = mode.eigenfailure
     step, way = np.unravel_index(int(np.abs(z).argmax()), z.shape)
     value, channel = float(z[step, way]), channels[int(way)]

@@ -75,6 +75,7 @@ def find_origin(spec: CampaignSpec) -> tuple[str, str] | None:
 
 def make_replays_address(campaign: int) -> str:
     """Return the address of the replays of a campaign's episodes."""
+    # Replays are named after the campaign and the episode that they repeat.
     return f"/?{urlencode({'method': REPLAY, 'search': f'replay of {campaign}/'})}"
 
 
@@ -84,6 +85,7 @@ Tiles = tuple[tuple[str, rendering.Tile], ...]
 def make_conflict_tiles(summary: Summary) -> Tiles:
     """Return the tiles of the conflict measures; none before the first episode has ended."""
     found, counts = summary.conflicts, summary.counts
+    # Of no episode every tile would be a dash.
     if not counts.completed:
         return ()
     of_all = (f"of {figures.format_count(counts.completed)}",)
@@ -145,6 +147,7 @@ def list_next_steps(
     # What a replay or a shrunk failure shows is known from the campaign that it repeats.
     if not failures or campaign.spec.method in {REPLAY, MINIMAL}:
         return
+    # A second analysis of the same failures would find the same: its modes come next.
     done = [each for each in analyses if each.state is AnalysisState.DONE]
     if done:
         newest = done[0].id
@@ -191,6 +194,7 @@ def list_actions(campaign: Campaign) -> tuple[str, ...]:
     steered = tuple(name for name, wish in WISHES.items() if campaign.state in wish.steps)
     if campaign.state not in FINAL_STATES:
         return steered
+    # Archiving hides a campaign from lists, and those that run must be seen.
     return (*steered, "archive" if campaign.archived_ms is None else "restore")
 
 
@@ -212,6 +216,7 @@ def make_tiles(
     """
     failures = rendering.make_failure_tile(summary)
     if not traits_of(campaign.spec.method).draws_from_prior:
+        # What a search chose is no sample, and the number of failures looks like one.
         failures = msgspec.structs.replace(failures, notes=(*failures.notes, SEARCHED))
     tiles = [("Cost per failure", rendering.make_cost_tile(summary)), ("Failures", failures)]
     if summary.estimate:
@@ -280,6 +285,8 @@ def group_settings(campaign: Campaign) -> tuple[tuple[str, tuple[tuple[str, str]
         ("Disturbance model", list_pairs(worlds.describe_disturbance(spec))),
         *(
             [("Requirements", list_pairs(named))]
+            # Without a named requirement a collision is the only failure, which the page says
+            # anyway.
             if (named := worlds.describe_requirements(spec))
             else []
         ),
@@ -306,11 +313,13 @@ Again = Annotated[str | None, Header(alias="HX-Request", include_in_schema=False
 def show_campaign(store: Stored, campaign: CampaignId, again: Again = None) -> HTMLResponse:
     """Serve the page of a campaign; its slow second part is included only if it is cached."""
     latest, seen = store.events.last(), store.campaigns.get(campaign)
+    # Parts of the page are cached: they must be of the same state as the rest.
     with store.figures.as_of(seen):
         return _serve_campaign(store, seen, latest, again)
 
 
 def _serve_campaign(store: Store, seen: Campaign, latest: int, again: str | None) -> HTMLResponse:
+    # A page that asks again shows its second part already.
     begun = () if again else costs.prefetch_figures(store, seen)
     order = episodes_page.find_failure_order(seen)
     listed = episodes_page.read_failures(store, seen, order)
@@ -367,6 +376,7 @@ def _serve_campaign(store: Store, seen: Campaign, latest: int, again: str | None
     )
     staffing = partial(make_staffing, store, len(here), lacking)
     response = rendering.page("campaign.html", view, measures=measures, staffing=staffing)
+    # The figures are finished after the answer, so that the next request finds them.
     response.background = BackgroundTask(costs.wait_for_figures, begun)
     return response
 

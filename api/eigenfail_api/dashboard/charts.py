@@ -19,9 +19,11 @@ from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.store import Store
 
+# More digits would make pages larger, and no screen could show them.
 DIGITS = 5
 
 
+# The table stands for a chart where scripts are off; the files of a campaign hold all rows.
 MOST_ROWS = 200
 
 
@@ -114,6 +116,7 @@ class ChannelPlot(NamedTuple):
 
 def round_values(values: Iterable[float | None]) -> list[float | None]:
     """Floats with as many digits as a screen can show."""
+    # JSON has no NaN: where a value is missing the line of a chart has a gap.
     return [None if value is None else float(f"{value:.{DIGITS}g}") for value in values]
 
 
@@ -148,6 +151,7 @@ def make_curve_chart(course: Course, unit: str = "m") -> Chart:
         ),
         data={
             "what": what,
+            # The rate of a block is drawn at its middle, since it holds for all of its episodes.
             "middle": [(block.first + block.last) / 2.0 for block in blocks],
             "span": [format_span(block) for block in blocks],
             "rate": round_values(100.0 * block.failure_rate.share for block in blocks),
@@ -178,6 +182,7 @@ def make_curve_chart(course: Course, unit: str = "m") -> Chart:
     )
 
 
+# A function of noise has no unit: its answer is a number.
 def add_unit(title: str, unit: str) -> str:
     """Return the title of a column with its unit, if it has one."""
     return f"{title} [{unit}]" if unit else title
@@ -185,6 +190,7 @@ def add_unit(title: str, unit: str) -> str:
 
 def name_bounds(blocks: Sequence[CourseBlock]) -> str:
     """Return what a caption says of the intervals of failure rates."""
+    # An interval of the episodes that a search chose would say nothing of p(x).
     if all(block.failure_rate.sampled for block in blocks):
         return ", with 95 % intervals"
     return " that the method chose, which is no failure rate under p(x)"
@@ -219,6 +225,7 @@ def make_robustness_chart(
 
     Without a unit it is that of the requirements, or of a function's answers.
     """
+    # An episode that errored measured nothing.
     measured = [row for row in rows if row.robustness_m is not None]
     return Chart(
         id="robustness-chart",
@@ -310,49 +317,11 @@ def describe_coverage(count: int, *, is_all: bool) -> str:
     return f"A sample of {figures.format_count(count)} of the episodes that match."
 
 
-MOST = 5_000
-
-
-PAGE = 1_000
-
-
-WINDOW = 100
-
-
 LINES = 2_000
-
+"""Episodes that a chart draws at most: more lines cannot be told apart."""
 
 STRETCHES = 40
-
-
-def sample_episodes(store: Store, campaign: Campaign) -> list[EpisodeRow]:
-    """All finished episodes or, beyond `MOST`, windows of neighbours spread evenly over them."""
-    reach = count_ended(campaign)
-    if reach <= MOST:
-        return list(iterate_rows(store, campaign.id))
-    windows = MOST // WINDOW
-    found: dict[int, EpisodeRow] = {}
-    for window in range(windows):
-        after = window * reach // windows - 1
-        page = store.episodes.page(campaign.id, WINDOW, after if after >= 0 else None)
-        found |= {row.index: row for row in page.items}
-    return [found[index] for index in sorted(found)]
-
-
-def count_ended(campaign: Campaign) -> int:
-    """How many episodes have a result."""
-    return campaign.counts.completed + campaign.counts.errored
-
-
-def iterate_rows(store: Store, campaign: int) -> Iterator[EpisodeRow]:
-    """Yield the first `MOST` rows, page by page."""
-    after: int | None = None
-    for _ in range(MOST // PAGE):
-        page = store.episodes.page(campaign, PAGE, after)
-        yield from page.items
-        after = page.next
-        if after is None:
-            return
+"""Parts of a campaign that a sample is drawn from."""
 
 
 class Spread(NamedTuple):
@@ -362,12 +331,23 @@ class Spread(NamedTuple):
     is_all: bool
 
 
-def spread(store: Store, campaign: Campaign, where: Conditions) -> Spread:
-    """Return all matching episodes or, beyond `LINES`, the first ones of even intervals."""
-    page = store.episodes.page(campaign.id, LINES, None, where)
+def spread(
+    store: Store, campaign: Campaign, where: Conditions = (), most: int | None = None
+) -> Spread:
+    """Return all matching episodes or, beyond `most`, the first ones of even intervals.
+
+    Args:
+        store: where they are.
+        campaign: their campaign.
+        where: what they must match.
+        most: how many there are at most; None: as many as a chart draws.
+    """
+    most = LINES if most is None else most
+    page = store.episodes.page(campaign.id, most, None, where)
     if page.next is None:
         return Spread(page.items, is_all=True)
-    reach, each = count_ended(campaign), LINES // STRETCHES
+    # A method that learns fails more often later on: the first episodes alone would mislead.
+    reach, each = campaign.counts.completed + campaign.counts.errored, most // STRETCHES
     rows: list[EpisodeRow] = []
     for stretch in range(STRETCHES):
         first, last = (reach * n // STRETCHES for n in (stretch, stretch + 1))
@@ -425,6 +405,7 @@ def read_reference(store: Store, campaign: int, failures: Iterable[int]) -> Prio
 
 def make_reference(noises: list[NoiseTrajectory]) -> PriorReference | None:
     """Return the reference over the steps of noise trajectories; None for no trajectory."""
+    # Weighted by steps, as log p per step of the failures is.
     steps = sum(len(noise.z) for noise in noises)
     if not steps:
         return None

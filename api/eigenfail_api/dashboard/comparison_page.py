@@ -20,7 +20,7 @@ from eigenfail.presentation.figures import (
 )
 from eigenfail.presentation.tables import transpose
 from eigenfail.values.campaign import CampaignFilter
-from eigenfail_api.dashboard.charts import sample_episodes
+from eigenfail_api.dashboard.charts import spread
 from eigenfail_api.dashboard.copying import Service, format_curl, read_service
 from eigenfail_api.dashboard.overlays import Compared, make_bill_charts, make_overlays
 from eigenfail_api.dashboard.rendering import page
@@ -64,6 +64,7 @@ def join_ids(side: values.Side) -> str:
 
 def describe_difference(found: values.Comparison) -> str:
     """Return the difference of the failure rates of two random samples as text."""
+    # Nothing was completed on a side.
     if found.difference is None:
         return "no episode on a side"
     if not comparison.are_sampled(found.a, found.b):
@@ -102,6 +103,9 @@ MAX_CAMPAIGNS_SEARCHED = 1_000
 
 LISTED = 30
 
+MOST_DRAWN = 5_000
+"""Episodes of each campaign that distributions are drawn of."""
+
 Ids = Annotated[str | None, Query(pattern=IDS)]
 Picked = Annotated[list[Annotated[int, Field(ge=1, le=LARGEST)]], Query(default_factory=list)]
 Wanted = Annotated[str, Query(max_length=200)]
@@ -139,6 +143,7 @@ def show_comparison(
     b: Ids = None,
 ) -> HTMLResponse:
     """Serve the comparison of two groups of campaigns, or of all selected ones."""
+    # Two groups come from a link or the form; picked campaigns from the list.
     if a and b and not wished.campaigns:
         found = comparison.compare(store, parse_ids(a), parse_ids(b))
         bills = (list_costs(store, found.a), list_costs(store, found.b))
@@ -232,7 +237,7 @@ def read_compared(store: Store, campaign: values.Campaign) -> Compared:
         campaign=campaign,
         course=find_course(store, campaign),
         cost=find_spending(store, campaign),
-        rows=sample_episodes(store, campaign),
+        rows=spread(store, campaign, most=MOST_DRAWN).rows,
     )
 
 
@@ -240,6 +245,8 @@ def find_matching(store: Store, besides: Sequence[int], wanted: str) -> list[val
     """Return the newest campaigns whose name contains the text, or whose id it is."""
     found = (
         each
+        # In Python: names are compared without regard to case in all alphabets, which SQLite
+        # cannot.
         for each in iterate_newest(store)
         if each.id not in besides
         and (wanted.lower() in each.spec.name.lower() or wanted == str(each.id))

@@ -18,6 +18,7 @@ COLUMNS = ("USD per failure", "95 % interval")
 def mark(price: Cost, **whose: object) -> dict[str, object]:
     """Where it is drawn [USD], with whose it is."""
     bounds = price.interval_usd
+    # Logarithmic axes have no zero: what is not known stays null.
     value, low, high, at_least = round_values(
         (
             price.per_failure_usd,
@@ -48,6 +49,7 @@ REPETITIONS = frozenset({REPLAY, "nearest", "minimal"})
 
 def make_cost_chart(summaries: Sequence[Summary]) -> Chart | None:
     """Return the chart of the newest campaigns' cost per failure, or its lower bound above zero."""
+    # Failures that are repeated would seem cheap.
     found = [summary for summary in summaries if summary.method not in REPETITIONS]
     priced = [summary for summary in found if has_price(summary.cost)]
     if not priced:
@@ -98,6 +100,7 @@ def make_method_costs(groups: Sequence[PeerCosts]) -> tuple[tuple[Chart, ...], t
     priced = [group for group in groups if any(has_price(each.cost) for each in group.methods)]
     shown = priced[:MOST_GROUPS]
     notes = dict.fromkeys(note for group in shown for note in group.notes)
+    # Notes on all charts stand once below them, others in their captions.
     common = [note for note in notes if all(note in group.notes for group in shown)]
     charts = tuple(group_chart(place, group, common) for place, group in enumerate(shown))
     return charts, (*common, *describe_omitted(len(priced) - len(shown)))
@@ -172,6 +175,7 @@ def describe_shared(peers: Peers) -> str:
         "scenario": peers.scenario_parameters,
     }
     settings = [describe_settings(name, settings) for name, settings in given.items() if settings]
+    # Only what differs from the default model is worth a place in a caption.
     usual = DisturbanceModel().in_words()
     settings += [
         f"{name} of the noise: {words}"

@@ -66,6 +66,7 @@ def list_facts(
 
 def list_likelihood(result: values.EpisodeResult, channels: Sequence[str]) -> Facts:
     """Return log p of the noise, of each channel and of typical noise; nothing without a step."""
+    # log p alone says nothing: it is read beside that of typical noise over the same steps.
     held_against = make_reference([result.noise])
     if held_against is None:
         return ()
@@ -118,6 +119,7 @@ IN_OTHER_PLACES = frozenset(
 def list_ride(result: values.EpisodeResult) -> Facts:
     """Return all further measures; none where the release that ran the episode had none of them."""
     measures = result.measures
+    # Without the number of clipped steps none of the others was measured either.
     if measures is None or measures.clipped_steps is None:
         return ()
     return tuple(
@@ -241,6 +243,7 @@ def show_episode(
     result = store.episodes.get(campaign, index)
     mission = find_mission(seen.spec, result)
     modes, newest = store.analyses.find_modes(campaign, index), store.analyses.find_newest(campaign)
+    # A failure of no mode may be newer than the analysis, or be left out of it.
     is_left_out = result.outcome.is_failure and newest not in {mode.analysis for mode in modes}
     return rendering.page(
         "episode.html",
@@ -259,6 +262,7 @@ async def show_account(store: Stored, campaign: CampaignId, index: EpisodeIndex)
     seen = await run_sync(store.campaigns.get, campaign)
     try:
         explanation = await EXPLAINING.do(EXPLANATIONS.of, store, campaign, index)
+    # These are answers of their own; everything else is said on the page.
     except (NotFound, ServiceBusy):
         raise
     except EigenfailError as error:
@@ -277,12 +281,13 @@ def show_clip(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> HTMLR
     mission, name = find_mission(seen.spec, result), f"clip-{campaign}-{index}-scene"
     scene = result.scene and make_scene_chart(result.scene, mission, result.outcome, name)
     unresolved = values.assess(result.outcome, result.measures).unresolved
-    badge = rendering.make_outcome_badge(result.outcome, is_unresolved=unresolved)
-    return rendering.page("clip.html", seen, index=index, badge=badge, scene=scene)
+    outcome = rendering.make_outcome_badge(result.outcome, is_unresolved=unresolved)
+    return rendering.page("clip.html", seen, index=index, outcome=outcome, scene=scene)
 
 
 def find_shrinking(store: Store, campaign: int, index: int) -> int | None:
     """Return the newest campaign that shrinks an episode, by its name; None without one."""
+    # The name narrows the search, and the settings decide: names may be edited.
     named = CampaignFilter(method=MINIMAL, search=f"minimal failure of {campaign}/{index}")
     wanted = {"campaign": campaign, "episode": index}
     found = store.campaigns.page(MOST_SHRINKING, where=named).items

@@ -129,6 +129,7 @@ def find_failure_order(campaign: values.Campaign) -> filters.SortOrder:
 
 def may_grow(campaign: values.Campaign) -> bool:
     """Whether results may still arrive."""
+    # A campaign may be open without an episode to come: its last results are on their way.
     return campaign.ended_ms is None and campaign.counts.open > 0
 
 
@@ -148,6 +149,7 @@ def make_episode_line(row: EpisodeRow, asked: EpisodeRequest | None = None) -> E
 def describe_conflict(row: EpisodeRow) -> str:
     """Return the conflict class where it says more than the outcome."""
     known = row.assessed.conflict
+    # A safe episode has no conflict, and an old one no class: the outcome says enough.
     words = "" if known in {None, values.ConflictClass.NONE} else str(known).replace("_", " ")
     return row.assessed.beside(words)
 
@@ -166,6 +168,7 @@ def make_address(
     """Return the address of a list of episodes."""
     asked = {"filter": conditions, "sort": sort, "after": after}
     usual = {"filter": "", "sort": "index", "after": None}
+    # Addresses are shared by people: what is usual is left out of them.
     given = {name: value for name, value in asked.items() if value != usual[name]}
     path = f"/campaigns/{campaign}/episodes"
     return f"{path}?{urlencode(given)}" if given else path
@@ -201,6 +204,7 @@ def make_headings(
         Heading(
             column=column,
             label=label,
+            # Robustness has the unit of its world; all others have theirs everywhere.
             unit=unit if column != "robustness_m" else find_robustness_unit(spec),
             is_minor=is_minor,
             address=find_address(str(turn_order(filters.SortOrder(column, first), now))),
@@ -338,6 +342,7 @@ def list_exports(campaign: int, asked: EpisodeRequest) -> tuple[tuple[str, str],
 def format_export_command(campaign: int, asked: EpisodeRequest) -> str:
     """Return the command that writes the same episodes as Parquet."""
     words = ["eigenfail", "episode", "export", str(campaign), "-o", "episodes.parquet"]
+    # The command is to be copied: it names only what differs from its defaults.
     words += ["--filter", asked.filter] if asked.filter else []
     words += ["--sort", str(asked.sort)] if asked.sort != filters.BY_INDEX else []
     return shlex.join(words)
@@ -372,6 +377,7 @@ def show_episodes(
     try:
         where = filters.parse_filter(asked.filter)
     except InputError as error:
+        # The page keeps what was typed, so that it can be mended.
         blank = make_blank_view(seen, asked)
         return page("episodes.html", blank, error.http_status, chart=None, problem=str(error))
     listed = store.episodes.page(campaign, EPISODES_ON_A_PAGE, after, where, asked.sort)

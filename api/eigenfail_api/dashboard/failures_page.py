@@ -69,6 +69,7 @@ def parse_request(
         "archived": "true" if archived else "",
         "sort": "" if sort.strip() == MOST_SEVERE_FIRST else sort.strip(),
     }
+    # The same as in the API, so that the copied request lists the same failures.
     where = parse_failures(**of_campaign, archived=archived)
     return FailureQuery({name: text for name, text in given.items() if text}, where, sort.strip())
 
@@ -98,6 +99,7 @@ def show_failures(
             episodes_page.order(SortOrder("severity", descending)),
         ),
         describe=episodes_page.describe_conflict,
+        cell=episodes_page.format_cell,
         first="" if after is None else _write_address(asked.query),
         next="" if found.next is None else _write_address(asked.query, after=str(found.next)),
         archive=_describe_archive(asked),
@@ -120,6 +122,7 @@ def _read_page(
     try:
         return read(after), False
     except InvalidValue as error:
+        # Other fields are wrong in themselves; a place goes when its failure is deleted.
         if error.field != "after":
             raise
         return read(None), True

@@ -44,6 +44,7 @@ def make_badge(key: ApiKey, at_ms: int) -> Badge:
     """Return the badge that says whether a key is valid, and why not."""
     if key.is_valid(at_ms):
         return VALID
+    # A key that was revoked may have expired since.
     return REVOKED if key.revoked_ms else EXPIRED
 
 
@@ -133,6 +134,7 @@ async def sign_in(request: Request, store: Stored, authenticator: TheAuthenticat
 
 def set_cookie(request: Request, response: Response, word: str) -> None:
     """No script can read it, and no other site can have it sent."""
+    # A secure cookie would not come back over plain HTTP on this machine.
     secure = request.url.scheme == "https"
     response.set_cookie(
         authentication.SESSION_COOKIE,
@@ -155,5 +157,6 @@ async def sign_out(request: Request, authenticator: TheAuthenticator) -> Respons
 
 def keep_own_address(wanted: str) -> str:
     """Return an address within this service; the first page instead of any other."""
+    # Two slashes begin the address of another host.
     is_own = wanted.startswith("/") and not wanted.startswith("//")
     return wanted if is_own and wanted.isprintable() and "\\" not in wanted else HOME

@@ -75,6 +75,7 @@ def find_nearest_field(
     by_name: Mapping[str, launch_fields.LaunchField], path: tuple[str, ...]
 ) -> launch_fields.LaunchField | None:
     """Return the field at a path, or at the longest part of the path that has one."""
+    # A problem deep in a table is shown at the field that holds the table.
     for length in range(len(path), 0, -1):
         if found := by_name.get(".".join(path[:length])):
             return found
@@ -96,6 +97,7 @@ def make_shown_fields(
     """Return every field with its text and its error."""
     began = launch_fields.Texts({}, msgspec.to_builtins(origin.spec)) if origin else None
     words: dict[str, str] = {}
+    # Several problems of one field stand in one sentence below it.
     for trouble in troubles:
         if trouble.field:
             before = words.get(trouble.field.name)
@@ -164,6 +166,7 @@ def find_precedent(store: Store, spec: CampaignSpec) -> Campaign | None:
 
     Of the same kind are campaigns of the same method against the same planner in the same scenario.
     """
+    # A campaign that was cut off says less about the time of a whole one.
     done = CampaignFilter(method=spec.method, state=CampaignState.DONE)
     alike = (
         each
@@ -235,6 +238,7 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> dic
         InvalidValue: the earlier campaign is no number.
         NotFound: there is no such campaign.
     """
+    # A misspelt field would be ignored, and another campaign launched than the one meant.
     refuse_strangers(typed)
     wish = typed.get(WISH, "")
     table, refused = read_imported(typed.get(TOML, "")) if wish == IMPORT else ({}, ())
@@ -311,11 +315,13 @@ def make_base(origin: Campaign | None, typed: Mapping[str, str]) -> dict[str, An
     """Return the fields that the form begins with; settings of a replaced plug-in are dropped."""
     if origin is None:
         return {}
+    # Settings of another plug-in have other names: they must not stay behind.
     chosen = {name: typed[name] for name in drafts.COMPANIONS if typed.get(name)}
     return drafts.change_fields(msgspec.to_builtins(origin.spec), chosen)
 
 
 def make_key(token: str, body: Mapping[str, Any]) -> str:
     """Return the idempotency key of a form: the same for equal fields of one page."""
+    # Sorted: a draft that is typed in another order is the same campaign.
     plain = msgspec.json.encode(body, order="sorted").decode()
     return str(uuid5(NAMESPACE_URL, f"{token} {plain}"))

@@ -67,6 +67,7 @@ def describe_kind(point: FailurePoint) -> str:
 
 def describe_coverage(scatter: Scatter) -> str:
     """Return how many of the failures are drawn."""
+    # That all are drawn needs no words.
     if len(scatter.points) >= scatter.of:
         return ""
     return f"{format_count(len(scatter.points))} of {format_count(scatter.of)}."
@@ -126,6 +127,7 @@ def make_curve_chart(found: CampaignCost) -> Chart:
 
 def list_time(time: TimeSplit) -> tuple[tuple[str, str, float, float], ...]:
     """Return name, meaning, share and duration [s] of each part of the time that was billed."""
+    # Shares of no time are not defined.
     if time.simulation_s is None or time.active_s <= 0.0:
         return ()
     lasted = {name: getattr(time, field) or 0.0 for name, (field, _) in PARTS.items()}
@@ -167,6 +169,7 @@ def describe_basis(campaign: Campaign, completed: int, billed: int) -> str:
         return "No episode was completed: there are no safety measures, and no failure has a price."
     if is_open:
         so_many = count_noun(completed, "completed episode")
+        # Bill and results are written one after the other: they may differ by some episodes.
         further = f"; cost as of {format_count(billed)}" if billed != completed else ""
         return f"As of {so_many}{further}; updated less often than the figures above."
     return f"Over all completed episodes: {format_count(completed)}."
@@ -179,6 +182,7 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 def show_measures(store: Stored, campaign: CampaignId) -> HTMLResponse:
     """Safety, cost and workers of a campaign: its page asks for them once it stands."""
     seen = store.campaigns.get(campaign)
+    # Safety, cost and workers must be of one state of the campaign.
     with store.figures.as_of(seen):
         figures = find_figures(store, seen)
     return page("measures.html", read_measures(seen, figures))

@@ -102,6 +102,7 @@ class _Failure:
     def list_values(self) -> dict[str, object]:
         """Return the values for the player; a track is x, y, heading, x, y, heading, and so on."""
         poses = self._scene.vehicles[..., :3].astype(np.float64)
+        # Rounded, or each of the many numbers would be written with all digits of a float.
         poses[..., :2] = poses[..., :2].round(CENTIMETRE)
         poses[..., 2] = poses[..., 2].round(MILLIRADIAN)
         return {
@@ -124,6 +125,7 @@ def _list_known(values: NDArray[np.float64]) -> list[float | None]:
 
 def _iterate_rows(failures: Sequence[_Failure], dt_s: float) -> Iterator[tuple[str, ...]]:
     last = max(failure.last for failure in failures)
+    # Counted from the end, where failures are aligned, so that rows of all lengths match.
     every = max(1, round(TABLE_STEP_S / dt_s), ceil(last / MOST_TABLE_ROWS))
     for before in range(last // every * every, -1, -every):
         under_way = [failure for failure in failures if failure.last >= before]

@@ -57,6 +57,7 @@ def make_bill_chart(name: str, find: str, costs: Mapping[str, CampaignCost]) -> 
     for title, cost in known.items():
         found = [getattr(point, find) for point in cost.curve]
         lines.append(draw_line(title, [point.usd for point in cost.curve], found))
+    # All lines end where the most expensive campaign does, so that they can be compared.
     most = max((cost.cost.total_usd for cost in known.values()), default=0.0)
     amounts = [most * step / STEPS for step in range(1, STEPS + 1)] if most else []
     return Chart(
@@ -75,6 +76,7 @@ def make_bill_chart(name: str, find: str, costs: Mapping[str, CampaignCost]) -> 
 
 def count_found(find: str, cost: CampaignCost, usd: float) -> int | None:
     """Return the number that a campaign had found at a cost; a dash once nothing more was spent."""
+    # The last amount is the total itself, up to the rounding of the division above.
     if usd > cost.cost.total_usd * (1.0 + ROUNDING):
         return None
     spent = [point.usd for point in cost.curve]
@@ -158,6 +160,7 @@ def make_rate_chart(compared: Sequence[Compared]) -> Chart:
 def _explain_searches(compared: Sequence[Compared]) -> str:
     """Return what the lines of searches show; empty where every campaign is a random sample."""
     rates = [(one, block.failure_rate) for one in compared for block in one.course.blocks]
+    # By campaign, each once, in the order of the legend.
     searches = dict.fromkeys(str(one.campaign.id) for one, rate in rates if not rate.sampled)
     if not searches:
         return ""
@@ -198,12 +201,14 @@ def make_severity_chart(compared: Sequence[Compared]) -> Chart:
 def list_failures(one: Compared) -> list[EpisodeRow]:
     """Return failures of the sample, thinned evenly."""
     found = [row for row in one.rows if row.outcome.is_failure and row.severity]
+    # Every n-th, rounded up, so that at most so many are left; evenly over the campaign.
     return found[:: -(-len(found) // MOST_POINTS) or 1]
 
 
 def make_distance_chart(compared: Sequence[Compared]) -> Chart:
     """Return the chart of the distribution of robustness; that of a function has no unit."""
     roads = [world_of(one.campaign.spec.simulator).has_road for one in compared]
+    # A function has no metres: on one axis with a road the unit holds for the road alone.
     unit = " [m]" if all(roads) else " [m on the road]" if any(roads) else ""
     nothing = "0 m" if all(roads) else "0"
     measured = (

@@ -34,6 +34,7 @@ def make_worker_tiles(
     here: Sequence[Presence], lately: Sequence[WorkerShare], within_s: int
 ) -> tuple[tuple[str, Tile], ...]:
     """Return the tiles of the connected workers and of their speed over the last seconds."""
+    # A worker may have gone since its last result: it counts as one of now all the same.
     at_work = {share.worker for share in lately}
     names = {presence.worker for presence in here} | at_work
     episodes = sum(share.episodes for share in lately)
@@ -87,6 +88,7 @@ class Wanted(msgspec.Struct, frozen=True):
         query = {name: str(value) for name, value in given.items() if value is not None}
         if given["sort"] == NEWEST_FIRST:
             del query["sort"]
+        # An address without the word lists what is not archived.
         del query["archived"]
         if given["archived"]:
             query["archived"] = "true"
@@ -106,6 +108,7 @@ class Wanted(msgspec.Struct, frozen=True):
     @property
     def where(self) -> CampaignFilter:
         """The same in the words of the store."""
+        # Who asks for replays by name gets them.
         besides = None if self.method else cost_charts.REPLAY
         only = None if self.archived else False
         labels = {name: getattr(self, name) for name in LABELS}

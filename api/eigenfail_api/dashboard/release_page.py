@@ -53,6 +53,7 @@ class SightingCell(msgspec.Struct, frozen=True, kw_only=True):
 
 def make_cell(sighting: ModeSighting) -> SightingCell:
     """Return a failure mode in a version for a page."""
+    # Nothing was compared: the words say why.
     if sighting.status is None:
         status = releases.format_status(sighting)
         return SightingCell(version=sighting.version, status=status, words=sighting.words)
@@ -81,6 +82,7 @@ Project = Annotated[str, Query(max_length=80)]
 def show_questions(store: Stored, project: Project = "") -> HTMLResponse:
     """Serve the scenarios in which versions of a planner were tested."""
     questions = list_questions(store, project or None)
+    # A table costs a comparison of all versions: only the newest scenarios have one here.
     tables = list_release_tables(store, project or None, SHOWN)
     newest = [(table.question, releases.compare_newest(table)) for table in tables]
     return page(

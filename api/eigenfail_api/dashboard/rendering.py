@@ -68,6 +68,7 @@ class Assets(StaticFiles):
 
 def write_time(at_ms: int | None) -> str:
     """Return a time in UTC as HTML, which scripts show in the time zone of the browser."""
+    # What has not happened yet has no time.
     if at_ms is None:
         return figures.UNKNOWN
     moment = datetime.fromtimestamp(at_ms // 1_000, UTC).replace(tzinfo=None)
@@ -196,6 +197,7 @@ def as_page(response: Response) -> Response:
     """The page that says what a problem says."""
     problem = msgspec.json.decode(response.body, type=Problem)
     shown_page = page("problem.html", problem, problem.status)
+    # Security headers and Retry-After hold for the page as for the JSON.
     for name, value in response.headers.items():
         if name in KEPT or name.startswith(KEPT_PREFIXES):
             shown_page.headers[name] = value
@@ -293,6 +295,7 @@ def make_failure_tile(summary: values.Summary) -> Tile:
     """Return the tile of the number and share of failures."""
     rate = summary.failure_rate
     if rate is None:
+        # The remark says why there is none.
         nothing_yet = () if summary.rate_remark else NOTHING_YET
         return Tile(figures.UNKNOWN, nothing_yet, summary.rate_remark, *mark_of(summary))
     share = format_cell(rate)
@@ -348,6 +351,7 @@ def make_environment() -> jinja2.Environment:
             [jinja2.FileSystemLoader(FOLDER / "templates"), jinja2.PrefixLoader(FOREIGN_TEMPLATES)]
         ),
         autoescape=True,
+        # A misspelt name in a template is an error of a test, not an empty place on a page.
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,

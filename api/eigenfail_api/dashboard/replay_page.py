@@ -75,6 +75,7 @@ def make_replay_verdict(
         again: its replay.
         differing: the versions that differ; None if they are not known.
     """
+    # Bit for bit, or every difference would need a tolerance that somebody must defend.
     if stored.result.digest() == again.result.digest():
         return ReplayVerdict(words=SAME, meaning=REPEATABLE, tone="is-distinct", sign="✓")
     courses = (
@@ -84,6 +85,7 @@ def make_replay_verdict(
         *list_changes(stored, again),
         *(f"other versions ({each})" for each in differing or ()),
     ]
+    # With nothing changed the stack itself must differ.
     if not changes:
         apart = f"They differ: {describe_change(stored.result, again.result)}."
         why = NOT_REPEATABLE if differing is None else UNSTEADY
@@ -139,6 +141,7 @@ def show_replay(store: Stored, campaign: CampaignId) -> HTMLResponse:
 def find_first_result(store: Store, campaign: int) -> EpisodeResult | None:
     """Return the first episode of a campaign; None before it has ended."""
     try:
+        # A replay is a campaign of one episode.
         return store.episodes.get(campaign, 0)
     except NotFound:
         return None
@@ -152,6 +155,7 @@ def judge_replay(store: Store, again: Run) -> ReplayVerdict | None:
     campaign, index = source
     try:
         stored = store.episodes.finished(campaign, [index])
+    # What was pruned cannot be compared.
     except NoisePruned:
         return None
     if not stored:

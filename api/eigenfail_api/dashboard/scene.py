@@ -40,6 +40,7 @@ class Jump(msgspec.Struct, frozen=True):
 def list_jumps(result: EpisodeResult) -> tuple[Jump, ...]:
     """Return links to the notable moments of an episode, in order of time."""
     found = [*find_threshold_moments(result.measures)] if result.measures else []
+    # Of a failure the collision is the moment to see; of any other the nearest approach.
     if result.scene and not result.is_failure:
         found.append(NotableMoment(find_nearest_moment(result.scene), "nearest"))
     return tuple(map(make_jump, sorted(found, key=lambda each: each.time_s)))
@@ -145,6 +146,7 @@ def make_course_charts(scene: Scene) -> tuple[charts.Chart, ...]:
     """
     dt_s, ttc_s = scene.dt_s, measure_times_to_collision(scene)
     end_s = dt_s * (len(scene.vehicles) - 1)
+    # A far vehicle would flatten the part of the curve that matters.
     near_s = np.where(ttc_s <= LONGEST_TTC_S, ttc_s, nan)
     accelerations = scene.controls.reshape(-1, 2)[:, 0]
     apart = measure_clearances(scene).min(axis=1)
@@ -235,6 +237,7 @@ def _list_optional_values(scene: Scene) -> dict[str, object]:
     A vehicle of an unknown kind has an empty text.
     """
     shown: dict[str, object] = {}
+    # Only scenes of worlds with a map have borders of lanes; others draw straight ones.
     if not isinstance(scene.road, msgspec.UnsetType):
         shown["road"] = [charts.round_rows(border) for border in scene.road]
     if not isinstance(scene.kinds, msgspec.UnsetType):
@@ -244,6 +247,7 @@ def _list_optional_values(scene: Scene) -> dict[str, object]:
 
 def find_nearest_actors(scene: Scene) -> list[int]:
     """Return for each step the vehicle whose centre is nearest to the ego's."""
+    # In double precision, or vehicles at large coordinates would be equally near.
     places = scene.vehicles[:, :, :2].astype(np.float64)
     apart = np.hypot(*np.moveaxis(places[:, 1:] - places[:, :1], -1, 0))
     return [1 + int(nearest) for nearest in np.nanargmin(apart, axis=1)]
@@ -252,6 +256,7 @@ def find_nearest_actors(scene: Scene) -> list[int]:
 def make_scene_row(scene: Scene, step: int, actor: int, apart: Floats) -> tuple[str, ...]:
     """Return a step as text; the last step has no perception and no control."""
     ego, other = scene.vehicles[step, 0], scene.vehicles[step, actor]
+    # The last state follows the last decision: nothing is perceived or steered there.
     is_over = step >= min(len(scene.perceived), len(scene.controls))
     asked = () if is_over else (*scene.perceived[step], scene.controls[step, 0])
     numbers = (step * scene.dt_s, ego[0], ego[1], ego[3], *other[:2])
@@ -300,4 +305,5 @@ def make_player_columns(steps: Sequence[ExplainedStep]) -> dict[str, object]:
 def read_figure(step: ExplainedStep, name: str) -> float | None:
     """Return a figure of the explanation; None where it has none of that name."""
     value = step.account.get(name)
+    # A planner may report anything under any name.
     return value if isinstance(value, float) else None

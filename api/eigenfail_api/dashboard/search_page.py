@@ -92,6 +92,7 @@ def make_search_view(store: Store, text: str) -> SearchView:
     groups = (
         HitGroup("By id", (*_find_campaign(store, text), *_find_episode(store, text))),
         _search_campaigns(store, text),
+        # Labels match as a whole word; what cannot be one needs no question.
         *(_search_labels(store, text) if _is_label(text) else ()),
         _cut_hits("Failure modes", _search_modes(store, text)),
         _cut_hits("Suites", _search_suites(store, text)),
@@ -101,6 +102,7 @@ def make_search_view(store: Store, text: str) -> SearchView:
 
 def _find_campaign(store: Store, text: str) -> tuple[Hit, ...]:
     found = _NUMBER.fullmatch(text)
+    # A database refuses larger numbers with an error of its own.
     if found is None or int(found[1]) > LARGEST:
         return ()
     try:
@@ -114,6 +116,7 @@ def _find_episode(store: Store, text: str) -> tuple[Hit, ...]:
     if found is None or max(map(int, found.groups())) > LARGEST:
         return ()
     campaign, index = map(int, found.groups())
+    # By row, not by episode: the scene is large, and only the outcome is shown.
     rows = store.episodes.page(campaign, 1, index - 1 if index else None).items
     if not rows or rows[0].index != index:
         return ()

@@ -124,6 +124,7 @@ LEVELS = 5
 
 def make_heat_map(table: SuiteTable) -> HeatMap | None:
     """Return the map of failures by two settings; None where members differ in fewer or in more."""
+    # Seeds repeat a cell; they make no axis of their own.
     varied = [name for name in table.columns if name != SEED]
     if len(varied) != 2:
         return None
@@ -190,6 +191,7 @@ def make_heat_cell(members: Sequence[SuiteRow], rate: Rate | None, largest: floa
         return HeatCell(Tile(counted, ("chosen by the search", *more)), None, address)
     told = format_cell(rate)
     notes = (*((counted,) if rate.k else ()), *told.notes, *more)
+    # Relative to the map: between rare failures the differences would not be seen.
     level = ceil(LEVELS * rate.share / largest) if largest else 0
     return HeatCell(Tile(told.value, notes), level, address)
 
@@ -214,6 +216,7 @@ def make_tiles(table: SuiteTable) -> tuple[tuple[str, Tile], ...]:
 def make_comparison_address(table: SuiteTable, row: SuiteRow) -> str:
     """Return the address that compares a member with the first one, all seeds of each included."""
     first = table.members[0]
+    # A member compared with its own group would say nothing.
     if differ_by_seed(first, row):
         return ""
     a, b = (group(table.members, each) for each in (first, row))

@@ -32,6 +32,7 @@ def show_workers(store: Stored) -> HTMLResponse:
     for share in lately:
         results[share.worker] += share.episodes
     found = combine_activity(here, summary.list_recent_workers(store), lately)
+    # Those that are gone last; the order is otherwise by the latest result.
     workers = sorted(found, key=lambda each: each.state is WorkerState.GONE)
     states = Counter(each.state for each in workers)
     return page(

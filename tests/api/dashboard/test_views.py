@@ -167,12 +167,12 @@ class Rows:
     def __init__(self, count):
         self.count, self.asked = count, 0
 
-    def page(self, campaign, limit, after=None):
+    def page(self, campaign, limit, after=None, where=()):
         self.asked += 1
-        first = 0 if after is None else after + 1
-        last = min(self.count, first + limit)
-        items = tuple(row(index) for index in range(first, last))
-        return Page(items, items[-1].index if last < self.count else None)
+        bounds = {each.operator: each.value for each in where}
+        first, last = bounds.get(">=", 0), bounds.get("<", self.count)
+        items = tuple(row(index) for index in range(first, min(last, first + limit)))
+        return Page(items, items[-1].index if items and first + limit < last else None)
 
 
 class Kept:
@@ -183,10 +183,10 @@ class Kept:
 @pytest.mark.parametrize(("count", "drawn"), [(0, 0), (1, 1), (5_000, 5_000), (1_000_000, 5_000)])
 def test_a_sample_is_bounded_and_reaches_over_the_whole_campaign(count, drawn):
     store = Kept(count)
-    rows = charts.sample_episodes(store, campaign(Counts(count or 1, completed=count)))
-    assert len(rows) == drawn
+    found = charts.spread(store, campaign(Counts(count or 1, completed=count)), (), 5_000)
+    assert (len(found.rows), found.is_all) == (drawn, count <= 5_000)
     assert store.episodes.asked <= 50
-    indices = [each.index for each in rows]
+    indices = [each.index for each in found.rows]
     assert indices == sorted(set(indices))
     assert not count or max(indices) >= 0.97 * count - 1
 
