@@ -74,6 +74,7 @@ PUBLIC = [
     "read_disturbance",
     "write_new",
     "recorded_ms",
+    "campaign_name",
     "aligned_at_end",
     "bounds_probability",
     "unread",

@@ -23,20 +23,18 @@ from eigenfail_api.dashboard import (
     episodes_page,
     failures_page,
     gate_page,
+    glossary_page,
     keys_page,
     launch_page,
     measures_page,
     mode_overlay,
     mode_page,
-    new_suite_page,
     overview_page,
-    reference_page,
     region_page,
     release_page,
     replay_page,
     search_page,
     suites_page,
-    triage_forms,
     workers_page,
 )
 from eigenfail_api.dashboard.rendering import STATIC, Assets, Navigation, wrap_for_browsers
@@ -102,13 +100,11 @@ ROUTERS = (
     comparison_page.router,
     release_page.router,
     gate_page.router,
-    triage_forms.router,
     workers_page.router,
     search_page.router,
     copying.router,
-    new_suite_page.router,
     suites_page.router,
-    reference_page.router,
+    glossary_page.router,
 )
 # Its parameters have any name: every setting of every plug-in.
 FORMS = (launch_page.router,)

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Awaitable, Callable, Iterable, Iterator
 from typing import Annotated, Any, TypeVar, get_origin
+from urllib.parse import parse_qsl
 
 import msgspec
 from fastapi import Depends, Header, HTTPException, Path, Query, Request
@@ -241,3 +242,18 @@ async def read_within(request: Request) -> bytes:
         if len(data) > most:
             raise HTTPException(413, f"The body is larger than {most} bytes.")
     return bytes(data)
+
+
+async def read_form(request: Request, most_fields: int) -> dict[str, str]:
+    """Return the texts of a form by the names of its elements; an empty one has an empty text.
+
+    Raises:
+        HTTPException: 400, the body is no form, or has more fields; 413, it is larger than the
+            limit.
+    """
+    body = await read_within(request)
+    try:
+        pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=most_fields)
+    except ValueError as error:
+        raise HTTPException(400, f"The form is invalid: {error}.") from None
+    return dict(pairs)

@@ -1,28 +1,307 @@
-"""Values as data frames and arrays, and lists on a service."""
+"""Values as tables for programs: rows, columns with their types, data frames and arrays.
 
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from functools import singledispatch
-from itertools import islice
-from operator import index as convert_index
-from sys import maxsize
-from typing import TYPE_CHECKING, Any, Generic, SupportsIndex, TypeVar, overload
-from weakref import ReferenceType, ref
+A list, or any sequence of values, has a row for each; a course its blocks, safety its failures, an
+analysis a row for each failure with its mode and scores, a comparison its two sides, a cost its
+curve, noise its steps, a suite its members with what sets them apart and what they found. Tables
+for people are those of `eigenfail.presentation`.
+"""
 
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from enum import Enum
+from functools import cache, singledispatch
+from types import MappingProxyType, NoneType, UnionType
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
+
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from eigenfail.errors import ServiceError
-from eigenfail.filters import ColumnKind
-from eigenfail.table_columns import NO_COLUMNS, Columns, find_columns
-from eigenfail.tabulation import Record, records, result_of
-from eigenfail.values import Analysis, AnalysisResult, EpisodeResult, NoiseTrajectory
-from eigenfail.values.showing import Shown, Tabular
+from eigenfail.errors import InvalidValue, ServiceError
+from eigenfail.filters import COLUMNS, ColumnKind, find_column, read_value
+from eigenfail.values import (
+    Analysis,
+    AnalysisResult,
+    CampaignCost,
+    Comparison,
+    Course,
+    EpisodeResult,
+    Mode,
+    NoiseTrajectory,
+    Safety,
+)
+from eigenfail.values.campaign import Counts
+from eigenfail.values.campaign_spec import CampaignSpec
+from eigenfail.values.channels import name_columns
+from eigenfail.values.disturbance import number_channels
+from eigenfail.values.records import EpisodeDetail, EpisodeRow
+from eigenfail.values.rows import NO_COLUMNS, Columns, Rows
+from eigenfail.values.safety import FailurePoint
+from eigenfail.values.suite import SuiteTable
+from eigenfail.values.summary import CostPoint, CourseBlock
 from eigenfail.wire.http import encode
 
 if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
+
+Record = dict[str, Any]
+
+
+@singledispatch
+def records(value: object) -> Iterator[Record]:
+    """The rows of a value's table.
+
+    Raises:
+        InvalidValue: there is no table in it.
+    """
+    if isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping)):
+        return (flatten(row) for row in value if row is not None)
+    if isinstance(value, msgspec.Struct):
+        return iter([flatten(value)])
+    problem = f"there is no table in a {type(value).__name__}."
+    raise InvalidValue("value", problem, "Pass a list or an eigenfail object.")
+
+
+@records.register
+def _(value: Course) -> Iterator[Record]:
+    return map(flatten, value.blocks)
+
+
+@records.register
+def _(value: Safety) -> Iterator[Record]:
+    return map(flatten, value.scatter.points)
+
+
+@records.register
+def _(value: CampaignCost) -> Iterator[Record]:
+    return map(flatten, value.curve)
+
+
+@records.register
+def _(value: Comparison) -> Iterator[Record]:
+    yield {"side": "A", **flatten(value.a)}
+    yield {"side": "B", **flatten(value.b)}
+
+
+@records.register
+def _(value: Analysis) -> Iterator[Record]:
+    result = result_of(value)
+    campaigns = result.campaigns or (value.campaign,) * len(result.episodes)
+    for campaign, row in zip(campaigns, records(result), strict=True):
+        yield {"campaign": campaign, **row}
+
+
+@records.register
+def _(value: AnalysisResult) -> Iterator[Record]:
+    for episode, mode, scores in zip(value.episodes, value.labels, value.scores, strict=True):
+        named = {f"score_{number}": float(score) for number, score in enumerate(scores, 1)}
+        yield {"index": episode, "mode": mode + 1, **named}
+
+
+@records.register
+def _(value: NoiseTrajectory) -> Iterator[Record]:
+    return list_noise(value, number_channels(value.z.shape[1]))
+
+
+def list_noise(noise: NoiseTrajectory, channels: Sequence[str]) -> Iterator[Record]:
+    """Return a row for each step of noise, with columns for each of its channels by these names."""
+    columns = [name_columns(name) for name in channels]
+    rows = zip(noise.injected, noise.z, noise.sigma, strict=True)
+    for step, (injected, z, sigma) in enumerate(rows):
+        row: Record = {"step": step}
+        for names, a_t, z_t, sigma_t in zip(columns, injected, z, sigma, strict=True):
+            row |= {names.error: float(a_t), names.z: float(z_t), names.sigma: float(sigma_t)}
+        yield row
+
+
+@records.register
+def _(value: EpisodeResult) -> Iterator[Record]:
+    return records(value.noise)
+
+
+@records.register
+def _(value: EpisodeDetail) -> Iterator[Record]:
+    return list_noise(value.noise, value.channels)
+
+
+@records.register
+def _(value: SuiteTable) -> Iterator[Record]:
+    for row in value.members:
+        standing: Record = {"member": row.member, "state": row.state.value}
+        standing["stopped_because"] = row.stopped_because
+        found = flatten(row.summary)
+        # A stop rule has the name of what it counts.
+        named = {
+            column: f"setting_{column}" if column in found else column for column in value.columns
+        }
+        settings = {name: row.settings.get(column) for column, name in named.items()}
+        yield {**standing, **settings, **found}
+
+
+def result_of(analysis: Analysis) -> AnalysisResult:
+    """What an analysis found.
+
+    Raises:
+        InvalidValue: nothing yet, or it failed.
+    """
+    if analysis.result is None:
+        why = analysis.problem or f"analysis {analysis.id} is {analysis.state}."
+        raise InvalidValue("analysis", why, "Wait for it with client.analyses.wait(id).")
+    return analysis.result
+
+
+def flatten(row: object) -> Record:
+    """Return the fields of a value, nested fields as `outer_inner`; arrays are left out.
+
+    Episodes have the columns of filters and files, in their order. A campaign's specification and
+    its counts have columns without a prefix, as lists of campaigns are sorted by.
+    """
+    if not isinstance(row, msgspec.Struct):
+        return dict(row) if isinstance(row, Mapping) else {"value": row}
+    if isinstance(row, EpisodeRow):
+        return _list_episode_columns(row)
+    found: Record = {}
+    for name in row.__struct_fields__:
+        content = getattr(row, name)
+        if isinstance(content, (CampaignSpec, Counts)):
+            found |= flatten(content)
+        elif isinstance(content, msgspec.Struct):
+            found |= {f"{name}_{inner}": each for inner, each in flatten(content).items()}
+        elif not isinstance(content, np.ndarray):
+            found[name_field(type(row), name)] = _unwrap(content)
+    return found
+
+
+def name_field(kind: type, field: str) -> str:
+    """Return the name of the column of a field."""
+    return _COLUMN_NAMES.get((kind, field), field)
+
+
+_COLUMN_NAMES: Mapping[tuple[type, str], str] = MappingProxyType(
+    {(FailurePoint, "conflict"): "class", (Mode, "number"): "mode"}
+)
+"""Columns whose name in filters differs from that of the field."""
+
+
+def _list_episode_columns(row: EpisodeRow) -> Record:
+    judged = range(1, len(row.requirements) + 1)
+    names = (*COLUMNS, *(f"requirement_{number}" for number in judged))
+    columns: Record = {name: _unwrap(read_value(row, name)) for name in names}
+    # No filter needs these: what is pruned is no finding, and `unresolved` follows from the rest.
+    return columns | {
+        "unresolved": row.assessed.unresolved,
+        "noise_pruned_ms": row.noise_pruned_ms,
+    }
+
+
+def _unwrap(content: object) -> object:
+    if isinstance(content, Enum):
+        return content.value
+    return None if content is msgspec.UNSET else content
+
+
+_TYPES = (
+    (bool, ColumnKind.FLAG),
+    (int, ColumnKind.WHOLE),
+    (float, ColumnKind.NUMBER),
+    ((str, Enum), ColumnKind.TEXT),
+    ((Mapping, tuple, list), ColumnKind.TEXT),  # written as JSON
+)
+"""Types of columns by the types of fields; `bool` is an `int`, too."""
+
+
+@singledispatch
+def find_columns(value: object) -> Columns:
+    """Return the columns of the table of a value that do not depend on its data.
+
+    A sequence has those of its rows if all of them are of one type.
+    """
+    if isinstance(value, Sequence):
+        kinds: set[Any] = {type(row) for row in value if row is not None}
+        return list_struct_columns(kinds.pop()) if len(kinds) == 1 else NO_COLUMNS
+    kind: Any = type(value)
+    has_own_table = records.dispatch(kind) is not records.dispatch(object)
+    return NO_COLUMNS if has_own_table else list_struct_columns(kind)
+
+
+@find_columns.register
+def _(_value: Course) -> Columns:
+    return list_struct_columns(CourseBlock)
+
+
+@find_columns.register
+def _(_value: Safety) -> Columns:
+    return list_struct_columns(FailurePoint)
+
+
+@find_columns.register
+def _(_value: CampaignCost) -> Columns:
+    return list_struct_columns(CostPoint)
+
+
+def list_named_columns(names: Sequence[str]) -> Columns:
+    """Return the types of columns of episodes that are asked for by name.
+
+    Raises:
+        UnknownName: there is no such column.
+    """
+    return {name: find_column(name, "fields").kind for name in names}
+
+
+@cache
+def list_struct_columns(kind: Any) -> Columns:
+    """Return the columns of the rows that values of a type are; none of a type without fields."""
+    if not (isinstance(kind, type) and issubclass(kind, msgspec.Struct)):
+        return NO_COLUMNS
+    if issubclass(kind, EpisodeRow):
+        beside = {"unresolved": ColumnKind.FLAG, "noise_pruned_ms": ColumnKind.WHOLE}
+        return {name: column.kind for name, column in COLUMNS.items()} | beside
+    found: dict[str, ColumnKind] = {}
+    for field in msgspec.structs.fields(kind):
+        types = _list_types(field.type)
+        if any(issubclass(each, msgspec.Struct) for each in types):
+            # Of several kinds of values, the columns are those of the kinds that are there.
+            found |= _list_inner_columns(field.name, types[0]) if len(types) == 1 else {}
+        elif column := _choose_type(types):
+            found[name_field(kind, field.name)] = column
+    return found
+
+
+def _list_inner_columns(field: str, kind: Any) -> dict[str, ColumnKind]:
+    inner = list_struct_columns(kind)
+    if issubclass(kind, CampaignSpec | Counts):
+        return dict(inner)
+    return {f"{field}_{name}": column for name, column in inner.items()}
+
+
+def _list_types(hint: Any) -> tuple[type, ...]:
+    """Return the types that an annotation allows, other than None and UNSET."""
+    origin = get_origin(hint)
+    if origin is Annotated:
+        return _list_types(get_args(hint)[0])
+    if origin in (Union, UnionType):
+        return tuple(each for inner in get_args(hint) for each in _list_types(inner))
+    if origin is Literal:
+        return tuple({type(each) for each in get_args(hint)})
+    plain = origin or hint
+    if plain in (NoneType, msgspec.UnsetType) or not isinstance(plain, type):
+        return ()
+    return (plain,)
+
+
+def _choose_type(types: Sequence[type]) -> ColumnKind | None:
+    """Return the type of a column that holds these types; None where they are of several."""
+    found = {
+        next((column for base, column in _TYPES if issubclass(each, base)), None) for each in types
+    }
+    if found == {ColumnKind.WHOLE, ColumnKind.NUMBER}:
+        return ColumnKind.NUMBER
+    return found.pop() if len(found) == 1 else None
+
+
+@find_columns.register(Rows)
+def _(value: Rows[Any]) -> Columns:
+    return value.columns
 
 
 NUMBER = (int, float)
@@ -190,168 +469,3 @@ def array(column: list[Any]) -> NDArray[np.generic]:
     kept = np.empty(len(column), dtype=object)
     kept[:] = column
     return kept
-
-
-Row = TypeVar("Row")
-
-
-SHOWN = 20
-
-
-class _Walk(Iterator[Row]):
-    """An iteration over all rows of a list, whose rows may be loaded ahead."""
-
-    def __init__(self, source: Iterator[Row]) -> None:
-        self._source = source
-        self._loaded: deque[Row] = deque()
-        self.is_started = False
-
-    def __next__(self) -> Row:
-        self.is_started = True
-        return self._loaded.popleft() if self._loaded else next(self._source)
-
-    def load_all(self) -> int:
-        """Load the rows to come, and return their number."""
-        try:
-            self._loaded.extend(self._source)
-        except Exception as error:
-            # Python takes a TypeError for a length that is not known, and would iterate on.
-            self._source = map(_raise, (error,))
-            raise
-        return len(self._loaded)
-
-    def close(self) -> None:
-        """End the iteration."""
-        getattr(self._source, "close", lambda: None)()
-
-
-def _raise(error: Exception) -> Any:
-    raise error
-
-
-class Rows(Iterable[Row], Shown, Tabular, Generic[Row]):
-    """A list on a service: nothing is asked before a row, or the number of rows, is wanted.
-
-    Each iteration asks anew, so that a list of millions needs no memory; `list(rows)` keeps them.
-
-    Args:
-        fetch: begins an iteration over all rows.
-        start: begins an iteration that asks for no more than so many rows; None: `fetch` does.
-        count: returns the number of rows; None: they are counted one by one.
-        backwards: begins an iteration from the last row towards the first that asks for no more
-            than so many rows; None where the list cannot be read so.
-        columns: columns of its table that do not depend on the rows, with their types.
-    """
-
-    def __init__(
-        self,
-        fetch: Callable[[], Iterator[Row]],
-        *,
-        start: Callable[[int], Iterator[Row]] | None = None,
-        count: Callable[[], int] | None = None,
-        backwards: Callable[[int], Iterator[Row]] | None = None,
-        columns: Columns = NO_COLUMNS,
-    ) -> None:
-        self._fetch = fetch
-        self._start = start
-        self._count = count
-        self._backwards = backwards
-        self.columns = columns
-        self._latest: ReferenceType[_Walk[Row]] | None = None
-
-    def __iter__(self) -> Iterator[Row]:
-        """All rows, page by page."""
-        walk = _Walk(self._fetch())
-        self._latest = ref(walk)
-        return walk
-
-    def __reversed__(self) -> Iterator[Row]:
-        """All rows from the last one on, page by page where the list can be read so."""
-        return reversed(tuple(self)) if self._backwards is None else self._backwards(maxsize)
-
-    def __len__(self) -> int:
-        """Number of rows; one request where the service counts them."""
-        # `list(rows)` and `tuple(rows)` begin an iteration and then want to know its length: its
-        # rows answer that, so that no row is asked for twice, and none is counted.
-        walk = self._latest() if self._latest else None
-        return self.count() if walk is None or walk.is_started else walk.load_all()
-
-    def __bool__(self) -> bool:
-        """Whether there is a row; asks for one alone."""
-        return bool(self.first(1))
-
-    @overload
-    def __getitem__(self, place: SupportsIndex) -> Row: ...
-
-    @overload
-    def __getitem__(self, place: slice) -> tuple[Row, ...]: ...
-
-    def __getitem__(self, place: SupportsIndex | slice) -> Row | tuple[Row, ...]:
-        """One row, or those of a slice as a tuple; negative places count from the end.
-
-        Rows are asked for from the nearer end where the place says which, and only up to the last
-        one that is wanted.
-
-        Raises:
-            IndexError: there are fewer rows.
-        """
-        return self._slice(place) if isinstance(place, slice) else self._find(convert_index(place))
-
-    def count(self) -> int:
-        """Return the number of rows, as `len(rows)` does."""
-        return sum(1 for _ in self) if self._count is None else self._count()
-
-    def first(self, n: int = SHOWN) -> tuple[Row, ...]:
-        """The first n rows, or all where there are fewer."""
-        return tuple(islice(self._begin(n), n))
-
-    def __repr__(self) -> str:
-        """How to get at them; asks nothing."""
-        return (
-            "<Rows: iterate, or take len(rows), rows[i], rows[i:j], first(n), "
-            "to_pandas(), to_arrow(), to_numpy()>"
-        )
-
-    def _begin(self, n: int) -> Iterator[Row]:
-        return self._fetch() if self._start is None else self._start(n)
-
-    def _find(self, place: int) -> Row:
-        rows = self._take_last(-place) if place < 0 else self._slice(slice(place, place + 1))
-        if len(rows) < max(-place, 1):
-            raise IndexError(f"There is no row {place}.")
-        return rows[0]
-
-    def _take_last(self, n: int) -> tuple[Row, ...]:
-        """The last n rows in their order, or all where there are fewer."""
-        if self._backwards is None:
-            return tuple(deque(self, n))
-        return tuple(islice(self._backwards(n), n))[::-1]
-
-    def _slice(self, place: slice) -> tuple[Row, ...]:
-        if is_from_start(place):
-            source = self._fetch() if place.stop is None else self._begin(place.stop)
-            return tuple(islice(source, place.start, place.stop, place.step))
-        if is_tail(place):
-            return self._take_last(-place.start)
-        wanted = range(self.count())[place]
-        if not wanted:
-            return ()
-        low, high = min(wanted), max(wanted)
-        rows = tuple(islice(self._begin(high + 1), low, high + 1))
-        return tuple(rows[each - low] for each in wanted if each - low < len(rows))
-
-
-@find_columns.register(Rows)
-def _(value: Rows[Any]) -> Columns:
-    return value.columns
-
-
-def is_from_start(place: slice) -> bool:
-    """Whether a slice counts from the first row, forwards."""
-    bounds = (place.start, place.stop)
-    return all(each is None or each >= 0 for each in bounds) and (place.step or 1) > 0
-
-
-def is_tail(place: slice) -> bool:
-    """Whether a slice is the last rows, all of them."""
-    return (place.start or 0) < 0 and place.stop is None and place.step in {None, 1}

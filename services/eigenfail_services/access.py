@@ -10,8 +10,8 @@ import msgspec
 
 from eigenfail.errors import Conflict, InvalidValue, NotFound, Unauthorized
 from eigenfail.files import replace_private
-from eigenfail.frames import Rows
 from eigenfail.values import access
+from eigenfail.values.rows import Rows
 from eigenfail.wire.http import PREFIX, read_fields
 from eigenfail_services.store import Store, open_store
 from eigenfail_services.store.clock import now_ms

@@ -157,9 +157,9 @@ def varied(store):
 @pytest.mark.parametrize("width", [1280, 375])
 def test_the_failing_region_is_told_in_boxes(visit, varied, width):
     page = visit(f"/campaigns/{varied}/region", viewport={"width": width, "height": 700})
-    expect(page.get_by_role("heading", name="Failing box")).to_be_visible()
+    expect(page.get_by_role("heading", name="Failing region", level=2)).to_be_visible()
     expect(page.get_by_role("rowheader")).to_contain_text("distance at most")
-    expect(page.get_by_text("found on one half of the episodes")).to_be_visible()
+    expect(page.get_by_text("Found on half of the episodes")).to_be_visible()
     expect(page.get_by_text("Computing the failing region")).to_have_count(0)
     over = "document.documentElement.scrollWidth - document.documentElement.clientWidth"
     assert page.evaluate(over) <= 0

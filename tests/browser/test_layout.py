@@ -81,7 +81,6 @@ PAGES = {
     "/copies": ["/copies?path=/campaigns"],
     "/suites": ["/suites"],
     "/suites/{suite:path}": ["/suites/{suite}"],
-    "/api": ["/api"],
     "/glossary": ["/glossary"],
     "/launch": ["/launch", "/launch?from={long}"],
     "/launch/suite": ["/launch/suite"],
@@ -98,7 +97,7 @@ READY = """() => document.readyState === "complete"
   && !document.querySelector("[data-later=wanted]")"""
 OPEN = """() => {
   const [first] = document.querySelectorAll("details.data");
-  for (const one of document.querySelectorAll("details:not(.operation, .data)")) one.open = true;
+  for (const one of document.querySelectorAll("details:not(.data)")) one.open = true;
   if (first) first.open = true;
 }"""
 STILL_TO_COME = "#copies-here > a, .mode-clip:not(:has(.clip, .stage, a))"

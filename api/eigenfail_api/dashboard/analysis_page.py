@@ -1,6 +1,7 @@
 """The page of an analysis: its modes, how sure they are, and when noise matters."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
+from functools import partial
 
 import msgspec
 import numpy as np
@@ -12,13 +13,12 @@ from eigenfail.contracts.recording import ANIMATION, list_formats
 from eigenfail.presentation import analyses, figures
 from eigenfail.presentation.tables import Table
 from eigenfail.values.analysis import propose_mode_names
+from eigenfail.values.episode import ERRORED
 from eigenfail.values.triage import TriageState
 from eigenfail.worlds import find_robustness_unit, world_of
-from eigenfail_api.dashboard import episodes_page
 from eigenfail_api.dashboard.analysis_charts import make_detail_charts, make_mode_charts
-from eigenfail_api.dashboard.charts import Chart
-from eigenfail_api.dashboard.proof import ProofView, describe_reproduction, make_proof_view
-from eigenfail_api.dashboard.rendering import Tile, make_probability_tile, page
+from eigenfail_api.dashboard.episodes_page import describe_settings, list_analysis_choices
+from eigenfail_api.dashboard.rendering import CAMPAIGN_BADGES, OUTCOME_BADGES, Badge, Tile, page
 from eigenfail_api.parameters import AnalysisId, Stored
 from eigenfail_services.campaigns.analysis_jobs import leaves_early_out
 from eigenfail_services.campaigns.proofs import summarise_proof
@@ -36,21 +36,11 @@ def make_diversity_tiles(found: values.Diversity) -> Tiles:
     )
 
 
-def make_spread_tile(found: values.Diversity) -> Tile:
-    """Return the tile of how much the noise of the failures differs."""
-    return Tile(figures.format_number(found.spread), ("between failures; p(x) has 1",))
-
-
 def make_coverage_tile(found: values.Diversity) -> Tile:
     """Return the tile of the share of the campaign after which no new mode was found."""
     seen = ", ".join(map(str, found.coverage))
-    return Tile(describe_last_new_mode(found), (f"of those analysed, by tenths: {seen}",))
-
-
-def describe_last_new_mode(found: values.Diversity) -> str:
-    """Return the share of the campaign after which no new mode was found."""
-    tenths = 1 + sum(seen < found.modes for seen in found.coverage)
-    return f"{10 * tenths} %"
+    tenths = 1 + sum(each < found.modes for each in found.coverage)
+    return Tile(f"{10 * tenths} %", (f"of those analysed, by tenths: {seen}",))
 
 
 def make_finding_tiles(result: values.AnalysisResult, *, is_whole: bool = True) -> Tiles:
@@ -62,28 +52,29 @@ def make_finding_tiles(result: values.AnalysisResult, *, is_whole: bool = True) 
             the first tenths hold no mode by construction, and when modes were seen tells nothing.
     """
     found = result.diversity
+    # Figures of modes would call groups of failures modes.
     of_modes = found if result.distinct else None
-    return (
-        ("Failures analysed", count_failures(result)),
+    episodes = sum(source.episodes for source in result.sources)
+    of_all = (f"of {figures.count_noun(episodes, 'episode')}",) if episodes else ()
+    components = figures.count_noun(len(result.explained), "component")
+    explained = figures.format_share(float(np.sum(result.explained)))
+    tiles = [
+        ("Failures analysed", Tile(figures.format_count(len(result.episodes)), of_all)),
         ("Grouped by", Tile(result.features, (analyses.describe_grouping(result),))),
         ("Adjusted Rand index", make_stability_tile(result)),
-        ("Variance explained", describe_variance(result)),
-        *((("Near no mode", make_outlier_tile(result)),) if result.outliers else ()),
-        *(make_diversity_tiles(of_modes) if of_modes else ()),
-        *((("Spread [sigma]", make_spread_tile(found)),) if found else ()),
-        *(
-            (("All modes seen after", make_coverage_tile(of_modes)),)
-            if of_modes and is_whole
-            else ()
-        ),
-    )
-
-
-def count_failures(result: values.AnalysisResult) -> Tile:
-    """How many failures, of what."""
-    count = figures.format_count(len(result.episodes))
-    episodes = sum(source.episodes for source in result.sources)
-    return Tile(count, (f"of {figures.count_noun(episodes, 'episode')}",) if episodes else ())
+        ("Variance explained", Tile(explained, (f"by {components}",))),
+    ]
+    if result.outliers:
+        nearest = ("assigned to the mode of their nearest neighbour",)
+        tiles.append(("Near no mode", Tile(figures.format_share(result.outliers), nearest)))
+    if of_modes:
+        tiles += make_diversity_tiles(of_modes)
+    if found:
+        of_prior = ("between failures; p(x) has 1",)
+        tiles.append(("Spread [sigma]", Tile(figures.format_number(found.spread), of_prior)))
+    if of_modes and is_whole:
+        tiles.append(("All modes seen after", make_coverage_tile(of_modes)))
+    return tuple(tiles)
 
 
 def make_stability_tile(result: values.AnalysisResult) -> Tile:
@@ -95,19 +86,6 @@ def make_stability_tile(result: values.AnalysisResult) -> Tile:
     draws = f"{found.resamples} draws of {figures.count_noun(found.rows, 'failure')}"
     notes = (figures.format_interval(found.interval), draws, "1: the same groups; 0: chance")
     return Tile(figures.format_number(found.median), notes)
-
-
-def describe_variance(result: values.AnalysisResult) -> Tile:
-    """What the components keep."""
-    by = figures.count_noun(len(result.explained), "component")
-    return Tile(figures.format_share(float(np.sum(result.explained))), (f"by {by}",))
-
-
-def make_outlier_tile(result: values.AnalysisResult) -> Tile:
-    """Return the tile of failures that were assigned to the mode of their nearest neighbour."""
-    return Tile(
-        figures.format_share(result.outliers), ("assigned to the mode of their nearest neighbour",)
-    )
 
 
 def list_tables(result: values.AnalysisResult, step_s: float | None = None) -> tuple[Table, ...]:
@@ -127,62 +105,26 @@ def list_tables(result: values.AnalysisResult, step_s: float | None = None) -> t
 
 
 class ModeCard(msgspec.Struct, frozen=True, kw_only=True):
-    """A failure mode; modes are counted from 1 for people.
+    """A failure mode as pages show it; modes are counted from 1 for people.
 
     Attributes:
+        mode: the mode, as the analysis found it.
+        share: its share of the failures that were analysed.
         words: what it is; of results of older releases its strongest noise.
-        probability: probability of a failure of this mode, or why it has none; None where it was
-            not requested.
+        medoid_campaign: campaign of its medoid.
         clip: address of the medoid's player.
         strength: root mean square of its eigenfailure [sigma]; noise has 1.
         proof: what its eigenfailure and its medoid did in the replays.
     """
 
     number: int
-    failures: int
-    share: str
+    mode: values.FailureMode
+    share: float
     words: str
-    probability: Tile | None
-    medoid: int
     medoid_campaign: int
-    strength: str
     clip: str
-    proof: tuple[tuple[str, Tile], ...]
-
-
-class AnalysisView(msgspec.Struct, frozen=True, kw_only=True):
-    """The page of an analysis.
-
-    Attributes:
-        notes: remarks on the failures that were pooled, or that they collapsed.
-        has_animations: whether an animation of the failures of each mode can be made here.
-        proof: None before there is a result.
-        asked: its settings, for another like it.
-        is_doubtful: whether something speaks against distinct modes.
-        choices: of the channels that the other one may analyse.
-        names: the names that were given to modes, by number.
-        triage: states of the modes that are not new, in words, by number.
-    """
-
-    line: episodes_page.AnalysisLine
-    campaign: int
-    campaign_name: str
-    is_open: bool
-    verdict: str
-    is_distinct: bool
-    is_doubtful: bool
-    notes: tuple[str, ...]
-    tiles: tuple[tuple[str, Tile], ...]
-    modes: tuple[ModeCard, ...]
-    grids: tuple[Table, ...]
-    mode_charts: tuple[Chart, ...]
-    detail_charts: tuple[Chart, ...]
-    has_animations: bool
-    proof: ProofView | None
-    asked: values.AnalysisSettings
-    choices: episodes_page.AnalysisChoices
-    names: Mapping[int, str]
-    triage: Mapping[int, str]
+    strength: float
+    proof: Tiles
 
 
 def make_analysis_view(
@@ -190,8 +132,8 @@ def make_analysis_view(
     campaigns: Sequence[values.Campaign],
     proof: values.Proof | None,
     modes: Sequence[values.Mode],
-) -> AnalysisView:
-    """Return the page of an analysis, with the results of the replays that have ended.
+) -> dict[str, object]:
+    """Return what the page of an analysis shows, with the results of the replays that have ended.
 
     Args:
         analysis: the analysis.
@@ -200,37 +142,42 @@ def make_analysis_view(
         modes: its modes, with their names and triage.
     """
     result, campaign = analysis.result, campaigns[0]
-    is_whole = not leaves_early_out(analysis.settings, campaigns)
     world = world_of(campaign.spec.simulator)
-    channels, unit = world.channels(campaign.spec), find_robustness_unit(campaign.spec)
+    words = ", ".join(describe_settings(analysis.settings, world.channels(campaign.spec)))
+    view: dict[str, object] = {
+        "analysis": analysis,
+        "settings": words[0].upper() + words[1:],
+        "campaign": campaign,
+        "is_open": analysis.state in {"queued", "running"} or is_replaying(proof),
+        "choices": list_analysis_choices(campaign.spec),
+    }
+    if result is None or proof is None:
+        return view
+    unit = find_robustness_unit(campaign.spec)
     step_s = world.step_s(campaign.spec) if analysis.settings.align == "collision" else None
-    return AnalysisView(
-        line=episodes_page.make_analysis_line(analysis, channels),
-        campaign=campaign.id,
-        campaign_name=campaign.spec.name,
-        is_open=analysis.state in {"queued", "running"} or is_replaying(proof),
-        verdict=f"{result.verdict} {result.caution}".rstrip() if result else "",
-        is_distinct=result is not None and result.distinct,
-        is_doubtful=result is None or not result.distinct or bool(result.caution),
-        notes=tuple(list_notes(result)) if result else (),
-        tiles=make_finding_tiles(result, is_whole=is_whole) if result else (),
-        modes=make_mode_cards(result, campaign.id, proof, unit) if result else (),
-        grids=list_tables(result, step_s) if result else (),
-        mode_charts=make_mode_charts(result, campaign.id) if result and result.modes else (),
-        detail_charts=make_detail_charts(result) if result and result.modes else (),
-        has_animations=world.has_road and ANIMATION in list_formats(),
-        proof=make_proof_view(proof, unit) if proof else None,
-        asked=analysis.settings,
-        choices=episodes_page.list_analysis_choices(campaign.spec),
-        names=find_given_names(result, modes) if result else {},
-        triage={
+    is_whole = not leaves_early_out(analysis.settings, campaigns)
+    return view | {
+        "result": result,
+        # Something speaks against distinct modes.
+        "is_doubtful": not result.distinct or bool(result.caution),
+        "notes": tuple(list_notes(result)),
+        "tiles": make_finding_tiles(result, is_whole=is_whole),
+        "modes": make_mode_cards(result, campaign.id, proof, unit),
+        "grids": list_tables(result, step_s),
+        "mode_charts": make_mode_charts(result, campaign.id) if result.modes else (),
+        "detail_charts": make_detail_charts(result) if result.modes else (),
+        "has_animations": world.has_road and ANIMATION in list_formats(),
+        "proof": make_proof_view(proof, unit),
+        "given_names": find_given_names(result, modes),
+        "triage": {
             mode.number: mode.state.words for mode in modes if mode.state is not TriageState.NEW
         },
-    )
+    }
 
 
 def find_given_names(result: values.AnalysisResult, modes: Sequence[values.Mode]) -> dict[int, str]:
     """Return the names that were given to modes by number, without those that are proposed."""
+    # Proposed names repeat the words of the card.
     proposed = propose_mode_names(result.words or ("",) * len(result.modes))
     return {mode.number: mode.name for mode in modes if mode.name != proposed[mode.number - 1]}
 
@@ -248,34 +195,23 @@ def list_notes(result: values.AnalysisResult) -> Iterator[str]:
 
 
 def make_mode_cards(
-    result: values.AnalysisResult, campaign: int, proof: values.Proof | None, unit: str
+    result: values.AnalysisResult, campaign: int, proof: values.Proof, unit: str
 ) -> tuple[ModeCard, ...]:
     """Return a card for each mode, with the result of its proof; robustness in a unit, or none."""
-    proven = {each.mode: each for each in proof.modes} if proof and proof.scenarios else {}
-    tiles = {mode: make_proof_tiles(each, unit) for mode, each in proven.items()}
+    # Before anything was replayed, tiles of zero of zero would look like a result.
+    proven = {each.mode: each for each in proof.modes} if proof.scenarios else {}
     return tuple(
-        make_mode_card(place, result, campaign, tiles.get(place, ()))
-        for place in range(len(result.modes))
-    )
-
-
-def make_mode_card(
-    place: int, result: values.AnalysisResult, campaign: int, proof: tuple[tuple[str, Tile], ...]
-) -> ModeCard:
-    """Return the card of a mode, with the tiles of its proof."""
-    mode = result.modes[place]
-    home = mode.medoid_campaign or campaign
-    return ModeCard(
-        number=place + 1,
-        failures=mode.failures,
-        share=figures.format_share(mode.failures / len(result.episodes)),
-        words=describe_mode_card(result, place),
-        probability=make_probability_tile(mode.probability),
-        medoid=mode.medoid,
-        medoid_campaign=home,
-        clip=f"/campaigns/{home}/episodes/{mode.medoid}/clip",
-        strength=figures.format_number(float(np.sqrt(np.mean(np.square(mode.eigenfailure))))),
-        proof=proof,
+        ModeCard(
+            number=place + 1,
+            mode=mode,
+            share=mode.failures / len(result.episodes),
+            words=describe_mode_card(result, place),
+            medoid_campaign=mode.medoid_campaign or campaign,
+            clip=f"/campaigns/{mode.medoid_campaign or campaign}/episodes/{mode.medoid}/clip",
+            strength=float(np.sqrt(np.mean(np.square(mode.eigenfailure)))),
+            proof=make_proof_tiles(proven[place], unit) if place in proven else (),
+        )
+        for place, mode in enumerate(result.modes)
     )
 
 
@@ -286,7 +222,7 @@ def describe_mode_card(result: values.AnalysisResult, place: int) -> str:
     return figures.put_minus_signs(result.words[place].removeprefix(f"Mode {place + 1}: "))
 
 
-def make_proof_tiles(proven: values.ProvenMode, unit: str) -> tuple[tuple[str, Tile], ...]:
+def make_proof_tiles(proven: values.ProvenMode, unit: str) -> Tiles:
     """Return the tiles of the replays of a mode's two trajectories in all scenarios."""
     tiles = (
         ("Eigenfailure reproduced", describe_reproduction(proven.eigenfailure, unit)),
@@ -305,11 +241,72 @@ WAYS = {"longitudinal": ("ahead", "back"), "lateral": ("towards +y", "towards âˆ
 
 def describe_peak(mode: values.FailureMode, channels: Sequence[str]) -> str:
     """Return the channel, strength and time of an eigenfailure's strongest noise."""
+    # The sign of a position has words of its own; other channels are plus or minus.
     z = mode.eigenfailure
     step, way = np.unravel_index(int(np.abs(z).argmax()), z.shape)
     value, channel = float(z[step, way]), channels[int(way)]
     signs = WAYS.get(channel, (f"of positive {channel}", f"of negative {channel}"))
     return f"{figures.format_number(abs(value), 2)} sigma {signs[value < 0.0]} at step {step}"
+
+
+CAME_TO_NOTHING = frozenset({values.CampaignState.CANCELLED, values.CampaignState.DEAD})
+NOT_TRIED = Tile(figures.UNKNOWN, ("no replay completed",))
+
+
+def make_proof_view(found: values.Proof, unit: str) -> dict[str, object]:
+    """Return what the page shows of an analysis's replays; robustness in a unit, or none."""
+    replays = [replay for scenario in found.scenarios for replay in scenario.replays]
+    cut_off = any(scenario.state in CAME_TO_NOTHING for scenario in found.scenarios)
+    return {
+        "found": found,
+        "ended": sum(replay.outcome is not None for replay in replays),
+        "planned": len(replays),
+        # Asking replays something only where nothing was replayed, some of it was cut off, or
+        # centres do not fail.
+        "may_ask": not found.scenarios or cut_off or bool(found.done and found.unplaced),
+        "tallies": make_tallies(found, unit),
+        "describe": partial(describe_reproduction, unit=unit),
+        "badge_of": make_scenario_badge,
+        "outcomes": OUTCOME_BADGES,
+    }
+
+
+def make_tallies(found: values.Proof, unit: str) -> tuple[tuple[str, Tile], ...]:
+    """Return the tiles of replays in the same scenario, and in all if there are several."""
+    same = (("Eigenfailures, same scenario", describe_reproduction(found.reproduced, unit)),)
+    count = len(found.scenarios)
+    if count < 2:
+        return (*same, ("Medoids", describe_reproduction(found.medoids, unit)))
+    return (
+        *same,
+        (f"Eigenfailures, {count} scenarios", describe_reproduction(found.eigenfailures, unit)),
+        (f"Medoids, {count} scenarios", describe_reproduction(found.medoids, unit)),
+    )
+
+
+def describe_reproduction(found: values.Reproduction, unit: str) -> Tile:
+    """Return how many replays failed again, of those tried, and how near they came if none did.
+
+    Args:
+        found: count of the replays.
+        unit: unit of robustness; empty for a function.
+    """
+    rate = found.rate
+    if rate is None:
+        return NOT_TRIED
+    nearest = "\u00a0".join(
+        filter(None, (figures.format_number(found.smallest_robustness_m), unit))
+    )
+    lines = () if rate.k else (f"smallest robustness {nearest}",)
+    return Tile(f"{rate.k} of {rate.n}", lines)
+
+
+def make_scenario_badge(scenario: values.ProvenScenario) -> Badge:
+    """Return the badge of the campaign that replays: errored if every replay of it errored."""
+    ended = [replay.outcome for replay in scenario.replays if replay.outcome is not None]
+    is_errored = bool(ended) and all(outcome is values.Outcome.ERRORED for outcome in ended)
+    is_done = scenario.state is values.CampaignState.DONE
+    return CAMPAIGN_BADGES[ERRORED if is_done and is_errored else scenario.state]
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)

@@ -1,6 +1,6 @@
 """Charts: the data that the browser draws, and the table behind each."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import msgspec
@@ -9,30 +9,40 @@ import numpy as np
 from eigenfail.errors import NoisePruned
 from eigenfail.filters import Condition, Conditions, Operator, read_value
 from eigenfail.presentation import figures
-from eigenfail.presentation.analyses import MOST_CHANNELS
+from eigenfail.presentation.analyses import MOST_CHANNELS, pick_channels, rank_channels
 from eigenfail.presentation.rates import name_rates
-from eigenfail.values import Campaign, Course, CourseBlock, NoiseTrajectory, Rate
+from eigenfail.presentation.tables import Cell, format_line
+from eigenfail.values import Campaign, Course, CourseBlock, Floats, NoiseTrajectory, Rate
 from eigenfail.values.records import EpisodeRow
 from eigenfail.values.summary import EpisodeSample
 from eigenfail_services.campaigns.cache import StoreCache
 from eigenfail_services.statistics.importance import expected_log_probability
 from eigenfail_services.store import Store
 
+# More digits would make pages larger, and no screen could show them.
 DIGITS = 5
 
 
+# The table stands for a chart where scripts are off; the files of a campaign hold all rows.
 MOST_ROWS = 200
 
 
-class ChannelTable(msgspec.Struct, frozen=True):
-    """A table with columns for every channel of the noise."""
+Row = tuple[Cell, ...]
 
-    channels: int
+
+class ChartTable(msgspec.Struct, frozen=True, kw_only=True):
+    """The numbers of a chart, for readers without scripts."""
+
     columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    cells: tuple[Row, ...]
+
+    @property
+    def rows(self) -> tuple[tuple[str, ...], ...]:
+        """The cells as text."""
+        return tuple(tuple(map(format_line, row)) for row in self.cells)
 
 
-class Chart(msgspec.Struct, frozen=True):
+class Chart(ChartTable, frozen=True, kw_only=True):
     """A chart for the browser, and the text that stands for it where scripts are off.
 
     Attributes:
@@ -41,8 +51,6 @@ class Chart(msgspec.Struct, frozen=True):
         title: what it shows.
         caption: how to read it, in a sentence.
         data: for the module, plain JSON.
-        columns: columns of the table.
-        rows: rows of the table, as text.
         note: what the table leaves out.
         every: the table of all channels, where there are so many that the table and the chart show
             the most influential ones at first.
@@ -53,10 +61,8 @@ class Chart(msgspec.Struct, frozen=True):
     title: str
     caption: str
     data: dict[str, object]
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
     note: str = ""
-    every: ChannelTable | None = None
+    every: ChartTable | None = None
 
     @property
     def channels(self) -> int:
@@ -70,15 +76,47 @@ class Chart(msgspec.Struct, frozen=True):
         return min(self.channels, MOST_CHANNELS)
 
 
-def describe_shown(shown: Sequence[int], channels: Sequence[str], why: str) -> str:
-    """Return a sentence on the channels that are shown at first; empty if all of them are."""
-    if len(shown) == len(channels):
-        return ""
-    return f" The {len(shown)} of {len(channels)} channels with {why} are shown first."
+class ChannelPlot(NamedTuple):
+    """Values of several channels of noise, of which a page shows the most influential ones first.
+
+    Attributes:
+        channels: names of the channels.
+        weights: what counts for each, as `pick_channels` takes it.
+        draw: returns data for the browser of the channels in these columns of the noise.
+        tabulate: returns heads and rows of the table of these channels.
+    """
+
+    channels: Sequence[str]
+    weights: Floats
+    draw: Callable[[Sequence[int]], dict[str, object]]
+    tabulate: Callable[[Sequence[int]], tuple[Sequence[str], Iterable[Row]]]
+
+    def make_chart(self, name: str, kind: str, title: str, caption: str, why: str) -> Chart:
+        """Return the chart; its caption says why some channels are shown first."""
+        shown = pick_channels(self.weights)
+        ranked, every = shown, None
+        if len(shown) < len(self.channels):
+            ranked = rank_channels(self.weights)
+            titles, rows = self.tabulate(ranked)
+            every = ChartTable(columns=tuple(titles), cells=tuple(rows))
+            of_all = f"{len(shown)} of {len(self.channels)} channels"
+            caption = f"{caption} The {of_all} with {why} are shown first."
+        columns, cells = self.tabulate(shown)
+        return Chart(
+            id=name,
+            kind=kind,
+            title=title,
+            caption=caption,
+            data=self.draw(ranked),
+            columns=tuple(columns),
+            cells=tuple(cells),
+            every=every,
+        )
 
 
 def round_values(values: Iterable[float | None]) -> list[float | None]:
     """Floats with as many digits as a screen can show."""
+    # JSON has no NaN: where a value is missing the line of a chart has a gap.
     return [None if value is None else float(f"{value:.{DIGITS}g}") for value in values]
 
 
@@ -113,6 +151,7 @@ def make_curve_chart(course: Course, unit: str = "m") -> Chart:
         ),
         data={
             "what": what,
+            # The rate of a block is drawn at its middle, since it holds for all of its episodes.
             "middle": [(block.first + block.last) / 2.0 for block in blocks],
             "span": [format_span(block) for block in blocks],
             "rate": round_values(100.0 * block.failure_rate.share for block in blocks),
@@ -128,21 +167,22 @@ def make_curve_chart(course: Course, unit: str = "m") -> Chart:
             "log p per step of the failures",
             add_unit("Median robustness", unit),
         ),
-        rows=tuple(
+        cells=tuple(
             (
                 format_span(block),
-                figures.format_count(block.failure_rate.k),
-                figures.format_count(block.failure_rate.n),
+                block.failure_rate.k,
+                block.failure_rate.n,
                 figures.format_share(block.failure_rate.value),
                 format_bounds(block.failure_rate),
-                figures.format_number(block.log_probability_per_step),
-                figures.format_number(block.median_robustness_m),
+                block.log_probability_per_step,
+                block.median_robustness_m,
             )
             for block in blocks
         ),
     )
 
 
+# A function of noise has no unit: its answer is a number.
 def add_unit(title: str, unit: str) -> str:
     """Return the title of a column with its unit, if it has one."""
     return f"{title} [{unit}]" if unit else title
@@ -150,6 +190,7 @@ def add_unit(title: str, unit: str) -> str:
 
 def name_bounds(blocks: Sequence[CourseBlock]) -> str:
     """Return what a caption says of the intervals of failure rates."""
+    # An interval of the episodes that a search chose would say nothing of p(x).
     if all(block.failure_rate.sampled for block in blocks):
         return ", with 95 % intervals"
     return " that the method chose, which is no failure rate under p(x)"
@@ -184,6 +225,7 @@ def make_robustness_chart(
 
     Without a unit it is that of the requirements, or of a function's answers.
     """
+    # An episode that errored measured nothing.
     measured = [row for row in rows if row.robustness_m is not None]
     return Chart(
         id="robustness-chart",
@@ -203,12 +245,12 @@ def make_robustness_chart(
             "Completed",
             *(add_unit(title, unit) for title in ("Smallest", "Median")),
         ),
-        rows=tuple(
+        cells=tuple(
             (
                 format_span(block),
-                figures.format_count(block.failure_rate.n),
-                figures.format_number(block.smallest_robustness_m),
-                figures.format_number(block.median_robustness_m),
+                block.failure_rate.n,
+                block.smallest_robustness_m,
+                block.median_robustness_m,
             )
             for block in course.blocks
         ),
@@ -254,15 +296,8 @@ def make_parallel_chart(rows: Sequence[EpisodeRow], *, is_all: bool) -> Chart:
             "failure": [row.outcome.is_failure for row in rows],
         },
         columns=("Episode", "Outcome", *AXES.values()),
-        rows=tuple(
-            (
-                str(row.index),
-                row.outcome.word,
-                *(
-                    figures.format_number(value)
-                    for value in (read_number(row, name) for name in AXES)
-                ),
-            )
+        cells=tuple(
+            (str(row.index), row.outcome.word, *(read_number(row, name) for name in AXES))
             for row in rows[:MOST_ROWS]
         ),
         note=f"The first {MOST_ROWS}." if len(rows) > MOST_ROWS else "",
@@ -282,49 +317,11 @@ def describe_coverage(count: int, *, is_all: bool) -> str:
     return f"A sample of {figures.format_count(count)} of the episodes that match."
 
 
-MOST = 5_000
-
-
-PAGE = 1_000
-
-
-WINDOW = 100
-
-
 LINES = 2_000
-
+"""Episodes that a chart draws at most: more lines cannot be told apart."""
 
 STRETCHES = 40
-
-
-def sample_episodes(store: Store, campaign: Campaign) -> list[EpisodeRow]:
-    """All finished episodes or, beyond `MOST`, windows of neighbours spread evenly over them."""
-    reach = count_ended(campaign)
-    if reach <= MOST:
-        return list(iterate_rows(store, campaign.id))
-    windows = MOST // WINDOW
-    found: dict[int, EpisodeRow] = {}
-    for window in range(windows):
-        after = window * reach // windows - 1
-        page = store.episodes.page(campaign.id, WINDOW, after if after >= 0 else None)
-        found |= {row.index: row for row in page.items}
-    return [found[index] for index in sorted(found)]
-
-
-def count_ended(campaign: Campaign) -> int:
-    """How many episodes have a result."""
-    return campaign.counts.completed + campaign.counts.errored
-
-
-def iterate_rows(store: Store, campaign: int) -> Iterator[EpisodeRow]:
-    """Yield the first `MOST` rows, page by page."""
-    after: int | None = None
-    for _ in range(MOST // PAGE):
-        page = store.episodes.page(campaign, PAGE, after)
-        yield from page.items
-        after = page.next
-        if after is None:
-            return
+"""Parts of a campaign that a sample is drawn from."""
 
 
 class Spread(NamedTuple):
@@ -334,12 +331,23 @@ class Spread(NamedTuple):
     is_all: bool
 
 
-def spread(store: Store, campaign: Campaign, where: Conditions) -> Spread:
-    """Return all matching episodes or, beyond `LINES`, the first ones of even intervals."""
-    page = store.episodes.page(campaign.id, LINES, None, where)
+def spread(
+    store: Store, campaign: Campaign, where: Conditions = (), most: int | None = None
+) -> Spread:
+    """Return all matching episodes or, beyond `most`, the first ones of even intervals.
+
+    Args:
+        store: where they are.
+        campaign: their campaign.
+        where: what they must match.
+        most: how many there are at most; None: as many as a chart draws.
+    """
+    most = LINES if most is None else most
+    page = store.episodes.page(campaign.id, most, None, where)
     if page.next is None:
         return Spread(page.items, is_all=True)
-    reach, each = count_ended(campaign), LINES // STRETCHES
+    # A method that learns fails more often later on: the first episodes alone would mislead.
+    reach, each = campaign.counts.completed + campaign.counts.errored, most // STRETCHES
     rows: list[EpisodeRow] = []
     for stretch in range(STRETCHES):
         first, last = (reach * n // STRETCHES for n in (stretch, stretch + 1))
@@ -397,16 +405,13 @@ def read_reference(store: Store, campaign: int, failures: Iterable[int]) -> Prio
 
 def make_reference(noises: list[NoiseTrajectory]) -> PriorReference | None:
     """Return the reference over the steps of noise trajectories; None for no trajectory."""
+    # Weighted by steps, as log p per step of the failures is.
     steps = sum(len(noise.z) for noise in noises)
     if not steps:
         return None
+    silent = (NoiseTrajectory(np.zeros_like(each.z), each.sigma, each.shape) for each in noises)
     return PriorReference(
         typical=sum(map(expected_log_probability, noises)) / steps,
-        none=sum(noise.log_probability for noise in map(remove_noise, noises)) / steps,
+        none=sum(noise.log_probability for noise in silent) / steps,
         failures=len(noises),
     )
-
-
-def remove_noise(noise: NoiseTrajectory) -> NoiseTrajectory:
-    """The same steps without noise."""
-    return NoiseTrajectory(np.zeros_like(noise.z), noise.sigma, noise.shape)

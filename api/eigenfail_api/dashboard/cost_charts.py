@@ -2,14 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 
-import msgspec
 from msgspec.json import encode
 
 from eigenfail.presentation import figures
 from eigenfail.presentation.tables import OWN_EPISODES, format_cell
 from eigenfail.values import Cost, DisturbanceModel, Rate, Summary
 from eigenfail.values.campaign_spec import Settings
-from eigenfail.values.comparison import MethodCost, PeerCosts, Peers
+from eigenfail.values.comparison import PeerCosts, Peers
 from eigenfail.values.variation import in_words
 from eigenfail_api.dashboard.charts import Chart, round_values
 
@@ -19,6 +18,7 @@ COLUMNS = ("USD per failure", "95 % interval")
 def mark(price: Cost, **whose: object) -> dict[str, object]:
     """Where it is drawn [USD], with whose it is."""
     bounds = price.interval_usd
+    # Logarithmic axes have no zero: what is not known stays null.
     value, low, high, at_least = round_values(
         (
             price.per_failure_usd,
@@ -49,6 +49,7 @@ REPETITIONS = frozenset({REPLAY, "nearest", "minimal"})
 
 def make_cost_chart(summaries: Sequence[Summary]) -> Chart | None:
     """Return the chart of the newest campaigns' cost per failure, or its lower bound above zero."""
+    # Failures that are repeated would seem cheap.
     found = [summary for summary in summaries if summary.method not in REPETITIONS]
     priced = [summary for summary in found if has_price(summary.cost)]
     if not priced:
@@ -64,64 +65,45 @@ def make_cost_chart(summaries: Sequence[Summary]) -> Chart | None:
             "cost another amount. An arrow is the lower bound of a campaign without failures. "
             "Replays and shrunk failures find nothing new and are left out."
         ),
-        data={"campaigns": [make_cost_point(summary) for summary in shown]},
+        data={
+            "campaigns": [
+                mark(
+                    each.cost,
+                    id=each.campaign,
+                    name=each.name,
+                    method=each.method,
+                    failures=each.counts.failures,
+                    completed=each.counts.completed,
+                )
+                for each in shown
+            ]
+        },
         columns=("Campaign", "Method", *COLUMNS, "Failures", "Episodes"),
-        rows=tuple(make_cost_row(summary) for summary in shown),
-    )
-
-
-def make_cost_point(summary: Summary) -> dict[str, object]:
-    """Return a campaign's point in the chart."""
-    return mark(
-        summary.cost,
-        id=summary.campaign,
-        name=summary.name,
-        method=summary.method,
-        failures=summary.counts.failures,
-        completed=summary.counts.completed,
-    )
-
-
-def make_cost_row(summary: Summary) -> tuple[str, ...]:
-    """Return a campaign's row in the table of the chart."""
-    return (
-        f"{summary.campaign}: {summary.name}",
-        summary.method,
-        *format_cells(summary.cost),
-        figures.format_count(summary.counts.failures),
-        figures.format_count(summary.counts.completed),
+        cells=tuple(
+            (
+                f"{each.campaign}: {each.name}",
+                each.method,
+                *format_cells(each.cost),
+                each.counts.failures,
+                each.counts.completed,
+            )
+            for each in shown
+        ),
     )
 
 
 MOST_GROUPS = 3
 
 
-class MethodCosts(msgspec.Struct, frozen=True, kw_only=True):
-    """The panel of the first page.
-
-    Attributes:
-        charts: one for each group of peers, the newest first.
-        notes: which campaigns are pooled or left out, and remarks that hold for all charts.
-    """
-
-    charts: tuple[Chart, ...]
-    notes: tuple[str, ...]
-
-
-def make_method_costs(groups: Sequence[PeerCosts]) -> MethodCosts:
-    """Return the charts of the newest groups with episodes and cost."""
-    priced = [group for group in groups if any(has_cost(each) for each in group.methods)]
+def make_method_costs(groups: Sequence[PeerCosts]) -> tuple[tuple[Chart, ...], tuple[str, ...]]:
+    """Return the charts of the newest groups with episodes and cost, and notes on all of them."""
+    priced = [group for group in groups if any(has_price(each.cost) for each in group.methods)]
     shown = priced[:MOST_GROUPS]
-    common = [note for note in list_notes(shown) if all(note in group.notes for group in shown)]
-    return MethodCosts(
-        charts=tuple(group_chart(place, group, common) for place, group in enumerate(shown)),
-        notes=(*common, *describe_omitted(len(priced) - len(shown))),
-    )
-
-
-def list_notes(groups: Sequence[PeerCosts]) -> list[str]:
-    """Return the notes of all groups, each once."""
-    return list(dict.fromkeys(note for group in groups for note in group.notes))
+    notes = dict.fromkeys(note for group in shown for note in group.notes)
+    # Notes on all charts stand once below them, others in their captions.
+    common = [note for note in notes if all(note in group.notes for group in shown)]
+    charts = tuple(group_chart(place, group, common) for place, group in enumerate(shown))
+    return charts, (*common, *describe_omitted(len(priced) - len(shown)))
 
 
 def describe_omitted(count: int) -> tuple[str, ...]:
@@ -130,19 +112,14 @@ def describe_omitted(count: int) -> tuple[str, ...]:
     return (f"{groups} of campaigns not shown; see /api/v1/costs.",) if count > 0 else ()
 
 
-def has_cost(found: MethodCost) -> bool:
-    """Whether it has a cost, or a bound above zero."""
-    return has_price(found.cost)
-
-
 def group_chart(place: int, group: PeerCosts, common: Sequence[str]) -> Chart:
     """Return the chart of one group, with the notes on that group."""
     own = [note for note in group.notes if note not in common]
-    methods = [each for each in group.methods if has_cost(each)]
+    methods = [each for each in group.methods if has_price(each.cost)]
     return Chart(
         id=f"method-costs-{place}-chart",
         kind="cost",
-        title=f"Cost per failure by method: {name_of(group.peers)}",
+        title=f"Cost per failure by method: {group.peers.planner} in {group.peers.scenario}",
         caption=(
             "USD per failure over all campaigns of a method, log scale. A method that draws noise "
             "from p(x) has the 95 % interval that its failure rate gives; a search has one across "
@@ -150,7 +127,21 @@ def group_chart(place: int, group: PeerCosts, common: Sequence[str]) -> Chart:
             "an arrow is the lower bound of a method without failures. "
             f"{' '.join([describe_shared(group.peers), *own])}"
         ),
-        data={"campaigns": [make_method_point(each) for each in methods]},
+        data={
+            "campaigns": [
+                # A point leads to the newest campaign of its method.
+                mark(
+                    each.cost,
+                    id=each.newest,
+                    label=each.method,
+                    name=each.method,
+                    method=each.method,
+                    failures=each.failures,
+                    completed=each.completed,
+                )
+                for each in methods
+            ]
+        },
         columns=(
             "Method",
             *COLUMNS,
@@ -161,13 +152,20 @@ def group_chart(place: int, group: PeerCosts, common: Sequence[str]) -> Chart:
             "Campaigns",
             "Seeds of the interval",
         ),
-        rows=tuple(map(make_method_row, methods)),
+        cells=tuple(
+            (
+                each.method,
+                *format_cells(each.cost),
+                each.failures,
+                each.completed,
+                rate_of(each.failure_rate),
+                each.cost.total_usd,
+                each.campaigns,
+                each.seeds or None,
+            )
+            for each in methods
+        ),
     )
-
-
-def name_of(peers: Peers) -> str:
-    """Who is tested, and where."""
-    return f"{peers.planner} in {peers.scenario}"
 
 
 def describe_shared(peers: Peers) -> str:
@@ -177,6 +175,7 @@ def describe_shared(peers: Peers) -> str:
         "scenario": peers.scenario_parameters,
     }
     settings = [describe_settings(name, settings) for name, settings in given.items() if settings]
+    # Only what differs from the default model is worth a place in a caption.
     usual = DisturbanceModel().in_words()
     settings += [
         f"{name} of the noise: {words}"
@@ -195,33 +194,6 @@ def describe_settings(part: str, settings: Settings) -> str:
         for name, words in in_words(settings).items()
     }
     return ", ".join(f"{part}’s {name} = {value}" for name, value in values.items())
-
-
-def make_method_point(found: MethodCost) -> dict[str, object]:
-    """Return a method's point, which links to its newest campaign."""
-    return mark(
-        found.cost,
-        id=found.newest,
-        label=found.method,
-        name=found.method,
-        method=found.method,
-        failures=found.failures,
-        completed=found.completed,
-    )
-
-
-def make_method_row(found: MethodCost) -> tuple[str, ...]:
-    """Return a method's row in the table of the chart."""
-    return (
-        found.method,
-        *format_cells(found.cost),
-        figures.format_count(found.failures),
-        figures.format_count(found.completed),
-        rate_of(found.failure_rate),
-        figures.format_number(found.cost.total_usd),
-        figures.format_count(found.campaigns),
-        figures.format_count(found.seeds or None),
-    )
 
 
 def rate_of(rate: Rate | None) -> str:

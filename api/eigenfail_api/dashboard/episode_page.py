@@ -2,10 +2,9 @@
 
 from collections.abc import Sequence
 from math import sqrt
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 from urllib.parse import urlencode
 
-import msgspec
 from anyio.to_thread import run_sync
 from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
@@ -15,21 +14,17 @@ from eigenfail.contracts.recording import list_formats
 from eigenfail.errors import EigenfailError, NotFound, ServiceBusy
 from eigenfail.filters import BY_INDEX, parse_filter, parse_sort, write_failure_filter
 from eigenfail.presentation import episodes, figures
-from eigenfail.presentation.tables import Table
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.disturbance import find_channel_likelihoods
 from eigenfail.wire.http import PREFIX
 from eigenfail.worlds import drawn_for, placed_for, world_of
 from eigenfail_api.dashboard import episodes_page, rendering
-from eigenfail_api.dashboard.charts import Chart, make_reference
-from eigenfail_api.dashboard.replay_page import ReplayVerdict, Run, find_source, judge_replay
+from eigenfail_api.dashboard.charts import make_reference
+from eigenfail_api.dashboard.replay_page import Run, find_source, judge_replay
 from eigenfail_api.dashboard.scene import (
-    Jump,
     list_jumps,
     make_account_view,
-    make_clip_view,
     make_course_charts,
-    make_missing_account_view,
     make_noise_chart,
     make_scene_chart,
 )
@@ -71,6 +66,7 @@ def list_facts(
 
 def list_likelihood(result: values.EpisodeResult, channels: Sequence[str]) -> Facts:
     """Return log p of the noise, of each channel and of typical noise; nothing without a step."""
+    # log p alone says nothing: it is read beside that of typical noise over the same steps.
     held_against = make_reference([result.noise])
     if held_against is None:
         return ()
@@ -123,6 +119,7 @@ IN_OTHER_PLACES = frozenset(
 def list_ride(result: values.EpisodeResult) -> Facts:
     """Return all further measures; none where the release that ran the episode had none of them."""
     measures = result.measures
+    # Without the number of clipped steps none of the others was measured either.
     if measures is None or measures.clipped_steps is None:
         return ()
     return tuple(
@@ -148,127 +145,38 @@ def format_severity(value: float | None) -> str:
     return f"{figures.format_number(value)} m²/s² (relative speed {speed} m/s)"
 
 
-class Neighbours(msgspec.Struct, frozen=True):
-    """The episodes before and after one in a list.
-
-    Attributes:
-        listed: address of the list; None for the failures by number, which an episode is shown with
-            that was reached from no list.
-        noun: what the list is of, as text.
-        previous: index and address of the one before it; None for the first.
-        next: index and address of the one after it; None for the last.
-    """
-
-    listed: str | None
-    noun: str
-    previous: tuple[int, str] | None
-    next: tuple[int, str] | None
-
-
-class EpisodeView(msgspec.Struct, frozen=True, kw_only=True):
-    """The page of an episode.
-
-    Attributes:
-        facts: what the episode was.
-        varied: the scenario parameters that it drew; empty where they are fixed.
-        ride: how rough it was; empty if not measured.
-        requirements: robustness of each requirement that the campaign names.
-        thresholds: the safety measures; None if not measured, and of a function.
-        why_no_scene: empty if there is one.
-        stage: what the first part shows, as its title.
-        can_replay: whether there is noise that could be injected again.
-        is_failure: whether it violated a requirement, so that it can be shrunk.
-        shrunk_by: the newest campaign that has shrunk it; None without one.
-        recordings: name and address of the episode as a file of each format for other tools.
-        jumps: moments that were measured.
-        neighbours: the episodes before and after it in a list.
-        replayed: campaign and index of the episode whose noise it repeats; None if of no episode.
-        verdict: whether it is the same again; None if it repeats no episode that is known.
-        mode: its failure mode in the newest analysis of it; None if it was not analysed.
-        left_out_by: the newest analysis of its campaign, if that left this failure out.
-    """
-
-    campaign: int
-    campaign_name: str
-    index: int
-    badge: rendering.Badge
-    facts: Facts
-    varied: Facts
-    ride: Facts
-    requirements: Facts
-    thresholds: Table | None
-    problem: str
-    digest: str
-    noise: Chart | None
-    scene: Chart | None
-    courses: tuple[Chart, ...]
-    why_no_scene: str
-    stage: str
-    can_replay: bool
-    is_failure: bool
-    shrunk_by: int | None
-    has_account: bool
-    recordings: tuple[tuple[str, str], ...]
-    jumps: tuple[Jump, ...]
-    neighbours: Neighbours
-    replayed: tuple[int, int] | None
-    verdict: ReplayVerdict | None
-    mode: values.Mode | None
-    left_out_by: int | None
-
-
-class EpisodeContext(NamedTuple):
-    """What other results say of an episode; the fields are those of its page."""
-
-    neighbours: Neighbours
-    shrunk_by: int | None
-    verdict: ReplayVerdict | None
-    mode: values.Mode | None
-    left_out_by: int | None
-
-
 def make_episode_view(
-    campaign: values.Campaign,
-    result: values.EpisodeResult,
-    mission: values.Mission | None,
-    context: EpisodeContext,
-) -> EpisodeView:
-    """Return the page of an episode; the mission, where the scenario has one, gives the lanes."""
-    fault, scene, measures = result.fault, result.scene, result.measures
+    campaign: values.Campaign, result: values.EpisodeResult, mission: values.Mission | None
+) -> dict[str, object]:
+    """Return what the page of an episode shows; the mission, if there is one, gives the lanes."""
+    scene, measures = result.scene, result.measures
     dt_s = scene.dt_s if scene else mission.dt_s if mission else None
     world = world_of(campaign.spec.simulator)
     channels, has_road = world.channels(campaign.spec), world.has_road
-    return EpisodeView(
-        campaign=campaign.id,
-        campaign_name=campaign.spec.name,
-        index=result.index,
-        badge=rendering.make_outcome_badge(
-            result.outcome, is_unresolved=values.assess(result.outcome, measures).unresolved
-        ),
-        facts=list_facts(result, channels, dt_s, has_road=has_road),
-        varied=list_drawn_parameters(campaign, result),
-        ride=list_ride(result) if has_road else (),
-        requirements=tuple(episodes.list_judged(campaign.spec, result.requirements)),
-        thresholds=episodes.tabulate_thresholds(measures, values.assess(result.outcome, measures))
+    assessed = values.assess(result.outcome, measures)
+    # Without a step there is no noise that could be injected again, and nothing to explain.
+    has_steps = result.steps > 0
+    return {
+        "campaign": campaign,
+        "result": result,
+        "badge": rendering.make_outcome_badge(result.outcome, is_unresolved=assessed.unresolved),
+        "facts": list_facts(result, channels, dt_s, has_road=has_road),
+        "varied": list_drawn_parameters(campaign, result),
+        "ride": list_ride(result) if has_road else (),
+        "requirements": tuple(episodes.list_judged(campaign.spec, result.requirements)),
+        "thresholds": episodes.tabulate_thresholds(measures, assessed)
         if measures and has_road
         else None,
-        problem=f"{fault.kind}: {fault.message}" if fault else "",
-        digest=result.digest(),
-        noise=make_noise_chart(result.noise, dt_s, channels) if result.steps else None,
-        scene=make_scene_chart(scene, mission, result.outcome) if scene else None,
-        courses=make_course_charts(scene) if scene else (),
-        why_no_scene="" if scene else explain_missing_scene(campaign, result),
-        stage="Scene from above" if has_road else "The noise",
-        can_replay=result.steps > 0,
-        is_failure=result.is_failure,
-        has_account=result.steps > 0 and has_road,
-        recordings=list_recordings(campaign.id, result.index)
-        if result.steps > 0 and has_road
-        else (),
-        jumps=list_jumps(result),
-        replayed=find_source(campaign.spec, result.index),
-        **context._asdict(),
-    )
+        "noise": make_noise_chart(result.noise, dt_s, channels) if has_steps else None,
+        "scene": make_scene_chart(scene, mission, result.outcome) if scene else None,
+        "courses": make_course_charts(scene) if scene else (),
+        "why_no_scene": "" if scene else explain_missing_scene(campaign, result),
+        "stage": "Scene from above" if has_road else "The noise",
+        "has_account": has_steps and has_road,
+        "recordings": list_recordings(campaign.id, result.index) if has_steps and has_road else (),
+        "jumps": list_jumps(result),
+        "replayed": find_source(campaign.spec, result.index),
+    }
 
 
 def list_recordings(campaign: int, index: int) -> tuple[tuple[str, str], ...]:
@@ -335,15 +243,17 @@ def show_episode(
     result = store.episodes.get(campaign, index)
     mission = find_mission(seen.spec, result)
     modes, newest = store.analyses.find_modes(campaign, index), store.analyses.find_newest(campaign)
+    # A failure of no mode may be newer than the analysis, or be left out of it.
     is_left_out = result.outcome.is_failure and newest not in {mode.analysis for mode in modes}
-    context = EpisodeContext(
-        find_neighbours(store, seen, index, listed),
-        find_shrinking(store, campaign, index) if result.is_failure else None,
-        judge_replay(store, Run(seen, result)),
-        modes[0] if modes else None,
-        newest if is_left_out else None,
+    return rendering.page(
+        "episode.html",
+        make_episode_view(seen, result, mission),
+        neighbours=find_neighbours(store, seen, index, listed),
+        shrunk_by=find_shrinking(store, campaign, index) if result.is_failure else None,
+        verdict=judge_replay(store, Run(seen, result)),
+        mode=modes[0] if modes else None,
+        left_out_by=newest if is_left_out else None,
     )
-    return rendering.page("episode.html", make_episode_view(seen, result, mission, context))
 
 
 @router.get("/campaigns/{campaign}/episodes/{index}/account")
@@ -352,31 +262,32 @@ async def show_account(store: Stored, campaign: CampaignId, index: EpisodeIndex)
     seen = await run_sync(store.campaigns.get, campaign)
     try:
         explanation = await EXPLAINING.do(EXPLANATIONS.of, store, campaign, index)
+    # These are answers of their own; everything else is said on the page.
     except (NotFound, ServiceBusy):
         raise
     except EigenfailError as error:
-        return rendering.page(
-            "account.html", make_missing_account_view(campaign, seen.spec.name, index, error)
-        )
+        problem = f"{error.problem} {error.remedy}".strip()
+        return rendering.page("account.html", None, campaign=seen, index=index, problem=problem)
     stored = await run_sync(store.episodes.get, campaign, index)
     mission = await run_sync(find_mission, seen.spec, stored)
-    return rendering.page(
-        "account.html", make_account_view(campaign, seen.spec.name, index, explanation, mission)
-    )
+    view = make_account_view(explanation, mission)
+    return rendering.page("account.html", view, campaign=seen, index=index, problem="")
 
 
 @router.get("/campaigns/{campaign}/episodes/{index}/clip")
 def show_clip(store: Stored, campaign: CampaignId, index: EpisodeIndex) -> HTMLResponse:
     """A small player of an episode: other pages ask for it when it is opened."""
-    seen = store.campaigns.get(campaign)
-    result = store.episodes.get(campaign, index)
-    return rendering.page(
-        "clip.html", make_clip_view(seen, result, find_mission(seen.spec, result))
-    )
+    seen, result = store.campaigns.get(campaign), store.episodes.get(campaign, index)
+    mission, name = find_mission(seen.spec, result), f"clip-{campaign}-{index}-scene"
+    scene = result.scene and make_scene_chart(result.scene, mission, result.outcome, name)
+    unresolved = values.assess(result.outcome, result.measures).unresolved
+    outcome = rendering.make_outcome_badge(result.outcome, is_unresolved=unresolved)
+    return rendering.page("clip.html", seen, index=index, outcome=outcome, scene=scene)
 
 
 def find_shrinking(store: Store, campaign: int, index: int) -> int | None:
     """Return the newest campaign that shrinks an episode, by its name; None without one."""
+    # The name narrows the search, and the settings decide: names may be edited.
     named = CampaignFilter(method=MINIMAL, search=f"minimal failure of {campaign}/{index}")
     wanted = {"campaign": campaign, "episode": index}
     found = store.campaigns.page(MOST_SHRINKING, where=named).items
@@ -388,7 +299,7 @@ MOST_SHRINKING = 10
 
 def find_neighbours(
     store: Store, campaign: values.Campaign, index: int, listed: episodes_page.EpisodeRequest | None
-) -> Neighbours:
+) -> dict[str, object]:
     """Return the neighbours of an episode in the list that it was reached from.
 
     Raises:
@@ -402,11 +313,13 @@ def find_neighbours(
         return found, episodes_page.make_episode_address(campaign.id, found, listed)
 
     preceding = store.episodes.find_preceding(campaign.id, index, where, sort)
-    return Neighbours(
-        episodes_page.make_address(campaign.id, listed.filter, str(listed.sort))
-        if listed
-        else None,
-        "episode" if listed else "failure",
-        None if preceding is None else link(preceding),
-        link(following[0].index) if following else None,
-    )
+    address = ""
+    if listed:
+        address = episodes_page.make_address(campaign.id, listed.filter, str(listed.sort))
+    return {
+        "listed": address,
+        # Who came from no list sees the failures in their order.
+        "noun": "episode" if listed else "failure",
+        "previous": None if preceding is None else link(preceding),
+        "next": link(following[0].index) if following else None,
+    }

@@ -18,14 +18,12 @@ from eigenfail.values.analysis import JOINT
 from eigenfail.values.records import EpisodeRow
 from eigenfail.wire.http import PREFIX
 from eigenfail.worlds import find_robustness_unit, world_of
-from eigenfail_api.dashboard.charts import Chart, make_parallel_chart, spread
+from eigenfail_api.dashboard.charts import make_parallel_chart, spread
 from eigenfail_api.dashboard.rendering import (
-    ANALYSIS_BADGES,
     CLUSTERERS,
     Badge,
     make_outcome_badge,
     page,
-    write_time,
 )
 from eigenfail_api.parameters import LARGEST, CampaignId, Stored
 from eigenfail_services.store import Store
@@ -91,62 +89,31 @@ class Heading(msgspec.Struct, frozen=True):
     order: str = ""
 
 
-class EpisodeList(msgspec.Struct, frozen=True):
-    """Some failures, and where those behind them are.
-
-    Attributes:
-        every: where all episodes can be searched.
-        worst: address of the failures, the worst first.
-        sort: order of the list, written as text.
-        next: cursor of the next ones, if there are any already.
-        last: cursor behind which new ones will appear.
-        is_open: whether any may still appear.
-        nothing: what an empty list means once the campaign has ended.
-    """
-
-    campaign: int
-    every: str
-    worst: str
-    sort: str
-    headings: tuple[Heading, ...]
-    lines: tuple[EpisodeLine, ...]
-    next: int | None
-    last: int | None
-    is_open: bool
-    nothing: str
-
-
-class AnalysisLine(msgspec.Struct, frozen=True):
-    """An analysis in a list."""
-
-    id: int
-    is_done: bool
-    badge: Badge
-    settings: str
-    created: str
-    problem: str
-
-
 def make_episode_list(
     campaign: values.Campaign,
     page: values.Page[EpisodeRow],
     sort: filters.SortOrder,
     after: int | None = None,
-) -> EpisodeList:
+) -> dict[str, object]:
     """Return the list of failures that begins after a cursor in an order."""
     failures = filters.write_failure_filter(campaign.spec)
-    return EpisodeList(
-        campaign=campaign.id,
-        every=make_address(campaign.id, failures),
-        worst=make_address(campaign.id, failures, find_worst_order(campaign.spec)),
-        sort=str(sort),
-        headings=make_headings(campaign.spec, partial(make_address, campaign.id, failures), sort),
-        lines=tuple(make_episode_line(row, EpisodeRequest(failures, sort)) for row in page.items),
-        next=page.next,
-        last=page.items[-1].index if page.items else after,
-        is_open=may_grow(campaign),
-        nothing=ALL_ERRORED if campaign.counts.all_errored else "No failure was found.",
-    )
+    return {
+        "campaign": campaign.id,
+        "every": make_address(campaign.id, failures),
+        "worst": make_address(campaign.id, failures, find_worst_order(campaign.spec)),
+        "sort": str(sort),
+        "headings": make_headings(
+            campaign.spec, partial(make_address, campaign.id, failures), sort
+        ),
+        "lines": tuple(
+            make_episode_line(row, EpisodeRequest(failures, sort)) for row in page.items
+        ),
+        "next": page.next,
+        # New failures appear behind this one.
+        "last": page.items[-1].index if page.items else after,
+        "is_open": may_grow(campaign),
+        "nothing": ALL_ERRORED if campaign.counts.all_errored else "No failure was found.",
+    }
 
 
 def find_failure_order(campaign: values.Campaign) -> filters.SortOrder:
@@ -162,6 +129,7 @@ def find_failure_order(campaign: values.Campaign) -> filters.SortOrder:
 
 def may_grow(campaign: values.Campaign) -> bool:
     """Whether results may still arrive."""
+    # A campaign may be open without an episode to come: its last results are on their way.
     return campaign.ended_ms is None and campaign.counts.open > 0
 
 
@@ -181,6 +149,7 @@ def make_episode_line(row: EpisodeRow, asked: EpisodeRequest | None = None) -> E
 def describe_conflict(row: EpisodeRow) -> str:
     """Return the conflict class where it says more than the outcome."""
     known = row.assessed.conflict
+    # A safe episode has no conflict, and an old one no class: the outcome says enough.
     words = "" if known in {None, values.ConflictClass.NONE} else str(known).replace("_", " ")
     return row.assessed.beside(words)
 
@@ -188,12 +157,9 @@ def describe_conflict(row: EpisodeRow) -> str:
 def format_cell(row: EpisodeRow, column: str) -> str:
     """Return a figure of an episode as text."""
     value = filters.read_value(row, column)
-    return str(value) if isinstance(value, int) else format_number(measure(value))
-
-
-def measure(value: filters.Value | None) -> float | None:
-    """A value that is one."""
-    return value if isinstance(value, float) else None
+    if isinstance(value, int):
+        return str(value)
+    return format_number(value if isinstance(value, float) else None)
 
 
 def make_address(
@@ -202,6 +168,7 @@ def make_address(
     """Return the address of a list of episodes."""
     asked = {"filter": conditions, "sort": sort, "after": after}
     usual = {"filter": "", "sort": "index", "after": None}
+    # Addresses are shared by people: what is usual is left out of them.
     given = {name: value for name, value in asked.items() if value != usual[name]}
     path = f"/campaigns/{campaign}/episodes"
     return f"{path}?{urlencode(given)}" if given else path
@@ -237,6 +204,7 @@ def make_headings(
         Heading(
             column=column,
             label=label,
+            # Robustness has the unit of its world; all others have theirs everywhere.
             unit=unit if column != "robustness_m" else find_robustness_unit(spec),
             is_minor=is_minor,
             address=find_address(str(turn_order(filters.SortOrder(column, first), now))),
@@ -281,18 +249,6 @@ def list_analysis_choices(spec: values.CampaignSpec) -> AnalysisChoices:
     return AnalysisChoices(words.several.capitalize(), axes, alignments)
 
 
-def make_analysis_line(analysis: values.Analysis, channels: Sequence[str]) -> AnalysisLine:
-    """Return the line of an analysis of noise of these channels."""
-    return AnalysisLine(
-        id=analysis.id,
-        is_done=analysis.state is values.AnalysisState.DONE,
-        badge=ANALYSIS_BADGES[analysis.state],
-        settings=", ".join(describe_settings(analysis.settings, channels)),
-        created=write_time(analysis.created_ms),
-        problem=analysis.problem,
-    )
-
-
 def describe_settings(settings: values.AnalysisSettings, channels: Sequence[str]) -> Iterator[str]:
     """How failures are analysed, in words."""
     words = choose_channel_words(channels)
@@ -319,95 +275,42 @@ EXAMPLES = {
 }
 
 
-class Example(msgspec.Struct, frozen=True):
-    """A filter to begin with."""
-
-    filter: str
-    address: str
-    words: str
-
-
-class FoundView(msgspec.Struct, frozen=True, kw_only=True):
-    """The page.
-
-    Attributes:
-        problem: describes an invalid filter; empty if the filter is valid.
-        chart: None where nothing was found.
-        title: how many are shown of what.
-        sorted: by what, in words.
-        command: command that exports the same as Parquet.
-        exports: links to files of the same episodes.
-        first: the first page; empty on it.
-        next: the page behind this one; empty on the last.
-        empty: why there is nothing to see.
-    """
-
-    campaign: int
-    name: str
-    filter: str
-    sort: str
-    sorted: str
-    longest: int = filters.LONGEST
-    problem: str = ""
-    examples: tuple[Example, ...]
-    columns: tuple[filters.Column, ...]
-    chart: Chart | None = None
-    title: str
-    command: str = ""
-    exports: tuple[tuple[str, str], ...] = ()
-    headings: tuple[Heading, ...] = ()
-    lines: tuple[EpisodeLine, ...] = ()
-    per_page: int = 0
-    first: str = ""
-    next: str = ""
-    empty: str = ""
-
-
 def make_found_view(
-    campaign: values.Campaign,
-    asked: EpisodeRequest,
-    page: values.Page[EpisodeRow],
-    chart: Chart | None,
-) -> FoundView:
-    """Return the page with the results of a search for episodes."""
+    campaign: values.Campaign, asked: EpisodeRequest, page: values.Page[EpisodeRow]
+) -> dict[str, object]:
+    """Return what the page shows of the results of a search for episodes."""
     here, conditions, sort = campaign.id, asked.filter, str(asked.sort)
-    return msgspec.structs.replace(
-        make_blank_view(campaign, asked),
-        chart=chart,
-        title=make_title(page, asked),
-        command=format_export_command(here, asked),
-        exports=list_exports(here, asked),
-        headings=make_headings(campaign.spec, partial(make_address, here, conditions), asked.sort),
-        lines=tuple(make_episode_line(row, asked) for row in page.items),
-        per_page=len(page.items),
-        first="" if asked.after is None else make_address(here, conditions, sort),
-        next="" if page.next is None else make_address(here, conditions, sort, page.next),
-        empty=explain_empty_list(campaign, asked),
-    )
-
-
-def make_refused_view(campaign: values.Campaign, asked: EpisodeRequest, problem: str) -> FoundView:
-    """Return the page with the problem of an invalid filter."""
-    empty = "The filter is invalid: no episodes were searched."
-    blank = make_blank_view(campaign, asked)
-    return msgspec.structs.replace(blank, problem=problem, empty=empty)
-
-
-def make_blank_view(campaign: values.Campaign, asked: EpisodeRequest) -> FoundView:
-    """Return the page before the first search."""
-    return FoundView(
-        campaign=campaign.id,
-        name=campaign.spec.name,
-        filter=asked.filter,
-        sort=str(asked.sort),
-        sorted=f"{asked.sort.column}, {order(asked.sort)}",
-        examples=tuple(
-            Example(text, make_address(campaign.id, text), words)
-            for text, words in EXAMPLES.items()
+    return make_blank_view(campaign, asked) | {
+        "title": make_title(page, asked),
+        "command": format_export_command(here, asked),
+        "exports": list_exports(here, asked),
+        "headings": make_headings(
+            campaign.spec, partial(make_address, here, conditions), asked.sort
         ),
-        columns=tuple(filters.COLUMNS.values()),
-        title="Episodes",
-    )
+        "lines": tuple(make_episode_line(row, asked) for row in page.items),
+        "first": "" if asked.after is None else make_address(here, conditions, sort),
+        "next": "" if page.next is None else make_address(here, conditions, sort, page.next),
+        "empty": explain_empty_list(campaign, asked),
+    }
+
+
+def make_blank_view(campaign: values.Campaign, asked: EpisodeRequest) -> dict[str, object]:
+    """Return what the page shows without a search; a filter that is refused has none."""
+    return {
+        "campaign": campaign,
+        "filter": asked.filter,
+        "sort": str(asked.sort),
+        "sorted": f"{asked.sort.column}, {order(asked.sort)}",
+        "longest": filters.LONGEST,
+        "examples": [
+            (text, make_address(campaign.id, text), words) for text, words in EXAMPLES.items()
+        ],
+        "columns": tuple(filters.COLUMNS.values()),
+        "title": "Episodes",
+        "lines": (),
+        "first": "",
+        "empty": "The filter is invalid: no episodes were searched.",
+    }
 
 
 def make_title(page: values.Page[EpisodeRow], asked: EpisodeRequest) -> str:
@@ -439,6 +342,7 @@ def list_exports(campaign: int, asked: EpisodeRequest) -> tuple[tuple[str, str],
 def format_export_command(campaign: int, asked: EpisodeRequest) -> str:
     """Return the command that writes the same episodes as Parquet."""
     words = ["eigenfail", "episode", "export", str(campaign), "-o", "episodes.parquet"]
+    # The command is to be copied: it names only what differs from its defaults.
     words += ["--filter", asked.filter] if asked.filter else []
     words += ["--sort", str(asked.sort)] if asked.sort != filters.BY_INDEX else []
     return shlex.join(words)
@@ -473,12 +377,14 @@ def show_episodes(
     try:
         where = filters.parse_filter(asked.filter)
     except InputError as error:
-        refused = make_refused_view(seen, asked, str(error))
-        return page("episodes.html", refused, error.http_status)
+        # The page keeps what was typed, so that it can be mended.
+        blank = make_blank_view(seen, asked)
+        return page("episodes.html", blank, error.http_status, chart=None, problem=str(error))
     listed = store.episodes.page(campaign, EPISODES_ON_A_PAGE, after, where, asked.sort)
     drawn = spread(store, seen, where)
     chart = make_parallel_chart(drawn.rows, is_all=drawn.is_all) if drawn.rows else None
-    return page("episodes.html", make_found_view(seen, asked, listed, chart))
+    found = make_found_view(seen, asked, listed)
+    return page("episodes.html", found, chart=chart, problem="")
 
 
 @router.get("/campaigns/{campaign}/failures")

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 from typing import Annotated, NamedTuple
 from urllib.parse import urlencode
 
-import msgspec
 from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 
@@ -23,7 +22,6 @@ router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 FAILURES_ON_A_PAGE = 50
 PATH = "/failures"
-COLUMNS = ("severity", "log_probability_per_step", "steps")
 
 Words = Annotated[str, Query(max_length=200)]
 
@@ -40,48 +38,6 @@ class FailureQuery(NamedTuple):
     query: Mapping[str, str]
     where: FailureFilter
     sort: str
-
-
-class FailureLine(msgspec.Struct, frozen=True):
-    """A failure in the list.
-
-    Attributes:
-        episode: the line of the episode in the list of failures of its campaign.
-        name: name of its campaign.
-        planner: planner of its campaign, with its version if that is known.
-        severity, log_p, steps: figures as text.
-    """
-
-    episode: episodes_page.EpisodeLine
-    name: str
-    planner: str
-    severity: str
-    log_p: str
-    steps: str
-
-
-class FailuresView(msgspec.Struct, frozen=True, kw_only=True):
-    """The page.
-
-    Attributes:
-        query: parameters of the list, as in its address.
-        severity: head of the column that sorts the list.
-        first: address of the first page; empty on it.
-        next: address of the page behind this one; empty on the last.
-        archive: words and address of the list with or without archived campaigns.
-        copied: path of the request that lists the same failures, below /api/v1.
-        is_first_again: whether the first page is shown since the place is not there any more.
-    """
-
-    query: Mapping[str, str]
-    severity: episodes_page.Heading
-    lines: tuple[FailureLine, ...]
-    first: str
-    next: str
-    archive: tuple[str, str]
-    copied: str
-    is_first_again: bool
-    is_filtered: bool
 
 
 class FailureForm(NamedTuple):
@@ -113,6 +69,7 @@ def parse_request(
         "archived": "true" if archived else "",
         "sort": "" if sort.strip() == MOST_SEVERE_FIRST else sort.strip(),
     }
+    # The same as in the API, so that the copied request lists the same failures.
     where = parse_failures(**of_campaign, archived=archived)
     return FailureQuery({name: text for name, text in given.items() if text}, where, sort.strip())
 
@@ -128,18 +85,28 @@ def show_failures(
     found, is_gone = _read_page(store, asked, after, most_severe_first=descending)
     after = None if is_gone else after
     campaigns = store.failures.read_campaigns(found.items)
-    view = FailuresView(
+    turned = str(SortOrder("severity", not descending))
+    return page(
+        "all_failures.html",
+        [(row, campaigns[row.campaign].spec, _write_place(row, campaigns)) for row in found.items],
         query=asked.query,
-        severity=_make_heading(asked, SortOrder("severity", descending)),
-        lines=tuple(make_failure_line(row, campaigns[row.campaign]) for row in found.items),
+        severity=episodes_page.Heading(
+            "severity",
+            "Severity",
+            "m²/s²",
+            False,
+            _write_address(asked.query, sort=turned),
+            episodes_page.order(SortOrder("severity", descending)),
+        ),
+        describe=episodes_page.describe_conflict,
+        cell=episodes_page.format_cell,
         first="" if after is None else _write_address(asked.query),
         next="" if found.next is None else _write_address(asked.query, after=str(found.next)),
         archive=_describe_archive(asked),
-        copied=_write_copied(asked),
+        copied=f"/failures?{urlencode(asked.query)}" if asked.query else "/failures",
         is_first_again=is_gone,
         is_filtered=bool({*asked.query} - {"sort", "archived"}),
     )
-    return page("all_failures.html", view)
 
 
 def _read_page(
@@ -155,43 +122,24 @@ def _read_page(
     try:
         return read(after), False
     except InvalidValue as error:
+        # Other fields are wrong in themselves; a place goes when its failure is deleted.
         if error.field != "after":
             raise
         return read(None), True
 
 
-def make_failure_line(row: EpisodeRow, campaign: Campaign) -> FailureLine:
-    """Return the line of a failure of a campaign."""
-    spec = campaign.spec
-    listed = episodes_page.EpisodeRequest(
-        write_failure_filter(spec), parse_sort(episodes_page.find_worst_order(spec))
-    )
-    version = f" {spec.version}" if spec.version else ""
-    return FailureLine(
-        episodes_page.make_episode_line(row, listed),
-        spec.name,
-        f"{spec.planner}{version}",
-        *(episodes_page.format_cell(row, column) for column in COLUMNS),
-    )
-
-
-def _make_heading(asked: FailureQuery, now: SortOrder) -> episodes_page.Heading:
-    turned = SortOrder("severity", not now.descending)
-    address = _write_address(asked.query, sort=str(turned))
-    return episodes_page.Heading(
-        "severity", "Severity", "m²/s²", False, address, episodes_page.order(now)
-    )
+def _write_place(row: EpisodeRow, campaigns: Mapping[int, Campaign]) -> str:
+    """Return the address of an episode in the list of failures of its campaign."""
+    spec = campaigns[row.campaign].spec
+    sort = parse_sort(episodes_page.find_worst_order(spec))
+    listed = episodes_page.EpisodeRequest(write_failure_filter(spec), sort)
+    return episodes_page.make_episode_address(row.campaign, row.index, listed)
 
 
 def _describe_archive(asked: FailureQuery) -> tuple[str, str]:
     if "archived" in asked.query:
         return "Hide failures of archived campaigns", _write_address(asked.query, archived="")
     return "Show failures of archived campaigns", _write_address(asked.query, archived="true")
-
-
-def _write_copied(asked: FailureQuery) -> str:
-    """Return the path and query of the same list in the API."""
-    return f"/failures?{urlencode(asked.query)}" if asked.query else "/failures"
 
 
 def _write_address(query: Mapping[str, str], **changes: str) -> str:

@@ -18,6 +18,7 @@ NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,4})?")
 
 def read_number(text: str) -> int | float | str:
     """A number as it was typed; the text itself where it is none, for the check to refuse."""
+    # Python would also read 1_000 and other digits than 0 to 9, which JSON does not have.
     if WHOLE.fullmatch(text):
         return int(text)
     return float(text) if NUMBER.fullmatch(text) else text
@@ -42,6 +43,7 @@ def read_table(text: str) -> Any:
     """JSON; the text itself where it is none."""
     try:
         return msgspec.json.decode(text)
+    # The check of the spec says what is wrong, with the name of the field.
     except (msgspec.DecodeError, RecursionError):
         return text
 
@@ -168,6 +170,7 @@ def group_of(schema: Schema, name: str, title: str, varied: bool = False) -> Lau
         title: what it is called.
         varied: whether its values may be drawn from distributions.
     """
+    # References count from the top of the schema: nested groups need the same definitions.
     node, defs = resolve_schema(schema, schema), schema.get("$defs", {})
     about = inspect.cleandoc(node.get("description", ""))
     helps = dict(parse_attributes(about))
@@ -229,6 +232,7 @@ def describe_items(part: Schema, schema: Schema) -> Schema:
 def read_default(part: Schema) -> str:
     """Return the value that holds if nothing is entered."""
     value = part.get("default")
+    # Empty lists and tables look like nothing in a form.
     return "" if "default" not in part or value in ([], {}) else format_field(value)
 
 
@@ -275,6 +279,7 @@ def describe_bound(
     part: Schema, closed: str, inclusive: str, opened: str, exclusive: str
 ) -> list[str]:
     """A bound in words."""
+    # Bounds of 64 bits are no advice to a person.
     if abs(part.get(inclusive, 0)) > WORTH_TELLING:
         return []
     if inclusive in part:
@@ -356,6 +361,8 @@ class Texts(msgspec.Struct, frozen=True):
     def entry(self, field: LaunchField) -> LaunchEntry:
         """Return the text of a field: the typed one, or the initial one."""
         name = field.name
+        # A form that was sent has all of its fields, also empty ones: only the first page lacks
+        # them.
         if name not in self.typed and name + HOW not in self.typed:
             return self._began_with(field)
         get = self.typed.get

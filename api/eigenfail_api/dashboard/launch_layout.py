@@ -93,8 +93,10 @@ def _list_fields(section: Section) -> Iterator[str]:
 def make_world_parts(texts: launch_fields.Texts) -> tuple[LaunchPart, ...]:
     """Return the parts for scenario and planner; a function under test is both in one."""
     simulator = choose_plugin(texts, "simulator", PROPERTIES["simulator"]["default"])
+    # A simulator that is not installed here stays selected, with its problem.
     known = tuple(dict.fromkeys((*list_simulators(), simulator)))
     swapping = make_choice_field("simulator", known, simulator)
+    # What is driven there is no plug-in: there is no list of names and no schema.
     if make_parts := PARTS_WITHOUT_PLUGINS.get(simulator):
         return make_parts(swapping)
     scenario, planner = (choose_plugin(texts, name, PROPERTIES[name]["default"]) for name in WORLD)
@@ -206,6 +208,7 @@ def group(kind: str, name: str, title: str) -> launch_fields.LaunchGroup:
 
 def make_disturbance_group(texts: launch_fields.Texts) -> launch_fields.LaunchGroup:
     """Return the disturbance model with the settings of the chosen shape."""
+    # The shape is a union: its own fields depend on the kind that is chosen.
     kind = f"{SHAPE}.kind"
     base = read_path(dict(texts.base), ("disturbance", "shape", "kind"))
     given = base if isinstance(base, str) else ""

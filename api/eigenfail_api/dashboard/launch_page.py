@@ -3,16 +3,16 @@
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
-from urllib.parse import parse_qsl, urlencode
+from urllib.parse import urlencode
 from uuid import NAMESPACE_URL, uuid4, uuid5
 
 import msgspec
 from anyio.to_thread import run_sync
-from fastapi import APIRouter, HTTPException, Request
+from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import InputError, InvalidValue, UnknownName
-from eigenfail.presentation.figures import count_noun, format_count, format_duration, format_usd
+from eigenfail.presentation.figures import format_duration, format_usd
 from eigenfail.suites import describes_suite
 from eigenfail.values import Campaign, CampaignSpec, CampaignState
 from eigenfail.values.campaign import CampaignFilter
@@ -20,8 +20,8 @@ from eigenfail_api.dashboard import launch_fields
 from eigenfail_api.dashboard.copying import Service, format_curl, read_service
 from eigenfail_api.dashboard.launch_layout import LaunchPart, make_layout
 from eigenfail_api.dashboard.rendering import page
-from eigenfail_api.parameters import LARGEST, Stored, read_within
-from eigenfail_services.campaigns import drafts, resolution
+from eigenfail_api.parameters import LARGEST, Stored, read_form
+from eigenfail_services.campaigns import drafts
 from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.store import Store
 
@@ -51,77 +51,6 @@ class LaunchPage(msgspec.Struct, frozen=True, kw_only=True):
     swaps: bool
 
 
-class LaunchLink(msgspec.Struct, frozen=True):
-    """A way to build on the earlier campaign."""
-
-    words: str
-    address: str
-
-
-class LaunchOrigin(msgspec.Struct, frozen=True, kw_only=True):
-    """The campaign that the form began with.
-
-    Attributes:
-        extends: whether it is asked for more episodes than that one had.
-        repeats: what more episodes begin with.
-    """
-
-    id: int
-    name: str
-    extends: bool
-    repeats: str
-    links: tuple[LaunchLink, ...]
-    is_open: bool
-
-
-class LaunchView(msgspec.Struct, frozen=True, kw_only=True):
-    """The page that launches a campaign.
-
-    Attributes:
-        shown: texts shown, by the name of the field.
-        origin: the campaign that the form began with; None without one.
-        body: body of the request that launches what is typed.
-        checked: in words, once it was checked and is in order; empty otherwise.
-        estimate: duration and cost after those of earlier campaigns of the same kind, or that there
-            are none, as a sentence.
-        key: idempotency key of this launch; empty while there is nothing to launch.
-        curl: the command that launches the same; empty while there is nothing to launch.
-        completed: fields of the campaign and their values, by path; empty before the check.
-        token: token of this page.
-    """
-
-    parts: tuple[LaunchPart, ...]
-    shown: Mapping[str, LaunchPage]
-    troubles: tuple[LaunchTrouble, ...]
-    origin: LaunchOrigin | None
-    body: Mapping[str, Any]
-    checked: str
-    estimate: str
-    key: str
-    curl: str
-    completed: tuple[tuple[str, str], ...]
-    token: str
-
-    @property
-    def wrong(self) -> str:
-        """How many problems there are."""
-        return count_noun(len(self.troubles), "problem")
-
-    def opens(self, group: launch_fields.LaunchGroup) -> bool:
-        """Whether something in a group is given, or wrong, or differs."""
-        return self.count_given(group) > 0
-
-    def count_given(self, group: launch_fields.LaunchGroup) -> int:
-        """How many fields of a group hold more than their default."""
-        return sum(is_told(self.shown[field.name]) for field in group.all_fields())
-
-    def describe_group(self, group: launch_fields.LaunchGroup) -> str:
-        """How many fields a group has, and how many of them hold more than their default."""
-        given = self.count_given(group)
-        told = f"{format_count(given)} changed" if given else "all at their defaults"
-        return f"{format_count(sum(1 for _ in group.all_fields()))}, {told}"
-
-
 def list_fields(parts: Sequence[LaunchPart]) -> tuple[launch_fields.LaunchField, ...]:
     """Return all fields of the form, in its order."""
     return tuple(
@@ -146,6 +75,7 @@ def find_nearest_field(
     by_name: Mapping[str, launch_fields.LaunchField], path: tuple[str, ...]
 ) -> launch_fields.LaunchField | None:
     """Return the field at a path, or at the longest part of the path that has one."""
+    # A problem deep in a table is shown at the field that holds the table.
     for length in range(len(path), 0, -1):
         if found := by_name.get(".".join(path[:length])):
             return found
@@ -167,6 +97,7 @@ def make_shown_fields(
     """Return every field with its text and its error."""
     began = launch_fields.Texts({}, msgspec.to_builtins(origin.spec)) if origin else None
     words: dict[str, str] = {}
+    # Several problems of one field stand in one sentence below it.
     for trouble in troubles:
         if trouble.field:
             before = words.get(trouble.field.name)
@@ -193,46 +124,38 @@ def find_changed_text(
         launch_fields.format_entry(texts.entry(field)),
         launch_fields.format_entry(began.entry(field)),
     )
-    return None if now == before else before or f"its default{describe_default(field)}"
+    default = f"its default ({field.default})" if field.default else "its default"
+    return None if now == before else before or default
 
 
-def describe_default(field: launch_fields.LaunchField) -> str:
-    """Return the default in brackets, if there is one."""
-    return f" ({field.default})" if field.default else ""
-
-
-def make_origin(campaign: Campaign, body: Mapping[str, Any]) -> LaunchOrigin:
+def make_origin(campaign: Campaign, body: Mapping[str, Any]) -> dict[str, object]:
     """Return the campaign that the form began with, and what can be built on it."""
     episodes = body.get("episodes")
     extends = isinstance(episodes, int) and episodes > campaign.spec.episodes
+    # A link keeps the budget that was typed, if it is larger than that of the earlier campaign.
     budget = {"episodes": episodes} if extends else {}
-    links = (
-        LaunchLink(each.words, make_address(campaign.id, {**budget, **each.changes}))
-        for each in drafts.list_continuations(campaign)
-    )
-    return LaunchOrigin(
-        id=campaign.id,
-        name=campaign.spec.name,
-        extends=extends,
-        repeats=drafts.describe_repetition(campaign.spec),
-        links=tuple(links),
-        is_open=campaign.ended_ms is None,
-    )
-
-
-def make_address(campaign: int, changes: Mapping[str, Any]) -> str:
-    """Return the address of the form that begins with a campaign and some changes."""
-    return f"/launch?{urlencode({'from': campaign, **changes})}"
-
-
-def describe_checked(body: Mapping[str, Any]) -> str:
-    """Return that the spec can be launched, and how large the campaign is."""
-    return f"Valid: {count_noun(int(body['episodes']), 'episode')} can be launched."
+    return {
+        "campaign": campaign,
+        "extends": extends,
+        "repeats": drafts.describe_repetition(campaign.spec),
+        "links": [
+            (
+                each.words,
+                f"/launch?{urlencode({'from': campaign.id, **budget, **each.changes})}",
+            )
+            for each in drafts.list_continuations(campaign)
+        ],
+    }
 
 
 def is_told(one: LaunchPage) -> bool:
     """Whether a field holds more than its default."""
     return bool(launch_fields.format_entry(one.entry) or one.problem or one.before)
+
+
+def count_given(group: launch_fields.LaunchGroup, shown: Mapping[str, LaunchPage]) -> int:
+    """Return how many fields of a group hold more than their default."""
+    return sum(is_told(shown[field.name]) for field in group.all_fields())
 
 
 MOST_PRECEDENTS = 100
@@ -243,6 +166,7 @@ def find_precedent(store: Store, spec: CampaignSpec) -> Campaign | None:
 
     Of the same kind are campaigns of the same method against the same planner in the same scenario.
     """
+    # A campaign that was cut off says less about the time of a whole one.
     done = CampaignFilter(method=spec.method, state=CampaignState.DONE)
     alike = (
         each
@@ -276,12 +200,10 @@ def iterate_leaves(value: Mapping[str, Any], above: str = "") -> Iterator[tuple[
         if isinstance(part, dict) and part and not {"uniform", "choice"} & part.keys():
             yield from iterate_leaves(part, f"{above}{name}.")
         else:
-            yield f"{above}{name}", part if isinstance(part, str) else as_text(part)
-
-
-def as_text(value: Any) -> str:
-    """A value as JSON."""
-    return msgspec.json.encode(value).decode()
+            yield (
+                f"{above}{name}",
+                part if isinstance(part, str) else msgspec.json.encode(part).decode(),
+            )
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -303,26 +225,12 @@ def show_launch(request: Request, store: Stored) -> HTMLResponse:
 @router.post("/launch/form")
 async def show_form(request: Request, store: Stored) -> HTMLResponse:
     """Serve the form, checked on request; nothing is launched."""
-    typed = await read_form(request)
+    typed = await read_form(request, MOST_FIELDS)
     view = await run_sync(launch_view, store, typed, read_service(request))
     return page("launch.html", view)
 
 
-async def read_form(request: Request) -> dict[str, str]:
-    """Return the texts of a form, by the names of its elements.
-
-    Raises:
-        HTTPException: 400, it is not a form; 413, it is larger than the limit.
-    """
-    body = await read_within(request)
-    try:
-        pairs = parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=MOST_FIELDS)
-    except ValueError as error:
-        raise HTTPException(400, f"The form is invalid: {error}.") from None
-    return dict(pairs)
-
-
-def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> LaunchView:
+def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> dict[str, object]:
     """Return the form for typed texts, with the address of the service.
 
     Raises:
@@ -330,6 +238,7 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> Lau
         InvalidValue: the earlier campaign is no number.
         NotFound: there is no such campaign.
     """
+    # A misspelt field would be ignored, and another campaign launched than the one meant.
     refuse_strangers(typed)
     wish = typed.get(WISH, "")
     table, refused = read_imported(typed.get(TOML, "")) if wish == IMPORT else ({}, ())
@@ -345,21 +254,26 @@ def launch_view(store: Store, typed: Mapping[str, str], service: Service) -> Lau
     # A file may hold fields that the form does not have.
     problems = refused or (drafts.find_problems(table or body, store) if wish else ())
     troubles = list_troubles(problems, fields)
-    in_order = wish != "" and not problems
     token = typed.get(TOKEN, "") or str(uuid4())
-    return LaunchView(
-        parts=parts,
-        shown=make_shown_fields(fields, texts, troubles, origin),
-        troubles=troubles,
-        origin=make_origin(origin, body) if origin else None,
-        body=body,
-        checked=describe_checked(body) if in_order else "",
-        estimate=describe_estimate(store, drafts.read_draft(body, store).spec) if in_order else "",
-        completed=list_full_spec(body, store) if in_order else (),
-        key=make_key(token, body) if in_order else "",
-        token=token,
-        curl=format_curl(service, "/campaigns", body) if in_order else "",
-    )
+    view: dict[str, object] = {
+        "parts": parts,
+        "shown": make_shown_fields(fields, texts, troubles, origin),
+        "count_given": count_given,
+        "troubles": troubles,
+        "origin": make_origin(origin, body) if origin else None,
+        "body": body,
+        "key": "",
+        "token": token,
+    }
+    if not wish or problems:
+        return view
+    spec = drafts.read_draft(body, store).spec
+    return view | {
+        "estimate": describe_estimate(store, spec),
+        "completed": tuple(iterate_leaves(msgspec.to_builtins(drafts.fill_defaults(spec)))),
+        "key": make_key(token, body),
+        "curl": format_curl(service, "/campaigns", body),
+    }
 
 
 def read_imported(text: str) -> tuple[dict[str, Any], tuple[InputError, ...]]:
@@ -401,20 +315,13 @@ def make_base(origin: Campaign | None, typed: Mapping[str, str]) -> dict[str, An
     """Return the fields that the form begins with; settings of a replaced plug-in are dropped."""
     if origin is None:
         return {}
+    # Settings of another plug-in have other names: they must not stay behind.
     chosen = {name: typed[name] for name in drafts.COMPANIONS if typed.get(name)}
     return drafts.change_fields(msgspec.to_builtins(origin.spec), chosen)
 
 
-def list_full_spec(body: Mapping[str, Any], store: Store) -> tuple[tuple[str, str], ...]:
-    """Return the full specification of a campaign, including defaults, by path."""
-    return tuple(
-        iterate_leaves(
-            msgspec.to_builtins(resolution.fill_defaults(drafts.read_draft(body, store).spec))
-        )
-    )
-
-
 def make_key(token: str, body: Mapping[str, Any]) -> str:
     """Return the idempotency key of a form: the same for equal fields of one page."""
+    # Sorted: a draft that is typed in another order is the same campaign.
     plain = msgspec.json.encode(body, order="sorted").decode()
     return str(uuid5(NAMESPACE_URL, f"{token} {plain}"))

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from eigenfail.contracts.recording import OverlaidRecordings
 from eigenfail.errors import Conflict
 from eigenfail.presentation.figures import UNKNOWN, format_number
-from eigenfail.values import Mode, Outcome, Scene
+from eigenfail.values import Outcome, Scene
 from eigenfail_api.concurrency import ConcurrencyLimit
 from eigenfail_api.dashboard.charts import Chart, round_rows
 from eigenfail_api.dashboard.rendering import page
@@ -21,7 +21,6 @@ from eigenfail_api.parameters import AnalysisId, ModeNumber, Stored
 from eigenfail_services.analysis.footprints import find_struck, measure_clearances
 from eigenfail_services.campaigns.proofs import read_result
 from eigenfail_services.campaigns.recordings import OverlayBounds, load_mode_recordings
-from eigenfail_services.store import Store
 
 BOUNDS = OverlayBounds(episodes=100, drawn_poses=500_000, kept_poses=100_000)
 """100,000 poses are about 2 MB of the page, and 100 failures are drawn in the time of a frame."""
@@ -34,50 +33,6 @@ TABLE_STEP_S = 0.5
 
 MOST_TABLE_ROWS = 60
 """Rows of the table at most; of longer episodes it has fewer moments."""
-
-
-class OverlayView(msgspec.Struct, frozen=True, kw_only=True):
-    """The failures of a mode over each other.
-
-    Attributes:
-        noun: what the analysis calls its clusters.
-        shown: failures that are drawn.
-        first: the opaque one, in words.
-        has_medoid: whether that is the medoid.
-        scene: their courses; None where none can be drawn.
-        problem: why none can be drawn; empty otherwise.
-    """
-
-    mode: Mode
-    noun: str
-    shown: int = 0
-    first: str = ""
-    has_medoid: bool = True
-    scene: Chart | None = None
-    problem: str = ""
-
-
-def make_overlay_view(store: Store, analysis: int, number: int) -> OverlayView:
-    """Return the failures of a mode over each other.
-
-    Raises:
-        NotFound: no such analysis or mode.
-        InvalidValue: the failures are those of a function.
-    """
-    mode, seen = store.analyses.mode(analysis, number), store.analyses.get(analysis)
-    noun = read_result(seen).cluster_noun
-    try:
-        recordings = load_mode_recordings(store, seen, number, BOUNDS)
-    except Conflict as error:
-        return OverlayView(mode=mode, noun=noun, problem=f"{error.problem} {error.remedy}".strip())
-    return OverlayView(
-        mode=mode,
-        noun=noun,
-        shown=len(recordings.scenes),
-        first=describe_first(recordings),
-        has_medoid=recordings.has_medoid,
-        scene=make_overlay_chart(recordings, f"overlay-{analysis}-{number}"),
-    )
 
 
 def describe_first(recordings: OverlaidRecordings) -> str:
@@ -126,7 +81,7 @@ def make_overlay_chart(recordings: OverlaidRecordings, name: str) -> Chart:
             "Smallest [m]",
             "Largest [m]",
         ),
-        rows=tuple(_iterate_rows(failures, recordings.scenes[0].dt_s)),
+        cells=tuple(_iterate_rows(failures, recordings.scenes[0].dt_s)),
         note="Speed of the ego and distance to the nearest vehicle, by time before the end.",
     )
 
@@ -147,6 +102,7 @@ class _Failure:
     def list_values(self) -> dict[str, object]:
         """Return the values for the player; a track is x, y, heading, x, y, heading, and so on."""
         poses = self._scene.vehicles[..., :3].astype(np.float64)
+        # Rounded, or each of the many numbers would be written with all digits of a float.
         poses[..., :2] = poses[..., :2].round(CENTIMETRE)
         poses[..., 2] = poses[..., 2].round(MILLIRADIAN)
         return {
@@ -169,6 +125,7 @@ def _list_known(values: NDArray[np.float64]) -> list[float | None]:
 
 def _iterate_rows(failures: Sequence[_Failure], dt_s: float) -> Iterator[tuple[str, ...]]:
     last = max(failure.last for failure in failures)
+    # Counted from the end, where failures are aligned, so that rows of all lengths match.
     every = max(1, round(TABLE_STEP_S / dt_s), ceil(last / MOST_TABLE_ROWS))
     for before in range(last // every * every, -1, -every):
         under_way = [failure for failure in failures if failure.last >= before]
@@ -199,4 +156,18 @@ OVERLAYS = Depends(ConcurrencyLimit("overlays"), scope="function")
 @router.get("/analyses/{analysis}/modes/{mode}/overlay", dependencies=[OVERLAYS])
 def show_overlay(store: Stored, analysis: AnalysisId, mode: ModeNumber) -> HTMLResponse:
     """The failures of a mode over each other: its page asks for it when it is opened."""
-    return page("overlay.html", make_overlay_view(store, analysis, mode))
+    found, seen = store.analyses.mode(analysis, mode), store.analyses.get(analysis)
+    noun, recordings, problem = read_result(seen).cluster_noun, None, ""
+    try:
+        recordings = load_mode_recordings(store, seen, mode, BOUNDS)
+    except Conflict as error:
+        problem = f"{error.problem} {error.remedy}".strip()
+    return page(
+        "overlay.html",
+        recordings,
+        mode=found,
+        noun=noun,
+        problem=problem,
+        first=describe_first(recordings) if recordings else "",
+        scene=make_overlay_chart(recordings, f"overlay-{analysis}-{mode}") if recordings else None,
+    )

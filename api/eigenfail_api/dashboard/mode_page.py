@@ -1,23 +1,39 @@
-"""The page of a failure mode: what it is, what it costs, and the failures that belong to it."""
+"""The page of a failure mode: what it is, what it costs, its failures, and its triage.
 
+The form of the triage works without JavaScript: it leads back to the page that it is on.
+"""
+
+import re
+from collections.abc import Mapping
 from typing import Annotated
 
-import msgspec
-from fastapi import APIRouter, Query
-from fastapi.responses import HTMLResponse
+from fastapi import APIRouter, Depends, Query, Request
+from fastapi.responses import HTMLResponse, RedirectResponse
 
 from eigenfail.contracts.recording import ANIMATION, list_formats
+from eigenfail.errors import Conflict, InvalidValue
 from eigenfail.filters import SortOrder, parse_sort
 from eigenfail.presentation import figures
-from eigenfail.values import Analysis, AnalysisResult, Campaign, Mode, Proof
+from eigenfail.presentation.tables import format_cell
+from eigenfail.settings import refuse_hidden
+from eigenfail.values import Analysis, Campaign, Mode, Proof
 from eigenfail.values.analysis import LONGEST_MODE_NAME
 from eigenfail.values.records import EpisodeRow
+from eigenfail.values.triage import (
+    LONGEST_NOTE,
+    LONGEST_TICKET,
+    Triage,
+    TriageChange,
+    TriageState,
+    check_change,
+)
+from eigenfail.wire.http import read_fields
 from eigenfail.worlds import find_robustness_unit, world_of
+from eigenfail_api.access.change_details import record_form
 from eigenfail_api.dashboard import episodes_page
 from eigenfail_api.dashboard.analysis_page import ModeCard, make_mode_cards
 from eigenfail_api.dashboard.rendering import Tile, page
-from eigenfail_api.dashboard.triage_forms import TriageView, make_triage_view
-from eigenfail_api.parameters import AnalysisId, ModeNumber, Stored
+from eigenfail_api.parameters import AnalysisId, CallerName, ModeNumber, Stored, read_form
 from eigenfail_services.campaigns.proofs import read_result, summarise_proof
 from eigenfail_services.campaigns.summary import find_cost
 from eigenfail_services.store import Store
@@ -28,74 +44,42 @@ FILMS = 6
 """Failures that play side by side."""
 
 
-class ModeView(msgspec.Struct, frozen=True, kw_only=True):
-    """The page of a failure mode.
-
-    Attributes:
-        mode: number, name and failures.
-        numbers: the numbers of all modes of the analysis.
-        card: what the page of the analysis shows of it.
-        is_distinct: whether the modes are more than groups of failures.
-        tiles: its figures, each with its basis.
-        lines: its failures, the first in their order.
-        films: addresses of the players of some failures, the medoid first.
-        every: where all its failures can be searched; empty where no filter finds just them.
-        newer: the newest analysis of the campaign, whose modes filters and lists have; None if it
-            is this one.
-        has_animation: whether an animation of its failures can be made here.
-        version: version of the planner that its campaign names; empty if none.
-        triage: its state, ticket and note.
-    """
-
-    mode: Mode
-    numbers: tuple[int, ...]
-    campaign: int
-    campaign_name: str
-    card: ModeCard
-    is_distinct: bool
-    tiles: tuple[tuple[str, Tile], ...]
-    headings: tuple[episodes_page.Heading, ...]
-    lines: tuple[episodes_page.EpisodeLine, ...]
-    films: tuple[str, ...]
-    every: str
-    newer: int | None
-    has_animation: bool
-    version: str
-    triage: TriageView
-    longest_name: int = LONGEST_MODE_NAME
-
-
 def make_mode_view(
     store: Store, analysis: Analysis, mode: Mode, sort: SortOrder, proof: Proof
-) -> ModeView:
-    """Return the page of a mode, with its failures in an order."""
+) -> dict[str, object]:
+    """Return what the page of a mode shows, with its failures in an order."""
     campaign = store.campaigns.get(analysis.campaign)
     result, world = read_result(analysis), world_of(campaign.spec.simulator)
     cards = make_mode_cards(result, campaign.id, proof, find_robustness_unit(campaign.spec))
     card, newest = cards[mode.number - 1], store.analyses.find_newest(campaign.id)
     rows = store.episodes.list_mode_failures(analysis.id, mode.number, sort, FAILURES_ON_PAGE)
     others = map(store.campaigns.get, sorted(set(analysis.settings.campaigns) - {campaign.id}))
-    return ModeView(
-        mode=mode,
-        numbers=tuple(range(1, len(result.modes) + 1)),
-        campaign=campaign.id,
-        campaign_name=campaign.spec.name,
-        card=card,
-        is_distinct=result.distinct,
-        tiles=list_mode_tiles(card, mode, [campaign, *others], len(result.episodes)),
-        headings=episodes_page.make_headings(
+    # Filters have the modes of the newest analysis of one campaign, and no others.
+    is_found_by_filter = newest == analysis.id and {*result.campaigns} <= {campaign.id}
+    return {
+        "mode": mode,
+        "result": result,
+        "campaign": campaign,
+        "card": card,
+        "tiles": list_mode_tiles(card, mode, [campaign, *others], len(result.episodes)),
+        "headings": episodes_page.make_headings(
             campaign.spec,
             lambda order: f"/analyses/{analysis.id}/modes/{mode.number}?sort={order}",
             sort,
         ),
-        lines=tuple(map(episodes_page.make_episode_line, rows)),
-        films=tuple(list_films(card, rows)) if world.has_road else (),
-        every=find_search_address(analysis, result, mode.number) if newest == analysis.id else "",
-        newer=None if newest == analysis.id else newest,
-        has_animation=world.has_road and ANIMATION in list_formats(),
-        version=campaign.spec.version,
-        triage=make_triage_view(store.triage.get(analysis.id, mode.number)),
-    )
+        "lines": tuple(map(episodes_page.make_episode_line, rows)),
+        "films": list_films(card, rows) if world.has_road else (),
+        "every": episodes_page.make_address(campaign.id, f"mode = {mode.number}")
+        if is_found_by_filter
+        else "",
+        "newer": None if newest == analysis.id else newest,
+        "has_animation": world.has_road and ANIMATION in list_formats(),
+        "triage": store.triage.get(analysis.id, mode.number),
+        "triage_states": tuple(TriageState),
+        "longest_ticket": LONGEST_TICKET,
+        "longest_note": LONGEST_NOTE,
+        "longest_name": LONGEST_MODE_NAME,
+    }
 
 
 def list_mode_tiles(
@@ -111,20 +95,26 @@ def list_mode_tiles(
         if skipped
         else ()
     )
-    probability = (("Probability under p(x)", card.probability),) if card.probability else ()
-    return (
+    tiles = [
         (
             "Failures",
-            Tile(figures.format_count(mode.failures), (f"{card.share} of those analysed",)),
-        ),
-        *probability,
-        (
-            "Cost per failure of the mode",
-            Tile(figures.format_amount(total_usd / mode.failures), (basis, *more)),
-        ),
-        ("Eigenfailure, root mean square", Tile(f"{card.strength} sigma")),
+            Tile(
+                figures.format_count(mode.failures),
+                (f"{figures.format_share(card.share)} of those analysed",),
+            ),
+        )
+    ]
+    if card.mode.probability:
+        value, *notes = format_cell(card.mode.probability).lines
+        tiles.append(("Probability under p(x)", Tile(value, tuple(notes))))
+    cost = Tile(figures.format_amount(total_usd / mode.failures), (basis, *more))
+    strength = Tile(f"{figures.format_number(card.strength)} sigma")
+    tiles += [
+        ("Cost per failure of the mode", cost),
+        ("Eigenfailure, root mean square", strength),
         *card.proof,
-    )
+    ]
+    return tuple(tiles)
 
 
 def list_films(card: ModeCard, rows: list[EpisodeRow]) -> list[str]:
@@ -132,19 +122,10 @@ def list_films(card: ModeCard, rows: list[EpisodeRow]) -> list[str]:
     others = [
         f"/campaigns/{row.campaign}/episodes/{row.index}/clip"
         for row in rows
-        if row.has_scene and (row.campaign, row.index) != (card.medoid_campaign, card.medoid)
+        if row.has_scene and (row.campaign, row.index) != (card.medoid_campaign, card.mode.medoid)
     ]
     count = min(FILMS - 1, len(others))
     return [card.clip, *(others[place * len(others) // count] for place in range(count))]
-
-
-def find_search_address(analysis: Analysis, result: AnalysisResult, number: int) -> str:
-    """Return where the failures of a mode of the newest analysis can be searched.
-
-    Filters are of one campaign: empty if the failures are of several.
-    """
-    is_of_one = {*result.campaigns} <= {analysis.campaign}
-    return episodes_page.make_address(analysis.campaign, f"mode = {number}") if is_of_one else ""
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -164,3 +145,67 @@ def show_mode(
         store, seen, found, parse_sort(sort or usual), summarise_proof(store, seen)
     )
     return page("mode.html", view)
+
+
+MOST_FIELDS = 100
+SEE_OTHER = 303
+VERSION = re.compile(r"\d{1,15}", re.ASCII)
+
+
+async def read_triage_form(request: Request) -> dict[str, str]:
+    """Return the fields of the form.
+
+    Raises:
+        HTTPException: 400, the body is no form.
+        InvalidValue: a text has an invisible character.
+    """
+    form = await read_form(request, MOST_FIELDS)
+    refuse_hidden(form)
+    record_form(request.scope, form)
+    return form
+
+
+Form = Annotated[dict[str, str], Depends(read_triage_form)]
+
+
+def read_change(form: Mapping[str, str]) -> TriageChange:
+    """Return the change of a form that shows the whole triage.
+
+    Raises:
+        InvalidValue: a value is outside its bounds.
+    """
+    given = {name: form.get(name) for name in TriageChange.__struct_fields__}
+    return check_change(read_fields(given, TriageChange))
+
+
+def read_version(form: Mapping[str, str]) -> int | None:
+    """Return when the triage that a form shows was changed last; None if it never was. [ms]
+
+    Raises:
+        InvalidValue: it is no such time.
+    """
+    text = form.get("changed_ms", "")
+    if text and not VERSION.fullmatch(text):
+        raise InvalidValue(
+            "changed_ms", "it is not a time in milliseconds.", "Open the page again."
+        )
+    return int(text) if text else None
+
+
+@router.post("/analyses/{analysis}/modes/{mode}/triage")
+def triage_mode(
+    store: Stored, analysis: AnalysisId, mode: ModeNumber, form: Form, who: CallerName
+) -> RedirectResponse:
+    """Change the triage of a failure mode."""
+    shown_ms = read_version(form)
+
+    def refuse_newer(found: Triage) -> None:
+        if found.changed_ms != shown_ms:
+            by = f", by {found.changed_by}" if found.changed_by else ""
+            raise Conflict(
+                f"The triage of this mode was changed meanwhile{by}.",
+                "Open the page again, and change what it shows now.",
+            )
+
+    store.triage.change(analysis, mode, read_change(form), who, refuse_newer)
+    return RedirectResponse(f"/analyses/{analysis}/modes/{mode}#triage", SEE_OTHER)

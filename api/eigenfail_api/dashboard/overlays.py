@@ -1,7 +1,7 @@
 """Charts of several campaigns: their courses and costs, drawn over one another."""
 
 from bisect import bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 
 import msgspec
 import numpy as np
@@ -26,78 +26,63 @@ STEPS = 10
 ROUNDING = 1e-9
 
 
-SIDES = ("A", "B")
-
-
 FINDS = {"failures": "Failures", "modes": "Distinct modes"}
-
-
-class Line(msgspec.Struct, frozen=True):
-    """A campaign of a side."""
-
-    side: int
-    cost: CampaignCost
-
-    @property
-    def name(self) -> str:
-        """As a column is headed."""
-        return f"{SIDES[self.side]}: {self.cost.campaign} {self.cost.method}"
 
 
 def make_bill_charts(*sides: Sequence[CampaignCost]) -> tuple[Chart, ...]:
     """Return the charts of failures, and of modes if any are known, over the money spent."""
-    lines = [Line(side, cost) for side, costs in enumerate(sides) for cost in costs]
-    known = {find: [line for line in lines if has_curve(line, find)] for find in FINDS}
-    return tuple(make_bill_chart(find, some) for find, some in known.items() if some)
+    costs = {
+        f"{side}: {cost.campaign} {cost.method}": cost
+        for side, bills in zip("AB", sides, strict=False)
+        for cost in bills
+    }
+    charts = (make_bill_chart(f"bill-{find}-chart", find, costs) for find in FINDS)
+    return tuple(chart for chart in charts if chart.cells)
 
 
-def has_curve(line: Line, find: str) -> bool:
-    """Return whether a campaign has found anything that a curve can show."""
-    curve = line.cost.curve
-    return len(curve) > 1 and getattr(curve[-1], find) is not None
+def make_bill_chart(name: str, find: str, costs: Mapping[str, CampaignCost]) -> Chart:
+    """Return the chart of one kind of finding over the money spent.
 
-
-def make_bill_chart(find: str, lines: Sequence[Line]) -> Chart:
-    """Return the chart of one kind of finding over the money spent."""
-    title = f"{FINDS[find]} against cost"
+    Args:
+        name: id of the chart.
+        find: the kind, a field of the points of a curve.
+        costs: costs of campaigns by the name of their line; those without a curve are left out.
+    """
+    known = {
+        title: cost
+        for title, cost in costs.items()
+        if len(cost.curve) > 1 and getattr(cost.curve[-1], find) is not None
+    }
+    lines = []
+    for title, cost in known.items():
+        found = [getattr(point, find) for point in cost.curve]
+        lines.append(draw_line(title, [point.usd for point in cost.curve], found))
+    # All lines end where the most expensive campaign does, so that they can be compared.
+    most = max((cost.cost.total_usd for cost in known.values()), default=0.0)
+    amounts = [most * step / STEPS for step in range(1, STEPS + 1)] if most else []
     return Chart(
-        id=f"bill-{find}-chart",
-        kind="bills",
-        title=title,
+        id=name,
+        kind="overlay",
+        title=f"{FINDS[find]} against cost",
         caption=f"{FINDS[find]} found by accumulated cost, one line per campaign.",
-        data={
-            "what": FINDS[find],
-            "lines": [
-                {
-                    "name": line.name,
-                    "side": line.side,
-                    "usd": round_values(point.usd for point in line.cost.curve),
-                    "found": [getattr(point, find) for point in line.cost.curve],
-                }
-                for line in lines
-            ],
-        },
-        columns=("USD", *(line.name for line in lines)),
-        rows=tuple(iterate_bill_rows(find, lines)),
+        data={"x": "USD", "y": FINDS[find], "look": "steps", "lines": lines},
+        columns=("USD", *known),
+        cells=tuple(
+            (usd, *(count_found(find, cost, usd) for cost in known.values())) for usd in amounts
+        ),
         note="–: no further cost.",
     )
 
 
-def iterate_bill_rows(find: str, lines: Sequence[Line]) -> Iterator[tuple[str, ...]]:
-    """Yield the findings of each campaign at equal steps of money."""
-    most = max(line.cost.cost.total_usd for line in lines)
-    for step in range(1, STEPS + 1):
-        usd = most * step / STEPS
-        yield (figures.format_number(usd), *(count_found(find, line.cost, usd) for line in lines))
-
-
-def count_found(find: str, cost: CampaignCost, usd: float) -> str:
+def count_found(find: str, cost: CampaignCost, usd: float) -> int | None:
     """Return the number that a campaign had found at a cost; a dash once nothing more was spent."""
+    # The last amount is the total itself, up to the rounding of the division above.
     if usd > cost.cost.total_usd * (1.0 + ROUNDING):
-        return figures.UNKNOWN
+        return None
     spent = [point.usd for point in cost.curve]
     point: CostPoint = cost.curve[max(bisect_right(spent, usd * (1.0 + ROUNDING)) - 1, 0)]
-    return figures.format_count(getattr(point, find))
+    found: int | None = getattr(point, find)
+    return found
 
 
 MOST_POINTS = 600
@@ -132,33 +117,24 @@ def make_overlays(compared: Sequence[Compared]) -> tuple[Chart, ...]:
     """Return the charts for which there are data."""
     charts = (
         make_rate_chart(compared),
-        make_cost_chart(compared),
+        make_bill_chart("overlay-cost", "failures", {one.name: one.cost for one in compared}),
         make_severity_chart(compared),
         make_distance_chart(compared),
     )
-    return tuple(chart for chart in charts if chart.rows)
+    return tuple(chart for chart in charts if chart.cells)
 
 
 def make_rate_chart(compared: Sequence[Compared]) -> Chart:
     """Return the chart of the failure rate, or share of failures, over episodes."""
-    what = name_rates(block.failure_rate for one in compared for block in one.course.blocks)
+    blocks = [(one.name, block) for one in compared for block in one.course.blocks]
+    what = name_rates(block.failure_rate for _, block in blocks)
     lines = [
-        make_line(
-            one,
-            [(block.first + block.last) / 2.0 for block in one.course.blocks],
-            list_percents(one),
-        )
-        for one in compared
-    ]
-    rows = [
-        (
+        draw_line(
             one.name,
-            format_span(block),
-            figures.format_share(block.failure_rate.value),
-            format_bounds(block.failure_rate),
+            [(block.first + block.last) / 2.0 for block in one.course.blocks],
+            [100.0 * block.failure_rate.share for block in one.course.blocks],
         )
         for one in compared
-        for block in one.course.blocks
     ]
     return Chart(
         id="overlay-rate",
@@ -166,16 +142,25 @@ def make_rate_chart(compared: Sequence[Compared]) -> Chart:
         title=f"{what} over episodes",
         caption="By blocks of episodes; the table holds the 95 % intervals of random samples."
         + _explain_searches(compared),
-        data=draw_lines("Episode", f"{what} [%]", lines),
+        data={"x": "Episode", "y": f"{what} [%]", "look": "lines", "lines": lines},
         columns=("Campaign", "Episodes", what, "95 % interval"),
-        rows=tuple(rows[:MOST_ROWS]),
-        note=describe_left_out(len(rows)),
+        cells=tuple(
+            (
+                name,
+                format_span(block),
+                figures.format_share(block.failure_rate.value),
+                format_bounds(block.failure_rate),
+            )
+            for name, block in blocks[:MOST_ROWS]
+        ),
+        note=f"The first {MOST_ROWS} of {len(blocks)} rows." if len(blocks) > MOST_ROWS else "",
     )
 
 
 def _explain_searches(compared: Sequence[Compared]) -> str:
     """Return what the lines of searches show; empty where every campaign is a random sample."""
     rates = [(one, block.failure_rate) for one in compared for block in one.course.blocks]
+    # By campaign, each once, in the order of the legend.
     searches = dict.fromkeys(str(one.campaign.id) for one, rate in rates if not rate.sampled)
     if not searches:
         return ""
@@ -185,55 +170,15 @@ def _explain_searches(compared: Sequence[Compared]) -> str:
     )
 
 
-def list_percents(one: Compared) -> list[float]:
-    """Return the failure rates by block [%]."""
-    return [100.0 * block.failure_rate.share for block in one.course.blocks]
-
-
-def make_cost_chart(compared: Sequence[Compared]) -> Chart:
-    """Return the chart of failures over the money spent."""
-    known = [one for one in compared if len(one.cost.curve) > 1]
-    lines = [
-        make_line(
-            one,
-            [point.usd for point in one.cost.curve],
-            [float(point.failures) for point in one.cost.curve],
-        )
-        for one in known
-    ]
-    return Chart(
-        id="overlay-cost",
-        kind="overlay",
-        title="Failures against cost",
-        caption="Failures found by accumulated cost.",
-        data={**draw_lines("USD", "Failures", lines), "look": "steps"},
-        columns=("USD", *(one.name for one in known)),
-        rows=tuple(iterate_cost_rows(known)),
-        note="–: no further cost.",
-    )
-
-
-def iterate_cost_rows(known: Sequence[Compared]) -> Iterator[tuple[str, ...]]:
-    """Yield the failures of each campaign at equal steps of money."""
-    most = max((one.cost.cost.total_usd for one in known), default=0.0)
-    for step in range(1, STEPS + 1) if most else ():
-        usd = most * step / STEPS
-        yield (
-            figures.format_number(usd),
-            *(count_found("failures", one.cost, usd) for one in known),
-        )
-
-
 def make_severity_chart(compared: Sequence[Compared]) -> Chart:
     """Return the chart of the failures' likelihood and severity."""
-    points = [(one, list_failures(one)) for one in compared]
+    found = {one.name: list_failures(one) for one in compared}
+    points = {
+        name: [(row.log_probability / max(row.steps, 1), row.severity or 0.0) for row in rows]
+        for name, rows in found.items()
+    }
     lines = [
-        make_line(
-            one,
-            [row.log_probability / max(row.steps, 1) for row in found],
-            [row.severity or 0.0 for row in found],
-        )
-        for one, found in points
+        draw_line(name, [x for x, _ in each], [y for _, y in each]) for name, each in points.items()
     ]
     return Chart(
         id="overlay-severity",
@@ -243,74 +188,57 @@ def make_severity_chart(compared: Sequence[Compared]) -> Chart:
             f"Each mark is a failure, at most {MOST_POINTS} of each campaign; farther to the right "
             "is likelier, farther up is worse."
         ),
-        data={**draw_lines("log p per step", "Severity [m²/s²]", lines), "look": "marks"},
+        data={"x": "log p per step", "y": "Severity [m²/s²]", "look": "marks", "lines": lines},
         columns=("Campaign", "Failures drawn", "Median log p per step", "Median severity [m²/s²]"),
-        rows=tuple(make_severity_row(one, found) for one, found in points if found),
+        cells=tuple(
+            (name, len(each), *map(float, np.median(each, axis=0)))
+            for name, each in points.items()
+            if each
+        ),
     )
 
 
 def list_failures(one: Compared) -> list[EpisodeRow]:
     """Return failures of the sample, thinned evenly."""
     found = [row for row in one.rows if row.outcome.is_failure and row.severity]
+    # Every n-th, rounded up, so that at most so many are left; evenly over the campaign.
     return found[:: -(-len(found) // MOST_POINTS) or 1]
-
-
-def make_severity_row(one: Compared, found: Sequence[EpisodeRow]) -> tuple[str, ...]:
-    """Return the medians of a campaign's failures."""
-    likely = float(np.median([row.log_probability / max(row.steps, 1) for row in found]))
-    severe = float(np.median([row.severity or 0.0 for row in found]))
-    return (
-        one.name,
-        figures.format_count(len(found)),
-        figures.format_number(likely),
-        figures.format_number(severe),
-    )
 
 
 def make_distance_chart(compared: Sequence[Compared]) -> Chart:
     """Return the chart of the distribution of robustness; that of a function has no unit."""
     roads = [world_of(one.campaign.spec.simulator).has_road for one in compared]
+    # A function has no metres: on one axis with a road the unit holds for the road alone.
     unit = " [m]" if all(roads) else " [m on the road]" if any(roads) else ""
     nothing = "0 m" if all(roads) else "0"
-    known = [(one, measured) for one in compared if (measured := list_robustness(one))]
+    measured = (
+        (one.name, [row.robustness_m for row in one.rows if row.robustness_m is not None])
+        for one in compared
+    )
+    known = [(name, found) for name, found in measured if found]
     lines = [
-        make_line(one, np.quantile(found, SHARES).tolist(), (100.0 * SHARES).tolist())
-        for one, found in known
+        draw_line(name, np.quantile(found, SHARES).tolist(), (100.0 * SHARES).tolist())
+        for name, found in known
     ]
     return Chart(
         id="overlay-robustness",
         kind="overlay",
         title="Distribution of robustness",
         caption=f"Cumulative share of episodes by robustness; {nothing} is a failure.",
-        data=draw_lines(f"Robustness{unit}", "Episodes [%]", lines),
+        data={
+            "x": f"Robustness{unit}",
+            "y": "Episodes [%]",
+            "look": "lines",
+            "lines": lines,
+        },
         columns=("Campaign", "Episodes", *(f"{100 * share:.0f} %" for share in QUANTILES)),
-        rows=tuple(
-            (
-                one.name,
-                figures.format_count(len(found)),
-                *(figures.format_number(float(each)) for each in np.quantile(found, QUANTILES)),
-            )
-            for one, found in known
+        cells=tuple(
+            (name, len(found), *map(float, np.quantile(found, QUANTILES))) for name, found in known
         ),
         note=f"Quantiles of robustness{unit}.",
     )
 
 
-def list_robustness(one: Compared) -> list[float]:
-    """Return the robustness of the episodes of the sample, where it was measured [m]."""
-    return [row.robustness_m for row in one.rows if row.robustness_m is not None]
-
-
-def make_line(one: Compared, x: Sequence[float], y: Sequence[float]) -> dict[str, object]:
+def draw_line(name: str, x: Sequence[float], y: Sequence[float | None]) -> dict[str, object]:
     """Return a campaign's line of a chart."""
-    return {"name": one.name, "id": one.campaign.id, "x": round_values(x), "y": round_values(y)}
-
-
-def draw_lines(x: str, y: str, lines: list[dict[str, object]]) -> dict[str, object]:
-    """What the browser draws."""
-    return {"x": x, "y": y, "look": "lines", "lines": lines}
-
-
-def describe_left_out(rows: int) -> str:
-    """Return the note that a table ends early."""
-    return f"The first {MOST_ROWS} of {rows} rows." if rows > MOST_ROWS else ""
+    return {"name": name, "x": round_values(x), "y": round_values(y)}

@@ -6,19 +6,17 @@ from typing import Annotated, Literal, NamedTuple
 from urllib.parse import urlencode
 
 import msgspec
-from fastapi import APIRouter, Depends, Header, Query
+from fastapi import APIRouter, Depends, Query
 from fastapi.responses import HTMLResponse
 
 from eigenfail.filters import NEWEST_FIRST, SortOrder, parse_campaign_sort
 from eigenfail.presentation.figures import count_noun, format_count, format_number, format_usd
-from eigenfail.values import Campaign, CampaignState, Event, Page, Summary
+from eigenfail.values import FINAL_STATES, Campaign, CampaignState, Summary
 from eigenfail.values.campaign import CampaignFilter
-from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.operations import ACTIVE_S, Presence, WorkerShare
 from eigenfail_api.dashboard import cost_charts
-from eigenfail_api.dashboard.charts import Chart
 from eigenfail_api.dashboard.episodes_page import Heading, order
-from eigenfail_api.dashboard.rendering import WORKING, StandingView, Tile, make_standing, page
+from eigenfail_api.dashboard.rendering import WORKING, Tile, describe_remaining, page
 from eigenfail_api.parameters import Before, Stored
 from eigenfail_services.campaigns.summary import (
     count_present,
@@ -28,7 +26,6 @@ from eigenfail_services.campaigns.summary import (
     summaries_of,
 )
 from eigenfail_services.comparison.peers import compare_peers, list_methods
-from eigenfail_services.store import Store
 
 MOST_LINES = 100
 
@@ -37,6 +34,7 @@ def make_worker_tiles(
     here: Sequence[Presence], lately: Sequence[WorkerShare], within_s: int
 ) -> tuple[tuple[str, Tile], ...]:
     """Return the tiles of the connected workers and of their speed over the last seconds."""
+    # A worker may have gone since its last result: it counts as one of now all the same.
     at_work = {share.worker for share in lately}
     names = {presence.worker for presence in here} | at_work
     episodes = sum(share.episodes for share in lately)
@@ -90,6 +88,7 @@ class Wanted(msgspec.Struct, frozen=True):
         query = {name: str(value) for name, value in given.items() if value is not None}
         if given["sort"] == NEWEST_FIRST:
             del query["sort"]
+        # An address without the word lists what is not archived.
         del query["archived"]
         if given["archived"]:
             query["archived"] = "true"
@@ -109,6 +108,7 @@ class Wanted(msgspec.Struct, frozen=True):
     @property
     def where(self) -> CampaignFilter:
         """The same in the words of the store."""
+        # Who asks for replays by name gets them.
         besides = None if self.method else cost_charts.REPLAY
         only = None if self.archived else False
         labels = {name: getattr(self, name) for name in LABELS}
@@ -152,102 +152,6 @@ def make_campaign_headings(wanted: Wanted) -> tuple[Heading, ...]:
     )
 
 
-class Overview(msgspec.Struct, frozen=True, kw_only=True):
-    """The first page.
-
-    Attributes:
-        wanted: what was asked for, and the cursor of this page.
-        address: address of this page.
-        newest: the address of the first page of these campaigns; None on it.
-        older: the address of the next one, if there is one.
-        methods: those that some campaign has.
-        any_method: label of the choice of all methods.
-        replays: words and address of the replays that are not listed; None if there are none.
-        panel: cost per failure by method.
-        wants_workers: whether episodes wait and no worker is connected.
-        stranded: what was said of each campaign that no connected worker can run.
-        latest: the newest event when the page was made, so that the feed goes on behind it.
-        headings: the columns that sort the list.
-        archive: words and address of this list with or without archived campaigns; None where no
-            campaign is archived.
-    """
-
-    wanted: Wanted
-    headings: tuple[Heading, ...]
-    address: str
-    newest: str | None
-    older: str | None
-    states: tuple[str, ...] = tuple(CampaignState)
-    methods: tuple[str, ...]
-    any_method: str
-    replays: tuple[str, str] | None
-    lines: tuple[StandingView, ...]
-    tiles: tuple[tuple[str, Tile], ...]
-    panel: cost_charts.MethodCosts
-    costs: Chart | None
-    is_open: bool
-    wants_workers: bool
-    stranded: tuple[Event, ...]
-    latest: int
-    archive: tuple[str, str] | None
-
-
-class OverviewFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """What the store knows.
-
-    Attributes:
-        page: some campaigns, newest first.
-        summaries: summaries of the campaigns, in the same order.
-        groups: costs by method, of all campaigns.
-        methods: those that some campaign has.
-        replays: how many campaigns replay what others found.
-        here: the workers that are connected now.
-        lately: who brought results in the last `within_s` seconds.
-        stranded: what was said of each campaign that no connected worker can run.
-        latest: the id of the newest event.
-        has_archive: whether any campaign is archived.
-    """
-
-    page: Page[Campaign]
-    summaries: Sequence[Summary]
-    groups: Sequence[PeerCosts]
-    methods: Sequence[str]
-    replays: int
-    here: Sequence[Presence]
-    lately: Sequence[WorkerShare]
-    within_s: int
-    stranded: tuple[Event, ...]
-    latest: int
-    has_archive: bool
-
-
-def make_overview(known: OverviewFacts, wanted: Wanted) -> Overview:
-    """Return the page of all campaigns."""
-    lines = tuple(map(make_standing, known.page.items, known.summaries))
-    return Overview(
-        wanted=wanted,
-        headings=make_campaign_headings(wanted),
-        address=wanted.address(),
-        newest=wanted.address(before=None) if wanted.before else None,
-        older=wanted.address(before=known.page.next) if known.page.next else None,
-        methods=tuple(known.methods),
-        any_method=f"any except {cost_charts.REPLAY}" if known.replays else "any",
-        replays=fold_replays(known.replays, wanted),
-        lines=lines,
-        tiles=(
-            *make_tiles(known.page.items, known.summaries),
-            *make_worker_tiles(known.here, known.lately, known.within_s),
-        ),
-        panel=cost_charts.make_method_costs(known.groups),
-        costs=cost_charts.make_cost_chart(known.summaries),
-        is_open=any(line.is_open for line in lines),
-        wants_workers=not known.here and any(c.state in WORKING for c in known.page.items),
-        stranded=known.stranded,
-        latest=known.latest,
-        archive=describe_archive(wanted) if known.has_archive else None,
-    )
-
-
 def describe_archive(wanted: Wanted) -> tuple[str, str]:
     """Return words and address of the same list with archived campaigns, or without them."""
     words = "Hide archived campaigns" if wanted.archived else "Show archived campaigns"
@@ -282,8 +186,6 @@ def make_tiles(
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 CAMPAIGNS_ON_A_PAGE = 50
-ANALYSES_ON_A_PAGE = 20
-EVENTS_SHOWN = 30
 
 # A form sends empty fields, too.
 State = Annotated[CampaignState | Literal[""], Query()]
@@ -325,10 +227,6 @@ def read_labels(
     return LabelFilters(project or None, tag or None, planner_version or None, suite or None)
 
 
-# An open page sends it when it asks for itself again.
-Again = Annotated[str | None, Header(alias="HX-Request", include_in_schema=False)]
-
-
 @router.get("/")
 def show_overview(
     store: Stored,
@@ -340,25 +238,39 @@ def show_overview(
     """Campaigns in an order, by default newest first."""
     given = {**named._asdict(), **labels._asdict()}
     wanted = Wanted(before=before, sort=parse_campaign_sort(sort), **given)
-    found = read_overview(store, wanted)
-    staffing = partial(make_staffing, store, len(found.here), found.stranded)
-    return page("overview.html", make_overview(found, wanted), staffing=staffing)
-
-
-def read_overview(store: Store, wanted: Wanted) -> OverviewFacts:
-    """Read the figures of the overview page."""
+    # The feed goes on behind this event: it is read first, so that no event falls between.
     latest, pools = store.events.last(), store.figures.pools()
     found = store.campaigns.page(CAMPAIGNS_ON_A_PAGE, wanted.before, wanted.where, wanted.sort)
-    return OverviewFacts(
-        page=found,
-        summaries=summaries_of(store, found.items),
-        groups=compare_peers(pools),
-        methods=list_methods(pools),
-        replays=sum(pool.campaigns for pool in pools if pool.method == cost_charts.REPLAY),
-        here=count_present(store),
-        lately=list_recent_workers(store, ACTIVE_S),
-        within_s=ACTIVE_S,
-        stranded=list_unrunnable(store),
-        latest=latest,
-        has_archive=bool(store.campaigns.page(1, where=CampaignFilter(archived=True)).items),
-    )
+    summaries = summaries_of(store, found.items)
+    replays = sum(pool.campaigns for pool in pools if pool.method == cost_charts.REPLAY)
+    here, stranded = count_present(store), list_unrunnable(store)
+    has_archive = bool(store.campaigns.page(1, where=CampaignFilter(archived=True)).items)
+    method_charts, method_notes = cost_charts.make_method_costs(compare_peers(pools))
+    view = {
+        "wanted": wanted,
+        "headings": make_campaign_headings(wanted),
+        "newest": wanted.address(before=None) if wanted.before else None,
+        "older": wanted.address(before=found.next) if found.next else None,
+        "states": tuple(CampaignState),
+        "methods": list_methods(pools),
+        "any_method": f"any except {cost_charts.REPLAY}" if replays else "any",
+        "replays": fold_replays(replays, wanted),
+        "lines": [
+            (each, summary, describe_remaining(each, summary))
+            for each, summary in zip(found.items, summaries, strict=True)
+        ],
+        "open": [each.id for each in found.items if each.state not in FINAL_STATES],
+        "tiles": (
+            *make_tiles(found.items, summaries),
+            *make_worker_tiles(here, list_recent_workers(store, ACTIVE_S), ACTIVE_S),
+        ),
+        "method_charts": method_charts,
+        "method_notes": method_notes,
+        "costs": cost_charts.make_cost_chart(summaries),
+        "wants_workers": not here and any(each.state in WORKING for each in found.items),
+        "stranded": stranded,
+        "latest": latest,
+        "archive": describe_archive(wanted) if has_archive else None,
+    }
+    staffing = partial(make_staffing, store, len(here), stranded)
+    return page("overview.html", view, staffing=staffing)

@@ -1,7 +1,6 @@
 """HTML from view data; everything is escaped unless a template is its author."""
 
 import re
-import tomllib
 from collections.abc import Callable, Coroutine, Mapping
 from contextvars import ContextVar
 from datetime import UTC, datetime
@@ -26,61 +25,6 @@ from eigenfail.values.campaign import state_word
 from eigenfail.values.episode import ERRORED
 from eigenfail.wire import http
 from eigenfail.wire.http import PREFIX, Problem
-
-FILE = Path(__file__).with_name("glossary.toml")
-
-
-MORE = re.compile(r", .*| \[.*| (?:below|above) .*| \d.*")
-"""What follows a label: an interval, a unit, a threshold, a level."""
-
-
-class Term(msgspec.Struct, frozen=True, kw_only=True):
-    """Definition of a figure, in a sentence or two.
-
-    Attributes:
-        key: identifier of the term in addresses.
-        name: name of the term.
-        words: what the figure is, and what it is not.
-        unit: unit of the figure; empty without one.
-        labels: texts under which the figure stands in tables and on pages, without unit, threshold
-            or interval.
-    """
-
-    key: str
-    name: str
-    words: str
-    unit: str = ""
-    labels: tuple[str, ...] = ()
-
-
-class TermGroup(msgspec.Struct, frozen=True):
-    """Terms on one subject."""
-
-    title: str
-    terms: tuple[Term, ...]
-
-
-@cache
-def read_glossary() -> tuple[TermGroup, ...]:
-    """Return all terms, grouped by subject."""
-    return msgspec.convert(tomllib.loads(FILE.read_text())["group"], tuple[TermGroup, ...])
-
-
-def list_terms() -> tuple[Term, ...]:
-    """Return all terms in the order of the glossary."""
-    return tuple(term for group in read_glossary() for term in group.terms)
-
-
-def find_term(label: str) -> Term | None:
-    """Return the term under whose label a figure stands; None where it needs no definition."""
-    by_label = _map_labels()
-    return by_label.get(label) or by_label.get(MORE.sub("", label))
-
-
-@cache
-def _map_labels() -> dict[str, Term]:
-    return {label: term for term in list_terms() for label in term.labels}
-
 
 FOLDER = Path(__file__).parent
 
@@ -124,20 +68,12 @@ class Assets(StaticFiles):
 
 def write_time(at_ms: int | None) -> str:
     """Return a time in UTC as HTML, which scripts show in the time zone of the browser."""
+    # What has not happened yet has no time.
     if at_ms is None:
         return figures.UNKNOWN
     moment = datetime.fromtimestamp(at_ms // 1_000, UTC).replace(tzinfo=None)
     marked = Markup('<time datetime="{}Z">{}</time>')
     return marked.format(moment.isoformat(), figures.format_utc(at_ms))
-
-
-FILTERS = {
-    "integer": figures.format_count,
-    "number": figures.format_number,
-    "percent": figures.format_share,
-    "duration": figures.format_duration,
-    "moment": write_time,
-}
 
 
 def to_json(value: object) -> str:
@@ -218,32 +154,6 @@ def add_templates(package: str) -> None:
     FOREIGN_TEMPLATES.setdefault(package, jinja2.PackageLoader(package))
 
 
-def make_environment() -> jinja2.Environment:
-    """Return the environment of the templates with its filters and functions."""
-    made = jinja2.Environment(
-        loader=jinja2.ChoiceLoader(
-            [jinja2.FileSystemLoader(FOLDER / "templates"), jinja2.PrefixLoader(FOREIGN_TEMPLATES)]
-        ),
-        autoescape=True,
-        undefined=jinja2.StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    made.filters.update(FILTERS, json=to_json)
-    made.globals |= {
-        "version": __version__,
-        "clusterers": CLUSTERERS,
-        "modules_of": list_modules,
-        "charted_methods": list_charted_methods,
-        "term_of": find_term,
-        "navigation": _navigation.get,
-    }
-    return made
-
-
-TEMPLATES = make_environment()
-
-
 def page(template: str, view: object, status: int = 200, **more: Any) -> HTMLResponse:
     """A page, or a piece of one; never kept by the browser, since all of it may change."""
     html = TEMPLATES.get_template(template).render(view=view, **more)
@@ -287,6 +197,7 @@ def as_page(response: Response) -> Response:
     """The page that says what a problem says."""
     problem = msgspec.json.decode(response.body, type=Problem)
     shown_page = page("problem.html", problem, problem.status)
+    # Security headers and Retry-After hold for the page as for the JSON.
     for name, value in response.headers.items():
         if name in KEPT or name.startswith(KEPT_PREFIXES):
             shown_page.headers[name] = value
@@ -308,7 +219,7 @@ class Badge(msgspec.Struct, frozen=True):
     tone: str
 
 
-CAMPAIGN_BADGES = {
+CAMPAIGN_BADGES: Mapping[str, Badge] = {
     S.QUEUED: Badge("queued", "○", "waiting"),
     S.RUNNING: Badge("running", "▶", "active"),
     S.PAUSING: Badge("pausing", "‖", "waiting"),
@@ -317,16 +228,10 @@ CAMPAIGN_BADGES = {
     S.CANCELLED: Badge("cancelled", "×", "ended"),
     S.DONE: Badge("done", "✓", "good"),
     S.DEAD: Badge("dead", "!", "bad"),
+    # Done, but not green: it has no result.
+    ERRORED: Badge(ERRORED, "!", "bad"),
 }
-
-
-ERRORED_BADGE = Badge(ERRORED, "!", "bad")
-
-
-def make_campaign_badge(state: values.CampaignState, counts: values.Counts) -> Badge:
-    """Return the badge of a campaign: red, and not green, if all of its episodes errored."""
-    is_errored = state_word(state, counts) == ERRORED
-    return ERRORED_BADGE if is_errored else CAMPAIGN_BADGES[state]
+"""Badges of campaigns by `state_word`."""
 
 
 ANALYSIS_BADGES = {
@@ -377,75 +282,6 @@ class Tile(msgspec.Struct, frozen=True):
     term: str = ""
 
 
-class StandingView(msgspec.Struct, frozen=True, kw_only=True):
-    """A campaign as it stands, in text.
-
-    Attributes:
-        is_open: whether it may still change by itself or by what a user asks.
-        ended: episodes with a result; of `planned`, of which `wanted` are not left unrun.
-        errored: how many episodes errored, and why, in sentences; empty if none did.
-        remaining: how long it will take still, if that can be said, or what was left unrun.
-        is_archived: whether lists omit it.
-    """
-
-    id: int
-    name: str
-    method: str
-    planner: str
-    scenario: str
-    simulator: str
-    badge: Badge
-    is_open: bool
-    because: str
-    ended: int
-    planned: int
-    wanted: int
-    remaining: str
-    errored: str
-    is_archived: bool
-    failures: Tile
-    probability: Tile | None
-    cost: Tile
-    total: Tile
-    likelihood: Tile
-    severity: Tile
-    speed: Tile
-
-
-def make_standing(campaign: values.Campaign, summary: values.Summary) -> StandingView:
-    """Return a campaign and its summary as text."""
-    spec, counts = campaign.spec, campaign.counts
-    return StandingView(
-        id=campaign.id,
-        name=spec.name,
-        method=spec.method,
-        planner=spec.planner,
-        scenario=spec.scenario,
-        simulator=spec.simulator,
-        badge=make_campaign_badge(campaign.state, campaign.counts),
-        is_open=campaign.state not in values.FINAL_STATES,
-        because=campaign.stopped_because,
-        ended=counts.completed + counts.errored,
-        planned=counts.planned,
-        wanted=counts.planned - counts.cancelled,
-        remaining=describe_remaining(campaign, summary),
-        errored=summary.errored.words(counts),
-        is_archived=campaign.archived_ms is not None,
-        failures=make_failure_tile(summary),
-        probability=make_probability_tile(summary.estimate),
-        cost=make_cost_tile(summary),
-        total=make_total_tile(campaign, summary),
-        likelihood=Tile(
-            figures.format_number(summary.log_probability_per_step), ("of the failures",)
-        ),
-        severity=Tile(figures.format_number(summary.mean_severity), ("of the failures",)),
-        speed=Tile(
-            figures.format_number(summary.episodes_per_s),
-            (f"in {figures.format_duration(campaign.active_s)}",),
-        ),
-    )
-
-
 def describe_remaining(campaign: values.Campaign, summary: values.Summary) -> str:
     """Return the remaining time at the speed so far, or the number of episodes left unrun."""
     if campaign.counts.cancelled:
@@ -459,6 +295,7 @@ def make_failure_tile(summary: values.Summary) -> Tile:
     """Return the tile of the number and share of failures."""
     rate = summary.failure_rate
     if rate is None:
+        # The remark says why there is none.
         nothing_yet = () if summary.rate_remark else NOTHING_YET
         return Tile(figures.UNKNOWN, nothing_yet, summary.rate_remark, *mark_of(summary))
     share = format_cell(rate)
@@ -479,14 +316,6 @@ def mark_of(summary: values.Summary) -> tuple[str, str]:
     return ", ".join(words for words, _ in found), found[0][1] if found else ""
 
 
-def make_probability_tile(estimate: values.Estimate | None) -> Tile | None:
-    """Return the failure probability or the reason why there is none; None for other methods."""
-    if estimate is None:
-        return None
-    value, *notes = format_cell(estimate).lines
-    return Tile(value, tuple(notes))
-
-
 def make_cost_tile(summary: values.Summary) -> Tile:
     """Return the tile of the cost per failure with its basis."""
     price, counts = format_cost(summary.cost), summary.counts
@@ -499,13 +328,49 @@ def make_cost_tile(summary: values.Summary) -> Tile:
     return Tile(price.value, (*basis, *price.notes))
 
 
-def make_total_tile(campaign: values.Campaign, summary: values.Summary) -> Tile:
-    """Return the tile of the campaign's total cost."""
-    hours = figures.format_number(summary.cost.instance_hours)
-    price = figures.format_number(campaign.spec.price_usd_per_hour)
-    return Tile(
-        f"{figures.format_usd(summary.cost.total_usd)} USD", (f"{hours} h × {price} USD/h",)
+FILTERS = {
+    "integer": figures.format_count,
+    "number": figures.format_number,
+    "percent": figures.format_share,
+    "duration": figures.format_duration,
+    "cell": format_cell,
+    "price": format_cost,
+    "failure_tile": make_failure_tile,
+    "cost_tile": make_cost_tile,
+    "usd": figures.format_usd,
+    "counted": figures.count_noun,
+    "minus_signs": figures.put_minus_signs,
+    "moment": write_time,
+}
+
+
+def make_environment() -> jinja2.Environment:
+    """Return the environment of the templates with its filters and functions."""
+    made = jinja2.Environment(
+        loader=jinja2.ChoiceLoader(
+            [jinja2.FileSystemLoader(FOLDER / "templates"), jinja2.PrefixLoader(FOREIGN_TEMPLATES)]
+        ),
+        autoescape=True,
+        # A misspelt name in a template is an error of a test, not an empty place on a page.
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
+    made.filters.update(FILTERS, json=to_json)
+    made.globals |= {
+        "version": __version__,
+        "clusterers": CLUSTERERS,
+        "modules_of": list_modules,
+        "charted_methods": list_charted_methods,
+        "navigation": _navigation.get,
+        "analysis_badges": ANALYSIS_BADGES,
+        "campaign_badges": CAMPAIGN_BADGES,
+        "state_word": state_word,
+    }
+    return made
+
+
+TEMPLATES = make_environment()
 
 
 class Pager(NamedTuple):

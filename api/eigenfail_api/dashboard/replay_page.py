@@ -14,7 +14,7 @@ from eigenfail.values import FINAL_STATES, Campaign, CampaignSpec, EpisodeResult
 from eigenfail.versions import differences
 from eigenfail.worlds import drawn_for, placed_for
 from eigenfail_api.dashboard.cost_charts import REPLAY
-from eigenfail_api.dashboard.rendering import OUTCOME_BADGES, Badge, make_campaign_badge, page
+from eigenfail_api.dashboard.rendering import OUTCOME_BADGES, page
 from eigenfail_api.parameters import CampaignId, Stored
 from eigenfail_services.campaigns.summary import find_worker
 from eigenfail_services.store import Store
@@ -75,6 +75,7 @@ def make_replay_verdict(
         again: its replay.
         differing: the versions that differ; None if they are not known.
     """
+    # Bit for bit, or every difference would need a tolerance that somebody must defend.
     if stored.result.digest() == again.result.digest():
         return ReplayVerdict(words=SAME, meaning=REPEATABLE, tone="is-distinct", sign="✓")
     courses = (
@@ -84,6 +85,7 @@ def make_replay_verdict(
         *list_changes(stored, again),
         *(f"other versions ({each})" for each in differing or ()),
     ]
+    # With nothing changed the stack itself must differ.
     if not changes:
         apart = f"They differ: {describe_change(stored.result, again.result)}."
         why = NOT_REPEATABLE if differing is None else UNSTEADY
@@ -119,39 +121,6 @@ def draw_parameters(run: Run) -> dict[str, Any]:
     return {**spec.scenario_parameters, **drawn, **placed}
 
 
-class ReplayView(msgspec.Struct, frozen=True, kw_only=True):
-    """State of a replay.
-
-    Attributes:
-        has_arrived: whether its episode can be looked at.
-        verdict: whether it is the same again, once it is in.
-        is_open: whether it may still arrive.
-    """
-
-    campaign: int
-    campaign_name: str
-    badge: Badge
-    has_arrived: bool
-    is_open: bool
-    because: str
-    verdict: ReplayVerdict | None
-
-
-def replay_view(
-    campaign: Campaign, verdict: ReplayVerdict | None, *, has_arrived: bool
-) -> ReplayView:
-    """Return the page of a replay."""
-    return ReplayView(
-        campaign=campaign.id,
-        campaign_name=campaign.spec.name,
-        badge=make_campaign_badge(campaign.state, campaign.counts),
-        has_arrived=has_arrived,
-        is_open=not has_arrived and campaign.state not in FINAL_STATES,
-        because=campaign.stopped_because,
-        verdict=verdict,
-    )
-
-
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
 
 
@@ -160,12 +129,19 @@ def show_replay(store: Stored, campaign: CampaignId) -> HTMLResponse:
     """Serve the page on which users wait for the only episode of a replay."""
     seen, result = store.campaigns.get(campaign), find_first_result(store, campaign)
     judged = judge_replay(store, Run(seen, result)) if result else None
-    return page("replay.html", replay_view(seen, judged, has_arrived=result is not None))
+    return page(
+        "replay.html",
+        seen,
+        has_arrived=result is not None,
+        is_open=result is None and seen.state not in FINAL_STATES,
+        judged=judged,
+    )
 
 
 def find_first_result(store: Store, campaign: int) -> EpisodeResult | None:
     """Return the first episode of a campaign; None before it has ended."""
     try:
+        # A replay is a campaign of one episode.
         return store.episodes.get(campaign, 0)
     except NotFound:
         return None
@@ -179,6 +155,7 @@ def judge_replay(store: Store, again: Run) -> ReplayVerdict | None:
     campaign, index = source
     try:
         stored = store.episodes.finished(campaign, [index])
+    # What was pruned cannot be compared.
     except NoisePruned:
         return None
     if not stored:

@@ -1,23 +1,19 @@
 """The scene of an episode over time, a clip of it, and the planner's account."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import ceil, floor, log10, nan
 from typing import NamedTuple
 
 import msgspec
 import numpy as np
 
-from eigenfail.errors import EigenfailError
 from eigenfail.explanations import NotableMoment, find_moments
-from eigenfail.presentation.analyses import pick_channels, rank_channels
 from eigenfail.presentation.figures import (
     format_number,
-    put_minus_signs,
 )
 from eigenfail.values import (
     AXES,
     MEASURES,
-    Campaign,
     EpisodeResult,
     ExplainedStep,
     Explanation,
@@ -27,11 +23,9 @@ from eigenfail.values import (
     NoiseTrajectory,
     Outcome,
     Scene,
-    assess,
 )
 from eigenfail.values.scene import UNKNOWN_KIND
 from eigenfail_api.dashboard import charts
-from eigenfail_api.dashboard.rendering import Badge, make_outcome_badge
 from eigenfail_services.analysis.footprints import measure_clearances, measure_times_to_collision
 
 
@@ -46,6 +40,7 @@ class Jump(msgspec.Struct, frozen=True):
 def list_jumps(result: EpisodeResult) -> tuple[Jump, ...]:
     """Return links to the notable moments of an episode, in order of time."""
     found = [*find_threshold_moments(result.measures)] if result.measures else []
+    # Of a failure the collision is the moment to see; of any other the nearest approach.
     if result.scene and not result.is_failure:
         found.append(NotableMoment(find_nearest_moment(result.scene), "nearest"))
     return tuple(map(make_jump, sorted(found, key=lambda each: each.time_s)))
@@ -75,59 +70,33 @@ def make_noise_chart(
     times = [step * (dt_s or 1.0) for step in range(len(noise.z))]
     axis = "Time [s]" if dt_s else "Step"
     is_position = tuple(channels) == AXES
-    weights = np.square(standardised)
-    shown = pick_channels(weights)
-    ranked = shown if len(shown) == len(channels) else rank_channels(weights)
-    columns, rows = _make_noise_table(noise, times, axis, channels, shown)
-    every = charts.ChannelTable(
-        len(channels), *_make_noise_table(noise, times, axis, channels, ranked)
-    )
-    return charts.Chart(
-        id="noise-chart",
-        kind="noise",
-        title="Noise on the perceived position" if is_position else "Noise",
-        caption=(
-            "In standard deviations of the disturbance model "
-            f"({noise.shape.in_words()}); the band is ±2 sigma."
-            + charts.describe_shown(shown, channels, "the strongest noise")
-        ),
-        data={
+    unit = "[m]" if is_position else "injected"
+
+    def draw(ways: Sequence[int]) -> dict[str, object]:
+        return {
             "axis": axis,
             "end": len(times) * (dt_s or 1.0),
             "time": charts.round_values(times),
             "channels": {
-                channels[way]: charts.round_values(map(float, standardised[:, way]))
-                for way in ranked
+                channels[way]: charts.round_values(map(float, standardised[:, way])) for way in ways
             },
-        },
-        columns=columns,
-        rows=rows,
-        every=every if len(shown) < len(channels) else None,
-    )
+        }
 
+    def tabulate(ways: Sequence[int]) -> tuple[Sequence[str], Iterable[charts.Row]]:
+        names = [channels[way].capitalize() for way in ways]
+        columns = [f"{name} {kind}" for kind in ("[sigma]", unit) for name in names]
+        values = (standardised[:, ways], noise.injected[:, ways], noise.log_probability_per_step)
+        steps = zip(times, *values, strict=True)
+        rows = ((at, *map(float, (*u, *a, log_p))) for at, u, a, log_p in steps)
+        return (axis, *columns, "log p"), rows
 
-def _make_noise_table(
-    noise: NoiseTrajectory,
-    times: Sequence[float],
-    axis: str,
-    channels: Sequence[str],
-    ways: Sequence[int],
-) -> tuple[tuple[str, ...], tuple[tuple[str, ...], ...]]:
-    """Return columns and rows of the noise of these channels, standardised and injected."""
-    unit = "[m]" if tuple(channels) == AXES else "injected"
-    names = [channels[way].capitalize() for way in ways]
-    columns = (
-        axis,
-        *(f"{name} [sigma]" for name in names),
-        *(f"{name} {unit}" for name in names),
-        "log p",
+    title = "Noise on the perceived position" if is_position else "Noise"
+    caption = (
+        f"In standard deviations of the disturbance model ({noise.shape.in_words()}); the band is "
+        "±2 sigma."
     )
-    standardised, injected = noise.standardised[:, ways], noise.injected[:, ways]
-    steps = zip(times, standardised, injected, noise.log_probability_per_step, strict=True)
-    rows = tuple(
-        tuple(map(format_number, map(float, (at, *u, *a, log_p)))) for at, u, a, log_p in steps
-    )
-    return columns, rows
+    plot = charts.ChannelPlot(channels, np.square(standardised), draw, tabulate)
+    return plot.make_chart("noise-chart", "noise", title, caption, "the strongest noise")
 
 
 LONGEST_TTC_S = 10.0
@@ -177,6 +146,7 @@ def make_course_charts(scene: Scene) -> tuple[charts.Chart, ...]:
     """
     dt_s, ttc_s = scene.dt_s, measure_times_to_collision(scene)
     end_s = dt_s * (len(scene.vehicles) - 1)
+    # A far vehicle would flatten the part of the curve that matters.
     near_s = np.where(ttc_s <= LONGEST_TTC_S, ttc_s, nan)
     accelerations = scene.controls.reshape(-1, 2)[:, 0]
     apart = measure_clearances(scene).min(axis=1)
@@ -203,7 +173,7 @@ def make_course_charts(scene: Scene) -> tuple[charts.Chart, ...]:
                 ),
             },
             columns=("Time [s]", f"{title} [{unit}]"),
-            rows=tuple(
+            cells=tuple(
                 (format_number(dt_s * step), format_number(float(value), 4))
                 for step, value in enumerate(values)
             ),
@@ -254,7 +224,7 @@ def make_scene_chart(
             "Acceleration [m/s²]",
             "Distance [m]",
         ),
-        rows=tuple(
+        cells=tuple(
             make_scene_row(scene, step, nearest[step], apart) for step in range(len(scene.vehicles))
         ),
         note="The scene by step.",
@@ -267,6 +237,7 @@ def _list_optional_values(scene: Scene) -> dict[str, object]:
     A vehicle of an unknown kind has an empty text.
     """
     shown: dict[str, object] = {}
+    # Only scenes of worlds with a map have borders of lanes; others draw straight ones.
     if not isinstance(scene.road, msgspec.UnsetType):
         shown["road"] = [charts.round_rows(border) for border in scene.road]
     if not isinstance(scene.kinds, msgspec.UnsetType):
@@ -276,6 +247,7 @@ def _list_optional_values(scene: Scene) -> dict[str, object]:
 
 def find_nearest_actors(scene: Scene) -> list[int]:
     """Return for each step the vehicle whose centre is nearest to the ego's."""
+    # In double precision, or vehicles at large coordinates would be equally near.
     places = scene.vehicles[:, :, :2].astype(np.float64)
     apart = np.hypot(*np.moveaxis(places[:, 1:] - places[:, :1], -1, 0))
     return [1 + int(nearest) for nearest in np.nanargmin(apart, axis=1)]
@@ -284,6 +256,7 @@ def find_nearest_actors(scene: Scene) -> list[int]:
 def make_scene_row(scene: Scene, step: int, actor: int, apart: Floats) -> tuple[str, ...]:
     """Return a step as text; the last step has no perception and no control."""
     ego, other = scene.vehicles[step, 0], scene.vehicles[step, actor]
+    # The last state follows the last decision: nothing is perceived or steered there.
     is_over = step >= min(len(scene.perceived), len(scene.controls))
     asked = () if is_over else (*scene.perceived[step], scene.controls[step, 0])
     numbers = (step * scene.dt_s, ego[0], ego[1], ego[3], *other[:2])
@@ -294,87 +267,21 @@ def make_scene_row(scene: Scene, step: int, actor: int, apart: Floats) -> tuple[
     )
 
 
-class ClipView(msgspec.Struct, frozen=True, kw_only=True):
-    """An episode that can be played; `scene` is None where none was kept."""
-
-    campaign: int
-    campaign_name: str
-    index: int
-    badge: Badge
-    scene: charts.Chart | None
-
-
-def make_clip_view(campaign: Campaign, result: EpisodeResult, mission: Mission | None) -> ClipView:
-    """Return the player of an episode."""
-    name = f"clip-{campaign.id}-{result.index}-scene"
-    return ClipView(
-        campaign=campaign.id,
-        campaign_name=campaign.spec.name,
-        index=result.index,
-        badge=make_outcome_badge(
-            result.outcome, is_unresolved=assess(result.outcome, result.measures).unresolved
-        ),
-        scene=make_scene_chart(result.scene, mission, result.outcome, name)
-        if result.scene
-        else None,
-    )
-
-
 WORDS = ("mode", "rule", "candidate", "override", "heeds")
 FIGURES = ("gap_m", "closing_mps")
 
 
-class AccountView(msgspec.Struct, frozen=True, kw_only=True):
-    """The part of the episode's page that comes later.
-
-    Attributes:
-        problem: why there is no account; the rest is empty then.
-        is_same: whether the replay was the stored episode, bit for bit.
-        steps: for the player; None where the account is of another course than the one shown.
-        scene: scene of the replay, where the stored episode kept none.
-        courses: strips of that scene.
-    """
-
-    campaign: int
-    campaign_name: str
-    index: int
-    problem: str = ""
-    is_same: bool = True
-    verdict: str = ""
-    note: str = ""
-    story: tuple[str, ...] = ()
-    jumps: tuple[Jump, ...] = ()
-    steps: dict[str, object] | None = None
-    scene: charts.Chart | None = None
-    courses: tuple[charts.Chart, ...] = ()
-
-
-def make_account_view(
-    campaign: int, name: str, index: int, explanation: Explanation, mission: Mission | None
-) -> AccountView:
-    """Return the planner's explanation of an episode."""
+def make_account_view(explanation: Explanation, mission: Mission | None) -> dict[str, object]:
+    """Return what the page of an episode shows of the planner's explanation."""
     same, scene = explanation.replayed.same, explanation.scene
-    return AccountView(
-        campaign=campaign,
-        campaign_name=name,
-        index=index,
-        is_same=same,
-        verdict=explanation.verdict,
-        note=explanation.note,
-        story=tuple(map(put_minus_signs, explanation.story)),
-        jumps=tuple(map(make_jump, find_moments(explanation.steps))) if same else (),
-        steps=make_player_columns(explanation.steps) if same else None,
-        scene=make_scene_chart(scene, mission, explanation.replayed.outcome) if scene else None,
-        courses=make_course_charts(scene) if scene else (),
-    )
-
-
-def make_missing_account_view(
-    campaign: int, name: str, index: int, error: EigenfailError
-) -> AccountView:
-    """Return the reason why there is no explanation."""
-    problem = f"{error.problem} {error.remedy}".strip()
-    return AccountView(campaign=campaign, campaign_name=name, index=index, problem=problem)
+    return {
+        "explanation": explanation,
+        # Of another course than the one that is shown the moments and steps would be wrong.
+        "jumps": tuple(map(make_jump, find_moments(explanation.steps))) if same else (),
+        "steps": make_player_columns(explanation.steps) if same else None,
+        "scene": make_scene_chart(scene, mission, explanation.replayed.outcome) if scene else None,
+        "courses": make_course_charts(scene) if scene else (),
+    }
 
 
 def make_player_columns(steps: Sequence[ExplainedStep]) -> dict[str, object]:
@@ -398,4 +305,5 @@ def make_player_columns(steps: Sequence[ExplainedStep]) -> dict[str, object]:
 def read_figure(step: ExplainedStep, name: str) -> float | None:
     """Return a figure of the explanation; None where it has none of that name."""
     value = step.account.get(name)
+    # A planner may report anything under any name.
     return value if isinstance(value, float) else None

@@ -18,7 +18,7 @@ from eigenfail.errors import NotFound
 from eigenfail.values import Campaign
 from eigenfail.values.campaign import CampaignFilter
 from eigenfail.values.campaign_spec import LONGEST_NAME, Tag
-from eigenfail_api.dashboard.rendering import Badge, make_campaign_badge, page
+from eigenfail_api.dashboard.rendering import CAMPAIGN_BADGES, Badge, page
 from eigenfail_api.parameters import LARGEST, Stored
 from eigenfail_services.store import Store
 
@@ -92,6 +92,7 @@ def make_search_view(store: Store, text: str) -> SearchView:
     groups = (
         HitGroup("By id", (*_find_campaign(store, text), *_find_episode(store, text))),
         _search_campaigns(store, text),
+        # Labels match as a whole word; what cannot be one needs no question.
         *(_search_labels(store, text) if _is_label(text) else ()),
         _cut_hits("Failure modes", _search_modes(store, text)),
         _cut_hits("Suites", _search_suites(store, text)),
@@ -101,6 +102,7 @@ def make_search_view(store: Store, text: str) -> SearchView:
 
 def _find_campaign(store: Store, text: str) -> tuple[Hit, ...]:
     found = _NUMBER.fullmatch(text)
+    # A database refuses larger numbers with an error of its own.
     if found is None or int(found[1]) > LARGEST:
         return ()
     try:
@@ -114,6 +116,7 @@ def _find_episode(store: Store, text: str) -> tuple[Hit, ...]:
     if found is None or max(map(int, found.groups())) > LARGEST:
         return ()
     campaign, index = map(int, found.groups())
+    # By row, not by episode: the scene is large, and only the outcome is shown.
     rows = store.episodes.page(campaign, 1, index - 1 if index else None).items
     if not rows or rows[0].index != index:
         return ()
@@ -160,8 +163,7 @@ def _cut_hits(title: str, hits: tuple[Hit, ...]) -> HitGroup:
 def _make_campaign_hit(campaign: Campaign) -> Hit:
     spec = campaign.spec
     note = f"campaign {campaign.id}, {spec.method} on {spec.planner} in {spec.scenario}"
-    badge = make_campaign_badge(campaign.state, campaign.counts)
-    return Hit(spec.name, f"/campaigns/{campaign.id}", note, badge)
+    return Hit(spec.name, f"/campaigns/{campaign.id}", note, CAMPAIGN_BADGES[campaign.state_word])
 
 
 def _search_modes(store: Store, text: str) -> tuple[Hit, ...]:

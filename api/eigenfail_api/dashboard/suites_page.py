@@ -1,104 +1,40 @@
-"""The list of suites, and the page of one."""
+"""The list of suites, the page of one, and the page that launches one from its file."""
 
-from collections.abc import Iterable, Iterator, Sequence
+import tomllib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import ceil
 from urllib.parse import quote
 
 import msgspec
-from fastapi import APIRouter
+from anyio.to_thread import run_sync
+from fastapi import APIRouter, Depends, Request
 from fastapi.responses import HTMLResponse
 from msgspec.structs import replace
 
+from eigenfail.errors import InputError, InvalidValue
 from eigenfail.intervals import bound_rate
 from eigenfail.presentation import figures
+from eigenfail.presentation.figures import count_noun
 from eigenfail.presentation.seeds import label_spread, list_spread, tabulate_spreads
-from eigenfail.presentation.tables import Table, format_cell
-from eigenfail.suites import format_value
-from eigenfail.values import FINAL_STATES, CampaignState, Page, Rate, RateDesign
+from eigenfail.presentation.suites import format_settings, note_omissions
+from eigenfail.presentation.tables import format_cell
+from eigenfail.suites import SuiteRequest
+from eigenfail.values import FINAL_STATES, CampaignState, Rate, RateDesign
 from eigenfail.values.campaign import describe_early_end
-from eigenfail.values.episode import ERRORED
-from eigenfail.values.seeds import SeedSpread
-from eigenfail.values.suite import SuiteRow, SuiteStanding, SuiteTable
-from eigenfail.values.variation import in_words
-from eigenfail_api.dashboard import rendering
-from eigenfail_api.dashboard.charts import Chart
+from eigenfail.values.suite import SuiteRow, SuiteTable
+from eigenfail.wire.http import read_body
+from eigenfail_api.concurrency import ConcurrencyLimit
+from eigenfail_api.dashboard import launch_page
 from eigenfail_api.dashboard.cost_charts import make_cost_chart
-from eigenfail_api.dashboard.rendering import (
-    CAMPAIGN_BADGES,
-    ERRORED_BADGE,
-    Badge,
-    Pager,
-    Tile,
-    make_campaign_badge,
-    make_pager,
-    page,
-)
-from eigenfail_api.parameters import Before, Stored
+from eigenfail_api.dashboard.rendering import Tile, make_pager, page
+from eigenfail_api.parameters import Before, Stored, read_form
+from eigenfail_services.campaigns.suites import check_suite, read_suite
 from eigenfail_services.comparison.seeds import make_suite_table
+from eigenfail_services.store import Store
 
-DEFAULT = "default"
 SEED = "seed"
 MOST_COMPARED = 100
 """Maximum number of campaigns of one side in an address."""
-
-
-class SuiteLine(msgspec.Struct, frozen=True):
-    """A suite in the list; `badges` are the states of its campaigns, with how many are in each."""
-
-    name: str
-    address: str
-    badges: tuple[tuple[int, Badge], ...]
-    campaigns: int
-    ended: int
-    planned: int
-    failures: int
-
-
-class SuitesView(msgspec.Struct, frozen=True):
-    """The list of suites.
-
-    Attributes:
-        pages: where one is among them.
-    """
-
-    lines: tuple[SuiteLine, ...]
-    pages: Pager
-    is_open: bool
-
-
-class MemberLine(msgspec.Struct, frozen=True, kw_only=True):
-    """A member's row.
-
-    Attributes:
-        settings: its cells in the columns of what differs.
-        comparison: the page on which it is compared with the first member; empty for that one.
-    """
-
-    name: str
-    campaign: int
-    badge: Badge
-    because: str
-    ended: int
-    planned: int
-    wanted: int
-    remaining: str
-    settings: tuple[str, ...]
-    failures: Tile
-    cost: Tile
-    likelihood: str
-    severity: str
-    probability: Tile | None
-    comparison: str
-
-
-class MeanLine(msgspec.Struct, frozen=True, kw_only=True):
-    """The row of means over the seeds of a group."""
-
-    name: str
-    failures: Tile
-    cost: Tile
-    likelihood: Tile
-    severity: Tile
 
 
 OF_RATES = (
@@ -150,82 +86,38 @@ class HeatMap(msgspec.Struct, frozen=True):
         return " ".join([OF_RATES] * has_rates + [OF_SEARCHES] * has_searches)
 
 
-class SuiteView(msgspec.Struct, frozen=True, kw_only=True):
-    """One suite's page.
-
-    Attributes:
-        heat: map of the failures; None unless the members differ in two settings, seeds aside.
-        means: a row for each group of members that differ in their seeds alone.
-        over_seeds: mean and spread of these groups; None without one.
-    """
-
-    name: str
-    address: str
-    tiles: tuple[tuple[str, Tile], ...]
-    columns: tuple[str, ...]
-    heat: HeatMap | None
-    lines: tuple[MemberLine, ...]
-    means: tuple[MeanLine, ...]
-    over_seeds: Table | None
-    first: str
-    tells_probability: bool
-    costs: Chart | None
-    notes: tuple[str, ...]
-    is_open: bool
-
-
-def make_suites_view(page: Page[SuiteStanding], before: int | None) -> SuitesView:
-    """Return the list of suites."""
-    lines = tuple(map(make_suite_line, page.items))
-    is_open = any(suite.states.keys() - FINAL_STATES for suite in page.items)
-    return SuitesView(
-        lines=lines,
-        pages=make_pager("/suites", before, page.next),
-        is_open=is_open,
-    )
-
-
-def make_suite_line(suite: SuiteStanding) -> SuiteLine:
-    """Return the line of a suite."""
-    return SuiteLine(
-        name=suite.name,
-        address=make_suite_address(suite.name),
-        badges=tuple((count, make_badge(word)) for word, count in suite.state_words.items()),
-        campaigns=suite.campaigns,
-        ended=suite.completed,
-        planned=suite.planned,
-        failures=suite.failures,
-    )
-
-
-def make_badge(word: str) -> Badge:
-    """Return the badge of a state's label."""
-    return ERRORED_BADGE if word == ERRORED else CAMPAIGN_BADGES[CampaignState(word)]
-
-
 def make_suite_address(suite: str) -> str:
     """Return the address of a suite's page."""
     return f"/suites/{quote(suite, safe='')}"
 
 
-def make_suite_view(table: SuiteTable) -> SuiteView:
-    """Return the page of a suite."""
+def make_suite_view(table: SuiteTable) -> dict[str, object]:
+    """Return what the page of a suite shows."""
     found = [msgspec.structs.replace(row.summary, name=row.member) for row in table.members]
-    return SuiteView(
-        name=table.suite,
-        address=make_suite_address(table.suite),
-        tiles=make_tiles(table),
-        columns=table.columns,
-        heat=make_heat_map(table),
-        lines=tuple(make_member_line(table, row) for row in table.members),
-        means=tuple(make_mean_line(each, table) for each in table.over_seeds),
-        over_seeds=tabulate_spreads(table.over_seeds) if table.over_seeds else None,
-        first=table.members[0].member,
-        tells_probability=any(summary.estimate for summary in found),
-        costs=make_cost_chart(found),
-        notes=tuple(list_notes(table)),
-        is_open=any(row.state not in FINAL_STATES for row in table.members),
-    )
+    return {
+        "table": table,
+        "address": make_suite_address(table.suite),
+        "tiles": make_tiles(table),
+        "heat": make_heat_map(table),
+        "lines": [
+            (
+                row,
+                format_settings(row, table.columns),
+                describe_early_end(row.stopped_because, row.summary.counts.planned),
+                make_comparison_address(table, row),
+            )
+            for row in table.members
+        ],
+        "means": [
+            (label_spread(each, len(table.over_seeds) == 1), list_spread(each))
+            for each in table.over_seeds
+        ],
+        "over_seeds": tabulate_spreads(table.over_seeds) if table.over_seeds else None,
+        "tells_probability": any(summary.estimate for summary in found),
+        "costs": make_cost_chart(found),
+        "notes": tuple(list_notes(table)),
+        "is_open": any(row.state not in FINAL_STATES for row in table.members),
+    }
 
 
 LEVELS = 5
@@ -233,14 +125,15 @@ LEVELS = 5
 
 def make_heat_map(table: SuiteTable) -> HeatMap | None:
     """Return the map of failures by two settings; None where members differ in fewer or in more."""
+    # Seeds repeat a cell; they make no axis of their own.
     varied = [name for name in table.columns if name != SEED]
     if len(varied) != 2:
         return None
     down, across = varied
     found: dict[tuple[str, str], list[SuiteRow]] = {}
     for row in table.members:
-        told = describe_settings(row)
-        found.setdefault((told.get(down, DEFAULT), told.get(across, DEFAULT)), []).append(row)
+        place = format_settings(row, varied)
+        found.setdefault((place[0], place[1]), []).append(row)
     rows, columns = (tuple(dict.fromkeys(names)) for names in zip(*found, strict=True))
     if len(rows) < 2 or len(columns) < 2:
         return None
@@ -299,6 +192,7 @@ def make_heat_cell(members: Sequence[SuiteRow], rate: Rate | None, largest: floa
         return HeatCell(Tile(counted, ("chosen by the search", *more)), None, address)
     told = format_cell(rate)
     notes = (*((counted,) if rate.k else ()), *told.notes, *more)
+    # Relative to the map: between rare failures the differences would not be seen.
     level = ceil(LEVELS * rate.share / largest) if largest else 0
     return HeatCell(Tile(told.value, notes), level, address)
 
@@ -320,54 +214,10 @@ def make_tiles(table: SuiteTable) -> tuple[tuple[str, Tile], ...]:
     )
 
 
-def make_member_line(table: SuiteTable, row: SuiteRow) -> MemberLine:
-    """Return the line of a member."""
-    summary, counts = row.summary, row.summary.counts
-    said = describe_settings(row)
-    left = f"{figures.format_count(counts.cancelled)} not run" if counts.cancelled else ""
-    return MemberLine(
-        name=row.member,
-        campaign=row.campaign,
-        badge=make_campaign_badge(row.state, summary.counts),
-        because=describe_early_end(row.stopped_because, counts.planned),
-        ended=counts.completed + counts.errored,
-        planned=counts.planned,
-        wanted=counts.planned - counts.cancelled,
-        remaining=left,
-        settings=tuple(said.get(column, DEFAULT) for column in table.columns),
-        failures=rendering.make_failure_tile(summary),
-        cost=rendering.make_cost_tile(summary),
-        likelihood=figures.format_number(summary.log_probability_per_step),
-        severity=figures.format_number(summary.mean_severity),
-        probability=rendering.make_probability_tile(summary.estimate),
-        comparison=make_comparison_address(table, row),
-    )
-
-
-def make_mean_line(spread: SeedSpread, table: SuiteTable) -> MeanLine:
-    """Return the line of means over the seeds of a group."""
-    _, _, share, likelihood, severity, _, cost = map(format_cell, list_spread(spread))
-    return MeanLine(
-        name=label_spread(spread, len(table.over_seeds) == 1),
-        failures=Tile(share.value, share.notes),
-        cost=Tile(figures.put_unit(cost.value, "USD"), cost.notes),
-        likelihood=Tile(likelihood.value, likelihood.notes),
-        severity=Tile(severity.value, severity.notes),
-    )
-
-
-def describe_settings(row: SuiteRow) -> dict[str, str]:
-    """Return a member's settings as text, by column."""
-    drawn = in_words({name: each for name, each in row.settings.items() if isinstance(each, dict)})
-    return {
-        name: drawn.get(name) or (figures.UNKNOWN if each is None else format_value(each))
-        for name, each in row.settings.items()
-    }
-
-
 def make_comparison_address(table: SuiteTable, row: SuiteRow) -> str:
     """Return the address that compares a member with the first one, all seeds of each included."""
     first = table.members[0]
+    # A member compared with its own group would say nothing.
     if differ_by_seed(first, row):
         return ""
     a, b = (group(table.members, each) for each in (first, row))
@@ -394,11 +244,7 @@ def list_notes(table: SuiteTable) -> Iterator[str]:
     """Return the notes on what the table leaves out."""
     if not table.columns and len(table.members) > 1:
         yield "The members differ only in their names."
-    if table.earlier:
-        earlier = figures.count_noun(table.earlier, "earlier campaign")
-        yield f"Left out: {earlier} of the same names."
-    if table.left_out:
-        yield f"Left out: {figures.count_noun(table.left_out, 'member')} with older campaigns."
+    yield from note_omissions(table)
 
 
 router = APIRouter(include_in_schema=False, default_response_class=HTMLResponse)
@@ -410,10 +256,89 @@ SUITES_ON_A_PAGE = 50
 def show_suites(store: Stored, before: Before = None) -> HTMLResponse:
     """All suites, those with the newest campaigns first."""
     listed = store.campaigns.suites(SUITES_ON_A_PAGE, before)
-    return page("suites.html", make_suites_view(listed, before))
+    is_open = any(suite.states.keys() - FINAL_STATES for suite in listed.items)
+    pages = make_pager("/suites", before, listed.next)
+    addresses = [make_suite_address(suite.name) for suite in listed.items]
+    lines = list(zip(listed.items, addresses, strict=True))
+    return page("suites.html", lines, pages=pages, is_open=is_open)
 
 
 @router.get("/suites/{suite:path}")
 def show_suite(store: Stored, suite: str) -> HTMLResponse:
     """One suite."""
     return page("suite.html", make_suite_view(make_suite_table(store, suite)))
+
+
+PATH = "/launch/suite"
+
+
+@router.get(PATH)
+def show_new_suite() -> HTMLResponse:
+    """Serve the page without a file."""
+    return page("new_suite.html", {"text": ""})
+
+
+FORMS = Depends(ConcurrencyLimit("forms of suites"), scope="function")
+
+
+@router.post(PATH, dependencies=[FORMS])
+async def preview_new_suite(request: Request, store: Stored) -> HTMLResponse:
+    """Serve the preview of a file; nothing is launched."""
+    typed = await read_form(request, launch_page.MOST_FIELDS)
+    return page(
+        "new_suite.html", await run_sync(preview_suite, store, typed.get(launch_page.TOML, ""))
+    )
+
+
+def preview_suite(store: Store, text: str) -> dict[str, object]:
+    """Return what the page shows of a file: its suite, or why there is none."""
+    try:
+        body = encode_suite(text)
+        suite = read_suite(read_body(body, SuiteRequest))
+        problems = check_suite(store, suite).problems
+    except InputError as error:
+        return {"text": text, "troubles": [launch_page.LaunchTrouble(describe_problem(error))]}
+    return {
+        "text": text,
+        "troubles": list(list_member_troubles(problems)),
+        "suite": suite,
+        "refused": frozenset(problems),
+        "body": body.decode(),
+        # The same file has the same key, so that a second click launches nothing.
+        "key": "" if problems else launch_page.make_key("", msgspec.json.decode(body)),
+        "address": make_suite_address(suite.name),
+    }
+
+
+def encode_suite(text: str) -> bytes:
+    """Return the file of a suite as the body of the request that creates it.
+
+    Raises:
+        InvalidValue: the text is not TOML, or describes a campaign.
+    """
+    try:
+        table = tomllib.loads(text)
+        body = msgspec.json.encode(table)
+    # A number of too many digits is a plain ValueError.
+    except (ValueError, RecursionError) as error:
+        raise InvalidValue("", f"The file is not TOML: {error}.") from None
+    if "method" in table:
+        remedy = "Fill in the launch form from it."
+        raise InvalidValue("", "The file describes a campaign, not a suite.", remedy)
+    return body
+
+
+def list_member_troubles(problems: Mapping[str, InputError]) -> Iterator[launch_page.LaunchTrouble]:
+    """Yield each problem once, with the first member that has it and the number of others."""
+    named: dict[str, list[str]] = {}
+    for name, error in problems.items():
+        named.setdefault(describe_problem(error), []).append(name)
+    for words, names in named.items():
+        more = f" and {count_noun(len(names) - 1, 'other')}" if len(names) > 1 else ""
+        yield launch_page.LaunchTrouble(f"{names[0]}{more}: {words}")
+
+
+def describe_problem(error: InputError) -> str:
+    """Return a problem with its field and its remedy."""
+    where = f"{error.field}: " if error.field else ""
+    return f"{where}{launch_page.describe_error(error)}"

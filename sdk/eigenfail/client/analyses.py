@@ -30,7 +30,6 @@ from eigenfail.client.references import (
 from eigenfail.contracts.recording import ANIMATION
 from eigenfail.errors import InvalidValue, ProtocolError, ServiceError
 from eigenfail.files import write_whole
-from eigenfail.frames import Rows
 from eigenfail.values import (
     Analysis,
     AnalysisSettings,
@@ -41,6 +40,7 @@ from eigenfail.values import (
     Proof,
 )
 from eigenfail.values.report import Report
+from eigenfail.values.rows import Rows
 from eigenfail.values.triage import TriageState
 from eigenfail.wire.http import ModeName, ProofRequest, decode, read_fields
 

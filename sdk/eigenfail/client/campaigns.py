@@ -16,7 +16,6 @@ from eigenfail.client.references import (
     locate_episode,
 )
 from eigenfail.filters import NEWEST_FIRST, parse_campaign_sort
-from eigenfail.frames import Rows
 from eigenfail.values import (
     FINAL_STATES,
     Campaign,
@@ -36,6 +35,7 @@ from eigenfail.values.campaign_spec import PriorityChange
 from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.estimates import ChainMixing
 from eigenfail.values.operations import Pruning, WorkerShare
+from eigenfail.values.rows import Rows
 from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.wire import http

@@ -27,10 +27,10 @@ from eigenfail.client.suites import Suites
 from eigenfail.client.triage import TriageRecords
 from eigenfail.client.webhooks import Webhooks
 from eigenfail.errors import EigenfailError, InvalidValue
-from eigenfail.frames import Rows
 from eigenfail.values import Event, Page, access
 from eigenfail.values.operations import Presence, Staffing, WorkerShare
 from eigenfail.values.report import Report
+from eigenfail.values.rows import Rows
 from eigenfail.wire import http
 from eigenfail.wire.http import PluginInfo, read_fields
 

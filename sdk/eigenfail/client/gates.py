@@ -1,10 +1,10 @@
 """Results of gates, as a client sees them."""
 
 from eigenfail.client.link import Link
-from eigenfail.frames import Rows
 from eigenfail.gate.report import GateReport
 from eigenfail.gate.results import GateResult, GateSummary, shorten_report
 from eigenfail.values import Page
+from eigenfail.values.rows import Rows
 
 
 class Gates:

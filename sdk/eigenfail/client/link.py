@@ -27,9 +27,9 @@ from eigenfail.errors import (
     WaitTimeout,
 )
 from eigenfail.filters import SortOrder
-from eigenfail.frames import Rows
-from eigenfail.table_columns import Columns, list_struct_columns
+from eigenfail.frames import list_struct_columns
 from eigenfail.values import Campaign, Page
+from eigenfail.values.rows import Columns, Rows
 from eigenfail.wire import http
 from eigenfail.wire.http import UNTYPED, Problem, make_error
 

@@ -9,9 +9,9 @@ from eigenfail.client.campaigns import AT_REST, Campaigns
 from eigenfail.client.link import Link, wait_until
 from eigenfail.client.references import SuiteLike, find_suite_name
 from eigenfail.errors import IllegalTransition
-from eigenfail.frames import Rows
 from eigenfail.suites import Suite, list_ready_members, make_member_key, match_campaigns
 from eigenfail.values import Campaign, CampaignSpec, CampaignState, Page, Summary
+from eigenfail.values.rows import Rows
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable, suite_of
 

@@ -287,18 +287,20 @@ def describe_influence(found: InfluenceShare, channels: Sequence[str]) -> str:
 def tabulate_moments(result: AnalysisResult) -> tables.Table:
     """Return the moments of greatest influence."""
     words = choose_channel_words(result.channels)
-    rows = tuple(
-        (each.axis.capitalize(), format_moment(each), each.influence) for each in result.moments
-    )
-    columns = (
-        *tables.name_columns(words.one.capitalize(), "When"),
-        tables.TableColumn("Influence"),
-    )
     note = (
         "Influence: components weighted by explained variance. It says where the noise of the "
         "failures differs, not what causes them."
     )
-    return tables.Table("Moments of greatest influence", columns, rows, (note,))
+    return tables.tabulate(
+        "Moments of greatest influence",
+        result.moments,
+        (
+            tables.read_text(words.one.capitalize(), lambda each: each.axis.capitalize()),
+            tables.read_text("When", format_moment),
+            tables.read_number("Influence", "influence"),
+        ),
+        (note,),
+    )
 
 
 def tabulate_influence(result: AnalysisResult) -> tables.Table:
@@ -357,17 +359,18 @@ def _find_difference(
 
 def tabulate_sources(result: AnalysisResult) -> tables.Table:
     """Return the campaigns that were analysed, as they stood then."""
-    columns = (*tables.name_columns("Campaign"), *tables.count_columns("Failures", "Episodes"))
-    rows = tuple(
+    return tables.tabulate(
+        "Analysed campaigns",
+        result.sources,
         (
-            str(source.campaign),
-            source.failures,
-            source.episodes,
-            "running: a snapshot" if source.running else "ended",
-        )
-        for source in result.sources
+            tables.read_text("Campaign", lambda each: str(each.campaign)),
+            tables.read_number("Failures", "failures"),
+            tables.read_number("Episodes", "episodes"),
+            tables.read_text(
+                "State then", lambda each: "running: a snapshot" if each.running else "ended"
+            ),
+        ),
     )
-    return tables.Table("Analysed campaigns", (*columns, *tables.name_columns("State then")), rows)
 
 
 def describe_proof(proof: Proof, noun: str = "mode", unit: str = "m") -> tuple[tables.Block, ...]:
@@ -464,13 +467,10 @@ def describe_chain_mixing(found: ChainMixing) -> tuple[tables.Block, ...]:
     )
     if not found.projections:
         return sentences
-    table = tables.Table(
-        "Mixing",
-        (
-            tables.TableColumn("Projection", is_figure=False),
-            tables.TableColumn("R-hat"),
-            tables.TableColumn("Effective samples"),
-        ),
-        tuple((one.name, one.r_hat, one.effective) for one in found.projections),
+    readings = (
+        tables.read_text("Projection", "name"),
+        tables.read_number("R-hat", "r_hat"),
+        tables.read_number("Effective samples", "effective"),
     )
+    table = tables.tabulate("Mixing", found.projections, readings)
     return (*sentences, table)

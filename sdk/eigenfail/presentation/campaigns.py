@@ -118,26 +118,21 @@ def note_results(summaries: Iterable[Summary]) -> tuple[str, ...]:
 def tabulate_campaigns(campaigns: Iterable[Campaign]) -> tables.Table:
     """Return a list of campaigns."""
     found = list(campaigns)
-    last = [PROBABILITY] if any(campaign.estimate for campaign in found) else []
-    names = tables.name_columns("Name", "State", "Method", "Scenario", "Planner")
-    created = tables.TableColumn("Created", is_figure=False)
-    return tables.Table(
+    has_estimate = any(campaign.estimate for campaign in found)
+    return tables.tabulate(
         "Campaigns",
-        (ID, *names, *tables.count_columns("Done", "Failures"), *last, created),
-        tuple(
-            (
-                str(each.id),
-                each.spec.name,
-                each.state_word,
-                each.spec.method,
-                each.spec.scenario,
-                each.spec.planner,
-                _format_progress(each),
-                each.counts.failures,
-                *([each.estimate] if last else []),
-                format_local_time(each.created_ms),
-            )
-            for each in found
+        found,
+        (
+            tables.Reading(ID, lambda each: str(each.id)),
+            tables.read_text("Name", "spec.name"),
+            tables.read_text("State", "state_word"),
+            tables.read_text("Method", "spec.method"),
+            tables.read_text("Scenario", "spec.scenario"),
+            tables.read_text("Planner", "spec.planner"),
+            tables.read_number("Done", _format_progress),
+            tables.read_number("Failures", "counts.failures"),
+            *([tables.Reading(PROBABILITY, "estimate")] if has_estimate else []),
+            tables.read_text("Created", lambda each: format_local_time(each.created_ms)),
         ),
     )
 
@@ -416,29 +411,21 @@ def describe_costs(found: Sequence[CampaignCost]) -> tuple[tables.Block, ...]:
 
 def tabulate_bill(found: Sequence[CampaignCost]) -> tables.Table:
     """Return what each campaign cost, and what that bought."""
-    counts = tables.count_columns("Episodes", "Failures")
-    bought = (COST, *tables.count_columns("Modes"), tables.TableColumn("USD/mode", "USD"))
-    columns = (
-        *tables.name_columns("Name", "Method"),
-        *counts,
-        tables.TableColumn("USD", "USD"),
-        *bought,
-    )
-    rows = tuple(
+    return tables.tabulate(
+        "Cost",
+        found,
         (
-            str(each.campaign),
-            each.name,
-            each.method,
-            each.completed,
-            each.failures,
-            each.cost.total_usd,
-            each.cost,
-            each.modes,
-            each.per_mode_usd,
-        )
-        for each in found
+            tables.Reading(ID, lambda each: str(each.campaign)),
+            tables.read_text("Name", "name"),
+            tables.read_text("Method", "method"),
+            tables.read_number("Episodes", "completed"),
+            tables.read_number("Failures", "failures"),
+            tables.read_number("USD", "cost.total_usd", "USD"),
+            tables.Reading(COST, "cost"),
+            tables.read_number("Modes", "modes"),
+            tables.read_number("USD/mode", "per_mode_usd", "USD"),
+        ),
     )
-    return tables.Table("Cost", (ID, *columns), rows)
 
 
 def tabulate_time(found: Sequence[CampaignCost]) -> tables.Table:
@@ -589,28 +576,24 @@ def tabulate_workers(
         most: how many are shown; None shows all.
     """
     total = sum(share.episodes for share in shares)
-    counts = (*tables.count_columns("Episodes"), tables.TableColumn("Share", "share"))
-    columns = (
-        *counts,
-        *tables.count_columns("Failures", "Errored"),
-        tables.TableColumn("Time/episode", "s"),
-    )
-    rows = tuple(
+    shown = shares[:most]
+    left = f"In the API, with fewer episodes: {count_noun(len(shares) - len(shown), 'worker')}."
+    return tables.tabulate(
+        "Workers",
+        shown,
         (
-            share.worker,
-            share.episodes,
-            share.episodes / total if total else None,
-            share.failures,
-            share.errored,
-            share.wall_s / share.episodes,
-            format_time(share.last_ms),
-        )
-        for share in shares[:most]
+            tables.read_text("Worker", "worker"),
+            tables.read_number("Episodes", "episodes"),
+            tables.read_number(
+                "Share", lambda each: each.episodes / total if total else None, "share"
+            ),
+            tables.read_number("Failures", "failures"),
+            tables.read_number("Errored", "errored"),
+            tables.read_number("Time/episode", lambda each: each.wall_s / each.episodes, "s"),
+            tables.read_text("Last result", lambda each: format_time(each.last_ms)),
+        ),
+        (left,) if len(shown) < len(shares) else (),
     )
-    left = f"In the API, with fewer episodes: {count_noun(len(shares) - len(rows), 'worker')}."
-    notes = (left,) if len(rows) < len(shares) else ()
-    titles = (*tables.name_columns("Worker"), *columns, *tables.name_columns("Last result"))
-    return tables.Table("Workers", titles, rows, notes)
 
 
 def tabulate_compared(campaigns: Sequence[Campaign], summaries: Sequence[Summary]) -> tables.Table:

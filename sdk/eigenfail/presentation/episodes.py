@@ -27,62 +27,36 @@ LOG_P_DIGITS = 5
 """Significant digits of log p over an episode, whose differences count, not its size."""
 
 
+EPISODE = tables.read_number("Episode", lambda row: f"{row.campaign}/{row.index}")
+CLASS = tables.read_text("Class", lambda row: format_class(row.assessed))
+LOG_P = tables.Reading(tables.TableColumn("log p", "nats", digits=LOG_P_DIGITS), "log_probability")
+SEVERITY = tables.read_number("Severity", "severity", "m²/s²")
+STEPS = tables.read_number("Steps", "steps")
+LISTED = (
+    EPISODE,
+    tables.read_text("Outcome", "outcome.word"),
+    CLASS,
+    STEPS,
+    tables.read_number("Robustness", "robustness_m", "m"),
+    LOG_P,
+    SEVERITY,
+    tables.read_number("Min TTC", "min_ttc_s", "s"),
+    tables.read_number("Max DRAC", "max_drac_mps2", "m/s²"),
+    tables.read_number("TTC lead", "assessed.ttc_lead_s", "s"),
+    tables.read_number("DRAC lead", "assessed.drac_lead_s", "s"),
+    tables.read_text("Source", "source"),
+    tables.read_text("Worker", "worker"),
+)
+
+
 def tabulate_episodes(rows: Iterable[EpisodeRow]) -> tables.Table:
     """Return a list of episodes."""
-    columns = (
-        tables.TableColumn("Episode"),
-        *tables.name_columns("Outcome", "Class"),
-        tables.TableColumn("Steps"),
-        tables.TableColumn("Robustness", "m"),
-        tables.TableColumn("log p", "nats", digits=LOG_P_DIGITS),
-        tables.TableColumn("Severity", "m²/s²"),
-        tables.TableColumn("Min TTC", "s"),
-        tables.TableColumn("Max DRAC", "m/s²"),
-        tables.TableColumn("TTC lead", "s"),
-        tables.TableColumn("DRAC lead", "s"),
-        *tables.name_columns("Source", "Worker"),
-    )
-    return tables.Table("Episodes", columns, tuple(map(_list_episode, rows)))
-
-
-def _list_episode(row: EpisodeRow) -> tuple[tables.Cell, ...]:
-    return (
-        f"{row.campaign}/{row.index}",
-        row.outcome.word,
-        format_class(row.assessed),
-        row.steps,
-        row.robustness_m,
-        row.log_probability,
-        row.severity,
-        row.min_ttc_s,
-        row.max_drac_mps2,
-        row.assessed.ttc_lead_s,
-        row.assessed.drac_lead_s,
-        row.source,
-        row.worker,
-    )
+    return tables.tabulate("Episodes", rows, LISTED)
 
 
 def tabulate_failures(rows: Iterable[EpisodeRow]) -> tables.Table:
     """Return a list of failures of several campaigns."""
-    columns = (
-        tables.TableColumn("Episode"),
-        tables.TableColumn("Severity", "m²/s²"),
-        *tables.name_columns("Class"),
-        tables.TableColumn("log p", "nats", digits=LOG_P_DIGITS),
-        tables.TableColumn("Steps"),
-    )
-    return tables.Table("Failures", columns, tuple(map(_list_failure, rows)))
-
-
-def _list_failure(row: EpisodeRow) -> tuple[tables.Cell, ...]:
-    return (
-        f"{row.campaign}/{row.index}",
-        row.severity,
-        format_class(row.assessed),
-        row.log_probability,
-        row.steps,
-    )
+    return tables.tabulate("Failures", rows, (EPISODE, SEVERITY, CLASS, LOG_P, STEPS))
 
 
 def tabulate_fields(
@@ -113,38 +87,38 @@ def list_episode_facts(
     Of a function robustness alone was measured, which has no unit.
     """
     has_road = world_of(spec.simulator).has_road
-    likelihood = figures.format_number(result.noise.log_probability, LOG_P_DIGITS)
-    rows = [
-        ("episode", f"{campaign}/{result.index}, seed {result.seed}"),
-        ("outcome", result.outcome.word),
-        *([("class", result.assessed.words or figures.UNKNOWN)] if has_road else []),
-        ("steps", str(result.steps)),
-        *(("scenario", f"{name} = {value}") for name, value in drawn.items()),
-        ("disturbances", f"from {result.source}, log p {likelihood}"),
-        *list_channel_likelihoods(result.likelihoods),
-        *((f"requirement {name}", words) for name, words in list_judged(spec, result.requirements)),
-        *_list_measured(result, has_road=has_road),
-        ("scene", "stored" if result.scene else "not stored"),
-        ("digest", result.digest()),
-    ]
-    if result.fault:
-        rows.append(("problem", f"{result.fault.kind}: {result.fault.message}"))
-    return tables.FactTable("Episode", tuple(rows))
+    judged = list_judged(spec, result.requirements)
+    return _list_facts(result, f"{campaign}/{result.index}", drawn, judged, has_road=has_road)
 
 
 def list_result_facts(result: EpisodeDetail) -> tables.FactTable:
-    """Return the facts of one episode: its outcome, its noise and its measures."""
+    """Return the facts of an episode whose campaign is not known: outcome, noise and measures."""
+    return _list_facts(result, str(result.index), {}, (), has_road=True)
+
+
+def _list_facts(
+    result: EpisodeDetail,
+    name: str,
+    drawn: Mapping[str, Any],
+    judged: Iterable[tuple[str, str]],
+    *,
+    has_road: bool,
+) -> tables.FactTable:
     likelihood = figures.format_number(result.noise.log_probability, LOG_P_DIGITS)
+    fault = result.fault
     rows = (
-        ("episode", f"{result.index}, seed {result.seed}"),
+        ("episode", f"{name}, seed {result.seed}"),
         ("outcome", result.outcome.word),
-        ("class", result.assessed.words or figures.UNKNOWN),
+        *([("class", result.assessed.words or figures.UNKNOWN)] if has_road else []),
         ("steps", str(result.steps)),
+        *(("scenario", f"{parameter} = {value}") for parameter, value in drawn.items()),
         ("disturbances", f"from {result.source}, log p {likelihood}"),
         *list_channel_likelihoods(result.likelihoods),
-        *_list_measured(result, has_road=True),
+        *((f"requirement {label}", words) for label, words in judged),
+        *_list_measured(result, has_road=has_road),
         ("scene", "stored" if result.scene else "not stored"),
-        *([("problem", f"{result.fault.kind}: {result.fault.message}")] if result.fault else []),
+        ("digest", result.digest()),
+        *([("problem", f"{fault.kind}: {fault.message}")] if fault else []),
     )
     return tables.FactTable("Episode", rows)
 

@@ -9,14 +9,13 @@ from html import escape
 from itertools import chain
 from typing import Any
 
-from eigenfail.frames import SHOWN, Rows
+from eigenfail.frames import flatten
 from eigenfail.presentation import campaigns
 from eigenfail.presentation.analyses import describe_analysis, describe_proof, list_mode_facts
 from eigenfail.presentation.episodes import list_result_facts, tabulate_episodes
 from eigenfail.presentation.seeds import tabulate_spreads
 from eigenfail.presentation.suites import describe_suite, tabulate_suites
 from eigenfail.presentation.tables import Block, FactTable, Table, name_columns
-from eigenfail.tabulation import flatten
 from eigenfail.values import (
     Analysis,
     Campaign,
@@ -31,6 +30,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.report import Report
+from eigenfail.values.rows import SHOWN, Rows
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable
 

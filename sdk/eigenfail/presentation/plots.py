@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from eigenfail.errors import InvalidValue, ServiceError
+from eigenfail.frames import result_of
 from eigenfail.presentation.analyses import pick_channels
 from eigenfail.presentation.figures import count_noun
-from eigenfail.tabulation import result_of
 from eigenfail.values import (
     Analysis,
     AnalysisResult,

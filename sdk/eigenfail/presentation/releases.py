@@ -4,7 +4,16 @@ from collections.abc import Iterable, Iterator, Mapping
 from typing import NamedTuple
 
 from eigenfail.presentation.figures import UNKNOWN, count_noun
-from eigenfail.presentation.tables import Block, Cell, Table, count_columns, name_columns
+from eigenfail.presentation.tables import (
+    Block,
+    Cell,
+    Table,
+    count_columns,
+    name_columns,
+    read_number,
+    read_text,
+    tabulate,
+)
 from eigenfail.values.release import (
     ModeSighting,
     ModeStatus,
@@ -21,24 +30,19 @@ BASELINE = "in the first version compared"
 
 def tabulate_questions(questions: Iterable[ReleaseQuestion]) -> Table:
     """Return the scenarios in which versions of a planner were tested, one a row."""
-    rows = tuple(
+    return tabulate(
+        "Releases",
+        questions,
         (
-            each.campaign,
-            each.planner,
-            each.scenario,
-            each.requirements,
-            each.method,
-            ", ".join(each.versions),
-            each.campaigns,
-        )
-        for each in questions
+            read_number("Campaign", "campaign"),
+            read_text("Planner", "planner"),
+            read_text("Scenario", "scenario"),
+            read_text("Requirements", "requirements"),
+            read_text("Method", "method"),
+            read_text("Versions", lambda each: ", ".join(each.versions)),
+            read_number("Campaigns", "campaigns"),
+        ),
     )
-    columns = (
-        *count_columns("Campaign"),
-        *name_columns("Planner", "Scenario", "Requirements", "Method", "Versions"),
-        *count_columns("Campaigns"),
-    )
-    return Table("Releases", columns, rows)
 
 
 def tabulate_releases(found: ReleaseTable) -> tuple[Block, ...]:
@@ -115,22 +119,17 @@ def _describe_left_out(release: Release) -> str:
 
 
 def _tabulate_versions(releases: Iterable[Release]) -> Table:
-    rows = tuple(
+    return tabulate(
+        "Versions",
+        releases,
         (
-            each.version,
-            ", ".join(map(str, each.campaigns)),
-            each.episodes,
-            each.failures,
-            format_code(each),
-        )
-        for each in releases
+            read_text("Version", "version"),
+            read_text("Campaigns", lambda each: ", ".join(map(str, each.campaigns))),
+            read_number("Episodes", "episodes"),
+            read_number("Failures", "failures"),
+            read_text("Code", format_code),
+        ),
     )
-    columns = (
-        *name_columns("Version", "Campaigns"),
-        *count_columns("Episodes", "Failures"),
-        *name_columns("Code"),
-    )
-    return Table("Versions", columns, rows)
 
 
 def format_code(release: Release) -> str:

@@ -65,21 +65,20 @@ class SuiteResult(msgspec.Struct, frozen=True):
 
 def tabulate_plan(plan: SuitePlan) -> tables.Table:
     """Return the campaigns that would run, and their budget."""
-    rows = tuple(
-        (
-            member.name,
-            member.spec.method,
-            member.spec.scenario,
-            member.spec.planner,
-            str(member.spec.seed),
-            member.spec.episodes,
-        )
-        for member in plan.members
-    )
-    columns = tables.name_columns("Member", "Method", "Scenario", "Planner")
     counts = f"{count_noun(plan.campaigns, 'campaign')}, {count_noun(plan.episodes, 'episode')}"
-    numbers = tables.count_columns("Seed", "Episodes")
-    return tables.Table(plan.suite, (*columns, *numbers), rows, (f"{plan.suite}: {counts} in all",))
+    return tables.tabulate(
+        plan.suite,
+        plan.members,
+        (
+            tables.read_text("Member", "name"),
+            tables.read_text("Method", "spec.method"),
+            tables.read_text("Scenario", "spec.scenario"),
+            tables.read_text("Planner", "spec.planner"),
+            tables.read_number("Seed", lambda member: str(member.spec.seed)),
+            tables.read_number("Episodes", "spec.episodes"),
+        ),
+        (f"{plan.suite}: {counts} in all",),
+    )
 
 
 def describe_suite_result(result: SuiteResult) -> tuple[tables.Block, ...]:
@@ -133,21 +132,24 @@ def _list_member(member: MemberResult, *, has_probability: bool) -> Iterator[tab
 
 def tabulate_suites(suites: Iterable[SuiteStanding]) -> tables.Table:
     """Return a list of suites."""
-    columns = (
-        *tables.name_columns("Suite", "States"),
-        *tables.count_columns("Campaigns", "Episodes", "Failures"),
-    )
-    rows = tuple(
+    return tables.tabulate(
+        "Suites",
+        suites,
         (
-            suite.name,
-            ", ".join(f"{count} {state}" for state, count in suite.state_words.items()),
-            suite.campaigns,
-            f"{format_count(suite.completed)}/{format_count(suite.planned)}",
-            suite.failures,
-        )
-        for suite in suites
+            tables.read_text("Suite", "name"),
+            tables.read_text("States", _describe_states),
+            tables.read_number("Campaigns", "campaigns"),
+            tables.read_number(
+                "Episodes",
+                lambda suite: f"{format_count(suite.completed)}/{format_count(suite.planned)}",
+            ),
+            tables.read_number("Failures", "failures"),
+        ),
     )
-    return tables.Table("Suites", columns, rows)
+
+
+def _describe_states(suite: SuiteStanding) -> str:
+    return ", ".join(f"{count} {state}" for state, count in suite.state_words.items())
 
 
 def describe_suite(found: SuiteTable) -> tuple[tables.Block, ...]:

@@ -6,10 +6,11 @@ A terminal has them on one line, a page and a report have them below one another
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import singledispatch
 from itertools import chain, starmap
-from typing import NamedTuple
+from operator import attrgetter
+from typing import Any, NamedTuple
 
 from eigenfail.presentation import figures
 from eigenfail.presentation.figures import UNKNOWN
@@ -121,6 +122,33 @@ class FactTable(NamedTuple):
 
 Block = Table | FactTable | str
 """A part of a view: a table, or a text as a paragraph; an empty text is a gap."""
+
+
+class Reading(NamedTuple):
+    """A column, and how a value of a row is read: by the name of a field, or by a function."""
+
+    column: TableColumn
+    read: str | Callable[[Any], Cell]
+
+
+def tabulate(
+    title: str, rows: Iterable[object], readings: Iterable[Reading], notes: tuple[str, ...] = ()
+) -> Table:
+    """Return a table with a row for each value; a field of a field is named with a dot."""
+    listed = tuple(readings)
+    readers = [attrgetter(read) if isinstance(read, str) else read for _, read in listed]
+    cells = tuple(tuple(read(row) for read in readers) for row in rows)
+    return Table(title, tuple(each.column for each in listed), cells, notes)
+
+
+def read_text(title: str, read: str | Callable[[Any], Cell]) -> Reading:
+    """Return a column of text."""
+    return Reading(TableColumn(title, is_figure=False), read)
+
+
+def read_number(title: str, read: str | Callable[[Any], Cell], unit: str = "") -> Reading:
+    """Return a column of numbers."""
+    return Reading(TableColumn(title, unit), read)
 
 
 def name_columns(*titles: str) -> tuple[TableColumn, ...]:

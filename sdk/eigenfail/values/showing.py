@@ -69,7 +69,7 @@ class Plottable:
 
 
 class Tabular:
-    """A value with a table in it; `eigenfail.tabulation` says which."""
+    """A value with a table in it; `eigenfail.frames` says which."""
 
     __slots__ = ()
 

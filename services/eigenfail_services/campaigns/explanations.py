@@ -14,8 +14,8 @@ from eigenfail import plugins, values
 from eigenfail.contracts import Explainer
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.explanations import encode_question, explain_in_process
+from eigenfail.frames import Record, list_noise
 from eigenfail.process_state import ProcessState
-from eigenfail.tabulation import Record, list_noise
 from eigenfail.values.campaign_spec import LONGEST_NAME
 from eigenfail.values.channels import name_columns
 from eigenfail.worlds import drawn_for, list_channels, world_of

@@ -14,7 +14,7 @@ from eigenfail_services.campaigns import costs
 HTML = {"Accept": "text/html"}
 
 
-@pytest.mark.parametrize("address", ["/", "/suites", "/launch", "/comparison", "/api"])
+@pytest.mark.parametrize("address", ["/", "/suites", "/launch", "/comparison", "/glossary"])
 def test_all_that_a_page_imports_is_named_in_its_head(http, address) -> None:
     text = http.get(address, headers=HTML).text
     named = set(re.findall(r'rel="modulepreload" href="/static/js/([\w.]+)"', text))

@@ -50,7 +50,8 @@ def test_all_are_drawn_on_one_pair_of_axes_each(http, make):
     ids = [make((1, 2), name="a"), make((3,), name="b", seed=1), make(name="c", planner="rulebook")]
     found = charts(http.get(address(ids)).text)
     assert list(found) == ["overlay-rate", "overlay-severity", "overlay-robustness"]
-    assert [line["id"] for line in found["overlay-rate"]["lines"]] == ids
+    lines = found["overlay-rate"]["lines"]
+    assert [int(line["name"].partition(":")[0]) for line in lines] == ids
     rate, _, none = (line["y"] for line in found["overlay-rate"]["lines"])
     assert sum(rate) > 0.0
     assert sum(none) == 0.0

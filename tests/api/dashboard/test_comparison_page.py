@@ -52,7 +52,7 @@ def test_the_curves_tell_what_each_had_found_by_then(store, seeds):
         store.campaigns.add_active(campaign, seconds)
     costs = [find_spending(store, store.campaigns.get(each)) for each in (long, short)]
     (chart,) = make_bill_charts(costs[:1], costs[1:])
-    assert [line["side"] for line in chart.data["lines"]] == [0, 1]
+    assert [line["name"][0] for line in chart.data["lines"]] == ["A", "B"]
     assert chart.columns == ("USD", f"A: {long} monte_carlo", f"B: {short} monte_carlo")
     assert chart.rows[4][2] == chart.rows[9][1] == "4"
     assert chart.rows[5][2] == "–"

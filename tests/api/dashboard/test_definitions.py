@@ -5,7 +5,7 @@ import re
 import pytest
 
 from eigenfail.values import Outcome
-from eigenfail_api.dashboard.rendering import find_term, list_terms
+from eigenfail_api.dashboard.glossary_page import find_term, list_terms
 
 HTML = {"Accept": "text/html"}
 BUTTON = re.compile(r'data-term="([\w-]+)"')

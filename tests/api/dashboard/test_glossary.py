@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from eigenfail_api.dashboard.rendering import find_term, list_terms
+from eigenfail_api.dashboard.glossary_page import find_term, list_terms
 
 CONCEPTS = Path(__file__).parents[3] / "docs" / "concepts.md"
 NO_FIGURES = {"gate", "report", "minimal failure"}

@@ -7,9 +7,7 @@ from eigenfail.values import (
     CampaignSpec,
     CampaignState,
     Counts,
-    Interval,
     MeanTime,
-    Rate,
 )
 from eigenfail.values.access import Quotas, Usage
 from eigenfail_api.dashboard.campaign_page import make_mean_tile
@@ -17,7 +15,6 @@ from eigenfail_api.dashboard.cost_charts import describe_omitted
 from eigenfail_api.dashboard.keys_page import list_quotas
 from eigenfail_api.dashboard.launch_fields import describe_bounds
 from eigenfail_api.dashboard.measures_page import describe_basis
-from eigenfail_api.dashboard.region_page import make_share_tile
 
 
 def campaign(state):
@@ -43,11 +40,6 @@ def test_tiles_without_a_value_say_why():
     assert make_mean_tile(MeanTime(None, 0)).notes == ("no such collision",)
     known = make_mean_tile(MeanTime(1.234, 1200))
     assert (known.value, known.notes) == ("1.23 s", ("mean of 1,200",))
-    assert make_share_tile(None).notes == ("no episodes in the counted half",)
-    share = make_share_tile(Rate(0.25, 25, 100, Interval(0.1751, 0.3429)))
-    assert (share.value, share.notes) == ("25.0 %", ("[17.5, 34.3] %", "25 of 100"))
-    searched = make_share_tile(Rate(0.25, 25, 100, None, sampled=False))
-    assert searched.notes == ("of the episodes that the method chose", "25 of 100")
 
 
 def test_quotas_are_listed_with_what_is_used_of_them():

@@ -13,7 +13,7 @@ from eigenfail.values import (
 )
 from eigenfail.values.records import Totals
 from eigenfail_api.dashboard.campaign_page import make_tiles
-from eigenfail_api.dashboard.rendering import Tile, make_failure_tile, make_standing
+from eigenfail_api.dashboard.rendering import Tile, make_failure_tile
 from eigenfail_services.campaigns.summary import summarise
 
 TOLD = Estimate(
@@ -44,8 +44,7 @@ def campaign() -> Campaign:
 
 def shown(campaign):
     summary = summarise(campaign, Totals(0, 0.0, 0, 0.0))
-    now = make_standing(campaign, summary)
-    return dict(make_tiles(now, now.likelihood, is_sampled=True))
+    return dict(make_tiles(campaign, summary))
 
 
 def test_a_probability_has_its_interval_beside_it(campaign):

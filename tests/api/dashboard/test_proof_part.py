@@ -3,7 +3,7 @@
 import pytest
 
 from eigenfail.values import Outcome, Rate, Reproduction
-from eigenfail_api.dashboard.proof import NOT_TRIED, describe_reproduction
+from eigenfail_api.dashboard.analysis_page import NOT_TRIED, describe_reproduction
 from eigenfail_services.statistics.intervals import rate
 
 

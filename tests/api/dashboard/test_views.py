@@ -32,7 +32,7 @@ from eigenfail_api.dashboard.charts import make_curve_chart, make_robustness_cha
 from eigenfail_api.dashboard.cost_charts import make_cost_chart
 from eigenfail_api.dashboard.episodes_page import make_headings
 from eigenfail_api.dashboard.overlays import Compared, make_distance_chart
-from eigenfail_api.dashboard.rendering import make_standing
+from eigenfail_api.dashboard.rendering import TEMPLATES, describe_remaining
 from eigenfail_api.dashboard.scene import find_nearest_actors
 from eigenfail_services.campaigns.summary import summarise
 from eigenfail_services.statistics.intervals import rate
@@ -167,12 +167,12 @@ class Rows:
     def __init__(self, count):
         self.count, self.asked = count, 0
 
-    def page(self, campaign, limit, after=None):
+    def page(self, campaign, limit, after=None, where=()):
         self.asked += 1
-        first = 0 if after is None else after + 1
-        last = min(self.count, first + limit)
-        items = tuple(row(index) for index in range(first, last))
-        return Page(items, items[-1].index if last < self.count else None)
+        bounds = {each.operator: each.value for each in where}
+        first, last = bounds.get(">=", 0), bounds.get("<", self.count)
+        items = tuple(row(index) for index in range(first, min(last, first + limit)))
+        return Page(items, items[-1].index if items and first + limit < last else None)
 
 
 class Kept:
@@ -183,10 +183,10 @@ class Kept:
 @pytest.mark.parametrize(("count", "drawn"), [(0, 0), (1, 1), (5_000, 5_000), (1_000_000, 5_000)])
 def test_a_sample_is_bounded_and_reaches_over_the_whole_campaign(count, drawn):
     store = Kept(count)
-    rows = charts.sample_episodes(store, campaign(Counts(count or 1, completed=count)))
-    assert len(rows) == drawn
+    found = charts.spread(store, campaign(Counts(count or 1, completed=count)), (), 5_000)
+    assert (len(found.rows), found.is_all) == (drawn, count <= 5_000)
     assert store.episodes.asked <= 50
-    indices = [each.index for each in rows]
+    indices = [each.index for each in found.rows]
     assert indices == sorted(set(indices))
     assert not count or max(indices) >= 0.97 * count - 1
 
@@ -260,9 +260,11 @@ def test_evenly_spread_positions_are_distinct(count, most):
 def test_a_campaign_that_stopped_early_is_full_and_says_what_was_left_unrun():
     counts = Counts(400, completed=36, failures=10, errored=1, cancelled=363)
     stopped = campaign(counts, CampaignState.DONE, active_s=10.0)
-    now = make_standing(stopped, summarise(stopped, Totals(10, -1.0, 1, 1.0)))
-    assert (now.ended, now.planned, now.wanted) == (37, 400, 37)
-    assert now.remaining == "363 not run"
+    remaining = describe_remaining(stopped, summarise(stopped, Totals(10, -1.0, 1, 1.0)))
+    assert remaining == "363 not run"
+    bar = TEMPLATES.get_template("macros.html").module.progress(counts, remaining)
+    assert '<progress max="37" value="37"' in bar
+    assert "37 / 400, 363 not run" in bar
 
 
 def test_what_varies_in_the_scenario_stands_in_words():

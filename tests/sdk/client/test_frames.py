@@ -15,8 +15,7 @@ from store_checks.modes import analysed
 from eigenfail import frames
 from eigenfail.errors import InvalidValue, ServiceError
 from eigenfail.filters import CAMPAIGN_ORDERS, COLUMNS, read_value
-from eigenfail.frames import Rows
-from eigenfail.table_columns import list_struct_columns
+from eigenfail.frames import list_struct_columns
 from eigenfail.testing.examples import analysis_result, collision
 from eigenfail.values import (
     Analysis,
@@ -31,6 +30,7 @@ from eigenfail.values import (
     Summary,
 )
 from eigenfail.values.records import Assessment, ConflictClass, EpisodeRow
+from eigenfail.values.rows import Rows
 from eigenfail.values.safety import FailurePoint
 from eigenfail.values.summary import CostPoint, CourseBlock
 

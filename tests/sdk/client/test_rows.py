@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from store_checks.examples import deliver, result, running
 
-from eigenfail.frames import Rows
 from eigenfail.testing.examples import collision
+from eigenfail.values.rows import Rows
 
 PLACES = st.none() | st.integers(-7, 7)
 STEPS = st.none() | st.integers(-3, 3).filter(bool)

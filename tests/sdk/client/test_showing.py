@@ -7,10 +7,10 @@ import pytest
 from msgspec.structs import replace
 from store_checks.examples import deliver, running
 
-from eigenfail.frames import SHOWN, Rows
 from eigenfail.presentation.notebook import to_html
 from eigenfail.testing.examples import collision, make_errored_result
 from eigenfail.values import Cost, Interval, Mode
+from eigenfail.values.rows import SHOWN, Rows
 from eigenfail.values.seeds import FirstFailures, SeedFigure, SeedSpread, SeedValue
 
 NASTY = "<script>alert('[b]x[/b]')</script>"

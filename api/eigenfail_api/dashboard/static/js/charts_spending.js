@@ -4,13 +4,11 @@ import { dash, mark, symbol } from "./theme.js";
 
 const WHOLE = { min: 0, minInterval: 1 };
 
-const spent = () => axis("USD", { min: 0 });
-
 export function spending({ usd, failures, modes }) {
   return {
     grid: grid({ right: modes ? 52 : 18 }),
     legend: legend({ itemWidth: 30 }),
-    xAxis: spent(),
+    xAxis: axis("USD", { min: 0 }),
     yAxis: [
       yAxis("Failures", WHOLE),
       ...(modes ? [yAxis("Distinct modes", { ...WHOLE, max: ({ max }) => max + 1, nameGap: 30, splitLine: { show: false } })] : []),
@@ -23,25 +21,12 @@ export function spending({ usd, failures, modes }) {
   };
 }
 
-const SIDES = ["A", "B"];
-
-export function bills({ what, lines }) {
-  return {
-    grid: grid(),
-    legend: legend({ itemWidth: 30 }),
-    xAxis: spent(),
-    yAxis: yAxis(what, WHOLE),
-    tooltip: tooltip(({ data }) => tip(data[2], [`${compact(data[0])} USD: ${compact(data[1])}`])),
-    series: lines.map(({ name, side, usd, found }) => steps(SIDES[side], usd, found, side, name)),
-  };
-}
-
-function steps(name, usd, counts, position, title) {
+function steps(name, usd, counts, position) {
   return {
     name,
     type: "line",
     step: "end",
-    data: usd.map((sum, point) => [sum, counts[point], title]),
+    data: usd.map((sum, point) => [sum, counts[point]]),
     symbol: symbol(position),
     symbolSize: 6,
     showSymbol: usd.length < 60,

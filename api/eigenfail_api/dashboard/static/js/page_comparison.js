@@ -2,6 +2,5 @@
 import "./main.js";
 import { startCharts } from "./charts.js";
 import { overlay } from "./charts_comparison.js";
-import { bills } from "./charts_spending.js";
 
-startCharts({ bills, overlay });
+startCharts({ overlay });

@@ -1,3 +1,0 @@
-// The reference of the API.
-import "./main.js";
-import "./reference.js";

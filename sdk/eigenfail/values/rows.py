@@ -1,0 +1,177 @@
+"""Lists on a service: values that are asked for row by row, and only if they are wanted."""
+
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import islice
+from operator import index as convert_index
+from sys import maxsize
+from types import MappingProxyType
+from typing import Any, Generic, SupportsIndex, TypeVar, overload
+from weakref import ReferenceType, ref
+
+from eigenfail.filters import ColumnKind
+from eigenfail.values.showing import Shown, Tabular
+
+Columns = Mapping[str, ColumnKind]
+"""Types of the columns of a table by name, in the order of the table."""
+
+NO_COLUMNS: Columns = MappingProxyType({})
+
+Row = TypeVar("Row")
+
+
+SHOWN = 20
+
+
+class _Walk(Iterator[Row]):
+    """An iteration over all rows of a list, whose rows may be loaded ahead."""
+
+    def __init__(self, source: Iterator[Row]) -> None:
+        self._source = source
+        self._loaded: deque[Row] = deque()
+        self.is_started = False
+
+    def __next__(self) -> Row:
+        self.is_started = True
+        return self._loaded.popleft() if self._loaded else next(self._source)
+
+    def load_all(self) -> int:
+        """Load the rows to come, and return their number."""
+        try:
+            self._loaded.extend(self._source)
+        except Exception as error:
+            # Python takes a TypeError for a length that is not known, and would iterate on.
+            self._source = map(_raise, (error,))
+            raise
+        return len(self._loaded)
+
+    def close(self) -> None:
+        """End the iteration."""
+        getattr(self._source, "close", lambda: None)()
+
+
+def _raise(error: Exception) -> Any:
+    raise error
+
+
+class Rows(Iterable[Row], Shown, Tabular, Generic[Row]):
+    """A list on a service: nothing is asked before a row, or the number of rows, is wanted.
+
+    Each iteration asks anew, so that a list of millions needs no memory; `list(rows)` keeps them.
+
+    Args:
+        fetch: begins an iteration over all rows.
+        start: begins an iteration that asks for no more than so many rows; None: `fetch` does.
+        count: returns the number of rows; None: they are counted one by one.
+        backwards: begins an iteration from the last row towards the first that asks for no more
+            than so many rows; None where the list cannot be read so.
+        columns: columns of its table that do not depend on the rows, with their types.
+    """
+
+    def __init__(
+        self,
+        fetch: Callable[[], Iterator[Row]],
+        *,
+        start: Callable[[int], Iterator[Row]] | None = None,
+        count: Callable[[], int] | None = None,
+        backwards: Callable[[int], Iterator[Row]] | None = None,
+        columns: Columns = NO_COLUMNS,
+    ) -> None:
+        self._fetch = fetch
+        self._start = start
+        self._count = count
+        self._backwards = backwards
+        self.columns = columns
+        self._latest: ReferenceType[_Walk[Row]] | None = None
+
+    def __iter__(self) -> Iterator[Row]:
+        """All rows, page by page."""
+        walk = _Walk(self._fetch())
+        self._latest = ref(walk)
+        return walk
+
+    def __reversed__(self) -> Iterator[Row]:
+        """All rows from the last one on, page by page where the list can be read so."""
+        return reversed(tuple(self)) if self._backwards is None else self._backwards(maxsize)
+
+    def __len__(self) -> int:
+        """Number of rows; one request where the service counts them."""
+        # `list(rows)` and `tuple(rows)` begin an iteration and then want to know its length: its
+        # rows answer that, so that no row is asked for twice, and none is counted.
+        walk = self._latest() if self._latest else None
+        return self.count() if walk is None or walk.is_started else walk.load_all()
+
+    def __bool__(self) -> bool:
+        """Whether there is a row; asks for one alone."""
+        return bool(self.first(1))
+
+    @overload
+    def __getitem__(self, place: SupportsIndex) -> Row: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> tuple[Row, ...]: ...
+
+    def __getitem__(self, place: SupportsIndex | slice) -> Row | tuple[Row, ...]:
+        """One row, or those of a slice as a tuple; negative places count from the end.
+
+        Rows are asked for from the nearer end where the place says which, and only up to the last
+        one that is wanted.
+
+        Raises:
+            IndexError: there are fewer rows.
+        """
+        return self._slice(place) if isinstance(place, slice) else self._find(convert_index(place))
+
+    def count(self) -> int:
+        """Return the number of rows, as `len(rows)` does."""
+        return sum(1 for _ in self) if self._count is None else self._count()
+
+    def first(self, n: int = SHOWN) -> tuple[Row, ...]:
+        """The first n rows, or all where there are fewer."""
+        return tuple(islice(self._begin(n), n))
+
+    def __repr__(self) -> str:
+        """How to get at them; asks nothing."""
+        return (
+            "<Rows: iterate, or take len(rows), rows[i], rows[i:j], first(n), "
+            "to_pandas(), to_arrow(), to_numpy()>"
+        )
+
+    def _begin(self, n: int) -> Iterator[Row]:
+        return self._fetch() if self._start is None else self._start(n)
+
+    def _find(self, place: int) -> Row:
+        rows = self._take_last(-place) if place < 0 else self._slice(slice(place, place + 1))
+        if len(rows) < max(-place, 1):
+            raise IndexError(f"There is no row {place}.")
+        return rows[0]
+
+    def _take_last(self, n: int) -> tuple[Row, ...]:
+        """The last n rows in their order, or all where there are fewer."""
+        if self._backwards is None:
+            return tuple(deque(self, n))
+        return tuple(islice(self._backwards(n), n))[::-1]
+
+    def _slice(self, place: slice) -> tuple[Row, ...]:
+        if is_from_start(place):
+            source = self._fetch() if place.stop is None else self._begin(place.stop)
+            return tuple(islice(source, place.start, place.stop, place.step))
+        if is_tail(place):
+            return self._take_last(-place.start)
+        wanted = range(self.count())[place]
+        if not wanted:
+            return ()
+        low, high = min(wanted), max(wanted)
+        rows = tuple(islice(self._begin(high + 1), low, high + 1))
+        return tuple(rows[each - low] for each in wanted if each - low < len(rows))
+
+
+def is_from_start(place: slice) -> bool:
+    """Whether a slice counts from the first row, forwards."""
+    bounds = (place.start, place.stop)
+    return all(each is None or each >= 0 for each in bounds) and (place.step or 1) > 0
+
+
+def is_tail(place: slice) -> bool:
+    """Whether a slice is the last rows, all of them."""
+    return (place.start or 0) < 0 and place.stop is None and place.step in {None, 1}
