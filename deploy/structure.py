@@ -80,7 +80,9 @@ PUBLIC = [
     *("change_mode", "change_episode", "wait_for_proof", "to_pandas", "to_arrow"),
     *("LearnerSuite", "SIMULATION_CHECKS", "analysis_result", "read_disturbance", "write_new"),
     *("recorded_ms", "aligned_at_end", "bounds_probability"),
+    *("check_output_folder", "write_folder", "get_bytes", "draw_svg", "pick_mark", "hatch"),
     # Fields and choices that are only read from JSON, or set from it.
+    *("mean_log_probability", "startup_s"),
     *("began_ms", "size_bytes", "left_road_s", "spec_sha256", "data_from", "protocols"),
     *("LONGITUDINAL", "LATERAL", "GAUSSIAN_MIXTURE"),
     # Imported by name, or by position.

@@ -11,7 +11,7 @@ from fastapi.routing import APIRoute
 
 from eigenfail import plugins
 from eigenfail.errors import EigenfailError, InvalidValue
-from eigenfail_api.dashboard.rendering import NavigationEntry, add_templates
+from eigenfail_api.dashboard.rendering import CampaignFile, NavigationEntry, add_templates
 
 log = logging.getLogger(__name__)
 
@@ -27,6 +27,7 @@ class Extension:
         examples: examples of bodies in that document, by the name of the route's function.
         templates: package with a folder `templates`; pages name a template `PACKAGE/FILE`.
         navigation: links in the head of every page.
+        campaign_files: files about a campaign, which its page offers.
         viewer_requests: requests such as "POST /area" that a viewer may send, since they change
             nothing. Otherwise a viewer may read, and everything else requires an administrator.
     """
@@ -36,6 +37,7 @@ class Extension:
     examples: Mapping[str, dict[str, Any]] = field(default_factory=lambda: MappingProxyType({}))
     templates: str = ""
     navigation: tuple[NavigationEntry, ...] = ()
+    campaign_files: tuple[CampaignFile, ...] = ()
     viewer_requests: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

@@ -21,10 +21,10 @@ from eigenfail.values.access import ApiKey, AuditEntry, KeyRequest, NewKey, Quot
 from eigenfail.values.campaign_spec import PriorityChange
 from eigenfail.values.comparison import PeerCosts
 from eigenfail.values.estimates import ChainMixing
+from eigenfail.values.export import Export, ExportRequest
 from eigenfail.values.operations import Presence, Pruning, Staffing, WorkerShare
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
 from eigenfail.values.release import ReleaseQuestion, ReleaseTable
-from eigenfail.values.report import Export, ExportRequest, Report
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable
 from eigenfail.values.triage import Triage, TriageChange
@@ -85,7 +85,6 @@ BODIES = (
     values.Region,
     values.Page[ReleaseQuestion],
     ReleaseTable,
-    Report,
     values.Safety,
     SuiteRequest,
     SuiteTable,

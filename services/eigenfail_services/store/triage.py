@@ -66,13 +66,6 @@ class TriageStore:
             )
         return after
 
-    def list_by_number(self, analysis: int) -> dict[int, Triage]:
-        """Return the triage of all modes of an analysis, by number and in this order."""
-        query = select(modes.c.number, *_COLUMNS).where(modes.c.analysis == analysis)
-        with self._database.reading() as connection:
-            found = connection.execute(query.order_by(modes.c.number))
-            return {number: Triage(TriageState(state), *rest) for number, state, *rest in found}
-
 
 def _read(connection: Connection, analysis: int, number: int, *, lock: bool = False) -> Triage:
     query = select(*_COLUMNS).where(modes.c.analysis == analysis, modes.c.number == number)
