@@ -24,23 +24,6 @@ if TYPE_CHECKING:
 COST, CURVE = "cost", "cost-curve"
 
 
-COST_COLUMNS = (
-    ("campaign", "Campaign"),
-    ("price", "Price of an instance-hour", "USD"),
-    ("instances", "Instances"),
-    ("cost", "Cost", "USD"),
-    ("failures", "Failures"),
-    ("modes", "Distinct modes"),
-    ("cost_per_mode", "Cost per distinct mode", "USD"),
-    ("active_s", "Time running", "s"),
-    ("simulation_s", "Simulation", "s"),
-    ("startup_s", "Start-up", "s"),
-    ("learning_s", "Learning", "s"),
-    ("waiting_s", "Waiting", "s"),
-    ("lost_s", "Lost", "s"),
-)
-
-
 CURVE_COLUMNS = (
     ("campaign", "Campaign"),
     ("cost", "Cost so far", "USD"),
@@ -66,6 +49,23 @@ class Spent(NamedTuple):
     found: CampaignCost
 
 
+COST_COLUMNS: tuple[page.ColumnOf[CampaignCost], ...] = (
+    ("campaign", "Campaign", "", lambda found: found.campaign),
+    ("price", "Price of an instance-hour", "USD", lambda found: found.price_usd_per_hour),
+    ("instances", "Instances", "", lambda found: found.instances),
+    ("cost", "Cost", "USD", lambda found: found.cost.total_usd),
+    ("failures", "Failures", "", lambda found: found.failures),
+    ("modes", "Distinct modes", "", lambda found: found.modes),
+    ("cost_per_mode", "Cost per distinct mode", "USD", lambda found: found.per_mode_usd),
+    ("active_s", "Time running", "s", lambda found: found.time.active_s),
+    ("simulation_s", "Simulation", "s", lambda found: found.time.simulation_s),
+    ("startup_s", "Start-up", "s", lambda found: found.time.startup_s),
+    ("learning_s", "Learning", "s", lambda found: found.time.learning_s),
+    ("waiting_s", "Waiting", "s", lambda found: found.time.waiting_s),
+    ("lost_s", "Lost", "s", lambda found: found.time.lost_s),
+)
+
+
 def make_cost(material: Material) -> page.ReportPart:
     """The cost of all campaigns."""
     store = material.store
@@ -78,7 +78,9 @@ def make_cost(material: Material) -> page.ReportPart:
         title="Cost",
         words=(COST_WORDS, *dict.fromkeys(note for each in spent for note in list_notes(each))),
         tables=(
-            page.make_table(COST, "Cost of the campaigns", COST_COLUMNS, [*map(list_cost, spent)]),
+            page.tabulate(
+                COST, "Cost of the campaigns", COST_COLUMNS, [each.found for each in spent]
+            ),
             page.make_table(CURVE, "Failures over cost", CURVE_COLUMNS, [*list_curve_rows(spent)]),
         ),
         pictures=tuple(describe_cost_picture(name, group) for name, group in pictures.items()),
@@ -102,26 +104,6 @@ def list_notes(spent: Spent) -> Iterator[str]:
     yield from (f"Cost curve: {note}" for note in spent.found.notes)
 
 
-def list_cost(spent: Spent) -> tuple[Cell, ...]:
-    """The numbers of a campaign."""
-    found, time = spent.found, spent.found.time
-    return (
-        found.campaign,
-        found.price_usd_per_hour,
-        found.instances,
-        found.cost.total_usd,
-        found.failures,
-        found.modes,
-        found.per_mode_usd,
-        time.active_s,
-        time.simulation_s,
-        time.startup_s,
-        time.learning_s,
-        time.waiting_s,
-        time.lost_s,
-    )
-
-
 def list_curve_rows(spent: list[Spent]) -> Iterator[tuple[Cell, ...]]:
     """Yield the rows of the cost curves."""
     for each in spent:
@@ -135,23 +117,18 @@ def list_figures(found: CampaignCost) -> Iterator[tuple[str, tuple[str, ...]]]:
     hours = f"{figures.format_number(found.cost.instance_hours)} instance-hours"
     yield "Cost", (figures.format_amount(found.cost.total_usd), f"{hours} at {price}")
     yield "Cost per failure", format_cost(found.cost).lines
-    yield (
-        "Cost per distinct mode",
-        (figures.format_amount(found.per_mode_usd), describe_modes(found)),
+    modes = (
+        "modes are not known"
+        if found.modes is None
+        else figures.count_noun(found.modes, "distinct mode")
     )
+    yield "Cost per distinct mode", (figures.format_amount(found.per_mode_usd), modes)
     yield "Time running", (format_seconds(time.active_s),)
     yield "Simulation", format_cost_share(time.simulation_s, time.active_s)
     yield "Start-up", format_cost_share(time.startup_s, time.active_s)
     yield "Learning", format_cost_share(time.learning_s, time.active_s)
     yield "Waiting", format_cost_share(time.waiting_s, time.active_s)
     yield "Lost", format_cost_share(time.lost_s, time.active_s)
-
-
-def describe_modes(found: CampaignCost) -> str:
-    """Return the number of distinct modes, or that it is unknown."""
-    if found.modes is None:
-        return "modes are not known"
-    return figures.count_noun(found.modes, "distinct mode")
 
 
 def format_seconds(value: float | None) -> str:
@@ -210,7 +187,7 @@ REGION_TABLE = "region"
 
 REGION_COLUMNS = (
     ("campaigns", "Campaigns"),
-    ("box", "ReportPart"),
+    ("box", "Part"),
     ("parameter", "Parameter"),
     ("low", "from"),
     ("high", "to"),
@@ -330,16 +307,21 @@ def make_minimal(material: Material) -> page.ReportPart | None:
     if not found:
         return None
     called = choose_channel_words(list_shrunk_channels(material))
-    columns = (
-        ("campaign", "Campaign"),
-        ("episode", "Episode"),
-        ("done", "Search at its end"),
-        ("needed", f"Steps and {called.several} needed"),
-        ("injected", "of"),
-        ("energy", "Energy", "sigma²"),
-        ("full_energy", "of", "sigma²"),
-        ("log_p_per_step", "log p per step", "nat"),
-        ("full_log_p_per_step", "at full strength", "nat"),
+    columns: tuple[page.ColumnOf[MinimalFailure], ...] = (
+        ("campaign", "Campaign", "", lambda each: each.campaign),
+        ("episode", "Episode", "", lambda each: each.index),
+        ("done", "Search at its end", "", lambda each: each.done),
+        ("needed", f"Steps and {called.several} needed", "", lambda each: each.needed),
+        ("injected", "of", "", lambda each: each.injected),
+        ("energy", "Energy", "sigma²", lambda each: each.energy),
+        ("full_energy", "of", "sigma²", lambda each: each.full_energy),
+        ("log_p_per_step", "log p per step", "nat", lambda each: each.log_probability_per_step),
+        (
+            "full_log_p_per_step",
+            "at full strength",
+            "nat",
+            lambda each: each.full_log_probability_per_step,
+        ),
     )
     counted = f"Each step along one {called.one} counts as one; energy is the sum of z²."
     sentences = (f"Campaign {each.campaign}: {each.words} {each.because}" for each in found)
@@ -347,9 +329,7 @@ def make_minimal(material: Material) -> page.ReportPart | None:
         name="minimal",
         title="Minimal failures",
         words=(f"{MINIMAL_WORDS} {counted}", *sentences),
-        tables=(
-            page.make_table("minimal", "Minimal failures", columns, [*map(list_minimal, found)]),
-        ),
+        tables=(page.tabulate("minimal", "Minimal failures", columns, found),),
     )
     return page.ReportPart(section)
 
@@ -372,18 +352,3 @@ def find_minimal_failures(material: Material) -> Iterator[MinimalFailure]:
                 yield find_minimal_failure(material.store, subject.campaign)
             except Conflict:
                 continue
-
-
-def list_minimal(found: MinimalFailure) -> tuple[Cell, ...]:
-    """The numbers of a minimal failure."""
-    return (
-        found.campaign,
-        found.index,
-        found.done,
-        found.needed,
-        found.injected,
-        found.energy,
-        found.full_energy,
-        found.log_probability_per_step,
-        found.full_log_probability_per_step,
-    )

@@ -3,11 +3,11 @@
 import csv
 import io
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from itertools import chain, count
 from math import ceil
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, TypeVar
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
@@ -139,6 +139,19 @@ def make_table(
     names = make_unique([name for name, *_ in columns])
     made = tuple(ReportColumn(name, *rest) for name, (_, *rest) in zip(names, columns, strict=True))
     return ReportTable(name=name, title=title, columns=made, rows=tuple(rows), note=note)
+
+
+Item = TypeVar("Item")
+ColumnOf = tuple[str, str, str, Callable[[Item], Cell]]
+"""Name, title and unit of a column, and what an item has in it."""
+
+
+def tabulate(
+    name: str, title: str, columns: Sequence[ColumnOf[Item]], items: Iterable[Item], note: str = ""
+) -> ReportTable:
+    """Return a table with a row for each item."""
+    rows = [tuple(find_cell(item) for *_, find_cell in columns) for item in items]
+    return make_table(name, title, [column[:3] for column in columns], rows, note)
 
 
 def make_comparison_grids(

@@ -3,29 +3,17 @@
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from eigenfail.presentation.figures import UNKNOWN, count_noun, format_utc
+from eigenfail.presentation.figures import count_noun, format_utc
 from eigenfail.values import Mode
 from eigenfail.values.triage import Triage
-from eigenfail_reports.contents import Cell, ReportSection
+from eigenfail_reports.contents import ReportSection
 from eigenfail_reports.material import Material
-from eigenfail_reports.page import ReportPart, make_table
+from eigenfail_reports.page import ColumnOf, ReportPart, tabulate
 
 MOST_REPORTED = 1_000
 """Modes of a campaign whose triage stands in a report, those of the lowest numbers."""
 
 TRIAGE = "triage"
-
-COLUMNS = (
-    ("campaign", "Campaign"),
-    ("analysis", "Analysis"),
-    ("number", "Number"),
-    ("name", "Name"),
-    ("state", "State"),
-    ("ticket", "Ticket"),
-    ("note", "Note"),
-    ("changed", "Changed last"),
-    ("changed_by", "Changed by"),
-)
 
 HOW_TO_READ = (
     "Triage is an assessment of the results by people, and no part of them: it enters no digest. "
@@ -41,6 +29,19 @@ class _Triaged(NamedTuple):
     triage: Triage
 
 
+COLUMNS: tuple[ColumnOf[_Triaged], ...] = (
+    ("campaign", "Campaign", "", lambda each: each.campaign),
+    ("analysis", "Analysis", "", lambda each: each.mode.analysis),
+    ("number", "Number", "", lambda each: each.mode.number),
+    ("name", "Name", "", lambda each: each.mode.name),
+    ("state", "State", "", lambda each: each.triage.state.words),
+    ("ticket", "Ticket", "", lambda each: each.triage.ticket),
+    ("note", "Note", "", lambda each: each.triage.note),
+    ("changed", "Changed last", "", lambda each: format_utc(each.triage.changed_ms)),
+    ("changed_by", "Changed by", "", lambda each: each.triage.changed_by),
+)
+
+
 def make_triage(material: Material) -> ReportPart | None:
     """Return the triage of modes; None without a mode."""
     found = list(_list_all(material))
@@ -51,7 +52,7 @@ def make_triage(material: Material) -> ReportPart | None:
         name="triage",
         title="Triage",
         words=(HOW_TO_READ, *_count_states(found)),
-        tables=(make_table(TRIAGE, "Triage", COLUMNS, [*map(_make_row, found)], bound),),
+        tables=(tabulate(TRIAGE, "Triage", COLUMNS, found, bound),),
     )
     return ReportPart(section)
 
@@ -72,18 +73,3 @@ def _count_states(found: list[_Triaged]) -> Iterator[str]:
         ours = [each.triage.state.words for each in found if each.campaign == campaign]
         states = (f"{ours.count(state)} {state}" for state in sorted(set(ours)))
         yield f"Campaign {campaign}: {count_noun(len(ours), 'mode')}: {', '.join(states)}."
-
-
-def _make_row(each: _Triaged) -> tuple[Cell, ...]:
-    triage = each.triage
-    return (
-        each.campaign,
-        each.mode.analysis,
-        each.mode.number,
-        each.mode.name,
-        triage.state.words,
-        triage.ticket,
-        triage.note,
-        UNKNOWN if triage.changed_ms is None else format_utc(triage.changed_ms),
-        triage.changed_by,
-    )
