@@ -11,7 +11,7 @@ from eigenfail.presentation import svg
 from eigenfail.presentation.figures import format_number, format_share
 from eigenfail.values import EpisodeResult, Outcome, Scene
 from eigenfail_reports import page
-from eigenfail_reports.contents import Cell, ReportPicture, ReportSection
+from eigenfail_reports.contents import Cell, ReportPicture
 from eigenfail_reports.material import (
     MOST_MODES,
     Analysed,
@@ -99,14 +99,15 @@ class Crash(NamedTuple):
 
 def make_collisions(material: Material) -> page.ReportPart | None:
     """The medoids' collisions of every campaign that was analysed."""
-    found = {each.name: (each, find_crashes(each)) for each in list_analysed(material)}
-    shown = {name: (each, of) for name, (each, of) in found.items() if of}
+    found = [(each, find_crashes(each)) for each in list_analysed(material)]
+    shown = [(each, crashes) for each, crashes in found if crashes]
     if not shown:
         return None
-    rows = [
-        row for each, of in shown.values() for crash in of for row in list_moment_rows(each, crash)
-    ]
-    section = ReportSection(
+    rows: list[tuple[Cell, ...]] = []
+    for each, crashes in shown:
+        for crash in crashes:
+            rows += list_moment_rows(each, crash)
+    return page.ReportPart(
         name="collisions",
         title="A collision of each mode",
         words=(COLLISIONS_WORDS,),
@@ -115,10 +116,10 @@ def make_collisions(material: Material) -> page.ReportPart | None:
                 COLLISIONS_TABLE, "The end of the medoids' episodes", COLLISIONS_COLUMNS, rows
             ),
         ),
-        pictures=tuple(describe_collisions_picture(each, of) for each, of in shown.values()),
-    )
-    return page.ReportPart(
-        section, drawings={f"collisions-{n}": draw_collisions(of) for n, (_, of) in shown.items()}
+        pictures=tuple(
+            (describe_collisions_picture(each, crashes), draw_collisions(crashes))
+            for each, crashes in shown
+        ),
     )
 
 
@@ -255,7 +256,7 @@ def make_influence(material: Material) -> page.ReportPart | None:
         *((channel, f"{channel.capitalize()} influence") for channel in channels),
     )
     rows = [row for each in found for row in list_influence_steps(each, channels)]
-    section = ReportSection(
+    return page.ReportPart(
         name="influence",
         title="Influence over time",
         words=(
@@ -263,11 +264,7 @@ def make_influence(material: Material) -> page.ReportPart | None:
             *(sentence for each in found for sentence in describe_influence(each)),
         ),
         tables=(page.make_table(INFLUENCE_TABLE, "Influence of each step", columns, rows),),
-        pictures=tuple(map(describe_influence_picture, found)),
-    )
-    return page.ReportPart(
-        section,
-        drawings={describe_influence_picture(each).name: draw_influence(each) for each in found},
+        pictures=tuple((describe_influence_picture(each), draw_influence(each)) for each in found),
     )
 
 

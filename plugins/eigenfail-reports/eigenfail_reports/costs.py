@@ -1,6 +1,6 @@
 """Costs, failing regions and minimal failures."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from eigenfail.errors import Conflict, InputError
@@ -10,7 +10,7 @@ from eigenfail.presentation.tables import OWN_EPISODES, format_cost
 from eigenfail.values import CampaignCost, CostPoint, MinimalFailure, Rate, Region
 from eigenfail.worlds import list_channels
 from eigenfail_reports import page
-from eigenfail_reports.contents import Cell, ReportPicture, ReportSection
+from eigenfail_reports.contents import Cell, ReportPicture
 from eigenfail_reports.material import Material, Subject
 from eigenfail_reports.outcomes import list_bounds
 from eigenfail_services.campaigns.costs import find_spending
@@ -70,10 +70,8 @@ def make_cost(material: Material) -> page.ReportPart:
     """The cost of all campaigns."""
     store = material.store
     spent = [Spent(each, find_spending(store, each.campaign)) for each in material.subjects]
-    begun = {each.subject.id: each for each in spent if each.found.curve}
-    drawn = [*page.group_subjects([each.subject for each in begun.values()], CURVE)]
-    pictures = {name: [begun[subject.id] for subject in group] for name, group in drawn}
-    section = ReportSection(
+    begun = [each for each in spent if each.found.curve]
+    return page.ReportPart(
         name="cost",
         title="Cost",
         words=(COST_WORDS, *dict.fromkeys(note for each in spent for note in list_notes(each))),
@@ -83,16 +81,15 @@ def make_cost(material: Material) -> page.ReportPart:
             ),
             page.make_table(CURVE, "Failures over cost", CURVE_COLUMNS, [*list_curve_rows(spent)]),
         ),
-        pictures=tuple(describe_cost_picture(name, group) for name, group in pictures.items()),
-    )
-    return page.ReportPart(
-        section,
-        {
+        pictures=tuple(
+            (describe_cost_picture(name, group), draw_cost(group))
+            for name, group in page.name_groups(begun, CURVE)
+        ),
+        grids={
             COST: page.make_named_grids(
                 material.subjects, {s.id: dict(list_figures(of)) for s, of in spent}
             )
         },
-        {name: draw_cost(group) for name, group in pictures.items()},
     )
 
 
@@ -143,7 +140,7 @@ def format_cost_share(value: float | None, of: float) -> tuple[str, ...]:
     return (format_seconds(value), figures.format_share(value / of))
 
 
-def describe_cost_picture(name: str, group: list[Spent]) -> ReportPicture:
+def describe_cost_picture(name: str, group: Sequence[Spent]) -> ReportPicture:
     """The picture of these campaigns, in words."""
     sentences = (
         f"Campaign {each.subject.label}: {last.failures} failures for "
@@ -160,7 +157,7 @@ def describe_cost_picture(name: str, group: list[Spent]) -> ReportPicture:
     )
 
 
-def draw_cost(group: list[Spent]) -> svg.Drawing:
+def draw_cost(group: Sequence[Spent]) -> svg.Drawing:
     """A line for each campaign, with a mark at every tenth point or so."""
 
     def draw(figure: "Figure") -> None:
@@ -214,7 +211,8 @@ def make_region(material: Material) -> page.ReportPart | None:
     found = [region for region in find_regions(material) if region.parameters]
     if not found:
         return None
-    section = ReportSection(
+    lines = tuple(line for region in found for line in describe_parts(region))
+    return page.ReportPart(
         name="region",
         title="Failing region",
         words=(
@@ -229,9 +227,8 @@ def make_region(material: Material) -> page.ReportPart | None:
                 [*list_region_rows(found)],
             ),
         ),
+        grids={REGION_TABLE: (page.Grid(HEADER, lines),)} if lines else {},
     )
-    lines = tuple(line for region in found for line in describe_parts(region))
-    return page.ReportPart(section, {REGION_TABLE: (page.Grid(HEADER, lines),)} if lines else {})
 
 
 def find_regions(material: Material) -> Iterator[Region]:
@@ -325,13 +322,12 @@ def make_minimal(material: Material) -> page.ReportPart | None:
     )
     counted = f"Each step along one {called.one} counts as one; energy is the sum of z²."
     sentences = (f"Campaign {each.campaign}: {each.words} {each.because}" for each in found)
-    section = ReportSection(
+    return page.ReportPart(
         name="minimal",
         title="Minimal failures",
         words=(f"{MINIMAL_WORDS} {counted}", *sentences),
         tables=(page.tabulate("minimal", "Minimal failures", columns, found),),
     )
-    return page.ReportPart(section)
 
 
 def list_shrunk_channels(material: Material) -> tuple[str, ...]:

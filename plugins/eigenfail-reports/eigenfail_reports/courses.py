@@ -13,7 +13,7 @@ from eigenfail.values import (
 from eigenfail.values.records import IN_WORDS
 from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail_reports import page
-from eigenfail_reports.contents import Cell, ReportPicture, ReportSection
+from eigenfail_reports.contents import Cell, ReportPicture
 from eigenfail_reports.material import Material, Subject, sample_note
 from eigenfail_reports.outcomes import list_bounds
 
@@ -52,7 +52,7 @@ def make_safety(material: Material) -> page.ReportPart:
     """The measures side by side."""
     subjects = material.subjects
     rows = [row for subject in subjects for row in list_measure_rows(subject)]
-    section = ReportSection(
+    return page.ReportPart(
         name="safety",
         title="Safety measures",
         words=(
@@ -64,9 +64,7 @@ def make_safety(material: Material) -> page.ReportPart:
                 "safety", "Safety measures of all completed episodes", SAFETY_COLUMNS, rows
             ),
         ),
-    )
-    return page.ReportPart(
-        section, {"safety": page.make_comparison_grids(subjects, choose_figures(material))}
+        grids={"safety": page.make_comparison_grids(subjects, choose_figures(material))},
     )
 
 
@@ -278,19 +276,15 @@ def make_likelihood(material: Material) -> page.ReportPart:
         list_likelihood(each.id, point) for each in failing for point in each.safety.scatter.points
     ]
     notes = " ".join(filter(None, map(describe_left_out, failing)))
-    section = ReportSection(
+    return page.ReportPart(
         name="likelihood",
         title="Likelihood and severity of failures",
         words=(*list_likelihood_words(material, failing), *list_unmeasured(material)),
         tables=(page.make_table(LIKELIHOOD_TABLE, "Failures", LIKELIHOOD_COLUMNS, rows, notes),),
         pictures=tuple(
-            describe_likelihood_picture(name, group)
-            for name, group in page.group_subjects(failing, PICTURE)
+            (describe_likelihood_picture(name, group), draw_likelihood(group))
+            for name, group in page.name_groups(failing, PICTURE)
         ),
-    )
-    return page.ReportPart(
-        section,
-        drawings={name: draw_likelihood(of) for name, of in page.group_subjects(failing, PICTURE)},
     )
 
 
@@ -420,26 +414,21 @@ def make_learning(material: Material) -> page.ReportPart:
     """The courses of the campaigns."""
     begun = [subject for subject in material.subjects if subject.course.blocks]
     rows = [list_learning(subject, block) for subject in begun for block in subject.course.blocks]
-    pictures = tuple(
-        describe_learning_picture(name, group)
-        for name, group in page.group_subjects(begun, LEARNING_TABLE)
-    )
     columns = (
         *LEARNING_COLUMNS,
         ("smallest_robustness_m", "Smallest robustness", material.robustness_unit),
         ("median_robustness_m", "Median robustness", material.robustness_unit),
     )
-    section = ReportSection(
+    return page.ReportPart(
         name="learning",
         title="Learning curve",
         words=(LEARNING_WORDS,) if begun else ("No episode has ended yet.",),
         tables=(page.make_table(LEARNING_TABLE, "Failures over episodes", columns, rows),),
-        pictures=pictures,
+        pictures=tuple(
+            (describe_learning_picture(name, group), draw_learning(group))
+            for name, group in page.name_groups(begun, LEARNING_TABLE)
+        ),
     )
-    drawings = {
-        name: draw_learning(group) for name, group in page.group_subjects(begun, LEARNING_TABLE)
-    }
-    return page.ReportPart(section, drawings=drawings)
 
 
 def list_learning(subject: Subject, block: values.CourseBlock) -> tuple[Cell, ...]:

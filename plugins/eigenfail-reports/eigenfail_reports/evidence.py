@@ -9,14 +9,13 @@ from eigenfail.presentation import svg
 from eigenfail.presentation.figures import format_share
 from eigenfail.values import Proof, ReplayedNoise, Reproduction
 from eigenfail_reports import page
-from eigenfail_reports.contents import Cell, ReportPicture, ReportSection
+from eigenfail_reports.contents import Cell, ReportPicture
 from eigenfail_reports.material import (
     Analysed,
     Material,
     arrange_by_channel,
     list_analysed,
     list_channels,
-    split_into_groups,
 )
 from eigenfail_services.campaigns.proofs import summarise_proof
 
@@ -89,7 +88,8 @@ def make_proof(material: Material) -> page.ReportPart | None:
         *LIKELIHOOD_COLUMNS,
     )
     failure = "collision" if material.robustness_unit == "m" else "failure"
-    section = ReportSection(
+    rows = tuple(row for each in proven for row in list_scenario_texts(each))
+    return page.ReportPart(
         name="proof",
         title="Replays of modes",
         words=(PROOF_WORDS.format(failure=failure), *map(describe_proof, proven)),
@@ -99,10 +99,8 @@ def make_proof(material: Material) -> page.ReportPart | None:
             ),
             page.make_table(REPLAYS, "Each replay", replay_columns, [*replay_rows(proven)]),
         ),
-    )
-    rows = tuple(row for each in proven for row in list_scenario_texts(each))
-    return page.ReportPart(
-        section, {SCENARIOS: (page.Grid(HEADER, rows),)}, folded=frozenset({REPLAYS})
+        grids={SCENARIOS: (page.Grid(HEADER, rows),)},
+        folded=frozenset({REPLAYS}),
     )
 
 
@@ -191,9 +189,8 @@ def make_variance(material: Material) -> page.ReportPart | None:
     found = [each for each in list_analysed(material) if len(each.result.explained)]
     if not found:
         return None
-    named = dict(zip(name_pictures(len(found)), split_into_groups(found, page.BESIDE), strict=True))
     rows = [row for each in found for row in list_component_rows(each)]
-    section = ReportSection(
+    return page.ReportPart(
         name="variance",
         title="Explained variance",
         words=(VARIANCE_WORDS,),
@@ -203,18 +200,10 @@ def make_variance(material: Material) -> page.ReportPart | None:
             ),
         ),
         pictures=tuple(
-            describe_variance_picture(name, tuple(group)) for name, group in named.items()
+            (describe_variance_picture(name, group), draw_variance(group))
+            for name, group in page.name_groups(found, VARIANCE_TABLE)
         ),
     )
-    return page.ReportPart(
-        section, drawings={name: draw_variance(tuple(of)) for name, of in named.items()}
-    )
-
-
-def name_pictures(count: int) -> Iterator[str]:
-    """Yield a name for each picture."""
-    yield VARIANCE_TABLE
-    yield from (f"{VARIANCE_TABLE}-{number}" for number in range(2, -(-count // page.BESIDE) + 1))
 
 
 def list_component_rows(found: Analysed) -> Iterator[tuple[Cell, ...]]:
@@ -301,7 +290,7 @@ def make_training(material: Material) -> page.ReportPart | None:
         *((channel, f"Mean {channel} noise", "sigma") for channel in channels),
     )
     rows = [row for each in found for row in list_training_steps(each, channels)]
-    section = ReportSection(
+    return page.ReportPart(
         name="training",
         title="Disturbances over the training",
         words=(TRAINING_WORDS,),
@@ -310,11 +299,7 @@ def make_training(material: Material) -> page.ReportPart | None:
                 TRAINING_TABLE, "Mean noise of the failures by interval", columns, rows
             ),
         ),
-        pictures=tuple(map(describe_training_picture, found)),
-    )
-    return page.ReportPart(
-        section,
-        drawings={describe_training_picture(each).name: draw_training(each) for each in found},
+        pictures=tuple((describe_training_picture(each), draw_training(each)) for each in found),
     )
 
 

@@ -9,7 +9,7 @@ from eigenfail.presentation import svg
 from eigenfail.presentation.figures import format_number
 from eigenfail.values import AXES, FailureMode, Floats
 from eigenfail_reports import page
-from eigenfail_reports.contents import Cell, ReportPicture, ReportSection
+from eigenfail_reports.contents import Cell, ReportPicture
 from eigenfail_reports.material import (
     MOST_MODES,
     Analysed,
@@ -124,7 +124,7 @@ def make_modes(material: Material) -> page.ReportPart:
             [row for of in found for row in list_description_rows(of)],
         ),
     )
-    section = ReportSection(
+    return page.ReportPart(
         name="modes",
         title="Failure modes",
         words=(
@@ -133,10 +133,9 @@ def make_modes(material: Material) -> page.ReportPart:
             *list_missing(material, found),
         ),
         tables=tables if found else (),
-        pictures=tuple(map(describe_modes_picture, found)),
+        pictures=tuple((describe_modes_picture(each), draw_modes(each)) for each in found),
+        folded=frozenset({WORDS}),
     )
-    drawings = {describe_modes_picture(each).name: draw_modes(each) for each in found}
-    return page.ReportPart(section, drawings=drawings, folded=frozenset({WORDS}))
 
 
 def list_missing(material: Material, found: list[Analysed]) -> Iterator[str]:
@@ -304,17 +303,16 @@ def make_eigenfailures(material: Material) -> page.ReportPart | None:
     channels = list_channels(found)
     columns = list_eigenfailure_columns(channels)
     rows = [row for each, of in each_with for row in list_eigenfailures_steps(each, of, channels)]
-    section = ReportSection(
+    return page.ReportPart(
         name="eigenfailures",
         title="Eigenfailures",
         words=(EIGENFAILURES_WORDS,),
         tables=(page.make_table(EIGENFAILURES_TABLE, "Eigenfailures over time", columns, rows),),
-        pictures=tuple(describe_eigenfailures_picture(each, of) for each, of in each_with),
+        pictures=tuple(
+            (describe_eigenfailures_picture(each, of), draw_eigenfailures(each, of))
+            for each, of in each_with
+        ),
     )
-    drawings = {
-        f"eigenfailures-{each.name}": draw_eigenfailures(each, of) for each, of in each_with
-    }
-    return page.ReportPart(section, drawings=drawings)
 
 
 def make_bands(material: Material, found: Analysed) -> Bands:

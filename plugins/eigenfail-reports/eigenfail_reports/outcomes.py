@@ -16,7 +16,7 @@ from eigenfail.settings import defaults_of
 from eigenfail.values import Campaign, CampaignSpec, Rate
 from eigenfail.worlds import describe_disturbance, describe_requirements, world_of
 from eigenfail_reports import page
-from eigenfail_reports.contents import Cell, ReportSection
+from eigenfail_reports.contents import Cell
 from eigenfail_reports.material import Material, Subject
 from eigenfail_services.campaigns.comparison import warn_of_seeds
 from eigenfail_services.store.schema import VERSION
@@ -92,7 +92,7 @@ def describe_columns(material: Material) -> str:
 def make_results(material: Material) -> page.ReportPart:
     """The results side by side."""
     subjects = material.subjects
-    section = ReportSection(
+    return page.ReportPart(
         name="results",
         title="Results",
         words=(
@@ -108,9 +108,7 @@ def make_results(material: Material) -> page.ReportPart:
                 [*map(list_results, subjects)],
             ),
         ),
-    )
-    return page.ReportPart(
-        section, {"results": page.make_comparison_grids(subjects, choose_figures(material))}
+        grids={"results": page.make_comparison_grids(subjects, choose_figures(material))},
     )
 
 
@@ -314,7 +312,8 @@ def make_setup(material: Material) -> page.ReportPart:
     }
     rows = [(id_, name, value) for id_, of in found.items() for name, value in of.items()]
     unset = [*list_default_rows([subject.campaign.spec for subject in material.subjects])]
-    section = ReportSection(
+    facts = {id_: {name: (value,) for name, value in of.items()} for id_, of in found.items()}
+    return page.ReportPart(
         name="setup",
         title="Set-up",
         words=(f"{material.pick_words(ON_ROADS, OF_FUNCTIONS)} {NOT_LISTED}",),
@@ -322,11 +321,7 @@ def make_setup(material: Material) -> page.ReportPart:
             page.make_table(SETUP, "What was asked for", SETUP_COLUMNS, rows),
             page.make_table(DEFAULTS, "Defaults of this release", DEFAULT_COLUMNS, unset),
         ),
-    )
-    facts = {id_: {name: (value,) for name, value in of.items()} for id_, of in found.items()}
-    return page.ReportPart(
-        section,
-        {SETUP: page.make_named_grids(material.subjects, facts)},
+        grids={SETUP: page.make_named_grids(material.subjects, facts)},
         folded=frozenset({DEFAULTS}),
     )
 
@@ -470,7 +465,7 @@ CODE_NOTE = (
 def make_provenance(material: Material) -> page.ReportPart:
     """Return the facts by which the numbers can be traced back."""
     evidence = [*map(list_provenance, material.subjects)]
-    section = ReportSection(
+    return page.ReportPart(
         name="provenance",
         title="Provenance",
         words=(REPEATABLE, WHOSE),
@@ -489,7 +484,6 @@ def make_provenance(material: Material) -> page.ReportPart:
             page.make_table("programs", "Programs", PROGRAM_COLUMNS, [*list_programs()]),
         ),
     )
-    return page.ReportPart(section)
 
 
 def list_provenance(subject: Subject) -> tuple[Cell, ...]:

@@ -102,16 +102,33 @@ class ReportPart(NamedTuple):
     """A section, and how people see it.
 
     Attributes:
+        name: name of the section.
+        words: sentences: what was found, and how to read it.
+        tables: numbers of the section.
+        pictures: each picture in words, and what draws it.
         grids: tables in words, by the name of the table that they word; a table without one is
             shown as it is.
-        drawings: drawings by the name of the picture.
         folded: tables that a reader has to open first.
     """
 
-    section: ReportSection
+    name: str
+    title: str
+    words: tuple[str, ...]
+    tables: tuple[ReportTable, ...]
+    pictures: tuple[tuple[ReportPicture, Drawing], ...] = ()
     grids: Mapping[str, tuple[Grid, ...]] = {}
-    drawings: Mapping[str, Drawing] = {}
     folded: frozenset[str] = frozenset()
+
+    @property
+    def section(self) -> ReportSection:
+        """The section as data."""
+        return ReportSection(
+            name=self.name,
+            title=self.title,
+            words=self.words,
+            tables=self.tables,
+            pictures=tuple(picture for picture, _ in self.pictures),
+        )
 
 
 def make_unique(names: Sequence[str]) -> list[str]:
@@ -181,11 +198,12 @@ def make_named_grids(
     return make_comparison_grids(subjects, {name: value_of(name) for name in names})
 
 
-def group_subjects(
-    subjects: Sequence[Subject], name: str
-) -> Iterator[tuple[str, tuple[Subject, ...]]]:
-    """Yield the campaigns that share a picture, and its name."""
-    for number, group in enumerate(split_into_groups(subjects, BESIDE), start=1):
+Drawn = TypeVar("Drawn")
+
+
+def name_groups(items: Sequence[Drawn], name: str) -> Iterator[tuple[str, tuple[Drawn, ...]]]:
+    """Yield the name of each picture, and what of the items stands side by side in it."""
+    for number, group in enumerate(split_into_groups(items, BESIDE), start=1):
         yield (name if number == 1 else f"{name}-{number}"), tuple(group)
 
 
@@ -274,25 +292,27 @@ def page(report: Report, parts: Sequence[ReportPart], drawn: Mapping[str, str]) 
 
 def make_section_view(part: ReportPart, drawn: Mapping[str, str]) -> ReportView:
     """Return the view of a section."""
-    section, tables = part.section, {table.name: table for table in part.section.tables}
-    elsewhere = {*part.grids, *(picture.table for picture in section.pictures)}
-    plain = [each for each in section.tables if each.rows and each.name not in elsewhere]
+    tables = {table.name: table for table in part.tables}
+    elsewhere = {*part.grids, *(picture.table for picture, _ in part.pictures)}
+    shown: list[ShownTable] = []
+    folded: list[ShownTable] = []
+    for table in part.tables:
+        if table.rows and table.name not in elsewhere:
+            place = folded if table.name in part.folded else shown
+            place.append(show_rows(table, table.rows))
+    pictures = []
+    for picture, _ in part.pictures:
+        # Drawn by us, with every text in it escaped.
+        image = Markup(inline_svg(drawn[picture.name]))  # noqa: S704
+        pictures.append((picture, image, make_shown_table(picture, tables[picture.table])))
     return ReportView(
-        name=section.name,
-        title=section.title,
-        words=section.words,
+        name=part.name,
+        title=part.title,
+        words=part.words,
         grids=tuple((tables[name], grids) for name, grids in part.grids.items()),
-        tables=tuple(show_rows(each, each.rows) for each in plain if each.name not in part.folded),
-        folded=tuple(show_rows(each, each.rows) for each in plain if each.name in part.folded),
-        pictures=tuple(
-            # Drawn by us, with every text in it escaped.
-            (
-                picture,
-                Markup(inline_svg(drawn[picture.name])),  # noqa: S704
-                make_shown_table(picture, tables[picture.table]),
-            )
-            for picture in section.pictures
-        ),
+        tables=tuple(shown),
+        folded=tuple(folded),
+        pictures=tuple(pictures),
     )
 
 

@@ -66,16 +66,13 @@ class Made:
     @cached_property
     def drawn(self) -> Mapping[str, str]:
         """An SVG file for each picture, by name."""
-        return {
-            picture.name: draw_svg(
-                picture.name,
-                picture.title,
-                picture.alternative,
-                part.drawings[picture.name],
-            )
-            for part in self._parts
-            for picture in part.section.pictures
-        }
+        drawn = {}
+        for part in self._parts:
+            for picture, drawing in part.pictures:
+                drawn[picture.name] = draw_svg(
+                    picture.name, picture.title, picture.alternative, drawing
+                )
+        return drawn
 
     def json(self) -> bytes:
         """Its data."""

@@ -2,7 +2,7 @@
 
 from eigenfail.presentation.seeds import OVER_SEEDS, tabulate_spreads
 from eigenfail.values.seeds import SeedFigure, SeedSpread
-from eigenfail_reports.contents import Cell, ReportSection
+from eigenfail_reports.contents import Cell
 from eigenfail_reports.material import Material
 from eigenfail_reports.page import Grid, ReportPart, make_table
 from eigenfail_services.campaigns.seeds import make_spreads
@@ -60,17 +60,17 @@ def make_over_seeds(material: Material) -> ReportPart | None:
     if not found:
         return None
     shown = tabulate_spreads(found)
-    section = ReportSection(
-        name=TABLE,
-        title=OVER_SEEDS,
-        words=(WORDS, *shown.notes),
-        tables=(make_table(TABLE, OVER_SEEDS, SPREAD_COLUMNS, [*map(list_spread_cells, found)]),),
-    )
     grid = Grid(
         tuple(column.heading for column in shown.columns),
         tuple(tuple(cell.lines for cell in row) for row in shown.cells),
     )
-    return ReportPart(section, {TABLE: (grid,)})
+    return ReportPart(
+        name=TABLE,
+        title=OVER_SEEDS,
+        words=(WORDS, *shown.notes),
+        tables=(make_table(TABLE, OVER_SEEDS, SPREAD_COLUMNS, [*map(list_spread_cells, found)]),),
+        grids={TABLE: (grid,)},
+    )
 
 
 def list_spread_cells(spread: SeedSpread) -> tuple[Cell, ...]:

@@ -6,7 +6,6 @@ from typing import NamedTuple
 from eigenfail.presentation.figures import count_noun, format_utc
 from eigenfail.values import Mode
 from eigenfail.values.triage import Triage
-from eigenfail_reports.contents import ReportSection
 from eigenfail_reports.material import Material
 from eigenfail_reports.page import ColumnOf, ReportPart, tabulate
 
@@ -48,13 +47,12 @@ def make_triage(material: Material) -> ReportPart | None:
     if not found:
         return None
     bound = f"At most {MOST_REPORTED:,} modes of each campaign."
-    section = ReportSection(
+    return ReportPart(
         name="triage",
         title="Triage",
         words=(HOW_TO_READ, *_count_states(found)),
         tables=(tabulate(TRIAGE, "Triage", COLUMNS, found, bound),),
     )
-    return ReportPart(section)
 
 
 def _list_all(material: Material) -> Iterator[_Triaged]:
