@@ -15,8 +15,8 @@ import msgspec
 from volume_store import GROUP, delivery, results
 
 from eigenfail.values import AnalysisSettings, CampaignSpec, CampaignState
+from eigenfail.values.export import ExportRequest
 from eigenfail.values.operations import Retention
-from eigenfail.values.report import ExportRequest
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.export_formats import (
     ExportSource,

@@ -1,6 +1,6 @@
 """Which heavy packages each kind of process imports: a fleet pays for them with every start.
 
-A service runs campaigns of three methods, an analysis, a report and an export with a worker of its
+A service runs campaigns of three methods, an analysis and an export with a worker of its
 own machine, and another one a campaign with a worker of Ray. Their processes, and those of the
 command line, record what they import.
 """
@@ -50,7 +50,7 @@ TABLE: dict[str, set[str]] = {
     # import within the first episode would be part of the time that is measured of it.
     "API: campaigns and analyses": SOLVER,
     # pyarrow imports pandas as it makes a table.
-    "API: reports and exports": {"matplotlib", "pyarrow", "pandas"},
+    "API: exports": {"pyarrow", "pandas"},
     "worker": set(),
     "child of a worker": SOLVER,
     "driver of Ray": RAY,
@@ -172,9 +172,8 @@ def use_local_service(recorder: Recorder, folder: Path) -> None:
             named = os.environ | {"EIGENFAIL_URL": service.address.url}
             subprocess.run(command, env=named, capture_output=True, check=True)
         recorder.take(API="API: campaigns and analyses")
-        client.report(campaign, folder / "report")
         client.episodes.export(campaign, folder / "episodes.parquet")
-    recorder.take(API="API: reports and exports")
+    recorder.take(API="API: exports")
 
 
 def use_ray(recorder: Recorder, folder: Path) -> None:

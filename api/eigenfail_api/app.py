@@ -37,7 +37,13 @@ from eigenfail_api.dashboard import (
     suites_page,
     workers_page,
 )
-from eigenfail_api.dashboard.rendering import STATIC, Assets, Navigation, wrap_for_browsers
+from eigenfail_api.dashboard.rendering import (
+    STATIC,
+    Assets,
+    ForeignLinks,
+    LinkMiddleware,
+    wrap_for_browsers,
+)
 from eigenfail_api.extensions import Extension, load_extensions
 from eigenfail_api.middleware import Disconnects, EntityTags, HeadRequests, SecurityHeaders
 from eigenfail_api.problems import HANDLERS
@@ -188,8 +194,11 @@ def create_app(
     app.add_middleware(
         AuthMiddleware, authenticator=app.state.authenticator, store=store, rules=rules
     )
-    entries = tuple(entry for each in installed for entry in each.navigation)
-    app.add_middleware(Navigation, entries=entries)
+    links = ForeignLinks(
+        navigation=tuple(entry for each in installed for entry in each.navigation),
+        campaign_files=tuple(file for each in installed for file in each.campaign_files),
+    )
+    app.add_middleware(LinkMiddleware, links=links)
     app.add_middleware(OriginGuard, hosts=settings.names)
     app.add_middleware(operations.RequestCounter, registry=app.state.registry)
     app.add_middleware(SecurityHeaders)

@@ -9,7 +9,7 @@ from fastapi.routing import APIRoute
 
 from eigenfail import plugins
 from eigenfail.errors import EigenfailError, InvalidValue
-from eigenfail_api.dashboard.rendering import NavigationEntry, add_templates
+from eigenfail_api.dashboard.rendering import CampaignFile, NavigationEntry, add_templates
 
 log = logging.getLogger(__name__)
 
@@ -23,6 +23,7 @@ class Extension:
             dashboard are outside the schema.
         templates: package with a folder `templates`; pages name a template `PACKAGE/FILE`.
         navigation: links in the head of every page.
+        campaign_files: files about a campaign, which its page offers.
         viewer_requests: requests such as "POST /area" that a viewer may send, since they change
             nothing. Otherwise a viewer may read, and everything else requires an administrator.
     """
@@ -30,6 +31,7 @@ class Extension:
     routers: tuple[APIRouter, ...]
     templates: str = ""
     navigation: tuple[NavigationEntry, ...] = ()
+    campaign_files: tuple[CampaignFile, ...] = ()
     viewer_requests: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

@@ -4,6 +4,8 @@ import csv
 import errno
 import io
 import os
+import re
+import shutil
 import stat
 import tomllib
 from array import array
@@ -11,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from math import isfinite, nan
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import IO, Any, BinaryIO, NamedTuple
 
 from eigenfail.errors import InvalidValue, ServiceError, suggest_name
@@ -95,6 +98,81 @@ def write_whole(path: Path, chunks: Iterable[bytes]) -> None:
     except OSError as error:
         problem = f"{path} cannot be written: {error.strerror or error}."
         raise ServiceError(problem, "Choose a file in a writable folder.") from error
+
+
+def check_output_folder(
+    folder: Path, kind: str, own_names: re.Pattern[str], *, force: bool
+) -> None:
+    """Refuse to write over a folder, unless force is given and all files in it are of one kind.
+
+    Args:
+        folder: folder that may be there.
+        kind: kind of output, for errors: a "report".
+        own_names: what the paths of such files match, within the folder.
+        force: whether files of that kind may be replaced.
+
+    Raises:
+        InvalidValue: something is there that stays.
+    """
+    if not folder.exists() or (folder.is_dir() and not any(folder.iterdir())):
+        return
+    foreign = "" if folder.is_dir() else "it is not a folder"
+    for path in folder.rglob("*"):
+        name = path.relative_to(folder).as_posix()
+        if not path.is_dir() and not own_names.fullmatch(name):
+            foreign = name
+            break
+    if foreign:
+        problem = f"{folder} already exists and contains files of no {kind}: {foreign}."
+        raise InvalidValue("output", problem, "Choose a folder that does not exist.")
+    if not force:
+        problem = f"{folder} already contains a {kind}."
+        remedy = "Choose another folder, or give force=True (on the command line --force)."
+        raise InvalidValue("output", problem, remedy)
+
+
+def write_folder(files: Mapping[str, bytes], folder: Path) -> None:
+    """Write files, by their paths within a folder: the folder has all of them or stays as it was.
+
+    Raises:
+        ServiceError: they cannot be written.
+    """
+    try:
+        with replace_whole(folder) as made:
+            for name, content in files.items():
+                (made / name).parent.mkdir(parents=True, exist_ok=True)
+                (made / name).write_bytes(content)
+    except OSError as error:
+        problem = f"{folder} cannot be written: {error.strerror or error}."
+        raise ServiceError(problem, "Choose a folder that you can write to.") from error
+
+
+@contextmanager
+def replace_whole(place: Path) -> Iterator[Path]:
+    """Yield a path: the file or folder that is made there is moved to a place at the end.
+
+    What was in that place is removed, or stays if anything fails.
+
+    Raises:
+        OSError: it cannot be moved there.
+    """
+    place = place.absolute()
+    place.parent.mkdir(parents=True, exist_ok=True)
+    # Beside the place, since nothing is renamed from one file system to another.
+    beside = Path(mkdtemp(prefix=f".{place.name}-", dir=place.parent))
+    made, old = beside / "made", beside / "old"
+    try:
+        yield made
+        if place.exists():
+            place.rename(old)
+        try:
+            made.rename(place)
+        except OSError:
+            if old.exists():
+                old.rename(place)
+            raise
+    finally:
+        shutil.rmtree(beside, ignore_errors=True)
 
 
 def write_private(path: Path, text: str, field: str) -> None:

@@ -17,8 +17,8 @@ import msgspec
 from eigenfail import __version__, filters
 from eigenfail.errors import InvalidValue
 from eigenfail.values import CampaignSpec
+from eigenfail.values.export import ExportRequest
 from eigenfail.values.records import PORTION, EpisodeRow
-from eigenfail.values.report import ExportRequest
 from eigenfail.worlds import list_channels
 from eigenfail_services.store import Store
 

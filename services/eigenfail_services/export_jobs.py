@@ -17,7 +17,7 @@ import structlog
 from eigenfail import errors
 from eigenfail.addresses import is_sqlite_url, sqlite_path
 from eigenfail.files import make_private_folder, open_private
-from eigenfail.values.report import Export, ExportRequest, ExportState
+from eigenfail.values.export import Export, ExportRequest, ExportState
 from eigenfail_services import export_formats
 from eigenfail_services.store import Store
 from eigenfail_services.store.clock import now_ms

@@ -184,7 +184,6 @@ def test_costly_answers_are_worked_out_a_few_at_a_time():
 @pytest.mark.parametrize(
     "path",
     [
-        "/api/v1/report?campaign=1",
         "/api/v1/comparisons?a=1&b=2",
         "/api/v1/costs",
         "/api/v1/campaigns/1/cost",

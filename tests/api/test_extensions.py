@@ -23,7 +23,7 @@ from fastapi import APIRouter, Depends
 from fastapi.responses import HTMLResponse
 
 from eigenfail.errors import InvalidValue
-from eigenfail_api.dashboard.rendering import NavigationEntry, page
+from eigenfail_api.dashboard.rendering import CampaignFile, NavigationEntry, page
 from eigenfail_api.extensions import Extension
 from eigenfail_api.openapi import document_route
 from eigenfail_api.parameters import Json, Stored, body_of
@@ -68,6 +68,10 @@ extension = Extension(
     routers=(router, pages),
     templates="eigenfail_sheep",
     navigation=(NavigationEntry("Sheep", "/sheep"),),
+    campaign_files=(
+        CampaignFile("Wool", "WOOL", "/api/v1/wool?campaign={campaign}&dyed=1", is_button=True),
+        CampaignFile("Fleece & all", "ZIP", "/api/v1/wool?campaign={campaign}"),
+    ),
     viewer_requests=("POST /api/v1/sheep",),
 )
 '''
@@ -171,6 +175,16 @@ def test_a_page_has_the_frame_of_the_dashboard_and_a_link_to_it(bring, serve):
     assert '<a href="/sheep">Sheep</a>' in core
     missing = http.get("/campaigns/9", headers={"Accept": "text/html"})
     assert (missing.status_code, '<a href="/sheep">' in missing.text) == (404, True)
+
+
+def test_the_page_of_a_campaign_offers_its_files(bring, serve, campaign):
+    bring()
+    shown = serve().get(f"/campaigns/{campaign}").text
+    address = f"/api/v1/wool?campaign={campaign}"
+    assert f'<a class="button" href="{address}&amp;dyed=1" download>Wool</a>' in shown
+    listed = f'<a href="{address}" download>Fleece &amp; all</a> <span class="note">ZIP</span>'
+    assert listed in shown
+    assert shown.count("Wool") == 1
 
 
 def test_another_application_of_the_process_does_not_have_it(bring, serve, store):

@@ -287,11 +287,6 @@ def test_a_parameter_of_one_value_is_given_once(http, problem, asked):
     assert told["remedy"]
 
 
-def test_a_parameter_of_many_values_is_given_again_for_more(http, problem):
-    told = problem(http.get("/api/v1/report?campaign=98&campaign=99"), 404)
-    assert "Campaign 98" in told["detail"]
-
-
 @pytest.mark.parametrize(
     ("method", "path", "headers", "status", "words"),
     [

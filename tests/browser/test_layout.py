@@ -19,7 +19,6 @@ from playwright.sync_api import expect
 from eigenfail.values.access import KeyRequest, Scope
 from eigenfail_api.app import FORMS, ROUTERS
 from eigenfail_services.access import make_key
-from eigenfail_services.reports.report import make
 
 pytestmark = [pytest.mark.browser, pytest.mark.timeout(deadlines.TEST_S)]
 
@@ -194,13 +193,6 @@ ADDRESSES = [*(path for paths in PAGES.values() for path in paths), NOT_FOUND]
 @pytest.mark.parametrize("path", ADDRESSES)
 def test_a_page_fits_every_width_and_axe_finds_nothing(show, path):
     assert not troubles_of(show(path))
-
-
-def test_a_report_fits_every_width_and_axe_finds_nothing(tab, store, filled, tmp_path):
-    file = tmp_path / "report.html"
-    file.write_bytes(make(store, (filled.long, filled.ast), 0).html())
-    tab.goto(file.as_uri())
-    assert not troubles_of(tab)
 
 
 def troubles_of(page):

@@ -12,8 +12,8 @@ from eigenfail.cli import main
 from eigenfail.errors import UnknownName
 from eigenfail.filters import parse_fields, parse_filter, parse_sort
 from eigenfail.values import CampaignSpec, EpisodeResult, Measures, NoiseTrajectory, Outcome
+from eigenfail.values.export import ExportRequest
 from eigenfail.values.records import Delivery
-from eigenfail.values.report import ExportRequest
 from eigenfail.wire.http import read_body
 from eigenfail_api.app import create_app
 from eigenfail_api.routes import episodes, recordings

@@ -94,7 +94,6 @@ AFTER_DEMO = {
     ),
     "docs/episodes.md": (r"2/\d+ +collision",),
     "docs/analysis.md": (r"mode",),
-    "docs/reports.md": (r"out",),
     "docs/suites.md": (r"Planners on cut-in",),
     "docs/gate.md": (r"v1",),
     "docs/rest.md": (r"first try",),

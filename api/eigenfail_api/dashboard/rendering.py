@@ -112,30 +112,51 @@ class NavigationEntry(NamedTuple):
     address: str
 
 
-_navigation: ContextVar[tuple[NavigationEntry, ...]] = ContextVar("navigation", default=())
+class CampaignFile(NamedTuple):
+    """A file about a campaign, which the campaign's page offers among its files.
+
+    Attributes:
+        title: text of the link.
+        note: format of the file, beside the link.
+        address: address of the file, with `{campaign}` in the place of the campaign's id.
+        is_button: whether it is a button beside the list of files, and not in the list.
+    """
+
+    title: str
+    note: str
+    address: str
+    is_button: bool = False
 
 
-class Navigation:
+class ForeignLinks(NamedTuple):
+    """The links of an application's extensions, which stand after those of the core."""
+
+    navigation: tuple[NavigationEntry, ...] = ()
+    campaign_files: tuple[CampaignFile, ...] = ()
+
+
+NO_LINKS = ForeignLinks()
+
+_links: ContextVar[ForeignLinks] = ContextVar("links", default=NO_LINKS)
+
+
+class LinkMiddleware:
     """Middleware: show the links of an application's extensions on its pages.
 
     Templates are shared by all applications of a process, which may have other extensions.
-
-    Args:
-        app: the application.
-        entries: links to show after the links of the core.
     """
 
-    def __init__(self, app: ASGIApp, entries: tuple[NavigationEntry, ...]) -> None:
+    def __init__(self, app: ASGIApp, links: ForeignLinks) -> None:
         self._app = app
-        self._entries = entries
+        self._links = links
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on."""
-        before = _navigation.set(self._entries)
+        before = _links.set(self._links)
         try:
             await self._app(scope, receive, send)
         finally:
-            _navigation.reset(before)
+            _links.reset(before)
 
 
 FOREIGN_TEMPLATES: dict[str, jinja2.BaseLoader] = {}
@@ -362,7 +383,7 @@ def make_environment() -> jinja2.Environment:
         "clusterers": CLUSTERERS,
         "modules_of": list_modules,
         "charted_methods": list_charted_methods,
-        "navigation": _navigation.get,
+        "foreign_links": _links.get,
         "analysis_badges": ANALYSIS_BADGES,
         "campaign_badges": CAMPAIGN_BADGES,
         "state_word": state_word,

@@ -1,23 +1,20 @@
 """Routes of analyses, and of the proofs of their failure modes by replay."""
 
-from collections.abc import Callable
-from enum import StrEnum
-from typing import Annotated, Any
+from typing import Annotated
 
-from fastapi import APIRouter, Depends, Query, Response
+from fastapi import APIRouter, Depends, Query
 
 from eigenfail import values
 from eigenfail.errors import InvalidValue
 from eigenfail.values.analysis import LONGEST_MODE_NAME
 from eigenfail.values.comparison import PeerCosts
-from eigenfail.values.report import MOST_CAMPAIGNS, Report
 from eigenfail.values.safety import TAIL_LEVEL
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.triage import TriageState
 from eigenfail.wire.http import PREFIX, ModeName, ProofRequest
 from eigenfail_api import parameters
 from eigenfail_api.concurrency import ConcurrencyLimit, SerialExecutor
-from eigenfail_api.openapi import JSON, document_route, problem_response, schema
+from eigenfail_api.openapi import document_route
 from eigenfail_services.campaigns.analysis_jobs import find_basis
 from eigenfail_services.campaigns.costs import find_spending
 from eigenfail_services.campaigns.proofs import launch_replays, read_result, summarise_proof
@@ -26,8 +23,6 @@ from eigenfail_services.comparison.peers import compare_peers
 from eigenfail_services.comparison.region import find_region_in_process
 from eigenfail_services.comparison.seeds import find_spreads
 from eigenfail_services.comparison.sides import compare
-from eigenfail_services.reports.report import Made, make
-from eigenfail_services.store.clock import now_ms
 
 router = APIRouter(prefix=PREFIX, tags=["analyses"])
 
@@ -203,62 +198,3 @@ def get_safety(
 async def get_region(store: parameters.Stored, campaigns: Ids) -> parameters.Json:
     """Get the region of scenario parameters in which the episodes of campaigns fail."""
     return parameters.Json(await REGIONS.do(find_region_in_process, store, parse_ids(campaigns)))
-
-
-REPORTS = Depends(ConcurrencyLimit("reports"), scope="function")
-
-
-HTML, ZIP = "text/html; charset=utf-8", "application/zip"
-
-
-class Form(StrEnum):
-    """File format of a report."""
-
-    HTML = "html"
-    JSON = "json"
-    ZIP = "zip"
-
-
-WRITERS: dict[Form, tuple[str, Callable[[Made], bytes]]] = {
-    Form.HTML: (HTML, Made.html),
-    Form.JSON: (JSON, Made.json),
-    Form.ZIP: (ZIP, Made.bundle),
-}
-
-
-TEXT: dict[str, Any] = {"schema": {"type": "string"}}
-
-
-CONTENT: dict[str, Any] = {
-    JSON: schema(Report),
-    HTML: TEXT,
-    ZIP: {"schema": {"type": "string", "format": "binary"}},
-}
-
-
-Campaigns = Annotated[
-    list[Annotated[int, Query(ge=1, le=parameters.LARGEST)]],
-    Query(min_length=1, max_length=MOST_CAMPAIGNS, description="Id of a campaign; repeatable."),
-]
-
-
-AsFormat = Annotated[
-    Form,
-    Query(alias="format", description="`zip`: the page, its data, tables and pictures."),
-]
-
-
-@figures_router.get(
-    "/report",
-    response_class=Response,
-    responses={200: {"content": CONTENT}, "default": problem_response()},
-    dependencies=[REPORTS],
-)
-def get_report(
-    store: parameters.Stored, campaign: Campaigns, format_: AsFormat = Form.HTML
-) -> Response:
-    """Get a report on campaigns as a self-contained file."""
-    kind, write = WRITERS[format_]
-    # A download is no page of this service: the report brings its own policy for scripts.
-    named = {"Content-Disposition": f'attachment; filename="report.{format_}"'}
-    return Response(write(make(store, campaign, now_ms())), media_type=kind, headers=named)

@@ -9,9 +9,9 @@ from fastapi.responses import FileResponse, StreamingResponse
 
 from eigenfail import filters
 from eigenfail.values import Campaign, Explanation, Outcome, Page
+from eigenfail.values.export import Export, ExportRequest
 from eigenfail.values.operations import Presence
 from eigenfail.values.records import EpisodeDetail, EpisodeRow, make_episode_detail
-from eigenfail.values.report import Export, ExportRequest
 from eigenfail.wire.http import PREFIX, ReplayRequest
 from eigenfail.worlds import list_channels
 from eigenfail_api import parameters

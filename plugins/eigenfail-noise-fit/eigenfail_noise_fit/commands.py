@@ -123,7 +123,7 @@ def fit(
         write_new(output, format_model(report, log.name), "--output")
     blocks = [*_list_blocks(report, output)]
     if pictures is not None:
-        # Their style is that of reports, which takes longer to import than most fits take.
+        # matplotlib takes longer to import than most fits take.
         from eigenfail_noise_fit.pictures import draw_fit
 
         blocks.append(_write_pictures(draw_fit(fitted), pictures))

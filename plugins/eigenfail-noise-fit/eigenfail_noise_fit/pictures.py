@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from scipy import special, stats
 
+from eigenfail.presentation.svg import MUTED, Drawing, draw_svg, pick_mark
 from eigenfail.values import Autoregressive, Correlated, DisturbanceModel, Markov
 from eigenfail.values.channels import EGO, KINDS, MISSED, SCENARIO, Channel, split_name
 from eigenfail.values.shapes import MOST_LIKELY, ChannelShape, Shape, White
@@ -16,7 +17,6 @@ from eigenfail_noise_fit.fitting import Fit, compute_sigma
 from eigenfail_noise_fit.jackknife import Array
 from eigenfail_noise_fit.report import SHARES, FittedLog
 from eigenfail_noise_fit.sensor_log import ErrorSeries, EventSteps
-from eigenfail_services.reports.page import MUTED, Drawing, draw, mark
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -54,7 +54,7 @@ def draw_fit(fitted: FittedLog) -> Iterator[Picture]:
                 "correct. Middle: correlation of standardised errors by lag. Right: root mean "
                 "square error by distance, and the fitted sigma."
             )
-            yield Picture(name, draw(name, title, words, drawing))
+            yield Picture(name, draw_svg(name, title, words, drawing))
     for chain, steps in fitted.chains:
         drawing = Drawing(partial(_draw_chain, chain, steps), 2.6)
         words = (
@@ -62,7 +62,7 @@ def draw_fit(fitted: FittedLog) -> Iterator[Picture]:
             "of misses: share of the steps missed by distance, and that of the model."
         )
         title = f"Runs of '{chain.name}': log and fitted model"
-        yield Picture(chain.name, draw(chain.name, title, words, drawing))
+        yield Picture(chain.name, draw_svg(chain.name, title, words, drawing))
 
 
 def _draw_errors(errors: ErrorSeries, fit: Fit, z: Array, column: int, figure: "Figure") -> None:
@@ -74,7 +74,7 @@ def _draw_errors(errors: ErrorSeries, fit: Fit, z: Array, column: int, figure: "
 
 
 def _draw_pit(axes: "Axes", z: Array) -> None:
-    style: dict[str, Any] = {"color": mark(0).colour, "alpha": 0.45}
+    style: dict[str, Any] = {"color": pick_mark(0).colour, "alpha": 0.45}
     axes.hist(special.ndtr(z), bins=PIT_BINS, range=(0.0, 1.0), density=True, **style)
     axes.axhline(1.0, color=MUTED, linestyle="--")
     axes.set_xlabel("Φ(z)")
@@ -89,7 +89,7 @@ def _draw_correlation(axes: "Axes", errors: ErrorSeries, u: Array, phi: float) -
         for one in products
     ]
     axes.plot(lags, np.array(found) / np.mean(np.square(u)), label="log", **_points(0))
-    axes.plot(lags, phi**lags, label="model", color=mark(1).colour)
+    axes.plot(lags, phi**lags, label="model", color=pick_mark(1).colour)
     axes.set_xlabel("lag [steps]")
     axes.set_ylabel("correlation")
     axes.legend()
@@ -105,7 +105,7 @@ def _draw_sigma(axes: "Axes", errors: ErrorSeries, fit: Fit, column: int) -> Non
     slope, base = fit.best[2 * column], fit.best[2 * column + 1]
     axes.plot(centre, size, label="log", **_points(0))
     ends = np.array([edges[0], edges[-1]])
-    axes.plot(ends, slope * ends + base, label="model", color=mark(1).colour)
+    axes.plot(ends, slope * ends + base, label="model", color=pick_mark(1).colour)
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("distance [m]")
     axes.set_ylabel("sigma")
@@ -113,7 +113,7 @@ def _draw_sigma(axes: "Axes", errors: ErrorSeries, fit: Fit, column: int) -> Non
 
 
 def _points(place: int) -> dict[str, Any]:
-    style = mark(place)
+    style = pick_mark(place)
     return {"color": style.colour, "marker": style.marker, "linestyle": "none"}
 
 
@@ -148,7 +148,7 @@ def _draw_runs(axes: "Axes", shape: Markov, steps: EventSteps) -> None:
         reached.append(reached[-1] * goes_on)
     axes.plot(lengths, reached, label="log", **_points(0))
     stays = 1.0 - 1.0 / shape.mean_steps
-    axes.plot(lengths, stays ** (lengths - 1), label="model", color=mark(1).colour)
+    axes.plot(lengths, stays ** (lengths - 1), label="model", color=pick_mark(1).colour)
     axes.set_xlabel("length [steps]")
     axes.set_ylabel("share of runs that reach it")
     axes.legend()
@@ -163,7 +163,9 @@ def _draw_bands(axes: "Axes", shape: Markov, bands: tuple[MissBand, ...]) -> Non
         centres, 100.0 * shares, 100.0 * np.array([below, above]), label="log", **_points(0)
     )
     distance = np.linspace(bands[0].distance_m[0], bands[-1].distance_m[1], 50)
-    axes.plot(distance, 100.0 * _find_share(shape, distance), label="model", color=mark(1).colour)
+    axes.plot(
+        distance, 100.0 * _find_share(shape, distance), label="model", color=pick_mark(1).colour
+    )
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("distance [m]")
     axes.set_ylabel("missed [%]")
@@ -202,7 +204,7 @@ def draw_model(model: DisturbanceModel) -> Iterator[Picture]:
                 "Left: what 50 %, 95 % and 99.9 % of the errors do not exceed, by distance. Right: "
                 f"{COURSES} courses of errors at half of the largest distance drawn."
             )
-        yield Picture(name, draw(name, title, words, drawing))
+        yield Picture(name, draw_svg(name, title, words, drawing))
 
 
 def _find_shape(channel: Channel, model: DisturbanceModel) -> ChannelShape:
@@ -229,14 +231,14 @@ def _draw_error_model(
     for place, (words, share) in enumerate(SHARES.items()):
         upper = float(stats.norm.ppf(0.5 + 0.5 * share))
         factor = shape.step((upper,), None, (1.0,))[0]
-        left.plot(distance, factor * sigma, label=words, color=mark(place).colour)
+        left.plot(distance, factor * sigma, label=words, color=pick_mark(place).colour)
     left.set_ylim(bottom=0.0)
     left.set_xlabel("distance [m]")
     left.set_ylabel(f"size [{channel.unit}]")
     left.legend()
     half = float(sigma.mean())
     for place, course in enumerate(_draw_courses(shape, 1.0, COURSES)):
-        right.plot(half * course, color=mark(place).colour)
+        right.plot(half * course, color=pick_mark(place).colour)
     right.set_xlabel(f"step, at {0.5 * farthest:g} m")
     right.set_ylabel(f"error [{channel.unit}]")
 
@@ -244,7 +246,7 @@ def _draw_error_model(
 def _draw_event_model(shape: Markov, figure: "Figure") -> None:
     left, right = figure.subplots(1, 2)
     distance = np.linspace(0.0, FARTHEST_M["longitudinal"], 50)
-    left.plot(distance, 100.0 * _find_share(shape, distance), color=mark(0).colour)
+    left.plot(distance, 100.0 * _find_share(shape, distance), color=pick_mark(0).colour)
     left.set_ylim(bottom=0.0)
     left.set_xlabel("distance [m]")
     left.set_ylabel("steps with the event [%]")

@@ -24,6 +24,7 @@ from eigenfail.suites import Suite
 from eigenfail_reproduction.page import format_page, list_claims
 from eigenfail_reproduction.paper import PaperReproduction
 from eigenfail_reproduction.programme import build_suite
+from eigenfail_reproduction.report import fetch_report
 from eigenfail_reproduction.statements import build_reproduction
 
 FILE = RESULTS / "reproduction.json"
@@ -80,21 +81,21 @@ def run_reproduction(seed: int, scale: str = "full") -> Run:
     ):
         client.suites.run(suite, on_progress=lambda _: service.check())
         found = build_reproduction(client, suite, scale)
-        return Run(found, dict(draw_pictures(client, suite, Path(folder) / "report")))
+        return Run(found, dict(draw_pictures(client, suite)))
 
 
-def draw_pictures(client: Client, suite: Suite, folder: Path) -> Iterator[tuple[str, bytes]]:
-    """Pictures of a report."""
+def draw_pictures(client: Client, suite: Suite) -> Iterator[tuple[str, bytes]]:
+    """Pictures of a report, for which the service needs the plug-in that makes reports."""
     campaigns = zip(suite.members, client.suites.find(suite), strict=True)
     ids = {member.name: campaign.id for member, campaign in campaigns if campaign}
     trained = client.analyses.create(ids[LEARNT])
     client.analyses.wait(trained.id)
     other = client.analyses.create(ids[OTHER])
     client.analyses.wait(other.id)
-    client.report([ids[name] for name in (LEARNT, SHOWN, OTHER)], folder)
+    files = fetch_report(client, [ids[name] for name in (LEARNT, SHOWN, OTHER)])
     for name, (of, _) in PICTURES.items():
         file = f"{name}-campaign-{ids[of]}.svg" if of else f"{name}.svg"
-        yield name, (folder / "pictures" / file).read_bytes()
+        yield name, files[f"pictures/{file}"]
 
 
 def find(_crew: EpisodePool, seed: int) -> Iterator[tuple[str, Figure | Run]]:

@@ -14,9 +14,8 @@ from rich.text import Text
 from eigenfail.cli.connection import MaybeUrl, connect_for_suite, this_command
 from eigenfail.cli.options import AsJson, Data, Workers
 from eigenfail.cli.render import run_suite, show
-from eigenfail.cli.report import Force
 from eigenfail.client import Client
-from eigenfail.client.analyses import check_folder
+from eigenfail.files import check_output_folder, write_folder
 from eigenfail.hosting.folder import DEFAULT_DATA
 from eigenfail.hosting.service import Plan
 from eigenfail.presentation.terminal import start_grid
@@ -25,6 +24,7 @@ from eigenfail.suites import Suite
 from eigenfail_reproduction import page
 from eigenfail_reproduction.paper import PaperReproduction, PaperTable
 from eigenfail_reproduction.programme import PROGRAMMES, build_suite
+from eigenfail_reproduction.report import FILE, fetch_report
 from eigenfail_reproduction.statements import build_reproduction
 
 
@@ -108,6 +108,7 @@ Output = Annotated[
         help="Folder for the report, the paper's tables and the data.",
     ),
 ]
+Force = Annotated[bool, typer.Option("--force", help="Replace the report that is in the folder.")]
 
 
 @app.command()
@@ -130,15 +131,15 @@ def reproduce(  # noqa: PLR0913, PLR0917 - typer makes an option of each argumen
     """
     suite = build_suite(scale, seed, scenario)
     if output is not None:
-        check_folder(output, force)
+        check_output_folder(output, "report", FILE, force=force)
     with connect_for_suite(context, suite, url, Plan(data, 0, workers)) as (client, place):
         run_suite(client, suite, place.check, this_command())
         with announce("Reading the results of the campaigns") as begin:
             found = build_reproduction(client, suite, scale, scenario, begin)
             if output is not None:
                 begin("Writing the report")
-                reported = _list_reported_campaigns(client, suite)
-                client.report(reported, output, force, page.list_files(found))
+                files = fetch_report(client, _list_reported_campaigns(client, suite))
+                write_folder(files | page.list_files(found), output)
     show(found, as_json, lambda: draw_reproduction(found))
 
 

@@ -6,6 +6,7 @@ import json
 import msgspec
 import pytest
 
+from eigenfail import plugins
 from eigenfail.suites import Suite, SuiteMember
 from eigenfail_reproduction import commands
 from eigenfail_reproduction.paper import PaperReproduction
@@ -70,7 +71,8 @@ def test_the_folder_holds_report_page_numbers_and_claims(eigenfail, tmp_path):
     rate = claims["paper.evaluation.ast_evaluation.failure_rate"]
     assert float(rows["ast evaluation"]["failure_rate"]) == rate["value"]
     assert float(rows["ast evaluation"]["failure_rate_paper"]) == 0.946
-    assert "<html" in (out / "report.html").read_text()
+    # Another plug-in makes reports, and it need not be installed.
+    assert (out / "report.html").exists() == ("report" in plugins.names(plugins.ROUTES))
 
 
 def test_a_scenario_without_a_programme_is_refused_with_the_nearest_one(eigenfail, store):

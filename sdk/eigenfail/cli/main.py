@@ -33,7 +33,6 @@ COMMANDS = {
     "release": "Compare the versions of a planner, failure mode by failure mode.",
     "compare": "Compare two campaigns, or several seeds of each.",
     "gate": "Check a new version of a planner against the failures of an earlier one.",
-    "report": "Write a report on campaigns: one self-contained HTML file, and its data.",
     "worker": "Run one worker for a service, or list the workers of a service.",
     "key": "Create, list, limit and revoke API keys; show the audit log.",
     "webhook": "Add, list, test and remove webhooks, to which events are sent.",
@@ -47,6 +46,7 @@ OF_THE_SERVER = frozenset({"db"})
 PLUGINS = {
     "evidence": "eigenfail-assurance",
     "noise": "eigenfail-noise-fit",
+    "report": "eigenfail-reports",
     "reproduce": "eigenfail-reproduction",
     "requirement": "eigenfail-assurance",
     "risk": "eigenfail-assurance",

@@ -1,34 +1,21 @@
 """Analyses, as a client sees them."""
 
-import io
-import lzma
-import re
-import shutil
-import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from tempfile import mkdtemp
-from types import MappingProxyType
 from typing import Any, Unpack, overload
-from zipfile import BadZipFile, ZipFile, is_zipfile
-
-import httpx2
 
 from eigenfail.client.fields import AnalysisFields, refuse_fields_beside
 from eigenfail.client.link import Link, wait_until
 from eigenfail.client.references import (
     AnalysisLike,
     CampaignLike,
-    CampaignsLike,
     ModeLike,
-    find_campaign_ids,
     locate_analysis,
     locate_campaign,
     locate_mode,
     split_text,
 )
 from eigenfail.contracts.recording import ANIMATION
-from eigenfail.errors import InvalidValue, ProtocolError, ServiceError
 from eigenfail.files import write_whole
 from eigenfail.values import (
     Analysis,
@@ -39,10 +26,9 @@ from eigenfail.values import (
     Page,
     Proof,
 )
-from eigenfail.values.report import Report
 from eigenfail.values.rows import Rows
 from eigenfail.values.triage import TriageState
-from eigenfail.wire.http import ModeName, ProofRequest, decode, read_fields
+from eigenfail.wire.http import ModeName, ProofRequest, read_fields
 
 OVER = frozenset({AnalysisState.DONE, AnalysisState.FAILED})
 
@@ -270,163 +256,3 @@ class Analyses:
             timeout_s,
             lambda _seen: f"The proof of analysis {place}",
         )
-
-
-DATA = "report.json"
-
-
-FILE = re.compile(r"report\.(html|json)|(tables|pictures)/[a-z0-9-]+\.(csv|svg)")
-
-
-ALSO = frozenset({"paper.md", "paper.json", "claims.json"})
-"""Files that callers add to a report: a page, its numbers, and the claims in it."""
-
-
-WITHIN_S = 600.0
-"""Twenty campaigns with all of their pictures take a while."""
-
-
-MAX_FILES = 10_000
-
-
-MAX_BYTES = 1 << 28
-"""Of all files together. A report of twenty campaigns with all pictures has some 10 MB."""
-
-
-DAMAGED = (
-    BadZipFile,
-    zlib.error,
-    lzma.LZMAError,
-    EOFError,
-    OSError,
-    RuntimeError,
-    NotImplementedError,
-    ValueError,  # encrypted, or packed in another way
-)
-
-
-AGAIN = "Ask for it again; if it is so every time, use one version of eigenfail on both sides."
-
-
-UNUSUAL = (
-    "Nothing was written. Make sure that the address is that of an eigenfail service that you"
-    " trust, of the same version."
-)
-
-
-OVERWRITE = "Choose another folder, or give force=True (on the command line --force)."
-
-
-NOTHING: Mapping[str, bytes] = MappingProxyType({})
-
-
-def fetch_report(link: Link, campaigns: CampaignsLike) -> dict[str, bytes]:
-    """The files of a report by name; raises as `Client.report` does."""
-    ids = find_campaign_ids(campaigns)
-    asked = httpx2.QueryParams({"campaign": list(ids), "format": "zip"})
-    return unpack(link.get_bytes("/report", asked, WITHIN_S))
-
-
-def write_report(
-    files: Mapping[str, bytes], folder: Path, also: Mapping[str, bytes] = NOTHING
-) -> Report:
-    """Write a report and further files into a folder; raises as `Client.report` does."""
-    report = decode(files[DATA], Report)
-    try:
-        _write_all({**files, **also}, folder)
-    except OSError as error:
-        problem = f"The report cannot be written to {folder}: {error.strerror}."
-        raise ServiceError(problem, "Choose a folder that you can write to.") from error
-    return report
-
-
-def check_folder(folder: Path, force: bool) -> None:
-    """Refuse to overwrite files of an existing folder.
-
-    Raises:
-        InvalidValue: something is there that may not be overwritten.
-    """
-    if folder.is_dir() and not any(folder.iterdir()):
-        return
-    if folder.exists() and (alien := _find_foreign(folder)):
-        problem = f"{folder} already exists and contains files of no report: {alien}."
-        raise InvalidValue("output", problem, "Choose a folder that does not exist.")
-    if folder.exists() and not force:
-        problem = f"{folder} already contains a report."
-        raise InvalidValue("output", problem, OVERWRITE)
-
-
-def _find_foreign(folder: Path) -> str:
-    """Return the name of a file that no report wrote; empty if there is none."""
-    if not folder.is_dir():
-        return "it is not a folder"
-    files = (path for path in folder.rglob("*") if not path.is_dir())
-    names = (path.relative_to(folder).as_posix() for path in files)
-    return next((name for name in names if not (FILE.fullmatch(name) or name in ALSO)), "")
-
-
-def unpack(bundle: bytes) -> dict[str, bytes]:
-    """Return the files of a report by name, from the ZIP archive that a service sent.
-
-    Names and sizes are looked at before anything is unpacked. An archive that claims too little is
-    not read beyond its claim, and is damaged by its checksum.
-
-    Raises:
-        ProtocolError: the archive is no report, is damaged, or holds other or larger files.
-    """
-    if not is_zipfile(io.BytesIO(bundle)):
-        raise _not_a_report()
-    try:
-        with ZipFile(io.BytesIO(bundle)) as archive:
-            names = archive.namelist()
-            _check_names(names)
-            if sum(entry.file_size for entry in archive.infolist()) > MAX_BYTES:
-                size = f"{MAX_BYTES / 2**20:g} MiB"
-                raise ProtocolError(f"The archive unpacks to more than {size}.", UNUSUAL)
-            files = {name: archive.read(name) for name in names}
-    except DAMAGED as error:
-        raise ProtocolError(f"The archive is damaged: {error}.", AGAIN) from error
-    if DATA not in files:
-        raise _not_a_report()
-    return files
-
-
-def _check_names(names: Sequence[str]) -> None:
-    if len(names) > MAX_FILES:
-        raise ProtocolError(f"The archive has more than {MAX_FILES} files.", UNUSUAL)
-    if len(set(names)) < len(names):
-        raise ProtocolError("The archive contains a duplicate file.", AGAIN)
-    for name in names:
-        if not FILE.fullmatch(name):
-            problem = f"The archive holds {name[:200]!r}, which is not part of a report."
-            raise ProtocolError(problem, UNUSUAL)
-
-
-def _not_a_report() -> ProtocolError:
-    return ProtocolError("The response is not a report.", "Use one release on both sides.")
-
-
-def _write_all(files: Mapping[str, bytes], folder: Path) -> None:
-    """Write all files or nothing: they are written elsewhere, and come in by one renaming.
-
-    Raises:
-        OSError: they cannot be written.
-    """
-    folder = folder.absolute()
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    beside = Path(mkdtemp(prefix=f".{folder.name}-", dir=folder.parent))
-    try:
-        made, old = beside / "made", beside / "old"
-        for name, content in files.items():
-            (made / name).parent.mkdir(parents=True, exist_ok=True)
-            (made / name).write_bytes(content)
-        if folder.exists():
-            folder.rename(old)
-        try:
-            made.rename(folder)
-        except OSError:
-            if old.exists():
-                old.rename(folder)
-            raise
-    finally:
-        shutil.rmtree(beside, ignore_errors=True)

@@ -1,21 +1,19 @@
 """The client: one object for one service, with its keys and its events."""
 
 import os
-from collections.abc import Iterator, Mapping
-from pathlib import Path
+from collections.abc import Iterator
 from types import TracebackType
 from typing import Self
 
 import httpx2
 
-from eigenfail.client.analyses import NOTHING, Analyses, check_folder, fetch_report, write_report
+from eigenfail.client.analyses import Analyses
 from eigenfail.client.campaigns import Campaigns
 from eigenfail.client.episodes import Episodes
 from eigenfail.client.gates import Gates
 from eigenfail.client.link import Link, waiter
 from eigenfail.client.references import (
     CampaignLike,
-    CampaignsLike,
     EventLike,
     KeyLike,
     find_campaign_id,
@@ -29,7 +27,6 @@ from eigenfail.client.webhooks import Webhooks
 from eigenfail.errors import EigenfailError, InvalidValue
 from eigenfail.values import Event, Page, access
 from eigenfail.values.operations import Presence, Staffing, WorkerShare
-from eigenfail.values.report import Report
 from eigenfail.values.rows import Rows
 from eigenfail.wire import http
 from eigenfail.wire.http import PluginInfo, read_fields
@@ -113,32 +110,6 @@ class Client:
     def staffing(self) -> Staffing:
         """How many workers are there, and what the services said last of those they start."""
         return self._link.get("/workers/staffing", Staffing)
-
-    def report(
-        self,
-        campaigns: CampaignsLike,
-        folder: Path | str,
-        force: bool = False,
-        also: Mapping[str, bytes] = NOTHING,
-    ) -> Report:
-        """Write a report on campaigns into a folder: report.html with its data files.
-
-        The folder has all of it or is not there: nothing is left half-written.
-
-        Args:
-            campaigns: one, or several in the order of the report.
-            folder: folder that is not there yet, or is empty.
-            force: replace the report that is in the folder.
-            also: further files for the folder, by name.
-
-        Raises:
-            NotFound: no such campaign.
-            InvalidValue: no campaign, too many, one that is named twice, or a folder that would be
-                overwritten.
-            ServiceError: the folder cannot be written.
-        """
-        check_folder(Path(folder), force)
-        return write_report(fetch_report(self._link, campaigns), Path(folder), also)
 
     def health(self) -> bool:
         """Whether the service answers and reaches its database."""

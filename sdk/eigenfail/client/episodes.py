@@ -22,10 +22,10 @@ from eigenfail.files import write_whole
 from eigenfail.filters import Value, parse_sort
 from eigenfail.frames import list_named_columns
 from eigenfail.values import Campaign, Explanation, Outcome, Page
+from eigenfail.values.export import Export, ExportFormat, ExportRequest, ExportState
 from eigenfail.values.failures import FailureRequest, parse_failure_sort
 from eigenfail.values.operations import Presence
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
-from eigenfail.values.report import Export, ExportFormat, ExportRequest, ExportState
 from eigenfail.values.rows import Rows
 from eigenfail.wire.http import ReplayRequest, read_fields
 

@@ -29,7 +29,6 @@ from eigenfail.values import (
     Summary,
 )
 from eigenfail.values.records import EpisodeDetail, EpisodeRow
-from eigenfail.values.report import Report
 from eigenfail.values.rows import SHOWN, Rows
 from eigenfail.values.seeds import SeedSpread
 from eigenfail.values.suite import SuiteStanding, SuiteTable
@@ -102,19 +101,6 @@ def _(value: FailureMode) -> Blocks:
 @describe.register
 def _(value: Mode) -> Blocks:
     return (_tabulate_fields((value,)),)
-
-
-@describe.register
-def _(value: Report) -> Blocks:
-    pictures = tuple(chain.from_iterable(section.pictures for section in value.sections))
-    parts = (("sections", value.sections), ("tables", value.tables), ("pictures", pictures))
-    rows = (
-        ("report", value.title),
-        ("campaigns", ", ".join(f"{each.id}: {each.spec.name}" for each in value.campaigns)),
-        ("contents", ", ".join(f"{len(items)} {name}" for name, items in parts)),
-        ("command", value.command),
-    )
-    return (FactTable("Report", rows), *value.warnings)
 
 
 @describe.register

@@ -17,7 +17,6 @@ from eigenfail.presentation.figures import UNKNOWN
 from eigenfail.presentation.rates import BASES, count_trials
 from eigenfail.values import Cost, Estimate, Figure, MeanTime, Rate
 
-NO_EPISODE = "no episode completed"
 NO_FAILURE = "no failure"
 OWN_EPISODES = "of the episodes that the method chose"
 OF_SEARCH = "of its search"

@@ -67,13 +67,6 @@ class TriageStore:
             )
         return after
 
-    def list_by_number(self, analysis: int) -> dict[int, Triage]:
-        """Return the triage of all modes of an analysis, by number and in this order."""
-        query = select(modes.c.number, *_ROWS.columns).where(modes.c.analysis == analysis)
-        with self._database.reading() as connection:
-            found = connection.execute(query.order_by(modes.c.number)).mappings()
-            return {row["number"]: _ROWS.read(row) for row in found}
-
 
 def _read(connection: Connection, analysis: int, number: int, *, lock: bool = False) -> Triage:
     query = select(*_ROWS.columns).where(modes.c.analysis == analysis, modes.c.number == number)

@@ -109,7 +109,6 @@ ROUTES = {
         GET /api/v1/gates/{gate}
         GET /api/v1/releases
         GET /api/v1/releases/{campaign}
-        GET /api/v1/report
         GET /api/v1/scenarios
         GET /api/v1/scenarios/{name}
         GET /api/v1/simulators

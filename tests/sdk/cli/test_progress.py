@@ -155,7 +155,6 @@ SUITE = 'name = "Two"\n[base]\nmethod = "monte_carlo"\nepisodes = 2\n[grid]\nsee
 WAITING_COMMANDS = {
     "analyze 1": "Analysing the failures of campaign 1",
     "analyze 1 --prove": "Preparing the replays of analysis 1",
-    "report 1 -o {tmp}/report": "Writing the report",
     "suite show {tmp}/suite.toml": "Reading the results of Two",
     "compare 1 1": "Comparing the campaigns",
     "campaign safety 1": "Reading the measures",

@@ -11,7 +11,7 @@ import pytest
 
 from eigenfail.errors import NotFound, ServiceError
 from eigenfail.values import CampaignSpec
-from eigenfail.values.report import ExportRequest
+from eigenfail.values.export import ExportRequest
 from eigenfail_services import export_jobs
 from eigenfail_services.export_jobs import ExportJobs, find_export_folder
 from eigenfail_services.store import open_store

@@ -16,9 +16,9 @@ from eigenfail.values import (
     PriorSource,
     episode_seed,
 )
+from eigenfail.values.export import ExportRequest
 from eigenfail.values.operations import Retention
 from eigenfail.values.records import Delivery
-from eigenfail.values.report import ExportRequest
 from eigenfail_services.campaigns.analysis_jobs import run_analysis
 from eigenfail_services.campaigns.references import check_references, read_experience
 from eigenfail_services.campaigns.resolution import resolve_campaign

@@ -33,8 +33,6 @@ def keeps_triage_of_modes(store: Store) -> None:
     equal(store.triage.change(analysis, 1, later, "anna's key"), second, "The same change again")
     equal(store.triage.get(analysis, 2), Triage(), "Triage of another mode")
     equal(store.triage.get(other, 1), Triage(), "Triage of the mode of another analysis")
-    listed = store.triage.list_by_number(analysis)
-    equal(list(listed.items()), [(1, second), (2, Triage())], "Triage of all modes")
     emptied = store.triage.change(analysis, 1, TriageChange(ticket="", note=""), "anna's key")
     equal((emptied.ticket, emptied.note), ("", ""), "What was taken away")
 

@@ -6,17 +6,16 @@ that no name leads out of it, and links are refused.
 
 import io
 import re
-import shutil
 import zipfile
 import zlib
 from collections.abc import Mapping
 from pathlib import Path
-from tempfile import mkdtemp
 from typing import NamedTuple
 
 import msgspec
 
 from eigenfail.errors import InvalidValue, ServiceError
+from eigenfail.files import replace_whole
 from eigenfail_assurance.evidence.bundle import LARGEST_FILE, MANIFEST
 
 NAME = re.compile(
@@ -98,39 +97,17 @@ def write_bundle(files: Mapping[str, bytes], output: Path) -> None:
     Raises:
         ServiceError: it cannot be written.
     """
-    output = output.absolute()
     try:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        beside = Path(mkdtemp(prefix=f".{output.name}-", dir=output.parent))
-        try:
-            made = beside / "made"
+        with replace_whole(output) as made:
             if output.suffix == ".zip":
                 made.write_bytes(pack_bundle(files))
-            else:
-                _write_folder(files, made)
-            _move_into_place(made, output, beside / "old")
-        finally:
-            shutil.rmtree(beside, ignore_errors=True)
+                return
+            for name, content in files.items():
+                (made / name).parent.mkdir(parents=True, exist_ok=True)
+                (made / name).write_bytes(content)
     except OSError as error:
-        problem = f"The bundle cannot be written to {output}: {error.strerror or error}."
+        problem = f"The bundle cannot be written to {output.absolute()}: {error.strerror or error}."
         raise ServiceError(problem, "Choose a folder that you can write to.") from error
-
-
-def _write_folder(files: Mapping[str, bytes], folder: Path) -> None:
-    for name, content in files.items():
-        (folder / name).parent.mkdir(parents=True, exist_ok=True)
-        (folder / name).write_bytes(content)
-
-
-def _move_into_place(made: Path, output: Path, old: Path) -> None:
-    if output.exists():
-        output.rename(old)
-    try:
-        made.rename(output)
-    except OSError:
-        if old.exists():
-            old.rename(output)
-        raise
 
 
 def pack_bundle(files: Mapping[str, bytes]) -> bytes:

@@ -368,7 +368,11 @@ def test_a_bundle_is_written_whole_or_not_at_all(bundle, tmp_path, monkeypatch):
     folder = tmp_path / "bundle"
     write_bundle(bundle.files, folder)
     before = sorted(tmp_path.rglob("*"))
-    monkeypatch.setattr(storage, "_write_folder", lambda *_: (_ for _ in ()).throw(OSError("full")))
+
+    def full_disk(self, content):
+        raise OSError("full")
+
+    monkeypatch.setattr(storage.Path, "write_bytes", full_disk)
     with pytest.raises(Exception, match="full"):
         write_bundle(bundle.files, folder)
     assert sorted(tmp_path.rglob("*")) == before

@@ -1,0 +1,111 @@
+"""A report: what campaigns found, as tables, sentences and pictures that can be handed on."""
+
+from typing import Annotated
+
+import msgspec
+
+from eigenfail.values.campaign import Campaign
+from eigenfail.values.showing import Shown
+
+MOST_CAMPAIGNS = 20
+"""Maximum number of campaigns in one report."""
+
+
+Cell = str | bool | int | float | None
+"""What stands in a table: unrounded; None where something is not known."""
+
+
+Slug = Annotated[str, msgspec.Meta(pattern=r"^[a-z0-9]+(-[a-z0-9]+)*$", max_length=80)]
+"""A name that is a file's, too."""
+
+
+class ReportColumn(msgspec.Struct, frozen=True):
+    """A column of a table.
+
+    Attributes:
+        name: name in CSV and in code; unique within the table.
+        title: column heading.
+        unit: empty where there is none; a "share" is of one.
+    """
+
+    name: str
+    title: str
+    unit: str = ""
+
+
+class ReportTable(msgspec.Struct, frozen=True, kw_only=True):
+    """Numbers of a report.
+
+    Attributes:
+        name: unique name within the report; also the name of its CSV file.
+        rows: a cell for each column.
+        note: what the table leaves out; empty if nothing.
+    """
+
+    name: Slug
+    title: str
+    columns: tuple[ReportColumn, ...]
+    rows: tuple[tuple[Cell, ...], ...]
+    note: str = ""
+
+
+class ReportPicture(msgspec.Struct, frozen=True, kw_only=True):
+    """A picture of a report, in words.
+
+    Attributes:
+        name: unique name within the report; also the name of its SVG file.
+        alternative: description of the picture for readers who cannot see it.
+        table: name of the table with the plotted values.
+        campaigns: ids of the campaigns that it shows.
+        note: what it leaves out; empty if nothing.
+    """
+
+    name: Slug
+    title: str
+    alternative: str
+    table: Slug
+    campaigns: tuple[int, ...]
+    note: str = ""
+
+
+class ReportSection(msgspec.Struct, frozen=True, kw_only=True):
+    """A part of a report.
+
+    Attributes:
+        words: sentences: what was found, and how to read it.
+    """
+
+    name: Slug
+    title: str
+    words: tuple[str, ...] = ()
+    tables: tuple[ReportTable, ...] = ()
+    pictures: tuple[ReportPicture, ...] = ()
+
+
+class Report(Shown, msgspec.Struct, frozen=True, kw_only=True):
+    """What campaigns found, as it stood when the report was made.
+
+    Attributes:
+        made_ms: when; the only thing that differs between two reports on the same results.
+        command: command that regenerates the report.
+        warnings: limitations of the figures.
+        campaigns: settings and results of each campaign in the report.
+    """
+
+    title: str
+    made_ms: int
+    command: str
+    warnings: tuple[str, ...]
+    campaigns: tuple[Campaign, ...]
+    sections: tuple[ReportSection, ...]
+
+    def __repr__(self) -> str:
+        """Title and size, on one line."""
+        ids = tuple(campaign.id for campaign in self.campaigns)
+        sizes = f"sections={len(self.sections)}, tables={len(self.tables)}"
+        return f"Report({self.title!r}, campaigns={ids}, {sizes})"
+
+    @property
+    def tables(self) -> tuple[ReportTable, ...]:
+        """Those of all sections."""
+        return tuple(table for section in self.sections for table in section.tables)

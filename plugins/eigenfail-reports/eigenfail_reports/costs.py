@@ -1,0 +1,347 @@
+"""Costs, failing regions and minimal failures."""
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, NamedTuple
+
+from eigenfail.errors import Conflict, InputError
+from eigenfail.presentation import figures, svg
+from eigenfail.presentation.analyses import choose_channel_words
+from eigenfail.presentation.tables import OWN_EPISODES, format_cost
+from eigenfail.values import CampaignCost, CostPoint, MinimalFailure, Rate, Region
+from eigenfail.worlds import list_channels
+from eigenfail_reports import page
+from eigenfail_reports.contents import Cell, ReportPicture
+from eigenfail_reports.material import Material, Subject
+from eigenfail_reports.outcomes import list_bounds
+from eigenfail_services.campaigns.costs import find_spending
+from eigenfail_services.campaigns.minimal_failures import METHOD, find_minimal_failure
+from eigenfail_services.comparison.region import find_region
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+COST, CURVE = "cost", "cost-curve"
+
+
+CURVE_COLUMNS = (
+    ("campaign", "Campaign"),
+    ("cost", "Cost so far", "USD"),
+    ("active_s", "Time running", "s"),
+    ("episodes", "Episodes"),
+    ("failures", "Failures so far"),
+    ("modes", "Distinct modes so far"),
+)
+
+
+COST_WORDS = (
+    "Failures found against what the computing had cost by then: the steeper, the cheaper a "
+    "failure. This is the price of searching, not a valuation of collisions. Time is split into "
+    "simulation, learning while no episode ran, waiting for workers or the database, and what was "
+    "lost with results that could not be kept."
+)
+
+
+class Spent(NamedTuple):
+    """A campaign, and what it cost."""
+
+    subject: Subject
+    found: CampaignCost
+
+
+COST_COLUMNS: tuple[page.ColumnOf[CampaignCost], ...] = (
+    ("campaign", "Campaign", "", lambda found: found.campaign),
+    ("price", "Price of an instance-hour", "USD", lambda found: found.price_usd_per_hour),
+    ("instances", "Instances", "", lambda found: found.instances),
+    ("cost", "Cost", "USD", lambda found: found.cost.total_usd),
+    ("failures", "Failures", "", lambda found: found.failures),
+    ("modes", "Distinct modes", "", lambda found: found.modes),
+    ("cost_per_mode", "Cost per distinct mode", "USD", lambda found: found.per_mode_usd),
+    ("active_s", "Time running", "s", lambda found: found.time.active_s),
+    ("simulation_s", "Simulation", "s", lambda found: found.time.simulation_s),
+    ("startup_s", "Start-up", "s", lambda found: found.time.startup_s),
+    ("learning_s", "Learning", "s", lambda found: found.time.learning_s),
+    ("waiting_s", "Waiting", "s", lambda found: found.time.waiting_s),
+    ("lost_s", "Lost", "s", lambda found: found.time.lost_s),
+)
+
+
+def make_cost(material: Material) -> page.ReportPart:
+    """The cost of all campaigns."""
+    store = material.store
+    spent = [Spent(each, find_spending(store, each.campaign)) for each in material.subjects]
+    begun = [each for each in spent if each.found.curve]
+    return page.ReportPart(
+        name="cost",
+        title="Cost",
+        words=(COST_WORDS, *dict.fromkeys(note for each in spent for note in list_notes(each))),
+        tables=(
+            page.tabulate(
+                COST, "Cost of the campaigns", COST_COLUMNS, [each.found for each in spent]
+            ),
+            page.make_table(CURVE, "Failures over cost", CURVE_COLUMNS, [*list_curve_rows(spent)]),
+        ),
+        pictures=tuple(
+            (describe_cost_picture(name, group), draw_cost(group))
+            for name, group in page.name_groups(begun, CURVE)
+        ),
+        grids={
+            COST: page.make_named_grids(
+                material.subjects, {s.id: dict(list_figures(of)) for s, of in spent}
+            )
+        },
+    )
+
+
+def list_notes(spent: Spent) -> Iterator[str]:
+    """Return the remarks on approximate and missing figures."""
+    yield from (f"Cost curve: {note}" for note in spent.found.notes)
+
+
+def list_curve_rows(spent: list[Spent]) -> Iterator[tuple[Cell, ...]]:
+    """Yield the rows of the cost curves."""
+    for each in spent:
+        for at in each.found.curve:
+            yield (each.subject.id, at.usd, at.active_s, at.completed, at.failures, at.modes)
+
+
+def list_figures(found: CampaignCost) -> Iterator[tuple[str, tuple[str, ...]]]:
+    """Yield the names and values of a campaign's costs."""
+    price, time = figures.format_amount(found.price_usd_per_hour), found.time
+    hours = f"{figures.format_number(found.cost.instance_hours)} instance-hours"
+    yield "Cost", (figures.format_amount(found.cost.total_usd), f"{hours} at {price}")
+    yield "Cost per failure", format_cost(found.cost).lines
+    modes = (
+        "modes are not known"
+        if found.modes is None
+        else figures.count_noun(found.modes, "distinct mode")
+    )
+    yield "Cost per distinct mode", (figures.format_amount(found.per_mode_usd), modes)
+    yield "Time running", (format_seconds(time.active_s),)
+    yield "Simulation", format_cost_share(time.simulation_s, time.active_s)
+    yield "Start-up", format_cost_share(time.startup_s, time.active_s)
+    yield "Learning", format_cost_share(time.learning_s, time.active_s)
+    yield "Waiting", format_cost_share(time.waiting_s, time.active_s)
+    yield "Lost", format_cost_share(time.lost_s, time.active_s)
+
+
+def format_seconds(value: float | None) -> str:
+    """Return a duration as text."""
+    return figures.UNKNOWN if value is None else f"{figures.format_number(value)} s"
+
+
+def format_cost_share(value: float | None, of: float) -> tuple[str, ...]:
+    """A part of the time."""
+    if value is None or not of:
+        return (format_seconds(value),)
+    return (format_seconds(value), figures.format_share(value / of))
+
+
+def describe_cost_picture(name: str, group: Sequence[Spent]) -> ReportPicture:
+    """The picture of these campaigns, in words."""
+    sentences = (
+        f"Campaign {each.subject.label}: {last.failures} failures for "
+        f"{figures.format_amount(last.usd)}."
+        for each in group
+        for last in each.found.curve[-1:]
+    )
+    return ReportPicture(
+        name=name,
+        title="Failures found over cost",
+        alternative=" ".join(sentences),
+        table=CURVE,
+        campaigns=tuple(each.subject.id for each in group),
+    )
+
+
+def draw_cost(group: Sequence[Spent]) -> svg.Drawing:
+    """A line for each campaign, with a mark at every tenth point or so."""
+
+    def draw(figure: "Figure") -> None:
+        axes = figure.subplots()
+        for subject, found in group:
+            curve: tuple[CostPoint, ...] = found.curve
+            axes.plot(
+                [at.usd for at in curve],
+                [at.failures for at in curve],
+                label=subject.label,
+                markevery=max(1, len(curve) // 10),
+                **svg.pick_mark(subject.place).style,
+            )
+        axes.set_xlabel("cost so far [USD]")
+        axes.set_ylabel("failures found")
+        axes.set_xlim(left=0.0)
+        page.draw_legend(axes)
+
+    return svg.Drawing(draw, 3.0 + 0.16 * len(group))
+
+
+REGION_TABLE = "region"
+
+
+REGION_COLUMNS = (
+    ("campaigns", "Campaigns"),
+    ("box", "Part"),
+    ("parameter", "Parameter"),
+    ("low", "from"),
+    ("high", "to"),
+    ("unit", "Unit"),
+    ("coverage", "Share of the failures inside", "share"),
+    ("precision", "Failure rate inside", "share"),
+    ("precision_low", "from", "share"),
+    ("precision_high", "to", "share"),
+)
+
+
+REGION_WORDS = (
+    "Where the scenario's parameters vary from episode to episode or from campaign to campaign, a "
+    "small decision tree looks for the parts in which the planner fails more often. It was grown "
+    "on one half of the episodes; all figures are of the other half, with intervals of 95 %."
+)
+
+
+HEADER = ("Campaigns", "Where", "Share of the failures inside", "Failure rate inside")
+
+
+def make_region(material: Material) -> page.ReportPart | None:
+    """The failing regions of campaigns on one planner in one scenario."""
+    found = [region for region in find_regions(material) if region.parameters]
+    if not found:
+        return None
+    lines = tuple(line for region in found for line in describe_parts(region))
+    return page.ReportPart(
+        name="region",
+        title="Failing region",
+        words=(
+            REGION_WORDS,
+            *(sentence for region in found for sentence in describe_region(region)),
+        ),
+        tables=(
+            page.make_table(
+                REGION_TABLE,
+                "Parts of the failing region",
+                REGION_COLUMNS,
+                [*list_region_rows(found)],
+            ),
+        ),
+        grids={REGION_TABLE: (page.Grid(HEADER, lines),)} if lines else {},
+    )
+
+
+def find_regions(material: Material) -> Iterator[Region]:
+    """Yield a region for each planner in each scenario that is installed here."""
+    together: dict[tuple[str, ...], list[int]] = {}
+    for subject in material.subjects:
+        spec = subject.campaign.spec
+        together.setdefault((spec.scenario, spec.planner, spec.simulator), []).append(subject.id)
+    for ids in together.values():
+        try:
+            yield find_region(material.store, ids)
+        except InputError:
+            continue
+
+
+def list_campaigns(region: Region) -> str:
+    """The campaigns that a region is of."""
+    return ", ".join(map(str, region.campaigns))
+
+
+def describe_region(region: Region) -> Iterator[str]:
+    """What keeps a region from saying more, or how surely it is one."""
+    who = f"Campaigns {list_campaigns(region)}"
+    found = f"{region.failures:,} failures in {region.episodes:,} episodes"
+    yield f"{who}: {', '.join(region.parameters)} vary; {found}."
+    if region.p_value is not None:
+        p_value = figures.format_number(region.p_value)
+        yield f"{who}: chance alone would put this many failures there with p = {p_value}."
+    yield from (f"{who}: {note}" for note in (region.problem, *region.warnings) if note)
+
+
+def list_region_rows(found: list[Region]) -> Iterator[tuple[Cell, ...]]:
+    """Yield a row for each bound of each box."""
+    for region in found:
+        for number, box in enumerate(region.boxes, start=1):
+            rate = box.precision
+            inside = (rate.value, *list_bounds(rate)) if rate else (None,) * 3
+            for bound in box.bounds:
+                where = (bound.parameter, bound.low, bound.high, bound.unit)
+                yield (list_campaigns(region), number, *where, box.coverage.value, *inside)
+
+
+def describe_parts(region: Region) -> Iterator[tuple[tuple[str, ...], ...]]:
+    """A row for each part, in words."""
+    for box in region.boxes:
+        yield (
+            (list_campaigns(region),),
+            (box.words,),
+            format_region_share(box.coverage),
+            format_region_share(box.precision),
+        )
+
+
+def format_region_share(found: Rate | None) -> tuple[str, ...]:
+    """A share with its interval and what it rests on."""
+    if found is None:
+        return (figures.UNKNOWN,)
+    counted = f"{found.k:,} of {found.n:,}"
+    if found.interval is None:
+        return (figures.format_share(found.value), f"{counted} {OWN_EPISODES}")
+    return (
+        figures.format_share(found.value),
+        f"95 %: {figures.format_percent_interval(found.interval)}, {counted}",
+    )
+
+
+MINIMAL_WORDS = "A failing noise trajectory reduced to the noise that is necessary for the failure."
+
+
+def make_minimal(material: Material) -> page.ReportPart | None:
+    """The minimal failures that campaigns came to."""
+    found = [*find_minimal_failures(material)]
+    if not found:
+        return None
+    called = choose_channel_words(list_shrunk_channels(material))
+    columns: tuple[page.ColumnOf[MinimalFailure], ...] = (
+        ("campaign", "Campaign", "", lambda each: each.campaign),
+        ("episode", "Episode", "", lambda each: each.index),
+        ("done", "Search at its end", "", lambda each: each.done),
+        ("needed", f"Steps and {called.several} needed", "", lambda each: each.needed),
+        ("injected", "of", "", lambda each: each.injected),
+        ("energy", "Energy", "sigma²", lambda each: each.energy),
+        ("full_energy", "of", "sigma²", lambda each: each.full_energy),
+        ("log_p_per_step", "log p per step", "nat", lambda each: each.log_probability_per_step),
+        (
+            "full_log_p_per_step",
+            "at full strength",
+            "nat",
+            lambda each: each.full_log_probability_per_step,
+        ),
+    )
+    counted = f"Each step along one {called.one} counts as one; energy is the sum of z²."
+    sentences = (f"Campaign {each.campaign}: {each.words} {each.because}" for each in found)
+    return page.ReportPart(
+        name="minimal",
+        title="Minimal failures",
+        words=(f"{MINIMAL_WORDS} {counted}", *sentences),
+        tables=(page.tabulate("minimal", "Minimal failures", columns, found),),
+    )
+
+
+def list_shrunk_channels(material: Material) -> tuple[str, ...]:
+    """Return the channels of the campaigns that shrink failures, each once."""
+    specs = [subject.campaign.spec for subject in material.subjects]
+    return tuple(
+        dict.fromkeys(
+            channel for spec in specs if spec.method == METHOD for channel in list_channels(spec)
+        )
+    )
+
+
+def find_minimal_failures(material: Material) -> Iterator[MinimalFailure]:
+    """Yield the minimal failures of the campaigns that shrink failures."""
+    for subject in material.subjects:
+        if subject.campaign.spec.method == METHOD:
+            try:
+                yield find_minimal_failure(material.store, subject.campaign)
+            except Conflict:
+                continue
