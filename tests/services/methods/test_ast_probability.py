@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from statistics import NormalDist
 from types import MappingProxyType
 
-import msgspec
 import numpy as np
 import pytest
 
@@ -17,7 +16,7 @@ from eigenfail_services.campaigns.rounds import Rounds, run_in_process
 from eigenfail_services.methods import archive
 from eigenfail_services.methods.ast.method import AdaptiveStressTesting, AstFacts
 from eigenfail_services.methods.ast.probability import describe_reach
-from eigenfail_services.methods.evaluate import Evaluate, Weigher
+from eigenfail_services.methods.evaluate import Evaluate
 from eigenfail_services.statistics.importance import NOT_YET
 from eigenfail_services.statistics.intervals import log_normal
 from eigenfail_workers.functions import FunctionEngine
@@ -235,42 +234,3 @@ def test_a_campaign_that_was_restored_tells_the_same(stop):
     list(run_in_process(later, ToyEngine(CORRIDOR)))
     assert again.estimate() == whole.estimate()
     assert again.state() == whole.state()
-
-
-class OlderFacts(msgspec.Struct):
-    """What a learner knew before there were estimates."""
-
-    amplitude: float
-    version: int
-    trainings: int
-    proposed: int
-    observed: int
-    kept: int
-    trained: int
-    fresh: int
-    recent: tuple[bool, ...]
-    converged: bool
-
-
-def test_a_state_from_before_there_were_estimates_counts_from_the_next_round_on():
-    learner = ast(400, **SMALL)
-    run(learner, 240, ToyEngine(CORRIDOR))
-    facts, arrays = archive.read("ast", learner.state(), AstFacts)
-    known = msgspec.structs.asdict(facts)
-    older = OlderFacts(**{name: known[name] for name in OlderFacts.__struct_fields__})
-    again = ast(400, **SMALL)
-    again.restore(archive.write("ast", older, arrays))
-    assert again.trained_episodes == learner.trained_episodes
-    rounds = Rounds(again, 3043, 100)
-    list(run_in_process(rounds, ToyEngine(CORRIDOR)))
-    assert again.estimate().episodes == 100
-
-
-def test_an_evaluation_from_before_there_were_estimates_goes_on():
-    learner = ast(100, **SMALL)
-    run(learner, 100, ToyEngine(CORRIDOR))
-    evaluate = evaluation(learner, 50, 100, CORRIDOR.steps, 1, **SMALL)
-    older = msgspec.defstruct("Older", [("proposed", int), ("learner", bytes)])
-    evaluate.restore(archive.write("evaluate", older(20, learner.state()), {}))
-    assert isinstance(learner, Weigher)
-    assert evaluate.estimate() is None

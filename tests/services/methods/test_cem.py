@@ -19,7 +19,6 @@ from eigenfail.values import (
     learner_seed,
 )
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.methods import archive
 from eigenfail_services.methods.cem import CrossEntropyMethod, log_weights
 from eigenfail_services.statistics.importance import NO_ROUND, NOT_YET
 from eigenfail_services.statistics.intervals import log_normal
@@ -104,7 +103,7 @@ def half_space(p):
     return lambda z: reach - z.reshape(len(z), -1).sum(axis=1) / np.sqrt(z[0].size)
 
 
-@pytest.mark.parametrize("p", [1e-3, 1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize("p", [1e-3, 1e-6])
 def test_a_proposal_that_is_no_narrower_than_the_noise_tells_the_probability(noise_engine, p):
     learner = cem(3000, seed=3001, **ESTIMATING)
     list(run_in_process(Rounds(learner, 0, 3000), noise_engine(half_space(p))))
@@ -190,15 +189,6 @@ def test_a_restored_learner_tells_the_same_probability(noise_engine):
     restored.restore(learner.state())
     assert restored.estimate() == learner.estimate()
     assert learner.estimate().probability is not None
-
-
-def test_a_state_without_sums_is_read_as_one_that_has_not_begun_to_count():
-    learner = cem(1000)
-    facts = learner._Facts(3)
-    arrays = {"mean": learner.proposal.mean + 0.5, "std": learner.proposal.std}
-    learner.restore(archive.write("cem", facts, arrays))
-    assert learner.estimate() is None
-    assert (learner.proposal.mean == 0.5).all()
 
 
 def test_fails_a_thousand_times_as_often_as_monte_carlo_in_a_corridor(campaign, prior_failure_rate):

@@ -1,7 +1,6 @@
 """An ensemble keeps to the contract, and each of its members goes as it would alone."""
 
 from types import MappingProxyType
-from typing import Any
 
 import msgspec
 import numpy as np
@@ -24,7 +23,6 @@ from eigenfail.values import (
     learner_seed,
 )
 from eigenfail_services.campaigns.rounds import Rounds, run_in_process
-from eigenfail_services.methods import archive
 from eigenfail_services.methods.cem import CrossEntropyMethod
 from eigenfail_services.methods.ensemble import Ensemble, divide_episodes, make_member_seed
 
@@ -423,19 +421,6 @@ def test_a_campaign_that_stops_before_all_are_judged_uses_its_members_in_turn(ju
         rounds.complete(list(engine.run(rounds.open()[0].tasks)))
     marks = [learner.exploit(1).sources[0].z[0, 0] for _ in range(4)]
     assert sorted(set(marks)) == [10, 11]
-
-
-def test_a_state_from_before_members_were_judged_is_restored():
-    learner = ensemble(method="cem", members=2, settings=CEM)
-    facts, arrays = archive.read("ensemble", learner.state(), Ensemble._Facts)
-    fields = msgspec.structs.asdict(facts)
-    earlier = {
-        name: fields[name] for name in fields if name not in ("unjudged", "judging", "records")
-    }
-    kind = msgspec.defstruct("Earlier", [(name, Any) for name in earlier], frozen=True)
-    another = ensemble(method="cem", members=2, settings=CEM)
-    another.restore(archive.write("ensemble", kind(**earlier), arrays))
-    assert another.state() == learner.state()
 
 
 def test_a_state_of_another_number_of_members_or_of_another_method_is_refused():

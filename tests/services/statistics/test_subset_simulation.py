@@ -251,6 +251,7 @@ def test_the_variation_of_independent_draws_is_the_binomial_one():
     failures = np.ones(100)
     assert count_effective(failures) == 100.0
     assert estimate_cv(100.0, 1000, 1) == pytest.approx(sqrt(0.9 / 99.9), rel=1e-3)
+    assert estimate_cv(100.0, 1000, 9) == pytest.approx(sqrt(1.0 - 0.99 * (1000 / 999) ** 9))
 
 
 def test_an_estimate_is_as_sure_as_the_failures_have_first_draws():

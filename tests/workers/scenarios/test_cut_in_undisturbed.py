@@ -17,7 +17,8 @@ def grid():
     """Smallest, default and largest value of each parameter: 81 of the 729 combinations.
 
     Every combination of the values of any three parameters is among them (an orthogonal array of
-    strength 3), so a failure that takes three parameters at most is met.
+    strength 3), so a failure that takes three parameters at most is met. `benchmarks/undisturbed.py`
+    runs all combinations.
     """
     (schema,) = msgspec.json.schema(CutInParameters)["$defs"].values()
     fields = schema["properties"]
@@ -27,7 +28,7 @@ def grid():
         for a, b, c, d in product(range(3), repeat=4)
     ]
     return [
-        {name: level[at] for (name, level), at in zip(zip(fields, levels), row, strict=True)}
+        {name: level[at] for name, level, at in zip(fields, levels, row, strict=True)}
         for row in places
     ]
 
