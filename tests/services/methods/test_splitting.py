@@ -214,21 +214,6 @@ def test_particles_follow_from_the_budget():
     assert SplittingSettings(particles=30).choose_particles(16_000) == 30
 
 
-def test_it_goes_on_from_the_middle_of_a_level():
-    one, other = make_learner(5, round_size=70), make_learner(5, round_size=70)
-    engine = ToyEngine(CORRIDOR, faulty=(3, 30))
-    first = 0
-    for _ in range(9):
-        sources = one.propose(3200).sources
-        tasks = [EpisodeTask(first + i, 0, source) for i, source in enumerate(sources)]
-        one.observe(list(engine.run(tasks)))
-        first += len(tasks)
-    other.restore(one.state())
-    assert other.state() == one.state()
-    ours, theirs = one.propose(3200).sources, other.propose(3200).sources
-    assert all(np.array_equal(a.z, b.z) for a, b in zip(ours, theirs, strict=True))
-
-
 def test_a_state_that_does_not_fit_is_refused():
     with pytest.raises(ProtocolError, match="should have shape"):
         make_learner(runs=5, particles=30).restore(make_learner(runs=6, particles=30).state())

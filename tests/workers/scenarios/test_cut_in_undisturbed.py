@@ -17,8 +17,8 @@ def grid():
     """Smallest, default and largest value of each parameter: 81 of the 729 combinations.
 
     Every combination of the values of any three parameters is among them (an orthogonal array of
-    strength 3), so a failure that takes three parameters at most is met. `benchmarks/undisturbed.py`
-    runs all combinations.
+    strength 3), so a failure that takes three parameters at most is met. All 729 are run by
+    `benchmarks/undisturbed.py`.
     """
     (schema,) = msgspec.json.schema(CutInParameters)["$defs"].values()
     fields = schema["properties"]
