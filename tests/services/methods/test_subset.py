@@ -65,8 +65,9 @@ def test_a_half_space_lies_in_its_interval(searched, p):
         cvs.append(found.cv)
         assert 11_000 < found.episodes == len(results) <= 12_000
         assert (found.by, found.problem) == ("subset simulation", "")
-    # One of twenty misses: two of four would in one case of 70, three in one of 2000.
-    assert held >= 2
+    # One of twenty misses: two of four would in one case of 70. Were the intervals a tenth as wide,
+    # two of four would hold.
+    assert held >= 3
     assert np.median(widths) < 10
     assert 0 < min(cvs) <= np.median(cvs) < 0.5
 
