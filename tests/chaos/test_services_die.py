@@ -110,7 +110,7 @@ def test_a_write_lock_of_another_program_costs_no_episode(
 ) -> None:
     stage.services()
     stage.worker()
-    campaigns = stage.launch()
+    campaigns = stage.launch("monte_carlo", "ast")
     stage.wait_for(campaigns["monte_carlo"], 100)
     with write_lock(stage.url):
         before = stage.finished(campaigns["monte_carlo"])

@@ -121,7 +121,7 @@ def demo(tmp_path_factory):
 
 @pytest.mark.parametrize("page", OWN)
 def test_a_page_with_a_service_of_its_own_runs(page, tmp_path):
-    with shell(tmp_path, cheaper={}) as here:
+    with shell(tmp_path, cheaper=()) as here:
         type_in(page, here, NOT_RUN)
         seen(here.output, OWN[page])
 

@@ -40,8 +40,9 @@ class Worker:
         self.process.wait(deadlines.PROCESS_S)
 
 
-@pytest.fixture(scope="module")
+@pytest.fixture(scope="session")
 def service(tmp_path_factory: pytest.TempPathFactory) -> Iterator[LocalService]:
+    """One for all files: each test waits for the end of its campaigns, and workers are its own."""
     plan = Plan(tmp_path_factory.mktemp("data"), port=0, launcher=Launcher.NONE)
     with local_service(plan) as running:
         yield running

@@ -100,7 +100,7 @@ def test_the_adversary_learns_on_a_bridge(client, start_worker, bridge) -> None:
 @pytest.mark.fault("SIGKILL of a bridge")
 def test_a_bridge_that_dies_and_comes_back_costs_no_episode(client, start_worker, bridge) -> None:
     start_worker()
-    created = client.campaigns.create(**FIELDS, episodes=600, **ON_BRIDGE)
+    created = client.campaigns.create(**FIELDS, episodes=300, **ON_BRIDGE)
     deadline = time.monotonic() + deadlines.PROCESS_S
     while client.campaigns.get(created.id).counts.completed < 50:
         assert time.monotonic() < deadline, "the campaign does not move"
@@ -109,8 +109,8 @@ def test_a_bridge_that_dies_and_comes_back_costs_no_episode(client, start_worker
     bridge.start()
     ended = client.campaigns.wait(created.id, timeout_s=deadlines.CAMPAIGN_S)
     assert ended.state is CampaignState.DONE
-    assert (ended.counts.completed, ended.counts.errored) == (600, 0)
-    built_in = finish(client, episodes=600)
+    assert (ended.counts.completed, ended.counts.errored) == (300, 0)
+    built_in = finish(client, episodes=300)
     assert client.campaigns.digest(created.id) == client.campaigns.digest(built_in.id)
 
 

@@ -21,7 +21,7 @@ DIFS = {
     "method": "difs",
     "planner": "idm",
     "episodes": 60,
-    "settings": {"initial_share": 0.2, "round_size": 12, "first_steps": 60, "steps": 20},
+    "settings": {"initial_share": 0.2, "round_size": 12, "first_steps": 30, "steps": 10},
 }
 
 

@@ -39,9 +39,9 @@ def test_doctor_finds_nothing_broken_and_its_campaign_finds_failures(
     assert any(not result.is_failure for result in results)
 
     spec = read_spec(file)
-    again = [EpisodeTask(r.index, r.seed, TrajectorySource(r.noise.z)) for r in failures[:3]]
+    again = [EpisodeTask(r.index, r.seed, TrajectorySource(r.noise.z)) for r in failures[:1]]
     replays = list(engine(spec, address).run(again))
-    assert [replay.digest() for replay in replays] == [each.digest() for each in failures[:3]]
+    assert [replay.digest() for replay in replays] == [each.digest() for each in failures[:1]]
 
     steps = spec.scenario_parameters["steps"]
     calm = EpisodeTask(0, 0, TrajectorySource(np.zeros((steps, 2), np.float32)))

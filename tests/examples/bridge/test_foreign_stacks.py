@@ -12,7 +12,7 @@ BRIDGES = Path(__file__).parents[3] / "examples" / "bridge"
 STACKS = {"idm_vehicle": "highway_env", "fiss": "fiss_planner", "dqn": "highway_env"}
 """The package that each bridge needs."""
 
-SIDE_BY_SIDE = 4
+SIDE_BY_SIDE = 2
 
 
 @pytest.fixture

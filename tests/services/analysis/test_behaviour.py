@@ -124,20 +124,6 @@ def test_the_digest_of_an_analysis_of_noise_has_nothing_of_behaviour() -> None:
     assert hash_result(analyse(known)) not in digests
 
 
-@settings(max_examples=8, deadline=None)
-@given(st.permutations(range(30)), st.integers(0, 3))
-def test_the_order_in_which_failures_were_found_and_read_does_not_matter(order, seed) -> None:
-    world = World(seed, 30)
-    sorted_, mixed = analyse(world.gather()), analyse(world.gather(order))
-    assert hash_result(sorted_) == hash_result(mixed)
-    assert sorted_.behaviour is not None
-    assert mixed.behaviour is not None
-    assert np.array_equal(sorted_.behaviour.scores, mixed.behaviour.scores)
-    assert [mode.words for mode in sorted_.behaviour.modes] == [
-        mode.words for mode in mixed.behaviour.modes
-    ]
-
-
 @settings(max_examples=20, deadline=None)
 @given(st.lists(st.integers(1, HORIZON), min_size=1, max_size=5), st.sampled_from([0.05, 0.1, 0.2]))
 def test_acceleration_is_aligned_at_the_collision_or_the_start(lengths, step_s) -> None:

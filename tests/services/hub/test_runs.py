@@ -90,6 +90,13 @@ class Stage:
                 self.run.poll()
         self.run.poll()
 
+    def lease_round(self) -> None:
+        """Have the learner propose both episodes, and a worker get them."""
+        self.run.poll()
+        propose(self)
+        self.run.poll()
+        self.leased()
+
     def leased(self) -> list[int]:
         return [task.index for a in self.leases.assign() for task in a.tasks]
 
@@ -160,20 +167,14 @@ def test_what_a_learner_tells_is_kept_with_its_checkpoint(stage: Stage) -> None:
 
 @pytest.mark.fault("second result of an episode with another digest")
 def test_what_is_learnt_from_is_what_the_store_keeps(stage: Stage) -> None:
-    stage.run.poll()
-    propose(stage)
-    stage.run.poll()
-    stage.leased()
+    stage.lease_round()
     assert stage.deliver(result(0), result(0, "solver")) == [Verdict.KEPT, Verdict.ALARM]
     stage.deliver(result(1))
     assert stage.observed() == ["input", "input"]
 
 
 def test_a_result_kept_elsewhere_counts_although_ours_differs(stage: Stage) -> None:
-    stage.run.poll()
-    propose(stage)
-    stage.run.poll()
-    stage.leased()
+    stage.lease_round()
     stage.store.episodes.commit(stage.campaign, [Delivery(result(0), "another hub's")])
     stage.deliver(result(0, "solver"), result(1))
     stage.run.poll()
@@ -181,10 +182,7 @@ def test_a_result_kept_elsewhere_counts_although_ours_differs(stage: Stage) -> N
 
 
 def test_a_result_kept_elsewhere_counts_although_ours_has_its_digest(stage: Stage) -> None:
-    stage.run.poll()
-    propose(stage)
-    stage.run.poll()
-    stage.leased()
+    stage.lease_round()
     kept, again = (msgspec.structs.replace(result(0), wall_s=wall_s) for wall_s in (1.0, 2.0))
     stage.store.episodes.commit(stage.campaign, [Delivery(kept, "another hub's")])
     assert stage.deliver(again, result(1)) == [Verdict.DUPLICATE, Verdict.KEPT]
@@ -193,10 +191,7 @@ def test_a_result_kept_elsewhere_counts_although_ours_has_its_digest(stage: Stag
 
 
 def test_a_learner_is_shown_what_one_that_begins_again_will_read(stage: Stage) -> None:
-    stage.run.poll()
-    propose(stage)
-    stage.run.poll()
-    stage.leased()
+    stage.lease_round()
     odd = (Measures(nan, severity=2.0), Measures(1.0, min_ttc_s=inf, clipped_steps=-1))
     made = [msgspec.structs.replace(result(i), measures=odd[i], wall_s=nan) for i in range(2)]
     stage.deliver(*made)
@@ -207,20 +202,14 @@ def test_a_learner_is_shown_what_one_that_begins_again_will_read(stage: Stage) -
 
 
 def test_a_result_that_the_store_refuses_leaves_its_episode_open(stage: Stage) -> None:
-    stage.run.poll()
-    propose(stage)
-    stage.run.poll()
-    stage.leased()
+    stage.lease_round()
     misfit = msgspec.structs.replace(result(0), steps=-1)
     assert stage.deliver(misfit) == [Verdict.UNWANTED]
     assert stage.leased() == [0]
 
 
 def test_an_episode_that_the_store_refuses_again_and_again_ends_the_campaign(stage: Stage) -> None:
-    stage.run.poll()
-    propose(stage)
-    stage.run.poll()
-    stage.leased()
+    stage.lease_round()
     misfit = msgspec.structs.replace(result(0), steps=-1)
     for _ in range(open_rounds.MAX_REFUSALS):
         assert stage.run.end is None
@@ -276,10 +265,7 @@ def test_what_a_campaign_is_at_is_written_down(stage: Stage) -> None:
 
 
 def test_what_is_thrown_away_is_written_down(stage: Stage) -> None:
-    stage.run.poll()
-    propose(stage)
-    stage.run.poll()
-    stage.leased()
+    stage.lease_round()
     kept, again, other, misfit = (
         msgspec.structs.replace(made, wall_s=wall_s)
         for made, wall_s in (

@@ -3,8 +3,6 @@
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from structlog.testing import capture_logs
 
 from eigenfail.bridges import MAX_OFFER_BYTES, BridgeOffer, OfferedPlanner, OfferedScenario
@@ -247,15 +245,6 @@ def test_a_leaving_worker_s_episodes_go_to_another(room: Room) -> None:
     assert room.said_to(b"b") == [Welcome, Setup, Lease]
 
 
-@given(st.binary(max_size=200))
-@settings(max_examples=300, deadline=None)
-def test_whatever_bytes_come_the_hub_answers_or_ignores(data: bytes) -> None:
-    room = Room()
-    room.join(b"a")
-    room.sessions.handle(b"a", data)
-    assert b"a" in room.leases.sessions
-
-
 def offer(parameters: int) -> BridgeOffer:
     """The offer of a bridge whose scenario has some parameters with long names."""
     names = tuple(f"{number:0200}" for number in range(parameters))
@@ -319,18 +308,6 @@ def test_a_bent_offer_is_refused_and_the_last_one_stays(room: Room, name: str) -
     whole = said["offer"] | bent if isinstance(bent, dict) and bent else bent
     room.sessions.handle(b"a", msgspec.msgpack.encode(said | {"offer": whole}))
     assert room.leases.sessions[b"a"].offer == kept is not None
-
-
-@given(st.integers(0, 400), st.integers(0, 255))
-@settings(max_examples=200, deadline=None)
-def test_a_bent_byte_in_a_true_message_harms_nobody(place: int, value: int) -> None:
-    room = Room()
-    room.join(b"a")
-    done = unrunnable(EpisodeTask(0, 0, PriorSource()), EpisodeFault("input", "test"))
-    data = bytearray(encode(Results(1, (done,))))
-    data[place % len(data)] = value
-    room.sessions.handle(b"a", bytes(data))
-    room.sessions.handle(b"a", encode(Heartbeat()))
 
 
 @pytest.fixture

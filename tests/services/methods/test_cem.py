@@ -78,12 +78,6 @@ def play(learner, episode, robustness, n=1000):
     return np.stack([source.z for source in sources])
 
 
-def test_fails_four_thousand_times_as_often_as_monte_carlo_in_a_half_space():
-    _, results = searched(1000)
-    assert HalfSpace.probability == pytest.approx(1e-4, rel=0.01)
-    assert np.mean([result.is_failure for result in results]) >= 4000 * HalfSpace.probability
-
-
 def test_points_to_the_likeliest_failure_and_recovers_the_probability_of_a_half_space():
     learner, weights = cem(3000, **ESTIMATING), []
     for _ in range(15):
@@ -103,7 +97,7 @@ def half_space(p):
     return lambda z: reach - z.reshape(len(z), -1).sum(axis=1) / np.sqrt(z[0].size)
 
 
-@pytest.mark.parametrize("p", [1e-3, 1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize("p", [1e-3, 1e-6])
 def test_a_proposal_that_is_no_narrower_than_the_noise_tells_the_probability(noise_engine, p):
     learner = cem(3000, seed=3001, **ESTIMATING)
     list(run_in_process(Rounds(learner, 0, 3000), noise_engine(half_space(p))))
@@ -203,11 +197,6 @@ def test_fails_a_thousand_times_as_often_as_monte_carlo_in_a_corridor(campaign, 
     assert 0.9 <= found / expected <= 1.6
 
 
-def test_a_budget_that_is_no_multiple_of_the_batch_is_spent_to_the_last_episode():
-    _, results = searched(70, batch=30)
-    assert [result.index for result in results] == list(range(70))
-
-
 def test_exploits_as_many_draws_as_asked_from_the_proposal_as_it_stands():
     learner, _ = searched(400, batch=20)
     known = learner.proposal
@@ -292,14 +281,6 @@ def test_averaging_over_steps_spreads_a_move_and_flattens_no_mean_that_is_reache
     reached = move_to(spike)
     np.testing.assert_allclose(reached[:, 0], [0, 0, 0, 0.5, 0.5, 0.5, 0, 0, 0, 0], atol=1e-6)
     np.testing.assert_allclose(move_to(reached), reached, atol=1e-6)
-
-
-def test_a_restored_learner_draws_from_the_same_proposal():
-    learner, _ = searched(100)
-    restored = cem()
-    restored.restore(learner.state())
-    ours, theirs = (each.propose(20).sources for each in (restored, learner))
-    np.testing.assert_array_equal([x.z for x in ours], [x.z for x in theirs])
 
 
 def test_a_state_of_another_horizon_is_refused():

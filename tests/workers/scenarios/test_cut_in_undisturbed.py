@@ -14,11 +14,23 @@ UNDISTURBED = EpisodeTask(0, 0, TrajectorySource(np.zeros((0, 2), np.float32)))
 
 
 def grid():
-    """Smallest, default and largest value of each parameter, in all combinations."""
+    """Smallest, default and largest value of each parameter: 81 of the 729 combinations.
+
+    Every combination of the values of any three parameters is among them (an orthogonal array of
+    strength 3), so a failure that takes three parameters at most is met. All 729 are run by
+    `benchmarks/undisturbed.py`.
+    """
     (schema,) = msgspec.json.schema(CutInParameters)["$defs"].values()
     fields = schema["properties"]
     levels = [(field["minimum"], field["default"], field["maximum"]) for field in fields.values()]
-    return [dict(zip(fields, values, strict=True)) for values in product(*levels)]
+    places = [
+        (a, b, c, d, (b + c + d) % 3, (a + c + 2 * d) % 3)
+        for a, b, c, d in product(range(3), repeat=4)
+    ]
+    return [
+        {name: level[at] for name, level, at in zip(fields, levels, row, strict=True)}
+        for row in places
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +55,7 @@ def test_the_bounds_hold_the_distances_to_which_failures_are_moved():
 
 def test_the_rulebook_is_a_calm_driver(sweep):
     results = list(sweep("rulebook"))
-    assert len(results) == 3**6
+    assert len(results) == 3**4
     for result, parameters in zip(results, grid(), strict=True):
         acceleration = result.scene.controls[:, 0]
         assert not result.is_failure
@@ -57,6 +69,6 @@ def test_the_rulebook_is_a_calm_driver(sweep):
 
 def test_the_baseline_is_safe(sweep):
     results = list(sweep("idm"))
-    assert len(results) == 3**6
+    assert len(results) == 3**4
     assert [result for result in results if result.is_failure] == []
     assert min(result.measures.robustness_m for result in results) > 1.0

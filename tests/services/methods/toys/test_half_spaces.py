@@ -6,7 +6,7 @@ from problems import HalfSpace, cosine, steady, turning
 
 from eigenfail.values import STATE
 
-PROBABILITIES = (1e-3, 1e-4, 1e-5, 1e-6)
+PROBABILITIES = (1e-3, 1e-6)
 SMALL_AST = {
     "hold": 2,
     "hidden": (32, 32),
@@ -76,17 +76,6 @@ def test_with_larger_rounds_cem_points_along_the_likeliest_failure(probability, 
     assert cosine(learner.proposal.mean, problem.direction) >= 0.88
 
 
-@pytest.mark.parametrize("probability", PROBABILITIES)
-def test_subset_tells_the_probability_of_every_one_of_them(probability, search):
-    problem = HalfSpace(probability, turning(20))
-    learner, results = search(problem, "subset", 4000)
-    found = learner.estimate()
-    assert found.problem == ""
-    assert found.interval.low < found.probability < found.interval.high
-    assert 1 / 3 < found.probability / probability < 3
-    assert failure_rate(results) >= 0.01  # 10 times the prior's at 1e-3, 10,000 at 1e-6
-
-
 @pytest.mark.parametrize("probability", [1e-4, 1e-6])
 def test_ast_fails_most_of_the_time_once_it_has_trained(probability, search):
     problem = HalfSpace(probability, turning(8))
@@ -103,7 +92,7 @@ def test_ast_finds_the_likeliest_way_to_fail(search):
     direction[0] = 0.8, -0.6
     problem = HalfSpace(1e-4, direction)
     rates, cosines, lengths, gains = [], [], [], []
-    for seed in range(3030, 3035):
+    for seed in range(3030, 3033):
         _, results = search(problem, "ast", 240, seed, **SMALL_AST | LIKELIHOOD_COUNTS)
         untrained, trained = results[:30], results[-60:]
         found = mean_noise(trained)[0]
