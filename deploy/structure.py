@@ -96,6 +96,9 @@ PUBLIC = [
     "LONGITUDINAL",
     "LATERAL",
     "GAUSSIAN_MIXTURE",
+    # Read by name: columns of tables, parts of a sum.
+    "r_hat",
+    "simulation_s",
     # Imported by name, or by position.
     "FastTrainer",
     "SacTrainer",

@@ -70,7 +70,6 @@ ADDRESS = f"{PREFIX}/report?campaign={{campaign}}&format="
 
 extension = Extension(
     routers=(router,),
-    bodies=(Report,),
     campaign_files=(
         CampaignFile("Report", "HTML", f"{ADDRESS}html", is_button=True),
         CampaignFile("Tables, figures and page", "ZIP", f"{ADDRESS}zip"),
