@@ -113,7 +113,7 @@ TEMPLATES.globals |= {
 def show_login(authenticator: TheAuthenticator, wanted: Wanted = HOME) -> HTMLResponse:
     """The form for a key."""
     address, needs_key = keep_own_address(wanted), authenticator.requires_keys()
-    return page("login.html", address, needs_key=needs_key)
+    return page("login.html", address, needs_key=needs_key, problem="")
 
 
 @router.post(LOGIN)
@@ -124,7 +124,7 @@ async def sign_in(request: Request, store: Stored, authenticator: TheAuthenticat
     try:
         key = await run_sync(authenticator.verify_token, token, authentication.address_of(request))
     except Unauthorized:
-        return page("login.html", wanted, 401, problem="Invalid key.")
+        return page("login.html", wanted, 401, needs_key=True, problem="Invalid key.")
     response = RedirectResponse(wanted, 303)
     set_cookie(request, response, authenticator.sessions.open(key.id, authenticator.clock()))
     change = describe_change(request, authentication.caller_of_key(key), LOGIN, 303)

@@ -10,7 +10,6 @@ pytestmark = [pytest.mark.browser, pytest.mark.timeout(deadlines.TEST_S)]
 
 LAYOUT = borrow("browser", "test_layout.py")
 tab, troubles_of = LAYOUT["tab"], LAYOUT["troubles_of"]
-filled = LAYOUT["filled"]
 
 
 def test_a_report_fits_every_width_and_axe_finds_nothing(tab, store, filled, tmp_path):
