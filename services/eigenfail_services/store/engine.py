@@ -202,6 +202,8 @@ class Database:
                 while not wait([committed], INTERVAL_S).done:
                     meanwhile()
             finally:
+                # The thread may still be committing if `meanwhile` raised: the transaction must not
+                # be closed under it.
                 committed.result()
 
         return commit
@@ -253,6 +255,7 @@ def translate_errors(backend: Backend) -> Iterator[None]:
         OSError,
         sqlite3.Error,
     ) as error:
+        # The driver's error is not kept as the cause, because its text may hold the password.
         raise to_unavailable(backend, error) from None
 
 

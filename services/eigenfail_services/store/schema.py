@@ -46,7 +46,7 @@ class Number(sa.TypeDecorator[int]):
         return sa.Integer() if dialect.name == "sqlite" else sa.BigInteger()
 
     def process_bind_param(self, value: int | None, _dialect: sa.Dialect) -> int | None:
-        """Within 64 bits."""
+        """Return a number that is clamped to 64 bits."""
         return None if value is None else max(-MAX_NUMBER, min(value, MAX_NUMBER))
 
 
@@ -66,7 +66,7 @@ class Prose(sa.TypeDecorator[str]):
     cache_ok = True
 
     def process_bind_param(self, value: str | None, _dialect: sa.Dialect) -> str | None:
-        """Half characters and NUL are replaced, and the end is cut off."""
+        """Return the text without half characters and NUL, and cut off at its limit."""
         return None if value is None else clean_prose(value)
 
 

@@ -431,7 +431,7 @@ _COMPILED: dict[Any, Any] = {}
 
 @cache
 def _memory_dialect() -> sa.Dialect:
-    """The dialect of all databases in memory.
+    """Return the dialect of all databases in memory.
 
     Compiled statements belong to a dialect. As all have one, each is compiled once for a process,
     and not once for each of the many databases that a process may have in memory.
