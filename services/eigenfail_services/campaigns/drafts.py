@@ -211,6 +211,7 @@ def change_fields(fields: Fields, changes: Fields) -> dict[str, Any]:
         if name in changes and changes[name] != fields.get(name):
             kept.pop(companion, None)
             if name == "planner":
+                # The version is one of the earlier planner.
                 kept.pop("planner_version", None)
     for name, value in changes.items():
         over = name in TABLES and isinstance(value, dict) and isinstance(kept.get(name), dict)

@@ -118,6 +118,7 @@ def _check_failure(campaign: ResolvedCampaign, store: "Store") -> None:
     if "episode" in named:
         field = f"{method.field}.episode"
         _check_collision(settings["campaign"], settings["episode"], field, store)
+    # The noise is read only to refuse the campaign now if an analysis has no such mode.
     read_trajectories(method, store)
     for name in campaign.spec.disturbance.searched_parameters:
         problem = "is chosen by the noise, and minimal takes noise away that could be without."
@@ -185,6 +186,8 @@ def _check_predecessor(campaign: ResolvedCampaign, name: str, number: int, store
         if campaign.spec.stop.cv is not None and searching is campaign.method:
             own = resolve_method(before.spec.method, before.spec.settings)
             check_estimates(own, "stop.cv", of_exploits=True)
+    # The state is read only to see that it can be read: a claim could not refuse the campaign any
+    # more.
     _read_last_state(before, field, store)
 
 
@@ -449,6 +452,8 @@ def read_experience(campaign: ResolvedCampaign, store: "Store") -> values.Experi
     horizon, channels = campaign.horizon, len(campaign.channels)
     completed = sorted(one for number in sorted(data) for one in _list_completed(number, store))
     kept = choose_episodes(completed, min(MOST_EPISODES, MOST_NUMBERS // (channels * horizon)))
+    # `groupby` needs the episodes of a campaign next to each other, and robustness has the order of
+    # the noise.
     kept.sort(key=lambda one: (one.campaign, one.index))
     results = [
         result
