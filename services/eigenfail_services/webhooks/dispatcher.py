@@ -120,6 +120,8 @@ async def send_delivery(
                 httpx2.AsyncClient(verify=tls, trust_env=False, timeout=ATTEMPT_S) as client,
                 client.stream(
                     "POST",
+                    # The name stays in the Host header and in TLS: the certificate of the receiver
+                    # is for the name, not for the address.
                     url.copy_with(host=address),
                     headers=headers,
                     content=body,
