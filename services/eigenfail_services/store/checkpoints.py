@@ -19,7 +19,7 @@ from eigenfail_services.store.schema import checkpoints
 log = structlog.get_logger()
 
 KEPT_CHECKPOINTS = 2
-"""Of each campaign: the last one, and the one to fall back to."""
+"""Checkpoints that are kept of each campaign: the last one, and the one to fall back to."""
 
 
 class NewestCheckpoint(NamedTuple):

@@ -19,7 +19,7 @@ MISTAKES = (exc.IntegrityError, exc.ProgrammingError, exc.DataError, exc.NotSupp
 
 
 class Backend(Protocol):
-    """What differs between databases.
+    """The operations that differ between databases.
 
     Attributes:
         label: the address, fit to be shown.
@@ -94,7 +94,7 @@ INTERVAL_S = 0.005
 
 CROWDED_WAIT_S = 5.0
 CROWDED_RETRY_S = 0.05
-"""How long, and how often, a connection is asked for that the server refuses as one too many."""
+"""Time and interval of attempts to connect to a server that has too many connections. [s]"""
 
 CHUNK = 500
 """Numbers that one statement names, and rows that are fetched at a time, at most."""

@@ -1,4 +1,4 @@
-"""Which delivered results are stored, and what follows: pure functions."""
+"""Judging of delivered results: which are stored, and what follows. All functions are pure."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from math import isfinite

@@ -124,7 +124,7 @@ class CachedQueries:
 
     @contextmanager
     def as_of(self, campaign: Campaign) -> Iterator[None]:
-        """Within the block, take the number of a campaign's results from a campaign as read before.
+        """Within the block, take the number of results from a campaign that was read before.
 
         No query then reads that number again, and all answers about the campaign are of at least
         these results.

@@ -1,4 +1,4 @@
-"""Which campaigns and episodes others refer to, and which of them have lost their noise.
+"""References to campaigns and episodes, and which of these have lost their noise.
 
 Settings name campaigns whose noise is injected or learnt from, and analyses read it.
 """
@@ -29,7 +29,7 @@ UNFINISHED = frozenset({values.AnalysisState.QUEUED, values.AnalysisState.RUNNIN
 
 
 class Named(msgspec.Struct, frozen=True):
-    """Of a spec, what may name campaigns."""
+    """The part of a spec that may name campaigns."""
 
     settings: Mapping[str, Any] = {}
 

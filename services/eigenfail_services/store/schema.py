@@ -156,7 +156,7 @@ ENDED_COLUMNS = (
     "drac_violated_s",
     "drac_at_warning_mps2",
 )
-"""What sums over the failures of a campaign read: the index that holds it answers them alone."""
+"""Columns that sums over the failures of a campaign read: one index holds all of them."""
 
 episodes = sa.Table(
     "episodes",
@@ -520,7 +520,7 @@ instance_hours = (
 """Time that the instances of a campaign took, as an SQL expression. [h]"""
 
 spent_usd = instance_hours * sa.cast(spec_field("price_usd_per_hour"), sa.Double)
-"""What they cost. [USD]"""
+"""Cost of the instances of a campaign, as an SQL expression. [USD]"""
 
 
 @compiles(SpecFieldExpression, "sqlite")

@@ -32,7 +32,7 @@ from eigenfail_services.store.schema import (
 )
 
 _CHUNK = 10_000
-"""How many rows are fetched at a time."""
+"""Number of rows that are fetched at a time."""
 
 _Column = NDArray[np.float64]
 
@@ -45,12 +45,12 @@ _MAY_COLLIDE = (
     sa.func.coalesce(episodes.c.outcome, sa.null()) == values.Outcome.SAFE,
     episodes.c.collided_s.is_(None),
 )
-"""What holds of the episodes among which the unresolved ones are."""
+"""Conditions on the episodes among which the unresolved ones are."""
 
 _IS_DOUBTFUL = sa.or_(
     episodes.c.final_drac_mps2 > records.PEAK_BRAKING_MPS2, episodes.c.final_drac_mps2.is_(None)
 )
-"""What holds, besides, of those that are unresolved or may be."""
+"""Further condition on those that are unresolved, or may be."""
 
 
 def _read_columns(
@@ -305,7 +305,7 @@ def _select_progress(campaign: int, completed: int, most: int) -> sa.Select[*tup
 
 
 _TRIALS_CHUNK = 10_000
-"""How many rows are fetched at a time."""
+"""Number of rows that are fetched at a time."""
 
 _TRIAL = np.dtype([("seed", np.int64), ("failed", np.bool_)])
 
