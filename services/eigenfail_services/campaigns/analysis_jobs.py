@@ -351,7 +351,7 @@ def _describe_samples(
 
 
 GROUPED_BY = {"energy": "the energy of their noise in windows of 0.5 s", "noise": "their noise"}
-"""What failures on a road are grouped by where their behaviour is not known."""
+"""Descriptions of the features by which failures on a road of unknown behaviour are grouped."""
 
 
 def _describe_grouping(

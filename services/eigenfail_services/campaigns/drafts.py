@@ -33,7 +33,7 @@ COMPANIONS = {
     "scenario": "scenario_parameters",
     "planner": "planner_settings",
 }
-"""What means nothing without the plug-in that is named beside it."""
+"""Fields whose values mean nothing without the plug-in that the other field names."""
 
 WHOLE = (
     ("scenario_parameters", 2),
@@ -235,7 +235,7 @@ CONTINUATIONS = {
     Reference.OWN_LEARNER: "Start from the networks that it trained.",
     Reference.EPISODES: "Learn from its episodes first.",
 }
-"""What a new campaign of the same method can take from an earlier one."""
+"""Descriptions of what a new campaign of one method can take from an earlier one."""
 
 
 def list_continuations(campaign: Campaign) -> Iterator[Continuation]:

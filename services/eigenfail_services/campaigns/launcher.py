@@ -127,7 +127,7 @@ def count_needed(work: Work) -> int:
 
 
 class _LastingChange:
-    """How long another number of workers has been needed, and the smallest change meanwhile.
+    """The time for which another number of workers has been needed, and the smallest change in it.
 
     Args:
         lasts_s: how long until it counts. [s]

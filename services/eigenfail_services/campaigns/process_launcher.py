@@ -23,8 +23,8 @@ MODULE = "eigenfail_workers"
 ASKED, REFUSED = "workers.asked", "workers.refused"
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
-"""Before a worker that died is started again: twice as long each time, until one has lasted for as
-long."""
+"""Pauses before a worker that died is started again: twice as long each time, until a worker has
+lasted that long. [s]"""
 
 MOST_REFUSALS = 5
 """Exits with status 2 in a row after which a worker gives up: a key or an address is wrong. The

@@ -320,10 +320,10 @@ def _count_reproductions(replays: Iterable[values.ReplayedNoise]) -> values.Repr
 
 
 NEARBY = "nearby"
-"""In the `extra` of a parameter's `Meta`: how far its neighbours are, in its own unit."""
+"""Key in the `extra` of a parameter's `Meta`: the distance of its neighbours, in its unit."""
 
 SHARE = 0.25
-"""Of the range of the first bounded parameter, where a scenario names no neighbours."""
+"""Share of the range of the first bounded parameter, if a scenario names no neighbours."""
 
 
 class _BoundedParameter(msgspec.Struct, frozen=True):

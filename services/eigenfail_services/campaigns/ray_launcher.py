@@ -14,7 +14,7 @@ from eigenfail.wire.keys import WorkerKey
 from eigenfail_services.campaigns import launcher, ray_link
 
 UNPLACED_AFTER_S = 5.0
-"""Where there is room for a worker it has its place sooner."""
+"""Time after which a worker without a place is reported: with room it is placed sooner. [s]"""
 
 
 ASKED, REFUSED, MACHINES = "workers.asked", "workers.refused", "ray.machines"
@@ -85,7 +85,7 @@ LOST, BACK = "ray.lost", "ray.back"
 
 
 FIRST_PAUSE_S, LONGEST_PAUSE_S = 1.0, 30.0
-"""Before another try: twice as long each time, until a Ray has lasted for as long."""
+"""Pauses between attempts: twice as long each time, until a Ray has lasted that long. [s]"""
 
 
 LOOK_EVERY_S = 0.05

@@ -1,4 +1,4 @@
-"""What the services and their Ray process say to each other: a line of JSON each.
+"""Messages between the services and their Ray process: a line of JSON each.
 
 Ray's driver ends its whole process when the cluster's head stays away for a minute, and may wait
 that long in any call. So it has a process of its own, which can be killed and started anew.

@@ -1,4 +1,4 @@
-"""What the settings of a campaign name: noise, episodes and learners of earlier campaigns.
+"""References in the settings of a campaign: noise, episodes and learners of earlier campaigns.
 
 They are checked once, before the campaign is created. What they name has ended by then: only its
 noise can still be lost. So the claim of a campaign reads it, as the context of the learner.
@@ -34,12 +34,12 @@ MOST_READ = 100_000
 
 MOST_EPISODES = 10_000
 MOST_NUMBERS = 25_000_000
-"""Of noise; they travel in one message."""
+"""Most numbers of noise, which travel in one message."""
 
 PAGE = 5_000
 
 AT_BIRTH = frozenset({Reference.OWN_LEARNER, Reference.EPISODES})
-"""What came of these is in a learner's state, so that a learner that is restored needs them not."""
+"""References that only a new learner reads: the state of a restored one has their effect."""
 
 FAILURE_SETTINGS = ("campaign", "episode", "analysis", "mode")
 """Settings that name one failure: the first two together, or the last two."""

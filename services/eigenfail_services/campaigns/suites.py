@@ -99,7 +99,7 @@ def _rename_suite_error(error: InputError, suite: str) -> InputError:
 
 
 class CheckedSuite(msgspec.Struct, frozen=True):
-    """What a request for a suite would create.
+    """The campaigns that a request for a suite would create, and its problems.
 
     Attributes:
         missing: campaigns that can be created now, by idempotency key.

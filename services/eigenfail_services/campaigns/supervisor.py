@@ -214,7 +214,7 @@ AFTER = {
     values.CampaignState.PAUSING: values.CampaignState.PAUSED,
     values.CampaignState.CANCELLING: values.CampaignState.CANCELLED,
 }
-"""What a user asked for while a campaign ran, and its state once that is done."""
+"""State of a campaign after a user's request has taken effect, by the state that requests it."""
 
 
 def may_run(campaign: values.Campaign, job: Job, store: Store) -> bool:

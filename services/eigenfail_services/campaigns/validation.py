@@ -1,4 +1,4 @@
-"""What a campaign must be before it is taken on: names known, values within bounds, noise there."""
+"""Validation of campaigns before they are created: names, bounds, and references."""
 
 from collections.abc import Iterable, Iterator
 from math import ceil, isfinite
