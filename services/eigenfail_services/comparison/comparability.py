@@ -1,4 +1,4 @@
-"""What makes campaigns comparable: that they ask the same, and that their noise is the same."""
+"""Comparability of campaigns: whether their questions and their noise are the same."""
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from math import lcm
@@ -43,7 +43,7 @@ THINGS = {
     "price_usd_per_hour": "price",
     "instances": "price",
 }
-"""Which thing a field of a spec belongs to; the others change no result."""
+"""The thing that a field of a spec belongs to; other fields change no result."""
 
 RANKS = {field: rank for rank, field in enumerate(THINGS)}
 FIELD_RANKS = {field: rank for rank, field in enumerate(CampaignSpec.__struct_fields__)}

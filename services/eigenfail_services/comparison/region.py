@@ -27,7 +27,7 @@ MODULE = "eigenfail_services.comparison.region"
 
 
 APART = frozenset({"method", "planner", "simulator", "disturbance model"})
-"""What else may make the failure rates of campaigns differ."""
+"""Other things that may make the failure rates of campaigns differ."""
 
 
 PATIENCE_S = 120.0

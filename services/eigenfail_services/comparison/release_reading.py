@@ -1,4 +1,4 @@
-"""What releases are compared by: campaigns of a version, its code and settings, and its modes."""
+"""Reading of releases: campaigns of a version, its code and settings, and its modes."""
 
 from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple
