@@ -32,11 +32,11 @@ from eigenfail_services.webhooks.dispatcher import WebhookDispatcher
 TURN_S = 0.25
 RETRY_S = 1.0
 HUB_WAIT_S = 0.5
-"""How long a statement of the hub waits for the lock of another program: workers wait as long for
+"""Time that a statement of the hub waits for another program's lock: workers wait as long for
 an answer, and what could not be written is tried again."""
 
 OWN_WORKERS = "own"
-"""What the log calls the key of the workers that the service starts itself."""
+"""Name in the log of the key of the workers that the service starts itself."""
 
 log = structlog.get_logger()
 

@@ -1,4 +1,4 @@
-"""What the process of a learner, or of an analysis, may take of the machine."""
+"""Limits on the time and memory of learners and analyses."""
 
 import contextlib
 import resource
@@ -21,7 +21,7 @@ LEAST_MIB = 1024.0
 CAMPAIGNS = "EIGENFAIL_CAMPAIGNS"
 SOME_CAMPAIGNS = 4
 LEARNER_MIB = 300.0
-"""What a learner with torch takes before its first step."""
+"""Memory of a learner with torch before its first step. [MiB]"""
 
 CONTAINERS_LIMIT = Path("/sys/fs/cgroup/memory.max")
 

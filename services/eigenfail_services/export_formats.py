@@ -26,7 +26,7 @@ Cells = list[filters.Value | None]
 
 
 class Selection(msgspec.Struct, frozen=True):
-    """Which episodes, in which order, and which columns of them.
+    """The chosen episodes, their order, and their columns.
 
     Columns are names that `find_column` knows.
     """
@@ -89,7 +89,7 @@ def pick_columns(row: EpisodeRow, columns: tuple[str, ...]) -> dict[str, filters
 
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
-"""How a text begins that a spreadsheet would take for a formula, and compute."""
+"""Beginnings of texts that a spreadsheet would compute as formulas."""
 
 
 def write_ndjson(source: ExportSource) -> Iterator[bytes]:
